@@ -1,0 +1,44 @@
+# `make run` and `make test` need no ROS: .ci/environment fills .venv with the ROS 2 wheels.
+# On a machine with ROS 2 Jazzy the same tree is built with colcon instead; see README.md.
+
+SHELL := /bin/bash
+.DEFAULT_GOAL := help
+.PHONY: help run test lint clean
+.SILENT:
+
+# What a sourced ROS installation, or another environment of ROS wheels, leaves in the shell
+# would be mixed with the packages of .venv.
+ifneq ($(AMENT_PREFIX_PATH)$(_ROS_WHEELS_BOOTSTRAP_COMPLETE),)
+unexport LD_LIBRARY_PATH
+endif
+unexport PYTHONPATH PYTHONHOME AMENT_PREFIX_PATH COLCON_PREFIX_PATH RMW_IMPLEMENTATION
+unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE PIP_USER PIP_TARGET PIP_PREFIX
+
+test: export ROS_PYTHON_CHECK_FIELDS := 1
+test: export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
+
+# $(call stage,name,command): one headed stage, and a clear line where it stops.
+stage = printf '\n== %s\n' '$(1)'; $(2) || { printf '\nstopped at: %s\n' '$(1)' >&2; exit 1; }
+
+help:
+	echo 'make run     set up .venv, then show a fabric that falls, swings and answers a push'
+	echo '             (ARGS="..." is handed on; PYTHON=python3.12 chooses the Python)'
+	echo 'make test    set up .venv, then lint, types and all tests (ARGS="..." for pytest)'
+	echo 'make lint    set up .venv, then lint and types only'
+	echo 'make clean   remove .venv and everything built; recorded runs stay'
+
+run:
+	.ci/environment run
+	.venv/bin/python -m icofabric_sim.ros.first_light $(ARGS)
+
+lint:
+	.ci/environment test
+	$(call stage,lint (ruff),.venv/bin/ruff check .)
+	$(call stage,types (mypy),.venv/bin/mypy)
+
+test: lint
+	$(call stage,tests (pytest),.venv/bin/python -m pytest $(ARGS))
+
+clean:
+	rm -rf .venv build install log dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .coverage
+	find . -name .git -prune -o -type d -name __pycache__ -print0 | xargs -0 rm -rf

@@ -1,0 +1,40 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+Dynamics of icosahedral fabric: rigid icosahedral shells joined by flexible connectors in a repeating weave.
+
+Needs no ROS and no display; only `icofabric_sim.ros` imports rclpy. Names are loaded when first used, so that
+`icofabric --help` does not wait for a compiler.
+"""
+
+from importlib import import_module
+from typing import Any, TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from icofabric_sim.integrators.methods import METHODS
+    from icofabric_sim.parameters import ParameterError
+    from icofabric_sim.scene import load_scene, Scene
+    from icofabric_sim.shell import Shell
+    from icofabric_sim.simulation import compile_scene, Simulation, SimulationError
+    from icofabric_sim.snapshot import Snapshot
+
+__version__ = '0.1.0'
+
+_HOMES = {
+    'METHODS': 'integrators.methods', 'ParameterError': 'parameters', 'Scene': 'scene', 'Shell': 'shell',
+    'Simulation': 'simulation', 'SimulationError': 'simulation', 'Snapshot': 'snapshot',
+    'compile_scene': 'simulation', 'load_scene': 'scene',
+}
+
+__all__ = ['METHODS', 'ParameterError', 'Scene', 'Shell', 'Simulation', 'SimulationError', 'Snapshot',
+           'compile_scene', 'load_scene']
+
+
+def __getattr__(name: str) -> Any:
+    if name in _HOMES:
+        return getattr(import_module(f'icofabric_sim.{_HOMES[name]}'), name)
+    raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
+
+
+def __dir__() -> list[str]:
+    return sorted([*globals(), *_HOMES])

@@ -1,0 +1,69 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+ROS messages laid out once as bytes, with NumPy views over their numbers; no ROS needed.
+
+Building a message from objects costs a hundred times more than the step it reports, so each class
+here writes the unchanging parts of its message once and exposes the numbers as an array. What a
+publisher sends and what a bag stores are the same bytes.
+"""
+from icofabric_sim.messages.arrays import Float64MultiArrayBytes, StringBytes
+from icofabric_sim.messages.decode import (
+    decode_clock,
+    decode_diagnostic_array,
+    decode_float64_multi_array,
+    decode_marker_points,
+    decode_pose_array,
+    decode_string,
+    decode_twist_stamped,
+    decode_wrench_stamped,
+    LabelledArray,
+    MarkerPoints,
+    PoseArrayValues,
+    StampedPair,
+)
+from icofabric_sim.messages.diagnostics import (
+    DiagnosticArrayBytes,
+    DiagnosticStatus,
+    ERROR,
+    OK,
+    STALE,
+    WARN,
+)
+from icofabric_sim.messages.marker import MarkerAction, MarkerBytes, MarkerType
+from icofabric_sim.messages.stamped import (
+    ClockBytes,
+    PoseArrayBytes,
+    TwistStampedBytes,
+    WrenchStampedBytes,
+)
+
+__all__ = [
+    'ClockBytes',
+    'decode_clock',
+    'decode_diagnostic_array',
+    'decode_float64_multi_array',
+    'decode_marker_points',
+    'decode_pose_array',
+    'decode_string',
+    'decode_twist_stamped',
+    'decode_wrench_stamped',
+    'DiagnosticArrayBytes',
+    'DiagnosticStatus',
+    'ERROR',
+    'Float64MultiArrayBytes',
+    'LabelledArray',
+    'MarkerAction',
+    'MarkerBytes',
+    'MarkerPoints',
+    'MarkerType',
+    'OK',
+    'PoseArrayBytes',
+    'PoseArrayValues',
+    'STALE',
+    'StampedPair',
+    'StringBytes',
+    'TwistStampedBytes',
+    'WARN',
+    'WrenchStampedBytes',
+]

@@ -1,0 +1,62 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+A diagnostic_msgs/DiagnosticArray: the health of named parts, once a second.
+"""
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+import struct
+from typing import ClassVar, NamedTuple, SupportsIndex
+
+from icofabric_sim.messages.cdr import CdrBuilder, split_nanoseconds
+
+# Levels of diagnostic_msgs/DiagnosticStatus.
+OK, WARN, ERROR, STALE = range(4)
+
+
+class DiagnosticStatus(NamedTuple):
+    """
+    The health of one part: level OK, WARN, ERROR or STALE, a sentence, and figures as text.
+    """
+
+    level: int
+    name: str
+    message: str
+    hardware_id: str = ''
+    values: Mapping[str, str] = {}
+
+
+class DiagnosticArrayBytes:
+    """
+    A diagnostic_msgs/DiagnosticArray; small and different each time, so built when asked.
+    """
+
+    TYPE: ClassVar[str] = 'diagnostic_msgs/msg/DiagnosticArray'
+
+    def __init__(self, frame_id: str = '') -> None:
+        layout = CdrBuilder()
+        layout.header(frame_id)
+        self._head = bytes(layout.data)
+
+    def stamped(self, nanoseconds: SupportsIndex, statuses: Iterable[DiagnosticStatus]) -> bytes:
+        """
+        Return the message with this stamp, integer nanoseconds of simulated time.
+        """
+        layout = CdrBuilder()
+        layout.data[:] = self._head
+        struct.pack_into('<II', layout.data, 4, *split_nanoseconds(nanoseconds))
+        statuses = list(statuses)
+        layout.numbers('I', len(statuses))
+        for status in statuses:
+            if not OK <= status.level <= STALE:
+                raise ValueError(f'level must lie in {OK} to {STALE}, got {status.level!r}')
+            layout.numbers('B', status.level)
+            layout.string(status.name)
+            layout.string(status.message)
+            layout.string(status.hardware_id)
+            layout.numbers('I', len(status.values))
+            for key, value in status.values.items():
+                layout.string(key)
+                layout.string(value)
+        return bytes(layout.data)

@@ -1,0 +1,172 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+A visualization_msgs/Marker made of points: lines between bodies, or triangles of shells.
+"""
+from __future__ import annotations
+
+from collections.abc import Sequence
+import enum
+import math
+import struct
+from typing import ClassVar, SupportsIndex
+
+from icofabric_sim.messages.cdr import aligned_buffer, CdrBuilder, split_nanoseconds
+import numpy as np
+from numpy.typing import NDArray
+
+
+class MarkerType(enum.IntEnum):
+    """
+    Kinds of marker that are lists of points, by their number in visualization_msgs/Marker.
+    """
+
+    LINE_LIST = 5
+    TRIANGLE_LIST = 11
+
+
+class MarkerAction(enum.IntEnum):
+    """
+    What a viewer does with the marker, by its number in visualization_msgs/Marker.
+    """
+
+    ADD = 0
+    DELETE = 2
+    DELETEALL = 3
+
+
+_POINTS_PER_ITEM = {MarkerType.LINE_LIST: 2, MarkerType.TRIANGLE_LIST: 3}
+
+
+class MarkerBytes:
+    """
+    One marker with a fixed namespace and id, in the axes of its frame, shown until replaced.
+
+    `point_count` sets how many points the next message holds; `points` is a view of them. Room is
+    kept when the count falls and doubled when it outgrows the room; a view taken before that is
+    then no longer part of the message, and the points in it are not kept.
+    """
+
+    TYPE: ClassVar[str] = 'visualization_msgs/msg/Marker'
+
+    def __init__(
+        self, frame_id: str, namespace: str, marker_id: int, marker_type: MarkerType, *,
+        color: Sequence[float] = (1.0, 1.0, 1.0, 1.0),
+        scale: Sequence[float] | None = None,
+    ) -> None:
+        """
+        Lay the message out; color: red, green, blue, alpha (0 to 1); scale [m].
+
+        Of the scale, a LINE_LIST uses x only, as the width of its lines (default 0.001 m); a
+        TRIANGLE_LIST multiplies its points with it (default 1).
+        """
+        self.marker_type = MarkerType(marker_type)
+        if not -2**31 <= marker_id < 2**31:
+            raise ValueError(f'marker_id must fit 32 bits, got {marker_id!r}')
+        if scale is None:
+            scale = (0.001, 0.0, 0.0) if self.marker_type is MarkerType.LINE_LIST else (1, 1, 1)
+        layout = CdrBuilder()
+        layout.header(frame_id)
+        layout.string(namespace)
+        layout.numbers('i', marker_id)
+        layout.numbers('i', self.marker_type)
+        self._action_offset = layout.size
+        layout.numbers('i', MarkerAction.ADD)
+        layout.numbers('d', 0, 0, 0, 0, 0, 0, 1)  # pose: at the origin, unturned
+        self._scale_offset = layout.size
+        layout.numbers('d', 0, 0, 0)
+        self._color_offset = layout.size
+        layout.numbers('f', 0, 0, 0, 0)
+        layout.numbers('i', 0)  # lifetime 0: until replaced
+        layout.numbers('I', 0)
+        layout.numbers('B', 0)  # frame_locked
+        layout.align(4)
+        self._count_offset = layout.size
+        layout.numbers('I', 0)
+        self._head_size = layout.size
+        layout.align(8)
+        self._points_offset = layout.size
+
+        # Only items of up to four bytes follow, and a point has a multiple of that: the rest of
+        # the message reads the same after any number of points.
+        rest = CdrBuilder(offset=self._head_size)
+        rest.numbers('I', 0)  # colors: none of their own
+        rest.string('')  # texture_resource
+        rest.header('')  # texture: stamp, frame
+        rest.string('')  # texture format
+        rest.numbers('I', 0)  # texture data
+        rest.numbers('I', 0)  # uv_coordinates
+        rest.string('')  # text
+        rest.string('')  # mesh_resource
+        rest.string('')  # mesh_file name
+        rest.numbers('I', 0)  # mesh_file data
+        rest.numbers('B', 0)  # mesh_use_embedded_materials
+        self._rest = bytes(rest.data)
+
+        self._count = 0
+        self._reserve(0, np.frombuffer(layout.data, np.uint8))
+        self.color = tuple(color)
+        self.scale = tuple(scale)
+
+    def _reserve(self, capacity: int, head: NDArray[np.uint8]) -> None:
+        self._buffer = aligned_buffer(self._points_offset + 24 * capacity)
+        self._buffer[:self._points_offset] = head
+        self._memory = self._buffer.data
+        self._points = self._buffer[self._points_offset:].view('<f8').reshape(capacity, 3)
+
+    @property
+    def point_count(self) -> int:
+        return self._count
+
+    @point_count.setter
+    def point_count(self, count: int) -> None:
+        step = _POINTS_PER_ITEM[self.marker_type]
+        if not 0 <= count < 2**32 or count % step:
+            raise ValueError(
+                f'a {self.marker_type.name} holds a multiple of {step} points, got {count!r}')
+        if count > len(self._points):
+            self._reserve(
+                max(count, 2 * len(self._points)), self._buffer[:self._points_offset])
+        self._count = count
+
+    @property
+    def points(self) -> NDArray[np.float64]:
+        """
+        The points of the next message [m], (point_count, 3): a view into it.
+        """
+        return self._points[:self._count]
+
+    @property
+    def color(self) -> tuple[float, ...]:
+        return struct.unpack_from('<4f', self._memory, self._color_offset)
+
+    @color.setter
+    def color(self, value: Sequence[float]) -> None:
+        if len(value) != 4 or not all(0.0 <= part <= 1.0 for part in value):
+            raise ValueError(f'color must be four numbers from 0 to 1, got {value!r}')
+        struct.pack_into('<4f', self._memory, self._color_offset, *value)
+
+    @property
+    def scale(self) -> tuple[float, ...]:
+        return struct.unpack_from('<3d', self._memory, self._scale_offset)
+
+    @scale.setter
+    def scale(self, value: Sequence[float]) -> None:
+        if len(value) != 3 or not all(math.isfinite(part) and part >= 0.0 for part in value):
+            raise ValueError(f'scale must be three lengths of at least 0 m, got {value!r}')
+        struct.pack_into('<3d', self._memory, self._scale_offset, *value)
+
+    def stamped(
+        self, nanoseconds: SupportsIndex, *, action: MarkerAction = MarkerAction.ADD,
+    ) -> bytes:
+        """
+        Return the message with this stamp [ns]; only ADD carries the points.
+
+        DELETE removes the marker of this namespace and id, DELETEALL every marker of the topic.
+        """
+        count = self._count if action == MarkerAction.ADD else 0
+        struct.pack_into('<II', self._memory, 4, *split_nanoseconds(nanoseconds))
+        struct.pack_into('<i', self._memory, self._action_offset, action)
+        struct.pack_into('<I', self._memory, self._count_offset, count)
+        end = self._points_offset + 24 * count if count else self._head_size
+        return b''.join((self._memory[:end], self._rest))

@@ -1,0 +1,75 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+Watches for shells that come so close that they must touch; until contact is built this is a warning, once.
+"""
+
+import logging
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+_LOGGER = logging.getLogger('icofabric_sim')
+
+
+class Proximity(NamedTuple):
+    """
+    Two centres closer than twice the inscribed radius.
+    """
+
+    time: float       # [s]
+    first: int
+    second: int
+    distance: float   # between the centres [m]
+    limit: float      # twice the inscribed radius [m]
+
+    def __str__(self) -> str:
+        """
+        Sentence for logs, summaries and bags.
+        """
+        return (f'bodies {self.first} and {self.second} came within {self.distance:.6g} m at t = {self.time:.6g} s, '
+                f'closer than twice the inscribed radius ({self.limit:.6g} m): their shells overlap, and contact is '
+                'not computed in this version')
+
+
+class ProximityWatch:
+    """
+    Looks for the closest pair only when bodies have moved far enough to matter.
+
+    With a smallest distance d at the reference positions, no pair can come closer than the limit r before some body
+    has moved by (d - r) / 2. The reach is half of that, so that motion between two looks at it has room.
+    """
+
+    def __init__(self, limit: float) -> None:
+        """
+        Watch for centres closer than `limit` [m].
+        """
+        self.limit = limit
+        self.reach = 0.0
+        self.reference: np.ndarray = np.zeros((0, 3))
+        self.found: Proximity | None = None
+
+    def look(self, time: float, position: np.ndarray) -> None:
+        """
+        Find the closest pair of `position` (n, 3) at `time`; warns once, then stays silent.
+        """
+        if self.reference.shape != position.shape:
+            self.reference = position.copy()
+        if self.found is not None or len(position) < 2:
+            self.reach = np.inf
+            return
+        self.reference[:] = position
+        distance, neighbour = cKDTree(position).query(position, k=2)
+        # The nearest point of a body is itself, unless centres coincide.
+        own = neighbour[:, 0] == np.arange(len(position))
+        nearest = np.where(own, neighbour[:, 1], neighbour[:, 0])
+        body = int(np.argmin(distance[:, 1]))
+        smallest = float(distance[body, 1])
+        if smallest < self.limit:
+            pair = sorted((body, int(nearest[body])))
+            self.found = Proximity(time, pair[0], pair[1], smallest, self.limit)
+            self.reach = np.inf
+            _LOGGER.warning('%s', self.found)
+            return
+        self.reach = 0.25 * (smallest - self.limit)

@@ -1,0 +1,41 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+Conversion between unit quaternions (x y z w) and direction cosines mu_ij = e_i . e0_j (eq 17).
+"""
+
+import numpy as np
+
+
+def cosines_from_quaternions(orientation: np.ndarray) -> np.ndarray:
+    """
+    Direction cosines (n, 3, 3): row i is body axis i in world components; orientation (n, 4).
+    """
+    x, y, z, w = orientation.T
+    return np.stack([
+        np.stack([1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)], axis=-1),
+        np.stack([2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x)], axis=-1),
+        np.stack([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)], axis=-1)], axis=-2)
+
+
+def quaternions_from_cosines(cosines: np.ndarray) -> np.ndarray:
+    """
+    Unit quaternions (n, 4) with w >= 0 of direction cosines (n, 3, 3).
+
+    The largest of the four components is found first (Shepperd 1978, J. Guid. Control 1, 223), so none is lost.
+    """
+    m = np.swapaxes(cosines, -1, -2)   # body to world
+    trace = m[:, 0, 0] + m[:, 1, 1] + m[:, 2, 2]
+    squares = np.stack([1 + 2 * m[:, 0, 0] - trace, 1 + 2 * m[:, 1, 1] - trace, 1 + 2 * m[:, 2, 2] - trace,
+                        1 + trace], axis=-1)   # 4 q_i^2
+    differences = np.stack([m[:, 2, 1] - m[:, 1, 2], m[:, 0, 2] - m[:, 2, 0], m[:, 1, 0] - m[:, 0, 1]], axis=-1)
+    products = np.empty((len(m), 4, 4))   # 4 q_i q_j
+    for i in range(3):
+        for j in range(3):
+            products[:, i, j] = m[:, i, j] + m[:, j, i]
+        products[:, i, 3] = products[:, 3, i] = differences[:, i]
+    for i in range(4):
+        products[:, i, i] = squares[:, i]
+    row = products[np.arange(len(m)), np.argmax(squares, axis=1)]
+    quaternion = row / np.linalg.norm(row, axis=1, keepdims=True)
+    return np.where(quaternion[:, 3:] < 0.0, -quaternion, quaternion)

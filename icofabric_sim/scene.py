@@ -1,0 +1,267 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+A scene: the description of a fabric and all that acts on it, made from parameters and complete before it is compiled.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+import os
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from icofabric_sim import initial, selectors
+from icofabric_sim.icosahedron import edge_midpoints
+from icofabric_sim.parameter_file import flatten_parameters, load_parameter_file
+from icofabric_sim.parameters import make_parameters, ParameterError, Parameters
+from icofabric_sim.shell import Shell
+from icofabric_sim.weave import build_weave, estimate_weave, Weave
+from icofabric_sim.weave_geometry import geometry_from_angle, geometry_from_length, WeaveGeometry
+
+# Peak of build and run together, measured (docs/performance.md); a scene that cannot fit is refused early.
+BYTES_PER_BODY = 1500
+_FREEDOMS = ('tx', 'ty', 'tz', 'rotation')
+
+
+@dataclass(frozen=True)
+class SceneConnectors:
+    """
+    Connectors of a scene, sorted by (lower body, its edge, other body).
+    """
+
+    bodies: np.ndarray        # (c, 2) int32
+    edges: np.ndarray         # (c, 2) int8 codes, see icosahedron.NAMED_EDGES
+    half_edge: float          # a [m]
+    stiffness: float          # k [N/m]
+    natural_length: float     # D [m]
+
+    def __len__(self) -> int:
+        """
+        Count the connectors.
+        """
+        return len(self.bodies)
+
+    @cached_property
+    def points_body(self) -> np.ndarray:
+        """
+        Attachment points [m], (c, 2, 3), each in the axes of its body.
+        """
+        return edge_midpoints(self.half_edge)[self.edges]
+
+
+class Supports(NamedTuple):
+    """
+    Held freedoms of every body.
+    """
+
+    translation: np.ndarray   # (n, 3) bool, world axes
+    rotation: np.ndarray      # (n,) bool
+
+
+class LoadChannel(NamedTuple):
+    """
+    A wrench channel `loads.NAME`; `force` and `torque` act from the start until a wrench replaces them.
+    """
+
+    name: str
+    bodies: np.ndarray        # int32 body numbers
+    in_body_axes: bool
+    point: np.ndarray         # (3,) [m], body axes, from the centre
+    hold: float               # [s], 0: until replaced
+    total: bool               # the wrench is shared out among the bodies
+    force: np.ndarray         # (3,) [N]
+    torque: np.ndarray        # (3,) [N m]
+
+
+@dataclass(frozen=True)
+class Scene:
+    """
+    Everything there is to know before compiling; arrays are not to be written to.
+    """
+
+    parameters: Parameters
+    shell: Shell
+    geometry: WeaveGeometry
+    weave: Weave
+    position: np.ndarray      # (n, 3) [m] woven rest positions, loose bodies last
+    orientation: np.ndarray   # (n, 4) x y z w at rest
+    connectors: SceneConnectors
+    groups: Mapping[str, np.ndarray]
+    supports: Supports | None
+    loads: Mapping[str, LoadChannel]
+    initial: initial.InitialState
+
+    @classmethod
+    def from_parameters(cls, parameters: Mapping[str, Any]) -> 'Scene':
+        """
+        Build a scene from a nested or dotted dictionary, the content of a parameter file, or Parameters.
+
+        Raises ParameterError (a ValueError) that names the parameter and the way out.
+        """
+        checked = as_parameters(parameters)
+        shell, geometry = check_parameters(checked)
+        weave = build_weave(**_weave_choices(checked, geometry))
+        loose = checked.names('bodies')
+        position = np.vstack([weave.position] + [[checked[f'bodies.{name}.position']] for name in loose])
+        orientation = np.vstack([np.broadcast_to(weave.orientation, (len(weave.position), 4))]
+                                + [[initial.unit_quaternion(f'bodies.{name}.orientation', checked)]
+                                   for name in loose])
+        groups = _groups(checked, selectors.Bodies(position, weave.grid, geometry.pitch))
+        supports = _supports(checked, groups, len(position))
+        return cls(
+            parameters=checked, shell=shell, geometry=geometry, weave=weave, position=position,
+            orientation=orientation,
+            connectors=SceneConnectors(
+                weave.connector_bodies, weave.connector_edges, geometry.half_edge,
+                checked['connector.stiffness'],
+                checked['connector.natural_length'] or geometry.connector_length),
+            groups=groups, supports=supports, loads=_loads(checked, groups),
+            initial=initial.make_initial_state(checked, position, orientation, groups, supports))
+
+    @property
+    def body_count(self) -> int:
+        """
+        Count the bodies, loose ones included.
+        """
+        return len(self.position)
+
+    @property
+    def connector_count(self) -> int:
+        """
+        Count the connectors.
+        """
+        return len(self.connectors)
+
+
+def load_scene(path: str | Path) -> Scene:
+    """
+    Read a scene from a ROS 2 parameter file, with the same result as `fabric_node --params-file` has.
+    """
+    return Scene.from_parameters(make_parameters(load_parameter_file(path)))
+
+
+def as_parameters(parameters: Mapping[str, Any]) -> Parameters:
+    """
+    Turn a nested or dotted dictionary into Parameters; Parameters pass as they are.
+    """
+    if isinstance(parameters, Parameters):
+        return parameters
+    return make_parameters(flatten_parameters(dict(parameters)))
+
+
+def check_parameters(parameters: Parameters) -> tuple[Shell, WeaveGeometry]:
+    """
+    Judge what several parameters say together, without building anything; cheap for any size.
+
+    Returns the shell and the weave geometry.
+    """
+    shell = _shell(parameters)
+    geometry = _geometry(parameters, shell.half_edge)
+    estimate = estimate_weave(**_weave_choices(parameters, geometry))
+    need = estimate.bodies * BYTES_PER_BODY
+    memory = os.sysconf('SC_PAGE_SIZE') * os.sysconf('SC_PHYS_PAGES')
+    if need > memory:
+        raise ParameterError('weave.size', f'weave.size {parameters["weave.size"]} means {estimate.bodies:,} bodies, about '
+                                           f'{need / 2**30:.0f} GiB, but this machine has {memory / 2**30:.0f} GiB; '
+                                           'choose a smaller weave.size or weave.box')
+    for name in parameters.names('groups'):
+        if name in ('all', 'not', 'and', 'or'):
+            raise ParameterError(f'groups.{name}', f'groups.{name}: {name!r} is a word of the selectors; '
+                                                   'choose another name')
+        selectors.check_syntax(f'groups.{name}', parameters[f'groups.{name}'])
+    for family in ('supports', 'loads', 'initial'):
+        for name in parameters.names(family):
+            _check_group(parameters, f'{family}.{name}.group')
+    for name in parameters.names('supports'):
+        _fixed(parameters, name)
+    for name in parameters.names('bodies'):
+        initial.unit_quaternion(f'bodies.{name}.orientation', parameters)
+    return shell, geometry
+
+
+def _shell(parameters: Parameters) -> Shell:
+    edge, inner = parameters['shell.edge_length'], parameters['shell.inner_edge_length']
+    override = {'density': parameters['shell.density'], 'mass': parameters['shell.mass'] or None,
+                'inertia': parameters['shell.inertia'] or None}
+    if not inner > 0.0:
+        return Shell.from_thickness(edge, parameters['shell.thickness'], **override)
+    shell = Shell.from_inner_edge_length(edge, inner, **override)
+    given = parameters['shell.thickness']
+    if 'shell.thickness' in parameters.explicit and not abs(given - shell.thickness) <= 1e-9 * shell.thickness:
+        raise ParameterError('shell.thickness', f'shell.thickness {given!r} m disagrees with '
+                                                f'shell.inner_edge_length {inner!r} m, which means a thickness of '
+                                                f'{shell.thickness!r} m; give one of them')
+    return shell
+
+
+def _geometry(parameters: Parameters, half_edge: float) -> WeaveGeometry:
+    length, angle = parameters['weave.connector_length'], parameters['weave.connector_angle']
+    if not length > 0.0:
+        return geometry_from_angle(half_edge, angle)
+    geometry = geometry_from_length(half_edge, length)
+    if angle != 0.0 and not abs(angle - geometry.connector_angle) <= 1e-9:
+        raise ParameterError('weave.connector_angle', f'weave.connector_angle {angle!r} rad disagrees with '
+                                                      f'weave.connector_length {length!r} m, which means an angle of '
+                                                      f'{geometry.connector_angle!r} rad; give one of them')
+    return geometry
+
+
+def _weave_choices(parameters: Parameters, geometry: WeaveGeometry) -> dict[str, Any]:
+    box = parameters['weave.box']
+    return {'geometry': geometry, 'box': box if any(box) else None,
+            **{name: parameters[f'weave.{name}']
+               for name in ('kind', 'variant', 'size', 'azimuth', 'boundary', 'connected')}}
+
+
+def _check_group(parameters: Parameters, name: str) -> None:
+    group = parameters[name]
+    if group != 'all' and f'groups.{group}' not in parameters:
+        known = ', '.join(['all', *parameters.names('groups')])
+        raise ParameterError(name, f'{name}: there is no group {group!r}; known: {known}. '
+                                   f'Define it with groups.{group or "NAME"}')
+
+
+def _groups(parameters: Parameters, bodies: selectors.Bodies) -> dict[str, np.ndarray]:
+    groups = {'all': np.arange(len(bodies.position), dtype=np.int32)}
+    for name in parameters.names('groups'):
+        groups[name] = selectors.select(f'groups.{name}', parameters[f'groups.{name}'], bodies)
+    return groups
+
+
+def _fixed(parameters: Parameters, name: str) -> set[str]:
+    text = parameters[f'supports.{name}.fix']
+    words = text.split()
+    unknown = [word for word in words if word not in (*_FREEDOMS, 'all')]
+    if unknown or not words:
+        raise ParameterError(f'supports.{name}.fix', f'supports.{name}.fix must name some of tx ty tz rotation, or '
+                                                     f'all, separated by spaces, got {text!r}')
+    return set(_FREEDOMS) if 'all' in words else set(words)
+
+
+def _supports(parameters: Parameters, groups: Mapping[str, np.ndarray], body_count: int) -> Supports | None:
+    names = parameters.names('supports')
+    if not names:
+        return None
+    supports = Supports(np.zeros((body_count, 3), dtype=bool), np.zeros(body_count, dtype=bool))
+    for name in names:
+        fixed = _fixed(parameters, name)
+        bodies = groups[parameters[f'supports.{name}.group']]
+        for axis, word in enumerate(_FREEDOMS[:3]):
+            supports.translation[bodies, axis] |= word in fixed
+        supports.rotation[bodies] |= 'rotation' in fixed
+    return supports
+
+
+def _loads(parameters: Parameters, groups: Mapping[str, np.ndarray]) -> dict[str, LoadChannel]:
+    loads = {}
+    for name in parameters.names('loads'):
+        def field(key: str, name: str = name) -> Any:
+            return parameters[f'loads.{name}.{key}']
+        loads[name] = LoadChannel(
+            name=name, bodies=groups[field('group')], in_body_axes=field('frame') == 'body',
+            point=np.array(field('point')), hold=field('hold'), total=field('share') == 'total',
+            force=np.array(field('force')), torque=np.array(field('torque')))
+    return loads

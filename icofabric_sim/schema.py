@@ -1,0 +1,162 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+The table of all parameters: names, defaults, units, ranges and what a change does.
+
+Nothing is decided here but the vocabulary; `parameters.py` judges values against it, the node builds its
+descriptors from it, and the documentation prints it.
+"""
+
+from typing import Literal, NamedTuple
+
+Scalar = bool | int | float | str
+Value = bool | int | float | str | list[bool] | list[int] | list[float] | list[str]
+Change = Literal['weave', 'live', 'start']
+
+
+class Specification(NamedTuple):
+    """
+    One parameter.
+
+    The type is that of the default; lists have the default's length and element type. `minimum` and `maximum`
+    bound every element, themselves excluded where `open_minimum` says so. `change` says what a change at run
+    time does: 'weave' builds the fabric anew, 'live' acts at once, 'start' is fixed once the node runs.
+    `built` is False while the effect is still missing: then any value but the default is refused.
+    """
+
+    name: str
+    default: Value
+    unit: str
+    description: str
+    change: Change = 'live'
+    minimum: float | None = None
+    maximum: float | None = None
+    open_minimum: bool = False
+    choices: tuple[Scalar, ...] = ()
+    unbuilt_choices: tuple[Scalar, ...] = ()
+    built: bool = True
+    required: bool = False
+
+
+def _s(name: str, default: Value, unit: str, description: str, change: Change = 'live',
+       **options: object) -> Specification:
+    return Specification(name, default, unit, description, change, **options)  # type: ignore[arg-type]
+
+
+def _positive(**options: object) -> dict[str, object]:
+    return {'minimum': 0.0, 'open_minimum': True, **options}
+
+
+_NOT_BUILT: dict[str, object] = {'built': False}
+_ZERO3 = [0.0, 0.0, 0.0]
+
+STATIC: tuple[Specification, ...] = (
+    _s('shell.edge_length', 0.02, 'm', 'outer edge 2a of a shell', 'weave', **_positive()),
+    _s('shell.thickness', 0.002, 'm', 'thickness T at a face centre (eq 41)', 'weave', **_positive()),
+    _s('shell.inner_edge_length', 0.0, 'm', 'inner edge 2b; above 0 it replaces the thickness', 'weave',
+       minimum=0.0),
+    _s('shell.density', 1200.0, 'kg/m^3', 'density rho of the shell', 'weave', **_positive()),
+    _s('shell.mass', 0.0, 'kg', '0: from the geometry; else the inertia scales with it', 'weave',
+       minimum=0.0),
+    _s('shell.inertia', 0.0, 'kg m^2', '0: from geometry and mass; else the isotropic inertia Lambda',
+       'weave', minimum=0.0),
+    _s('weave.kind', 'orthogonal', '', 'weave', 'weave', choices=('orthogonal', 'bias'),
+       unbuilt_choices=('radial',)),
+    _s('weave.variant', 0, '', 'corner body or gap (0, 1), the same turned by 90 degrees (2, 3)', 'weave',
+       choices=(0, 1, 2, 3)),
+    _s('weave.size', [5, 5, 5], '', 'grid positions Nx, Ny, Nz', 'weave', minimum=1),
+    _s('weave.box', _ZERO3, 'm', 'box to fill best; all zero: weave.size is used', 'weave', minimum=0.0),
+    _s('weave.azimuth', 0.0, 'rad', 'bias only: turn about the vertical', 'weave'),
+    _s('weave.boundary', 'upright', '', 'bias only: fill an upright box, or turn the whole slab', 'weave',
+       choices=('upright', 'fabric')),
+    _s('weave.region', '', '', 'cut the weave to a region', 'weave', **_NOT_BUILT),
+    _s('weave.connected', True, '', 'false: bodies at their places without connectors', 'weave'),
+    _s('weave.connector_length', 0.0, 'm', 'length L; above 0 it rules and the angle follows', 'weave',
+       minimum=0.0),
+    _s('weave.connector_angle', 0.0, 'rad', 'angle theta, used while the length is 0', 'weave'),
+    _s('connector.stiffness', 500.0, 'N/m', 'stiffness k in both directions (eq 1)', minimum=0.0),
+    _s('connector.stiffness_extension', -1.0, 'N/m', 'k_e; negative: connector.stiffness', **_NOT_BUILT),
+    _s('connector.stiffness_compression', -1.0, 'N/m', 'k_c; negative: connector.stiffness', **_NOT_BUILT),
+    _s('connector.natural_length', 0.0, 'm', 'natural length D; 0: D = L', minimum=0.0),
+    _s('connector.break_length_extension', 0.0, 'm', 'L_e; 0: never breaks', **_NOT_BUILT),
+    _s('connector.break_length_compression', 0.0, 'm', 'L_c; 0: never breaks', **_NOT_BUILT),
+    _s('connector.damping', 0.0, 'N s/m', 'damping along the connector', **_NOT_BUILT),
+    _s('connector.bending_stiffness', 0.0, 'N m/rad', 'restores the angle of attachment', **_NOT_BUILT),
+    _s('connector.twisting_stiffness', 0.0, 'N m/rad', 'restores the relative orientation', **_NOT_BUILT),
+    _s('connector.obstruction', 'warn', '', 'a connector that enters its own shell', **_NOT_BUILT),
+    _s('connector.attachment_scale', 1.0, '', 'attachment = edge midpoint times this', **_NOT_BUILT),
+    _s('connector.law', '', '', 'CSV of length and force instead of eq 1', **_NOT_BUILT),
+    _s('gravity', _ZERO3, 'm/s^2', 'acceleration of gravity, world frame'),
+    _s('drag.linear', 0.0, 'N s/m', 'drag on each body', **_NOT_BUILT),
+    _s('drag.angular', 0.0, 'N m s/rad', 'rotational drag on each body', **_NOT_BUILT),
+    _s('charge.per_body', 0.0, 'C', 'charge of each shell', **_NOT_BUILT),
+    _s('charge.dipole', _ZERO3, 'C m', 'dipole of each shell, body frame', **_NOT_BUILT),
+    _s('charge.mutual', False, '', 'Coulomb forces between the bodies', **_NOT_BUILT),
+    _s('field.electric', _ZERO3, 'V/m', 'uniform electric field', **_NOT_BUILT),
+    _s('field.magnetic', _ZERO3, 'T', 'uniform magnetic field', **_NOT_BUILT),
+    _s('contact.mode', 'auto', '', 'never: no contact and no warning; auto: until contact is built, warns once'
+       ' when two centres come closer than twice the inscribed radius', choices=('never', 'auto'), unbuilt_choices=('always',)),
+    _s('contact.stiffness', 0.0, 'N/m', "0: the scene's own scale", **_NOT_BUILT),
+    _s('contact.damping', 0.0, 'N s/m', 'damping of contacts', **_NOT_BUILT),
+    _s('contact.friction', 0.0, '', 'Coulomb friction of contacts', **_NOT_BUILT),
+    _s('initial_random.velocity_sigma', 0.0, 'm/s', 'random start: deviation of each velocity component', minimum=0.0),
+    _s('initial_random.spin_sigma', 0.0, 'rad/s', 'random start: deviation of each spin component', minimum=0.0),
+    _s('initial_random.seed', 0, '', 'seed of the random start', minimum=0, maximum=2**32 - 1),
+    _s('duration', 0.0, 's', 'simulated time; 0: the node runs until stopped', minimum=0.0),
+    _s('solver.method', 'auto', '', 'integration method', choices=('auto', 'leapfrog')),
+    _s('solver.tolerance', 1e-6, '1/s', 'wanted accuracy', **_NOT_BUILT),
+    _s('solver.step', 0.0, 's', 'fixed step; 0: chosen from the largest frequency of the fabric',
+       minimum=0.0),
+    _s('solver.energy_limit', 0.01, '', 'relative balance error that stops a run', **_NOT_BUILT),
+    _s('solver.threads', 0, '', 'threads; 0: all cores', **_NOT_BUILT),
+    _s('real_time_factor', 1.0, '', 'wanted pace; 0: as fast as possible', minimum=0.0),
+    _s('publish_rate', 60.0, 'Hz', 'rate of the poses, in simulated time', **_positive(maximum=1e6)),
+    _s('marker_rate', 10.0, 'Hz', 'rate of the markers, in simulated time', **_positive(maximum=1e6)),
+    _s('clock_rate', 100.0, 'Hz', 'rate of /clock, in simulated time', **_positive(maximum=1e6)),
+    _s('publish_clock', True, '', 'publish /clock', 'start'),
+    _s('frame_id', 'world', '', 'frame of all that is published', 'start'),
+    _s('start_paused', False, '', 'start in pause', 'start'),
+    _s('reset_time', False, '', 'a reset also sets the time to 0'),
+    _s('step_count', 1, '', 'solver steps for each call of ~/step', minimum=1, maximum=10**9),
+    _s('input_horizon', 1.0, 's', 'how far ahead of simulated time a stamp counts', minimum=0.0),
+    _s('checkpoint.path', '', '', "folder of checkpoints; '': beside the bag", 'start', **_NOT_BUILT),
+    _s('record.path', '', '', "folder of the bag; '': nothing is recorded", 'start'),
+    _s('record.storage', 'mcap', '', 'storage of the bag', 'start', choices=('mcap', 'sqlite3')),
+)
+
+# Families: FAMILY.NAME.FIELD, any number of NAMEs. An empty field is FAMILY.NAME itself.
+FAMILIES: dict[str, tuple[Specification, ...]] = {
+    'groups': (
+        _s('', '', '', 'selector of bodies', required=True),),
+    'supports': (
+        _s('group', '', '', 'group that is held', required=True),
+        _s('fix', 'all', '', 'held freedoms: tx ty tz rotation, or all'),),
+    'loads': (
+        _s('group', '', '', 'group that the wrench acts on', required=True),
+        _s('frame', 'world', '', 'axes of the wrench', choices=('world', 'body')),
+        _s('point', _ZERO3, 'm', 'point of application in body axes, from the centre'),
+        _s('hold', 0.0, 's', 'how long a wrench is held; 0: until replaced', minimum=0.0),
+        _s('share', 'each', '', 'every body gets the wrench, or its n-th part',
+           choices=('each', 'total')),
+        _s('force', _ZERO3, 'N', 'steady force of the scene itself'),
+        _s('torque', _ZERO3, 'N m', 'steady torque of the scene itself'),
+        _s('profile', 'steady', '', 'profile in time', **_NOT_BUILT),
+        _s('start', 0.0, 's', 'start of the profile', **_NOT_BUILT),
+        _s('duration', 0.0, 's', 'duration of the profile', **_NOT_BUILT),),
+    'initial': (
+        _s('group', '', '', 'group that starts away from rest', required=True),
+        _s('displacement', _ZERO3, 'm', 'added to the woven positions'),
+        _s('rotation', _ZERO3, 'rad', 'rotation vector, about each centre, world axes'),
+        _s('linear_velocity', _ZERO3, 'm/s', 'added velocity'),
+        _s('angular_velocity', _ZERO3, 'rad/s', 'added spin'),),
+    'bodies': (
+        _s('position', _ZERO3, 'm', 'centre of a loose body', 'weave', required=True),
+        _s('orientation', [0.0, 0.0, 0.0, 1.0], '', 'quaternion x y z w, body to world', 'weave'),
+        _s('linear_velocity', _ZERO3, 'm/s', 'velocity', 'weave'),
+        _s('angular_velocity', _ZERO3, 'rad/s', 'spin', 'weave'),),
+}
+
+# Families of the contract whose effect is not built yet: refused by name, whatever their fields.
+UNBUILT_FAMILIES = ('connector_groups', 'drives', 'anchors', 'tractions', 'planes')
+
+BY_NAME: dict[str, Specification] = {entry.name: entry for entry in STATIC}

@@ -1,0 +1,330 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+A compiled scene that advances in time.
+"""
+
+from collections.abc import Sequence
+import math
+
+import numpy as np
+
+from icofabric_sim.icosahedron import inscribed_radius
+from icofabric_sim.initial import InitialState
+from icofabric_sim.inputs import Inputs, Key, Wrench
+from icofabric_sim.integrators.methods import AUTOMATIC, METHODS
+from icofabric_sim.kernels.records import Loads, State
+from icofabric_sim.model import pack_model
+from icofabric_sim.proximity import Proximity, ProximityWatch
+from icofabric_sim.rotation_forms import cosines_from_quaternions, quaternions_from_cosines
+from icofabric_sim.scene import Scene
+from icofabric_sim.snapshot import Snapshot
+from icofabric_sim.stepper import SimulationError, Stepper
+
+__all__ = ['compile_scene', 'Simulation', 'SimulationError']
+
+Vector = Sequence[float] | np.ndarray
+
+
+def compile_scene(scene: Scene, *, rotation: str = 'quaternion', body_wrenches: bool = False) -> 'Simulation':
+    """
+    Turn a scene into something fast, once.
+
+    `rotation` chooses the formulation: 'quaternion' (eqs 21-27, 10 N) or 'direction_cosines' (eqs 16-20, 15 N).
+    `body_wrenches` prepares for wrenches on single bodies, so that the first one need not wait for a kernel.
+    Raises ValueError where `solver.step` is beyond the stability limit.
+    """
+    return Simulation(scene, rotation=rotation, body_wrenches=body_wrenches)
+
+
+class Simulation:
+    """
+    Motion of one scene from its initial state on; not for use by several threads at once.
+    """
+
+    def __init__(self, scene: Scene, *, rotation: str = 'quaternion', body_wrenches: bool = False,
+                 previous: 'Simulation | None' = None) -> None:
+        """
+        See `compile_scene`; `previous` hands over time, state and inputs of a run whose scene changes.
+        """
+        if rotation not in ('quaternion', 'direction_cosines'):
+            raise ValueError(f"rotation must be 'quaternion' or 'direction_cosines', got {rotation!r}")
+        self.scene = scene
+        self.model = pack_model(scene)
+        name = scene.parameters['solver.method']
+        self.method_name = AUTOMATIC if name == 'auto' else name
+        self._rotation = rotation
+        self._body_wrenches = body_wrenches
+        self._time = 0.0
+        self._inputs = Inputs(scene)
+        initial = scene.initial
+        if previous is not None:
+            self._time = previous.time
+            self._inputs.adopt(previous._inputs)
+            if previous.scene.body_count == scene.body_count:
+                initial = _as_initial(previous.snapshot(), scene)
+        watch = None
+        if scene.parameters['contact.mode'] != 'never':
+            watch = ProximityWatch(2.0 * inscribed_radius(scene.geometry.half_edge))
+        self._stepper = Stepper(
+            self.model, METHODS[self.method_name], self._as_state(initial), self._loads(), origin=self._time,
+            fixed_step=scene.parameters['solver.step'], load_rate=self._load_rate(), watch=watch)
+        self._cached: Snapshot | None = None
+
+    @property
+    def time(self) -> float:
+        """
+        Simulated time [s] that was asked for last.
+        """
+        return self._time
+
+    @property
+    def step(self) -> float:
+        """
+        Step [s] in use.
+        """
+        return self._stepper.step
+
+    @property
+    def step_count(self) -> int:
+        """
+        Steps taken so far.
+        """
+        return self._stepper.step_count
+
+    @property
+    def largest_frequency(self) -> float:
+        """
+        Largest frequency [rad/s] of the fabric in the configuration looked at last.
+        """
+        return self._stepper.frequency.rate
+
+    @property
+    def stability_limit(self) -> float:
+        """
+        Longest stable step [s] in that configuration.
+        """
+        return self._stepper.limit
+
+    @property
+    def proximity(self) -> Proximity | None:
+        """
+        The first two bodies that came closer than their shells allow, if any.
+        """
+        watch = self._stepper.watch
+        return None if watch is None else watch.found
+
+    @property
+    def active_loads(self) -> dict[Key, Wrench]:
+        """
+        Wrenches that act now, by channel name or body number.
+        """
+        return dict(self._inputs.active)
+
+    def advance_to(self, time: float) -> None:
+        """
+        Advance to `time` [s]; in pieces it gives the same bits as in one go.
+        """
+        if not self._time <= time < math.inf:
+            raise ValueError(f'cannot advance to {time!r} s from {self._time!r} s: times must be finite and not in '
+                             'the past; reset() goes back to the start')
+        self._handle_events(time)
+        self._reach(time)
+
+    def advance_steps(self, count: int) -> None:
+        """
+        Take `count` solver steps; an input that acts in between ends a step, which counts.
+        """
+        if not count >= 1:
+            raise ValueError(f'count must be at least 1 step, got {count!r}')
+        for _ in range(count):
+            queue = self._inputs.queue
+            end = self._stepper.time + self._stepper.step
+            if queue and queue[0].time < end:
+                self._handle_events(queue[0].time)
+                continue
+            self._stepper.advance_steps(1)
+            self._time = max(self._time, self._stepper.time)
+            self._cached = None
+
+    def snapshot(self) -> Snapshot:
+        """
+        Copy of the state at the present time.
+        """
+        if self._cached is None:
+            state = self._stepper.state_at(self._time)
+            orientation = state.orientation
+            if orientation.ndim == 3:
+                orientation = quaternions_from_cosines(orientation)
+            arrays = (state.position, orientation, state.linear_velocity, state.angular_velocity)
+            for array in arrays:
+                array.flags.writeable = False
+            self._cached = Snapshot(self._time, *arrays, self.scene.connector_count, self.model)
+        return self._cached
+
+    def apply_wrench(self, channel: str, force: Vector = (0.0, 0.0, 0.0), torque: Vector = (0.0, 0.0, 0.0), *,
+                     time: float | None = None) -> float:
+        """
+        Put a wrench [N], [N m] on the load channel `channel`, from now or from a later `time` [s] on.
+
+        Frame, point, share and hold time are the channel's (`loads.NAME.*`). Returns the time from which it acts.
+        """
+        if channel not in self.scene.loads:
+            known = ', '.join(self.scene.loads) or 'none'
+            raise ValueError(f'there is no load channel {channel!r}; known: {known}. Define it with '
+                             f'loads.{channel}.group')
+        return self._apply(channel, force, torque, time)
+
+    def apply_body_wrench(self, body: int, force: Vector = (0.0, 0.0, 0.0), torque: Vector = (0.0, 0.0, 0.0), *,
+                          time: float | None = None) -> float:
+        """
+        Put a wrench [N], [N m] on the body with number `body`, on its own axes as they turn, about its centre.
+
+        Held until replaced; zero clears. Returns the time from which it acts.
+        """
+        if not 0 <= body < self.scene.body_count:
+            raise ValueError(f'there is no body {body}; bodies are 0 to {self.scene.body_count - 1}')
+        self._body_wrenches = True
+        return self._apply(int(body), force, torque, time)
+
+    def set_state(self, *, position: np.ndarray | None = None, orientation: np.ndarray | None = None,
+                  linear_velocity: np.ndarray | None = None, angular_velocity: np.ndarray | None = None) -> None:
+        """
+        Replace parts of the state at the present time; shapes (n, 3) and (n, 4), world frame, SI units.
+        """
+        now = self.snapshot()
+        count = self.scene.body_count
+        values = []
+        for name, given, width in (('position', position, 3), ('orientation', orientation, 4),
+                                   ('linear_velocity', linear_velocity, 3),
+                                   ('angular_velocity', angular_velocity, 3)):
+            array = np.array(getattr(now, name) if given is None else given, dtype=float)
+            if array.shape != (count, width):
+                raise ValueError(f'{name} must have the shape ({count}, {width}), got {array.shape}')
+            if not np.isfinite(array).all():
+                body = int(np.flatnonzero(~np.isfinite(array).all(axis=1))[0])
+                raise ValueError(f'{name} of body {body} is not finite: {array[body]}')
+            values.append(array)
+        length = np.linalg.norm(values[1], axis=1, keepdims=True)
+        if not (abs(length - 1.0) <= 1e-3).all():
+            body = int(np.argmax(abs(length - 1.0)))
+            raise ValueError(f'orientation of body {body} is not a unit quaternion: {values[1][body]}')
+        values[1] = np.where(abs(length - 1.0) <= 4e-16, values[1], values[1] / length)
+        self._jump(_held(InitialState(*values), self.scene))
+
+    def reset(self) -> None:
+        """
+        Go back to the initial state; the time runs on, and all received wrenches are forgotten.
+        """
+        self._inputs.reset()
+        self._jump(self.scene.initial)
+        self._stepper.set_loads(self._loads(), self._load_rate())
+
+    def reset_time(self) -> None:
+        """
+        Go back to the initial state and to time 0.
+        """
+        self._time = 0.0
+        self.reset()
+
+    def continue_with(self, scene: Scene) -> 'Simulation':
+        """
+        Simulation of a changed `scene` at the present time.
+
+        With the same number of bodies the motion goes on, else the new fabric starts from its initial state.
+        Wrenches on channels and bodies that still exist go on.
+        """
+        return Simulation(scene, rotation=self._rotation, body_wrenches=self._body_wrenches, previous=self)
+
+    def restart_with(self, scene: Scene) -> 'Simulation':
+        """
+        Simulation of a newly woven `scene`, from its initial state, at the present time; wrenches go on.
+        """
+        simulation = self.continue_with(scene)
+        simulation._jump(scene.initial)
+        return simulation
+
+    def _apply(self, key: Key, force: Vector, torque: Vector, time: float | None) -> float:
+        wrench = Wrench(*(_vector(name, value) for name, value in (('force', force), ('torque', torque))))
+        at = self._time if time is None else float(time)
+        if not self._time <= at < math.inf:
+            raise ValueError(f'a wrench cannot act at {at!r} s: the time is {self._time!r} s')
+        self._inputs.schedule(at, key, wrench)
+        if at == self._time:
+            self._handle_events(at)
+        return at
+
+    def _handle_events(self, until: float) -> None:
+        queue = self._inputs.queue
+        while queue and queue[0].time <= until:
+            # Reached before it is taken out: an interrupt on the way loses nothing.
+            time = queue[0].time
+            self._reach(time)
+            event = self._inputs.take()
+            if self._inputs.apply(event):
+                self._stepper.cut(time)
+                self._stepper.set_loads(self._loads(), self._load_rate())
+                self._cached = None
+
+    def _reach(self, time: float) -> None:
+        try:
+            self._stepper.advance(time)
+        except SimulationError:
+            self._time = self._stepper.time
+            self._cached = None
+            raise
+        if time != self._time:
+            self._time = time
+            self._cached = None
+
+    def _jump(self, state: InitialState) -> None:
+        self._stepper.jump(self._time, self._as_state(state))
+        self._cached = None
+
+    def _as_state(self, initial: InitialState) -> State:
+        orientation = initial.orientation
+        if self._rotation == 'direction_cosines':
+            orientation = cosines_from_quaternions(orientation)
+        return State(initial.position.copy(), orientation.copy(), initial.linear_velocity.copy(),
+                     initial.angular_velocity.copy())
+
+    def _loads(self) -> Loads | None:
+        if not (self.scene.loads or self._body_wrenches):
+            return None
+        return self._inputs.pack()
+
+    def _load_rate(self) -> float:
+        """
+        Rate [rad/s] at which the loads alone would move a free body by its own size, or turn it.
+        """
+        loads = self._loads()
+        if loads is None or not len(loads.body):
+            return 0.0
+        size = self.scene.geometry.cube_width
+        arm = np.linalg.norm(loads.point, axis=1)
+        force, torque = np.linalg.norm(loads.force, axis=1), np.linalg.norm(loads.torque, axis=1)
+        square = force.sum() * self.model.inverse_mass / size
+        square += (torque + arm * force).sum() * self.model.inverse_inertia
+        return float(np.sqrt(square))
+
+
+def _vector(name: str, value: Vector) -> np.ndarray:
+    vector = np.array(value, dtype=float)
+    if vector.shape != (3,) or not np.isfinite(vector).all():
+        raise ValueError(f'{name} must be three finite numbers, got {value!r}')
+    return vector
+
+
+def _as_initial(snapshot: Snapshot, scene: Scene) -> InitialState:
+    return _held(InitialState(snapshot.position, snapshot.orientation, snapshot.linear_velocity.copy(),
+                              snapshot.angular_velocity.copy()), scene)
+
+
+def _held(state: InitialState, scene: Scene) -> InitialState:
+    """
+    Velocities of held freedoms set to zero.
+    """
+    if scene.supports is not None:
+        state.linear_velocity[scene.supports.translation] = 0.0
+        state.angular_velocity[scene.supports.rotation] = 0.0
+    return state

@@ -1,0 +1,256 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+The main line of steps: which steps are taken, and what is looked at between them.
+
+Steps end at origin + k h. Only inputs cut a step short; a state between two steps comes from a side step on a copy, so
+outputs never touch the sequence. The step is chosen from the largest frequency of the fabric in its present
+configuration, which is watched as the fabric stretches and turns.
+"""
+
+import math
+
+import numpy as np
+
+from icofabric_sim.integrators.methods import Method
+from icofabric_sim.kernels.monitor import examine, MOVED_FAR, NOT_FINITE, RATE_HIGH, RATE_LOW
+from icofabric_sim.kernels.records import Loads, Model, State, Work
+from icofabric_sim.kernels.wrenches import compute_wrenches
+from icofabric_sim.proximity import ProximityWatch
+from icofabric_sim.stability import Frequency, largest_frequency
+
+# Steps between two looks at the state: two of the fastest periods at the chosen step, under 2 % of the cost.
+CHECK_INTERVAL = 64
+# Step times frequency: chosen, too long (shorten it), too short (lengthen it). At 0.2 the phase of the fastest
+# motion is wrong by 0.2^2 / 24 = 0.17 %; slower motions are better by the square of the ratio.
+CHOSEN, LONGEST, SHORTEST = 0.2, 0.25, 0.08
+# Work for one compiled call, in bodies and connectors: some 50 ms, so that an interrupt is soon heard.
+_CALL_WORK = 1_500_000
+# Where nothing sets a scale (no connectors, no gravity, no loads, no spin) every step is exact.
+_FREE_STEP = 2.0 ** -7
+
+
+class SimulationError(RuntimeError):
+    """
+    The run cannot go on; time, bodies and reason are in the message, the state before it is kept.
+    """
+
+
+class Stepper:
+    """
+    State on the main line, and its steps.
+    """
+
+    def __init__(self, model: Model, method: Method, state: State, loads: Loads | None, *, origin: float,
+                 fixed_step: float, load_rate: float, watch: ProximityWatch | None) -> None:
+        """
+        Start at time `origin` [s]; `fixed_step` 0 chooses the step. Raises ValueError where it is too long.
+        """
+        count = len(state.position)
+        self.model, self.method, self.state, self.loads = model, method, state, loads
+        self.work = Work(np.zeros((count, 3)), np.zeros((count, 3)), np.zeros((count, 3, 3)))
+        self.origin, self.index = origin, 0
+        self.step = fixed_step
+        self.fixed = fixed_step > 0.0
+        self.watch = watch
+        self.step_count = 0
+        self.load_rate = load_rate
+        self.frequency = Frequency(0.0, (), 0)
+        self._since_check = 0
+        self._readings = np.zeros(4)
+        self._high = self._low = 0.0
+        self._failure: SimulationError | None = None
+        self._start()
+        if self.fixed and not fixed_step <= self.limit:
+            raise ValueError(
+                f'solver.step {fixed_step!r} s is beyond the stability limit {self.limit:.6g} s of the method in '
+                f'this scene (largest frequency {self.frequency.rate:.6g} rad/s); choose a smaller one, or 0 to '
+                'have it chosen')
+
+    @property
+    def time(self) -> float:
+        """
+        Time [s] of the state on the main line.
+        """
+        return self.origin + self.index * self.step if self.index else self.origin
+
+    @property
+    def limit(self) -> float:
+        """
+        Stability limit of the step [s] in the configuration looked at last.
+        """
+        rate = self.frequency.rate
+        return self.method.stability / rate if rate > 0.0 else math.inf
+
+    def _start(self) -> None:
+        """
+        Compute the wrenches, the frequency and the step anew: the state has jumped.
+        """
+        self._refresh()
+        self._read_rates()
+        if self.watch is not None:
+            self.watch.look(self.time, self.state.position)
+        self._choose_step()
+
+    def jump(self, time: float, state: State) -> None:
+        """
+        Go on from another `state` at `time`; a failure is forgotten.
+        """
+        self._failure = None
+        self.origin, self.index, self.state = time, 0, state
+        self._since_check = 0
+        self._start()
+        self._require_safe_step(time)
+
+    def set_loads(self, loads: Loads | None, load_rate: float) -> None:
+        """
+        Replace the loads at the current state.
+        """
+        self.loads = loads
+        self.load_rate = load_rate
+        self._refresh()
+        if self.model.connectors is None:
+            self._choose_step()
+
+    def advance(self, time: float) -> None:
+        """
+        Take whole steps up to the last step end not after `time`.
+        """
+        if self._failure is not None:
+            raise self._failure
+        while True:
+            remaining = self._steps_until(time)
+            if remaining <= 0:
+                return
+            self._run(remaining)
+
+    def advance_steps(self, count: int) -> None:
+        """
+        Take `count` whole steps.
+        """
+        if self._failure is not None:
+            raise self._failure
+        while count > 0:
+            count -= self._run(count)
+
+    def cut(self, time: float) -> None:
+        """
+        End the step in progress at `time`, not after the next step end; the next step starts there.
+        """
+        self.advance(time)
+        rest = time - self.time
+        if rest > 0.0:
+            self._call(rest, 1)
+        self.origin, self.index = time, 0
+
+    def state_at(self, time: float) -> State:
+        """
+        Copy of the state at `time`, from a side step off the main line; the next step end is not before it.
+        """
+        self.advance(time)
+        state = State(*(array.copy() for array in self.state))
+        rest = time - self.time
+        if rest > 0.0:
+            work = Work(self.work.force.copy(), self.work.torque.copy(), np.empty_like(self.work.arms))
+            self.method.advance(self.model, self.loads, state, work, rest, 1, 0, 2, *self._watching(), 0.0, 0.0,
+                                0.0, math.inf)
+        return state
+
+    def _steps_until(self, time: float) -> int:
+        last = int((time - self.origin) / self.step)
+        while self.origin + (last + 1) * self.step <= time:
+            last += 1
+        while last > 0 and self.origin + last * self.step > time:
+            last -= 1
+        return last - self.index
+
+    def _watching(self) -> tuple[np.ndarray | None, np.ndarray]:
+        return (None if self.watch is None else self.watch.reference), self._readings
+
+    def _run(self, count: int) -> int:
+        connectors = self.model.connectors
+        size = len(self.state.position) + (0 if connectors is None else len(connectors.first))
+        done = self._call(self.step, min(count, max(1, _CALL_WORK // size)))
+        return done
+
+    def _call(self, step: float, count: int) -> int:
+        reach = math.inf if self.watch is None else self.watch.reach
+        status, done, self._since_check = self.method.advance(
+            self.model, self.loads, self.state, self.work, step, count, self._since_check, CHECK_INTERVAL,
+            *self._watching(), self._high, self._low, 0.0 if self.fixed else 1.0, reach)
+        if step == self.step:
+            self.index += done
+        self.step_count += done
+        if status:
+            time = self.time if step == self.step else self.time + step
+            self._respond(status, time)
+        return int(done)
+
+    def _respond(self, status: int, time: float) -> None:
+        if status & NOT_FINITE:
+            self._fail(f'the state of body {int(self._readings[3])} is no longer finite at t = {time:.9g} s, after '
+                       f'steps of {self.step:.6g} s')
+        if status & MOVED_FAR and self.watch is not None:
+            self.watch.look(time, self.state.position)
+        if status & (RATE_HIGH | RATE_LOW):
+            self._read_rates()
+            if not self.fixed:
+                self._choose_step()
+            self._require_safe_step(time)
+
+    def _require_safe_step(self, time: float) -> None:
+        if not self.fixed or self.step <= self.limit:
+            return
+        frequency = largest_frequency(self.model, self.state.position, self.state.orientation, locate=True)
+        bodies = ', '.join(str(body) for body in frequency.bodies)
+        self._fail(f'solver.step {self.step!r} s has become unsafe at t = {time:.9g} s: the fabric has stretched or '
+                   f'turned so that bodies {bodies} move at up to {frequency.rate:.6g} rad/s, and the stability limit '
+                   f'is now {self.limit:.6g} s; start again with a smaller step, or with 0 to have it chosen')
+
+    def _fail(self, message: str) -> None:
+        self._failure = SimulationError(message)
+        raise self._failure
+
+    def _refresh(self) -> None:
+        compute_wrenches(self.model, self.loads, self.state, self.work)
+
+    def _read_rates(self) -> None:
+        """
+        Exact largest frequency, and the cheap bound beside it for later comparison.
+        """
+        self.frequency = largest_frequency(self.model, self.state.position, self.state.orientation)
+        examine(self.model, self.state, self.work, *self._watching(), math.inf, 0.0, 1.0, math.inf)
+        bound = float(self._readings[0])
+        if self.fixed:
+            bound -= float(self._readings[2])
+            # The bound proves the step safe below the first; above it, the exact value is computed again only when
+            # the bound has grown since it was computed last.
+            self._high = max(self.method.stability / self.step, 1.01 * bound)
+            self._low = 0.0
+
+    def _choose_step(self) -> None:
+        """
+        Choose the step for the largest frequency, seen from a body that spins; kept while it is about right.
+        """
+        if self.fixed:
+            return
+        rate = self.frequency.rate + float(self._readings[2])
+        if self.model.connectors is None:
+            rate += self.load_rate
+        step = self.step
+        if not rate > 0.0:
+            step, rate = _FREE_STEP, CHOSEN / _FREE_STEP
+        elif not SHORTEST <= step * rate <= LONGEST:
+            step = _rounded_down(CHOSEN / rate)
+        if step != self.step:
+            self.origin, self.index, self.step = self.time, 0, step
+        self._high = max(LONGEST / step, 1.05 * float(self._readings[0]))
+        self._low = SHORTEST / step
+
+
+def _rounded_down(step: float) -> float:
+    """
+    Nearest number below with a mantissa of 12 bits: last bits of the frequency never decide about the step.
+    """
+    mantissa, exponent = math.frexp(step)
+    return math.ldexp(math.floor(mantissa * 4096.0) / 4096.0, exponent)

@@ -1,0 +1,40 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+from glob import glob
+from xml.etree import ElementTree
+
+from setuptools import find_packages, setup
+
+package_name = 'icofabric_sim'
+# package.xml is the one place where the version is written.
+version = ElementTree.parse('package.xml').findtext('version')
+
+setup(
+    name=package_name,
+    version=version,
+    packages=find_packages(exclude=['test', 'test.*']),
+    data_files=[
+        ('share/ament_index/resource_index/packages', [f'resource/{package_name}']),
+        (f'share/{package_name}', ['package.xml']),
+        (f'share/{package_name}/launch', sorted(glob('launch/*.launch.py'))),
+        (f'share/{package_name}/config', sorted(glob('config/*.*'))),
+        (f'share/{package_name}/rviz', sorted(glob('rviz/*.rviz'))),
+    ],
+    # rclpy and the message packages come from ROS or from requirements.txt: pip knows them
+    # under other names than ROS does, so they are not listed here.
+    install_requires=['setuptools'],
+    extras_require={'test': ['pytest']},
+    python_requires='>=3.11',
+    zip_safe=False,
+    author='The icofabric_sim authors',
+    maintainer='The icofabric_sim authors',
+    maintainer_email='maintainers@icofabric-sim.example.org',
+    description='Simulates icosahedral fabric and its answer to loads from ROS 2 messages.',
+    license='Apache-2.0',
+    entry_points={
+        'console_scripts': [
+            'fabric_node = icofabric_sim.ros.fabric_node:main',
+            'icofabric = icofabric_sim.commands.main:main',
+        ],
+    },
+)
