@@ -21,13 +21,28 @@ if TYPE_CHECKING:
 __version__ = '0.1.0'
 
 _HOMES = {
-    'METHODS': 'integrators.methods', 'ParameterError': 'parameters', 'Scene': 'scene', 'Shell': 'shell',
-    'Simulation': 'simulation', 'SimulationError': 'simulation', 'Snapshot': 'snapshot',
-    'compile_scene': 'simulation', 'load_scene': 'scene',
+    'METHODS': 'integrators.methods',
+    'ParameterError': 'parameters',
+    'Scene': 'scene',
+    'Shell': 'shell',
+    'Simulation': 'simulation',
+    'SimulationError': 'simulation',
+    'Snapshot': 'snapshot',
+    'compile_scene': 'simulation',
+    'load_scene': 'scene',
 }
 
-__all__ = ['METHODS', 'ParameterError', 'Scene', 'Shell', 'Simulation', 'SimulationError', 'Snapshot',
-           'compile_scene', 'load_scene']
+__all__ = [
+    'METHODS',
+    'ParameterError',
+    'Scene',
+    'Shell',
+    'Simulation',
+    'SimulationError',
+    'Snapshot',
+    'compile_scene',
+    'load_scene',
+]
 
 
 def __getattr__(name: str) -> Any:

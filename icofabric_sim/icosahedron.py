@@ -150,10 +150,10 @@ def face_geometry(half_edge: float) -> FaceGeometry:
     return FaceGeometry(
         frames=_constant(a * np.stack([w1, w2, w3], axis=2)),
         inverses=_constant(inverses / a),
-        determinants=_constant(a ** 3 * determinants),
+        determinants=_constant(a * a * a * determinants),
         normals=_constant(area_vectors / area_elements[:, None]),
-        first_form=_constant(a ** 2 * first_form),
-        area_elements=_constant(a ** 2 * area_elements),
+        first_form=_constant(a * a * first_form),
+        area_elements=_constant(a * a * area_elements),
         centroids=_constant(a * corners.mean(axis=1)))
 
 

@@ -7,9 +7,8 @@ Initial states: the woven rest state plus what the scene adds to it.
 from collections.abc import Mapping
 from typing import NamedTuple, TYPE_CHECKING
 
-import numpy as np
-
 from icofabric_sim.parameters import ParameterError, Parameters
+import numpy as np
 
 if TYPE_CHECKING:
     from icofabric_sim.scene import Supports
@@ -20,9 +19,9 @@ class InitialState(NamedTuple):
     State at the start, world frame.
     """
 
-    position: np.ndarray          # (n, 3) [m]
-    orientation: np.ndarray       # (n, 4) x y z w
-    linear_velocity: np.ndarray   # (n, 3) [m/s]
+    position: np.ndarray  # (n, 3) [m]
+    orientation: np.ndarray  # (n, 4) x y z w
+    linear_velocity: np.ndarray  # (n, 3) [m/s]
     angular_velocity: np.ndarray  # (n, 3) [rad/s]
 
 
@@ -33,8 +32,11 @@ def unit_quaternion(name: str, parameters: Parameters) -> np.ndarray:
     quaternion = np.array(parameters[name])
     length = float(np.linalg.norm(quaternion))
     if not abs(length - 1.0) <= 1e-3:
-        raise ParameterError(name, f'{name} must be a unit quaternion x y z w, got {parameters[name]} of length '
-                                   f'{length:.6g}')
+        raise ParameterError(
+            name,
+            f'{name} must be a unit quaternion x y z w, got {parameters[name]} of length '
+            f'{length:.6g}',
+        )
     return quaternion / length
 
 
@@ -46,17 +48,26 @@ def rotate_by_vector(rotation: np.ndarray, orientation: np.ndarray) -> np.ndarra
     vector = np.sinc(angle / (2.0 * np.pi)) * 0.5 * rotation
     scalar = np.cos(0.5 * angle)
     v, w = orientation[:, :3], orientation[:, 3:]
-    turned = np.hstack([scalar * v + w * vector + np.cross(vector, v), scalar * w - v @ vector[:, None]])
+    turned = np.hstack(
+        [scalar * v + w * vector + np.cross(vector, v), scalar * w - v @ vector[:, None]]
+    )
     return turned / np.linalg.norm(turned, axis=1, keepdims=True)
 
 
-def make_initial_state(parameters: Parameters, position: np.ndarray, orientation: np.ndarray,
-                       groups: Mapping[str, np.ndarray], supports: 'Supports | None') -> InitialState:
+def make_initial_state(
+    parameters: Parameters,
+    position: np.ndarray,
+    orientation: np.ndarray,
+    groups: Mapping[str, np.ndarray],
+    supports: 'Supports | None',
+) -> InitialState:
     """
     Add every `initial.NAME`, the velocities of loose bodies and the random start to the rest state.
     """
     count = len(position)
-    state = InitialState(position.copy(), orientation.copy(), np.zeros((count, 3)), np.zeros((count, 3)))
+    state = InitialState(
+        position.copy(), orientation.copy(), np.zeros((count, 3)), np.zeros((count, 3))
+    )
     loose = parameters.names('bodies')
     for k, name in enumerate(loose, start=count - len(loose)):
         state.linear_velocity[k] = parameters[f'bodies.{name}.linear_velocity']
@@ -78,16 +89,23 @@ def make_initial_state(parameters: Parameters, position: np.ndarray, orientation
     return state
 
 
-def _refuse_held_motion(source: str, bodies: np.ndarray, state: InitialState, supports: 'Supports | None') -> None:
+def _refuse_held_motion(
+    source: str, bodies: np.ndarray, state: InitialState, supports: 'Supports | None'
+) -> None:
     if supports is None:
         return
-    for field, held, values in (('linear_velocity', supports.translation, state.linear_velocity),
-                                ('angular_velocity', supports.rotation[:, None], state.angular_velocity)):
+    for field, held, values in (
+        ('linear_velocity', supports.translation, state.linear_velocity),
+        ('angular_velocity', supports.rotation[:, None], state.angular_velocity),
+    ):
         moving = (held[bodies] & (values[bodies] != 0.0)).any(axis=1)
         if moving.any():
             body = int(bodies[np.flatnonzero(moving)[0]])
-            raise ParameterError(f'{source}.{field}', f'{source}.{field} moves body {body}, which a support holds in '
-                                                      'that freedom; take the body out of one of the groups')
+            raise ParameterError(
+                f'{source}.{field}',
+                f'{source}.{field} moves body {body}, which a support holds in '
+                'that freedom; take the body out of one of the groups',
+            )
 
 
 def _add_random(parameters: Parameters, state: InitialState) -> None:
@@ -103,6 +121,10 @@ def _add_random(parameters: Parameters, state: InitialState) -> None:
         return
     generator = np.random.RandomState(parameters['initial_random.seed'])
     # Both are always drawn, so that one sigma never changes the numbers of the other.
-    normal = generator.standard_normal((2, *state.linear_velocity.shape)).astype(np.float32).astype(np.float64)
+    normal = (
+        generator.standard_normal((2, *state.linear_velocity.shape))
+        .astype(np.float32)
+        .astype(np.float64)
+    )
     state.linear_velocity[:] += velocity_sigma * normal[0]
     state.angular_velocity[:] += spin_sigma * normal[1]

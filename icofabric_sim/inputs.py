@@ -7,14 +7,13 @@ External wrenches in time: what acts now, and what is to come.
 import heapq
 from typing import NamedTuple
 
-import numpy as np
-
 from icofabric_sim.kernels.records import Loads
 from icofabric_sim.model import pack_loads
 from icofabric_sim.scene import Scene
+import numpy as np
 
 _ZERO = np.zeros(3)
-Key = str | int   # a channel by name, or a body by number
+Key = str | int  # a channel by name, or a body by number
 
 
 class Wrench(NamedTuple):
@@ -22,8 +21,8 @@ class Wrench(NamedTuple):
     A force and a torque on the axes of their channel.
     """
 
-    force: np.ndarray    # (3,) [N]
-    torque: np.ndarray   # (3,) [N m]
+    force: np.ndarray  # (3,) [N]
+    torque: np.ndarray  # (3,) [N m]
 
     def is_zero(self) -> bool:
         """
@@ -71,18 +70,29 @@ class Inputs:
         """
         self.queue.clear()
         self.expiry.clear()
-        self.active = {name: Wrench(channel.force, channel.torque) for name, channel in self.scene.loads.items()
-                       if channel.force.any() or channel.torque.any()}
+        self.active = {
+            name: Wrench(channel.force, channel.torque)
+            for name, channel in self.scene.loads.items()
+            if channel.force.any() or channel.torque.any()
+        }
 
     def adopt(self, other: 'Inputs') -> None:
         """
         Take over what still makes sense from the inputs of an earlier scene.
         """
+
         def known(key: Key) -> bool:
             return key < self.scene.body_count if isinstance(key, int) else key in self.scene.loads
 
-        own = {name for name in other.active if isinstance(name, str) and name in other.scene.loads
-               and other.active[name].same(Wrench(other.scene.loads[name].force, other.scene.loads[name].torque))}
+        own = {
+            name
+            for name in other.active
+            if isinstance(name, str)
+            and name in other.scene.loads
+            and other.active[name].same(
+                Wrench(other.scene.loads[name].force, other.scene.loads[name].torque)
+            )
+        }
         for key, wrench in other.active.items():
             # A steady load of the old scene gives way to the one of the new scene.
             if known(key) and key not in own:
@@ -106,7 +116,7 @@ class Inputs:
         before = self.active.get(event.key, Wrench(_ZERO, _ZERO))
         if event.wrench is None:
             if self.expiry.get(event.key) != event.time:
-                return False   # held on by a later wrench
+                return False  # held on by a later wrench
             del self.expiry[event.key]
             self.active.pop(event.key, None)
             return not before.is_zero()
@@ -133,8 +143,15 @@ class Inputs:
                 continue
             channel = self.scene.loads[key]
             part = len(channel.bodies) if channel.total else 1
-            rows.append((channel.bodies, channel.in_body_axes, wrench.force / part, wrench.torque / part,
-                         channel.point))
+            rows.append(
+                (
+                    channel.bodies,
+                    channel.in_body_axes,
+                    wrench.force / part,
+                    wrench.torque / part,
+                    channel.point,
+                )
+            )
         return pack_loads(rows)
 
     def take(self) -> Event:

@@ -6,10 +6,9 @@ Packs a scene into the constants that kernels take.
 
 from collections.abc import Iterable
 
-import numpy as np
-
 from icofabric_sim.kernels.records import Adjacency, Connectors, Loads, Model, Supports
 from icofabric_sim.scene import Scene
+import numpy as np
 
 
 def pack_model(scene: Scene) -> Model:
@@ -20,20 +19,31 @@ def pack_model(scene: Scene) -> Model:
     gravity = np.array(scene.parameters['gravity'])
     supports = None
     if scene.supports is not None:
-        supports = Supports(np.where(scene.supports.translation, 0.0, 1.0 / mass),
-                            np.where(scene.supports.rotation, 0.0, 1.0 / inertia))
+        supports = Supports(
+            np.where(scene.supports.translation, 0.0, 1.0 / mass),
+            np.where(scene.supports.rotation, 0.0, 1.0 / inertia),
+        )
     connectors = adjacency = None
     if scene.connector_count:
         bodies, edges = scene.connectors.bodies, scene.connectors.edges
         connectors = Connectors(
-            first=np.ascontiguousarray(bodies[:, 0]), second=np.ascontiguousarray(bodies[:, 1]),
-            first_edge=np.ascontiguousarray(edges[:, 0]), second_edge=np.ascontiguousarray(edges[:, 1]),
-            stiffness=scene.connectors.stiffness, natural_length=scene.connectors.natural_length,
-            half_width=0.5 * scene.geometry.cube_width)
+            first=np.ascontiguousarray(bodies[:, 0]),
+            second=np.ascontiguousarray(bodies[:, 1]),
+            first_edge=np.ascontiguousarray(edges[:, 0]),
+            second_edge=np.ascontiguousarray(edges[:, 1]),
+            stiffness=scene.connectors.stiffness,
+            natural_length=scene.connectors.natural_length,
+            half_width=0.5 * scene.geometry.cube_width,
+        )
         adjacency = pack_adjacency(bodies, scene.body_count)
-    return Model(inverse_mass=1.0 / mass, inverse_inertia=1.0 / inertia,
-                 gravity=gravity if gravity.any() else None, connectors=connectors, adjacency=adjacency,
-                 supports=supports)
+    return Model(
+        inverse_mass=1.0 / mass,
+        inverse_inertia=1.0 / inertia,
+        gravity=gravity if gravity.any() else None,
+        connectors=connectors,
+        adjacency=adjacency,
+        supports=supports,
+    )
 
 
 def pack_adjacency(bodies: np.ndarray, body_count: int) -> Adjacency:
@@ -47,7 +57,9 @@ def pack_adjacency(bodies: np.ndarray, body_count: int) -> Adjacency:
     return Adjacency(start, (order // 2).astype(np.int32))
 
 
-def pack_loads(rows: Iterable[tuple[np.ndarray, bool, np.ndarray, np.ndarray, np.ndarray]]) -> Loads:
+def pack_loads(
+    rows: Iterable[tuple[np.ndarray, bool, np.ndarray, np.ndarray, np.ndarray]],
+) -> Loads:
     """
     One row for each body of each (bodies, in body axes, force, torque, point), in the order given.
     """
@@ -60,6 +72,11 @@ def pack_loads(rows: Iterable[tuple[np.ndarray, bool, np.ndarray, np.ndarray, np
         return np.repeat(np.array([part[column] for part in parts], dtype=float), counts, axis=0)
 
     return Loads(
-        body=np.concatenate([np.zeros(0, np.int32), *(part[0] for part in parts)]).astype(np.int32),
+        body=np.concatenate([np.zeros(0, np.int32), *(part[0] for part in parts)]).astype(
+            np.int32
+        ),
         in_body_axes=np.repeat(np.array([part[1] for part in parts], dtype=bool), counts),
-        force=spread(2), torque=spread(3), point=spread(4))
+        force=spread(2),
+        torque=spread(3),
+        point=spread(4),
+    )

@@ -9,15 +9,28 @@ that name, and where the two readings differ, so that ROS would use something el
 file says, that is refused too. YAML tags build nothing, aliases are never expanded.
 """
 
-from dataclasses import dataclass
 import math
 from typing import Any
 
+from icofabric_sim.rcl_file_walk import walk_file
 from icofabric_sim.rcl_parameters import (
-    Origin, RclParameters, RefusedByRos, section_matches, SECTION_KEY, Setting, Value)
-from icofabric_sim.rcl_scalars import NULL_WORDS, resolve_scalar, Scalar, STRING_TAG
-from icofabric_sim.yaml_events import FORM, ParameterFileError, read_events
-import yaml
+    Origin,
+    origin,
+    RclParameters,
+    RefusedByRos,
+    section_matches,
+    Setting,
+    Value,
+)
+from icofabric_sim.rcl_scalars import Scalar
+from icofabric_sim.yaml_events import (
+    FORM,
+    make_trees,
+    ParameterFileError,
+    read_events,
+    SECTION_KEY,
+    Tree,
+)
 
 # Parameters that every ROS node has: no part of a scene.
 _ROS_OWN = ('use_sim_time', 'start_type_description_service')
@@ -29,48 +42,6 @@ def is_own_parameter(name: str) -> bool:
     Whether a parameter belongs to the node itself, not to ROS.
     """
     return name not in _ROS_OWN and not name.startswith(_ROS_OWN_PREFIX)
-
-
-@dataclass
-class _Tree:
-    """
-    A YAML node; `children` holds the items of a list, or keys and values of a map in turn.
-    """
-
-    event: Any
-    line: int
-    children: list['_Tree']
-
-    @property
-    def is_scalar(self) -> bool:
-        return isinstance(self.event, yaml.ScalarEvent)
-
-    @property
-    def is_map(self) -> bool:
-        return isinstance(self.event, yaml.MappingStartEvent)
-
-    @property
-    def text(self) -> str:
-        return str(self.event.value)
-
-    @property
-    def is_quoted(self) -> bool:
-        return self.event.style in ("'", '"')
-
-    @property
-    def is_missing(self) -> bool:
-        return self.is_scalar and not self.text and not self.is_quoted
-
-    @property
-    def is_null(self) -> bool:
-        return (self.is_scalar and self.event.style in ('', None)
-                and self.text in NULL_WORDS and self.event.tag != STRING_TAG)
-
-    def scalar(self) -> Scalar:
-        return resolve_scalar(self.text, quoted=self.is_quoted, tag=self.event.tag)
-
-    def pairs(self) -> list[tuple['_Tree', '_Tree']]:
-        return list(zip(self.children[::2], self.children[1::2], strict=True))
 
 
 class ParameterSet:
@@ -88,7 +59,7 @@ class ParameterSet:
         Take the text of one parameter file; `source` is its name in messages.
         """
         events = read_events(data, source)
-        trees = _trees(events)
+        trees = make_trees(events)
         if not trees:
             raise ParameterFileError(f'{source}: the file is empty; {FORM}')
         for tree in trees:
@@ -98,7 +69,7 @@ class ParameterSet:
                 raise ParameterFileError(
                     f'{source}:{tree.line}: expected the name of a node; {FORM}')
         try:
-            self._actual.read_file(events, source)
+            walk_file(self._actual, events, source)
         except RefusedByRos as refused:
             raise ParameterFileError(
                 f'{source}:{refused.line}: ROS cannot read this: {refused.reason}; '
@@ -108,19 +79,19 @@ class ParameterSet:
         """
         Take one value of the command line, for the nodes of `section`.
         """
-        events = read_events(text.encode('utf-8', 'surrogateescape'), source)
-        trees = _trees(events)
+        events = read_events(text.encode('utf-8', 'surrogateescape'), source, name=name)
+        trees = make_trees(events)
         if len(trees) != 1:
             raise ParameterFileError(
                 f'{source}: parameter {name!r} has no single value; write {name}:=value')
         try:
-            self._take_value(trees[0], name, section, source)
+            self._take_value(trees[0], name, section, Origin(source))
             self._actual.read_override(section, name, events, source)
         except RefusedByRos as refused:
             raise ParameterFileError(
                 f'{source}: parameter {name!r}: {refused.reason}') from None
 
-    def parameters(self) -> dict[str, Value]:
+    def parameters(self, *, with_ros_own: bool = False) -> dict[str, Value]:
         """
         Name to value of the node, as ROS hands them over, without those of ROS itself.
         """
@@ -130,7 +101,13 @@ class ParameterSet:
                 meant.update(settings)
         actual = self._actual.settings_of(self.node)
         _refuse_differences(meant, actual)
-        return {name: setting.value for name, setting in meant.items() if is_own_parameter(name)}
+        for name in _ROS_OWN:
+            if name in meant and not isinstance(meant[name].value, bool):
+                raise ParameterFileError(
+                    f'{meant[name].origin}: parameter {name!r} must be true or false, got '
+                    f'{meant[name].value!r}; ROS needs it')
+        return {name: setting.value for name, setting in meant.items()
+                if with_ros_own or is_own_parameter(name)}
 
     def hidden_overrides(self) -> list[str]:
         """
@@ -145,7 +122,7 @@ class ParameterSet:
             for winner in [actual[name]]
             if winner is not None and winner.origin != setting.origin]
 
-    def _walk_names(self, tree: _Tree, path: str, source: str) -> None:
+    def _walk_names(self, tree: Tree, path: str, source: str) -> None:
         for key, value in tree.pairs():
             if not key.is_scalar:
                 raise ParameterFileError(
@@ -164,7 +141,7 @@ class ParameterSet:
                 raise ParameterFileError(
                     f'{source}:{key.line}: {key.text!r} stands outside {SECTION_KEY}; {FORM}')
 
-    def _walk_parameters(self, tree: _Tree, prefix: str, section: str, source: str) -> None:
+    def _walk_parameters(self, tree: Tree, prefix: str, section: str, source: str) -> None:
         for key, value in tree.pairs():
             name = prefix + (key.text if key.is_scalar else '?')
             where = f'{source}:{value.line}: parameter {name!r}'
@@ -182,11 +159,11 @@ class ParameterSet:
             if value.is_map:
                 self._walk_parameters(value, name + '.', section, source)
             else:
-                self._take_value(value, name, section, source)
+                first = value.children[0] if value.children else value
+                self._take_value(value, name, section, origin(source, first.event))
 
-    def _take_value(self, tree: _Tree, name: str, section: str, source: str) -> None:
-        is_file = tree.line if section != source else 0
-        where = f'{Origin(source, is_file)}: parameter {name!r}'
+    def _take_value(self, tree: Tree, name: str, section: str, place: Origin) -> None:
+        where = f'{place}: parameter {name!r}'
         ours = section_matches(section, self.node)
         items = [tree] if tree.is_scalar else tree.children
         if ours:
@@ -198,25 +175,10 @@ class ParameterSet:
             if len({type(value) for value in values}) > 1:
                 raise ParameterFileError(f'{where} {_mixed(values)}')
             self._meant.setdefault(section, {})[name] = Setting(
-                values[0] if tree.is_scalar else values,  # type: ignore[arg-type]
-                Origin(source, is_file))
+                values[0] if tree.is_scalar else values, place)  # type: ignore[arg-type]
 
 
-def _trees(events: list[Any]) -> list[_Tree]:
-    root: list[_Tree] = []
-    open_trees: list[list[_Tree]] = [root]
-    for event in events:
-        if isinstance(event, yaml.NodeEvent):
-            tree = _Tree(event, event.start_mark.line + 1, [])
-            open_trees[-1].append(tree)
-            if isinstance(event, yaml.CollectionStartEvent):
-                open_trees.append(tree.children)
-        elif isinstance(event, yaml.CollectionEndEvent):
-            open_trees.pop()
-    return root
-
-
-def _refuse_what_ros_spoils(tree: _Tree, items: list[_Tree], where: str) -> None:
+def _refuse_what_ros_spoils(tree: Tree, items: list[Tree], where: str) -> None:
     if tree.is_map or not all(item.is_scalar for item in items):
         raise ParameterFileError(
             f'{where} is a list or map inside a value, which ROS flattens or refuses; write one '
@@ -247,7 +209,7 @@ def _mixed(values: list[Scalar]) -> str:
     return f'mixes {names} in one list, which ROS refuses; {remedy}'
 
 
-def _same(one: Value, other: Value) -> bool:
+def _same(one: Any, other: Any) -> bool:
     if type(one) is not type(other):
         return False
     if isinstance(one, list) and isinstance(other, list):
@@ -269,23 +231,26 @@ def _refuse_differences(meant: dict[str, Setting], actual: dict[str, Setting | N
             as_what = f'takes it for {other!r}' if other else 'loses it'
             raise ParameterFileError(
                 f'{wanted.origin}: parameter {name!r}: ROS {as_what}, because a name with a dot '
-                'has a map below it, or a name has both a value and a map, nearby; write every '
-                'dotted name as nested maps, or all of them in one line each (a.b: 1)')
+                'or slash has a map below it, or a name has both a value and a map, nearby; write '
+                'one nested map per word')
         if not _same(wanted.value, got.value):
             raise ParameterFileError(
                 f'{wanted.origin}: parameter {name!r}: ROS would ignore {wanted.value!r} and keep '
-                f'{got.value!r} from {got.origin}, because it was given more than once'
-                f'{_type_hint(wanted.value, got.value)}; give it once, or with the same type '
-                'in both places')
+                f'{got.value!r} from {got.origin}: {_why_ignored(wanted.value, got)}')
     for name, extra in actual.items():
         if name not in meant:
             where = extra.origin if extra else 'parameters'
             raise ParameterFileError(
-                f'{where}: ROS makes up a parameter {name!r} from names with dots that have maps '
-                'below them; write every dotted name as nested maps')
+                f'{where}: ROS makes up a parameter {name!r}, because a name with a dot or slash '
+                'has a map below it nearby; write one nested map per word')
 
 
-def _type_hint(wanted: Value, got: Value) -> str:
-    if type(wanted) is type(got):
-        return ''
-    return f' and as {type(got).__name__} and as {type(wanted).__name__}'
+def _why_ignored(wanted: Value, got: Setting) -> str:
+    if type(wanted) is type(got.value):
+        return 'it was given as a nested map more than once before; give it in one place'
+    kept, lost = type(got.value).__name__, type(wanted).__name__
+    if isinstance(got.value, int) and isinstance(wanted, float):
+        remedy = f'write {float(got.value)!r} in {got.origin}'
+    else:
+        remedy = 'give it once, or with one type'
+    return f'of {kept} and {lost} for one parameter it keeps the {kept}; {remedy}'

@@ -92,13 +92,18 @@ def make_parameters(flat: Mapping[str, Any]) -> Parameters:
     for name, value in flat.items():
         values[name] = judge(name, value)
     for family, fields in FAMILIES.items():
-        for member in sorted({name.split('.')[1] for name in flat if name.startswith(family + '.')}):
+        for member in sorted(
+            {name.split('.')[1] for name in flat if name.startswith(family + '.')}
+        ):
             for field in fields:
                 name = f'{family}.{member}.{field.name}' if field.name else f'{family}.{member}'
                 if name in values:
                     continue
                 if field.required:
-                    raise ParameterError(name, f'{name} is missing: {family}.{member} needs it ({field.description})')
+                    raise ParameterError(
+                        name,
+                        f'{name} is missing: {family}.{member} needs it ({field.description})',
+                    )
                 values[name] = _copy(field.default)
     return Parameters(values, frozenset(flat))
 
@@ -115,13 +120,18 @@ def find_specification(name: str) -> Specification:
     if family in FAMILIES and rest:
         member, _, field_name = rest.partition('.')
         if not _NAME.fullmatch(member):
-            raise ParameterError(name, f'{name}: {member!r} is not a valid name; use a letter, then letters, digits '
-                                       'and single underscores')
+            raise ParameterError(
+                name,
+                f'{name}: {member!r} is not a valid name; use a letter, then letters, digits '
+                'and single underscores',
+            )
         for field in FAMILIES[family]:
             if field.name == field_name:
                 return field
-        allowed = ', '.join(f'{family}.{member}' + (f'.{field.name}' if field.name else '')
-                            for field in FAMILIES[family])
+        allowed = ', '.join(
+            f'{family}.{member}' + (f'.{field.name}' if field.name else '')
+            for field in FAMILIES[family]
+        )
         raise ParameterError(name, f'{name} is not a parameter; allowed: {allowed}')
     raise ParameterError(name, f'{name} is not a parameter; {_nearest(name)}')
 
@@ -135,13 +145,19 @@ def judge(name: str, value: Any) -> Value:
         value = _MODE_WORDS[value]  # YAML reads the words off and on as booleans
     result = _convert(name, value, entry)
     if not entry.built and result != entry.default:
-        raise ParameterError(name, f'{name} is not built yet: only its default {entry.default!r} is accepted, '
-                                   f'got {value!r}')
+        raise ParameterError(
+            name,
+            f'{name} is not built yet: only its default {entry.default!r} is accepted, '
+            f'got {value!r}',
+        )
     if result in entry.unbuilt_choices:
-        raise ParameterError(name, f'{name}: {value!r} is not built yet; choose one of '
-                                   f'{_listing(entry.choices)}')
+        raise ParameterError(
+            name, f'{name}: {value!r} is not built yet; choose one of {_listing(entry.choices)}'
+        )
     if entry.choices and result not in entry.choices:
-        raise ParameterError(name, f'{name} must be one of {_listing(entry.choices)}, got {value!r}')
+        raise ParameterError(
+            name, f'{name} must be one of {_listing(entry.choices)}, got {value!r}'
+        )
     if entry.built:
         for element in result if isinstance(result, list) else [result]:
             _check_range(name, element, value, entry)
@@ -154,8 +170,10 @@ def _convert(name: str, value: Any, entry: Specification) -> Value:
         kind = type(default[0])
         elements = _plain(value)
         if not isinstance(elements, list) or len(elements) != len(default):
-            raise ParameterError(name, f'{name} must be a list of {len(default)} values'
-                                       f'{_unit(entry)}, got {value!r}')
+            raise ParameterError(
+                name,
+                f'{name} must be a list of {len(default)} values{_unit(entry)}, got {value!r}',
+            )
         return [_convert_scalar(name, element, kind, value) for element in elements]
     return _convert_scalar(name, _plain(value), type(default), value)
 
@@ -170,7 +188,7 @@ def _convert_scalar(name: str, value: Any, kind: type, given: Any) -> Any:
         raise ParameterError(name, f'{name} must be {_TYPE_WORDS[kind]}, got {given!r}')
     if kind is float and not math.isfinite(value):
         raise ParameterError(name, f'{name} must be finite, got {given!r}')
-    if kind is int and not -2**63 <= value < 2**63:
+    if kind is int and not -(2**63) <= value < 2**63:
         raise ParameterError(name, f'{name} must fit in 64 bits, got {given!r}')
     return value
 

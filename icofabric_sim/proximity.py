@@ -18,19 +18,21 @@ class Proximity(NamedTuple):
     Two centres closer than twice the inscribed radius.
     """
 
-    time: float       # [s]
+    time: float  # [s]
     first: int
     second: int
-    distance: float   # between the centres [m]
-    limit: float      # twice the inscribed radius [m]
+    distance: float  # between the centres [m]
+    limit: float  # twice the inscribed radius [m]
 
     def __str__(self) -> str:
         """
         Sentence for logs, summaries and bags.
         """
-        return (f'bodies {self.first} and {self.second} came within {self.distance:.6g} m at t = {self.time:.6g} s, '
-                f'closer than twice the inscribed radius ({self.limit:.6g} m): their shells overlap, and contact is '
-                'not computed in this version')
+        return (
+            f'bodies {self.first} and {self.second} came within {self.distance:.6g} m at t = {self.time:.6g} s, '
+            f'closer than twice the inscribed radius ({self.limit:.6g} m): their shells overlap, and contact is '
+            'not computed in this version'
+        )
 
 
 class ProximityWatch:

@@ -31,7 +31,7 @@ _POINTS_PER_CALL: Final = 200_000
 
 class DensityProbe:
     """
-    The user's density, checked, counted, and with the largest value seen.
+    The user's density, checked, counted; keeps the largest value and whether it may jump.
     """
 
     def __init__(
@@ -42,6 +42,7 @@ class DensityProbe:
         self._limit = evaluation_limit
         self.count = 0
         self.largest = 0.0
+        self.jump_seen = False
 
     @property
     def exhausted(self) -> bool:
@@ -80,7 +81,7 @@ class DensityProbe:
 
 def integrate_rays(
         probe: DensityProbe, ends: np.ndarray, depths: np.ndarray,
-        tolerance: float) -> tuple[np.ndarray, np.ndarray]:
+        tolerance: float, *, panels: int = 4) -> tuple[np.ndarray, np.ndarray]:
     """
     Integrate density times (1 - s)^2, (1 - s)^3 and (1 - s)^4 over the depth s on each ray.
 
@@ -95,13 +96,15 @@ def integrate_rays(
         expected to jump at those between.
     tolerance
         Of what a jump next to an end may hide, relative to the largest integral possible.
+    panels
+        Intervals to start with between two depths.
 
     Returns
     -------
     Integrals, (r, 3), and their estimated errors, (r,) [kg/m^3].
     """
     grid = np.concatenate([
-        np.linspace(low, high, 3)[:-1] for low, high in zip(depths[:-1], depths[1:])]
+        np.linspace(low, high, panels + 1)[:-1] for low, high in zip(depths[:-1], depths[1:])]
         + [depths[-1:]])
     ray = np.repeat(np.arange(ends.shape[0]), grid.size - 1)
     low, high = (np.tile(part, ends.shape[0]) for part in (grid[:-1], grid[1:]))
@@ -172,6 +175,7 @@ def _steepest_place(
     """
     Return a depth in each interval, (i,), found by bisection towards the larger difference.
     """
+    probe.jump_seen = True
     index = np.argmax(np.abs(np.diff(values, axis=1)), axis=1)
     row = np.arange(index.size)
     length = high - low

@@ -29,12 +29,13 @@ _INFINITE = {sign + word for sign in ('', '+', '-') for word in ('.inf', '.Inf',
 # What isspace() skips before a number, in the C locale.
 _SPACE = r'[ \t\n\v\f\r]*'
 _INTEGER = re.compile(
-    _SPACE + r'(?P<sign>[+-]?)(?:0[xX](?P<hex>[0-9a-fA-F]+)|(?P<oct>0[0-7]*)|(?P<dec>[1-9][0-9]*))')
+    _SPACE + r'(?P<sign>[+-]?)'
+    r'(?:0[xX](?P<hex>[0-9a-fA-F]+)|(?P<oct>0[0-7]*)|(?P<dec>[1-9][0-9]*))')
 _DECIMAL = re.compile(
     _SPACE + r'[+-]?(?P<digits>[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?')
 _HEXADECIMAL = re.compile(
     _SPACE + r'[+-]?0[xX](?P<digits>[0-9a-fA-F]+\.?[0-9a-fA-F]*|\.[0-9a-fA-F]+)'
-    r'(?:[pP](?P<exponent>[+-]?[0-9]+))?')
+    r'(?:[pP](?P<exponent_sign>[+-]?)(?P<exponent>[0-9]+))?')
 _SPECIAL = re.compile(
     _SPACE + r'(?P<sign>[+-]?)(?:(?P<inf>inf|infinity)|nan(?:\([0-9a-z_]*\))?)',
     re.ASCII | re.IGNORECASE)
@@ -114,5 +115,7 @@ def _strtod(text: str) -> float | None:
 
 def _exact_hexadecimal(match: re.Match[str]) -> Fraction:
     whole, _, fraction = match['digits'].partition('.')
-    exponent = int(match['exponent'] or '0') - 4 * len(fraction)
-    return int(whole + fraction, 16) * Fraction(2) ** exponent
+    exponent = int((match['exponent'] or '').lstrip('0') or '0')
+    if match['exponent_sign'] == '-':
+        exponent = -exponent
+    return int(whole + fraction, 16) * Fraction(2) ** (exponent - 4 * len(fraction))

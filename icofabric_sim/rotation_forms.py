@@ -12,10 +12,14 @@ def cosines_from_quaternions(orientation: np.ndarray) -> np.ndarray:
     Direction cosines (n, 3, 3): row i is body axis i in world components; orientation (n, 4).
     """
     x, y, z, w = orientation.T
-    return np.stack([
-        np.stack([1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)], axis=-1),
-        np.stack([2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x)], axis=-1),
-        np.stack([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)], axis=-1)], axis=-2)
+    return np.stack(
+        [
+            np.stack([1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)], axis=-1),
+            np.stack([2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x)], axis=-1),
+            np.stack([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)], axis=-1),
+        ],
+        axis=-2,
+    )
 
 
 def quaternions_from_cosines(cosines: np.ndarray) -> np.ndarray:
@@ -24,12 +28,21 @@ def quaternions_from_cosines(cosines: np.ndarray) -> np.ndarray:
 
     The largest of the four components is found first (Shepperd 1978, J. Guid. Control 1, 223), so none is lost.
     """
-    m = np.swapaxes(cosines, -1, -2)   # body to world
+    m = np.swapaxes(cosines, -1, -2)  # body to world
     trace = m[:, 0, 0] + m[:, 1, 1] + m[:, 2, 2]
-    squares = np.stack([1 + 2 * m[:, 0, 0] - trace, 1 + 2 * m[:, 1, 1] - trace, 1 + 2 * m[:, 2, 2] - trace,
-                        1 + trace], axis=-1)   # 4 q_i^2
-    differences = np.stack([m[:, 2, 1] - m[:, 1, 2], m[:, 0, 2] - m[:, 2, 0], m[:, 1, 0] - m[:, 0, 1]], axis=-1)
-    products = np.empty((len(m), 4, 4))   # 4 q_i q_j
+    squares = np.stack(
+        [
+            1 + 2 * m[:, 0, 0] - trace,
+            1 + 2 * m[:, 1, 1] - trace,
+            1 + 2 * m[:, 2, 2] - trace,
+            1 + trace,
+        ],
+        axis=-1,
+    )  # 4 q_i^2
+    differences = np.stack(
+        [m[:, 2, 1] - m[:, 1, 2], m[:, 0, 2] - m[:, 2, 0], m[:, 1, 0] - m[:, 0, 1]], axis=-1
+    )
+    products = np.empty((len(m), 4, 4))  # 4 q_i q_j
     for i in range(3):
         for j in range(3):
             products[:, i, j] = m[:, i, j] + m[:, j, i]

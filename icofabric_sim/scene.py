@@ -11,15 +11,15 @@ import os
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from icofabric_sim import initial, selectors
 from icofabric_sim.icosahedron import edge_midpoints
-from icofabric_sim.parameter_file import flatten_parameters, load_parameter_file
+from icofabric_sim.parameter_file import load_parameter_file
+from icofabric_sim.parameter_text import flatten_parameters
 from icofabric_sim.parameters import make_parameters, ParameterError, Parameters
 from icofabric_sim.shell import Shell
 from icofabric_sim.weave import build_weave, estimate_weave, Weave
 from icofabric_sim.weave_geometry import geometry_from_angle, geometry_from_length, WeaveGeometry
+import numpy as np
 
 # Peak of build and run together, measured (docs/performance.md); a scene that cannot fit is refused early.
 BYTES_PER_BODY = 1500
@@ -32,11 +32,11 @@ class SceneConnectors:
     Connectors of a scene, sorted by (lower body, its edge, other body).
     """
 
-    bodies: np.ndarray        # (c, 2) int32
-    edges: np.ndarray         # (c, 2) int8 codes, see icosahedron.NAMED_EDGES
-    half_edge: float          # a [m]
-    stiffness: float          # k [N/m]
-    natural_length: float     # D [m]
+    bodies: np.ndarray  # (c, 2) int32
+    edges: np.ndarray  # (c, 2) int8 codes, see icosahedron.NAMED_EDGES
+    half_edge: float  # a [m]
+    stiffness: float  # k [N/m]
+    natural_length: float  # D [m]
 
     def __len__(self) -> int:
         """
@@ -57,8 +57,8 @@ class Supports(NamedTuple):
     Held freedoms of every body.
     """
 
-    translation: np.ndarray   # (n, 3) bool, world axes
-    rotation: np.ndarray      # (n,) bool
+    translation: np.ndarray  # (n, 3) bool, world axes
+    rotation: np.ndarray  # (n,) bool
 
 
 class LoadChannel(NamedTuple):
@@ -67,13 +67,13 @@ class LoadChannel(NamedTuple):
     """
 
     name: str
-    bodies: np.ndarray        # int32 body numbers
+    bodies: np.ndarray  # int32 body numbers
     in_body_axes: bool
-    point: np.ndarray         # (3,) [m], body axes, from the centre
-    hold: float               # [s], 0: until replaced
-    total: bool               # the wrench is shared out among the bodies
-    force: np.ndarray         # (3,) [N]
-    torque: np.ndarray        # (3,) [N m]
+    point: np.ndarray  # (3,) [m], body axes, from the centre
+    hold: float  # [s], 0: until replaced
+    total: bool  # the wrench is shared out among the bodies
+    force: np.ndarray  # (3,) [N]
+    torque: np.ndarray  # (3,) [N m]
 
 
 @dataclass(frozen=True)
@@ -86,8 +86,8 @@ class Scene:
     shell: Shell
     geometry: WeaveGeometry
     weave: Weave
-    position: np.ndarray      # (n, 3) [m] woven rest positions, loose bodies last
-    orientation: np.ndarray   # (n, 4) x y z w at rest
+    position: np.ndarray  # (n, 3) [m] woven rest positions, loose bodies last
+    orientation: np.ndarray  # (n, 4) x y z w at rest
     connectors: SceneConnectors
     groups: Mapping[str, np.ndarray]
     supports: Supports | None
@@ -105,21 +105,34 @@ class Scene:
         shell, geometry = check_parameters(checked)
         weave = build_weave(**_weave_choices(checked, geometry))
         loose = checked.names('bodies')
-        position = np.vstack([weave.position] + [[checked[f'bodies.{name}.position']] for name in loose])
-        orientation = np.vstack([np.broadcast_to(weave.orientation, (len(weave.position), 4))]
-                                + [[initial.unit_quaternion(f'bodies.{name}.orientation', checked)]
-                                   for name in loose])
+        position = np.vstack(
+            [weave.position] + [[checked[f'bodies.{name}.position']] for name in loose]
+        )
+        orientation = np.vstack(
+            [np.broadcast_to(weave.orientation, (len(weave.position), 4))]
+            + [[initial.unit_quaternion(f'bodies.{name}.orientation', checked)] for name in loose]
+        )
         groups = _groups(checked, selectors.Bodies(position, weave.grid, geometry.pitch))
         supports = _supports(checked, groups, len(position))
         return cls(
-            parameters=checked, shell=shell, geometry=geometry, weave=weave, position=position,
+            parameters=checked,
+            shell=shell,
+            geometry=geometry,
+            weave=weave,
+            position=position,
             orientation=orientation,
             connectors=SceneConnectors(
-                weave.connector_bodies, weave.connector_edges, geometry.half_edge,
+                weave.connector_bodies,
+                weave.connector_edges,
+                geometry.half_edge,
                 checked['connector.stiffness'],
-                checked['connector.natural_length'] or geometry.connector_length),
-            groups=groups, supports=supports, loads=_loads(checked, groups),
-            initial=initial.make_initial_state(checked, position, orientation, groups, supports))
+                checked['connector.natural_length'] or geometry.connector_length,
+            ),
+            groups=groups,
+            supports=supports,
+            loads=_loads(checked, groups),
+            initial=initial.make_initial_state(checked, position, orientation, groups, supports),
+        )
 
     @property
     def body_count(self) -> int:
@@ -164,13 +177,18 @@ def check_parameters(parameters: Parameters) -> tuple[Shell, WeaveGeometry]:
     need = estimate.bodies * BYTES_PER_BODY
     memory = os.sysconf('SC_PAGE_SIZE') * os.sysconf('SC_PHYS_PAGES')
     if need > memory:
-        raise ParameterError('weave.size', f'weave.size {parameters["weave.size"]} means {estimate.bodies:,} bodies, about '
-                                           f'{need / 2**30:.0f} GiB, but this machine has {memory / 2**30:.0f} GiB; '
-                                           'choose a smaller weave.size or weave.box')
+        raise ParameterError(
+            'weave.size',
+            f'weave.size {parameters["weave.size"]} means {estimate.bodies:,} bodies, about '
+            f'{need / 2**30:.0f} GiB, but this machine has {memory / 2**30:.0f} GiB; '
+            'choose a smaller weave.size or weave.box',
+        )
     for name in parameters.names('groups'):
         if name in ('all', 'not', 'and', 'or'):
-            raise ParameterError(f'groups.{name}', f'groups.{name}: {name!r} is a word of the selectors; '
-                                                   'choose another name')
+            raise ParameterError(
+                f'groups.{name}',
+                f'groups.{name}: {name!r} is a word of the selectors; choose another name',
+            )
         selectors.check_syntax(f'groups.{name}', parameters[f'groups.{name}'])
     for family in ('supports', 'loads', 'initial'):
         for name in parameters.names(family):
@@ -184,16 +202,25 @@ def check_parameters(parameters: Parameters) -> tuple[Shell, WeaveGeometry]:
 
 def _shell(parameters: Parameters) -> Shell:
     edge, inner = parameters['shell.edge_length'], parameters['shell.inner_edge_length']
-    override = {'density': parameters['shell.density'], 'mass': parameters['shell.mass'] or None,
-                'inertia': parameters['shell.inertia'] or None}
+    override = {
+        'density': parameters['shell.density'],
+        'mass': parameters['shell.mass'] or None,
+        'inertia': parameters['shell.inertia'] or None,
+    }
     if not inner > 0.0:
         return Shell.from_thickness(edge, parameters['shell.thickness'], **override)
     shell = Shell.from_inner_edge_length(edge, inner, **override)
     given = parameters['shell.thickness']
-    if 'shell.thickness' in parameters.explicit and not abs(given - shell.thickness) <= 1e-9 * shell.thickness:
-        raise ParameterError('shell.thickness', f'shell.thickness {given!r} m disagrees with '
-                                                f'shell.inner_edge_length {inner!r} m, which means a thickness of '
-                                                f'{shell.thickness!r} m; give one of them')
+    if (
+        'shell.thickness' in parameters.explicit
+        and not abs(given - shell.thickness) <= 1e-9 * shell.thickness
+    ):
+        raise ParameterError(
+            'shell.thickness',
+            f'shell.thickness {given!r} m disagrees with '
+            f'shell.inner_edge_length {inner!r} m, which means a thickness of '
+            f'{shell.thickness!r} m; give one of them',
+        )
     return shell
 
 
@@ -203,25 +230,36 @@ def _geometry(parameters: Parameters, half_edge: float) -> WeaveGeometry:
         return geometry_from_angle(half_edge, angle)
     geometry = geometry_from_length(half_edge, length)
     if angle != 0.0 and not abs(angle - geometry.connector_angle) <= 1e-9:
-        raise ParameterError('weave.connector_angle', f'weave.connector_angle {angle!r} rad disagrees with '
-                                                      f'weave.connector_length {length!r} m, which means an angle of '
-                                                      f'{geometry.connector_angle!r} rad; give one of them')
+        raise ParameterError(
+            'weave.connector_angle',
+            f'weave.connector_angle {angle!r} rad disagrees with '
+            f'weave.connector_length {length!r} m, which means an angle of '
+            f'{geometry.connector_angle!r} rad; give one of them',
+        )
     return geometry
 
 
 def _weave_choices(parameters: Parameters, geometry: WeaveGeometry) -> dict[str, Any]:
     box = parameters['weave.box']
-    return {'geometry': geometry, 'box': box if any(box) else None,
-            **{name: parameters[f'weave.{name}']
-               for name in ('kind', 'variant', 'size', 'azimuth', 'boundary', 'connected')}}
+    return {
+        'geometry': geometry,
+        'box': box if any(box) else None,
+        **{
+            name: parameters[f'weave.{name}']
+            for name in ('kind', 'variant', 'size', 'azimuth', 'boundary', 'connected')
+        },
+    }
 
 
 def _check_group(parameters: Parameters, name: str) -> None:
     group = parameters[name]
     if group != 'all' and f'groups.{group}' not in parameters:
         known = ', '.join(['all', *parameters.names('groups')])
-        raise ParameterError(name, f'{name}: there is no group {group!r}; known: {known}. '
-                                   f'Define it with groups.{group or "NAME"}')
+        raise ParameterError(
+            name,
+            f'{name}: there is no group {group!r}; known: {known}. '
+            f'Define it with groups.{group or "NAME"}',
+        )
 
 
 def _groups(parameters: Parameters, bodies: selectors.Bodies) -> dict[str, np.ndarray]:
@@ -236,12 +274,17 @@ def _fixed(parameters: Parameters, name: str) -> set[str]:
     words = text.split()
     unknown = [word for word in words if word not in (*_FREEDOMS, 'all')]
     if unknown or not words:
-        raise ParameterError(f'supports.{name}.fix', f'supports.{name}.fix must name some of tx ty tz rotation, or '
-                                                     f'all, separated by spaces, got {text!r}')
+        raise ParameterError(
+            f'supports.{name}.fix',
+            f'supports.{name}.fix must name some of tx ty tz rotation, or '
+            f'all, separated by spaces, got {text!r}',
+        )
     return set(_FREEDOMS) if 'all' in words else set(words)
 
 
-def _supports(parameters: Parameters, groups: Mapping[str, np.ndarray], body_count: int) -> Supports | None:
+def _supports(
+    parameters: Parameters, groups: Mapping[str, np.ndarray], body_count: int
+) -> Supports | None:
     names = parameters.names('supports')
     if not names:
         return None
@@ -258,10 +301,18 @@ def _supports(parameters: Parameters, groups: Mapping[str, np.ndarray], body_cou
 def _loads(parameters: Parameters, groups: Mapping[str, np.ndarray]) -> dict[str, LoadChannel]:
     loads = {}
     for name in parameters.names('loads'):
+
         def field(key: str, name: str = name) -> Any:
             return parameters[f'loads.{name}.{key}']
+
         loads[name] = LoadChannel(
-            name=name, bodies=groups[field('group')], in_body_axes=field('frame') == 'body',
-            point=np.array(field('point')), hold=field('hold'), total=field('share') == 'total',
-            force=np.array(field('force')), torque=np.array(field('torque')))
+            name=name,
+            bodies=groups[field('group')],
+            in_body_axes=field('frame') == 'body',
+            point=np.array(field('point')),
+            hold=field('hold'),
+            total=field('share') == 'total',
+            force=np.array(field('force')),
+            torque=np.array(field('torque')),
+        )
     return loads

@@ -6,15 +6,16 @@ Group selectors: `z_max and not ids 0 5` becomes an array of body numbers.
 
 from typing import NamedTuple
 
-import numpy as np
-
 from icofabric_sim.parameters import ParameterError
+import numpy as np
 
 _EXTREMES = {f'{axis}_{end}': (k, end) for k, axis in enumerate('xyz') for end in ('min', 'max')}
 # Grid axis that counts each: levels along z, columns along y, rows along x of the fabric (see MODEL 33-34).
 _GRID = {'row': 0, 'column': 1, 'level': 2}
-_HELP = ('use x_min, x_max, y_min, y_max, z_min, z_max, level K, row K, column K, ids K K ..., '
-         'box x0 y0 z0 x1 y1 z1 or all, joined by and, or, not')
+_HELP = (
+    'use x_min, x_max, y_min, y_max, z_min, z_max, level K, row K, column K, ids K K ..., '
+    'box x0 y0 z0 x1 y1 z1 or all, joined by and, or, not'
+)
 
 
 class Bodies(NamedTuple):
@@ -22,9 +23,11 @@ class Bodies(NamedTuple):
     What selectors look at.
     """
 
-    position: np.ndarray   # (n, 3) woven rest positions [m], loose bodies after the woven ones
-    grid: np.ndarray       # (m, 3) grid positions of the woven bodies along the fabric's own axes, m <= n
-    pitch: float           # W [m]
+    position: np.ndarray  # (n, 3) woven rest positions [m], loose bodies after the woven ones
+    grid: (
+        np.ndarray
+    )  # (m, 3) grid positions of the woven bodies along the fabric's own axes, m <= n
+    pitch: float  # W [m]
 
 
 def select(name: str, text: str, bodies: Bodies) -> np.ndarray:
@@ -40,8 +43,10 @@ def select(name: str, text: str, bodies: Bodies) -> np.ndarray:
         parser.fail(f'{words[parser.at]!r} is not expected there')
     chosen = np.flatnonzero(mask).astype(np.int32)
     if not len(chosen):
-        raise ParameterError(name, f'{name}: {text!r} selects no body of the {len(bodies.position)}; '
-                                   f'{_extent(bodies)}')
+        raise ParameterError(
+            name,
+            f'{name}: {text!r} selects no body of the {len(bodies.position)}; {_extent(bodies)}',
+        )
     return chosen
 
 
@@ -62,8 +67,10 @@ def _extent(bodies: Bodies) -> str:
     if not len(bodies.grid):
         return 'the weave has no bodies'
     low, high = bodies.grid.min(axis=0), bodies.grid.max(axis=0)
-    return (f'there are rows {low[0]} to {high[0]}, columns {low[1]} to {high[1]}, '
-            f'levels {low[2]} to {high[2]}')
+    return (
+        f'there are rows {low[0]} to {high[0]}, columns {low[1]} to {high[1]}, '
+        f'levels {low[2]} to {high[2]}'
+    )
 
 
 class _Parser:
@@ -76,7 +83,9 @@ class _Parser:
         self.at = 0
 
     def fail(self, why: str) -> None:
-        raise ParameterError(self.name, f'{self.name}: cannot read the selector {self.text!r}: {why}; {_HELP}')
+        raise ParameterError(
+            self.name, f'{self.name}: cannot read the selector {self.text!r}: {why}; {_HELP}'
+        )
 
     def next_is(self, word: str) -> bool:
         if self.at < len(self.words) and self.words[self.at] == word:
@@ -130,7 +139,7 @@ class _Parser:
     def on_grid(self, axis: int, index: int) -> np.ndarray:
         mask = ~self.true()
         if self.bodies is not None:
-            mask[:len(self.bodies.grid)] = self.bodies.grid[:, axis] == index
+            mask[: len(self.bodies.grid)] = self.bodies.grid[:, axis] == index
         return mask
 
     def ids(self, numbers: list[int]) -> np.ndarray:
@@ -153,7 +162,7 @@ class _Parser:
 
     def numbers(self, count: int) -> list[float]:
         values = []
-        for word in self.words[self.at:self.at + count]:
+        for word in self.words[self.at : self.at + count]:
             try:
                 values.append(float(word))
             except ValueError:

@@ -7,8 +7,6 @@ A compiled scene that advances in time.
 from collections.abc import Sequence
 import math
 
-import numpy as np
-
 from icofabric_sim.icosahedron import inscribed_radius
 from icofabric_sim.initial import InitialState
 from icofabric_sim.inputs import Inputs, Key, Wrench
@@ -20,13 +18,16 @@ from icofabric_sim.rotation_forms import cosines_from_quaternions, quaternions_f
 from icofabric_sim.scene import Scene
 from icofabric_sim.snapshot import Snapshot
 from icofabric_sim.stepper import SimulationError, Stepper
+import numpy as np
 
 __all__ = ['compile_scene', 'Simulation', 'SimulationError']
 
 Vector = Sequence[float] | np.ndarray
 
 
-def compile_scene(scene: Scene, *, rotation: str = 'quaternion', body_wrenches: bool = False) -> 'Simulation':
+def compile_scene(
+    scene: Scene, *, rotation: str = 'quaternion', body_wrenches: bool = False
+) -> 'Simulation':
     """
     Turn a scene into something fast, once.
 
@@ -42,13 +43,16 @@ class Simulation:
     Motion of one scene from its initial state on; not for use by several threads at once.
     """
 
-    def __init__(self, scene: Scene, *, rotation: str = 'quaternion', body_wrenches: bool = False,
-                 previous: 'Simulation | None' = None) -> None:
+    def __init__(
+        self, scene: Scene, *, rotation: str = 'quaternion', body_wrenches: bool = False
+    ) -> None:
         """
-        See `compile_scene`; `previous` hands over time, state and inputs of a run whose scene changes.
+        See `compile_scene`.
         """
         if rotation not in ('quaternion', 'direction_cosines'):
-            raise ValueError(f"rotation must be 'quaternion' or 'direction_cosines', got {rotation!r}")
+            raise ValueError(
+                f"rotation must be 'quaternion' or 'direction_cosines', got {rotation!r}"
+            )
         self.scene = scene
         self.model = pack_model(scene)
         name = scene.parameters['solver.method']
@@ -57,18 +61,19 @@ class Simulation:
         self._body_wrenches = body_wrenches
         self._time = 0.0
         self._inputs = Inputs(scene)
-        initial = scene.initial
-        if previous is not None:
-            self._time = previous.time
-            self._inputs.adopt(previous._inputs)
-            if previous.scene.body_count == scene.body_count:
-                initial = _as_initial(previous.snapshot(), scene)
         watch = None
         if scene.parameters['contact.mode'] != 'never':
             watch = ProximityWatch(2.0 * inscribed_radius(scene.geometry.half_edge))
         self._stepper = Stepper(
-            self.model, METHODS[self.method_name], self._as_state(initial), self._loads(), origin=self._time,
-            fixed_step=scene.parameters['solver.step'], load_rate=self._load_rate(), watch=watch)
+            self.model,
+            METHODS[self.method_name],
+            self._as_state(scene.initial),
+            self._loads(),
+            origin=self._time,
+            fixed_step=scene.parameters['solver.step'],
+            load_rate=self._load_rate(),
+            watch=watch,
+        )
         self._cached: Snapshot | None = None
 
     @property
@@ -126,8 +131,10 @@ class Simulation:
         Advance to `time` [s]; in pieces it gives the same bits as in one go.
         """
         if not self._time <= time < math.inf:
-            raise ValueError(f'cannot advance to {time!r} s from {self._time!r} s: times must be finite and not in '
-                             'the past; reset() goes back to the start')
+            raise ValueError(
+                f'cannot advance to {time!r} s from {self._time!r} s: times must be finite and not in '
+                'the past; reset() goes back to the start'
+            )
         self._handle_events(time)
         self._reach(time)
 
@@ -162,8 +169,14 @@ class Simulation:
             self._cached = Snapshot(self._time, *arrays, self.scene.connector_count, self.model)
         return self._cached
 
-    def apply_wrench(self, channel: str, force: Vector = (0.0, 0.0, 0.0), torque: Vector = (0.0, 0.0, 0.0), *,
-                     time: float | None = None) -> float:
+    def apply_wrench(
+        self,
+        channel: str,
+        force: Vector = (0.0, 0.0, 0.0),
+        torque: Vector = (0.0, 0.0, 0.0),
+        *,
+        time: float | None = None,
+    ) -> float:
         """
         Put a wrench [N], [N m] on the load channel `channel`, from now or from a later `time` [s] on.
 
@@ -171,36 +184,57 @@ class Simulation:
         """
         if channel not in self.scene.loads:
             known = ', '.join(self.scene.loads) or 'none'
-            raise ValueError(f'there is no load channel {channel!r}; known: {known}. Define it with '
-                             f'loads.{channel}.group')
+            raise ValueError(
+                f'there is no load channel {channel!r}; known: {known}. Define it with '
+                f'loads.{channel}.group'
+            )
         return self._apply(channel, force, torque, time)
 
-    def apply_body_wrench(self, body: int, force: Vector = (0.0, 0.0, 0.0), torque: Vector = (0.0, 0.0, 0.0), *,
-                          time: float | None = None) -> float:
+    def apply_body_wrench(
+        self,
+        body: int,
+        force: Vector = (0.0, 0.0, 0.0),
+        torque: Vector = (0.0, 0.0, 0.0),
+        *,
+        time: float | None = None,
+    ) -> float:
         """
         Put a wrench [N], [N m] on the body with number `body`, on its own axes as they turn, about its centre.
 
         Held until replaced; zero clears. Returns the time from which it acts.
         """
         if not 0 <= body < self.scene.body_count:
-            raise ValueError(f'there is no body {body}; bodies are 0 to {self.scene.body_count - 1}')
+            raise ValueError(
+                f'there is no body {body}; bodies are 0 to {self.scene.body_count - 1}'
+            )
         self._body_wrenches = True
         return self._apply(int(body), force, torque, time)
 
-    def set_state(self, *, position: np.ndarray | None = None, orientation: np.ndarray | None = None,
-                  linear_velocity: np.ndarray | None = None, angular_velocity: np.ndarray | None = None) -> None:
+    def set_state(
+        self,
+        *,
+        position: np.ndarray | None = None,
+        orientation: np.ndarray | None = None,
+        linear_velocity: np.ndarray | None = None,
+        angular_velocity: np.ndarray | None = None,
+    ) -> None:
         """
         Replace parts of the state at the present time; shapes (n, 3) and (n, 4), world frame, SI units.
         """
         now = self.snapshot()
         count = self.scene.body_count
         values = []
-        for name, given, width in (('position', position, 3), ('orientation', orientation, 4),
-                                   ('linear_velocity', linear_velocity, 3),
-                                   ('angular_velocity', angular_velocity, 3)):
+        for name, given, width in (
+            ('position', position, 3),
+            ('orientation', orientation, 4),
+            ('linear_velocity', linear_velocity, 3),
+            ('angular_velocity', angular_velocity, 3),
+        ):
             array = np.array(getattr(now, name) if given is None else given, dtype=float)
             if array.shape != (count, width):
-                raise ValueError(f'{name} must have the shape ({count}, {width}), got {array.shape}')
+                raise ValueError(
+                    f'{name} must have the shape ({count}, {width}), got {array.shape}'
+                )
             if not np.isfinite(array).all():
                 body = int(np.flatnonzero(~np.isfinite(array).all(axis=1))[0])
                 raise ValueError(f'{name} of body {body} is not finite: {array[body]}')
@@ -208,7 +242,9 @@ class Simulation:
         length = np.linalg.norm(values[1], axis=1, keepdims=True)
         if not (abs(length - 1.0) <= 1e-3).all():
             body = int(np.argmax(abs(length - 1.0)))
-            raise ValueError(f'orientation of body {body} is not a unit quaternion: {values[1][body]}')
+            raise ValueError(
+                f'orientation of body {body} is not a unit quaternion: {values[1][body]}'
+            )
         values[1] = np.where(abs(length - 1.0) <= 4e-16, values[1], values[1] / length)
         self._jump(_held(InitialState(*values), self.scene))
 
@@ -227,25 +263,43 @@ class Simulation:
         self._time = 0.0
         self.reset()
 
-    def continue_with(self, scene: Scene) -> 'Simulation':
+    def take_over(self, previous: 'Simulation', *, keep_motion: bool) -> None:
         """
-        Simulation of a changed `scene` at the present time.
+        Go on where a run of an earlier scene stands: its time, and its wrenches as far as their targets still exist.
 
-        With the same number of bodies the motion goes on, else the new fabric starts from its initial state.
-        Wrenches on channels and bodies that still exist go on.
+        With `keep_motion` also its state, which needs the same number of bodies; else from the initial state.
         """
-        return Simulation(scene, rotation=self._rotation, body_wrenches=self._body_wrenches, previous=self)
+        if keep_motion and previous.scene.body_count != self.scene.body_count:
+            raise ValueError(
+                f'the motion of {previous.scene.body_count} bodies cannot go on with '
+                f'{self.scene.body_count}'
+            )
+        self._time = previous.time
+        self._inputs.adopt(previous._inputs)
+        if keep_motion:
+            self._jump(_as_initial(previous.snapshot(), self.scene))
+        else:
+            self._stepper.rebase(self._time)
+        self._stepper.set_loads(self._loads(), self._load_rate())
+        self._cached = None
 
-    def restart_with(self, scene: Scene) -> 'Simulation':
+    def warm_up(self) -> None:
         """
-        Simulation of a newly woven `scene`, from its initial state, at the present time; wrenches go on.
+        Make every kernel that a step needs ready, without taking one.
         """
-        simulation = self.continue_with(scene)
-        simulation._jump(scene.initial)
-        return simulation
+        self._stepper.state_at(self._stepper.time + 0.5 * self._stepper.step)
+
+    @property
+    def next_step_time(self) -> float:
+        """
+        Time [s] at which the step in progress ends, unless an input ends it before.
+        """
+        return self._stepper.time + self._stepper.step
 
     def _apply(self, key: Key, force: Vector, torque: Vector, time: float | None) -> float:
-        wrench = Wrench(*(_vector(name, value) for name, value in (('force', force), ('torque', torque))))
+        wrench = Wrench(
+            *(_vector(name, value) for name, value in (('force', force), ('torque', torque)))
+        )
         at = self._time if time is None else float(time)
         if not self._time <= at < math.inf:
             raise ValueError(f'a wrench cannot act at {at!r} s: the time is {self._time!r} s')
@@ -285,8 +339,12 @@ class Simulation:
         orientation = initial.orientation
         if self._rotation == 'direction_cosines':
             orientation = cosines_from_quaternions(orientation)
-        return State(initial.position.copy(), orientation.copy(), initial.linear_velocity.copy(),
-                     initial.angular_velocity.copy())
+        return State(
+            initial.position.copy(),
+            orientation.copy(),
+            initial.linear_velocity.copy(),
+            initial.angular_velocity.copy(),
+        )
 
     def _loads(self) -> Loads | None:
         if not (self.scene.loads or self._body_wrenches):
@@ -316,8 +374,15 @@ def _vector(name: str, value: Vector) -> np.ndarray:
 
 
 def _as_initial(snapshot: Snapshot, scene: Scene) -> InitialState:
-    return _held(InitialState(snapshot.position, snapshot.orientation, snapshot.linear_velocity.copy(),
-                              snapshot.angular_velocity.copy()), scene)
+    return _held(
+        InitialState(
+            snapshot.position,
+            snapshot.orientation,
+            snapshot.linear_velocity.copy(),
+            snapshot.angular_velocity.copy(),
+        ),
+        scene,
+    )
 
 
 def _held(state: InitialState, scene: Scene) -> InitialState:

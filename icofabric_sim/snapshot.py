@@ -7,11 +7,10 @@ Snapshots: immutable copies of the state at the time that was asked for.
 from dataclasses import dataclass
 from functools import cached_property
 
-import numpy as np
-
 from icofabric_sim.kernels.connectors import connector_ends
 from icofabric_sim.kernels.records import Model
 from icofabric_sim.kernels.rotations import fill_arms
+import numpy as np
 
 
 @dataclass(frozen=True)
@@ -20,11 +19,11 @@ class Snapshot:
     State of a fabric at one time, world frame; derived values are computed when first read.
     """
 
-    time: float                    # [s]
-    position: np.ndarray           # (n, 3) [m]
-    orientation: np.ndarray        # (n, 4) unit quaternions x y z w, body to world
-    linear_velocity: np.ndarray    # (n, 3) [m/s]
-    angular_velocity: np.ndarray   # (n, 3) [rad/s]
+    time: float  # [s]
+    position: np.ndarray  # (n, 3) [m]
+    orientation: np.ndarray  # (n, 4) unit quaternions x y z w, body to world
+    linear_velocity: np.ndarray  # (n, 3) [m/s]
+    angular_velocity: np.ndarray  # (n, 3) [rad/s]
     connector_count: int
     model: Model
 
@@ -70,13 +69,16 @@ class Snapshot:
         Energies [J]: kinetic, connectors, gravity (zero at the origin), and their sum.
         """
         mass, inertia = 1.0 / self.model.inverse_mass, 1.0 / self.model.inverse_inertia
-        energy = {'kinetic': 0.5 * mass * float((self.linear_velocity ** 2).sum())
-                  + 0.5 * inertia * float((self.angular_velocity ** 2).sum()),
-                  'connectors': 0.0, 'gravity': 0.0}
+        energy = {
+            'kinetic': 0.5 * mass * float((self.linear_velocity**2).sum())
+            + 0.5 * inertia * float((self.angular_velocity**2).sum()),
+            'connectors': 0.0,
+            'gravity': 0.0,
+        }
         connectors = self.model.connectors
         if connectors is not None:
             stretch = self.connector_length - connectors.natural_length
-            energy['connectors'] = 0.5 * connectors.stiffness * float((stretch ** 2).sum())
+            energy['connectors'] = 0.5 * connectors.stiffness * float((stretch**2).sum())
         if self.model.gravity is not None:
             energy['gravity'] = -mass * float((self.position @ self.model.gravity).sum())
         energy['total'] = sum(energy.values())

@@ -7,11 +7,10 @@ The largest frequency of a fabric in a configuration: what the step of an explic
 from collections.abc import Callable
 from typing import NamedTuple
 
-import numpy as np
-
 from icofabric_sim.kernels.hessian import hessian_product
 from icofabric_sim.kernels.records import Model
 from icofabric_sim.kernels.rotations import fill_arms
+import numpy as np
 
 Operator = Callable[[np.ndarray], np.ndarray]
 
@@ -25,13 +24,14 @@ class Frequency(NamedTuple):
     The largest frequency and where it lives.
     """
 
-    rate: float               # [rad/s]
-    bodies: tuple[int, ...]   # bodies that take the largest part in it, at most four
+    rate: float  # [rad/s]
+    bodies: tuple[int, ...]  # bodies that take the largest part in it, at most four
     iterations: int
 
 
-def largest_frequency(model: Model, position: np.ndarray, orientation: np.ndarray, *,
-                      locate: bool = False) -> Frequency:
+def largest_frequency(
+    model: Model, position: np.ndarray, orientation: np.ndarray, *, locate: bool = False
+) -> Frequency:
     """
     Largest frequency [rad/s] of small motions of all bodies about a configuration, supports respected.
 
@@ -46,8 +46,12 @@ def largest_frequency(model: Model, position: np.ndarray, orientation: np.ndarra
     if model.supports is None:
         scale = np.repeat([[model.inverse_mass] * 3 + [model.inverse_inertia] * 3], count, axis=0)
     else:
-        scale = np.hstack([model.supports.inverse_mass,
-                           np.repeat(model.supports.inverse_inertia[:, None], 3, axis=1)])
+        scale = np.hstack(
+            [
+                model.supports.inverse_mass,
+                np.repeat(model.supports.inverse_inertia[:, None], 3, axis=1),
+            ]
+        )
     scale = np.ascontiguousarray(np.sqrt(scale).T.reshape(2, 3, count).transpose(0, 2, 1))
     force, torque = np.empty((count, 3)), np.empty((count, 3))
 
@@ -65,7 +69,7 @@ def largest_frequency(model: Model, position: np.ndarray, orientation: np.ndarra
     bodies: tuple[int, ...] = ()
     if locate:
         shape = _combine(apply, start, weights).reshape(2, count, 3)
-        share = (shape ** 2).sum(axis=(0, 2))
+        share = (shape**2).sum(axis=(0, 2))
         bodies = tuple(int(b) for b in np.argsort(-share, kind='stable')[:4] if share[b] > 0.0)
     return Frequency(float(np.sqrt(max(value, 0.0))), bodies, iterations)
 

@@ -10,14 +10,13 @@ configuration, which is watched as the fabric stretches and turns.
 
 import math
 
-import numpy as np
-
 from icofabric_sim.integrators.methods import Method
 from icofabric_sim.kernels.monitor import examine, MOVED_FAR, NOT_FINITE, RATE_HIGH, RATE_LOW
 from icofabric_sim.kernels.records import Loads, Model, State, Work
 from icofabric_sim.kernels.wrenches import compute_wrenches
 from icofabric_sim.proximity import ProximityWatch
 from icofabric_sim.stability import Frequency, largest_frequency
+import numpy as np
 
 # Steps between two looks at the state: two of the fastest periods at the chosen step, under 2 % of the cost.
 CHECK_INTERVAL = 64
@@ -27,7 +26,7 @@ CHOSEN, LONGEST, SHORTEST = 0.2, 0.25, 0.08
 # Work for one compiled call, in bodies and connectors: some 50 ms, so that an interrupt is soon heard.
 _CALL_WORK = 1_500_000
 # Where nothing sets a scale (no connectors, no gravity, no loads, no spin) every step is exact.
-_FREE_STEP = 2.0 ** -7
+_FREE_STEP = 2.0**-7
 
 
 class SimulationError(RuntimeError):
@@ -41,8 +40,18 @@ class Stepper:
     State on the main line, and its steps.
     """
 
-    def __init__(self, model: Model, method: Method, state: State, loads: Loads | None, *, origin: float,
-                 fixed_step: float, load_rate: float, watch: ProximityWatch | None) -> None:
+    def __init__(
+        self,
+        model: Model,
+        method: Method,
+        state: State,
+        loads: Loads | None,
+        *,
+        origin: float,
+        fixed_step: float,
+        load_rate: float,
+        watch: ProximityWatch | None,
+    ) -> None:
         """
         Start at time `origin` [s]; `fixed_step` 0 chooses the step. Raises ValueError where it is too long.
         """
@@ -65,7 +74,8 @@ class Stepper:
             raise ValueError(
                 f'solver.step {fixed_step!r} s is beyond the stability limit {self.limit:.6g} s of the method in '
                 f'this scene (largest frequency {self.frequency.rate:.6g} rad/s); choose a smaller one, or 0 to '
-                'have it chosen')
+                'have it chosen'
+            )
 
     @property
     def time(self) -> float:
@@ -101,6 +111,12 @@ class Stepper:
         self._since_check = 0
         self._start()
         self._require_safe_step(time)
+
+    def rebase(self, time: float) -> None:
+        """
+        Move a stepper that has not moved yet to another start `time`.
+        """
+        self.origin, self.index = time, 0
 
     def set_loads(self, loads: Loads | None, load_rate: float) -> None:
         """
@@ -151,9 +167,24 @@ class Stepper:
         state = State(*(array.copy() for array in self.state))
         rest = time - self.time
         if rest > 0.0:
-            work = Work(self.work.force.copy(), self.work.torque.copy(), np.empty_like(self.work.arms))
-            self.method.advance(self.model, self.loads, state, work, rest, 1, 0, 2, *self._watching(), 0.0, 0.0,
-                                0.0, math.inf)
+            work = Work(
+                self.work.force.copy(), self.work.torque.copy(), np.empty_like(self.work.arms)
+            )
+            self.method.advance(
+                self.model,
+                self.loads,
+                state,
+                work,
+                rest,
+                1,
+                0,
+                2,
+                *self._watching(),
+                0.0,
+                0.0,
+                0.0,
+                math.inf,
+            )
         return state
 
     def _steps_until(self, time: float) -> int:
@@ -176,8 +207,20 @@ class Stepper:
     def _call(self, step: float, count: int) -> int:
         reach = math.inf if self.watch is None else self.watch.reach
         status, done, self._since_check = self.method.advance(
-            self.model, self.loads, self.state, self.work, step, count, self._since_check, CHECK_INTERVAL,
-            *self._watching(), self._high, self._low, 0.0 if self.fixed else 1.0, reach)
+            self.model,
+            self.loads,
+            self.state,
+            self.work,
+            step,
+            count,
+            self._since_check,
+            CHECK_INTERVAL,
+            *self._watching(),
+            self._high,
+            self._low,
+            0.0 if self.fixed else 1.0,
+            reach,
+        )
         if step == self.step:
             self.index += done
         self.step_count += done
@@ -188,8 +231,10 @@ class Stepper:
 
     def _respond(self, status: int, time: float) -> None:
         if status & NOT_FINITE:
-            self._fail(f'the state of body {int(self._readings[3])} is no longer finite at t = {time:.9g} s, after '
-                       f'steps of {self.step:.6g} s')
+            self._fail(
+                f'the state of body {int(self._readings[3])} is no longer finite at t = {time:.9g} s, after '
+                f'steps of {self.step:.6g} s'
+            )
         if status & MOVED_FAR and self.watch is not None:
             self.watch.look(time, self.state.position)
         if status & (RATE_HIGH | RATE_LOW):
@@ -201,11 +246,15 @@ class Stepper:
     def _require_safe_step(self, time: float) -> None:
         if not self.fixed or self.step <= self.limit:
             return
-        frequency = largest_frequency(self.model, self.state.position, self.state.orientation, locate=True)
+        frequency = largest_frequency(
+            self.model, self.state.position, self.state.orientation, locate=True
+        )
         bodies = ', '.join(str(body) for body in frequency.bodies)
-        self._fail(f'solver.step {self.step!r} s has become unsafe at t = {time:.9g} s: the fabric has stretched or '
-                   f'turned so that bodies {bodies} move at up to {frequency.rate:.6g} rad/s, and the stability limit '
-                   f'is now {self.limit:.6g} s; start again with a smaller step, or with 0 to have it chosen')
+        self._fail(
+            f'solver.step {self.step!r} s has become unsafe at t = {time:.9g} s: the fabric has stretched or '
+            f'turned so that bodies {bodies} move at up to {frequency.rate:.6g} rad/s, and the stability limit '
+            f'is now {self.limit:.6g} s; start again with a smaller step, or with 0 to have it chosen'
+        )
 
     def _fail(self, message: str) -> None:
         self._failure = SimulationError(message)

@@ -18,17 +18,22 @@ class Method(NamedTuple):
     order: int
     symplectic: bool
     adaptive: bool
-    stages: int               # force evaluations for each step
-    stability: float          # largest stable product of step and frequency
+    stages: int  # force evaluations for each step
+    stability: float  # largest stable product of step and frequency
     source: str
     advance: Callable[..., Any]
 
 
 METHODS: dict[str, Method] = {
     'leapfrog': Method(
-        order=2, symplectic=True, adaptive=False, stages=1, stability=2.0,
+        order=2,
+        symplectic=True,
+        adaptive=False,
+        stages=1,
+        stability=2.0,
         source='Verlet 1967, Phys. Rev. 159, 98; kick-drift-kick form, with the free rotation as its drift',
-        advance=leapfrog),
+        advance=leapfrog,
+    ),
 }
 
 # What solver.method: auto stands for.

@@ -7,17 +7,18 @@ The inertia is isotropic, so the kinetic flow is free flight and one rotation ab
 potential flow changes velocities only. See docs/design.md.
 """
 
-import numpy as np
-
 from icofabric_sim.kernels.compiled import compiled
 from icofabric_sim.kernels.monitor import examine
 from icofabric_sim.kernels.records import Loads, Model, State, Supports, Work
 from icofabric_sim.kernels.rotations import rotate
 from icofabric_sim.kernels.wrenches import compute_wrenches
+import numpy as np
 
 
 @compiled
-def kick_gravity(gravity: np.ndarray | None, supports: Supports | None, h: float, velocity: np.ndarray) -> None:
+def kick_gravity(
+    gravity: np.ndarray | None, supports: Supports | None, h: float, velocity: np.ndarray
+) -> None:
     """
     Add h g to the velocities of the bodies that are free to move that way.
     """
@@ -40,8 +41,15 @@ def is_free(supports: Supports | None, b: int, k: int) -> bool:
 
 
 @compiled
-def kick_wrenches(supports: Supports | None, inverse_mass: float, inverse_inertia: float, h: float, work: Work,
-                  velocity: np.ndarray, spin: np.ndarray) -> None:
+def kick_wrenches(
+    supports: Supports | None,
+    inverse_mass: float,
+    inverse_inertia: float,
+    h: float,
+    work: Work,
+    velocity: np.ndarray,
+    spin: np.ndarray,
+) -> None:
     """
     Add h F / M and h N / Lambda (eq 45 without the gyroscopic term, which vanishes).
     """
@@ -63,8 +71,15 @@ def kick(model: Model, h: float, state: State, work: Work) -> None:
     Flow of the potential energy over `h`: velocities only.
     """
     kick_gravity(model.gravity, model.supports, h, state.linear_velocity)
-    kick_wrenches(model.supports, model.inverse_mass, model.inverse_inertia, h, work, state.linear_velocity,
-                  state.angular_velocity)
+    kick_wrenches(
+        model.supports,
+        model.inverse_mass,
+        model.inverse_inertia,
+        h,
+        work,
+        state.linear_velocity,
+        state.angular_velocity,
+    )
 
 
 @compiled
@@ -75,14 +90,33 @@ def drift(h: float, state: State) -> None:
     for b in range(state.position.shape[0]):
         for k in range(3):
             state.position[b, k] += h * state.linear_velocity[b, k]
-        rotate(state.orientation, b, h, state.angular_velocity[b, 0], state.angular_velocity[b, 1],
-               state.angular_velocity[b, 2])
+        rotate(
+            state.orientation,
+            b,
+            h,
+            state.angular_velocity[b, 0],
+            state.angular_velocity[b, 1],
+            state.angular_velocity[b, 2],
+        )
 
 
 @compiled
-def leapfrog(model: Model, loads: Loads | None, state: State, work: Work, h: float, count: int, since_check: int,
-             check_interval: int, reference: np.ndarray | None, readings: np.ndarray, high: float, low: float,
-             spin_weight: float, reach: float) -> tuple[int, int, int]:
+def leapfrog(
+    model: Model,
+    loads: Loads | None,
+    state: State,
+    work: Work,
+    h: float,
+    count: int,
+    since_check: int,
+    check_interval: int,
+    reference: np.ndarray | None,
+    readings: np.ndarray,
+    high: float,
+    low: float,
+    spin_weight: float,
+    reach: float,
+) -> tuple[int, int, int]:
     """
     Take up to `count` kick-drift-kick steps of length `h`; `work` must hold the wrenches of the state.
 
@@ -99,7 +133,9 @@ def leapfrog(model: Model, loads: Loads | None, state: State, work: Work, h: flo
         since_check += 1
         if since_check >= check_interval:
             since_check = 0
-            status = examine(model, state, work, reference, readings, high, low, spin_weight, reach)
+            status = examine(
+                model, state, work, reference, readings, high, low, spin_weight, reach
+            )
             if status != 0:
                 return status, done, since_check
     return 0, done, since_check

@@ -6,16 +6,21 @@ Connectors as linear springs between edge midpoints (eqs 1 and 49).
 
 import math
 
-import numpy as np
-
 from icofabric_sim.kernels.compiled import compiled
 from icofabric_sim.kernels.records import Connectors
 from icofabric_sim.kernels.rotations import fill_arms
+import numpy as np
 
 
 @compiled
-def add_connectors(connectors: Connectors | None, position: np.ndarray, orientation: np.ndarray,
-                   arms: np.ndarray, force: np.ndarray, torque: np.ndarray) -> None:
+def add_connectors(
+    connectors: Connectors | None,
+    position: np.ndarray,
+    orientation: np.ndarray,
+    arms: np.ndarray,
+    force: np.ndarray,
+    torque: np.ndarray,
+) -> None:
     """
     Add the force [N] and the torque about each centre [N m] of every connector; world frame, all (n, 3).
     """
@@ -33,8 +38,16 @@ def add_connectors(connectors: Connectors | None, position: np.ndarray, orientat
         pair_j = edge_j >> 1
         sign_i = 1.0 - 2.0 * (edge_i & 1)
         sign_j = 1.0 - 2.0 * (edge_j & 1)
-        ix, iy, iz = sign_i * arms[i, pair_i, 0], sign_i * arms[i, pair_i, 1], sign_i * arms[i, pair_i, 2]
-        jx, jy, jz = sign_j * arms[j, pair_j, 0], sign_j * arms[j, pair_j, 1], sign_j * arms[j, pair_j, 2]
+        ix, iy, iz = (
+            sign_i * arms[i, pair_i, 0],
+            sign_i * arms[i, pair_i, 1],
+            sign_i * arms[i, pair_i, 2],
+        )
+        jx, jy, jz = (
+            sign_j * arms[j, pair_j, 0],
+            sign_j * arms[j, pair_j, 1],
+            sign_j * arms[j, pair_j, 2],
+        )
         ux = (position[j, 0] - position[i, 0]) + (jx - ix)
         uy = (position[j, 1] - position[i, 1]) + (jy - iy)
         uz = (position[j, 2] - position[i, 2]) + (jz - iz)
@@ -56,7 +69,9 @@ def add_connectors(connectors: Connectors | None, position: np.ndarray, orientat
 
 
 @compiled
-def connector_ends(connectors: Connectors, position: np.ndarray, arms: np.ndarray, ends: np.ndarray) -> None:
+def connector_ends(
+    connectors: Connectors, position: np.ndarray, arms: np.ndarray, ends: np.ndarray
+) -> None:
     """
     World positions [m] of both ends of every connector, `ends` (c, 2, 3).
     """

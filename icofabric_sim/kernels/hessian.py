@@ -6,15 +6,21 @@ Product of the Hessian of the connector energy with small motions of the bodies.
 
 import math
 
-import numpy as np
-
 from icofabric_sim.kernels.compiled import compiled
 from icofabric_sim.kernels.records import Connectors
+import numpy as np
 
 
 @compiled
-def hessian_product(connectors: Connectors, position: np.ndarray, arms: np.ndarray, shift: np.ndarray,
-                    turn: np.ndarray, force: np.ndarray, torque: np.ndarray) -> None:
+def hessian_product(
+    connectors: Connectors,
+    position: np.ndarray,
+    arms: np.ndarray,
+    shift: np.ndarray,
+    turn: np.ndarray,
+    force: np.ndarray,
+    torque: np.ndarray,
+) -> None:
     """
     Second derivative of the energy along (shift, turn), into (force, torque); world frame, all (n, 3).
 
@@ -62,4 +68,6 @@ def hessian_product(connectors: Connectors, position: np.ndarray, arms: np.ndarr
                 k1, k2 = (k + 1) % 3, (k + 2) % 3
                 force[b, k] += sign * g[k]
                 torque[b, k] += sign * (s[end, k1] * g[k2] - s[end, k2] * g[k1])
-                torque[b, k] += sign * pull * (0.5 * (n[k] * st + s[end, k] * nt) - ns * turn[b, k])
+                torque[b, k] += (
+                    sign * pull * (0.5 * (n[k] * st + s[end, k] * nt) - ns * turn[b, k])
+                )

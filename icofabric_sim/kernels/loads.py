@@ -4,15 +4,16 @@
 External wrenches on bodies.
 """
 
-import numpy as np
-
 from icofabric_sim.kernels.compiled import compiled
 from icofabric_sim.kernels.records import Loads
 from icofabric_sim.kernels.rotations import to_world
+import numpy as np
 
 
 @compiled
-def add_loads(loads: Loads | None, orientation: np.ndarray, force: np.ndarray, torque: np.ndarray) -> None:
+def add_loads(
+    loads: Loads | None, orientation: np.ndarray, force: np.ndarray, torque: np.ndarray
+) -> None:
     """
     Add every wrench; the force acts at its point, the torque adds to the moment of the force.
     """
@@ -25,7 +26,9 @@ def add_loads(loads: Loads | None, orientation: np.ndarray, force: np.ndarray, t
         if loads.in_body_axes[m]:
             fx, fy, fz = to_world(orientation, b, fx, fy, fz)
             tx, ty, tz = to_world(orientation, b, tx, ty, tz)
-        px, py, pz = to_world(orientation, b, loads.point[m, 0], loads.point[m, 1], loads.point[m, 2])
+        px, py, pz = to_world(
+            orientation, b, loads.point[m, 0], loads.point[m, 1], loads.point[m, 2]
+        )
         force[b, 0] += fx
         force[b, 1] += fy
         force[b, 2] += fz

@@ -6,18 +6,23 @@ Looks at a running state every so many steps: is it finite, is the step still sa
 
 import math
 
-import numpy as np
-
 from icofabric_sim.kernels.compiled import compiled
 from icofabric_sim.kernels.records import Adjacency, Connectors, Model, State, Work
+import numpy as np
 
 # Bits of the status that `examine` returns; the rates concern the bound of the largest frequency.
 RATE_HIGH, RATE_LOW, NOT_FINITE, MOVED_FAR = 1, 2, 4, 8
 
 
 @compiled
-def frequency_bound(connectors: Connectors | None, adjacency: Adjacency | None, inverse_mass: float,
-                    inverse_inertia: float, position: np.ndarray, arms: np.ndarray) -> tuple[float, int]:
+def frequency_bound(
+    connectors: Connectors | None,
+    adjacency: Adjacency | None,
+    inverse_mass: float,
+    inverse_inertia: float,
+    position: np.ndarray,
+    arms: np.ndarray,
+) -> tuple[float, int]:
     """
     Upper bound of the largest squared frequency [1/s^2] of the fabric in this configuration, and its body.
 
@@ -46,16 +51,23 @@ def frequency_bound(connectors: Connectors | None, adjacency: Adjacency | None, 
             edge_i, edge_j = connectors.first_edge[c], connectors.second_edge[c]
             sign_i, sign_j = 1.0 - 2.0 * (edge_i & 1), 1.0 - 2.0 * (edge_j & 1)
             edge, sign = (edge_i, sign_i) if i == b else (edge_j, sign_j)
-            ux = (position[j, 0] - position[i, 0]) + (sign_j * arms[j, edge_j >> 1, 0]
-                                                      - sign_i * arms[i, edge_i >> 1, 0])
-            uy = (position[j, 1] - position[i, 1]) + (sign_j * arms[j, edge_j >> 1, 1]
-                                                      - sign_i * arms[i, edge_i >> 1, 1])
-            uz = (position[j, 2] - position[i, 2]) + (sign_j * arms[j, edge_j >> 1, 2]
-                                                      - sign_i * arms[i, edge_i >> 1, 2])
+            ux = (position[j, 0] - position[i, 0]) + (
+                sign_j * arms[j, edge_j >> 1, 0] - sign_i * arms[i, edge_i >> 1, 0]
+            )
+            uy = (position[j, 1] - position[i, 1]) + (
+                sign_j * arms[j, edge_j >> 1, 1] - sign_i * arms[i, edge_i >> 1, 1]
+            )
+            uz = (position[j, 2] - position[i, 2]) + (
+                sign_j * arms[j, edge_j >> 1, 2] - sign_i * arms[i, edge_i >> 1, 2]
+            )
             length = math.sqrt(ux * ux + uy * uy + uz * uz)
             if length == 0.0:
                 continue
-            sx, sy, sz = sign * arms[b, edge >> 1, 0], sign * arms[b, edge >> 1, 1], sign * arms[b, edge >> 1, 2]
+            sx, sy, sz = (
+                sign * arms[b, edge >> 1, 0],
+                sign * arms[b, edge >> 1, 1],
+                sign * arms[b, edge >> 1, 2],
+            )
             nx, ny, nz = ux / length, uy / length, uz / length
             pull = stiffness * (length - natural_length)
             row[0], row[1], row[2] = root_m * nx, root_m * ny, root_m * nz
@@ -84,8 +96,17 @@ def frequency_bound(connectors: Connectors | None, adjacency: Adjacency | None, 
 
 
 @compiled
-def examine(model: Model, state: State, work: Work, reference: np.ndarray | None, readings: np.ndarray,
-            high: float, low: float, spin_weight: float, reach: float) -> int:
+def examine(
+    model: Model,
+    state: State,
+    work: Work,
+    reference: np.ndarray | None,
+    readings: np.ndarray,
+    high: float,
+    low: float,
+    spin_weight: float,
+    reach: float,
+) -> int:
     """
     Status bits of the state; `readings` (4,) gets the bound rate [rad/s], its body, the largest spin, a bad body.
 
@@ -104,8 +125,14 @@ def examine(model: Model, state: State, work: Work, reference: np.ndarray | None
             readings[3] = b
             return NOT_FINITE
         spin = max(spin, square)
-    bound, where = frequency_bound(model.connectors, model.adjacency, model.inverse_mass, model.inverse_inertia,
-                                   state.position, work.arms)
+    bound, where = frequency_bound(
+        model.connectors,
+        model.adjacency,
+        model.inverse_mass,
+        model.inverse_inertia,
+        state.position,
+        work.arms,
+    )
     spin = math.sqrt(spin)
     rate = math.sqrt(bound) + spin_weight * spin
     readings[0], readings[1], readings[2] = rate, where, spin

@@ -9,9 +9,8 @@ whose row i is body axis i in world components. The shape is a constant of the c
 
 import math
 
-import numpy as np
-
 from icofabric_sim.kernels.compiled import compiled
+import numpy as np
 
 
 @compiled
@@ -44,7 +43,9 @@ def fill_arms(orientation: np.ndarray, half_width: float, arms: np.ndarray) -> N
 
 
 @compiled
-def to_world(orientation: np.ndarray, b: int, x: float, y: float, z: float) -> tuple[float, float, float]:
+def to_world(
+    orientation: np.ndarray, b: int, x: float, y: float, z: float
+) -> tuple[float, float, float]:
     """
     World components of a vector given on the axes of body `b` (eq 26).
     """
@@ -53,13 +54,17 @@ def to_world(orientation: np.ndarray, b: int, x: float, y: float, z: float) -> t
         tx = 2.0 * (qy * z - qz * y)
         ty = 2.0 * (qz * x - qx * z)
         tz = 2.0 * (qx * y - qy * x)
-        return (x + qw * tx + qy * tz - qz * ty,
-                y + qw * ty + qz * tx - qx * tz,
-                z + qw * tz + qx * ty - qy * tx)
+        return (
+            x + qw * tx + qy * tz - qz * ty,
+            y + qw * ty + qz * tx - qx * tz,
+            z + qw * tz + qx * ty - qy * tx,
+        )
     else:
-        return (x * orientation[b, 0, 0] + y * orientation[b, 1, 0] + z * orientation[b, 2, 0],
-                x * orientation[b, 0, 1] + y * orientation[b, 1, 1] + z * orientation[b, 2, 1],
-                x * orientation[b, 0, 2] + y * orientation[b, 1, 2] + z * orientation[b, 2, 2])
+        return (
+            x * orientation[b, 0, 0] + y * orientation[b, 1, 0] + z * orientation[b, 2, 0],
+            x * orientation[b, 0, 1] + y * orientation[b, 1, 1] + z * orientation[b, 2, 1],
+            x * orientation[b, 0, 2] + y * orientation[b, 1, 2] + z * orientation[b, 2, 2],
+        )
 
 
 @compiled

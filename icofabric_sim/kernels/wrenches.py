@@ -19,5 +19,7 @@ def compute_wrenches(model: Model, loads: Loads | None, state: State, work: Work
     """
     work.force[:] = 0.0
     work.torque[:] = 0.0
-    add_connectors(model.connectors, state.position, state.orientation, work.arms, work.force, work.torque)
+    add_connectors(
+        model.connectors, state.position, state.orientation, work.arms, work.force, work.torque
+    )
     add_loads(loads, state.orientation, work.force, work.torque)

@@ -1,0 +1,162 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+The queue between those who record and the thread that writes: bounded in bytes, in order.
+"""
+from __future__ import annotations
+
+from collections import deque
+import threading
+import time
+from typing import Literal, NamedTuple
+
+from icofabric_sim.bag.storage import Definition
+from rosbags.interfaces import Qos
+
+
+class RecorderStatistics(NamedTuple):
+    """
+    What became of the messages handed over, and how far behind the writer is.
+    """
+
+    written: int  # messages given to the file
+    written_bytes: int
+    dropped: int  # refused because the queue was full
+    lost: int  # queued at an error of the disk, or handed over after it or after the end
+    queued: int
+    queued_bytes: int
+    lag: float  # [s] since the oldest message that still waits was handed over
+
+
+class NewTopic(NamedTuple):
+    """
+    A topic to be added before the messages that follow.
+    """
+
+    name: str
+    type_name: str
+    described: Definition
+    qos: Qos
+
+
+class Message(NamedTuple):
+    """
+    A message and its simulated time [ns].
+    """
+
+    topic: str
+    nanoseconds: int
+    data: bytes
+
+
+class End(NamedTuple):
+    """
+    The last item: the bag is to be finished.
+    """
+
+
+Item = NewTopic | Message | End
+
+
+class Handover:
+    """
+    Holds items until the writing thread takes them.
+
+    A message is counted as queued until the next one is taken: only then is it written.
+    """
+
+    def __init__(self, capacity: int, overflow: Literal['wait', 'drop']) -> None:
+        self._capacity = capacity  # bytes
+        self._overflow = overflow
+        # One lock guards all; the writing thread waits on `_filled`, callers on `_drained`.
+        self._lock = threading.Lock()
+        self._filled = threading.Condition(self._lock)
+        self._drained = threading.Condition(self._lock)
+        self._items: deque[Item] = deque()
+        self._in_hand: Message | None = None
+        self._arrivals: deque[float] = deque()  # [s], one for each message not yet written
+        self._stopped = False
+        self._written = self._written_bytes = self._dropped = self._lost = 0
+        self._queued_bytes = 0
+
+    def put_topic(self, topic: NewTopic) -> None:
+        with self._lock:
+            if not self._stopped:
+                self._items.append(topic)
+                self._filled.notify()
+
+    def put(self, topic: str, nanoseconds: int, data: bytes, *, essential: bool) -> bool:
+        """
+        Append a message, after waiting where the rules say so; False when it was refused.
+        """
+        limit = 2 * self._capacity if essential else self._capacity
+        with self._lock:
+            # A message larger than the queue passes when nothing else waits.
+            while not self._stopped and 0 < self._queued_bytes > limit - len(data):
+                if self._overflow == 'drop' and not essential:
+                    self._dropped += 1
+                    return False
+                self._drained.wait()
+            if self._stopped:
+                self._lost += 1
+                return False
+            self._queued_bytes += len(data)
+            self._arrivals.append(time.monotonic())
+            self._items.append(Message(topic, nanoseconds, data))
+            self._filled.notify()
+        return True
+
+    def take(self, until: float | None) -> Item | None:
+        """
+        Count the last message as written and take the next item; None when none came in time.
+        """
+        with self._lock:
+            if self._in_hand is not None:
+                size = len(self._in_hand.data)
+                self._in_hand = None
+                self._arrivals.popleft()
+                self._written += 1
+                self._written_bytes += size
+                self._queued_bytes -= size
+                self._drained.notify_all()
+            while not self._items:
+                wait = None if until is None else until - time.monotonic()
+                if wait is not None and not wait > 0.0:
+                    return None
+                self._filled.wait(wait)
+            item = self._items.popleft()
+            if isinstance(item, Message):
+                self._in_hand = item
+            return item
+
+    def end(self) -> None:
+        """
+        Take no more messages; those that are queued are still written.
+        """
+        with self._lock:
+            if not self._stopped:
+                self._stopped = True
+                self._items.append(End())
+                self._filled.notify()
+                self._drained.notify_all()
+
+    def fail(self) -> None:
+        """
+        Take no more messages, and give up those that are queued.
+        """
+        with self._lock:
+            self._stopped = True
+            self._lost += len(self._arrivals)
+            self._in_hand = None
+            self._items.clear()
+            self._arrivals.clear()
+            self._queued_bytes = 0
+            self._drained.notify_all()
+
+    @property
+    def statistics(self) -> RecorderStatistics:
+        with self._lock:
+            lag = time.monotonic() - self._arrivals[0] if self._arrivals else 0.0
+            return RecorderStatistics(
+                self._written, self._written_bytes, self._dropped, self._lost,
+                len(self._arrivals), self._queued_bytes, lag)

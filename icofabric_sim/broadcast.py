@@ -1,0 +1,171 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+Outputs of a run: what is due, what is wanted, built once and sent to every sink.
+"""
+
+from collections.abc import Callable, Iterable
+import time as wall
+from typing import Protocol
+
+from icofabric_sim import outputs as topics
+from icofabric_sim.outputs import Outputs, Topic
+from icofabric_sim.parameters import Parameters
+from icofabric_sim.schedule import Schedule
+from icofabric_sim.simulation import Simulation
+
+# Wall time between two reports on /diagnostics [s].
+_REPORT_INTERVAL = 1.0
+_MOVING = (topics.CLOCK, topics.POSES, topics.CONNECTORS, topics.STATE)
+_RATES = {
+    topics.CLOCK: 'clock_rate',
+    topics.POSES: 'publish_rate',
+    topics.CONNECTORS: 'marker_rate',
+    topics.STATE: 'publish_rate',
+}
+
+
+class Sink(Protocol):
+    """
+    Where messages go: live publishers, or a bag.
+    """
+
+    def wants(self, topic: Topic) -> bool:
+        """
+        Whether anything would come of a message on `topic` now.
+        """
+
+    def send(self, topic: Topic, nanoseconds: int, data: bytes) -> None:
+        """
+        Take a message of simulated time `nanoseconds`.
+        """
+
+    def send_input(self, topic: str, type_name: str, nanoseconds: int, data: bytes) -> None:
+        """
+        Take an input at the time it acts.
+        """
+
+    @property
+    def is_bag(self) -> bool:
+        """
+        Whether messages are kept; repeated ones for late joiners are then left out.
+        """
+
+    def time_jumped_back(self) -> None:
+        """
+        Hear that the simulated time starts again at 0.
+        """
+
+
+class Broadcast:
+    """
+    Topics of one run; nothing is built that no sink wants.
+    """
+
+    def __init__(
+        self, sinks: list[Sink], simulation: Simulation, report: Callable[[], bytes] | None = None
+    ) -> None:
+        """
+        Send to `sinks`; `report` lays out /diagnostics.
+        """
+        self.sinks = sinks
+        self._report = report
+        self._last_report = 0.0
+        self.set_scene(simulation)
+
+    def set_scene(self, simulation: Simulation) -> None:
+        """
+        Take the messages of another scene.
+        """
+        self._simulation = simulation
+        self._outputs = Outputs(simulation.scene)
+        self.set_rates(simulation.scene.parameters)
+
+    def set_rates(self, parameters: Parameters) -> None:
+        """
+        Take other rates.
+        """
+        self._clock_wanted = parameters['publish_clock']
+        self._schedules = {topic: Schedule(parameters[name]) for topic, name in _RATES.items()}
+
+    def next_times(self, now: int) -> list[int]:
+        """
+        Times [ns] after `now` at which something wanted is due.
+        """
+        return [
+            schedule.after(now)
+            for topic, schedule in self._schedules.items()
+            if self._receivers(topic)
+        ]
+
+    def start(self, now: int, *, cleared: bool = False) -> None:
+        """
+        Tell everyone about the scene and its present state; `cleared` removes the markers of an earlier one.
+        """
+        self._send(topics.WEAVE, now, [self._outputs.weave()], self._receivers(topics.WEAVE))
+        if cleared:
+            receivers = self._receivers(topics.CONNECTORS)
+            if receivers:
+                self._send(topics.CONNECTORS, now, [self._outputs.cleared(now)], receivers)
+        self.emit(now)
+
+    def due(self, now: int) -> None:
+        """
+        Send what is due exactly `now`.
+        """
+        self.emit(
+            now, [topic for topic, schedule in self._schedules.items() if schedule.is_due(now)]
+        )
+
+    def emit(
+        self, now: int, chosen: Iterable[Topic] = _MOVING, *, live_only: bool = False
+    ) -> None:
+        """
+        Build and send the messages of the present time that anyone wants; the clock goes first.
+        """
+        for topic in chosen:
+            receivers = self._receivers(topic, live_only=live_only)
+            if receivers:
+                self._send(topic, now, self._build(topic, now), receivers)
+
+    def report(self, now: int, *, at_once: bool = False) -> None:
+        """
+        Send /diagnostics once a second of wall time.
+        """
+        if self._report is None or not (
+            at_once or wall.monotonic() - self._last_report >= _REPORT_INTERVAL
+        ):
+            return
+        self._last_report = wall.monotonic()
+        receivers = self._receivers(topics.DIAGNOSTICS)
+        if receivers:
+            self._send(topics.DIAGNOSTICS, now, [self._report()], receivers)
+
+    def input(self, topic: str, type_name: str, now: int, data: bytes) -> None:
+        """
+        Pass an input on at the time it acts.
+        """
+        for sink in self.sinks:
+            sink.send_input(topic, type_name, now, data)
+
+    def _build(self, topic: Topic, now: int) -> list[bytes]:
+        if topic is topics.CLOCK:
+            return [self._outputs.clock(now)]
+        snapshot = self._simulation.snapshot()
+        if topic is topics.POSES:
+            return [self._outputs.poses(snapshot, now)]
+        if topic is topics.STATE:
+            return [self._outputs.state(snapshot)]
+        return self._outputs.connectors(snapshot, now)
+
+    def _receivers(self, topic: Topic, *, live_only: bool = False) -> list[Sink]:
+        if topic is topics.CLOCK and not self._clock_wanted:
+            return []
+        return [
+            sink for sink in self.sinks if not (live_only and sink.is_bag) and sink.wants(topic)
+        ]
+
+    def _send(self, topic: Topic, now: int, messages: list[bytes], receivers: list[Sink]) -> None:
+        for data in messages:
+            for sink in receivers:
+                sink.send(topic, now, data)

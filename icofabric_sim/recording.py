@@ -1,0 +1,136 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+The bag of a run: which topics go in, under which names, and what it says about itself.
+"""
+
+from collections.abc import Callable
+from importlib import metadata
+import json
+from pathlib import Path
+import platform
+from typing import Any
+
+from icofabric_sim.bag import BagError, BagRecorder, next_free_path
+from icofabric_sim.outputs import Topic, TOPICS
+from icofabric_sim.parameter_text import dump_parameters
+from icofabric_sim.simulation import Simulation
+
+_LIBRARIES = ('numpy', 'scipy', 'numba', 'llvmlite', 'rosbags')
+
+
+def describe_run(simulation: Simulation) -> dict[str, str]:
+    """
+    What a bag must hold beside messages, so that its run can be repeated.
+    """
+    from icofabric_sim import __version__
+    import numba
+
+    return {
+        'scene': dump_parameters(dict(simulation.scene.parameters)),
+        'version': __version__,
+        'method': simulation.method_name,
+        'step': repr(simulation.step),
+        'processor': f'{numba.core.config.CPU_NAME or host_processor()}',
+        'libraries': json.dumps({name: metadata.version(name) for name in _LIBRARIES}),
+        'python': platform.python_version(),
+    }
+
+
+def host_processor() -> str:
+    """
+    Name of the processor that kernels are compiled for.
+    """
+    from llvmlite import binding
+
+    return str(binding.get_host_cpu_name())
+
+
+class BagSink:
+    """
+    A bag as a sink of the runner.
+    """
+
+    def __init__(
+        self,
+        path: str | Path,
+        simulation: Simulation,
+        *,
+        storage: str,
+        live: bool,
+        name: str = '/icofabric',
+        on_error: Callable[[BagError], None] | None = None,
+    ) -> None:
+        """
+        Open the bag; raises BagError (a ValueError) naming `record.path` where that is not possible.
+
+        A `live` run drops and counts messages when the disk is too slow; otherwise the run waits for the disk.
+        """
+        self.base = Path(path)
+        self.name = name
+        self._options: dict[str, Any] = {
+            'storage': storage,
+            'overflow': 'drop' if live else 'wait',
+            'on_error': on_error,
+        }
+        self._custom = describe_run(simulation)
+        self.recorder = self._open(self.base)
+
+    def _open(self, path: Path) -> BagRecorder:
+        recorder = BagRecorder(path, custom=self._custom, **self._options)
+        for topic in TOPICS:
+            if topic.recorded:
+                recorder.add_topic(
+                    self.resolve(topic.name), topic.type, latched=topic.latched, depth=topic.depth
+                )
+        self._inputs: set[str] = set()
+        return recorder
+
+    @property
+    def is_bag(self) -> bool:
+        """
+        Whether messages are kept.
+        """
+        return True
+
+    def resolve(self, name: str) -> str:
+        """
+        Full name of a private (~/) or absolute topic name.
+        """
+        return self.name + name[1:] if name.startswith('~') else name
+
+    def wants(self, topic: Topic) -> bool:
+        """
+        Whether the topic goes into the bag.
+        """
+        return topic.recorded and self.recorder.error is None
+
+    def send(self, topic: Topic, nanoseconds: int, data: bytes) -> None:
+        """
+        Record an output; a scene is never dropped.
+        """
+        self.recorder.write(self.resolve(topic.name), nanoseconds, data, essential=topic.latched)
+
+    def send_input(self, topic: str, type_name: str, nanoseconds: int, data: bytes) -> None:
+        """
+        Record an input at the time it acts; never dropped.
+        """
+        if topic not in self._inputs:
+            self._inputs.add(topic)
+            self.recorder.add_topic(topic, type_name, latched=False, depth=100)
+        self.recorder.write(topic, nanoseconds, data, essential=True)
+
+    def time_jumped_back(self) -> None:
+        """
+        Close this bag and open the next: PATH_1, PATH_2, ...
+        """
+        self.recorder.close()
+        self.recorder = self._open(next_free_path(self.base))
+
+    def close(self, *, summary: dict[str, str] | None = None) -> None:
+        """
+        Write what is queued and close the bag, with a `summary` in its custom data.
+        """
+        for key, value in (summary or {}).items():
+            self.recorder.set_custom(key, value)
+        self.recorder.close()

@@ -1,0 +1,289 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+The simulation node: `ros2 run icofabric_sim fabric_node --ros-args --params-file SCENE`.
+"""
+
+from collections.abc import Callable
+from concurrent.futures import Future
+import logging
+import sys
+import threading
+from typing import Any
+
+from icofabric_sim.bag import BagError
+from icofabric_sim.health import HealthReport
+from icofabric_sim.parameter_file import check_ros_arguments
+from icofabric_sim.parameters import find_specification, Parameters
+from icofabric_sim.recording import BagSink
+from icofabric_sim.ros.live_sink import LiveSink
+from icofabric_sim.ros.ros_parameters import (
+    describe,
+    is_foreign,
+    make_start_parameters,
+    ParameterGate,
+)
+from icofabric_sim.ros.wrench_topics import WrenchTopics
+from icofabric_sim.runner import Runner, Status
+from icofabric_sim.scene import Scene
+from icofabric_sim.simulation import compile_scene
+import rclpy
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from std_srvs.srv import SetBool, Trigger
+
+# How long a service waits for the simulation to act before it says that it has not yet [s].
+_PATIENCE = 2.0
+
+
+class FabricNode(Node):
+    """
+    Translates between the graph and a runner, which has a thread of its own; no physics here.
+    """
+
+    def __init__(self, parameters: Parameters) -> None:
+        """
+        Build the scene of the judged `parameters`; raises ValueError where that is not possible.
+        """
+        super().__init__('icofabric', allow_undeclared_parameters=True)
+        self._gate: ParameterGate | None = None
+        simulation = compile_scene(Scene.from_parameters(parameters), body_wrenches=True)
+        name = self.get_fully_qualified_name()
+        self._report = HealthReport(name)
+        self._faults: dict[str, str] = {}
+        self.live = LiveSink(self)
+        self.bag: BagSink | None = None
+        if parameters['record.path']:
+            self.bag = BagSink(
+                parameters['record.path'],
+                simulation,
+                live=True,
+                name=name,
+                storage=parameters['record.storage'],
+                on_error=self._bag_failed,
+            )
+        sinks = [self.live] if self.bag is None else [self.bag, self.live]
+        self.runner = Runner(simulation, sinks, on_rebuilt=self._rebuilt, report=self._diagnose)
+        self._declare(parameters)
+        self._gate = ParameterGate(parameters, self._changed)
+        self._wrenches = WrenchTopics(self, self.runner, simulation.scene)
+        self.create_service(SetBool, '~/pause', self._pause)
+        self.create_service(Trigger, '~/reset', self._reset)
+        self.create_service(Trigger, '~/step', self._step)
+        # A guard to leave the executor's wait for work that other threads hand over.
+        self._handed: list[Callable[[], None]] = []
+        self._handed_guard = self.create_guard_condition(self._run_handed)
+        self._thread = threading.Thread(target=self._simulate, name='simulation', daemon=True)
+
+    def start(self) -> None:
+        """
+        Let simulated time run.
+        """
+        self._thread.start()
+
+    def is_done(self) -> bool:
+        """
+        Whether the run of a scene with a duration has come to its end.
+        """
+        return not self._thread.is_alive()
+
+    def close(self) -> None:
+        """
+        Stop the simulation and close the bag; may be called twice.
+        """
+        self.live.close()
+        self.runner.stop()
+        if self._thread.is_alive():
+            self._thread.join()
+        if self.bag is not None:
+            status = self.runner.status()
+            self.bag.close(
+                summary={
+                    'proximity': status.proximity or 'none',
+                    'failure': status.failure or 'none',
+                    'wrenches_dropped': str(self._wrenches.dropped),
+                }
+            )
+
+    def set_parameters_atomically(self, parameter_list: list[Parameter]) -> Any:
+        """
+        Judge a change before rclpy sees it; both parameter services come through here.
+        """
+        if self._gate is None:
+            return super().set_parameters_atomically(parameter_list)
+        return self._gate.set_atomically(parameter_list, super().set_parameters_atomically)
+
+    def _declare(self, parameters: Parameters) -> None:
+        for name, value in parameters.items():
+            if not self.has_parameter(name):
+                self.declare_parameter(
+                    name, value, describe(name, find_specification(name)), ignore_override=True
+                )
+
+    def _changed(self, parameters: Parameters) -> None:
+        self._declare(parameters)
+        self._faults.pop('rejected change', None)
+        self.runner.change(parameters)
+
+    def _rebuilt(self, parameters: Parameters, reason: str) -> None:
+        self._hand_over(lambda: self._follow(parameters, reason))
+
+    def _follow(self, parameters: Parameters, reason: str) -> None:
+        """
+        Have the node say what is in force, after a change of the scene that worked or did not.
+        """
+        self._wrenches.set_scene(self.runner.simulation.scene)
+        if not reason or self._gate is None:
+            return
+        self._faults['rejected change'] = f'the last change could not be built: {reason}'
+        refused = self._gate.accepted
+        self._gate.accepted, self._gate.open = parameters, True
+        try:
+            for name in {*refused, *parameters}:
+                if refused.get(name) != parameters.get(name):
+                    value = parameters.get(name)
+                    super().set_parameters_atomically([Parameter(name, value=value)])
+        finally:
+            self._gate.open = False
+
+    def _simulate(self) -> None:
+        until_finished = self.runner.parameters['duration'] > 0.0
+        try:
+            self.runner.run(until_finished=until_finished)
+        except Exception as error:  # noqa: BLE001 - the node must say it, and close the bag
+            self.get_logger().fatal(f'the simulation thread has ended: {error!r}')
+        self._hand_over(lambda: None)
+
+    def _pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        word = 'paused' if request.data else 'running'
+        return self._answer(self.runner.set_paused(request.data), response, word)
+
+    def _reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        return self._answer(self.runner.reset(), response, 'back at the initial state')
+
+    def _step(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        if not self.runner.paused:
+            response.success = False
+            response.message = (
+                'steps are taken only while paused: call ~/pause with data: true first'
+            )
+            return response
+        count = self.runner.parameters['step_count']
+        return self._answer(self.runner.take_steps(), response, f'{count} solver steps taken')
+
+    def _answer(self, future: 'Future[Any]', response: Any, word: str) -> Any:
+        try:
+            future.result(timeout=_PATIENCE)
+        except TimeoutError:
+            response.success, response.message = (
+                True,
+                f'accepted, still under way after {_PATIENCE} s',
+            )
+        except Exception as error:  # noqa: BLE001 - the client gets the reason
+            response.success, response.message = False, str(error)
+        else:
+            response.success, response.message = True, f'{word}, t = {self.runner.now / 1e9:.9f} s'
+        return response
+
+    def _bag_failed(self, error: BagError) -> None:
+        self._faults['recording'] = str(error)
+        self.get_logger().error(f'{error}; the simulation goes on without a bag')
+
+    def _diagnose(self, status: Status) -> bytes:
+        figures = {'wrenches dropped': str(self._wrenches.dropped)}
+        if self.bag is not None:
+            statistics = self.bag.recorder.statistics
+            figures['recorder lag [s]'] = f'{statistics.lag:.3f}'
+            figures['recorder dropped'] = str(statistics.dropped)
+        return self._report.bytes(status, dict(self._faults), figures)
+
+    def _hand_over(self, work: Callable[[], None]) -> None:
+        """
+        Have `work` done in the executor's thread.
+        """
+        self._handed.append(work)
+        if rclpy.ok():
+            self._handed_guard.trigger()
+
+    def _run_handed(self) -> None:
+        while self._handed:
+            self._handed.pop(0)()
+
+
+class _RosLogHandler(logging.Handler):
+    """
+    Lines of the ROS-free part go to the node's log.
+    """
+
+    def __init__(self, node: Node) -> None:
+        super().__init__()
+        self._logger = node.get_logger()
+
+    def emit(self, record: logging.LogRecord) -> None:
+        write = {logging.WARNING: self._logger.warning, logging.ERROR: self._logger.error}
+        # Each call site of an rclpy logger keeps one severity, hence the table.
+        write.get(record.levelno, self._logger.info)(record.getMessage())
+
+
+def spin(node: FabricNode) -> None:
+    """
+    Serve the graph until the context ends or the run is over; what a client sends cannot end it.
+    """
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    while rclpy.ok() and not node.is_done():
+        try:
+            executor.spin_once(timeout_sec=0.2)
+        except (KeyboardInterrupt, ExternalShutdownException):
+            return
+        except Exception as error:  # noqa: BLE001 - e.g. a parameter of a type that does not exist
+            if rclpy.ok():
+                node.get_logger().error(f'a request could not be handled: {error!r}')
+
+
+def main(argv: list[str] | None = None) -> int:
+    """
+    Entry point of `fabric_node`; returns the exit status (0 done, 1 the simulation failed, 2 bad input).
+    """
+    arguments = sys.argv if argv is None else argv
+    try:
+        # Before rclpy.init, whose errors name no parameter.
+        parameters = make_start_parameters(check_ros_arguments(arguments[1:]))
+    except ValueError as error:
+        print(f'fabric_node: {error}', file=sys.stderr)
+        return 2
+    rclpy.init(args=arguments)
+    try:
+        node = FabricNode(parameters)
+    except ValueError as error:
+        print(f'fabric_node: {error}', file=sys.stderr)
+        rclpy.try_shutdown()
+        return 2
+    except (KeyboardInterrupt, ExternalShutdownException):
+        rclpy.try_shutdown()
+        return 130
+    log = logging.getLogger('icofabric_sim')
+    log.addHandler(_RosLogHandler(node))
+    log.propagate = False
+    scene = node.runner.simulation.scene
+    node.get_logger().info(
+        f'{scene.body_count} bodies, {scene.connector_count} connectors, {node.runner.simulation.method_name}, '
+        f'step {node.runner.simulation.step:.3g} s'
+    )
+    node.start()
+    try:
+        spin(node)
+    except KeyboardInterrupt:
+        pass
+    finally:
+        node.close()
+    failed = bool(node.runner.failure)
+    if rclpy.ok():
+        node.destroy_node()
+    rclpy.try_shutdown()
+    return 1 if failed else 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,93 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+Publishers of the node as a sink of the runner.
+"""
+
+from importlib import import_module
+import threading
+from typing import Any
+
+from icofabric_sim.outputs import Topic, TOPICS
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+
+
+def quality(topic: Topic) -> QoSProfile:
+    """
+    Reliable for every topic: best effort loses large messages. Latched ones are transient local.
+    """
+    durability = DurabilityPolicy.TRANSIENT_LOCAL if topic.latched else DurabilityPolicy.VOLATILE
+    return QoSProfile(
+        depth=topic.depth, reliability=ReliabilityPolicy.RELIABLE, durability=durability
+    )
+
+
+def message_class(type_name: str) -> Any:
+    """
+    Class of a message type such as `std_msgs/msg/String`.
+    """
+    package, _, name = type_name.split('/')
+    return getattr(import_module(f'{package}.msg'), name)
+
+
+class LiveSink:
+    """
+    Publishes bytes as they are; a topic without subscribers is not wanted.
+    """
+
+    def __init__(self, node: Node) -> None:
+        """
+        Create the publishers of `node`.
+        """
+        self._publishers: dict[str, Publisher] = {
+            topic.name: node.create_publisher(
+                message_class(topic.type), topic.name, quality(topic)
+            )
+            for topic in TOPICS
+        }
+        self._closed = False
+        self._lock = threading.Lock()
+        self.first_pose = threading.Event()
+
+    @property
+    def is_bag(self) -> bool:
+        """
+        Whether messages are kept.
+        """
+        return False
+
+    def wants(self, topic: Topic) -> bool:
+        """
+        Whether anyone listens; a latched message waits for those who come later.
+        """
+        with self._lock:
+            if self._closed:
+                return False
+            return topic.latched or self._publishers[topic.name].get_subscription_count() > 0
+
+    def send(self, topic: Topic, nanoseconds: int, data: bytes) -> None:
+        """
+        Publish.
+        """
+        with self._lock:
+            if not self._closed:
+                self._publishers[topic.name].publish(data)
+
+    def send_input(self, topic: str, type_name: str, nanoseconds: int, data: bytes) -> None:
+        """
+        Inputs came from the graph and are not sent back.
+        """
+
+    def time_jumped_back(self) -> None:
+        """
+        Publishers need not know: /clock tells everyone.
+        """
+
+    def close(self) -> None:
+        """
+        Publish no more: the context is about to end.
+        """
+        with self._lock:
+            self._closed = True

@@ -1,0 +1,143 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+Parameters of the scene as parameters of a node: descriptors, judgement of changes, clear refusals.
+"""
+
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any
+
+from icofabric_sim.parameters import (
+    find_specification,
+    judge,
+    make_parameters,
+    ParameterError,
+    Parameters,
+)
+from icofabric_sim.scene import check_parameters
+from icofabric_sim.schema import FAMILIES, Specification
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    SetParametersResult,
+)
+from rclpy.parameter import Parameter
+
+# Names that ROS itself puts on every node: they are its own business.
+ROS_NAMES = ('use_sim_time', 'start_type_description_service')
+_FOREIGN = 'qos_overrides.'
+_HUGE = 1.7976931348623157e308
+
+
+def is_foreign(name: str) -> bool:
+    """
+    Whether a parameter belongs to ROS and not to the scene.
+    """
+    return name in ROS_NAMES or name.startswith(_FOREIGN)
+
+
+def describe(name: str, entry: Specification) -> ParameterDescriptor:
+    """
+    Descriptor of one parameter: what it is, its unit and its range.
+    """
+    descriptor = ParameterDescriptor(name=name, read_only=entry.change == 'start')
+    unit = f' [{entry.unit}]' if entry.unit else ''
+    missing = '' if entry.built else ' (not built yet: only the default is accepted)'
+    descriptor.description = f'{entry.description}{unit}{missing}'
+    if entry.choices:
+        descriptor.additional_constraints = 'one of ' + ', '.join(str(c) for c in entry.choices)
+    if entry.open_minimum:
+        descriptor.additional_constraints = f'above {entry.minimum:g}'
+    if not isinstance(entry.default, list) and entry.minimum is not None and entry.built:
+        if isinstance(entry.default, float):
+            descriptor.floating_point_range = [
+                FloatingPointRange(
+                    from_value=float(entry.minimum),
+                    to_value=float(entry.maximum or _HUGE),
+                    step=0.0,
+                )
+            ]
+        elif isinstance(entry.default, int):
+            descriptor.integer_range = [
+                IntegerRange(
+                    from_value=int(entry.minimum), to_value=int(entry.maximum or 2**63 - 1), step=0
+                )
+            ]
+    return descriptor
+
+
+def make_start_parameters(overrides: Mapping[str, Any]) -> Parameters:
+    """
+    Parameters of the node at its start, judged; raises ParameterError or ValueError.
+    """
+    own = {name: value for name, value in overrides.items() if not is_foreign(name)}
+    parameters = make_parameters(own)
+    check_parameters(parameters)
+    return parameters
+
+
+class ParameterGate:
+    """
+    Judges changes that come through the parameter services before rclpy sees them.
+
+    rclpy's own refusals name too little, and an exception in a callback of its parameter services ends the executor;
+    so nothing gets that far.
+    """
+
+    def __init__(self, parameters: Parameters, on_change: Callable[[Parameters], None]) -> None:
+        """
+        Start from `parameters`; `on_change` hears of every accepted set.
+        """
+        self.accepted = parameters
+        self._on_change = on_change
+        # While the gate itself writes values into the node, nothing is judged.
+        self.open = False
+
+    def set_atomically(
+        self, wanted: Iterable[Parameter], store: Callable[[list[Parameter]], SetParametersResult]
+    ) -> SetParametersResult:
+        """
+        Judge `wanted` as one change; where it is good, `store` it in the node and pass it on.
+        """
+        wanted = list(wanted)
+        if self.open:
+            return store(wanted)
+        try:
+            changed, stored = self._judge(wanted)
+        except Exception as error:  # noqa: BLE001 - whatever a client sends must not end the executor
+            return SetParametersResult(successful=False, reason=str(error) or type(error).__name__)
+        result = store(stored)
+        if result.successful and changed is not None:
+            self.accepted = changed
+            self._on_change(changed)
+        return result
+
+    def _judge(self, wanted: list[Parameter]) -> tuple[Parameters | None, list[Parameter]]:
+        given: dict[str, Any] = dict(self.accepted.given())
+        stored, touched = [], False
+        for parameter in wanted:
+            name = parameter.name
+            if is_foreign(name):
+                stored.append(parameter)
+                continue
+            entry = find_specification(name)
+            if entry.change == 'start':
+                raise ParameterError(
+                    name,
+                    f'{name} is fixed once the node runs; start the node with the other value',
+                )
+            if parameter.type_ == Parameter.Type.NOT_SET:
+                if name.split('.')[0] not in FAMILIES:
+                    raise ParameterError(name, f'{name} cannot be deleted, only set')
+                given.pop(name, None)
+                stored.append(parameter)
+            else:
+                given[name] = judge(name, parameter.value)
+                stored.append(Parameter(name, value=given[name]))
+            touched = True
+        if not touched:
+            return None, stored
+        changed = make_parameters(given)
+        check_parameters(changed)
+        return changed, stored

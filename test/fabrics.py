@@ -1,0 +1,77 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+Scenes that several tests use.
+"""
+
+import icofabric_sim as ico
+from icofabric_sim.inputs import Inputs
+import numpy as np
+
+FORMS = ('quaternion', 'direction_cosines')
+STATE = ('position', 'orientation', 'linear_velocity', 'angular_velocity')
+
+
+def make_scene(size=(2, 2, 2), changes=None, **sections):
+    """
+    Fabric of `size` from nested `sections`, with dotted `changes` on top.
+    """
+    scene = ico.Scene.from_parameters({'weave': {'size': list(size)}, **sections})
+    return changed(scene, changes) if changes else scene
+
+
+def changed(scene, changes):
+    """
+    The same scene with some parameters changed (dotted names).
+    """
+    return ico.Scene.from_parameters(scene.parameters.with_changes(changes))
+
+
+# Velocities of a random start that stretch the connectors by a few per cent, and spins that turn
+# the bodies by a good part of a radian in one period of the fastest motion.
+RANDOM = {'initial_random': {'velocity_sigma': 0.5, 'spin_sigma': 60.0, 'seed': 1}}
+
+SUPPORTED = {
+    'gravity': [1.0, -2.0, -9.81],
+    'groups': {'top': 'z_max', 'corner': 'ids 0', 'rail': 'ids 1'},
+    'supports': {'ceiling': {'group': 'top'}, 'slide': {'group': 'corner', 'fix': 'tx tz'},
+                 'clamp': {'group': 'rail', 'fix': 'rotation'}}}
+
+# A follower wrench with its force off centre on one body, a shared one in world axes on two.
+LOADED = {
+    'groups': {'tip': 'ids 1', 'others': 'ids 0 2'},
+    'loads': {
+        'follower': {'group': 'tip', 'frame': 'body', 'point': [0.004, -0.007, 0.011],
+                     'force': [1.5, -0.7, 2.0], 'torque': [0.004, 0.01, -0.006]},
+        'steady': {'group': 'others', 'share': 'total', 'point': [0.0, 0.016, -0.003],
+                   'force': [-2.0, 0.4, 1.0], 'torque': [0.0, -0.008, 0.002]}}}
+
+
+def pair_face_to_face(scene, distance):
+    """
+    Positions and orientations of the two bodies of a 2x2x1 slab with their connector on the line of the centres.
+
+    Along world x, `distance` [m] from centre to centre.
+    """
+    arms = scene.connectors.points_body[0]
+    orientation = []
+    for arm, target in zip(arms, (np.array([1.0, 0, 0]), np.array([-1.0, 0, 0]))):
+        unit = arm / np.linalg.norm(arm)
+        # Half-way quaternion; both ends of a connector sit on different axes, never opposite ones here.
+        quaternion = np.append(np.cross(unit, target), 1.0 + unit @ target)
+        orientation.append(quaternion / np.linalg.norm(quaternion))
+    return np.array([[-0.5 * distance, 0, 0], [0.5 * distance, 0, 0]]), np.array(orientation)
+
+
+def stretched(scene, factor):
+    """
+    Rest positions (n, 3), pulled to `factor` times their distance along x.
+    """
+    return scene.position * np.array([factor, 1.0, 1.0])
+
+
+def steady_loads(scene):
+    """
+    Packed loads that act from the start.
+    """
+    return Inputs(scene).pack()

@@ -1,0 +1,234 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+The manifests agree with each other and with the tree, and only `ros/` knows ROS.
+"""
+import ast
+import configparser
+from pathlib import Path
+import re
+import subprocess
+import sys
+from xml.etree import ElementTree
+
+import pytest
+import yaml
+
+ROOT = Path(__file__).resolve().parents[1]
+PACKAGE = ROOT / 'icofabric_sim'
+EXECUTABLES = {
+    'fabric_node': 'icofabric_sim.ros.fabric_node:main',
+    'icofabric': 'icofabric_sim.commands.main:main',
+}
+ROS_MESSAGES = {
+    'builtin_interfaces', 'diagnostic_msgs', 'geometry_msgs', 'rcl_interfaces', 'rosgraph_msgs',
+    'std_msgs', 'std_srvs', 'visualization_msgs'}
+ROS = ROS_MESSAGES | {
+    'ament_index_python', 'launch', 'launch_ros', 'rclpy', 'rpyutils', 'simulation_interfaces'}
+HEADER = ('# Copyright 2026 The icofabric_sim authors\n'
+          '# Licensed under the Apache License, Version 2.0; see LICENSE.\n')
+
+
+def sources(folder):
+    return sorted(path for path in folder.rglob('*.py') if '__pycache__' not in path.parts)
+
+
+def imported_packages(path):
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            yield from (alias.name.partition('.')[0] for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.level == 0:
+            yield node.module.partition('.')[0]
+
+
+@pytest.fixture(scope='module')
+def manifest():
+    return ElementTree.parse(ROOT / 'package.xml').getroot()
+
+
+@pytest.fixture(scope='module')
+def distribution(tmp_path_factory):
+    """
+    What setup.py says, as a package index or colcon would read it.
+    """
+    base = tmp_path_factory.mktemp('egg')
+    subprocess.run(
+        [sys.executable, 'setup.py', '-q', 'egg_info', '--egg-base', str(base)], cwd=ROOT,
+        check=True, capture_output=True, text=True, timeout=60)
+    return base / 'icofabric_sim.egg-info'
+
+
+@pytest.fixture(scope='module')
+def data_files():
+    """
+    Files by installation folder, from the arguments that setup.py hands to setuptools.
+    """
+    code = ('import json, setuptools\n'
+            'setuptools.setup = lambda **words: print(json.dumps(words["data_files"]))\n'
+            'import runpy; runpy.run_path("setup.py")\n')
+    output = subprocess.run([sys.executable, '-c', code], cwd=ROOT, check=True,
+                            capture_output=True, text=True, timeout=60).stdout
+    return dict(yaml.safe_load(output))
+
+
+def requirement_lines(name):
+    lines = (line.partition('#')[0].strip() for line in (ROOT / name).read_text().splitlines())
+    return [line for line in lines if line]
+
+
+def requirement_name(line):
+    return re.sub(r'[-_.]+', '-', re.match(r'[\w.-]+', line)[0]).lower()
+
+
+def test_one_version(manifest, distribution):
+    version = manifest.findtext('version')
+    assert re.fullmatch(r'\d+\.\d+\.\d+', version)
+    assert f'\nVersion: {version}\n' in (distribution / 'PKG-INFO').read_text()
+    assert f'## [{version}]' in (ROOT / 'CHANGELOG.md').read_text()
+    written = [str(path.relative_to(ROOT)) for path in [ROOT / 'setup.py', *sources(PACKAGE)]
+               if re.search(rf'[\'"]{re.escape(version)}[\'"]', path.read_text())]
+    assert written in ([], ['icofabric_sim/__init__.py'])
+    import icofabric_sim
+    assert getattr(icofabric_sim, '__version__', version) == version
+
+
+def test_names_and_licence_agree(manifest, distribution):
+    information = (distribution / 'PKG-INFO').read_text()
+    assert manifest.findtext('name') == PACKAGE.name
+    assert '\nLicense: Apache-2.0\n' in information
+    assert manifest.findtext('license') == 'Apache-2.0'
+    assert 'Apache License\n' in (ROOT / 'LICENSE').read_text()
+    # colcon falls back to a plain Python package, without ROS hooks, when this is malformed.
+    email = manifest.find('maintainer').get('email')
+    assert re.fullmatch(r'[\w.+-]+@[a-z0-9-]+(\.[a-z0-9-]+)*\.[a-z]{2,}', email)
+    assert f'\nMaintainer-email: {email}\n' in information
+    assert manifest.findtext('export/build_type') == 'ament_python'
+
+
+def test_executables(distribution):
+    entry_points = configparser.ConfigParser()
+    entry_points.read(distribution / 'entry_points.txt')
+    assert dict(entry_points['console_scripts']) == EXECUTABLES
+    scripts = configparser.ConfigParser()
+    scripts.read(ROOT / 'setup.cfg')
+    assert scripts['develop']['script_dir'] == '$base/lib/icofabric_sim'
+    assert scripts['install']['install_scripts'] == '$base/lib/icofabric_sim'
+
+
+@pytest.mark.parametrize('target', EXECUTABLES.values(), ids=EXECUTABLES)
+def test_executable_has_its_function(target):
+    module, _, function = target.partition(':')
+    tree = ast.parse((ROOT / (module.replace('.', '/') + '.py')).read_text())
+    assert function in {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}
+
+
+def test_all_subpackages_are_installed(distribution):
+    folders = {path.parent for path in sources(PACKAGE)}
+    assert [] == [str(folder) for folder in folders if not (folder / '__init__.py').is_file()]
+    listed = (distribution / 'SOURCES.txt').read_text().splitlines()
+    for path in sources(PACKAGE):
+        assert str(path.relative_to(ROOT)) in listed
+    assert (distribution / 'top_level.txt').read_text().split() == ['icofabric_sim']
+
+
+def test_data_files(data_files):
+    share = 'share/icofabric_sim'
+    assert data_files['share/ament_index/resource_index/packages'] == ['resource/icofabric_sim']
+    assert data_files[share] == ['package.xml']
+    assert data_files[f'{share}/launch'] == ['launch/simulate.launch.py']
+    assert data_files[f'{share}/rviz'] == ['rviz/icofabric.rviz']
+    present = sorted(f'config/{path.name}' for path in (ROOT / 'config').glob('*.*'))
+    assert data_files[f'{share}/config'] == present
+    assert 'config/hanging_slab.yaml' in present
+    for files in data_files.values():
+        assert all((ROOT / file).is_file() for file in files)
+
+
+def test_requirements():
+    run, checks = requirement_lines('requirements.txt'), requirement_lines('requirements-test.txt')
+    for line in ('ros-jazzy-rclpy[fastrtps]==7.1.6', 'ros-jazzy-common-interfaces==5.3.6',
+                 'numpy', 'scipy', 'rosbags', 'pytest', 'numba'):
+        assert line in run
+    locked = requirement_lines('requirements.lock')
+    assert all(re.fullmatch(r'[a-z0-9-]+==[0-9][0-9a-z.]*', line) for line in locked)
+    names = [requirement_name(line) for line in locked]
+    assert names == sorted(set(names))
+    assert {requirement_name(line) for line in run + checks} <= set(names)
+    for pinned in (line for line in run if '==' in line):
+        assert re.sub(r'\[.*\]', '', pinned) in locked
+
+
+def test_declared_dependencies_cover_the_imports(manifest):
+    declared = {element.text for element in manifest.findall('exec_depend')}
+    keys = {'llvmlite': 'python3-numba', 'matplotlib': 'python3-matplotlib',
+            'numba': 'python3-numba', 'numpy': 'python3-numpy',
+            'rosbags': 'python3-rosbags-pip', 'scipy': 'python3-scipy', 'yaml': 'python3-yaml'}
+    known = set(sys.stdlib_module_names) | {'icofabric_sim', 'simulation_interfaces', 'mcap'}
+    for path in [*sources(PACKAGE), *sources(ROOT / 'launch')]:
+        for name in set(imported_packages(path)) - known:
+            assert keys.get(name, name) in declared, f'{path.relative_to(ROOT)} imports {name}'
+
+
+def test_only_ros_folder_imports_ros():
+    outside = [path for path in sources(PACKAGE) if PACKAGE / 'ros' not in path.parents]
+    assert len(outside) > 10
+    for path in outside:
+        assert not ROS & set(imported_packages(path)), path.relative_to(ROOT)
+
+
+def test_everything_else_imports_without_ros():
+    code = f"""
+import importlib, pkgutil, sys
+
+class NoRos:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition('.')[0] in {sorted(ROS)!r}:
+            raise ImportError('no ROS here: ' + name)
+
+sys.meta_path.insert(0, NoRos())
+import icofabric_sim
+count = 0
+for module in pkgutil.walk_packages(icofabric_sim.__path__, 'icofabric_sim.',
+                                    onerror=lambda name: None):
+    if not module.name.startswith('icofabric_sim.ros') and '__main__' not in module.name:
+        importlib.import_module(module.name)
+        count += 1
+try:
+    import rclpy
+except ImportError:
+    print(count)
+"""
+    done = subprocess.run([sys.executable, '-c', code], cwd=ROOT, capture_output=True, text=True,
+                          timeout=120)
+    assert done.returncode == 0, done.stderr
+    expected = [path for path in sources(PACKAGE)
+                if path.relative_to(PACKAGE).parts[0] not in ('ros', '__init__.py')
+                and path.name != '__main__.py']
+    assert int(done.stdout) == len(expected)
+
+
+def test_headers():
+    for folder in ('icofabric_sim', 'test', 'launch', 'benchmarks'):
+        for path in sources(ROOT / folder):
+            assert path.read_text().startswith(HEADER), path.relative_to(ROOT)
+    assert (ROOT / 'setup.py').read_text().startswith(HEADER)
+
+
+def test_launch_file_compiles_and_keeps_its_arguments():
+    text = (ROOT / 'launch' / 'simulate.launch.py').read_text()
+    compile(text, 'simulate.launch.py', 'exec')
+    declared = set(re.findall(r"DeclareLaunchArgument\(\s*'(\w+)'", text))
+    assert {'scene', 'namespace', 'record', 'rviz'} <= declared
+
+
+def test_rviz_shows_the_topics_of_the_node():
+    view = yaml.safe_load((ROOT / 'rviz' / 'icofabric.rviz').read_text())['Visualization Manager']
+    assert view['Global Options']['Fixed Frame'] == 'world'
+    topics = {display['Topic']['Value']: (display['Class'].split('/')[1], display['Topic'])
+              for display in view['Displays'] if 'Topic' in display}
+    assert {topic: kind for topic, (kind, _) in topics.items()} == {
+        '/icofabric/poses': 'PoseArray',
+        '/icofabric/connectors': 'Marker',
+        '/icofabric/icosahedra': 'Marker'}
+    for _, topic in topics.values():
+        assert topic['Reliability Policy'] == 'Reliable'
