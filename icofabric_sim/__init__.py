@@ -1,9 +1,10 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
 """
-Dynamics of icosahedral fabric: rigid icosahedral shells joined by flexible connectors in a repeating weave.
+Dynamics of icosahedral fabric.
 
-Needs no ROS and no display; only `icofabric_sim.ros` imports rclpy. Names are loaded when first used, so that
+Rigid icosahedral shells are joined by flexible connectors in a repeating weave. Needs no ROS and
+no display; only `icofabric_sim.ros` imports rclpy. Names are loaded when first used, so that
 `icofabric --help` does not wait for a compiler.
 """
 

@@ -100,7 +100,9 @@ class Broadcast:
 
     def start(self, now: int, *, cleared: bool = False) -> None:
         """
-        Tell everyone about the scene and its present state; `cleared` removes the markers of an earlier one.
+        Tell everyone about the scene and its present state.
+
+        `cleared` removes the markers of an earlier scene.
         """
         self._send(topics.WEAVE, now, [self._outputs.weave()], self._receivers(topics.WEAVE))
         if cleared:

@@ -7,7 +7,7 @@ Diagnostics of a run: level, sentence and figures.
 import math
 
 from icofabric_sim.messages import DiagnosticArrayBytes, DiagnosticStatus, ERROR, OK, WARN
-from icofabric_sim.runner import Status
+from icofabric_sim.run_records import Status
 from icofabric_sim.schedule import seconds
 
 # A pace below this part of the wanted one is worth a warning.
@@ -18,7 +18,9 @@ def describe(
     status: Status, name: str, faults: dict[str, str], figures: dict[str, str]
 ) -> DiagnosticStatus:
     """
-    Summary of `status` for /diagnostics; `faults` are reasons beside it (disk, rejected change), by their name.
+    Summary of `status` for /diagnostics.
+
+    `faults` are reasons beside it (disk, rejected change), by their name.
     """
     level, sentence = OK, 'paused' if status.paused else 'running'
     if status.finished:
@@ -28,7 +30,10 @@ def describe(
     )
     if slow:
         level = WARN
-        sentence = f'slower than wanted: real-time factor {status.factor:.3g}, the computation takes that long'
+        sentence = (
+            f'slower than wanted: real-time factor {status.factor:.3g}, '
+            'the computation takes that long'
+        )
     if status.proximity:
         level, sentence = WARN, status.proximity
     for reason in faults.values():

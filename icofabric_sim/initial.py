@@ -27,7 +27,9 @@ class InitialState(NamedTuple):
 
 def unit_quaternion(name: str, parameters: Parameters) -> np.ndarray:
     """
-    Return the quaternion parameter `name`, scaled to unit length; refused when it is off by more than 1e-3.
+    Return the quaternion parameter `name`, scaled to unit length.
+
+    It is refused when its length is off by more than 1e-3.
     """
     quaternion = np.array(parameters[name])
     length = float(np.linalg.norm(quaternion))
@@ -42,7 +44,7 @@ def unit_quaternion(name: str, parameters: Parameters) -> np.ndarray:
 
 def rotate_by_vector(rotation: np.ndarray, orientation: np.ndarray) -> np.ndarray:
     """
-    exp(rotation / 2) times the quaternions (n, 4): turned by the rotation vector [rad], world axes.
+    Quaternions (n, 4) turned by the rotation vector [rad], world axes: exp(rotation / 2) times q.
     """
     angle = float(np.linalg.norm(rotation))
     vector = np.sinc(angle / (2.0 * np.pi)) * 0.5 * rotation
@@ -62,7 +64,7 @@ def make_initial_state(
     supports: 'Supports | None',
 ) -> InitialState:
     """
-    Add every `initial.NAME`, the velocities of loose bodies and the random start to the rest state.
+    Add the velocities of loose bodies, every `initial.NAME` and the random start to the rest.
     """
     count = len(position)
     state = InitialState(
@@ -112,8 +114,8 @@ def _add_random(parameters: Parameters, state: InitialState) -> None:
     """
     Normal velocities and spins for each component, the same numbers on every machine.
 
-    MT19937 with the legacy normal generator is frozen by NumPy; rounding to single precision takes out the last bits
-    of the platform's logarithm.
+    MT19937 with the legacy normal generator is frozen by NumPy; rounding to single precision
+    takes out the last bits of the platform's logarithm.
     """
     velocity_sigma = parameters['initial_random.velocity_sigma']
     spin_sigma = parameters['initial_random.spin_sigma']

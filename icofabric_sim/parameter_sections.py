@@ -246,11 +246,17 @@ def _refuse_differences(meant: dict[str, Setting], actual: dict[str, Setting | N
 
 
 def _why_ignored(wanted: Value, got: Setting) -> str:
-    if type(wanted) is type(got.value):
+    kept, lost = _kind(got.value), _kind(wanted)
+    if kept == lost:
         return 'it was given as a nested map more than once before; give it in one place'
-    kept, lost = type(got.value).__name__, type(wanted).__name__
-    if isinstance(got.value, int) and isinstance(wanted, float):
-        remedy = f'write {float(got.value)!r} in {got.origin}'
+    if kept == 'int' and lost == 'float':
+        remedy = f'write {float(got.value)!r} in {got.origin}'  # type: ignore[arg-type]
     else:
         remedy = 'give it once, or with one type'
     return f'of {kept} and {lost} for one parameter it keeps the {kept}; {remedy}'
+
+
+def _kind(value: Value) -> str:
+    if isinstance(value, list):
+        return f'list of {type(value[0]).__name__}'
+    return type(value).__name__

@@ -20,6 +20,8 @@ import numpy as np
 # A YAML key must end within 1024 characters; escapes take up to ten each.
 _LONGEST_NAME = 100
 _PLAIN_KEY = re.compile('[A-Za-z_][A-Za-z0-9_]*', re.ASCII)
+# ROS takes any key as text, other readers of YAML make values of these.
+_QUOTED_KEYS = {'y', 'n', 'yes', 'no', 'on', 'off', 'true', 'false', 'null'}
 
 
 def flatten_parameters(
@@ -150,7 +152,8 @@ def _is_text(text: str) -> bool:
 
 def _tree_lines(tree: dict[str, Any], indent: str) -> list[str]:
     lines = []
-    for key, value in tree.items():
+    for name, value in tree.items():
+        key = _quoted(name) if name.lower() in _QUOTED_KEYS else name
         if isinstance(value, dict):
             lines += [f'{indent}{key}:', *_tree_lines(value, indent + '  ')]
         else:
@@ -184,7 +187,11 @@ def _float_text(value: float) -> str:
     if math.isinf(value):
         return '.inf' if value > 0.0 else '-.inf'
     # ROS reads a decimal subnormal as a text, unless it is exact.
-    return value.hex() if 0.0 < abs(value) < sys.float_info.min else repr(value)
+    if 0.0 < abs(value) < sys.float_info.min:
+        return value.hex()
+    text = repr(value)
+    # Other readers of YAML want a point in every float.
+    return text if '.' in text else text.replace('e', '.0e')
 
 
 def _quoted(text: str) -> str:

@@ -1,10 +1,10 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
 """
-Validated choices: a nested or dotted dictionary becomes `Parameters`, or a `ParameterError` that says why not.
+Validated choices: a flat dictionary becomes `Parameters`, or a `ParameterError` that says why not.
 
-Values are judged one by one here (name, type, range, built or not). What several values say together is judged
-where they meet, in `scene.py`.
+Values are judged one by one here (name, type, range, built or not). What several values say
+together is judged where they meet, in `scene.py`.
 """
 
 from collections.abc import Iterator, Mapping
@@ -16,7 +16,7 @@ from typing import Any
 
 from icofabric_sim.schema import BY_NAME, FAMILIES, Specification, STATIC, UNBUILT_FAMILIES, Value
 
-# CONTRACT: a letter, then letters, digits, single underscores. Such a name is also a valid ROS topic token.
+# A letter, then letters, digits, single underscores. Such a name is also a valid ROS topic token.
 _NAME = re.compile(r'[A-Za-z](?:[A-Za-z0-9]|_(?!_))*')
 _TYPE_WORDS = {bool: 'true or false', int: 'an integer', float: 'a number', str: 'a text'}
 _MODE_WORDS = {True: 'always', False: 'never'}
@@ -24,7 +24,9 @@ _MODE_WORDS = {True: 'always', False: 'never'}
 
 class ParameterError(ValueError):
     """
-    A parameter that cannot be taken; the message names it, its value, its unit and what is allowed.
+    A parameter that cannot be taken.
+
+    The message names it, its value, its unit and what is allowed.
     """
 
     def __init__(self, name: str, message: str) -> None:
@@ -38,9 +40,10 @@ class ParameterError(ValueError):
 @dataclass(frozen=True)
 class Parameters(Mapping[str, Value]):
     """
-    A complete, valid set: every static parameter, and all fields of every named group, load, support, ...
+    A complete, valid set.
 
-    `explicit` holds the names that were given, as opposed to filled in with defaults.
+    Every static parameter, and all fields of every named group, load, support, ...; `explicit`
+    holds the names that were given, as opposed to filled in with defaults.
     """
 
     table: Mapping[str, Value]
@@ -138,7 +141,9 @@ def find_specification(name: str) -> Specification:
 
 def judge(name: str, value: Any) -> Value:
     """
-    Return `value` in the parameter's own type (integers become floats where a float is meant), or raise.
+    Return `value` in the parameter's own type, or raise.
+
+    Integers become floats where a float is meant.
     """
     entry = find_specification(name)
     if name == 'contact.mode' and isinstance(value, bool):
@@ -178,7 +183,7 @@ def _convert(name: str, value: Any, entry: Specification) -> Value:
     return _convert_scalar(name, _plain(value), type(default), value)
 
 
-def _convert_scalar(name: str, value: Any, kind: type, given: Any) -> Any:
+def _convert_scalar(name: str, value: Any, kind: type[Any], given: Any) -> Any:
     if kind is float and isinstance(value, int) and not isinstance(value, bool):
         try:
             value = float(value)

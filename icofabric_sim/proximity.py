@@ -1,7 +1,9 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
 """
-Watches for shells that come so close that they must touch; until contact is built this is a warning, once.
+Watches for shells that come so close that they must touch.
+
+Until contact is built this is a warning, once.
 """
 
 import logging
@@ -29,8 +31,9 @@ class Proximity(NamedTuple):
         Sentence for logs, summaries and bags.
         """
         return (
-            f'bodies {self.first} and {self.second} came within {self.distance:.6g} m at t = {self.time:.6g} s, '
-            f'closer than twice the inscribed radius ({self.limit:.6g} m): their shells overlap, and contact is '
+            f'bodies {self.first} and {self.second} came within {self.distance:.6g} m '
+            f'at t = {self.time:.6g} s, closer than twice the inscribed radius '
+            f'({self.limit:.6g} m): their shells overlap, and contact is '
             'not computed in this version'
         )
 
@@ -39,8 +42,9 @@ class ProximityWatch:
     """
     Looks for the closest pair only when bodies have moved far enough to matter.
 
-    With a smallest distance d at the reference positions, no pair can come closer than the limit r before some body
-    has moved by (d - r) / 2. The reach is half of that, so that motion between two looks at it has room.
+    With a smallest distance d at the reference positions, no pair can come closer than the limit
+    r before some body has moved by (d - r) / 2. The reach is half of that, so that motion between
+    two looks at it has room.
     """
 
     def __init__(self, limit: float) -> None:

@@ -24,14 +24,13 @@ def describe_run(simulation: Simulation) -> dict[str, str]:
     What a bag must hold beside messages, so that its run can be repeated.
     """
     from icofabric_sim import __version__
-    import numba
 
     return {
         'scene': dump_parameters(dict(simulation.scene.parameters)),
         'version': __version__,
         'method': simulation.method_name,
         'step': repr(simulation.step),
-        'processor': f'{numba.core.config.CPU_NAME or host_processor()}',
+        'processor': host_processor(),
         'libraries': json.dumps({name: metadata.version(name) for name in _LIBRARIES}),
         'python': platform.python_version(),
     }
@@ -62,9 +61,10 @@ class BagSink:
         on_error: Callable[[BagError], None] | None = None,
     ) -> None:
         """
-        Open the bag; raises BagError (a ValueError) naming `record.path` where that is not possible.
+        Open the bag; raises BagError (a ValueError) naming `record.path` where that fails.
 
-        A `live` run drops and counts messages when the disk is too slow; otherwise the run waits for the disk.
+        A `live` run drops and counts messages when the disk is too slow; otherwise the run waits
+        for the disk.
         """
         self.base = Path(path)
         self.name = name

@@ -26,7 +26,8 @@ def quaternions_from_cosines(cosines: np.ndarray) -> np.ndarray:
     """
     Unit quaternions (n, 4) with w >= 0 of direction cosines (n, 3, 3).
 
-    The largest of the four components is found first (Shepperd 1978, J. Guid. Control 1, 223), so none is lost.
+    The largest of the four components is found first (Shepperd 1978, J. Guid. Control 1, 223),
+    so none is lost.
     """
     m = np.swapaxes(cosines, -1, -2)  # body to world
     trace = m[:, 0, 0] + m[:, 1, 1] + m[:, 2, 2]

@@ -3,9 +3,9 @@
 """
 Runs a simulation in time: inputs at their moment, outputs on their grid, at the wanted pace.
 
-One runner serves the node (its own thread, live topics and bag) and `icofabric run` (no graph, bag only). Simulated
-time between two calls of the simulation is always a whole number of nanoseconds, so every input acts at a time that a
-bag can hold, and a run repeats to the last bit.
+One runner serves the node (its own thread, live topics and bag) and `icofabric run` (no graph, bag
+only). Simulated time between two calls of the simulation is always a whole number of nanoseconds,
+so every input acts at a time that a bag can hold, and a run repeats to the last bit.
 """
 
 from collections.abc import Callable
@@ -16,68 +16,24 @@ import math
 from queue import Empty, SimpleQueue
 import threading
 import time as wall
-from typing import Any, NamedTuple
+from typing import Any
 
 from icofabric_sim.broadcast import Broadcast, Sink
 from icofabric_sim.inputs import Key
 from icofabric_sim.messages import WrenchStampedBytes
 from icofabric_sim.pace import Pace
 from icofabric_sim.parameters import Parameters
-from icofabric_sim.scene import Scene
+from icofabric_sim.reweave import concerns_runner_only, restarts_motion, Reweaver
+from icofabric_sim.run_records import Status, WrenchInput
 from icofabric_sim.schedule import NANOSECONDS, nanoseconds_not_before, seconds
-from icofabric_sim.simulation import compile_scene, Simulation, SimulationError
+from icofabric_sim.simulation import Simulation, SimulationError
 
 _LOGGER = logging.getLogger('icofabric_sim')
-# Longest wall time of one call into the simulation [s]: how late an immediate input, a pause or a stop is heard.
+# Wall time of one call into the simulation [s]: how late an immediate input, a pause or a stop
+# is heard.
 RESPONSE = 0.01
 # Wall time between repeated live messages while the simulated time stands still [s].
 _IDLE_REFRESH = 0.5
-# Parameters that concern the runner alone: the fabric is not touched.
-_OUTPUT_NAMES = frozenset(
-    {
-        'publish_rate',
-        'marker_rate',
-        'clock_rate',
-        'real_time_factor',
-        'duration',
-        'step_count',
-        'input_horizon',
-        'reset_time',
-    }
-)
-
-
-class WrenchInput(NamedTuple):
-    """
-    A wrench as it was received.
-    """
-
-    topic: str
-    key: Key  # load channel or body
-    stamp: int  # [ns] of simulated time, 0: at once
-    force: Any
-    torque: Any
-    data: bytes  # the message, for the bag
-
-
-class Status(NamedTuple):
-    """
-    What diagnostics and summaries report.
-    """
-
-    time: int  # [ns]
-    paused: bool
-    finished: bool
-    failure: str  # '': none
-    factor: float  # simulated over wall time, lately
-    wanted_factor: float
-    step: float  # [s]
-    limit: float  # [s]
-    step_count: int
-    body_count: int
-    connector_count: int
-    loads_active: int
-    proximity: str
 
 
 class Runner:
@@ -96,8 +52,8 @@ class Runner:
         """
         Start at time 0, paused where the scene says so.
 
-        `on_rebuilt` hears of each change of the scene: the parameters now in force, and why a change was not
-        possible ('' where it was). `report` lays out /diagnostics.
+        `on_rebuilt` hears of each change of the scene: the parameters now in force, and why a
+        change was not possible ('' where it was). `report` lays out /diagnostics.
         """
         self.simulation = simulation
         self.parameters = simulation.scene.parameters
@@ -114,8 +70,7 @@ class Runner:
         self._pending: list[tuple[int, int, WrenchInput]] = []
         self._sequence = 0
         self._pace = Pace(self.parameters['real_time_factor'])
-        self._building: threading.Thread | None = None
-        self._wanted: Parameters | None = None
+        self._reweaver = Reweaver(self.post, self._swap)
         self._horizon_warned = False
         self._last_refresh = 0.0
 
@@ -161,7 +116,7 @@ class Runner:
 
     def change(self, parameters: Parameters) -> 'Future[Any]':
         """
-        Take other parameters; where the fabric is concerned it is built aside and swapped in between two steps.
+        Take other parameters; a changed fabric is built aside and swapped in between two steps.
         """
         return self.post(lambda: self._change(parameters))
 
@@ -209,8 +164,8 @@ class Runner:
         """
         Advance until stopped, or until the duration has passed where `until_finished` says so.
 
-        `progress` hears the simulated time [s] now and then. A failure of the simulation stops simulated time, is
-        kept in `failure`, and ends the run where `until_finished`.
+        `progress` hears the simulated time [s] now and then. A failure of the simulation stops
+        simulated time, is kept in `failure`, and ends the run where `until_finished`.
         """
         self._broadcast.start(self.now)
         self._pace.restart(self.now)
@@ -274,7 +229,8 @@ class Runner:
 
     def _idle(self) -> None:
         if wall.monotonic() - self._last_refresh > _IDLE_REFRESH:
-            # Late joiners of a paused fabric see it, and clocks that wait for a time get one; a bag need not know.
+            # Late joiners of a paused fabric see it, and clocks that wait for a time get one; a
+            # bag need not know.
             self._last_refresh = wall.monotonic()
             self._broadcast.emit(self.now, live_only=True)
         if self._wake.wait(_IDLE_REFRESH):
@@ -283,13 +239,17 @@ class Runner:
     def _queue_input(self, received: WrenchInput) -> None:
         horizon = self.parameters['input_horizon']
         at = received.stamp
+        if self.failure:
+            _LOGGER.warning(
+                'a wrench on %s was dropped: the simulation has stopped', received.topic)
+            return
         if at > self.now + round(horizon * NANOSECONDS):
             if not self._horizon_warned:
                 self._horizon_warned = True
                 _LOGGER.warning(
-                    'the stamp %.3f s on %s lies more than input_horizon = %g s ahead of simulated time (%.3f s): '
-                    "the sender's clock is not simulated time. The wrench acts at once; send stamp 0, or follow "
-                    '/clock (said once)',
+                    'the stamp %.3f s on %s lies more than input_horizon = %g s ahead of '
+                    "simulated time (%.3f s): the sender's clock is not simulated time. The "
+                    'wrench acts at once; send stamp 0, or follow /clock (said once)',
                     seconds(at),
                     received.topic,
                     horizon,
@@ -351,64 +311,32 @@ class Runner:
         self._broadcast.start(self.now, cleared=True)
 
     def _change(self, parameters: Parameters) -> None:
-        changed = {
-            name
-            for name in {*self.parameters, *parameters}
-            if self.parameters.get(name) != parameters.get(name)
-        }
-        if changed <= _OUTPUT_NAMES:
-            self.parameters = parameters
-            if self._wanted is not None:
-                self._wanted = parameters
-            self._broadcast.set_rates(parameters)
-            self._pace.set_factor(parameters['real_time_factor'], self.now)
-            return
-        self._wanted = parameters
-        if self._building is None:
-            self._build(parameters)
+        if concerns_runner_only(self.parameters, parameters):
+            self._reweaver.amend(parameters)
+            self._take_rates(parameters)
+        else:
+            self._reweaver.want(parameters)
 
-    def _build(self, parameters: Parameters) -> None:
-        """
-        Build the fabric of `parameters` in a thread of its own, and swap it in when it is ready.
-        """
-
-        def build() -> None:
-            try:
-                simulation = compile_scene(Scene.from_parameters(parameters), body_wrenches=True)
-                simulation.warm_up()
-            except Exception as error:  # noqa: BLE001 - reported, the old fabric runs on
-                reason = str(error) or type(error).__name__
-                self.post(lambda: self._swap(parameters, None, reason))
-            else:
-                self.post(lambda: self._swap(parameters, simulation, ''))
-
-        self._building = threading.Thread(target=build, name='weave', daemon=True)
-        self._building.start()
+    def _take_rates(self, parameters: Parameters) -> None:
+        self.parameters = parameters
+        self._broadcast.set_rates(parameters)
+        self._pace.set_factor(parameters['real_time_factor'], self.now)
 
     def _swap(self, parameters: Parameters, simulation: Simulation | None, reason: str) -> None:
-        self._building = None
-        wanted = self._wanted
-        if wanted is not None and wanted is not parameters and simulation is not None:
-            # More was accepted meanwhile: one re-weave for all of it.
-            self._build(wanted)
-            return
-        self._wanted = None
+        if simulation is not None:
+            try:
+                simulation.take_over(
+                    self.simulation,
+                    keep_motion=not restarts_motion(self.parameters, parameters))
+            except (SimulationError, ValueError) as error:
+                simulation, reason = None, str(error)
         if simulation is None:
             _LOGGER.error('the change could not be built, the old fabric runs on: %s', reason)
             self.on_rebuilt(self.parameters, reason)
             return
-        woven = _woven_anew(self.parameters, parameters)
-        try:
-            simulation.take_over(self.simulation, keep_motion=not woven)
-        except (SimulationError, ValueError) as error:
-            _LOGGER.error(
-                'the change is not possible in this state, the old fabric runs on: %s', error
-            )
-            self.on_rebuilt(self.parameters, str(error))
-            return
-        self.simulation, self.parameters, self.failure = simulation, parameters, ''
+        self.simulation, self.failure = simulation, ''
         self._broadcast.set_scene(simulation)
-        self._pace.set_factor(parameters['real_time_factor'], self.now)
+        self._take_rates(parameters)
         self._broadcast.start(self.now, cleared=True)
         self.on_rebuilt(parameters, '')
 
@@ -420,15 +348,3 @@ class Runner:
         _LOGGER.error('the simulation has stopped: %s', reason)
         if math.isfinite(self.simulation.snapshot().position.sum()):
             self._broadcast.emit(self.now)
-
-
-def _woven_anew(before: Parameters, after: Parameters) -> bool:
-    """
-    Whether the change from one set to the other restarts the motion.
-    """
-    prefixes = ('weave.', 'shell.', 'bodies.')
-    return any(
-        before.get(name) != after.get(name)
-        for name in {*before, *after}
-        if name.startswith(prefixes)
-    )

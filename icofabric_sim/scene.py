@@ -1,7 +1,9 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
 """
-A scene: the description of a fabric and all that acts on it, made from parameters and complete before it is compiled.
+A scene: the description of a fabric and all that acts on it.
+
+It is made from parameters, and complete before it is compiled.
 """
 
 from collections.abc import Mapping
@@ -21,7 +23,8 @@ from icofabric_sim.weave import build_weave, estimate_weave, Weave
 from icofabric_sim.weave_geometry import geometry_from_angle, geometry_from_length, WeaveGeometry
 import numpy as np
 
-# Peak of build and run together, measured (docs/performance.md); a scene that cannot fit is refused early.
+# Peak of build and run together, measured (docs/performance.md); a scene that cannot fit is
+# refused early.
 BYTES_PER_BODY = 1500
 _FREEDOMS = ('tx', 'ty', 'tz', 'rotation')
 
@@ -63,7 +66,9 @@ class Supports(NamedTuple):
 
 class LoadChannel(NamedTuple):
     """
-    A wrench channel `loads.NAME`; `force` and `torque` act from the start until a wrench replaces them.
+    A wrench channel `loads.NAME`.
+
+    `force` and `torque` act from the start until a wrench replaces them.
     """
 
     name: str
@@ -95,14 +100,25 @@ class Scene:
     initial: initial.InitialState
 
     @classmethod
-    def from_parameters(cls, parameters: Mapping[str, Any]) -> 'Scene':
+    def from_parameters(
+        cls, parameters: Mapping[str, Any], *, shell: Shell | None = None
+    ) -> 'Scene':
         """
-        Build a scene from a nested or dotted dictionary, the content of a parameter file, or Parameters.
+        Build a scene from a nested or dotted dictionary, or from Parameters.
 
-        Raises ParameterError (a ValueError) that names the parameter and the way out.
+        The dictionary of a whole parameter file will do too. Raises ValueError (mostly
+        ParameterError) that names the parameter and the way out.
         """
         checked = as_parameters(parameters)
-        shell, geometry = check_parameters(checked)
+        own_shell, geometry = check_parameters(checked)
+        if shell is None:
+            shell = own_shell
+        elif shell.half_edge != own_shell.half_edge:
+            raise ParameterError(
+                'shell.edge_length',
+                f'shell.edge_length {own_shell.edge_length!r} m disagrees with the given shell, '
+                f'whose edge is {shell.edge_length!r} m; set it to that',
+            )
         weave = build_weave(**_weave_choices(checked, geometry))
         loose = checked.names('bodies')
         position = np.vstack(
@@ -151,7 +167,7 @@ class Scene:
 
 def load_scene(path: str | Path) -> Scene:
     """
-    Read a scene from a ROS 2 parameter file, with the same result as `fabric_node --params-file` has.
+    Read a scene from a ROS 2 parameter file; `fabric_node --params-file` has the same result.
     """
     return Scene.from_parameters(make_parameters(load_parameter_file(path)))
 
@@ -173,13 +189,13 @@ def check_parameters(parameters: Parameters) -> tuple[Shell, WeaveGeometry]:
     """
     shell = _shell(parameters)
     geometry = _geometry(parameters, shell.half_edge)
-    estimate = estimate_weave(**_weave_choices(parameters, geometry))
-    need = estimate.bodies * BYTES_PER_BODY
+    bodies = _estimate(parameters, geometry)
+    need = bodies * BYTES_PER_BODY
     memory = os.sysconf('SC_PAGE_SIZE') * os.sysconf('SC_PHYS_PAGES')
     if need > memory:
         raise ParameterError(
             'weave.size',
-            f'weave.size {parameters["weave.size"]} means {estimate.bodies:,} bodies, about '
+            f'weave.size {parameters["weave.size"]} means {bodies:,} bodies, about '
             f'{need / 2**30:.0f} GiB, but this machine has {memory / 2**30:.0f} GiB; '
             'choose a smaller weave.size or weave.box',
         )
@@ -198,6 +214,18 @@ def check_parameters(parameters: Parameters) -> tuple[Shell, WeaveGeometry]:
     for name in parameters.names('bodies'):
         initial.unit_quaternion(f'bodies.{name}.orientation', parameters)
     return shell, geometry
+
+
+def estimate_bodies(parameters: Parameters) -> int:
+    """
+    Count the bodies of a scene without building it; see `estimate_weave` for how exactly.
+    """
+    return _estimate(parameters, _geometry(parameters, _shell(parameters).half_edge))
+
+
+def _estimate(parameters: Parameters, geometry: WeaveGeometry) -> int:
+    woven = estimate_weave(**_weave_choices(parameters, geometry)).bodies
+    return woven + len(parameters.names('bodies'))
 
 
 def _shell(parameters: Parameters) -> Shell:

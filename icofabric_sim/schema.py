@@ -3,11 +3,11 @@
 """
 The table of all parameters: names, defaults, units, ranges and what a change does.
 
-Nothing is decided here but the vocabulary; `parameters.py` judges values against it, the node builds its
-descriptors from it, and the documentation prints it.
+Nothing is decided here but the vocabulary; `parameters.py` judges values against it, the node
+builds its descriptors from it, and the documentation prints it.
 """
 
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, TypedDict, Unpack
 
 Scalar = bool | int | float | str
 Value = bool | int | float | str | list[bool] | list[int] | list[float] | list[str]
@@ -18,10 +18,11 @@ class Specification(NamedTuple):
     """
     One parameter.
 
-    The type is that of the default; lists have the default's length and element type. `minimum` and `maximum`
-    bound every element, themselves excluded where `open_minimum` says so. `change` says what a change at run
-    time does: 'weave' builds the fabric anew, 'live' acts at once, 'start' is fixed once the node runs.
-    `built` is False while the effect is still missing: then any value but the default is refused.
+    The type is that of the default; lists have the default's length and element type. `minimum`
+    and `maximum` bound every element; `open_minimum` excludes the minimum itself. `change` says
+    what a change at run time does: 'weave' builds the fabric anew, 'live' acts at once, 'start'
+    is fixed once the node runs. `built` is False while the effect is still missing: then any
+    value but the default is refused.
     """
 
     name: str
@@ -38,22 +39,32 @@ class Specification(NamedTuple):
     required: bool = False
 
 
+class _Options(TypedDict, total=False):
+    minimum: float
+    maximum: float
+    open_minimum: bool
+    choices: tuple[Scalar, ...]
+    unbuilt_choices: tuple[Scalar, ...]
+    built: bool
+    required: bool
+
+
 def _s(
     name: str,
     default: Value,
     unit: str,
     description: str,
     change: Change = 'live',
-    **options: object,
+    **options: Unpack[_Options],
 ) -> Specification:
-    return Specification(name, default, unit, description, change, **options)  # type: ignore[arg-type]
+    return Specification(name, default, unit, description, change, **options)
 
 
-def _positive(**options: object) -> dict[str, object]:
+def _positive(**options: Unpack[_Options]) -> _Options:
     return {'minimum': 0.0, 'open_minimum': True, **options}
 
 
-_NOT_BUILT: dict[str, object] = {'built': False}
+_NOT_BUILT: _Options = {'built': False}
 _ZERO3 = [0.0, 0.0, 0.0]
 
 STATIC: tuple[Specification, ...] = (

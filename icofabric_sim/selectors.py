@@ -4,13 +4,13 @@
 Group selectors: `z_max and not ids 0 5` becomes an array of body numbers.
 """
 
-from typing import NamedTuple
+from typing import NamedTuple, NoReturn
 
 from icofabric_sim.parameters import ParameterError
 import numpy as np
 
 _EXTREMES = {f'{axis}_{end}': (k, end) for k, axis in enumerate('xyz') for end in ('min', 'max')}
-# Grid axis that counts each: levels along z, columns along y, rows along x of the fabric (see MODEL 33-34).
+# Grid axis that counts each: levels along z, columns along y, rows along x of the fabric.
 _GRID = {'row': 0, 'column': 1, 'level': 2}
 _HELP = (
     'use x_min, x_max, y_min, y_max, z_min, z_max, level K, row K, column K, ids K K ..., '
@@ -24,15 +24,15 @@ class Bodies(NamedTuple):
     """
 
     position: np.ndarray  # (n, 3) woven rest positions [m], loose bodies after the woven ones
-    grid: (
-        np.ndarray
-    )  # (m, 3) grid positions of the woven bodies along the fabric's own axes, m <= n
+    grid: np.ndarray  # (m, 3) grid positions of the woven bodies on the fabric's own axes, m <= n
     pitch: float  # W [m]
 
 
 def select(name: str, text: str, bodies: Bodies) -> np.ndarray:
     """
-    Body numbers (int32, ascending) that the selector `text` of the parameter `name` picks; never empty.
+    Body numbers that the selector `text` of the parameter `name` picks.
+
+    An int32 array, ascending and never empty.
     """
     words = text.split()
     if not words:
@@ -82,7 +82,7 @@ class _Parser:
         self.name, self.text, self.words, self.bodies = name, text, words, bodies
         self.at = 0
 
-    def fail(self, why: str) -> None:
+    def fail(self, why: str) -> NoReturn:
         raise ParameterError(
             self.name, f'{self.name}: cannot read the selector {self.text!r}: {why}; {_HELP}'
         )
@@ -107,7 +107,12 @@ class _Parser:
 
     def one(self) -> np.ndarray:
         if self.next_is('not'):
-            return ~self.one()
+            # In a loop: a thousand of them must not overflow the stack.
+            negated = True
+            while self.next_is('not'):
+                negated = not negated
+            mask = self.one()
+            return ~mask if negated else mask
         if self.at >= len(self.words):
             self.fail('it ends too early')
         word = self.words[self.at]
@@ -123,7 +128,6 @@ class _Parser:
         if word == 'box':
             return self.box(np.array(self.numbers(6)))
         self.fail(f'{word!r} is unknown')
-        raise AssertionError  # fail always raises
 
     def true(self) -> np.ndarray:
         return np.ones(0 if self.bodies is None else len(self.bodies.position), dtype=bool)
@@ -133,7 +137,8 @@ class _Parser:
             return self.true()
         along = self.bodies.position[:, axis]
         reach = 0.5 * self.bodies.pitch
-        # Strictly within W/2: in an axis-aligned weave the next layer is W away, so rounding never decides.
+        # Strictly within W/2: in an axis-aligned weave the next layer is W away, so rounding never
+        # decides.
         return along < along.min() + reach if end == 'min' else along > along.max() - reach
 
     def on_grid(self, axis: int, index: int) -> np.ndarray:
@@ -158,10 +163,11 @@ class _Parser:
             self.fail('the second corner of a box must not lie below the first')
         if self.bodies is None:
             return self.true()
-        return ((self.bodies.position >= low) & (self.bodies.position <= high)).all(axis=1)
+        position = self.bodies.position
+        return np.all((position >= low) & (position <= high), axis=1)
 
     def numbers(self, count: int) -> list[float]:
-        values = []
+        values: list[float] = []
         for word in self.words[self.at : self.at + count]:
             try:
                 values.append(float(word))
@@ -173,7 +179,7 @@ class _Parser:
         return values
 
     def integers(self, count: int | None) -> list[int]:
-        values = []
+        values: list[int] = []
         while self.at < len(self.words) and (count is None or len(values) < count):
             try:
                 values.append(int(self.words[self.at]))

@@ -31,8 +31,9 @@ def compile_scene(
     """
     Turn a scene into something fast, once.
 
-    `rotation` chooses the formulation: 'quaternion' (eqs 21-27, 10 N) or 'direction_cosines' (eqs 16-20, 15 N).
-    `body_wrenches` prepares for wrenches on single bodies, so that the first one need not wait for a kernel.
+    `rotation` chooses the formulation: 'quaternion' (eqs 21-27, 10 N) or 'direction_cosines'
+    (eqs 16-20, 15 N). `body_wrenches` prepares for wrenches on single bodies, so that the first
+    one need not wait for a kernel.
     Raises ValueError where `solver.step` is beyond the stability limit.
     """
     return Simulation(scene, rotation=rotation, body_wrenches=body_wrenches)
@@ -132,8 +133,8 @@ class Simulation:
         """
         if not self._time <= time < math.inf:
             raise ValueError(
-                f'cannot advance to {time!r} s from {self._time!r} s: times must be finite and not in '
-                'the past; reset() goes back to the start'
+                f'cannot advance to {time!r} s from {self._time!r} s: times must be finite and '
+                'not in the past; reset() goes back to the start'
             )
         self._handle_events(time)
         self._reach(time)
@@ -178,9 +179,10 @@ class Simulation:
         time: float | None = None,
     ) -> float:
         """
-        Put a wrench [N], [N m] on the load channel `channel`, from now or from a later `time` [s] on.
+        Put a wrench [N], [N m] on the load channel `channel`, from now or a later `time` [s] on.
 
-        Frame, point, share and hold time are the channel's (`loads.NAME.*`). Returns the time from which it acts.
+        Frame, point, share and hold time are the channel's (`loads.NAME.*`). Returns the time from
+        which it acts.
         """
         if channel not in self.scene.loads:
             known = ', '.join(self.scene.loads) or 'none'
@@ -199,7 +201,7 @@ class Simulation:
         time: float | None = None,
     ) -> float:
         """
-        Put a wrench [N], [N m] on the body with number `body`, on its own axes as they turn, about its centre.
+        Put a wrench [N], [N m] on one body, on its own axes as they turn, about its centre.
 
         Held until replaced; zero clears. Returns the time from which it acts.
         """
@@ -219,7 +221,7 @@ class Simulation:
         angular_velocity: np.ndarray | None = None,
     ) -> None:
         """
-        Replace parts of the state at the present time; shapes (n, 3) and (n, 4), world frame, SI units.
+        Replace parts of the state at the present time; (n, 3) and (n, 4), world frame, SI units.
         """
         now = self.snapshot()
         count = self.scene.body_count
@@ -265,9 +267,10 @@ class Simulation:
 
     def take_over(self, previous: 'Simulation', *, keep_motion: bool) -> None:
         """
-        Go on where a run of an earlier scene stands: its time, and its wrenches as far as their targets still exist.
+        Go on where a run of an earlier scene stands: its time, and its wrenches where they fit.
 
-        With `keep_motion` also its state, which needs the same number of bodies; else from the initial state.
+        With `keep_motion` also its state, which needs the same number of bodies; else from the
+        initial state.
         """
         if keep_motion and previous.scene.body_count != self.scene.body_count:
             raise ValueError(

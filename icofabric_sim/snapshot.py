@@ -44,7 +44,7 @@ class Snapshot:
     @cached_property
     def connector_ends(self) -> np.ndarray:
         """
-        World positions [m] of the ends of every connector, (c, 2, 3); without stiffness there are none.
+        World positions [m] of the ends of every connector, (c, 2, 3).
         """
         connectors = self.model.connectors
         if connectors is None:

@@ -1,7 +1,7 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
 """
-The largest frequency of a fabric in a configuration: what the step of an explicit method depends on.
+The largest frequency of a fabric in a configuration: the step of an explicit method follows it.
 """
 
 from collections.abc import Callable
@@ -14,8 +14,10 @@ import numpy as np
 
 Operator = Callable[[np.ndarray], np.ndarray]
 
-# Relative residual at which the Lanczos iteration stops; the error of the eigenvalue is about its square.
-RESIDUAL = 1e-3
+# Relative residual at which the Lanczos iteration stops. The error of the eigenvalue it has found is
+# about its square, but a slightly larger one that the start hardly contains may hide within it.
+# At 1e-3 the frequency came out up to 0.6 % low in turned fabrics, at 1e-4 at most 0.01 %.
+RESIDUAL = 1e-4
 LARGEST_ITERATION_COUNT = 300
 
 
@@ -33,10 +35,11 @@ def largest_frequency(
     model: Model, position: np.ndarray, orientation: np.ndarray, *, locate: bool = False
 ) -> Frequency:
     """
-    Largest frequency [rad/s] of small motions of all bodies about a configuration, supports respected.
+    Largest frequency [rad/s] of small motions about a configuration, supports respected.
 
-    The largest eigenvalue of M^-1/2 H M^-1/2 by the Lanczos iteration with a fixed start, H the Hessian of the
-    connector energy (kernels/hessian.py), M the masses and inertias. `locate` also finds the bodies.
+    The largest eigenvalue of M^-1/2 H M^-1/2 by the Lanczos iteration with a fixed start, H the
+    Hessian of the connector energy (kernels/hessian.py), M the masses and inertias. `locate`
+    also finds the bodies.
     """
     if model.connectors is None or not model.connectors.stiffness > 0.0:
         return Frequency(0.0, (), 0)
@@ -76,7 +79,9 @@ def largest_frequency(
 
 def _lanczos(apply: Operator, start: np.ndarray) -> tuple[float, np.ndarray, int]:
     """
-    Largest eigenvalue of the symmetric `apply` from three-term recurrences; two vectors are kept, not a basis.
+    Largest eigenvalue of the symmetric `apply`.
+
+    From three-term recurrences: two vectors are kept, not a basis.
     """
     diagonal: list[float] = []
     off: list[float] = []

@@ -3,9 +3,10 @@
 """
 The main line of steps: which steps are taken, and what is looked at between them.
 
-Steps end at origin + k h. Only inputs cut a step short; a state between two steps comes from a side step on a copy, so
-outputs never touch the sequence. The step is chosen from the largest frequency of the fabric in its present
-configuration, which is watched as the fabric stretches and turns.
+Steps end at origin + k h. Only inputs cut a step short; a state between two steps comes from a
+side step on a copy, so outputs never touch the sequence. The step is chosen from the largest
+frequency of the fabric in its present configuration, which is watched as the fabric stretches and
+turns.
 """
 
 import math
@@ -18,12 +19,15 @@ from icofabric_sim.proximity import ProximityWatch
 from icofabric_sim.stability import Frequency, largest_frequency
 import numpy as np
 
-# Steps between two looks at the state: two of the fastest periods at the chosen step, under 2 % of the cost.
+# Steps between two looks at the state: two of the fastest periods at the chosen step, under 2 % of
+# the cost.
 CHECK_INTERVAL = 64
-# Step times frequency: chosen, too long (shorten it), too short (lengthen it). At 0.2 the phase of the fastest
-# motion is wrong by 0.2^2 / 24 = 0.17 %; slower motions are better by the square of the ratio.
+# Step times frequency: chosen, too long (shorten it), too short (lengthen it). At 0.2 the phase of
+# the fastest motion is wrong by 0.2^2 / 24 = 0.17 %; slower motions are better by the square of
+# the ratio.
 CHOSEN, LONGEST, SHORTEST = 0.2, 0.25, 0.08
-# Work for one compiled call, in bodies and connectors: some 50 ms, so that an interrupt is soon heard.
+# Work for one compiled call, in bodies and connectors: some 50 ms, so that an interrupt is soon
+# heard.
 _CALL_WORK = 1_500_000
 # Where nothing sets a scale (no connectors, no gravity, no loads, no spin) every step is exact.
 _FREE_STEP = 2.0**-7
@@ -53,7 +57,9 @@ class Stepper:
         watch: ProximityWatch | None,
     ) -> None:
         """
-        Start at time `origin` [s]; `fixed_step` 0 chooses the step. Raises ValueError where it is too long.
+        Start at time `origin` [s]; `fixed_step` 0 chooses the step.
+
+        Raises ValueError where a fixed step is too long.
         """
         count = len(state.position)
         self.model, self.method, self.state, self.loads = model, method, state, loads
@@ -72,9 +78,9 @@ class Stepper:
         self._start()
         if self.fixed and not fixed_step <= self.limit:
             raise ValueError(
-                f'solver.step {fixed_step!r} s is beyond the stability limit {self.limit:.6g} s of the method in '
-                f'this scene (largest frequency {self.frequency.rate:.6g} rad/s); choose a smaller one, or 0 to '
-                'have it chosen'
+                f'solver.step {fixed_step!r} s is beyond the stability limit '
+                f'{self.limit:.6g} s of the method in this scene (largest frequency '
+                f'{self.frequency.rate:.6g} rad/s); choose a smaller one, or 0 to have it chosen'
             )
 
     @property
@@ -97,9 +103,9 @@ class Stepper:
         Compute the wrenches, the frequency and the step anew: the state has jumped.
         """
         self._refresh()
-        self._read_rates()
         if self.watch is not None:
             self.watch.look(self.time, self.state.position)
+        self._read_rates()
         self._choose_step()
 
     def jump(self, time: float, state: State) -> None:
@@ -151,19 +157,24 @@ class Stepper:
 
     def cut(self, time: float) -> None:
         """
-        End the step in progress at `time`, not after the next step end; the next step starts there.
+        Advance to `time` and end the step in progress there; the next step starts there.
         """
         self.advance(time)
         rest = time - self.time
-        if rest > 0.0:
-            self._call(rest, 1)
+        try:
+            if rest > 0.0:
+                self._call(rest, 1)
+        except SimulationError:
+            self.origin, self.index = time, 0
+            raise
         self.origin, self.index = time, 0
 
     def state_at(self, time: float) -> State:
         """
-        Copy of the state at `time`, from a side step off the main line; the next step end is not before it.
+        Copy of the state at `time`, from a side step off the main line; the last one after a failure.
         """
-        self.advance(time)
+        if self._failure is None:
+            self.advance(time)
         state = State(*(array.copy() for array in self.state))
         rest = time - self.time
         if rest > 0.0:
@@ -232,8 +243,8 @@ class Stepper:
     def _respond(self, status: int, time: float) -> None:
         if status & NOT_FINITE:
             self._fail(
-                f'the state of body {int(self._readings[3])} is no longer finite at t = {time:.9g} s, after '
-                f'steps of {self.step:.6g} s'
+                f'the state of body {int(self._readings[3])} is no longer finite at '
+                f't = {time:.9g} s, after steps of {self.step:.6g} s'
             )
         if status & MOVED_FAR and self.watch is not None:
             self.watch.look(time, self.state.position)
@@ -251,9 +262,10 @@ class Stepper:
         )
         bodies = ', '.join(str(body) for body in frequency.bodies)
         self._fail(
-            f'solver.step {self.step!r} s has become unsafe at t = {time:.9g} s: the fabric has stretched or '
-            f'turned so that bodies {bodies} move at up to {frequency.rate:.6g} rad/s, and the stability limit '
-            f'is now {self.limit:.6g} s; start again with a smaller step, or with 0 to have it chosen'
+            f'solver.step {self.step!r} s has become unsafe at t = {time:.9g} s: the fabric has '
+            f'stretched or turned so that bodies {bodies} move at up to {frequency.rate:.6g} '
+            f'rad/s, and the stability limit is now {self.limit:.6g} s; start again with a '
+            'smaller step, or with 0 to have it chosen'
         )
 
     def _fail(self, message: str) -> None:
@@ -269,17 +281,17 @@ class Stepper:
         """
         self.frequency = largest_frequency(self.model, self.state.position, self.state.orientation)
         examine(self.model, self.state, self.work, *self._watching(), math.inf, 0.0, 1.0, math.inf)
-        bound = float(self._readings[0])
         if self.fixed:
-            bound -= float(self._readings[2])
-            # The bound proves the step safe below the first; above it, the exact value is computed again only when
-            # the bound has grown since it was computed last.
-            self._high = max(self.method.stability / self.step, 1.01 * bound)
+            # Below this the bound proves the step safe. Above it the exact value is computed at every
+            # look: the bound is up to three times as high, so its own growth says nothing about it.
+            self._high = self.method.stability / self.step
             self._low = 0.0
 
     def _choose_step(self) -> None:
         """
-        Choose the step for the largest frequency, seen from a body that spins; kept while it is about right.
+        Choose the step for the largest frequency, seen from a body that spins.
+
+        The step is kept while it is about right.
         """
         if self.fixed:
             return
@@ -299,7 +311,9 @@ class Stepper:
 
 def _rounded_down(step: float) -> float:
     """
-    Nearest number below with a mantissa of 12 bits: last bits of the frequency never decide about the step.
+    Nearest number below with a mantissa of 12 bits.
+
+    So the last bits of the frequency hardly ever decide about the step.
     """
     mantissa, exponent = math.frexp(step)
     return math.ldexp(math.floor(mantissa * 4096.0) / 4096.0, exponent)

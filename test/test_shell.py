@@ -329,8 +329,8 @@ def test_heavier_balls_inside(directions):
 def test_finer_tolerance_is_more_accurate():
     density, mass, _ = balls(AXES * 1.18 * A, 0.17 * A, 7800.0)
     errors = [abs(Shell.from_density(EDGE, THICK, density, tolerance=t).mass / mass - 1)
-              for t in (1e-3, 1e-5)]
-    assert errors[1] < 0.1 * errors[0] and errors[1] < 1e-6
+              for t in (1e-3, 3e-5)]
+    assert errors[1] < 0.1 * errors[0] and errors[1] < 5e-6
 
 
 def test_ball_in_the_hollow():
@@ -404,12 +404,13 @@ def test_asymmetric_jumps_are_refused(density):
         Shell.from_density(EDGE, THICK, density)
 
 
-def test_small_flaw_among_equal_balls_is_found():
+@pytest.mark.parametrize('flaw', [0.0, 1e-3, 1e-7])
+def test_small_flaw_among_equal_balls_is_found(flaw):
     """
     One ball of six is a little smaller; images taken for equal at first must not hide it.
     """
     radii = np.full(6, 0.17 * A)
-    radii[4] *= 0.999
+    radii[4] *= 1.0 - flaw
 
     def density(x):
         inside = np.zeros(len(x), dtype=bool)
@@ -417,8 +418,12 @@ def test_small_flaw_among_equal_balls_is_found():
             inside |= in_ball(x, direction * 1.18 * A, radius)
         return np.where(inside, 7800.0, DENSITY)
 
-    with pytest.raises(ValueError, match='centre of mass|symmetric|converge'):
-        Shell.from_density(EDGE, THICK, density, evaluation_limit=10_000_000)
+    settings = {'tolerance': 1e-4, 'evaluation_limit': 10_000_000}
+    if flaw == 0.0:
+        assert Shell.from_density(EDGE, THICK, density, **settings).relative_error < 1e-4
+    else:
+        with pytest.raises(ValueError, match='symmetric: principal values .* centre of mass'):
+            Shell.from_density(EDGE, THICK, density, **settings)
 
 
 def test_no_convergence_is_said():

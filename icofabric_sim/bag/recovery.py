@@ -167,9 +167,13 @@ class _Copy:
 
 def _read_mcap(path: Path) -> Iterator[_Found]:
     # Only this needs the package, and rosbags' own reader refuses a file without its end.
-    from mcap.exceptions import EndOfFile
-    from mcap.records import Channel, Message, Schema
-    from mcap.stream_reader import StreamReader
+    try:
+        from mcap.exceptions import EndOfFile
+        from mcap.records import Channel, Message, Schema
+        from mcap.stream_reader import StreamReader
+    except ImportError as error:
+        raise BagError(
+            f'recovering {path} needs the Python package mcap: `pip install mcap`') from error
 
     schemas: dict[int, Schema] = {}
     topics: dict[int, _Topic] = {}

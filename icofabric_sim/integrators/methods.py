@@ -31,7 +31,8 @@ METHODS: dict[str, Method] = {
         adaptive=False,
         stages=1,
         stability=2.0,
-        source='Verlet 1967, Phys. Rev. 159, 98; kick-drift-kick form, with the free rotation as its drift',
+        source='Verlet 1967, Phys. Rev. 159, 98; kick-drift-kick form, with the free rotation as '
+        'its drift',
         advance=leapfrog,
     ),
 }

@@ -3,12 +3,12 @@
 """
 Splitting methods: the exact flows of kinetic and potential energy in turn.
 
-The inertia is isotropic, so the kinetic flow is free flight and one rotation about a constant axis, both exact; the
-potential flow changes velocities only. See docs/design.md.
+The inertia is isotropic, so the kinetic flow is free flight and one rotation about a constant
+axis, both exact; the potential flow changes velocities only. See docs/design.md.
 """
 
 from icofabric_sim.kernels.compiled import compiled
-from icofabric_sim.kernels.monitor import examine
+from icofabric_sim.kernels.monitor import examine, MOVED_FAR, moved_far
 from icofabric_sim.kernels.records import Loads, Model, State, Supports, Work
 from icofabric_sim.kernels.rotations import rotate
 from icofabric_sim.kernels.wrenches import compute_wrenches
@@ -118,10 +118,11 @@ def leapfrog(
     reach: float,
 ) -> tuple[int, int, int]:
     """
-    Take up to `count` kick-drift-kick steps of length `h`; `work` must hold the wrenches of the state.
+    Take up to `count` kick-drift-kick steps of length `h`.
 
-    After every `check_interval` steps the state is examined; a status other than 0 ends the call early. Returns the
-    status, the steps taken, and the steps since the last examination.
+    `work` must hold the wrenches of the state. After every `check_interval` steps the state is
+    examined; a status other than 0 ends the call early. Returns the status, the steps taken, and
+    the steps since the last examination.
     """
     done = 0
     while done < count:
@@ -138,4 +139,7 @@ def leapfrog(
             )
             if status != 0:
                 return status, done, since_check
+        # After every step: a fast body crosses a shell in fewer steps than lie between two looks.
+        if moved_far(reference, state.position, reach):
+            return MOVED_FAR, done, since_check
     return 0, done, since_check

@@ -3,8 +3,9 @@
 """
 The one decorator of all kernels.
 
-Numba's disk cache is keyed by the file of each function alone, so an edited callee in another file would leave its
-callers stale. Here the key is the source of all kernels and integrators together.
+Numba's disk cache is keyed by the file of each function alone, so an edited callee in another
+file would leave its callers stale. Here the key is the source of all kernels and integrators
+together.
 """
 
 from collections.abc import Callable

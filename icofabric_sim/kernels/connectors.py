@@ -22,7 +22,9 @@ def add_connectors(
     torque: np.ndarray,
 ) -> None:
     """
-    Add the force [N] and the torque about each centre [N m] of every connector; world frame, all (n, 3).
+    Add the force [N] and the torque about each centre [N m] of every connector.
+
+    World frame; `force` and `torque` are (n, 3).
     """
     if connectors is None:
         return

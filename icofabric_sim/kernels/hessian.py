@@ -22,11 +22,13 @@ def hessian_product(
     torque: np.ndarray,
 ) -> None:
     """
-    Second derivative of the energy along (shift, turn), into (force, torque); world frame, all (n, 3).
+    Second derivative of the energy along (shift, turn), into (force, torque).
 
-    The configuration is x + dx, exp(dtheta) R; with u = r_2 - r_1, n = u / l, f = k (l - D), s_i the arms:
+    World frame, all four (n, 3). The configuration is x + dx, exp(dtheta) R; with u = r_2 - r_1,
+    n = u / l, f = k (l - D), s_i the arms:
     d2E = du.G du + f n.[dtheta_2 x (dtheta_2 x s_2) - dtheta_1 x (dtheta_1 x s_1)], where
-    du_i = dx_i + dtheta_i x s_i and G = k n n^T + f/l (1 - n n^T). Symmetric also out of equilibrium.
+    du = du_2 - du_1, du_i = dx_i + dtheta_i x s_i and G = k n n^T + f/l (1 - n n^T).
+    Symmetric also out of equilibrium.
     """
     force[:] = 0.0
     torque[:] = 0.0

@@ -1,7 +1,9 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
 """
-Looks at a running state every so many steps: is it finite, is the step still safe, has a body moved far?
+Looks at a running state every so many steps.
+
+Is it finite, is the step still safe, has a body moved far?
 """
 
 import math
@@ -24,18 +26,19 @@ def frequency_bound(
     arms: np.ndarray,
 ) -> tuple[float, int]:
     """
-    Upper bound of the largest squared frequency [1/s^2] of the fabric in this configuration, and its body.
+    Upper bound of the largest squared frequency [1/s^2] in this configuration, and its body.
 
-    The second variation of a connector's energy for small motions (dx, dtheta) of its two bodies is
-    k (n.du)^2 + f/l |P du|^2 + moments of f, with du = du_2 - du_1 and du_i = dx_i + dtheta_i x s_i. From
-    (x - y)^2 <= 2 x^2 + 2 y^2 it is at most the sum over both ends of 2 k (n.du_i)^2 + 2 max(f/l, 0) |du_i|^2
-    + |f| |s| |dtheta_i|^2, a block-diagonal form: its largest eigenvalue, in mass-scaled coordinates, bounds that
-    of the fabric. Each 6 x 6 block is bounded by its largest absolute row sum. In the woven rest state the bound is
-    close, because neighbours that move against each other make (x - y)^2 = 2 x^2 + 2 y^2.
+    The second variation of a connector's energy for small motions (dx, dtheta) of its two bodies
+    is k (n.du)^2 + f/l |P du|^2 + moments of f, with du = du_2 - du_1 and
+    du_i = dx_i + dtheta_i x s_i. From (x - y)^2 <= 2 x^2 + 2 y^2 it is at most the sum over both
+    ends of 2 k (n.du_i)^2 + 2 max(f/l, 0) |du_i|^2 + |f| |s| |dtheta_i|^2, a block-diagonal form:
+    its largest eigenvalue, in mass-scaled coordinates, bounds that of the fabric. Each 6 x 6
+    block is bounded by its largest absolute row sum. In the woven rest state the bound is close,
+    because neighbours that move against each other make (x - y)^2 = 2 x^2 + 2 y^2.
     """
     largest = 0.0
     where = -1
-    if connectors is None:
+    if connectors is None or adjacency is None:
         return largest, where
     root_m = math.sqrt(inverse_mass)
     root_i = math.sqrt(inverse_inertia)
@@ -79,7 +82,8 @@ def frequency_bound(
                     block[p, q] += 2.0 * stiffness * row[p] * row[q]
             square = sx * sx + sy * sy + sz * sz
             tension = max(pull / length, 0.0)
-            # |du_i|^2 <= (|dx| + |s| |dtheta|)^2 <= (1/m + s^2/Lambda) |y|^2 by Cauchy and Schwarz, y mass-scaled.
+            # |du_i|^2 <= (|dx| + |s| |dtheta|)^2 <= (1/m + s^2/Lambda) |y|^2 by Cauchy and
+            # Schwarz, y mass-scaled.
             spread = 2.0 * tension * (inverse_mass + square * inverse_inertia)
             moment = abs(pull) * math.sqrt(square) * inverse_inertia
             for p in range(3):
@@ -108,10 +112,12 @@ def examine(
     reach: float,
 ) -> int:
     """
-    Status bits of the state; `readings` (4,) gets the bound rate [rad/s], its body, the largest spin, a bad body.
+    Status bits of the state.
 
-    The rate is sqrt(bound) + spin_weight x largest spin; RATE_HIGH above `high`, RATE_LOW below `low`.
-    MOVED_FAR: a body is farther than `reach` [m] from its place in `reference` (n, 3); None skips that.
+    `readings` (4,) gets the rate [rad/s], the body of the bound, the largest spin [rad/s], and a
+    body that is not finite. The rate is sqrt(bound) + spin_weight x largest spin; RATE_HIGH above
+    `high`, RATE_LOW below `low`. MOVED_FAR: a body is farther than `reach` [m] from its place in
+    `reference` (n, 3); None skips that.
     """
     status = 0
     spin = 0.0

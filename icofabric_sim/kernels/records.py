@@ -1,7 +1,9 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
 """
-What kernels take: packed constants, the evolving state, the inputs. A term that a scene lacks is None.
+What kernels take: packed constants, the evolving state, the inputs.
+
+A term that a scene lacks is None.
 """
 
 from typing import NamedTuple

@@ -1,10 +1,11 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
 """
-Rotations of bodies: unit quaternions x y z w (10 N form, eqs 21-27) or direction cosines (15 N form, eqs 16-20).
+Rotations of bodies: unit quaternions (10 N form) or direction cosines (15 N form).
 
-An orientation array of shape (n, 4) holds quaternions, one of shape (n, 3, 3) holds mu_ij = e_i . e0_j (eq 17),
-whose row i is body axis i in world components. The shape is a constant of the compiled kernel.
+An orientation array of shape (n, 4) holds quaternions x y z w (eqs 21-27); one of shape
+(n, 3, 3) holds mu_ij = e_i . e0_j (eqs 16-20), whose row i is body axis i in world components.
+The shape is a constant of the compiled kernel.
 """
 
 import math
@@ -18,8 +19,8 @@ def fill_arms(orientation: np.ndarray, half_width: float, arms: np.ndarray) -> N
     """
     Arms from the centres to the midpoints of the up, north and west edges [m], world frame.
 
-    `arms` (n, 3, 3): arms[b, edge >> 1] belongs to the edge pair (up, down), (north, south), (west, east), that is
-    to the body axes z, x, y; the second edge of a pair has the opposite arm.
+    `arms` (n, 3, 3): arms[b, edge >> 1] belongs to the edge pair (up, down), (north, south),
+    (west, east), that is to the body axes z, x, y; the second edge of a pair has the opposite arm.
     """
     h = half_width
     if orientation.ndim == 2:
@@ -74,7 +75,7 @@ def half_angle_factors(h: float, ox: float, oy: float, oz: float) -> tuple[float
     """
     square = (ox * ox + oy * oy + oz * oz) * (0.25 * h * h)
     if square < 1e-8:
-        # Series to the eighth power of the half angle: below rounding here.
+        # Series to the sixth power of the half angle: the next is below rounding here.
         cosine = 1.0 - square * (0.5 - square * (1.0 / 24.0 - square / 720.0))
         sine = 0.5 * h * (1.0 - square * (1.0 / 6.0 - square * (1.0 / 120.0 - square / 5040.0)))
         return cosine, sine
@@ -85,7 +86,9 @@ def half_angle_factors(h: float, ox: float, oy: float, oz: float) -> tuple[float
 @compiled
 def rotate(orientation: np.ndarray, b: int, h: float, ox: float, oy: float, oz: float) -> None:
     """
-    Exact flow of dq/dt = omega q / 2 (eq 22) or de_i/dt = omega x e_i (eq 19) over `h` at constant world omega.
+    Exact flow over `h` at constant omega, world axes.
+
+    Of dq/dt = omega q / 2 (eq 22), or of de_i/dt = omega x e_i (eq 19).
     """
     c, s = half_angle_factors(h, ox, oy, oz)
     ux, uy, uz = s * ox, s * oy, s * oz
@@ -116,7 +119,9 @@ def rotate(orientation: np.ndarray, b: int, h: float, ox: float, oy: float, oz: 
 @compiled
 def orthonormalise(orientation: np.ndarray, b: int) -> None:
     """
-    One Newton step of the polar decomposition, M (3 - M^T M) / 2, in place: rounding does not accumulate.
+    One Newton step of the polar decomposition, M (3 - M^T M) / 2, in place.
+
+    Rounding does not accumulate.
     """
     m = orientation[b]
     g00 = m[0, 0] * m[0, 0] + m[1, 0] * m[1, 0] + m[2, 0] * m[2, 0]

@@ -13,9 +13,9 @@ from icofabric_sim.kernels.records import Loads, Model, State, Work
 @compiled
 def compute_wrenches(model: Model, loads: Loads | None, state: State, work: Work) -> None:
     """
-    Resultant force and torque of every body (right-hand sides of eq 45), gravity apart, into `work`.
+    Resultant force and torque of every body (right-hand sides of eq 45) into `work`.
 
-    Gravity is an acceleration: the kick adds it without a detour over the mass.
+    Gravity apart: it is an acceleration, and the kick adds it without a detour over the mass.
     """
     work.force[:] = 0.0
     work.torque[:] = 0.0

@@ -12,23 +12,26 @@ import threading
 from typing import Any
 
 from icofabric_sim.bag import BagError
+from icofabric_sim.broadcast import Sink
 from icofabric_sim.health import HealthReport
 from icofabric_sim.parameter_file import check_ros_arguments
 from icofabric_sim.parameters import find_specification, Parameters
+from icofabric_sim.patience import explained_wait
 from icofabric_sim.recording import BagSink
 from icofabric_sim.ros.live_sink import LiveSink
 from icofabric_sim.ros.ros_parameters import (
     describe,
-    is_foreign,
     make_start_parameters,
     ParameterGate,
 )
 from icofabric_sim.ros.wrench_topics import WrenchTopics
-from icofabric_sim.runner import Runner, Status
+from icofabric_sim.run_records import Status
+from icofabric_sim.runner import Runner
 from icofabric_sim.scene import Scene
 from icofabric_sim.simulation import compile_scene
 import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.logging import get_logger
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_srvs.srv import SetBool, Trigger
@@ -48,7 +51,9 @@ class FabricNode(Node):
         """
         super().__init__('icofabric', allow_undeclared_parameters=True)
         self._gate: ParameterGate | None = None
-        simulation = compile_scene(Scene.from_parameters(parameters), body_wrenches=True)
+        with explained_wait(self.get_logger().info):
+            simulation = compile_scene(Scene.from_parameters(parameters), body_wrenches=True)
+            simulation.warm_up()
         name = self.get_fully_qualified_name()
         self._report = HealthReport(name)
         self._faults: dict[str, str] = {}
@@ -63,10 +68,12 @@ class FabricNode(Node):
                 storage=parameters['record.storage'],
                 on_error=self._bag_failed,
             )
-        sinks = [self.live] if self.bag is None else [self.bag, self.live]
+        sinks: list[Sink] = [self.live] if self.bag is None else [self.bag, self.live]
         self.runner = Runner(simulation, sinks, on_rebuilt=self._rebuilt, report=self._diagnose)
         self._declare(parameters)
-        self._gate = ParameterGate(parameters, self._changed)
+        self._gate = ParameterGate(
+            parameters, self._changed, lambda: self.runner.simulation.stability_limit
+        )
         self._wrenches = WrenchTopics(self, self.runner, simulation.scene)
         self.create_service(SetBool, '~/pause', self._pause)
         self.create_service(Trigger, '~/reset', self._reset)
@@ -216,14 +223,15 @@ class _RosLogHandler(logging.Handler):
     Lines of the ROS-free part go to the node's log.
     """
 
-    def __init__(self, node: Node) -> None:
-        super().__init__()
-        self._logger = node.get_logger()
-
     def emit(self, record: logging.LogRecord) -> None:
-        write = {logging.WARNING: self._logger.warning, logging.ERROR: self._logger.error}
-        # Each call site of an rclpy logger keeps one severity, hence the table.
-        write.get(record.levelno, self._logger.info)(record.getMessage())
+        # A line for each severity: rclpy holds every call site to the first one it sees there.
+        logger, text = get_logger('icofabric'), record.getMessage()
+        if record.levelno >= logging.ERROR:
+            logger.error(text)
+        elif record.levelno >= logging.WARNING:
+            logger.warning(text)
+        else:
+            logger.info(text)
 
 
 def spin(node: FabricNode) -> None:
@@ -244,7 +252,9 @@ def spin(node: FabricNode) -> None:
 
 def main(argv: list[str] | None = None) -> int:
     """
-    Entry point of `fabric_node`; returns the exit status (0 done, 1 the simulation failed, 2 bad input).
+    Entry point of `fabric_node`.
+
+    Exit status: 0 done, 1 the simulation failed, 2 bad input, 130 interrupted before it ran.
     """
     arguments = sys.argv if argv is None else argv
     try:
@@ -254,6 +264,9 @@ def main(argv: list[str] | None = None) -> int:
         print(f'fabric_node: {error}', file=sys.stderr)
         return 2
     rclpy.init(args=arguments)
+    log = logging.getLogger('icofabric_sim')
+    log.addHandler(_RosLogHandler())
+    log.propagate = False
     try:
         node = FabricNode(parameters)
     except ValueError as error:
@@ -263,13 +276,10 @@ def main(argv: list[str] | None = None) -> int:
     except (KeyboardInterrupt, ExternalShutdownException):
         rclpy.try_shutdown()
         return 130
-    log = logging.getLogger('icofabric_sim')
-    log.addHandler(_RosLogHandler(node))
-    log.propagate = False
-    scene = node.runner.simulation.scene
+    simulation = node.runner.simulation
     node.get_logger().info(
-        f'{scene.body_count} bodies, {scene.connector_count} connectors, {node.runner.simulation.method_name}, '
-        f'step {node.runner.simulation.step:.3g} s'
+        f'{simulation.scene.body_count} bodies, {simulation.scene.connector_count} connectors, '
+        f'{simulation.method_name}, step {simulation.step:.3g} s'
     )
     node.start()
     try:

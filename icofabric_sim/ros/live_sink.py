@@ -4,11 +4,13 @@
 Publishers of the node as a sink of the runner.
 """
 
+from collections.abc import Callable
 from importlib import import_module
 import threading
 from typing import Any
 
 from icofabric_sim.outputs import Topic, TOPICS
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -47,9 +49,9 @@ class LiveSink:
             )
             for topic in TOPICS
         }
+        self._context = node.context
         self._closed = False
         self._lock = threading.Lock()
-        self.first_pose = threading.Event()
 
     @property
     def is_bag(self) -> bool:
@@ -65,7 +67,9 @@ class LiveSink:
         with self._lock:
             if self._closed:
                 return False
-            return topic.latched or self._publishers[topic.name].get_subscription_count() > 0
+            if topic.latched:
+                return True
+            return bool(self._guarded(self._publishers[topic.name].get_subscription_count))
 
     def send(self, topic: Topic, nanoseconds: int, data: bytes) -> None:
         """
@@ -73,7 +77,20 @@ class LiveSink:
         """
         with self._lock:
             if not self._closed:
-                self._publishers[topic.name].publish(data)
+                publisher = self._publishers[topic.name]
+                self._guarded(lambda: publisher.publish(data))
+
+    def _guarded(self, call: Callable[[], Any]) -> Any:
+        """
+        Result of `call`; None once an interrupt has ended the context under the simulation.
+        """
+        try:
+            return call()
+        except rclpy_implementation.RCLError:
+            if self._context.ok():
+                raise
+            self._closed = True
+            return None
 
     def send_input(self, topic: str, type_name: str, nanoseconds: int, data: bytes) -> None:
         """

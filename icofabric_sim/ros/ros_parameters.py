@@ -14,7 +14,8 @@ from icofabric_sim.parameters import (
     ParameterError,
     Parameters,
 )
-from icofabric_sim.scene import check_parameters
+from icofabric_sim.reweave import changed_names
+from icofabric_sim.scene import check_parameters, estimate_bodies, Scene
 from icofabric_sim.schema import FAMILIES, Specification
 from rcl_interfaces.msg import (
     FloatingPointRange,
@@ -27,6 +28,8 @@ from rclpy.parameter import Parameter
 # Names that ROS itself puts on every node: they are its own business.
 ROS_NAMES = ('use_sim_time', 'start_type_description_service')
 _FOREIGN = 'qos_overrides.'
+# A scene of this many bodies is built within some ten milliseconds.
+_QUICK_BODIES = 20_000
 _HUGE = 1.7976931348623157e308
 
 
@@ -81,16 +84,24 @@ class ParameterGate:
     """
     Judges changes that come through the parameter services before rclpy sees them.
 
-    rclpy's own refusals name too little, and an exception in a callback of its parameter services ends the executor;
-    so nothing gets that far.
+    rclpy's own refusals name too little, and an exception in a callback of its parameter services
+    ends the executor; so nothing gets that far.
     """
 
-    def __init__(self, parameters: Parameters, on_change: Callable[[Parameters], None]) -> None:
+    def __init__(
+        self,
+        parameters: Parameters,
+        on_change: Callable[[Parameters], None],
+        limit: Callable[[], float],
+    ) -> None:
         """
         Start from `parameters`; `on_change` hears of every accepted set.
+
+        `limit` tells the stability limit [s] of the step of the running fabric.
         """
         self.accepted = parameters
         self._on_change = on_change
+        self._limit = limit
         # While the gate itself writes values into the node, nothing is judged.
         self.open = False
 
@@ -139,5 +150,21 @@ class ParameterGate:
         if not touched:
             return None, stored
         changed = make_parameters(given)
-        check_parameters(changed)
+        self._check_fabric(changed)
         return changed, stored
+
+    def _check_fabric(self, changed: Parameters) -> None:
+        """
+        Refuse now what building would refuse, as far as that takes a moment only.
+        """
+        check_parameters(changed)
+        names = changed_names(self.accepted, changed)
+        step = changed['solver.step']
+        if names == {'solver.step'} and not step <= self._limit():
+            raise ParameterError(
+                'solver.step',
+                f'solver.step {step!r} s is beyond the stability limit {self._limit():.6g} s of '
+                'the running fabric; choose a smaller one, or 0 to have it chosen',
+            )
+        if estimate_bodies(changed) <= _QUICK_BODIES:
+            Scene.from_parameters(changed)

@@ -1,7 +1,7 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
 """
-Wrenches from topics: judged at the edge, handed to the runner, or dropped with a warning that says why.
+Wrenches from topics: judged at the edge, then handed to the runner or dropped with a reason.
 """
 
 from collections.abc import Callable
@@ -12,7 +12,8 @@ from typing import Any
 from geometry_msgs.msg import WrenchStamped
 from icofabric_sim.inputs import Key
 from icofabric_sim.messages import decode_wrench_stamped
-from icofabric_sim.runner import Runner, WrenchInput
+from icofabric_sim.run_records import WrenchInput
+from icofabric_sim.runner import Runner
 from icofabric_sim.scene import Scene
 import numpy as np
 from rclpy.node import Node
@@ -81,8 +82,8 @@ class WrenchTopics:
         match = _BODY.fullmatch(frame_id)
         if match is None:
             raise Dropped(
-                f"its header.frame_id is {frame_id!r}, and must be 'icosahedron_K' with the number K of "
-                'the body'
+                f"its header.frame_id is {frame_id!r}, and must be 'icosahedron_K' with the "
+                'number K of the body'
             )
         count = self._scene.body_count
         if int(match[1]) >= count:
@@ -96,8 +97,8 @@ class WrenchTopics:
             if frame_id not in allowed:
                 axes = 'body' if channel.in_body_axes else 'world'
                 raise Dropped(
-                    f'its header.frame_id is {frame_id!r}; loads.{name}.frame is {axes}, so it must be '
-                    + ' or '.join(repr(word) for word in allowed)
+                    f'its header.frame_id is {frame_id!r}; loads.{name}.frame is {axes}, so it '
+                    f'must be {allowed[0]!r} or {allowed[1]!r}'
                 )
             return name
 
