@@ -11,8 +11,8 @@ import threading
 # A wait below this needs no words [s].
 _MOMENT = 1.0
 COMPILING = (
-    'compiling the kernels of this kind of scene; that takes up to half a minute once on a machine, '
-    'later starts take them from disk'
+    'compiling the kernels of this kind of scene; that takes up to half a minute once on a '
+    'machine, later starts take them from disk'
 )
 
 

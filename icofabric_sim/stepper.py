@@ -19,14 +19,16 @@ from icofabric_sim.proximity import ProximityWatch
 from icofabric_sim.stability import Frequency, largest_frequency
 import numpy as np
 
-# Steps between two looks at the state: two of the fastest periods at the chosen step, under 2 % of
-# the cost.
+# Steps between two looks at the state: two of the fastest periods at the chosen step. A look costs
+# about as much as four steps, so 6 % in all.
 CHECK_INTERVAL = 64
+# A fixed step near the limit is looked at more often, at most every so many steps.
+SHORTEST_INTERVAL = 8
 # Step times frequency: chosen, too long (shorten it), too short (lengthen it). At 0.2 the phase of
 # the fastest motion is wrong by 0.2^2 / 24 = 0.17 %; slower motions are better by the square of
 # the ratio.
 CHOSEN, LONGEST, SHORTEST = 0.2, 0.25, 0.08
-# Work for one compiled call, in bodies and connectors: some 50 ms, so that an interrupt is soon
+# Work for one compiled call, in bodies and connectors: 25 to 50 ms, so that an interrupt is soon
 # heard.
 _CALL_WORK = 1_500_000
 # Where nothing sets a scale (no connectors, no gravity, no loads, no spin) every step is exact.
@@ -35,7 +37,7 @@ _FREE_STEP = 2.0**-7
 
 class SimulationError(RuntimeError):
     """
-    The run cannot go on; time, bodies and reason are in the message, the state before it is kept.
+    The run cannot go on; time, bodies and reason are in the message, the last state is kept.
     """
 
 
@@ -72,6 +74,7 @@ class Stepper:
         self.load_rate = load_rate
         self.frequency = Frequency(0.0, (), 0)
         self._since_check = 0
+        self._interval = CHECK_INTERVAL
         self._readings = np.zeros(4)
         self._high = self._low = 0.0
         self._failure: SimulationError | None = None
@@ -171,7 +174,7 @@ class Stepper:
 
     def state_at(self, time: float) -> State:
         """
-        Copy of the state at `time`, from a side step off the main line; the last one after a failure.
+        Copy of the state at `time`, from a side step off the main line; after a failure the last.
         """
         if self._failure is None:
             self.advance(time)
@@ -225,7 +228,7 @@ class Stepper:
             step,
             count,
             self._since_check,
-            CHECK_INTERVAL,
+            self._interval,
             *self._watching(),
             self._high,
             self._low,
@@ -282,10 +285,13 @@ class Stepper:
         self.frequency = largest_frequency(self.model, self.state.position, self.state.orientation)
         examine(self.model, self.state, self.work, *self._watching(), math.inf, 0.0, 1.0, math.inf)
         if self.fixed:
-            # Below this the bound proves the step safe. Above it the exact value is computed at every
-            # look: the bound is up to three times as high, so its own growth says nothing about it.
+            # Below this the bound proves the step safe. Above it the exact value is computed at
+            # every look: the bound may be three times as high, its own growth says nothing.
             self._high = self.method.stability / self.step
             self._low = 0.0
+            # Two of the fastest periods here too, as far as that is affordable.
+            steps = CHECK_INTERVAL * CHOSEN / max(self.step * self.frequency.rate, CHOSEN)
+            self._interval = max(int(steps), SHORTEST_INTERVAL)
 
     def _choose_step(self) -> None:
         """

@@ -1,0 +1,329 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+The node from the outside: a process of its own, and a client that reads its topics as bytes.
+"""
+import os
+
+# Read when the message classes are imported, here and in the processes started from here.
+os.environ['ROS_PYTHON_CHECK_FIELDS'] = '1'
+os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+
+from collections import defaultdict
+from importlib import import_module
+from pathlib import Path
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+from icofabric_sim import messages
+from icofabric_sim.outputs import TOPICS
+import pytest
+
+pytest.importorskip('rclpy', reason='rclpy is not installed on this machine')
+
+import rclpy  # noqa: E402 - after the environment that it reads
+from rclpy.executors import SingleThreadedExecutor  # noqa: E402
+from rclpy.parameter import Parameter  # noqa: E402
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy  # noqa: E402
+
+ROOT = Path(__file__).resolve().parents[1]
+SCENES = ROOT / 'config'
+# Generous: a first start compiles kernels, and the machine may do other things.
+PATIENCE = 120.0  # s
+
+DECODERS = {
+    'geometry_msgs/msg/PoseArray': messages.decode_pose_array,
+    'visualization_msgs/msg/Marker': messages.decode_marker_points,
+    'std_msgs/msg/Float64MultiArray': messages.decode_float64_multi_array,
+    'std_msgs/msg/String': messages.decode_string,
+    'rosgraph_msgs/msg/Clock': messages.decode_clock,
+    'diagnostic_msgs/msg/DiagnosticArray': messages.decode_diagnostic_array,
+}
+TYPES = {topic.name.replace('~', '/icofabric'): topic.type for topic in TOPICS}
+
+
+def domain(offset=0):
+    """
+    Domain of this test process, so that runs side by side do not hear each other.
+    """
+    return (os.getpid() + offset) % 102
+
+
+def ros_class(type_name):
+    package, kind, name = type_name.split('/')
+    return getattr(import_module(f'{package}.{kind}'), name)
+
+
+def wait_for(condition, what, *, node=None, limit=PATIENCE):
+    """
+    First true value of `condition`; fails with `what`, and the node's log, when none comes.
+    """
+    deadline = time.monotonic() + limit
+    while True:
+        value = condition()
+        if value:
+            return value
+        if node is not None and node.process.poll() is not None:
+            value = condition()
+            if value:
+                return value
+            pytest.fail(f'the node ended while waiting for {what}:\n{node.log()}')
+        if time.monotonic() > deadline:
+            pytest.fail(f'no {what} within {limit} s\n{node.log() if node else ""}')
+        time.sleep(0.005)
+
+
+class NodeProcess:
+    """
+    `fabric_node` in a process of its own; its log goes to a file.
+    """
+
+    def __init__(self, log_path, *arguments, parameters=None, scene=None, offset=0):
+        """
+        Start with `parameters` (name: value) over the file `scene`, and more command line.
+        """
+        command = [sys.executable, '-m', 'icofabric_sim.ros.fabric_node', '--ros-args']
+        if scene is not None:
+            command += ['--params-file', str(scene)]
+        for name, value in (parameters or {}).items():
+            command += ['-p', f'{name}:={value}']
+        self.log_path = Path(log_path)
+        with self.log_path.open('w') as log:
+            # The environment is passed on: the ROS wheels keep their library path in it.
+            self.process = subprocess.Popen(
+                [*command, *arguments], stdout=log, stderr=subprocess.STDOUT, cwd=ROOT,
+                env={**os.environ, 'ROS_DOMAIN_ID': str(domain(offset))},
+                # A test run in the background would hand on that SIGINT is ignored.
+                preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler))
+
+    def log(self):
+        return self.log_path.read_text(errors='replace')
+
+    def lines(self, word):
+        """
+        Lines of the log that hold `word`.
+        """
+        return [line for line in self.log().splitlines() if word in line]
+
+    def send(self, number):
+        self.process.send_signal(number)
+
+    def wait(self, limit=PATIENCE):
+        """
+        Exit status.
+        """
+        return self.process.wait(limit)
+
+    def stop(self, number=signal.SIGINT):
+        """
+        Ask the node to end, and return its exit status; no traceback may be in its log.
+        """
+        if self.process.poll() is None:
+            self.send(number)
+        try:
+            status = self.wait(60)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            self.process.wait()
+            pytest.fail(f'the node did not end:\n{self.log()}')
+        assert 'Traceback' not in self.log(), self.log()
+        return status
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, kind, error, traceback):
+        if self.process.poll() is None:
+            self.process.kill()
+            self.process.wait()
+
+
+class Client:
+    """
+    Subscriptions that keep what arrives, publishers and service calls; spins in the background.
+    """
+
+    def __init__(self, node=None, *, offset=0):
+        """
+        Join the graph of `node`, whose log is shown when something does not come.
+        """
+        self.process = node
+        self.context = rclpy.Context()
+        self.context.init(domain_id=domain(offset))
+        self.node = rclpy.create_node('test_client', context=self.context)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor.add_node(self.node)
+        self.received = defaultdict(list)
+        self._clients, self._publishers, self._subscriptions = {}, {}, {}
+        self._lock = threading.RLock()
+        self._ending = False
+        self._thread = threading.Thread(target=self._spin, daemon=True)
+        self._thread.start()
+
+    def _spin(self):
+        while not self._ending:
+            self.executor.spin_once(timeout_sec=0.05)
+
+    def close(self):
+        self._ending = True
+        self._thread.join()
+        self.executor.shutdown()
+        self.node.destroy_node()
+        self.context.try_shutdown()
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, kind, error, traceback):
+        self.close()
+
+    def wait_for(self, condition, what, limit=PATIENCE):
+        return wait_for(condition, what, node=self.process, limit=limit)
+
+    # Topics.
+
+    def listen(self, topic, *, latched=False, depth=1000):
+        """
+        Start to keep the messages of `topic`, decoded; returns the list that grows.
+        """
+        topic = topic.replace('~', '/icofabric')
+        decode, kept = DECODERS[TYPES[topic]], self.received[topic]
+        if topic not in self._subscriptions:
+            durability = DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE
+            quality = QoSProfile(
+                depth=depth, reliability=ReliabilityPolicy.RELIABLE, durability=durability)
+            self._subscriptions[topic] = self.node.create_subscription(
+                ros_class(TYPES[topic]), topic, lambda data: kept.append(decode(data)), quality,
+                raw=True)
+        return kept
+
+    def forget(self, topic):
+        """
+        End a subscription.
+        """
+        topic = topic.replace('~', '/icofabric')
+        self.node.destroy_subscription(self._subscriptions.pop(topic))
+        self.received.pop(topic)
+
+    def next(self, topic, condition=lambda message: True, **options):
+        """
+        First message of `topic` from now on that fulfils `condition`.
+        """
+        kept = self.listen(topic, **options)
+        start = len(kept)
+
+        def found():
+            return next(([item] for item in kept[start:] if condition(item)), None)
+
+        return self.wait_for(found, f'message on {topic}')[0]
+
+    @property
+    def clock(self):
+        """
+        Latest simulated time [ns].
+        """
+        kept = self.listen('/clock')
+        return self.wait_for(lambda: kept[-1:], '/clock')[0]
+
+    def wait_until(self, nanoseconds):
+        self.wait_for(lambda: self.clock >= nanoseconds, f'simulated time {nanoseconds} ns')
+
+    def publisher(self, topic, type_name='geometry_msgs/msg/WrenchStamped'):
+        """
+        Publisher that the node is connected to.
+        """
+        topic = topic.replace('~', '/icofabric')
+        if topic not in self._publishers:
+            self._publishers[topic] = self.node.create_publisher(ros_class(type_name), topic, 1000)
+        publisher = self._publishers[topic]
+        self.wait_for(publisher.get_subscription_count, f'subscriber of {topic}')
+        return publisher
+
+    def push(self, topic, force=(0.0, 0.0, 0.0), torque=(0.0, 0.0, 0.0), *, frame='', stamp=0):
+        """
+        Publish a wrench as objects, as any user would.
+        """
+        message = ros_class('geometry_msgs/msg/WrenchStamped')()
+        message.header.frame_id = frame
+        message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, 10**9)
+        vectors = ((message.wrench.force, force), (message.wrench.torque, torque))
+        for vector, values in vectors:
+            vector.x, vector.y, vector.z = (float(value) for value in values)
+        self.publisher(topic).publish(message)
+
+    # Services.
+
+    def begin(self, service, type_name, **fields):
+        """
+        Future of a service call.
+        """
+        service = service.replace('~', '/icofabric')
+        kind = ros_class(type_name)
+        if service not in self._clients:
+            self._clients[service] = self.node.create_client(kind, service)
+        client = self._clients[service]
+        self.wait_for(client.service_is_ready, f'service {service}')
+        return client.call_async(kind.Request(**fields))
+
+    def call(self, service, type_name='std_srvs/srv/Trigger', **fields):
+        """
+        Response of a service.
+        """
+        future = self.begin(service, type_name, **fields)
+        self.wait_for(future.done, f'answer of {service}')
+        return future.result()
+
+    def pause(self, paused=True):
+        response = self.call('~/pause', 'std_srvs/srv/SetBool', data=paused)
+        assert response.success, response.message
+        return response
+
+    def set_each(self, **values):
+        """
+        Results of `set_parameters`; dots in names are written as `__`.
+        """
+        return self.set_messages([parameter(name, value) for name, value in values.items()])
+
+    def set_messages(self, wanted, *, atomically=False):
+        """
+        Results of a parameter service for a list of rcl_interfaces/Parameter.
+        """
+        if atomically:
+            return self.call('~/set_parameters_atomically',
+                             'rcl_interfaces/srv/SetParametersAtomically',
+                             parameters=wanted).result
+        return self.call('~/set_parameters', 'rcl_interfaces/srv/SetParameters',
+                         parameters=wanted).results
+
+    def set(self, *, atomically=False, **values):
+        """
+        Set parameters, which must be accepted.
+        """
+        wanted = [parameter(name, value) for name, value in values.items()]
+        results = self.set_messages(wanted, atomically=atomically)
+        for result in [results] if atomically else results:
+            assert result.successful, result.reason
+
+    def get(self, *names):
+        """
+        Values of parameters, as a node would hold them.
+        """
+        values = self.call('~/get_parameters', 'rcl_interfaces/srv/GetParameters',
+                           names=list(names)).values
+        return [rclpy.parameter.parameter_value_to_python(value) for value in values]
+
+    def health(self, condition=lambda status: True):
+        """
+        Next status of the node on /diagnostics that fulfils `condition`.
+        """
+        return self.next('/diagnostics', lambda message: condition(message[1][0]))[1][0]
+
+
+def parameter(name, value):
+    """
+    A rcl_interfaces/Parameter; dots in the name may be written as `__`.
+    """
+    return Parameter(name.replace('__', '.'), value=value).to_parameter_msg()
