@@ -97,6 +97,11 @@ class Inputs:
             # A steady load of the old scene gives way to the one of the new scene.
             if known(key) and key not in own:
                 self.active[key] = wrench
+        for name, channel in other.scene.loads.items():
+            # Nor does a steady load come back that a received wrench has replaced or cleared.
+            gone = name in self.active and name not in other.active
+            if gone and self.active[name].same(Wrench(channel.force, channel.torque)):
+                del self.active[name]
         self.expiry = {key: time for key, time in other.expiry.items() if known(key)}
         self.queue = [event for event in other.queue if known(event.key)]
         heapq.heapify(self.queue)

@@ -145,15 +145,17 @@ class Simulation:
         """
         if not count >= 1:
             raise ValueError(f'count must be at least 1 step, got {count!r}')
-        for _ in range(count):
+        while count > 0:
             queue = self._inputs.queue
-            end = self._stepper.time + self._stepper.step
-            if queue and queue[0].time < end:
-                self._handle_events(queue[0].time)
-                continue
-            self._stepper.advance_steps(1)
-            self._time = max(self._time, self._stepper.time)
-            self._cached = None
+            due = queue[0].time if queue else math.inf
+            try:
+                done = self._stepper.advance_steps(count, until=due)
+            finally:
+                self._time = max(self._time, self._stepper.time)
+                self._cached = None
+            if done == 0:
+                self._handle_events(due)
+            count -= max(done, 1)
 
     def snapshot(self) -> Snapshot:
         """

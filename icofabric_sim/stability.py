@@ -5,6 +5,7 @@ The largest frequency of a fabric in a configuration: the step of an explicit me
 """
 
 from collections.abc import Callable
+import math
 from typing import NamedTuple
 
 from icofabric_sim.kernels.hessian import hessian_product
@@ -107,6 +108,9 @@ def _lanczos(
         product -= alpha * current + beta * previous
         diagonal.append(alpha)
         beta = _norm(product)
+        if not math.isfinite(beta):
+            # Numbers too large to multiply: nothing is safe.
+            return math.inf, np.ones(iteration), iteration
         values, vectors = eigh_tridiagonal(
             diagonal, off, select='i', select_range=(iteration - 1, iteration - 1)
         )

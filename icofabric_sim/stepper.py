@@ -149,14 +149,17 @@ class Stepper:
                 return
             self._run(remaining)
 
-    def advance_steps(self, count: int) -> None:
+    def advance_steps(self, count: int, *, until: float = math.inf) -> int:
         """
-        Take `count` whole steps.
+        Take whole steps, at least none and at most `count`, that end by `until`; returns how many.
+
+        May return early; 0 says that the next step would end later.
         """
         if self._failure is not None:
             raise self._failure
-        while count > 0:
-            count -= self._run(count)
+        if until < math.inf:
+            count = min(count, self._steps_until(until))
+        return self._run(count) if count > 0 else 0
 
     def cut(self, time: float) -> None:
         """
@@ -304,6 +307,9 @@ class Stepper:
         rate = self.frequency.rate + float(self._readings[2])
         if self.model.connectors is None:
             rate += self.load_rate
+        if not rate < math.inf:
+            self._fail(f'the motion at t = {self.time:.9g} s is too fast for any step: its rate '
+                       'is no longer finite; look for a huge load, spin or stretch')
         step = self.step
         if not rate > 0.0:
             step, rate = _FREE_STEP, CHOSEN / _FREE_STEP

@@ -6,7 +6,6 @@ The simulation node: `ros2 run icofabric_sim fabric_node --ros-args --params-fil
 
 from collections.abc import Callable
 from concurrent.futures import Future
-import logging
 import sys
 import threading
 from typing import Any
@@ -19,6 +18,8 @@ from icofabric_sim.parameters import find_specification, Parameters
 from icofabric_sim.patience import explained_wait
 from icofabric_sim.recording import BagSink
 from icofabric_sim.ros.live_sink import LiveSink
+from icofabric_sim.ros.parameter_service import GuardedParameterService
+from icofabric_sim.ros.process import log_to_ros, spin, start_ros, StopSignals
 from icofabric_sim.ros.ros_parameters import (
     describe,
     make_start_parameters,
@@ -30,8 +31,6 @@ from icofabric_sim.runner import Runner
 from icofabric_sim.scene import Scene
 from icofabric_sim.simulation import compile_scene
 import rclpy
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
-from rclpy.logging import get_logger
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_srvs.srv import SetBool, Trigger
@@ -218,38 +217,6 @@ class FabricNode(Node):
             self._handed.pop(0)()
 
 
-class _RosLogHandler(logging.Handler):
-    """
-    Lines of the ROS-free part go to the node's log.
-    """
-
-    def emit(self, record: logging.LogRecord) -> None:
-        # A line for each severity: rclpy holds every call site to the first one it sees there.
-        logger, text = get_logger('icofabric'), record.getMessage()
-        if record.levelno >= logging.ERROR:
-            logger.error(text)
-        elif record.levelno >= logging.WARNING:
-            logger.warning(text)
-        else:
-            logger.info(text)
-
-
-def spin(node: FabricNode) -> None:
-    """
-    Serve the graph until the context ends or the run is over; what a client sends cannot end it.
-    """
-    executor = SingleThreadedExecutor()
-    executor.add_node(node)
-    while rclpy.ok() and not node.is_done():
-        try:
-            executor.spin_once(timeout_sec=0.2)
-        except (KeyboardInterrupt, ExternalShutdownException):
-            return
-        except Exception as error:  # noqa: BLE001 - e.g. a parameter of a type that does not exist
-            if rclpy.ok():
-                node.get_logger().error(f'a request could not be handled: {error!r}')
-
-
 def main(argv: list[str] | None = None) -> int:
     """
     Entry point of `fabric_node`.
@@ -257,23 +224,19 @@ def main(argv: list[str] | None = None) -> int:
     Exit status: 0 done, 1 the simulation failed, 2 bad input, 130 interrupted before it ran.
     """
     arguments = sys.argv if argv is None else argv
+    signals = StopSignals()
     try:
-        # Before rclpy.init, whose errors name no parameter.
+        # Before ROS starts, whose errors name no parameter.
         parameters = make_start_parameters(check_ros_arguments(arguments[1:]))
-    except ValueError as error:
-        print(f'fabric_node: {error}', file=sys.stderr)
-        return 2
-    rclpy.init(args=arguments)
-    log = logging.getLogger('icofabric_sim')
-    log.addHandler(_RosLogHandler())
-    log.propagate = False
-    try:
+        start_ros(arguments)
+        log_to_ros()
         node = FabricNode(parameters)
+        signals.only_note()
     except ValueError as error:
         print(f'fabric_node: {error}', file=sys.stderr)
         rclpy.try_shutdown()
         return 2
-    except (KeyboardInterrupt, ExternalShutdownException):
+    except KeyboardInterrupt:
         rclpy.try_shutdown()
         return 130
     simulation = node.runner.simulation
@@ -283,14 +246,11 @@ def main(argv: list[str] | None = None) -> int:
     )
     node.start()
     try:
-        spin(node)
-    except KeyboardInterrupt:
-        pass
+        spin(node, lambda: signals.received or node.is_done())
     finally:
         node.close()
     failed = bool(node.runner.failure)
-    if rclpy.ok():
-        node.destroy_node()
+    node.destroy_node()
     rclpy.try_shutdown()
     return 1 if failed else 0
 

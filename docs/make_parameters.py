@@ -1,0 +1,55 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+Writes docs/parameters.md from the table in icofabric_sim/schema.py; a test holds both together.
+
+python docs/make_parameters.py
+"""
+
+from pathlib import Path
+
+from icofabric_sim.schema import FAMILIES, Specification, STATIC, UNBUILT_FAMILIES
+
+_CHANGE = {'weave': 'weaves anew', 'live': 'at once', 'start': 'fixed at the start'}
+_HEAD = """# Parameters
+
+Made by `docs/make_parameters.py` from `icofabric_sim/schema.py`. SI units, radians. One tree for
+the node, for scene files and for Python. *Change* says what a change at run time does: at once
+(the motion goes on), weaves anew (it starts again from the initial state), or fixed at the start.
+*Not built yet*: accepted at its default only, and without effect.
+
+| parameter | default | unit | allowed | change | meaning |
+|---|---|---|---|---|---|
+"""
+
+
+def allowed(entry: Specification) -> str:
+    if not entry.built:
+        return '*not built yet*'
+    if entry.choices:
+        return ', '.join(f'`{choice}`' for choice in entry.choices)
+    if entry.minimum is None:
+        return ''
+    text = f'> {entry.minimum:g}' if entry.open_minimum else f'>= {entry.minimum:g}'
+    return text if entry.maximum is None else f'{text}, <= {entry.maximum:g}'
+
+
+def row(name: str, entry: Specification) -> str:
+    default = '(needed)' if entry.required else f'`{entry.default!r}`'
+    return (f'| `{name}` | {default} | {entry.unit} | {allowed(entry)} | '
+            f'{_CHANGE[entry.change]} | {entry.description} |\n')
+
+
+def text() -> str:
+    parts = [_HEAD]
+    parts += [row(entry.name, entry) for entry in STATIC]
+    for family, fields in FAMILIES.items():
+        parts += [row(f'{family}.NAME' + (f'.{field.name}' if field.name else ''), field)
+                  for field in fields]
+    parts.append('\nNAME: a letter, then letters, digits, single underscores. Not built yet: '
+                 + ', '.join(f'`{family}.*`' for family in UNBUILT_FAMILIES) + '.\n')
+    return ''.join(parts)
+
+
+if __name__ == '__main__':
+    (Path(__file__).parent / 'parameters.md').write_text(text(), encoding='utf-8')
