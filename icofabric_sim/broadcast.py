@@ -51,9 +51,9 @@ class Sink(Protocol):
         Whether messages are kept; repeated ones for late joiners are then left out.
         """
 
-    def time_jumped_back(self) -> None:
+    def time_jumped_back(self, simulation: Simulation) -> None:
         """
-        Hear that the simulated time starts again at 0.
+        Hear that the simulated time starts again at 0, with `simulation`.
         """
 
 
@@ -77,7 +77,7 @@ class Broadcast:
         """
         Take the messages of another scene.
         """
-        self._simulation = simulation
+        self.simulation = simulation
         self._outputs = Outputs(simulation.scene)
         self.set_rates(simulation.scene.parameters)
 
@@ -85,6 +85,7 @@ class Broadcast:
         """
         Take other rates.
         """
+        self._parameters = parameters
         self._clock_wanted = parameters['publish_clock']
         self._schedules = {topic: Schedule(parameters[name]) for topic, name in _RATES.items()}
 
@@ -104,12 +105,27 @@ class Broadcast:
 
         `cleared` removes the markers of an earlier scene.
         """
-        self._send(topics.WEAVE, now, [self._outputs.weave()], self._receivers(topics.WEAVE))
+        self.describe(now)
         if cleared:
             receivers = self._receivers(topics.CONNECTORS)
             if receivers:
                 self._send(topics.CONNECTORS, now, [self._outputs.cleared(now)], receivers)
         self.emit(now)
+
+    def describe(self, now: int) -> None:
+        """
+        Tell everyone the parameters in force.
+        """
+        receivers = self._receivers(topics.WEAVE)
+        if receivers:
+            self._send(topics.WEAVE, now, [self._outputs.weave(self._parameters)], receivers)
+
+    def time_jumped_back(self) -> None:
+        """
+        Have the sinks begin anew: simulated time starts again.
+        """
+        for sink in self.sinks:
+            sink.time_jumped_back(self.simulation)
 
     def due(self, now: int) -> None:
         """
@@ -153,7 +169,7 @@ class Broadcast:
     def _build(self, topic: Topic, now: int) -> list[bytes]:
         if topic is topics.CLOCK:
             return [self._outputs.clock(now)]
-        snapshot = self._simulation.snapshot()
+        snapshot = self.simulation.snapshot()
         if topic is topics.POSES:
             return [self._outputs.poses(snapshot, now)]
         if topic is topics.STATE:

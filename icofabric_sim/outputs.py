@@ -16,6 +16,7 @@ from icofabric_sim.messages import (
     StringBytes,
 )
 from icofabric_sim.parameter_text import dump_parameters
+from icofabric_sim.parameters import Parameters
 from icofabric_sim.scene import Scene
 from icofabric_sim.snapshot import Snapshot
 import numpy as np
@@ -154,11 +155,13 @@ class Outputs:
         marker = MarkerBytes(self.frame_id, 'connectors', 0, MarkerType.LINE_LIST)
         return marker.stamped(nanoseconds, action=MarkerAction.DELETEALL)
 
-    def weave(self) -> bytes:
+    def weave(self, parameters: Parameters) -> bytes:
         """
-        `~/weave`: the parameters of the scene, as a ROS parameter file.
+        `~/weave`: the `parameters` in force, as a ROS parameter file.
+
+        They are those of the scene, but for rates and the like that may have changed since.
         """
-        return StringBytes(dump_parameters(dict(self.scene.parameters))).to_bytes()
+        return StringBytes(dump_parameters(dict(parameters))).to_bytes()
 
     def clock(self, nanoseconds: int) -> bytes:
         """

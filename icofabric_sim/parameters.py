@@ -18,6 +18,8 @@ from icofabric_sim.schema import BY_NAME, FAMILIES, Specification, STATIC, UNBUI
 
 # A letter, then letters, digits, single underscores. Such a name is also a valid ROS topic token.
 _NAME = re.compile(r'[A-Za-z](?:[A-Za-z0-9]|_(?!_))*')
+# The topic ~/loads/NAME of a node in some namespaces must stay within the 247 characters of ROS.
+_LONGEST_NAME = 100
 _TYPE_WORDS = {bool: 'true or false', int: 'an integer', float: 'a number', str: 'a text'}
 _MODE_WORDS = {True: 'always', False: 'never'}
 
@@ -122,11 +124,11 @@ def find_specification(name: str) -> Specification:
         raise ParameterError(name, f'{name}: {family}.* is not built yet; leave it out')
     if family in FAMILIES and rest:
         member, _, field_name = rest.partition('.')
-        if not _NAME.fullmatch(member):
+        if not _NAME.fullmatch(member) or len(member) > _LONGEST_NAME:
             raise ParameterError(
                 name,
                 f'{name}: {member!r} is not a valid name; use a letter, then letters, digits '
-                'and single underscores',
+                f'and single underscores, at most {_LONGEST_NAME} in all',
             )
         for field in FAMILIES[family]:
             if field.name == field_name:

@@ -73,11 +73,10 @@ class BagSink:
             'overflow': 'drop' if live else 'wait',
             'on_error': on_error,
         }
-        self._custom = describe_run(simulation)
-        self.recorder = self._open(self.base)
+        self.recorder = self._open(self.base, simulation)
 
-    def _open(self, path: Path) -> BagRecorder:
-        recorder = BagRecorder(path, custom=self._custom, **self._options)
+    def _open(self, path: Path, simulation: Simulation) -> BagRecorder:
+        recorder = BagRecorder(path, custom=describe_run(simulation), **self._options)
         for topic in TOPICS:
             if topic.recorded:
                 recorder.add_topic(
@@ -120,12 +119,19 @@ class BagSink:
             self.recorder.add_topic(topic, type_name, latched=False, depth=100)
         self.recorder.write(topic, nanoseconds, data, essential=True)
 
-    def time_jumped_back(self) -> None:
+    def time_jumped_back(self, simulation: Simulation) -> None:
         """
         Close this bag and open the next: PATH_1, PATH_2, ...
+
+        Where that is not possible the run goes on without one, as after any error of the disk.
         """
         self.recorder.close()
-        self.recorder = self._open(next_free_path(self.base))
+        try:
+            self.recorder = self._open(next_free_path(self.base), simulation)
+        except BagError as error:
+            self.recorder.error = error
+            if self._options['on_error'] is not None:
+                self._options['on_error'](error)
 
     def close(self, *, summary: dict[str, str] | None = None) -> None:
         """

@@ -34,6 +34,8 @@ _LOGGER = logging.getLogger('icofabric_sim')
 RESPONSE = 0.01
 # Wall time between repeated live messages while the simulated time stands still [s].
 _IDLE_REFRESH = 0.5
+# Wall time between two warnings of dropped wrenches [s].
+_DROP_INTERVAL = 1.0
 
 
 class Runner:
@@ -52,8 +54,8 @@ class Runner:
         """
         Start at time 0, paused where the scene says so.
 
-        `on_rebuilt` hears of each change of the scene: the parameters now in force, and why a
-        change was not possible ('' where it was). `report` lays out /diagnostics.
+        `on_rebuilt` hears of each change of the scene: the parameters that were wanted, and why
+        they could not be had ('' where they could). `report` lays out /diagnostics.
         """
         self.simulation = simulation
         self.parameters = simulation.scene.parameters
@@ -72,6 +74,8 @@ class Runner:
         self._pace = Pace(self.parameters['real_time_factor'])
         self._reweaver = Reweaver(self.post, self._swap)
         self._horizon_warned = False
+        self.dropped = 0  # wrenches
+        self._last_drop = -math.inf
         self._last_refresh = 0.0
 
     # Called from any thread.
@@ -240,8 +244,7 @@ class Runner:
         horizon = self.parameters['input_horizon']
         at = received.stamp
         if self.failure:
-            _LOGGER.warning(
-                'a wrench on %s was dropped: the simulation has stopped', received.topic)
+            self._drop(received, 'the simulation has stopped')
             return
         if at > self.now + round(horizon * NANOSECONDS):
             if not self._horizon_warned:
@@ -265,15 +268,19 @@ class Runner:
         while self._pending and self._pending[0][0] <= self.now:
             _, _, received = heapq.heappop(self._pending)
             if not self._is_known(received.key):
-                _LOGGER.warning(
-                    'a wrench on %s was dropped: the weave changed before it acted', received.topic
-                )
+                self._drop(received, 'the weave changed before it acted')
                 continue
             self._broadcast.input(received.topic, WrenchStampedBytes.TYPE, self.now, received.data)
             if isinstance(received.key, int):
                 self.simulation.apply_body_wrench(received.key, received.force, received.torque)
             else:
                 self.simulation.apply_wrench(received.key, received.force, received.torque)
+
+    def _drop(self, received: WrenchInput, reason: str) -> None:
+        self.dropped += 1
+        if wall.monotonic() - self._last_drop >= _DROP_INTERVAL:
+            self._last_drop = wall.monotonic()
+            _LOGGER.warning('a wrench on %s was dropped: %s', received.topic, reason)
 
     def _is_known(self, key: Key) -> bool:
         scene = self.simulation.scene
@@ -303,8 +310,7 @@ class Runner:
         if self.parameters['reset_time']:
             self.now = 0
             self.simulation.reset_time()
-            for sink in self._broadcast.sinks:
-                sink.time_jumped_back()
+            self._broadcast.time_jumped_back()
         else:
             self.simulation.reset()
         self._pace.restart(self.now)
@@ -314,6 +320,7 @@ class Runner:
         if concerns_runner_only(self.parameters, parameters):
             self._reweaver.amend(parameters)
             self._take_rates(parameters)
+            self._broadcast.describe(self.now)
         else:
             self._reweaver.want(parameters)
 
@@ -332,7 +339,7 @@ class Runner:
                 simulation, reason = None, str(error)
         if simulation is None:
             _LOGGER.error('the change could not be built, the old fabric runs on: %s', reason)
-            self.on_rebuilt(self.parameters, reason)
+            self.on_rebuilt(parameters, reason)
             return
         self.simulation, self.failure = simulation, ''
         self._broadcast.set_scene(simulation)

@@ -16,7 +16,7 @@ def projectile(position, velocity, gravity, time):
     """
     Return R0 + V0 t + g t^2 / 2, the solution of M R'' = M g (eq 45).
     """
-    return position + velocity * time + 0.5 * np.asarray(gravity) * time ** 2
+    return position + velocity * time + 0.5 * np.asarray(gravity) * time**2
 
 
 def quaternion_product(left, right):
@@ -25,8 +25,9 @@ def quaternion_product(left, right):
     """
     v, w = left[..., :3], left[..., 3:]
     p, s = right[..., :3], right[..., 3:]
-    return np.concatenate([
-        w * p + s * v + np.cross(v, p), w * s - (v * p).sum(axis=-1, keepdims=True)], axis=-1)
+    return np.concatenate(
+        [w * p + s * v + np.cross(v, p), w * s - (v * p).sum(axis=-1, keepdims=True)], axis=-1
+    )
 
 
 def rotation_quaternion(vector):
@@ -36,8 +37,9 @@ def rotation_quaternion(vector):
     vector = np.asarray(vector, dtype=float)
     angle = np.linalg.norm(vector, axis=-1, keepdims=True)
     # numpy.sinc(x) is sin(pi x) / (pi x), smooth at zero.
-    return np.concatenate([
-        0.5 * np.sinc(angle / (2.0 * np.pi)) * vector, np.cos(0.5 * angle)], axis=-1)
+    return np.concatenate(
+        [0.5 * np.sinc(angle / (2.0 * np.pi)) * vector, np.cos(0.5 * angle)], axis=-1
+    )
 
 
 def free_rotation(orientation, spin, time):
@@ -56,7 +58,9 @@ def rotation_distance(left, right):
 
     For nearly equal orientations the chord is accurate where the scalar product is not.
     """
-    chord = np.minimum(np.linalg.norm(left - right, axis=-1), np.linalg.norm(left + right, axis=-1))
+    chord = np.minimum(
+        np.linalg.norm(left - right, axis=-1), np.linalg.norm(left + right, axis=-1)
+    )
     return 4.0 * np.arcsin(np.minimum(0.5 * chord, 1.0))
 
 
@@ -85,9 +89,9 @@ class PairMode(NamedTuple):
     Small motion of two bodies and their connector, per unit of the connector's lengthening.
     """
 
-    frequency: float          # [rad/s]
-    shift: np.ndarray         # (2, 3) [m / m]
-    turn: np.ndarray          # (2, 3) [rad / m]
+    frequency: float  # [rad/s]
+    shift: np.ndarray  # (2, 3) [m / m]
+    turn: np.ndarray  # (2, 3) [rad / m]
 
 
 def pair_mode(stiffness, mass, inertia, arms, direction):
@@ -101,11 +105,13 @@ def pair_mode(stiffness, mass, inertia, arms, direction):
     motion keeps its shape. Everything else is a mechanism.
     """
     moments = np.cross(arms, direction)
-    square = stiffness * (2.0 / mass + (moments ** 2).sum() / inertia)
+    square = stiffness * (2.0 / mass + (moments**2).sum() / inertia)
     sign = np.array([[-1.0], [1.0]])
     return PairMode(
-        math.sqrt(square), sign * direction * stiffness / (mass * square),
-        sign * moments * stiffness / (inertia * square))
+        math.sqrt(square),
+        sign * direction * stiffness / (mass * square),
+        sign * moments * stiffness / (inertia * square),
+    )
 
 
 def rocking_frequencies(stiffness, natural_length, arm, distance, inertia):
@@ -121,8 +127,10 @@ def rocking_frequencies(stiffness, natural_length, arm, distance, inertia):
     """
     length = distance - 2.0 * arm
     pull = stiffness * (length - natural_length)
-    return (math.sqrt(pull * arm * (1.0 + 2.0 * arm / length) / inertia),
-            math.sqrt(pull * arm / inertia))
+    return (
+        math.sqrt(pull * arm * (1.0 + 2.0 * arm / length) / inertia),
+        math.sqrt(pull * arm / inertia),
+    )
 
 
 def momentum(mass, linear_velocity):

@@ -34,22 +34,38 @@ RANDOM = {'initial_random': {'velocity_sigma': 0.5, 'spin_sigma': 60.0, 'seed': 
 SUPPORTED = {
     'gravity': [1.0, -2.0, -9.81],
     'groups': {'top': 'z_max', 'corner': 'ids 0', 'rail': 'ids 1'},
-    'supports': {'ceiling': {'group': 'top'}, 'slide': {'group': 'corner', 'fix': 'tx tz'},
-                 'clamp': {'group': 'rail', 'fix': 'rotation'}}}
+    'supports': {
+        'ceiling': {'group': 'top'},
+        'slide': {'group': 'corner', 'fix': 'tx tz'},
+        'clamp': {'group': 'rail', 'fix': 'rotation'},
+    },
+}
 
 # A follower wrench with its force off centre on one body, a shared one in world axes on two.
 LOADED = {
     'groups': {'tip': 'ids 1', 'others': 'ids 0 2'},
     'loads': {
-        'follower': {'group': 'tip', 'frame': 'body', 'point': [0.004, -0.007, 0.011],
-                     'force': [1.5, -0.7, 2.0], 'torque': [0.004, 0.01, -0.006]},
-        'steady': {'group': 'others', 'share': 'total', 'point': [0.0, 0.016, -0.003],
-                   'force': [-2.0, 0.4, 1.0], 'torque': [0.0, -0.008, 0.002]}}}
+        'follower': {
+            'group': 'tip',
+            'frame': 'body',
+            'point': [0.004, -0.007, 0.011],
+            'force': [1.5, -0.7, 2.0],
+            'torque': [0.004, 0.01, -0.006],
+        },
+        'steady': {
+            'group': 'others',
+            'share': 'total',
+            'point': [0.0, 0.016, -0.003],
+            'force': [-2.0, 0.4, 1.0],
+            'torque': [0.0, -0.008, 0.002],
+        },
+    },
+}
 
 
 def pair_face_to_face(scene, distance):
     """
-    Positions and orientations of the two bodies of a 2x2x1 slab with their connector on the line of the centres.
+    Positions and orientations of a 2x2x1 slab with its connector on the line of the centres.
 
     Along world x, `distance` [m] from centre to centre.
     """
@@ -57,7 +73,7 @@ def pair_face_to_face(scene, distance):
     orientation = []
     for arm, target in zip(arms, (np.array([1.0, 0, 0]), np.array([-1.0, 0, 0]))):
         unit = arm / np.linalg.norm(arm)
-        # Half-way quaternion; both ends of a connector sit on different axes, never opposite ones here.
+        # Half-way quaternion; no arm is opposite to its target here.
         quaternion = np.append(np.cross(unit, target), 1.0 + unit @ target)
         orientation.append(quaternion / np.linalg.norm(quaternion))
     return np.array([[-0.5 * distance, 0, 0], [0.5 * distance, 0, 0]]), np.array(orientation)
@@ -75,3 +91,31 @@ def steady_loads(scene):
     Packed loads that act from the start.
     """
     return Inputs(scene).pack()
+
+
+def loaded_fabric(changes=None):
+    """
+    Fabric in random motion with two load channels, `tip` and `two`.
+    """
+    return make_scene(
+        (3, 2, 2),
+        {
+            'groups.tip': 'x_max',
+            'groups.two': 'ids 0 3',
+            'contact.mode': 'never',
+            'loads.tip.group': 'tip',
+            'loads.tip.share': 'total',
+            'loads.two.group': 'two',
+            'loads.two.frame': 'body',
+            'loads.two.point': [0.0, 0.01, -0.004],
+            **(changes or {}),
+        },
+        **RANDOM,
+    )
+
+
+def same_state(one, other):
+    """
+    Whether two snapshots have the same bits.
+    """
+    return all(np.array_equal(getattr(one, name), getattr(other, name)) for name in STATE)

@@ -31,9 +31,9 @@ class Motion(NamedTuple):
     State at one time, world frame.
     """
 
-    position: np.ndarray          # R (n, 3) [m]
-    axes: np.ndarray              # mu (n, 3, 3), row i is e_i in world components
-    linear_velocity: np.ndarray   # R' (n, 3) [m/s]
+    position: np.ndarray  # R (n, 3) [m]
+    axes: np.ndarray  # mu (n, 3, 3), row i is e_i in world components
+    linear_velocity: np.ndarray  # R' (n, 3) [m/s]
     angular_velocity: np.ndarray  # omega (n, 3) [rad/s]
 
 
@@ -101,9 +101,14 @@ def _integrate(derivative, parts, scales, duration):
         return np.concatenate([piece.ravel() for piece in derivative(*split(vector))])
 
     solution = solve_ivp(
-        flat, (0.0, duration), np.concatenate([part.ravel() for part in parts]), method='DOP853',
-        rtol=TOLERANCE, atol=TOLERANCE * np.repeat(scales, [part.size for part in parts]),
-        t_eval=[duration])
+        flat,
+        (0.0, duration),
+        np.concatenate([part.ravel() for part in parts]),
+        method='DOP853',
+        rtol=TOLERANCE,
+        atol=TOLERANCE * np.repeat(scales, [part.size for part in parts]),
+        t_eval=[duration],
+    )
     assert solution.success, solution.message
     return split(solution.y[:, -1])
 
@@ -118,16 +123,19 @@ def integrate_quaternions(scene, duration):
     """
     Motion of a `scene` from its initial state after `duration` [s], eqs 21-27 and 45-49.
     """
+
     def derivative(position, quaternion, velocity, omega):
         linear, angular = accelerations(scene, position, axes_of(quaternion))
         # dq/dt = omega q / 2 with the pure quaternion omega (eq 22), scalar last.
         v, w = quaternion[:, :3], quaternion[:, 3:]
-        rate = 0.5 * np.hstack([
-            w * omega + np.cross(omega, v), -(omega * v).sum(axis=1, keepdims=True)])
+        rate = 0.5 * np.hstack(
+            [w * omega + np.cross(omega, v), -(omega * v).sum(axis=1, keepdims=True)]
+        )
         return velocity, rate, linear, angular
 
     position, quaternion, velocity, omega = _integrate(
-        derivative, scene.initial, _scales(scene, duration), duration)
+        derivative, scene.initial, _scales(scene, duration), duration
+    )
     norm = np.linalg.norm(quaternion, axis=1, keepdims=True)
     return Motion(position, axes_of(quaternion / norm), velocity, omega)
 
@@ -136,12 +144,17 @@ def integrate_cosines(scene, duration):
     """
     Motion of a `scene` from its initial state after `duration` [s], eqs 16-20 and 45-49.
     """
+
     def derivative(position, axes, velocity, omega):
         linear, angular = accelerations(scene, position, axes)
         # de_i/dt = omega x e_i (eq 19), for the three axes of each body.
         return velocity, np.cross(omega[:, None, :], axes), linear, angular
 
     start = scene.initial
-    parts = (start.position, axes_of(start.orientation), start.linear_velocity,
-             start.angular_velocity)
+    parts = (
+        start.position,
+        axes_of(start.orientation),
+        start.linear_velocity,
+        start.angular_velocity,
+    )
     return Motion(*_integrate(derivative, parts, _scales(scene, duration), duration))

@@ -153,7 +153,8 @@ class Client:
         self.process = node
         self.context = rclpy.Context()
         self.context.init(domain_id=domain(offset))
-        self.node = rclpy.create_node('test_client', context=self.context)
+        self.node = rclpy.create_node(
+            'test_client', context=self.context, enable_rosout=False)
         self.executor = SingleThreadedExecutor(context=self.context)
         self.executor.add_node(self.node)
         self.received = defaultdict(list)

@@ -2,7 +2,7 @@
 # Licensed under the Apache License, Version 2.0; see LICENSE.
 
 from analytical import projectile
-from fabrics import changed, make_scene, RANDOM, STATE
+from fabrics import changed, loaded_fabric, make_scene, same_state
 import icofabric_sim as ico
 from icofabric_sim.inputs import Inputs
 import numpy as np
@@ -13,18 +13,9 @@ STEPS = (0.0, 1e-4, 0.0137, 0.75)
 
 
 def one_body(changes=None, **sections):
-    return make_scene((1, 1, 1), {'groups.tip': 'all', 'loads.tip.group': 'tip', **(changes or {})}, **sections)
-
-
-def loaded_fabric(changes=None):
-    return make_scene((3, 2, 2), {
-        'groups.tip': 'x_max', 'groups.two': 'ids 0 3', 'contact.mode': 'never',
-        'loads.tip.group': 'tip', 'loads.tip.share': 'total', 'loads.two.group': 'two',
-        'loads.two.frame': 'body', 'loads.two.point': [0.0, 0.01, -0.004], **(changes or {})}, **RANDOM)
-
-
-def same_state(one, other):
-    return all(np.array_equal(getattr(one, name), getattr(other, name)) for name in STATE)
+    return make_scene(
+        (1, 1, 1), {'groups.tip': 'all', 'loads.tip.group': 'tip', **(changes or {})}, **sections
+    )
 
 
 @pytest.mark.parametrize('step', STEPS)
@@ -38,8 +29,12 @@ def test_impulse_is_force_times_time_whatever_the_step(step, times):
     simulation.advance_to(1.0)
     s = simulation.snapshot()
     duration = end - begin
-    np.testing.assert_allclose(s.linear_velocity[0], FORCE * duration / scene.shell.mass, rtol=1e-12)
-    np.testing.assert_allclose(s.angular_velocity[0], TORQUE * duration / scene.shell.inertia, rtol=1e-12)
+    np.testing.assert_allclose(
+        s.linear_velocity[0], FORCE * duration / scene.shell.mass, rtol=1e-12
+    )
+    np.testing.assert_allclose(
+        s.angular_velocity[0], TORQUE * duration / scene.shell.inertia, rtol=1e-12
+    )
     # The way is exact too: a parabola while the force acts, then a straight line.
     way = projectile(np.zeros(3), 0.0, FORCE / scene.shell.mass, duration)
     way = way + FORCE * duration / scene.shell.mass * (1.0 - end)
@@ -54,7 +49,9 @@ def test_wrench_applied_now_acts_from_now():
     assert simulation.apply_wrench('tip', FORCE) == 0.1234
     assert np.array_equal(simulation.active_loads['tip'].force, FORCE)
     simulation.advance_to(0.2)
-    assert simulation.snapshot().linear_velocity[0] == pytest.approx(FORCE * 0.0766 / scene.shell.mass, rel=1e-12)
+    assert simulation.snapshot().linear_velocity[0] == pytest.approx(
+        FORCE * 0.0766 / scene.shell.mass, rel=1e-12
+    )
 
 
 @pytest.mark.parametrize('hold', [0.01, 0.25])
@@ -95,7 +92,9 @@ def test_last_of_several_wrenches_at_one_time_wins():
     for factor in (5.0, 0.0, 1.0):
         simulation.apply_wrench('tip', factor * FORCE, time=0.5)
     simulation.advance_to(1.0)
-    assert simulation.snapshot().linear_velocity[0] == pytest.approx(FORCE * 0.5 / scene.shell.mass, rel=1e-12)
+    assert simulation.snapshot().linear_velocity[0] == pytest.approx(
+        FORCE * 0.5 / scene.shell.mass, rel=1e-12
+    )
 
 
 def test_steady_load_of_the_scene_is_replaced_and_comes_back_with_a_reset():
@@ -111,13 +110,26 @@ def test_steady_load_of_the_scene_is_replaced_and_comes_back_with_a_reset():
     simulation.reset()
     assert not simulation.snapshot().linear_velocity.any()
     simulation.advance_to(1.5)
-    assert simulation.snapshot().linear_velocity[0] == pytest.approx(FORCE * 0.5 / scene.shell.mass, rel=1e-12)
+    assert simulation.snapshot().linear_velocity[0] == pytest.approx(
+        FORCE * 0.5 / scene.shell.mass, rel=1e-12
+    )
 
 
 def test_share_total_and_each():
-    scenes = {share: make_scene((2, 2, 2), {
-        'weave.connected': False, 'groups.three': 'ids 0 1 3', 'loads.l.group': 'three', 'loads.l.share': share,
-        'loads.l.force': list(FORCE), 'loads.l.torque': list(TORQUE)}) for share in ('each', 'total')}
+    scenes = {
+        share: make_scene(
+            (2, 2, 2),
+            {
+                'weave.connected': False,
+                'groups.three': 'ids 0 1 3',
+                'loads.l.group': 'three',
+                'loads.l.share': share,
+                'loads.l.force': list(FORCE),
+                'loads.l.torque': list(TORQUE),
+            },
+        )
+        for share in ('each', 'total')
+    }
     speeds = {}
     for share, scene in scenes.items():
         simulation = ico.compile_scene(scene)
@@ -125,21 +137,33 @@ def test_share_total_and_each():
         s = simulation.snapshot()
         part = 3.0 if share == 'total' else 1.0
         for body in (0, 1, 3):
-            assert s.linear_velocity[body] == pytest.approx(FORCE * 0.01 / part / scene.shell.mass, rel=1e-12)
-            assert s.angular_velocity[body] == pytest.approx(TORQUE * 0.01 / part / scene.shell.inertia, rel=1e-12)
+            assert s.linear_velocity[body] == pytest.approx(
+                FORCE * 0.01 / part / scene.shell.mass, rel=1e-12
+            )
+            assert s.angular_velocity[body] == pytest.approx(
+                TORQUE * 0.01 / part / scene.shell.inertia, rel=1e-12
+            )
         assert not s.linear_velocity[2].any() and not s.angular_velocity[2].any()
         speeds[share] = s.linear_velocity[0]
     assert speeds['each'] == pytest.approx(3.0 * speeds['total'], rel=1e-12)
 
 
 # A quarter turn about z: body x is world y.
-TURNED = {'loads.tip.point': [0.01, 0.0, 0.0], 'initial.i.group': 'all', 'initial.i.rotation': [0.0, 0.0, np.pi / 2]}
+TURNED = {
+    'loads.tip.point': [0.01, 0.0, 0.0],
+    'initial.i.group': 'all',
+    'initial.i.rotation': [0.0, 0.0, np.pi / 2],
+}
 
 
-@pytest.mark.parametrize('frame, force, moment', [
-    # Force along x, in the world or on the body; its point lies on world y.
-    ('world', [1.0, 0.0, 0.0], [0.0, 0.0, -0.01]),
-    ('body', [0.0, 1.0, 0.0], [0.0, 0.0, 0.0])])
+@pytest.mark.parametrize(
+    'frame, force, moment',
+    [
+        # Force along x, in the world or on the body; its point lies on world y.
+        ('world', [1.0, 0.0, 0.0], [0.0, 0.0, -0.01]),
+        ('body', [0.0, 1.0, 0.0], [0.0, 0.0, 0.0]),
+    ],
+)
 def test_frame_and_point(frame, force, moment):
     scene = one_body({**TURNED, 'loads.tip.frame': frame, 'solver.step': 1e-9})
     simulation = ico.compile_scene(scene)
@@ -149,39 +173,64 @@ def test_frame_and_point(frame, force, moment):
     expected = np.array(force) * 1e-9 / scene.shell.mass
     np.testing.assert_allclose(s.linear_velocity[0], expected, atol=1e-12 * np.abs(expected).max())
     expected = (np.array(moment) + [0, 0, 0.004]) * 1e-9 / scene.shell.inertia
-    np.testing.assert_allclose(s.angular_velocity[0], expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
+    np.testing.assert_allclose(
+        s.angular_velocity[0], expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max()
+    )
 
 
 def test_follower_force_turns_with_its_body():
     # A body that spins at a constant rate under a force on its own axes runs in a circle:
     # V = F/(m omega) (sin(omega t), 1 - cos(omega t)).
     omega, push, end = 7.0, 0.05, 0.6
-    scene = one_body({'loads.tip.frame': 'body', 'initial.i.group': 'all', 'solver.step': 1e-4,
-                      'initial.i.angular_velocity': [0.0, 0.0, omega], 'loads.tip.force': [push, 0.0, 0.0]})
+    scene = one_body(
+        {
+            'loads.tip.frame': 'body',
+            'initial.i.group': 'all',
+            'solver.step': 1e-4,
+            'initial.i.angular_velocity': [0.0, 0.0, omega],
+            'loads.tip.force': [push, 0.0, 0.0],
+        }
+    )
     simulation = ico.compile_scene(scene)
     simulation.advance_to(end)
     s = simulation.snapshot()
-    expected = push / (scene.shell.mass * omega) * np.array([np.sin(omega * end), 1.0 - np.cos(omega * end), 0.0])
+    expected = (
+        push
+        / (scene.shell.mass * omega)
+        * np.array([np.sin(omega * end), 1.0 - np.cos(omega * end), 0.0])
+    )
     # The trapezoidal rule of the kicks: (omega h)^2 / 12.
-    np.testing.assert_allclose(s.linear_velocity[0], expected, rtol=0, atol=(omega * 1e-4) ** 2 / 6 * 2.0)
+    np.testing.assert_allclose(
+        s.linear_velocity[0], expected, rtol=0, atol=(omega * 1e-4) ** 2 / 6 * 2.0
+    )
     assert s.linear_velocity[0, 1] > 1.0
     assert np.array_equal(s.angular_velocity[0], [0.0, 0.0, omega])
 
 
 def test_wrench_on_one_body_acts_on_its_own_axes_and_adds_to_its_channels():
-    scene = make_scene((2, 2, 2), {'weave.connected': False, 'groups.tip': 'ids 2', 'loads.tip.group': 'tip',
-                                   'initial.i.group': 'all', 'initial.i.rotation': [0.0, 0.0, np.pi / 2],
-                                   'solver.step': 1e-6})
+    scene = make_scene(
+        (2, 2, 2),
+        {
+            'weave.connected': False,
+            'groups.tip': 'ids 2',
+            'loads.tip.group': 'tip',
+            'initial.i.group': 'all',
+            'initial.i.rotation': [0.0, 0.0, np.pi / 2],
+            'solver.step': 1e-6,
+        },
+    )
     simulation = ico.compile_scene(scene)
     simulation.apply_body_wrench(2, (1.0, 0.0, 0.0))
     simulation.apply_wrench('tip', (0.0, 0.0, 3.0))
     assert simulation.apply_body_wrench(np.int64(0), torque=(0.0, 0.0, 1e-3), time=5e-4) == 5e-4
     simulation.advance_to(1e-3)
     s = simulation.snapshot()
-    np.testing.assert_allclose(s.linear_velocity[2], np.array([0.0, 1.0, 3.0]) * 1e-3 / scene.shell.mass,
-                               atol=1e-12)
-    np.testing.assert_allclose(s.angular_velocity[0], np.array([0.0, 0.0, 1e-3]) * 5e-4 / scene.shell.inertia,
-                               rtol=1e-12)
+    np.testing.assert_allclose(
+        s.linear_velocity[2], np.array([0.0, 1.0, 3.0]) * 1e-3 / scene.shell.mass, atol=1e-12
+    )
+    np.testing.assert_allclose(
+        s.angular_velocity[0], np.array([0.0, 0.0, 1e-3]) * 5e-4 / scene.shell.inertia, rtol=1e-12
+    )
     assert not s.linear_velocity[[0, 1, 3]].any()
     assert set(simulation.active_loads) == {0, 2, 'tip'}
     simulation.apply_body_wrench(2)
@@ -189,97 +238,18 @@ def test_wrench_on_one_body_acts_on_its_own_axes_and_adds_to_its_channels():
     assert simulation.snapshot().linear_velocity[2, 1] == s.linear_velocity[2, 1]
 
 
-@pytest.mark.parametrize('step', [0.0, 1e-4])
-def test_scheduled_wrench_gives_the_bits_of_one_applied_at_its_time(step):
-    changes = {'solver.step': step}
-    scheduled, stopped = (ico.compile_scene(loaded_fabric(changes)) for _ in range(2))
-    times = [0.00313, 0.007, 0.0101]
-    for index, time in enumerate(times):
-        scheduled.apply_wrench('two', (1.0 + index) * FORCE, TORQUE, time=time)
-    scheduled.apply_wrench('tip', 3.0 * FORCE, time=times[1])
-    scheduled.advance_to(0.02)
-    for index, time in enumerate(times):
-        stopped.advance_to(time)
-        stopped.apply_wrench('two', (1.0 + index) * FORCE, TORQUE)
-        if index == 1:
-            stopped.apply_wrench('tip', 3.0 * FORCE)
-    stopped.advance_to(0.02)
-    assert same_state(scheduled.snapshot(), stopped.snapshot())
-    untouched = ico.compile_scene(loaded_fabric(changes))
-    untouched.advance_to(times[0])
-    before = ico.compile_scene(loaded_fabric(changes))
-    before.apply_wrench('two', FORCE, time=times[0])
-    before.advance_to(times[0])
-    # Until it acts, nothing knows of it.
-    assert same_state(before.snapshot(), untouched.snapshot())
-    for simulation in (before, untouched):
-        simulation.advance_to(0.02)
-    assert not same_state(before.snapshot(), untouched.snapshot())
-
-
-def test_wrench_that_changes_nothing_leaves_the_bits_alone():
-    plain, repeated = (ico.compile_scene(loaded_fabric({'loads.tip.force': [1.0, 0.0, 0.0]})) for _ in range(2))
-    for time in (0.0, 0.0031, 0.0079):
-        repeated.apply_wrench('tip', (1.0, 0.0, 0.0), time=time)
-    repeated.apply_wrench('two', time=0.004)
-    for simulation in (plain, repeated):
-        simulation.advance_to(0.02)
-    assert same_state(plain.snapshot(), repeated.snapshot())
-
-
-def test_pieces_snapshots_and_random_output_times_give_the_same_bits():
-    generator = np.random.default_rng(17)
-    wrenches = [(float(t), name, generator.standard_normal((2, 3)) * [[3.0], [0.01]])
-                for t in generator.uniform(0.0, 0.1, 12) for name in ('tip', 'two')]
-
-    def run(outputs, snapshots):
-        simulation = ico.compile_scene(loaded_fabric())
-        for time, name, (force, torque) in wrenches:
-            simulation.apply_wrench(name, force, torque, time=time)
-        seen = []
-        for time in outputs:
-            simulation.advance_to(time)
-            if snapshots:
-                seen.append(simulation.snapshot())
-        return simulation, seen
-
-    whole, _ = run([0.1], False)
-    for pieces in (np.linspace(0.0, 0.1, 7), generator.uniform(0.0, 0.1, 300), np.arange(0.0, 0.1, 1e-4)):
-        other, seen = run([*np.sort(pieces), 0.1], True)
-        assert same_state(whole.snapshot(), other.snapshot())
-        assert other.step == whole.step
-        assert other.step_count == whole.step_count
-        # What a snapshot says does not depend on what was asked before it.
-        middle = seen[len(seen) // 2]
-        alone, _ = run([middle.time], False)
-        assert same_state(alone.snapshot(), middle)
-    assert whole.step_count > 100
-    assert np.abs(whole.snapshot().position - whole.scene.initial.position).max() > 0.05
-
-
-def test_snapshot_of_a_time_within_a_step_is_on_the_way():
-    simulation = ico.compile_scene(loaded_fabric({'solver.step': 2e-4}))
-    simulation.advance_to(1e-3)
-    steps = simulation.step_count
-    places = []
-    for time in np.linspace(1e-3, 1.4e-3, 9):
-        simulation.advance_to(time)
-        places.append(simulation.snapshot().position[0])
-    assert simulation.step_count <= steps + 2
-    ways = np.diff(places, axis=0)
-    # Evenly along a smooth path, none of them stuck at a step end.
-    lengths = np.linalg.norm(ways, axis=1)
-    assert lengths.min() > 0.5 * lengths.max() > 0.0
-
-
 def test_refused_wrenches_change_nothing():
     simulation = ico.compile_scene(loaded_fabric())
     simulation.advance_to(0.01)
     for arguments, message in (
-            (('nobody', FORCE), "there is no load channel 'nobody'; known: tip, two. Define it with loads.nobody"),
-            (('tip', (1.0, float('nan'), 0.0)), 'force must be three finite numbers'),
-            (('tip', (1.0, 2.0)), 'force must be three finite numbers'),
-            (('tip', FORCE, (0.0, float('inf'), 0.0)), 'torque must be three finite numbers')):
+        (
+            ('nobody', FORCE),
+            "there is no load channel 'nobody'; known: tip, two. Define it with loads.nobody",
+        ),
+        (('tip', (1.0, float('nan'), 0.0)), 'force must be three finite numbers'),
+        (('tip', (1.0, 2.0)), 'force must be three finite numbers'),
+        (('tip', FORCE, (0.0, float('inf'), 0.0)), 'torque must be three finite numbers'),
+    ):
         with pytest.raises(ValueError, match=message):
             simulation.apply_wrench(*arguments)
     for time in (0.005, float('nan'), float('inf')):
@@ -303,8 +273,12 @@ def test_inputs_go_over_to_a_changed_scene():
     simulation.apply_body_wrench(5, FORCE)
     simulation.apply_body_wrench(1, FORCE, time=0.3)
     inputs = simulation._inputs
-    smaller = Inputs(make_scene((2, 2, 2), {'groups.tip': 'ids 0', 'loads.tip.group': 'tip',
-                                            'loads.tip.force': [2.0, 0.0, 0.0]}))
+    smaller = Inputs(
+        make_scene(
+            (2, 2, 2),
+            {'groups.tip': 'ids 0', 'loads.tip.group': 'tip', 'loads.tip.force': [2.0, 0.0, 0.0]},
+        )
+    )
     smaller.adopt(inputs)
     # Neither the channel 'two' nor body 5 exist any more; the scene's own load is the new one.
     assert set(smaller.active) == {'tip'}

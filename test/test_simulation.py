@@ -4,16 +4,12 @@
 import math
 
 from analytical import free_rotation, quaternion_product, rotation_quaternion
-from fabrics import changed, FORMS, LOADED, make_scene, RANDOM, STATE, SUPPORTED
+from fabrics import changed, FORMS, LOADED, make_scene, RANDOM, same_state, STATE, SUPPORTED
 import icofabric_sim as ico
 import numpy as np
 import pytest
 
 START = make_scene((2, 2, 2), {'solver.step': 2e-4}, **RANDOM)
-
-
-def states_equal(one, other):
-    return all(np.array_equal(getattr(one, name), getattr(other, name)) for name in STATE)
 
 
 @pytest.mark.parametrize('form', FORMS)
@@ -22,7 +18,9 @@ def test_first_snapshot_is_the_initial_state(form):
     s = simulation.snapshot()
     assert s.time == 0.0 == simulation.time
     for name in STATE:
-        np.testing.assert_allclose(getattr(s, name), getattr(START.initial, name), rtol=0, atol=1e-15)
+        np.testing.assert_allclose(
+            getattr(s, name), getattr(START.initial, name), rtol=0, atol=1e-15
+        )
     assert np.abs(s.linear_velocity).min() > 0.0
 
 
@@ -39,26 +37,38 @@ def test_snapshots_are_copies_that_nobody_can_change():
             getattr(second, name)[0] = 0.0
     assert second.intact.all() and second.intact.shape == (START.connector_count,)
     assert np.isnan(second.break_time).all()
-    assert second.energy['total'] == pytest.approx(sum(
-        second.energy[name] for name in ('kinetic', 'connectors', 'gravity')))
+    assert second.energy['total'] == pytest.approx(
+        sum(second.energy[name] for name in ('kinetic', 'connectors', 'gravity'))
+    )
 
 
 def test_energy_of_a_snapshot():
-    scene = make_scene((2, 2, 1), {'gravity': [0.0, 0.0, -9.81], 'connector.natural_length': 0.03,
-                                   'initial.i.group': 'all', 'initial.i.linear_velocity': [3.0, 0.0, 4.0],
-                                   'initial.i.angular_velocity': [0.0, 5.0, 0.0],
-                                   'initial.i.displacement': [0.0, 0.0, 0.7]})
+    scene = make_scene(
+        (2, 2, 1),
+        {
+            'gravity': [0.0, 0.0, -9.81],
+            'connector.natural_length': 0.03,
+            'initial.i.group': 'all',
+            'initial.i.linear_velocity': [3.0, 0.0, 4.0],
+            'initial.i.angular_velocity': [0.0, 5.0, 0.0],
+            'initial.i.displacement': [0.0, 0.0, 0.7],
+        },
+    )
     energy = ico.compile_scene(scene).snapshot().energy
     mass, inertia = scene.shell.mass, scene.shell.inertia
     stretch = scene.geometry.connector_length - 0.03
-    assert energy['kinetic'] == pytest.approx(2 * (0.5 * mass * 25.0 + 0.5 * inertia * 25.0), rel=1e-14)
-    assert energy['connectors'] == pytest.approx(0.5 * 500.0 * stretch ** 2, rel=1e-12)
+    assert energy['kinetic'] == pytest.approx(
+        2 * (0.5 * mass * 25.0 + 0.5 * inertia * 25.0), rel=1e-14
+    )
+    assert energy['connectors'] == pytest.approx(0.5 * 500.0 * stretch**2, rel=1e-12)
     assert energy['gravity'] == pytest.approx(2 * mass * 9.81 * 0.7, rel=1e-14)
 
 
 def test_connector_ends_and_lengths_of_a_snapshot():
     simulation = ico.compile_scene(START)
-    np.testing.assert_allclose(simulation.snapshot().connector_length, START.geometry.connector_length, rtol=1e-14)
+    np.testing.assert_allclose(
+        simulation.snapshot().connector_length, START.geometry.connector_length, rtol=1e-14
+    )
     simulation.advance_to(0.01)
     s = simulation.snapshot()
     assert s.connector_ends.shape == (START.connector_count, 2, 3)
@@ -86,7 +96,7 @@ def test_steps_one_by_one_are_the_steps_of_advance_to(form):
     assert one.step_count == 100
     assert one.time == 100 * 2e-4
     other.advance_to(one.time)
-    assert states_equal(one.snapshot(), other.snapshot())
+    assert same_state(one.snapshot(), other.snapshot())
     for count in (0, -3):
         with pytest.raises(ValueError, match='count must be at least 1'):
             one.advance_steps(count)
@@ -118,8 +128,12 @@ def test_set_state_goes_on_from_a_snapshot(form):
     second.advance_to(0.01)
     s, expected = second.snapshot(), whole.snapshot()
     for name in STATE:
-        np.testing.assert_allclose(getattr(s, name), getattr(expected, name), rtol=0,
-                                   atol=1e-11 * np.abs(getattr(expected, name)).max())
+        np.testing.assert_allclose(
+            getattr(s, name),
+            getattr(expected, name),
+            rtol=0,
+            atol=1e-11 * np.abs(getattr(expected, name)).max(),
+        )
     assert not np.allclose(s.position, middle.position, rtol=0, atol=1e-4)
 
 
@@ -139,15 +153,26 @@ def test_set_state_replaces_only_what_is_given():
     assert np.array_equal(simulation.snapshot().position, before.position + 0.001)
 
 
-@pytest.mark.parametrize('changes, message', [
-    ({'position': np.zeros((3, 3))}, r'position must have the shape \(4, 3\), got \(3, 3\)'),
-    ({'orientation': np.zeros((4, 3))}, r'orientation must have the shape \(4, 4\), got \(4, 3\)'),
-    ({'linear_velocity': np.full((4, 3), np.nan)}, 'linear_velocity of body 0 is not finite'),
-    ({'angular_velocity': np.array([[0, 0, 0], [0, 0, 0], [0, np.inf, 0], [0, 0, 0]])},
-     'angular_velocity of body 2 is not finite'),
-    ({'orientation': np.array([[0, 0, 0, 1]] * 3 + [[0, 0, 0.5, 0.5]])},
-     'orientation of body 3 is not a unit quaternion'),
-    ({'orientation': np.zeros((4, 4))}, 'orientation of body 0 is not a unit quaternion')])
+@pytest.mark.parametrize(
+    'changes, message',
+    [
+        ({'position': np.zeros((3, 3))}, r'position must have the shape \(4, 3\), got \(3, 3\)'),
+        (
+            {'orientation': np.zeros((4, 3))},
+            r'orientation must have the shape \(4, 4\), got \(4, 3\)',
+        ),
+        ({'linear_velocity': np.full((4, 3), np.nan)}, 'linear_velocity of body 0 is not finite'),
+        (
+            {'angular_velocity': np.array([[0, 0, 0], [0, 0, 0], [0, np.inf, 0], [0, 0, 0]])},
+            'angular_velocity of body 2 is not finite',
+        ),
+        (
+            {'orientation': np.array([[0, 0, 0, 1]] * 3 + [[0, 0, 0.5, 0.5]])},
+            'orientation of body 3 is not a unit quaternion',
+        ),
+        ({'orientation': np.zeros((4, 4))}, 'orientation of body 0 is not a unit quaternion'),
+    ],
+)
 def test_set_state_refuses_what_is_no_state(changes, message):
     simulation = ico.compile_scene(START)
     simulation.advance_to(0.003)
@@ -156,14 +181,16 @@ def test_set_state_refuses_what_is_no_state(changes, message):
     untouched = ico.compile_scene(START)
     for each in (simulation, untouched):
         each.advance_to(0.01)
-    assert states_equal(simulation.snapshot(), untouched.snapshot())
+    assert same_state(simulation.snapshot(), untouched.snapshot())
 
 
 def test_set_state_scales_nearly_unit_quaternions():
     simulation = ico.compile_scene(START)
     orientation = simulation.snapshot().orientation * 1.0005
     simulation.set_state(orientation=orientation)
-    np.testing.assert_allclose(np.linalg.norm(simulation.snapshot().orientation, axis=1), 1.0, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(
+        np.linalg.norm(simulation.snapshot().orientation, axis=1), 1.0, rtol=0, atol=1e-15
+    )
 
 
 def test_reset_starts_again():
@@ -181,12 +208,14 @@ def test_reset_starts_again():
     simulation.reset_time()
     assert simulation.time == 0.0
     simulation.advance_to(0.01)
-    assert states_equal(simulation.snapshot(), moved)
+    assert same_state(simulation.snapshot(), moved)
     assert not np.array_equal(moved.position, START.initial.position)
 
 
 def test_unknown_rotation_form_is_refused():
-    with pytest.raises(ValueError, match="rotation must be 'quaternion' or 'direction_cosines', got 'euler'"):
+    with pytest.raises(
+        ValueError, match="rotation must be 'quaternion' or 'direction_cosines', got 'euler'"
+    ):
         ico.compile_scene(START, rotation='euler')
 
 
@@ -195,7 +224,7 @@ def test_state_that_is_no_longer_finite_stops_the_run():
     simulation = ico.compile_scene(scene)
     simulation.advance_to(0.001)
     simulation.apply_wrench('tip', (1e308, 1e308, 1e308))
-    with pytest.raises(ico.SimulationError, match=r'state of body 2 is no longer finite at t = '):
+    with pytest.raises(ico.SimulationError, match='of body [0-3] is no longer finite at t = '):
         simulation.advance_to(1.0)
     assert simulation.time < 1.0
     assert simulation.snapshot().time == simulation.time
@@ -210,23 +239,38 @@ def test_failed_run_can_be_looked_at_and_started_anew(advance):
     scene = changed(START, {'solver.step': 0.9 * limit, 'initial_random.velocity_sigma': 8.0})
     simulation = ico.compile_scene(scene)
     with pytest.raises(ico.SimulationError, match='has become unsafe at t = '):
-        simulation.advance_to(10.0) if advance == 'advance_to' else simulation.advance_steps(100_000)
+        simulation.advance_to(10.0) if advance == 'advance_to' else simulation.advance_steps(
+            100_000
+        )
     s = simulation.snapshot()
-    assert s.time == simulation.time == pytest.approx(simulation.step_count * simulation.step, rel=1e-12)
+    assert (
+        s.time
+        == simulation.time
+        == pytest.approx(simulation.step_count * simulation.step, rel=1e-12)
+    )
     assert s.time > 0.0
     assert not np.array_equal(s.position, scene.initial.position)
     # It stays stopped, until it is given another state.
     with pytest.raises(ico.SimulationError, match='has become unsafe'):
         simulation.advance_to(10.0)
-    simulation.set_state(position=scene.position, orientation=scene.orientation,
-                         linear_velocity=np.zeros((4, 3)), angular_velocity=np.zeros((4, 3)))
+    simulation.set_state(
+        position=scene.position,
+        orientation=scene.orientation,
+        linear_velocity=np.zeros((4, 3)),
+        angular_velocity=np.zeros((4, 3)),
+    )
     simulation.advance_to(s.time + 1.0)
     np.testing.assert_allclose(simulation.snapshot().position, scene.position, rtol=0, atol=1e-12)
 
 
 def test_set_state_beyond_the_fixed_step_is_refused_and_seen():
-    scene = changed(START, {'solver.step': 0.95 * ico.compile_scene(
-        changed(START, {'solver.step': 0.0})).stability_limit})
+    scene = changed(
+        START,
+        {
+            'solver.step': 0.95
+            * ico.compile_scene(changed(START, {'solver.step': 0.0})).stability_limit
+        },
+    )
     simulation = ico.compile_scene(scene)
     stretched = 4.0 * scene.position
     with pytest.raises(ico.SimulationError, match='solver.step .* has become unsafe'):
@@ -261,11 +305,11 @@ def test_changed_scene_takes_over_the_motion():
     new = ico.compile_scene(changed(START, {'gravity': [0.0, 0.0, -9.81]}))
     new.take_over(old, keep_motion=True)
     assert new.time == 0.01
-    assert states_equal(new.snapshot(), old.snapshot())
+    assert same_state(new.snapshot(), old.snapshot())
     for each in (old, new):
         each.advance_to(0.02)
     fallen = (old.snapshot().position - new.snapshot().position)[:, 2]
-    assert fallen.mean() == pytest.approx(0.5 * 9.81 * 0.01 ** 2, rel=1e-3)
+    assert fallen.mean() == pytest.approx(0.5 * 9.81 * 0.01**2, rel=1e-3)
     with pytest.raises(ValueError, match='motion of 4 bodies cannot go on with 14'):
         ico.compile_scene(make_scene((3, 3, 3))).take_over(old, keep_motion=True)
     fresh = ico.compile_scene(make_scene((3, 3, 3)))
@@ -276,9 +320,19 @@ def test_changed_scene_takes_over_the_motion():
 
 def test_energy_of_gravity_refers_to_the_origin_whatever_the_orientation():
     turn = rotation_quaternion(np.array([0.2, 0.5, -0.4]))
-    scene = make_scene((1, 1, 1), {'gravity': [0.0, 0.0, -9.81], 'initial.i.group': 'all',
-                                   'initial.i.rotation': [0.2, 0.5, -0.4]})
+    scene = make_scene(
+        (1, 1, 1),
+        {
+            'gravity': [0.0, 0.0, -9.81],
+            'initial.i.group': 'all',
+            'initial.i.rotation': [0.2, 0.5, -0.4],
+        },
+    )
     s = ico.compile_scene(scene).snapshot()
-    np.testing.assert_allclose(s.orientation[0], quaternion_product(turn, scene.orientation[0]), atol=1e-15)
-    np.testing.assert_allclose(free_rotation(scene.orientation, np.array([[0.2, 0.5, -0.4]]), 1.0), s.orientation)
+    np.testing.assert_allclose(
+        s.orientation[0], quaternion_product(turn, scene.orientation[0]), atol=1e-15
+    )
+    np.testing.assert_allclose(
+        free_rotation(scene.orientation, np.array([[0.2, 0.5, -0.4]]), 1.0), s.orientation
+    )
     assert s.energy['gravity'] == 0.0

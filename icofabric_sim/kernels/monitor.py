@@ -155,14 +155,22 @@ def examine(
 def moved_far(reference: np.ndarray | None, position: np.ndarray, reach: float) -> bool:
     """
     Whether a body is farther than `reach` [m] from its place in `reference`.
+
+    The way that all have moved on average does not count: it brings no two closer.
     """
-    if reference is None:
+    if reference is None or not reach < math.inf:
         return False
     limit = reach * reach
-    for b in range(position.shape[0]):
-        dx = position[b, 0] - reference[b, 0]
-        dy = position[b, 1] - reference[b, 1]
-        dz = position[b, 2] - reference[b, 2]
+    count = position.shape[0]
+    sx, sy, sz = 0.0, 0.0, 0.0
+    for b in range(count):
+        sx += position[b, 0] - reference[b, 0]
+        sy += position[b, 1] - reference[b, 1]
+        sz += position[b, 2] - reference[b, 2]
+    for b in range(count):
+        dx = position[b, 0] - reference[b, 0] - sx / count
+        dy = position[b, 1] - reference[b, 1] - sy / count
+        dz = position[b, 2] - reference[b, 2] - sz / count
         if dx * dx + dy * dy + dz * dz > limit:
             return True
     return False

@@ -19,9 +19,10 @@ from icofabric_sim.patience import explained_wait
 from icofabric_sim.recording import BagSink
 from icofabric_sim.ros.live_sink import LiveSink
 from icofabric_sim.ros.parameter_service import GuardedParameterService
-from icofabric_sim.ros.process import log_to_ros, spin, start_ros, StopSignals
+from icofabric_sim.ros.process import log_to_ros, plain_reason, spin, start_ros, StopSignals
 from icofabric_sim.ros.ros_parameters import (
     describe,
+    is_foreign,
     make_start_parameters,
     ParameterGate,
 )
@@ -31,6 +32,7 @@ from icofabric_sim.runner import Runner
 from icofabric_sim.scene import Scene
 from icofabric_sim.simulation import compile_scene
 import rclpy
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_srvs.srv import SetBool, Trigger
@@ -48,7 +50,9 @@ class FabricNode(Node):
         """
         Build the scene of the judged `parameters`; raises ValueError where that is not possible.
         """
-        super().__init__('icofabric', allow_undeclared_parameters=True)
+        super().__init__(
+            'icofabric', allow_undeclared_parameters=True, start_parameter_services=False
+        )
         self._gate: ParameterGate | None = None
         with explained_wait(self.get_logger().info):
             simulation = compile_scene(Scene.from_parameters(parameters), body_wrenches=True)
@@ -67,12 +71,19 @@ class FabricNode(Node):
                 storage=parameters['record.storage'],
                 on_error=self._bag_failed,
             )
+            if not self.bag.recorder.survives_kill:
+                self.get_logger().warning(
+                    f'a bag in {parameters["record.storage"]} is whole only once it is closed: if '
+                    'this process is killed, what was recorded can be lost; with record.storage: '
+                    'mcap that is the last second at most'
+                )
         sinks: list[Sink] = [self.live] if self.bag is None else [self.bag, self.live]
         self.runner = Runner(simulation, sinks, on_rebuilt=self._rebuilt, report=self._diagnose)
         self._declare(parameters)
         self._gate = ParameterGate(
             parameters, self._changed, lambda: self.runner.simulation.stability_limit
         )
+        self._parameter_service = GuardedParameterService(self)
         self._wrenches = WrenchTopics(self, self.runner, simulation.scene)
         self.create_service(SetBool, '~/pause', self._pause)
         self.create_service(Trigger, '~/reset', self._reset)
@@ -98,17 +109,17 @@ class FabricNode(Node):
         """
         Stop the simulation and close the bag; may be called twice.
         """
-        self.live.close()
         self.runner.stop()
         if self._thread.is_alive():
             self._thread.join()
+        self.live.close()
         if self.bag is not None:
             status = self.runner.status()
             self.bag.close(
                 summary={
                     'proximity': status.proximity or 'none',
                     'failure': status.failure or 'none',
-                    'wrenches_dropped': str(self._wrenches.dropped),
+                    'wrenches_dropped': str(self._wrenches.dropped + self.runner.dropped),
                 }
             )
 
@@ -121,37 +132,41 @@ class FabricNode(Node):
         return self._gate.set_atomically(parameter_list, super().set_parameters_atomically)
 
     def _declare(self, parameters: Parameters) -> None:
+        """
+        Have the node hold just these parameters of the scene: named ones come and go.
+        """
         for name, value in parameters.items():
             if not self.has_parameter(name):
                 self.declare_parameter(
                     name, value, describe(name, find_specification(name)), ignore_override=True
                 )
+        for name in self.list_parameters([], 0).names:
+            if name not in parameters and not is_foreign(name):
+                self.undeclare_parameter(name)
 
     def _changed(self, parameters: Parameters) -> None:
         self._declare(parameters)
         self._faults.pop('rejected change', None)
         self.runner.change(parameters)
 
-    def _rebuilt(self, parameters: Parameters, reason: str) -> None:
-        self._hand_over(lambda: self._follow(parameters, reason))
+    def _rebuilt(self, wanted: Parameters, reason: str) -> None:
+        self._hand_over(lambda: self._follow(wanted, reason))
 
-    def _follow(self, parameters: Parameters, reason: str) -> None:
+    def _follow(self, wanted: Parameters, reason: str) -> None:
         """
-        Have the node say what is in force, after a change of the scene that worked or did not.
+        Have the node say what is in force, after a change to `wanted` that worked or did not.
         """
         self._wrenches.set_scene(self.runner.simulation.scene)
         if not reason or self._gate is None:
             return
         self._faults['rejected change'] = f'the last change could not be built: {reason}'
-        refused = self._gate.accepted
-        self._gate.accepted, self._gate.open = parameters, True
-        try:
-            for name in {*refused, *parameters}:
-                if refused.get(name) != parameters.get(name):
-                    value = parameters.get(name)
-                    super().set_parameters_atomically([Parameter(name, value=value)])
-        finally:
-            self._gate.open = False
+        if self._gate.accepted is not wanted:
+            return  # a later change is on its way, and decides
+        self._gate.accepted = in_force = self.runner.parameters
+        for name in wanted:
+            if wanted[name] != in_force.get(name, wanted[name]):
+                super().set_parameters_atomically([Parameter(name, value=in_force[name])])
+        self._declare(in_force)
 
     def _simulate(self) -> None:
         until_finished = self.runner.parameters['duration'] > 0.0
@@ -197,7 +212,7 @@ class FabricNode(Node):
         self.get_logger().error(f'{error}; the simulation goes on without a bag')
 
     def _diagnose(self, status: Status) -> bytes:
-        figures = {'wrenches dropped': str(self._wrenches.dropped)}
+        figures = {'wrenches dropped': str(self._wrenches.dropped + self.runner.dropped)}
         if self.bag is not None:
             statistics = self.bag.recorder.statistics
             figures['recorder lag [s]'] = f'{statistics.lag:.3f}'
@@ -223,22 +238,31 @@ def main(argv: list[str] | None = None) -> int:
 
     Exit status: 0 done, 1 the simulation failed, 2 bad input, 130 interrupted before it ran.
     """
-    arguments = sys.argv if argv is None else argv
     signals = StopSignals()
     try:
-        # Before ROS starts, whose errors name no parameter.
-        parameters = make_start_parameters(check_ros_arguments(arguments[1:]))
-        start_ros(arguments)
-        log_to_ros()
-        node = FabricNode(parameters)
-        signals.only_note()
-    except ValueError as error:
-        print(f'fabric_node: {error}', file=sys.stderr)
-        rclpy.try_shutdown()
+        return _run(sys.argv if argv is None else argv, signals)
+    except (ValueError, rclpy_implementation.RCLError) as error:
+        if signals.received:
+            return 130
+        print(f'fabric_node: {plain_reason(error)}', file=sys.stderr)
         return 2
-    except KeyboardInterrupt:
+    except (Exception, KeyboardInterrupt):
+        # A compilation that is broken off ends with errors of all kinds.
+        if signals.received:
+            return 130
+        raise
+    finally:
+        signals.ignore()
         rclpy.try_shutdown()
-        return 130
+
+
+def _run(arguments: list[str], signals: StopSignals) -> int:
+    # Before ROS starts, whose errors name no parameter.
+    parameters = make_start_parameters(check_ros_arguments(arguments[1:]))
+    start_ros(arguments)
+    log_to_ros()
+    node = FabricNode(parameters)
+    signals.only_note()
     simulation = node.runner.simulation
     node.get_logger().info(
         f'{simulation.scene.body_count} bodies, {simulation.scene.connector_count} connectors, '
@@ -249,10 +273,8 @@ def main(argv: list[str] | None = None) -> int:
         spin(node, lambda: signals.received or node.is_done())
     finally:
         node.close()
-    failed = bool(node.runner.failure)
     node.destroy_node()
-    rclpy.try_shutdown()
-    return 1 if failed else 0
+    return 1 if node.runner.failure else 0
 
 
 if __name__ == '__main__':

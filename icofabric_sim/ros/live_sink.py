@@ -5,15 +5,22 @@ Publishers of the node as a sink of the runner.
 """
 
 from collections.abc import Callable
+from functools import partial
 from importlib import import_module
 import threading
+import time
 from typing import Any
 
 from icofabric_sim.outputs import Topic, TOPICS
+from icofabric_sim.simulation import Simulation
+from rclpy.duration import Duration
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+
+# How long the last messages may take to be delivered [s].
+_LAST_WORDS = 0.3
 
 
 def quality(topic: Topic) -> QoSProfile:
@@ -97,14 +104,18 @@ class LiveSink:
         Inputs came from the graph and are not sent back.
         """
 
-    def time_jumped_back(self) -> None:
+    def time_jumped_back(self, simulation: Simulation) -> None:
         """
         Publishers need not know: /clock tells everyone.
         """
 
     def close(self) -> None:
         """
-        Publish no more: the context is about to end.
+        Publish no more, once listeners have what was sent: the context is about to end.
         """
         with self._lock:
+            deadline = time.monotonic() + _LAST_WORDS
+            for publisher in self._publishers.values():
+                rest = Duration(seconds=max(deadline - time.monotonic(), 0.0))
+                self._guarded(partial(publisher.wait_for_all_acked, rest))
             self._closed = True

@@ -7,7 +7,8 @@ The standard parameter services, with an answer to every request.
 from collections.abc import Iterable
 from typing import Any
 
-from rcl_interfaces.msg import Parameter as ParameterMessage, SetParametersResult
+from rcl_interfaces.msg import Parameter as ParameterMessage
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.parameter import Parameter
 from rclpy.parameter_service import ParameterService
 

@@ -18,6 +18,7 @@ from rclpy.signals import SignalHandlerOptions
 
 # How long a signal, or the end of the run, may wait to be seen [s].
 _SPIN_WAIT = 0.1
+_STOPPING = (signal.SIGINT, signal.SIGTERM)
 # Where rcl reports an error from: of no use to a user.
 _RCL_PLACE = re.compile(r', at /[^,]*\.c:[0-9]+')
 
@@ -37,7 +38,7 @@ class StopSignals:
         self.received = False
         # Until the node runs, a signal breaks off what is under way.
         self._breaks_off = True
-        for number in (signal.SIGINT, signal.SIGTERM):
+        for number in _STOPPING:
             if signal.getsignal(number) is not signal.SIG_IGN:
                 signal.signal(number, self._receive)
 
@@ -46,6 +47,13 @@ class StopSignals:
         From now on a signal is only noted in `received`.
         """
         self._breaks_off = False
+
+    def ignore(self) -> None:
+        """
+        From now on a signal does nothing: the process ends anyway, with its own exit status.
+        """
+        for number in _STOPPING:
+            signal.signal(number, signal.SIG_IGN)
 
     def _receive(self, number: int, frame: FrameType | None) -> None:
         self.received = True

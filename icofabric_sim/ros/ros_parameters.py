@@ -4,6 +4,7 @@
 Parameters of the scene as parameters of a node: descriptors, judgement of changes, clear refusals.
 """
 
+from array import array
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
@@ -52,6 +53,8 @@ def describe(name: str, entry: Specification) -> ParameterDescriptor:
         descriptor.additional_constraints = 'one of ' + ', '.join(str(c) for c in entry.choices)
     if entry.open_minimum:
         descriptor.additional_constraints = f'above {entry.minimum:g}'
+    elif isinstance(entry.default, list) and entry.minimum is not None:
+        descriptor.additional_constraints = f'each at least {entry.minimum:g}'
     if not isinstance(entry.default, list) and entry.minimum is not None and entry.built:
         if isinstance(entry.default, float):
             descriptor.floating_point_range = [
@@ -102,8 +105,6 @@ class ParameterGate:
         self.accepted = parameters
         self._on_change = on_change
         self._limit = limit
-        # While the gate itself writes values into the node, nothing is judged.
-        self.open = False
 
     def set_atomically(
         self, wanted: Iterable[Parameter], store: Callable[[list[Parameter]], SetParametersResult]
@@ -112,14 +113,15 @@ class ParameterGate:
         Judge `wanted` as one change; where it is good, `store` it in the node and pass it on.
         """
         wanted = list(wanted)
-        if self.open:
-            return store(wanted)
         try:
             changed, stored = self._judge(wanted)
         except Exception as error:  # noqa: BLE001 - whatever a client sends must not end the executor
             return SetParametersResult(successful=False, reason=str(error) or type(error).__name__)
         result = store(stored)
-        if result.successful and changed is not None:
+        if not result.successful:
+            names = ', '.join(parameter.name for parameter in wanted)
+            return SetParametersResult(successful=False, reason=f'{names}: {result.reason}')
+        if changed is not None:
             self.accepted = changed
             self._on_change(changed)
         return result
@@ -129,6 +131,8 @@ class ParameterGate:
         stored, touched = [], False
         for parameter in wanted:
             name = parameter.name
+            if not name:
+                raise ParameterError(name, 'a parameter without a name cannot be set')
             if is_foreign(name):
                 stored.append(parameter)
                 continue
@@ -141,10 +145,13 @@ class ParameterGate:
             if parameter.type_ == Parameter.Type.NOT_SET:
                 if name.split('.')[0] not in FAMILIES:
                     raise ParameterError(name, f'{name} cannot be deleted, only set')
+                if name not in self.accepted:
+                    raise ParameterError(name, f'{name} is not set, so it cannot be deleted')
                 given.pop(name, None)
                 stored.append(parameter)
             else:
-                given[name] = judge(name, parameter.value)
+                value = parameter.value
+                given[name] = judge(name, list(value) if isinstance(value, array) else value)
                 stored.append(Parameter(name, value=given[name]))
             touched = True
         if not touched:

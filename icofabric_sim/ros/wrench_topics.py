@@ -5,6 +5,7 @@ Wrenches from topics: judged at the edge, then handed to the runner or dropped w
 """
 
 from collections.abc import Callable
+import math
 import re
 import time
 from typing import Any
@@ -21,6 +22,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 # Loads are reliable, and deep enough for a burst while one step is computed.
 _QUALITY = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)
+_KIND_LENGTH = 16
 _BODY = re.compile(r'icosahedron_(0|[1-9][0-9]{0,9})')
 
 
@@ -92,7 +94,9 @@ class WrenchTopics:
 
     def _channel_key(self, name: str) -> Callable[[str], Key]:
         def find(frame_id: str) -> Key:
-            channel = self._scene.loads[name]
+            channel = self._scene.loads.get(name)
+            if channel is None:
+                raise Dropped(f'loads.{name} is no longer part of the scene')
             allowed = ['', 'icosahedron'] if channel.in_body_axes else ['', self._frame_id]
             if frame_id not in allowed:
                 axes = 'body' if channel.in_body_axes else 'world'
@@ -107,11 +111,9 @@ class WrenchTopics:
     def _drop(self, topic: str, reason: str) -> None:
         self.dropped += 1
         # Ten thousand bad messages a second must not become ten thousand lines: one a second for
-        # each topic and kind of reason.
-        kind, now = f'{topic} {reason[:24]}', time.monotonic()
-        if now - self._warned.get(kind, -1.0e9) < 1.0:
+        # each topic and kind of reason, which its first words tell.
+        kind, now = f'{topic} {reason[:_KIND_LENGTH]}', time.monotonic()
+        if now - self._warned.get(kind, -math.inf) < 1.0:
             return
-        if len(self._warned) > 200:
-            self._warned.clear()
         self._warned[kind] = now
         self._node.get_logger().warning(f'a wrench on {topic} was dropped: {reason}')

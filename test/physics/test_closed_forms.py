@@ -19,7 +19,7 @@ LENGTH = PAIR.connectors.natural_length
 
 def two_bodies(scene, *, distance=None, rotation='quaternion', **state):
     """
-    Simulation of two bodies, with their connector on the line of centres where a `distance` is given.
+    Simulation of two bodies; with a `distance`, their connector is on the line of centres.
     """
     simulation = ico.compile_scene(scene, rotation=rotation)
     if distance is not None:
@@ -52,12 +52,20 @@ def test_free_flight_and_free_spin_are_exact_for_any_step(form, step):
 @pytest.mark.parametrize('spin', [1e-9, 1e-3, 1.0, 1e5])
 def test_free_spin_at_any_rate(spin):
     # The smooth factors near zero and those of large angles meet at 2e-4 rad for each step.
-    scene = make_scene((1, 1, 1), {'solver.step': 0.01, 'initial.i.group': 'all',
-                                   'initial.i.angular_velocity': [0.6 * spin, -0.48 * spin, 0.64 * spin]})
+    scene = make_scene(
+        (1, 1, 1),
+        {
+            'solver.step': 0.01,
+            'initial.i.group': 'all',
+            'initial.i.angular_velocity': [0.6 * spin, -0.48 * spin, 0.64 * spin],
+        },
+    )
     simulation = ico.compile_scene(scene)
     simulation.advance_to(1.0)
     turn = 2.0 * np.linalg.norm(simulation.snapshot().orientation[:, :3])
-    expected = analytical.free_rotation(scene.initial.orientation, scene.initial.angular_velocity, 1.0)
+    expected = analytical.free_rotation(
+        scene.initial.orientation, scene.initial.angular_velocity, 1.0
+    )
     error = analytical.rotation_distance(simulation.snapshot().orientation, expected)[0]
     # A hundred products of quaternions, and the rounding of the angle of each step.
     assert error <= 1e-14 + 4e-16 * spin
@@ -69,7 +77,9 @@ def test_free_spin_at_any_rate(spin):
 @pytest.mark.parametrize('size', [(1, 1, 1), (3, 2, 2)])
 def test_gravity_parabola(size, step):
     gravity = [0.3, -1.7, -9.81]
-    scene = make_scene(size, {'gravity': gravity, 'solver.step': min(step, 1e-4) if size[0] > 1 else step})
+    scene = make_scene(
+        size, {'gravity': gravity, 'solver.step': min(step, 1e-4) if size[0] > 1 else step}
+    )
     simulation = ico.compile_scene(scene)
     time = 1.3
     simulation.advance_to(time)
@@ -88,9 +98,12 @@ def test_two_bodies_along_their_connector(form):
     amplitude = 0.1 * LENGTH
     frequency = analytical.axial_frequency(STIFFNESS, MASS)
     step = 0.2 / frequency
-    # Sideways the pair has no stiffness when the connector is short of its length, but no force either.
-    simulation = two_bodies(changed(PAIR, {'solver.step': step}), rotation=form,
-                            distance=2.0 * ARM + LENGTH + amplitude)
+    # Sideways there is no stiffness when the connector is too short, but no force either.
+    simulation = two_bodies(
+        changed(PAIR, {'solver.step': step}),
+        rotation=form,
+        distance=2.0 * ARM + LENGTH + amplitude,
+    )
     discrete = analytical.leapfrog_frequency(frequency, step)
     lengths, expected = [], []
     for count in range(0, 2000, 37):
@@ -98,9 +111,9 @@ def test_two_bodies_along_their_connector(form):
         s = simulation.snapshot()
         lengths.append(s.position[1, 0] - s.position[0, 0] - 2.0 * ARM - LENGTH)
         expected.append(amplitude * np.cos(discrete * simulation.step_count * step))
-    # The leapfrog's own closed form, to rounding; that one tends to the true one as (omega h)^2 / 24.
+    # The leapfrog's own closed form, to rounding; it tends to the true one as (omega h)^2 / 24.
     np.testing.assert_allclose(lengths, expected, rtol=0, atol=1e-9 * amplitude)
-    assert discrete / frequency - 1.0 == pytest.approx(0.2 ** 2 / 24.0, rel=0.01)
+    assert discrete / frequency - 1.0 == pytest.approx(0.2**2 / 24.0, rel=0.01)
     assert min(lengths) < -0.9 * amplitude
     assert np.abs(s.angular_velocity).max() * step < 1e-9
 
@@ -111,8 +124,9 @@ def test_two_bodies_along_their_connector_tend_to_the_exact_solution():
     time = 5.0 / frequency
     errors = []
     for count in (50, 100, 200):
-        simulation = two_bodies(changed(PAIR, {'solver.step': time / count}),
-                                distance=2.0 * ARM + LENGTH + amplitude)
+        simulation = two_bodies(
+            changed(PAIR, {'solver.step': time / count}), distance=2.0 * ARM + LENGTH + amplitude
+        )
         simulation.advance_to(time)
         s = simulation.snapshot()
         length = s.position[1, 0] - s.position[0, 0] - 2.0 * ARM - LENGTH
@@ -134,7 +148,8 @@ def test_woven_pair_rocks_in_its_only_mode(form):
     amplitude = 1e-6 * LENGTH
     simulation.set_state(
         position=PAIR.position + amplitude * mode.shift,
-        orientation=analytical.free_rotation(PAIR.orientation, amplitude * mode.turn, 1.0))
+        orientation=analytical.free_rotation(PAIR.orientation, amplitude * mode.turn, 1.0),
+    )
     discrete = analytical.leapfrog_frequency(mode.frequency, step)
     lengths, turns, expected = [], [], []
     for count in range(0, 500, 13):
@@ -143,11 +158,14 @@ def test_woven_pair_rocks_in_its_only_mode(form):
         lengths.append(s.connector_length[0] - LENGTH)
         turns.append(2.0 * s.orientation[:, :3])
         expected.append(amplitude * np.cos(discrete * simulation.step_count * step))
-    # Quadratic terms are left out of the mode: relative to it they are of the order of the amplitude.
+    # The mode leaves out quadratic terms, which are smaller by the amplitude.
     np.testing.assert_allclose(lengths, expected, rtol=0, atol=1e-4 * amplitude)
     np.testing.assert_allclose(
-        turns, np.multiply.outer(expected, mode.turn), rtol=0,
-        atol=1e-4 * amplitude * np.abs(mode.turn).max())
+        turns,
+        np.multiply.outer(expected, mode.turn),
+        rtol=0,
+        atol=1e-4 * amplitude * np.abs(mode.turn).max(),
+    )
     assert np.ptp(expected) > 1.9 * amplitude
     assert np.abs(mode.turn).max() * LENGTH > 0.5
 
@@ -156,14 +174,20 @@ def test_woven_pair_rocks_in_its_only_mode(form):
 def test_rocking_about_held_centres(opposite):
     scene = changed(PAIR, {'supports.hold.group': 'all', 'supports.hold.fix': 'tx ty tz'})
     distance = 2.0 * ARM + 1.3 * LENGTH
-    frequency = analytical.rocking_frequencies(STIFFNESS, LENGTH, ARM, distance, INERTIA)[int(opposite)]
+    frequency = analytical.rocking_frequencies(STIFFNESS, LENGTH, ARM, distance, INERTIA)[
+        int(opposite)
+    ]
     step = 0.02 / frequency
     scene = changed(scene, {'solver.step': step})
     position, orientation = pair_face_to_face(scene, distance)
     amplitude = 1e-5
-    turn = amplitude * np.array([[0, 0.6, 0.8], [0, 0.6, 0.8]]) * [[1.0], [-1.0 if opposite else 1.0]]
+    turn = (
+        amplitude * np.array([[0, 0.6, 0.8], [0, 0.6, 0.8]]) * [[1.0], [-1.0 if opposite else 1.0]]
+    )
     simulation = ico.compile_scene(scene)
-    simulation.set_state(position=position, orientation=analytical.free_rotation(orientation, turn, 1.0))
+    simulation.set_state(
+        position=position, orientation=analytical.free_rotation(orientation, turn, 1.0)
+    )
     discrete = analytical.leapfrog_frequency(frequency, step)
     worst, low = 0.0, 0.0
     for count in range(0, 700, 13):

@@ -10,7 +10,7 @@ import subprocess
 import sys
 
 from analytical import quaternion_product, rotation_quaternion
-from fabrics import FORMS, LOADED, make_scene, RANDOM, steady_loads, SUPPORTED
+from fabrics import FORMS, LOADED, make_scene, RANDOM, steady_loads
 import icofabric_sim as ico
 from icofabric_sim.kernels.connectors import connector_ends
 from icofabric_sim.kernels.hessian import hessian_product
@@ -43,20 +43,24 @@ def energy(scene, position, axes, turn):
     """
     Energy of all connectors with every body turned by its rotation vector (n, 3); real or complex.
 
-    R v = v + sin(t)/t (turn x v) + (1 - cos(t))/t^2 turn x (turn x v) (Rodrigues), t = |turn|: both
-    factors are entire functions of t^2, so that complex steps go through.
+    R v = v + sin(t)/t (turn x v) + (1 - cos(t))/t^2 turn x (turn x v), t = |turn|
+    (Rodrigues): both factors are entire functions of t^2, so that complex steps go through.
     """
     square = (turn * turn).sum(axis=1, keepdims=True)[:, None, :]
     root = np.sqrt(square + 0j)
     safe = np.where(np.abs(root) < 1e-6, 1.0, root)
     first = np.where(np.abs(root) < 1e-6, 1.0 - square / 6.0, np.sin(safe) / safe)
-    second = np.where(np.abs(root) < 1e-6, 0.5 - square / 24.0, (1.0 - np.cos(safe)) / safe ** 2)
+    second = np.where(np.abs(root) < 1e-6, 0.5 - square / 24.0, (1.0 - np.cos(safe)) / safe**2)
     across = np.cross(turn[:, None, :], axes)
     turned = axes + first * across + second * np.cross(turn[:, None, :], across)
     connectors = scene.connectors
-    ends = [position[connectors.bodies[:, end]] + np.einsum(
-        'cj,cji->ci', connectors.points_body[:, end], turned[connectors.bodies[:, end]])
-        for end in range(2)]
+    ends = [
+        position[connectors.bodies[:, end]]
+        + np.einsum(
+            'cj,cji->ci', connectors.points_body[:, end], turned[connectors.bodies[:, end]]
+        )
+        for end in range(2)
+    ]
     span = ends[1] - ends[0]
     length = np.sqrt((span * span).sum(axis=1))
     return 0.5 * connectors.stiffness * ((length - connectors.natural_length) ** 2).sum()
@@ -64,7 +68,7 @@ def energy(scene, position, axes, turn):
 
 def slope(scene, position, axes, point, direction):
     """
-    Derivative of the energy along `direction` (2, n, 3) at small motions `point`, by a complex step.
+    Derivative of the energy along `direction` (2, n, 3) at `point`, by a complex step.
     """
     step = 1e-30
     complex_point = point + 1j * step * direction
@@ -98,7 +102,8 @@ def test_wrench_is_minus_the_gradient_of_the_energy(seed):
 @pytest.mark.parametrize('seed', range(8))
 def test_hessian_product_is_the_second_derivative_of_the_energy(seed):
     scene, position, orientation = configuration(
-        seed, **{'connector.natural_length': [0.0, 0.03, 0.04][seed % 3]})
+        seed, **{'connector.natural_length': [0.0, 0.03, 0.04][seed % 3]}
+    )
     axes, model = axes_of(orientation), pack_model(scene)
     count = scene.body_count
     shape = (2, count, 3)
@@ -114,9 +119,16 @@ def test_hessian_product_is_the_second_derivative_of_the_energy(seed):
         width = (step * unit).sum()
         hessian_product(model.connectors, position, arms, unit[0], unit[1], force, torque)
         matrix.append(np.concatenate([force.ravel(), torque.ravel()]))
-        differences.append([(slope(scene, position, axes, step * unit, other)
-                             - slope(scene, position, axes, -step * unit, other)) / (2.0 * width)
-                            for other in units])
+        differences.append(
+            [
+                (
+                    slope(scene, position, axes, step * unit, other)
+                    - slope(scene, position, axes, -step * unit, other)
+                )
+                / (2.0 * width)
+                for other in units
+            ]
+        )
     matrix, differences = np.array(matrix), np.array(differences)
     scale = np.repeat([1.0, scene.geometry.pitch], 3 * count)
     matrix, differences = [scale[:, None] * m * scale for m in (matrix, differences)]
@@ -162,8 +174,14 @@ def test_woven_rest_state_is_free_of_wrenches():
         natural = scene.connectors.stiffness * scene.connectors.natural_length
         assert np.abs(work.force).max() < 1e-13 * natural
         # A natural length off by a hundredth shows in the bodies at the border.
-        off = make_scene((4, 4, 4), {'weave.variant': variant, 'weave.connector_angle': 0.3,
-                                     'connector.natural_length': 0.99 * scene.connectors.natural_length})
+        off = make_scene(
+            (4, 4, 4),
+            {
+                'weave.variant': variant,
+                'weave.connector_angle': 0.3,
+                'connector.natural_length': 0.99 * scene.connectors.natural_length,
+            },
+        )
         assert np.abs(wrenches(off, off.position, off.orientation).force).max() > 5e-3 * natural
 
 
@@ -190,13 +208,17 @@ def test_connector_ends_are_where_the_reference_puts_them():
     ends = np.empty((scene.connector_count, 2, 3))
     connector_ends(pack_model(scene).connectors, position, arms, ends)
     bodies, axes = scene.connectors.bodies, axes_of(orientation)
-    expected = position[bodies] + np.einsum('cej,ceji->cei', scene.connectors.points_body, axes[bodies])
+    expected = position[bodies] + np.einsum(
+        'cej,ceji->cei', scene.connectors.points_body, axes[bodies]
+    )
     np.testing.assert_allclose(ends, expected, rtol=0, atol=1e-16)
 
 
 def test_half_angle_factors_are_smooth():
     # The series meets the functions at a half angle of 1e-4; both agree with 40 digits there.
-    rates = np.concatenate([np.geomspace(1e-12, 10.0, 200), 2e-4 * (1.0 + np.linspace(-1e-6, 1e-6, 21))])
+    rates = np.concatenate(
+        [np.geomspace(1e-12, 10.0, 200), 2e-4 * (1.0 + np.linspace(-1e-6, 1e-6, 21))]
+    )
     for rate in rates:
         cosine, sine = half_angle_factors(1.0, 0.0, rate, 0.0)
         assert cosine == pytest.approx(np.cos(0.5 * rate), rel=3e-16, abs=3e-16)
@@ -227,7 +249,7 @@ def test_to_world_turns_vectors_both_ways_of_writing():
         np.testing.assert_allclose(to_world(cosines, body, x, y, z), expected, atol=1e-15)
 
 
-SHORT_RUN = '''
+SHORT_RUN = """
 import sys
 sys.path.insert(0, 'test')
 import numba
@@ -247,7 +269,7 @@ for sections in (LOADED, SUPPORTED):
         simulation.set_state(position=s.position)
         results.append(np.array([simulation.largest_frequency]))
 np.savez(sys.argv[1], *results)
-'''
+"""
 
 
 def test_plain_python_gives_what_compiled_code_gives(tmp_path):
@@ -256,7 +278,9 @@ def test_plain_python_gives_what_compiled_code_gives(tmp_path):
         path = tmp_path / f'{value}.npz'
         environment = {**os.environ, 'NUMBA_DISABLE_JIT': value}
         environment['PYTHONPATH'] = os.pathsep.join([str(ROOT), environment.get('PYTHONPATH', '')])
-        subprocess.run([sys.executable, '-c', SHORT_RUN, str(path)], env=environment, cwd=ROOT, check=True)
+        subprocess.run(
+            [sys.executable, '-c', SHORT_RUN, str(path)], env=environment, cwd=ROOT, check=True
+        )
         with np.load(path) as arrays:
             results.append([arrays[name] for name in arrays.files])
     compiled, plain = results

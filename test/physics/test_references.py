@@ -18,10 +18,20 @@ SCENES = {
     'gravity and supports': make_scene((3, 2, 2), **RANDOM, **SUPPORTED),
     'loads': make_scene((2, 2, 2), **RANDOM, **LOADED),
     'pre-stressed, variant 3, bias': make_scene(
-        (2, 2, 2), {'weave.kind': 'bias', 'weave.variant': 3, 'weave.boundary': 'fabric',
-                    'weave.azimuth': 0.4, 'connector.natural_length': 0.028}, **RANDOM),
+        (2, 2, 2),
+        {
+            'weave.kind': 'bias',
+            'weave.variant': 3,
+            'weave.boundary': 'fabric',
+            'weave.azimuth': 0.4,
+            'connector.natural_length': 0.028,
+        },
+        **RANDOM,
+    ),
     'loads without connectors': make_scene(
-        (2, 2, 2), {'weave.connected': False}, **RANDOM, **LOADED)}
+        (2, 2, 2), {'weave.connected': False}, **RANDOM, **LOADED
+    ),
+}
 # Some two periods of the fastest motion.
 DURATION = 0.02
 
@@ -40,7 +50,9 @@ def reference():
 
 def distances(scene, one, other):
     """
-    Largest differences in position over a, axes, velocities, spins (the latter two in units of the duration).
+    Largest differences in position over a, axes, velocities and spins.
+
+    Times are in units of the duration.
     """
     a = scene.geometry.half_edge
     scales = (a, 1.0, a / DURATION, 1.0 / DURATION)
@@ -58,7 +70,12 @@ def simulated(scene, step, form):
 def test_both_references_agree(name, reference):
     scene = SCENES[name]
     start = scene.initial
-    begin = (start.position, axes_of(start.orientation), start.linear_velocity, start.angular_velocity)
+    begin = (
+        start.position,
+        axes_of(start.orientation),
+        start.linear_velocity,
+        start.angular_velocity,
+    )
     moved = distances(scene, reference(name), begin)
     assert (moved > [0.1, 0.3, 0.1, 0.1]).all()
     # Each is good to 1e-12 for each unit of its growth; the motion amplifies it a little.
@@ -72,8 +89,12 @@ def test_simulation_converges_to_the_reference_at_its_order(name, form, referenc
     order = ico.METHODS['leapfrog'].order
     # From a hundred steps for each period of the fastest motion on; all divide the duration.
     counts = 200 * 2 ** np.arange(4)
-    errors = np.array([distances(scene, simulated(scene, DURATION / count, form), reference(name))
-                       for count in counts])
+    errors = np.array(
+        [
+            distances(scene, simulated(scene, DURATION / count, form), reference(name))
+            for count in counts
+        ]
+    )
     slopes = np.polyfit(np.log(DURATION / counts), np.log(errors), 1)[0]
     assert slopes == pytest.approx(order, abs=0.01)
     # What would be left at step zero, by Richardson's rule, is a small part of the last error.
@@ -86,8 +107,11 @@ def test_chosen_step_is_accurate_to_the_phase_error_it_promises(reference):
     simulation = ico.compile_scene(scene)
     simulation.advance_to(DURATION)
     s = simulation.snapshot()
-    error = distances(scene, (s.position, axes_of(s.orientation), s.linear_velocity, s.angular_velocity),
-                      reference('free'))
+    error = distances(
+        scene,
+        (s.position, axes_of(s.orientation), s.linear_velocity, s.angular_velocity),
+        reference('free'),
+    )
     assert 1e-7 < error.max() < 0.05
 
 
@@ -95,8 +119,9 @@ def test_references_reject_a_wrong_connector():
     # The references can tell: a stiffness wrong by 1e-6 shows.
     scene = SCENES['free']
     wrong = changed(scene, {'connector.stiffness': 500.0005})
-    difference = distances(scene, integrate_quaternions(scene, DURATION),
-                           integrate_quaternions(wrong, DURATION))
+    difference = distances(
+        scene, integrate_quaternions(scene, DURATION), integrate_quaternions(wrong, DURATION)
+    )
     assert difference.max() > 1e-8
 
 
@@ -104,7 +129,9 @@ def test_rotation_forms_convert_both_ways():
     generator = np.random.default_rng(5)
     quaternion = generator.standard_normal((2000, 4))
     # Half turns and turns about axes, where one or more components vanish.
-    special = [q for q in np.array(np.meshgrid(*[[-1.0, 0.0, 1.0]] * 4)).reshape(4, -1).T if q.any()]
+    special = [
+        q for q in np.array(np.meshgrid(*[[-1.0, 0.0, 1.0]] * 4)).reshape(4, -1).T if q.any()
+    ]
     quaternion = np.vstack([quaternion, special])
     quaternion /= np.linalg.norm(quaternion, axis=1, keepdims=True)
     cosines = cosines_from_quaternions(quaternion)

@@ -1,0 +1,99 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+Entry point of `icofabric`: finds the verb, and turns what goes wrong into an exit status.
+
+Each verb is a module with `add_arguments(parser)` and `main(arguments) -> int`. Only the module of
+the verb that was asked for is imported, and what takes long to import only when it is needed.
+"""
+
+import argparse
+from importlib import import_module
+import os
+import signal
+import sys
+from typing import NoReturn
+
+from icofabric_sim.commands.terminal import FileSaysNo, InputError
+
+# Verb, and what it does; the module has the same name.
+VERBS = {
+    'run': 'simulate a scene as fast as possible and record it to a bag',
+    'info': 'describe a scene or a recorded run',
+    'render': 'draw a recorded run to pictures',
+    'recover': 'make a whole bag of one whose recorder was killed',
+}
+DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+
+
+class _Parser(argparse.ArgumentParser):
+    """
+    Says in one line what is wrong.
+    """
+
+    def error(self, message: str) -> NoReturn:
+        print(f'{self.prog}: {message} (see {self.prog} --help)', file=sys.stderr)
+        sys.exit(BAD_INPUT)
+
+
+def main(argv: list[str] | None = None) -> int:
+    """
+    Run one verb.
+
+    Returns 0: done; 1: the physics or the file says no; 2: bad input; 130: interrupted.
+    """
+    words = sys.argv[1:] if argv is None else argv
+    name = f'icofabric {words[0]}' if words and words[0] in VERBS else 'icofabric'
+    signal.signal(signal.SIGTERM, _interrupt)
+    try:
+        status = _run(words)
+        sys.stdout.flush()
+        return status
+    except InputError as error:
+        print(f'{name}: {error}', file=sys.stderr)
+        return BAD_INPUT
+    except FileSaysNo as error:
+        print(f'{name}: {error}', file=sys.stderr)
+        return FAILED
+    except KeyboardInterrupt:
+        print(f'{name}: interrupted', file=sys.stderr)
+        return INTERRUPTED
+    except BrokenPipeError:
+        # Whoever read the output has seen enough; Python must not complain at its end.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return DONE
+    except MemoryError:
+        print(f'{name}: there is not enough memory for this; choose less', file=sys.stderr)
+        return FAILED
+    except OSError as error:
+        print(f'{name}: {error}', file=sys.stderr)
+        return FAILED
+
+
+def _run(words: list[str]) -> int:
+    parser = _Parser(
+        prog='icofabric',
+        description='Simulate icosahedral fabric without a ROS graph.',
+        epilog='icofabric VERB --help explains a verb.')
+    from icofabric_sim import __version__
+    parser.add_argument('--version', action='version', version=f'icofabric_sim {__version__}')
+    verbs = parser.add_subparsers(dest='verb', metavar='VERB', required=True)
+    # A word that is no verb needs the names only.
+    wanted = next((word for word in words if not word.startswith('-')), '')
+    for verb, summary in VERBS.items():
+        sub = verbs.add_parser(
+            verb, help=summary, description=f'{summary[0].upper()}{summary[1:]}.')
+        if verb == wanted:
+            module = import_module(f'icofabric_sim.commands.{verb}')
+            module.add_arguments(sub)
+            sub.set_defaults(main=module.main)
+    arguments = parser.parse_args(words)
+    return int(arguments.main(arguments))
+
+
+def _interrupt(number: int, frame: object) -> NoReturn:
+    raise KeyboardInterrupt
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,56 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+`icofabric recover BAG [DESTINATION]`.
+"""
+
+import argparse
+from pathlib import Path
+
+from icofabric_sim.commands.terminal import FileSaysNo, InputError, Progress
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """
+    Declare what the verb takes.
+    """
+    parser.add_argument('bag', metavar='BAG', help='folder of the bag, or its .mcap or .db3 file')
+    parser.add_argument(
+        'destination', metavar='DESTINATION', nargs='?', default='',
+        help='folder of the new bag (default: BAG_recovered)')
+
+
+def main(arguments: argparse.Namespace) -> int:
+    """
+    Copy all that can be read into a new bag.
+    """
+    from icofabric_sim.bag import BagError, next_free_path, recover_bag
+    from icofabric_sim.bag.reader import storage_files
+    from icofabric_sim.schedule import seconds
+
+    source = Path(arguments.bag).expanduser()
+    if not source.exists():
+        raise InputError(f'{source} does not exist')
+    if not any(file.suffix in ('.mcap', '.db3') for file in storage_files(source)):
+        raise InputError(f'{source} is not a bag: it holds no .mcap or .db3 file')
+    name = source.name if source.is_dir() else source.stem
+    if arguments.destination:
+        destination = Path(arguments.destination)
+        if destination.exists():
+            raise InputError(f'{destination} exists and is never overwritten; choose another')
+    else:
+        destination = next_free_path(source.absolute().with_name(f'{name}_recovered'))
+    with Progress(100.0, '%') as progress:
+        try:
+            report = recover_bag(
+                source, destination, on_progress=lambda part: progress.update(100.0 * part))
+        except BagError as error:
+            raise FileSaysNo(str(error)) from error
+    print(f'{report.message_count:,} messages, {seconds(report.start_time):.6g} s to '
+          f'{seconds(report.end_time):.6g} s of simulated time, are now in {report.path}')
+    for topic, count in sorted(report.topics.items()):
+        print(f'  {topic}: {count:,}')
+    print(f'the source was damaged: {report.damage}' if report.damage else
+          'the source was whole: nothing was lost')
+    print(f'next: icofabric info {report.path}')
+    return 0

@@ -1,0 +1,166 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+A scene in words: shell, weave, bodies, what holds them and what acts on them.
+"""
+
+from collections.abc import Iterable, Sequence
+import math
+
+from icofabric_sim.scene import BYTES_PER_BODY, Scene
+from icofabric_sim.weave import estimate_weave
+from icofabric_sim.weave_geometry import slab_depth
+import numpy as np
+
+Row = tuple[str, str]
+
+
+def as_lines(rows: Iterable[Row]) -> list[str]:
+    """
+    Lines of two columns; a row without a label goes on with the one above.
+    """
+    table = list(rows)
+    width = max((len(label) for label, _ in table), default=0)
+    return [f'{label:<{width}}  {text}'.rstrip() for label, text in table]
+
+
+def vector(values: Sequence[float] | np.ndarray, unit: str) -> str:
+    """
+    A vector with its unit.
+    """
+    return f'[{", ".join(f"{value:.6g}" for value in values)}] {unit}'
+
+
+def describe_scene(scene: Scene) -> list[Row]:
+    """
+    Label and text of all that a scene says before it is compiled.
+    """
+    shell, geometry, weave = scene.shell, scene.geometry, scene.weave
+    parameters = scene.parameters
+    angle = geometry.connector_angle
+    rows = [
+        ('shell', f'mass {shell.mass:.6g} kg, inertia {shell.inertia:.6g} kg m^2'),
+        (
+            '',
+            f'edge 2a = {shell.edge_length:.6g} m, inner edge 2b = {shell.inner_edge_length:.6g} m, '
+            f'thickness T = {shell.thickness:.6g} m',
+        ),
+        ('weave', f'{weave.kind}, variant {weave.variant}, {_times(weave.size)} grid positions'),
+        (
+            '',
+            f'cube width w = {geometry.cube_width:.6g} m, connector length L = '
+            f'{geometry.connector_length:.6g} m',
+        ),
+        (
+            '',
+            f'connector angle theta = {angle:.6g} rad = {math.degrees(angle):.6g} degrees, '
+            f'pitch W = {geometry.pitch:.6g} m',
+        ),
+        ('depths', _depths(scene)),
+        ('bodies', f'{scene.body_count:,}' + _loose(scene)),
+        ('connectors', f'{scene.connector_count:,}, {_springs(scene)}'),
+        ('mass', f'{scene.body_count * shell.mass:.6g} kg in all'),
+        ('gravity', vector(parameters['gravity'], 'm/s^2')),
+    ]
+    rows += _several('groups', (
+        f'{name}: {len(scene.groups[name]):,} bodies ({parameters[f"groups.{name}"]})'
+        for name in parameters.names('groups')
+    ))  # fmt: skip
+    rows += _several('supports', (
+        f'{name}: {parameters[f"supports.{name}.fix"]} of {_group(scene, f"supports.{name}")}'
+        for name in parameters.names('supports')
+    ))  # fmt: skip
+    rows += _several('loads', (_load(scene, name) for name in scene.loads))
+    rows += _several('initial', (
+        f'{name}: {_group(scene, f"initial.{name}")}{_initial(scene, name)}'
+        for name in parameters.names('initial')
+    ))  # fmt: skip
+    memory = scene.body_count * BYTES_PER_BODY
+    rows.append(('memory', f'about {_bytes(max(memory, _weaving(scene)))} at most'))
+    return rows
+
+
+def _bytes(count: float) -> str:
+    for unit in ('B', 'KiB', 'MiB'):
+        if count < 1024:
+            return f'{count:.3g} {unit}'
+        count /= 1024
+    return f'{count:.3g} GiB'
+
+
+def _weaving(scene: Scene) -> int:
+    parameters = scene.parameters
+    box = parameters['weave.box']
+    return estimate_weave(
+        parameters['weave.kind'],
+        parameters['weave.variant'],
+        parameters['weave.size'],
+        scene.geometry,
+        box=box if any(box) else None,
+        azimuth=parameters['weave.azimuth'],
+        boundary=parameters['weave.boundary'],
+        connected=parameters['weave.connected'],
+    ).memory
+
+
+def _times(numbers: Sequence[int]) -> str:
+    return ' x '.join(str(number) for number in numbers)
+
+
+def _depths(scene: Scene) -> str:
+    if scene.weave.kind == 'orthogonal':
+        depth = slab_depth(scene.weave.size, scene.geometry)
+        return ' x '.join(f'{value:.6g}' for value in depth) + ' m, over the circumscribing cubes'
+    woven = scene.weave.position
+    spread = woven.max(axis=0) - woven.min(axis=0)
+    return ' x '.join(f'{value:.6g}' for value in spread) + ' m, over the centres'
+
+
+def _loose(scene: Scene) -> str:
+    loose = scene.body_count - scene.weave.body_count
+    if not loose:
+        return ''
+    return f', the last {loose} of them loose: {", ".join(scene.parameters.names("bodies"))}'
+
+
+def _springs(scene: Scene) -> str:
+    connectors = scene.connectors
+    text = (
+        f'stiffness {connectors.stiffness:.6g} N/m, natural length {connectors.natural_length:.6g} m'
+    )
+    strain = scene.geometry.connector_length / connectors.natural_length - 1.0
+    return text if strain == 0.0 else f'{text} (woven at a strain of {100.0 * strain:+.3g} %)'
+
+
+def _several(label: str, texts: Iterable[str]) -> list[Row]:
+    rows = [('', text) for text in texts]
+    return [(label, rows[0][1]), *rows[1:]] if rows else [(label, 'none')]
+
+
+def _group(scene: Scene, prefix: str) -> str:
+    name = scene.parameters[f'{prefix}.group']
+    return f'{name} ({len(scene.groups[name]):,} bodies)'
+
+
+def _load(scene: Scene, name: str) -> str:
+    load = scene.loads[name]
+    frame = 'the axes of each body' if load.in_body_axes else 'world axes'
+    share = 'shared out' if load.total else 'on each body'
+    text = f'{name}: ~/loads/{name} on {_group(scene, f"loads.{name}")}, {frame}, {share}'
+    if load.force.any() or load.torque.any():
+        text += f'; from the start {vector(load.force, "N")}, {vector(load.torque, "N m")}'
+    return text
+
+
+def _initial(scene: Scene, name: str) -> str:
+    parts = []
+    for field, unit in (
+        ('displacement', 'm'),
+        ('rotation', 'rad'),
+        ('linear_velocity', 'm/s'),
+        ('angular_velocity', 'rad/s'),
+    ):
+        value = scene.parameters[f'initial.{name}.{field}']
+        if any(value):
+            parts.append(f', {field.replace("_", " ")} {vector(value, unit)}')
+    return ''.join(parts)

@@ -1,0 +1,156 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+How the node begins and ends: bad input, a duration, interrupts.
+"""
+from concurrent.futures import ThreadPoolExecutor
+import os
+import signal
+
+import icofabric_sim as ico
+from icofabric_sim.bag import BagReader
+from icofabric_sim.messages import decode_diagnostic_array
+import numpy as np
+import pytest
+from ros_helpers import Client, NodeProcess, SCENES
+
+MALFORMED = '/**:\n  ros__parameters:\n    gravity: [0.0, 0, -9.81]\n'
+
+# Name: parameters, further arguments, and what the one line on stderr must hold.
+BAD_STARTS = {
+    'no such file': ({}, ['--params-file', 'nowhere.yaml'], ['nowhere.yaml', 'no such']),
+    'malformed file': ({}, ['--params-file', '{folder}/bad.yaml'], ['bad.yaml', 'gravity']),
+    'unknown name': ({'conector.stiffness': 1.0}, [],
+                     ['conector.stiffness', 'connector.stiffness']),
+    'NaN': ({'shell.density': '.nan'}, [], ['shell.density', 'finite', 'nan']),
+    'type': ({'weave.size': 'big'}, [], ['weave.size', 'list of 3', 'big']),
+    'not built': ({'drag.linear': 1.0}, [], ['drag.linear', 'not built yet']),
+    'too thick': ({'shell.thickness': 0.016}, [], ['shell.thickness', 'eq 41', '0.0151152']),
+    'too short': ({'weave.connector_length': 0.02}, [],
+                  ['weave.connector_length', '0.0250664', 'eq 54']),
+    'no bodies': ({'weave.size': '[1, 1, 1]', 'weave.variant': 1}, [],
+                  ['weave.size', 'no icosahedron']),
+    'record path': ({'record.path': '{folder}'}, [], ['record.path', 'exists']),
+    'step': ({'solver.step': 0.1}, [], ['solver.step', '0.1', 'stability limit']),
+    'ROS argument': ({}, ['--paramsfile', 'x'], ['--paramsfile']),
+}
+
+
+@pytest.fixture(scope='module')
+def bad_starts(tmp_path_factory):
+    """
+    Name: (exit status, output) of all of them, two at a time.
+    """
+    folder = tmp_path_factory.mktemp('starts')
+    (folder / 'bad.yaml').write_text(MALFORMED)
+
+    def fill(text):
+        return str(text).replace('{folder}', str(folder))
+
+    def start(item):
+        number, (name, (parameters, arguments, _)) = item
+        parameters = {key: fill(value) for key, value in parameters.items()}
+        with NodeProcess(folder / f'{number}.log', *map(fill, arguments),
+                         parameters=parameters) as node:
+            return name, (node.wait(), node.log())
+
+    with ThreadPoolExecutor(2) as pool:
+        return dict(pool.map(start, enumerate(BAD_STARTS.items())))
+
+
+@pytest.mark.parametrize('name', BAD_STARTS)
+def test_bad_start(bad_starts, name):
+    """
+    Exit status 2 and one clear line, before anything runs.
+    """
+    status, output = bad_starts[name]
+    lines = [line for line in output.splitlines() if line.startswith('fabric_node: ')]
+    assert status == 2, output
+    assert len(lines) == 1, output
+    for word in BAD_STARTS[name][2]:
+        assert word in lines[0]
+    assert 'Traceback' not in output
+    # Beside that line at most what rcl itself logs.
+    assert all('[rcl]' in line for line in output.splitlines() if line not in lines), output
+
+
+def test_duration_ends_the_node(tmp_path):
+    """
+    Under another name and namespace; the bag holds the state at the very end.
+    """
+    with NodeProcess(
+            tmp_path / 'log', '-r', '__ns:=/lab', '-r', '__node:=left', scene=SCENES /
+            'free_slab.yaml', parameters={'duration': 0.21, 'record.path': tmp_path / 'bag'},
+    ) as node:
+        assert node.wait() == 0
+        assert 'Traceback' not in node.log() and '[ERROR]' not in node.log()
+    with BagReader(tmp_path / 'bag') as bag:
+        poses = list(bag.messages(['/lab/left/poses']))
+        assert [time for _, time, _ in poses] == [round(k * 1e9 / 60) for k in range(13)]
+        assert bag.end_time == 210_000_000
+        _, statuses = decode_diagnostic_array(list(bag.messages(['/diagnostics']))[-1][2])
+        assert statuses[0].name == '/lab/left' and statuses[0].message == 'finished'
+        assert bag.custom['failure'] == 'none'
+
+
+def test_listeners_get_the_last_state_before_the_node_ends(tmp_path):
+    parameters = {'duration': 0.5, 'publish_rate': 10.0, 'contact.mode': 'never',
+                  'start_paused': True}
+    with NodeProcess(tmp_path / 'log', parameters=parameters) as node, Client(node) as client:
+        poses = client.listen('~/poses')
+        client.wait_for(lambda: poses, 'a first pose')
+        client.pause(False)
+        assert node.wait() == 0
+        client.wait_for(lambda: poses[-1].nanoseconds == 500_000_000, 'the last pose', limit=10)
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_second_signal_while_closing(tmp_path, number):
+    """
+    As when a launch passes on the Ctrl-C that the node has heard already.
+    """
+    with NodeProcess(tmp_path / 'log', parameters={'record.path': tmp_path / 'bag'}) as node:
+        with Client(node) as client:
+            client.wait_until(10**8)
+        for _ in range(3):
+            node.send(number)
+        assert node.stop(number) == 0
+    with BagReader(tmp_path / 'bag') as bag:
+        assert bag.topics['/icofabric/poses'].message_count > 5
+
+
+def test_interrupt_while_the_node_is_being_built(tmp_path):
+    """
+    Nothing ran, so the status says interrupted; a compilation that breaks off is no error.
+    """
+    parameters = {'weave.size': '[90, 90, 90]'}
+    environment = {**os.environ, 'NUMBA_CACHE_DIR': str(tmp_path / 'cache')}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv('NUMBA_CACHE_DIR', environment['NUMBA_CACHE_DIR'])
+        node = NodeProcess(tmp_path / 'log', parameters=parameters)
+    with node:
+        # It says what it waits for once it compiles.
+        while 'compiling' not in node.log() and node.process.poll() is None:
+            pass
+        assert node.stop() == 130
+        assert not node.lines('Error')
+
+
+def test_unstable_run_ends_with_status_one(tmp_path):
+    """
+    A step that becomes unsafe as the slab stretches: time, bodies and the new limit are told.
+    """
+    limit = ico.compile_scene(ico.Scene.from_parameters({'weave': {'size': [3, 3, 3]}}))
+    step = np.nextafter(limit.stability_limit, 0.0)
+    parameters = {'weave.size': '[3, 3, 3]', 'solver.step': repr(float(step)), 'duration': 5.0,
+                  'initial_random.velocity_sigma': 3.0, 'contact.mode': 'never',
+                  'real_time_factor': 0.0, 'record.path': tmp_path / 'bag'}
+    with NodeProcess(tmp_path / 'log', parameters=parameters) as node:
+        assert node.wait() == 1
+        lines = node.lines('the simulation has stopped')
+        assert 'Traceback' not in node.log()
+    assert len(lines) == 1
+    for word in ('solver.step', 'unsafe', 't = ', 'bodies', 'stability limit is now'):
+        assert word in lines[0]
+    with BagReader(tmp_path / 'bag') as bag:
+        assert 'solver.step' in bag.custom['failure']
