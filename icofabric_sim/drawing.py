@@ -3,7 +3,8 @@
 """
 Pictures of a fabric: single frames, and sheets of several moments side by side; no display needed.
 
-All pictures made by one `Renderer` share view and scale. Positions and orientations come from snapshots or from bags.
+All pictures made by one `Renderer` share view and scale. Positions and orientations come from
+snapshots or from bags.
 """
 
 from collections.abc import Sequence
@@ -27,8 +28,10 @@ import numpy as np
 _DOTS_PER_INCH = 100.0
 _LEAST_LINE_PIXELS = 1.6
 _TEXT_COLOR = '0.25'
-# Height [inches] of the heading and of the legend.
+# Heights [inches] of the heading, of the legend and of a caption.
 _HEADING, _FOOTING, _CAPTION = 0.42, 0.62, 0.30
+# Height [inches] of the strip of the scale bar, and room around the fabric.
+_STRIP, _MARGIN = 0.42, 1.05
 
 
 class Moment(NamedTuple):
@@ -57,13 +60,11 @@ class Renderer:
         size: tuple[int, int] = (1280, 960),
     ) -> None:
         """
-        Show what lies within `bounds` in pictures of `size` pixels (a sheet is as large as one frame).
+        Show what lies within `bounds` in pictures of `size` pixels.
+
+        A sheet is as wide, and as high as its rows need but no higher.
         """
         width, height = size
-        if not (200 <= width <= 20000 and 200 <= height <= 20000):
-            raise ValueError(
-                f'size must be 200 to 20000 pixels wide and high, got {width} x {height}'
-            )
         self.bounds, self.title, self.view = bounds, title, View() if view is None else view
         self.inches = (width / _DOTS_PER_INCH, height / _DOTS_PER_INCH)
 
@@ -82,20 +83,21 @@ class Renderer:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
 
-        figure = Figure(figsize=self.inches, dpi=_DOTS_PER_INCH, facecolor='white')
-        FigureCanvasAgg(figure)
-        wide, high = self.inches
         heading = _HEADING if self.title else 0.0
-        area = (wide, high - heading - _FOOTING)
-        columns, rows = self._arrange(len(moments), area)
-        panel = (area[0] / columns, area[1] / rows)
+        columns, rows, panel = self._arrange(len(moments), heading)
+        wide, high = self.inches[0], self.inches[1]
+        if rows > 1 or columns > 1:
+            high = heading + _FOOTING + rows * panel[1]
+        figure = Figure(figsize=(wide, high), dpi=_DOTS_PER_INCH, facecolor='white')
+        FigureCanvasAgg(figure)
         for number, moment in enumerate(moments):
             row, column = divmod(number, columns)
             left, bottom = column * panel[0], _FOOTING + (rows - 1 - row) * panel[1]
+            inches = (panel[0], panel[1] - _CAPTION)
             axes = figure.add_axes(
-                (left / wide, bottom / high, panel[0] / wide, (panel[1] - _CAPTION) / high)
+                (left / wide, bottom / high, inches[0] / wide, inches[1] / high)
             )
-            self._draw(axes, moment, (panel[0], panel[1] - _CAPTION), marks=number == 0)
+            self._draw(axes, moment, inches, marks=number == 0)
         if self.title:
             figure.text(
                 0.5, 1.0 - 0.6 * heading / high, self.title, ha='center', va='center',
@@ -105,19 +107,24 @@ class Renderer:
         # The same picture gives the same file.
         figure.savefig(path, format='png', metadata={'Software': None})
 
-    def _arrange(self, count: int, area: tuple[float, float]) -> tuple[int, int]:
+    def _arrange(
+        self, count: int, heading: float
+    ) -> tuple[int, int, tuple[float, float]]:
         """
-        Columns and rows that show `count` panels at the largest scale.
+        Columns and rows that show `count` panels at the largest scale, and a panel in inches.
         """
-        across, upwards = (self.bounds.high - self.bounds.low)[:2]
+        across, upwards = _MARGIN * (self.bounds.high - self.bounds.low)[:2]
+        wide, high = self.inches[0], self.inches[1] - heading - _FOOTING
+        spare = _CAPTION + _STRIP
 
         def scale(columns: int) -> float:
             rows = math.ceil(count / columns)
-            free = max(area[1] / rows - _CAPTION, 0.01)
-            return float(min(area[0] / columns / across, free / upwards))
+            return float(min(wide / columns / across, max(high / rows - spare, 0.01) / upwards))
 
         columns = max(range(1, count + 1), key=lambda columns: (scale(columns), -columns))
-        return columns, math.ceil(count / columns)
+        rows = math.ceil(count / columns)
+        least = scale(columns) * upwards + spare
+        return columns, rows, (wide / columns, high if count == 1 else min(least, high / rows))
 
     def _draw(
         self, axes: Any, moment: Moment, inches: tuple[float, float], *, marks: bool
@@ -125,12 +132,12 @@ class Renderer:
         from matplotlib.collections import PolyCollection
 
         low, high = self.bounds.low[:2], self.bounds.high[:2]
-        middle, margin = 0.5 * (low + high), 1.06
-        meters = margin * float(max((high - low) / inches))  # for each inch
-        half = 0.5 * meters * np.array(inches)
-        axes.set_xlim(middle[0] - half[0], middle[0] + half[0])
-        axes.set_ylim(middle[1] - half[1], middle[1] + half[1])
-        axes.set_aspect('equal')
+        free = np.array([inches[0], inches[1] - _STRIP])
+        meters = _MARGIN * float(max((high - low) / free))  # for each inch
+        # The strip below the fabric is for the scale bar.
+        corner = 0.5 * (low + high) - 0.5 * meters * free - np.array([0.0, meters * _STRIP])
+        axes.set_xlim(corner[0], corner[0] + meters * inches[0])
+        axes.set_ylim(corner[1], corner[1] + meters * inches[1])
         axes.set_axis_off()
         pixel = meters / _DOTS_PER_INCH
         scene = moment.scene
@@ -145,7 +152,7 @@ class Renderer:
         large = scene.shell.half_edge > 6.0 * pixel
         axes.add_collection(
             PolyCollection(
-                shapes.corners,
+                list(shapes.corners),
                 facecolors=shapes.colors,
                 # Edges hide the seams between faces; on large shells they also show the faces.
                 edgecolors=(0.86 if large else 0.95) * shapes.colors,
@@ -157,8 +164,8 @@ class Renderer:
         caption = f't = {moment.time:.3f} s' + (f'   {moment.note}' if moment.note else '')
         axes.set_title(caption, fontsize=10, color=_TEXT_COLOR, pad=4)
         if marks:
-            _scale_bar(axes, middle - half, 2.0 * half)
-            _triad(axes, self.view, middle + half * (0.86, -0.80), 0.13 * float(half.min()))
+            _scale_bar(axes, corner, meters, inches[0])
+            _triad(axes, self.view, corner + meters * np.array([inches[0] - 0.55, 0.18]), meters)
 
     def _legend(self, figure: Any, moments: Sequence[Moment]) -> None:
         from matplotlib.lines import Line2D
@@ -178,7 +185,7 @@ class Renderer:
             handles.append(
                 Line2D(
                     [], [], linestyle='', marker='h', markersize=9, label=label,
-                    markerfacecolor=color, markeredgecolor=0.7 * color,
+                    markerfacecolor=tuple(color), markeredgecolor=tuple(0.7 * color),
                 )  # fmt: skip
             )
         wide = self.inches[0] > 8.0
@@ -195,15 +202,15 @@ class Renderer:
         )
 
 
-def _scale_bar(axes: Any, corner: np.ndarray, extent: np.ndarray) -> None:
+def _scale_bar(axes: Any, corner: np.ndarray, meters: float, inches: float) -> None:
     """
     Draw a bar of a round length, at most a quarter of the width, with its length in m.
     """
-    wanted = 0.25 * float(extent[0])
+    wanted = 0.25 * inches * meters
     power = 10.0 ** math.floor(math.log10(wanted))
     length = power * max(factor for factor in (1.0, 2.0, 5.0) if factor * power <= wanted)
-    start = corner + extent * (0.04, 0.05)
-    tick = 0.012 * extent[1]
+    start = corner + meters * np.array([0.2, 0.14])
+    tick = 0.05 * meters
     axes.plot(
         start[0] + length * np.array([0.0, 0.0, 0.0, 1.0, 1.0, 1.0]),
         start[1] + tick * np.array([-1.0, 1.0, 0.0, 0.0, 1.0, -1.0]),
@@ -216,14 +223,14 @@ def _scale_bar(axes: Any, corner: np.ndarray, extent: np.ndarray) -> None:
     )  # fmt: skip
 
 
-def _triad(axes: Any, view: View, origin: np.ndarray, length: float) -> None:
+def _triad(axes: Any, view: View, origin: np.ndarray, meters: float) -> None:
     """
     Draw the world's axes.
     """
-    for name, direction in zip('xyz', length * view.axes[:2].T):
+    for name, direction in zip('xyz', 0.3 * meters * view.axes[:2].T):
         tip = origin + direction
         axes.plot(*zip(origin, tip), color=_TEXT_COLOR, linewidth=1.2)
         axes.text(
-            *(origin + 1.25 * direction), name,
+            *(origin + 1.3 * direction), name,
             ha='center', va='center', fontsize=9, color=_TEXT_COLOR,
         )  # fmt: skip

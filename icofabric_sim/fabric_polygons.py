@@ -3,8 +3,9 @@
 """
 A fabric as flat, coloured polygons in drawing order: shells and connectors seen from far away.
 
-The projection is orthographic, so lengths across the line of sight keep one scale. Whatever is nearer is drawn later;
-shells are convex, so that of one shell only the faces towards the viewer are drawn, in any order.
+The projection is orthographic, so lengths across the line of sight keep one scale. Whatever is
+nearer is drawn later; shells are convex, so that of one shell only the faces towards the viewer
+are drawn, in any order.
 """
 
 import math
@@ -19,8 +20,8 @@ import numpy as np
 BACKGROUND = np.array([1.0, 1.0, 1.0])
 FREE_COLOR = np.array([0.95, 0.88, 0.70])
 HELD_COLOR = np.array([0.42, 0.47, 0.55])
-# Above this many bodies a shell is drawn as a disc: its faces would be a few pixels wide, and take minutes.
-LARGEST_SHELL_COUNT = 2500
+# Above this many bodies a shell is drawn as a disc: its faces would be a pixel or two wide.
+LARGEST_SHELL_COUNT = 10_000
 # From the viewer's upper left; the rest of the light comes from everywhere.
 _LIGHT = np.array([-0.45, 0.60, 0.66])
 _AMBIENT = 0.45

@@ -152,6 +152,7 @@ class Outputs:
         """
         `~/connectors`: remove all markers of an earlier weave.
         """
+        self._shown.clear()
         marker = MarkerBytes(self.frame_id, 'connectors', 0, MarkerType.LINE_LIST)
         return marker.stamped(nanoseconds, action=MarkerAction.DELETEALL)
 

@@ -8,9 +8,9 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from icofabric_sim.bag import BagError
-from icofabric_sim.bag_summary import active_inputs, RecordedInput, RecordedRun
 from icofabric_sim.drawing import Moment, Renderer
 from icofabric_sim.fabric_polygons import Bounds, bounds_of, View
+from icofabric_sim.recorded_run import active_inputs, RecordedInput, RecordedRun
 import numpy as np
 
 Progress = Callable[[int], None]  # hears how many pictures are done

@@ -97,24 +97,25 @@ class Runner:
 
     def set_paused(self, paused: bool) -> 'Future[Any]':
         """
-        Stop or resume simulated time.
+        Stop or resume simulated time; the result is the time [ns] at which that was.
         """
 
-        def act() -> None:
+        def act() -> int:
             self.paused = paused
             self._pace.restart(self.now)
+            return self.now
 
         return self.post(act)
 
     def take_steps(self) -> 'Future[Any]':
         """
-        Take `step_count` solver steps, and publish the state they lead to.
+        Take `step_count` solver steps, and publish the state they lead to; the result is its time.
         """
         return self.post(self._step)
 
     def reset(self) -> 'Future[Any]':
         """
-        Back to the initial state, and to time 0 where `reset_time` says so.
+        Back to the initial state, and to time 0 where `reset_time` says so; results in that time.
         """
         return self.post(self._reset)
 
@@ -286,7 +287,7 @@ class Runner:
         scene = self.simulation.scene
         return key < scene.body_count if isinstance(key, int) else key in scene.loads
 
-    def _step(self) -> None:
+    def _step(self) -> int:
         if self.failure:
             raise RuntimeError(self.failure)
         for _ in range(self.parameters['step_count']):
@@ -303,8 +304,9 @@ class Runner:
         self.simulation.advance_to(seconds(self.now))
         self._pace.restart(self.now)
         self._broadcast.emit(self.now)
+        return self.now
 
-    def _reset(self) -> None:
+    def _reset(self) -> int:
         self._pending.clear()
         self.failure = ''
         if self.parameters['reset_time']:
@@ -315,6 +317,7 @@ class Runner:
             self.simulation.reset()
         self._pace.restart(self.now)
         self._broadcast.start(self.now, cleared=True)
+        return self.now
 
     def _change(self, parameters: Parameters) -> None:
         if concerns_runner_only(self.parameters, parameters):

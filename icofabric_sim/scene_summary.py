@@ -42,8 +42,8 @@ def describe_scene(scene: Scene) -> list[Row]:
         ('shell', f'mass {shell.mass:.6g} kg, inertia {shell.inertia:.6g} kg m^2'),
         (
             '',
-            f'edge 2a = {shell.edge_length:.6g} m, inner edge 2b = {shell.inner_edge_length:.6g} m, '
-            f'thickness T = {shell.thickness:.6g} m',
+            f'edge 2a = {shell.edge_length:.6g} m, inner edge 2b = '
+            f'{shell.inner_edge_length:.6g} m, thickness T = {shell.thickness:.6g} m',
         ),
         ('weave', f'{weave.kind}, variant {weave.variant}, {_times(weave.size)} grid positions'),
         (
@@ -76,7 +76,7 @@ def describe_scene(scene: Scene) -> list[Row]:
         for name in parameters.names('initial')
     ))  # fmt: skip
     memory = scene.body_count * BYTES_PER_BODY
-    rows.append(('memory', f'about {_bytes(max(memory, _weaving(scene)))} at most'))
+    rows.append(('memory', f'about {_bytes(max(memory, _weaving(scene)))}'))
     return rows
 
 
@@ -126,7 +126,8 @@ def _loose(scene: Scene) -> str:
 def _springs(scene: Scene) -> str:
     connectors = scene.connectors
     text = (
-        f'stiffness {connectors.stiffness:.6g} N/m, natural length {connectors.natural_length:.6g} m'
+        f'stiffness {connectors.stiffness:.6g} N/m, natural length '
+        f'{connectors.natural_length:.6g} m'
     )
     strain = scene.geometry.connector_length / connectors.natural_length - 1.0
     return text if strain == 0.0 else f'{text} (woven at a strain of {100.0 * strain:+.3g} %)'

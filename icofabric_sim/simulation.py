@@ -6,6 +6,7 @@ A compiled scene that advances in time.
 
 from collections.abc import Sequence
 import math
+import operator
 
 from icofabric_sim.icosahedron import inscribed_radius
 from icofabric_sim.initial import InitialState
@@ -207,12 +208,13 @@ class Simulation:
 
         Held until replaced; zero clears. Returns the time from which it acts.
         """
+        body = operator.index(body)
         if not 0 <= body < self.scene.body_count:
             raise ValueError(
                 f'there is no body {body}; bodies are 0 to {self.scene.body_count - 1}'
             )
         self._body_wrenches = True
-        return self._apply(int(body), force, torque, time)
+        return self._apply(body, force, torque, time)
 
     def set_state(
         self,
@@ -337,8 +339,8 @@ class Simulation:
             self._cached = None
 
     def _jump(self, state: InitialState) -> None:
-        self._stepper.jump(self._time, self._as_state(state))
         self._cached = None
+        self._stepper.jump(self._time, self._as_state(state))
 
     def _as_state(self, initial: InitialState) -> State:
         orientation = initial.orientation
@@ -359,16 +361,20 @@ class Simulation:
     def _load_rate(self) -> float:
         """
         Rate [rad/s] at which the loads alone would move a free body by its own size, or turn it.
+
+        Infinite where the loads are too large for numbers.
         """
         loads = self._loads()
         if loads is None or not len(loads.body):
             return 0.0
         size = self.scene.geometry.cube_width
-        arm = np.linalg.norm(loads.point, axis=1)
-        force, torque = np.linalg.norm(loads.force, axis=1), np.linalg.norm(loads.torque, axis=1)
-        square = force.sum() * self.model.inverse_mass / size
-        square += (torque + arm * force).sum() * self.model.inverse_inertia
-        return float(np.sqrt(square))
+        with np.errstate(over='ignore', invalid='ignore'):
+            force = np.linalg.norm(loads.force, axis=1)
+            moment = np.linalg.norm(loads.torque, axis=1)
+            moment += np.linalg.norm(loads.point, axis=1) * force
+            square = force * (self.model.inverse_mass / size) + moment * self.model.inverse_inertia
+            largest = np.bincount(loads.body, square).max()
+        return float(np.sqrt(largest)) if largest < math.inf else math.inf
 
 
 def _vector(name: str, value: Vector) -> np.ndarray:

@@ -307,6 +307,11 @@ class Stepper:
         rate = self.frequency.rate + float(self._readings[2])
         if self.model.connectors is None:
             rate += self.load_rate
+            if self.watch is not None:
+                # Free bodies take any step; the watch must see them before they have passed.
+                velocity = self.state.linear_velocity
+                spread = float(np.linalg.norm(np.ptp(velocity, axis=0)))
+                rate += spread / self.watch.limit
         if not rate < math.inf:
             self._fail(f'the motion at t = {self.time:.9g} s is too fast for any step: its rate '
                        'is no longer finite; look for a huge load, spin or stretch')

@@ -20,6 +20,7 @@ import time
 
 from icofabric_sim import messages
 from icofabric_sim.outputs import TOPICS
+from icofabric_sim.parameter_text import dump_parameters, flatten_parameters
 import pytest
 
 pytest.importorskip('rclpy', reason='rclpy is not installed on this machine')
@@ -50,6 +51,14 @@ def domain(offset=0):
     Domain of this test process, so that runs side by side do not hear each other.
     """
     return (os.getpid() + offset) % 102
+
+
+def write_scene(path, sections):
+    """
+    Parameter file of nested sections.
+    """
+    path.write_text(dump_parameters(flatten_parameters(sections)))
+    return path
 
 
 def ros_class(type_name):
@@ -278,9 +287,21 @@ class Client:
         return future.result()
 
     def pause(self, paused=True):
+        """
+        Pause or go on; the simulated time [ns] at which that was.
+        """
         response = self.call('~/pause', 'std_srvs/srv/SetBool', data=paused)
         assert response.success, response.message
-        return response
+        word, _, time = response.message.removesuffix(' s').partition(', t = ')
+        assert word == ('paused' if paused else 'running')
+        return round(float(time) * 1e9)
+
+    def settle(self):
+        """
+        Wait until what was sent before has reached the simulation.
+        """
+        for _ in range(2):  # messages that arrive first are handled first
+            self.get('step_count')
 
     def set_each(self, **values):
         """

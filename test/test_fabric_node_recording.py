@@ -23,8 +23,7 @@ from icofabric_sim.messages import (
 from icofabric_sim.schedule import seconds
 import numpy as np
 import pytest
-from ros_helpers import Client, domain, NodeProcess, ROOT, wait_for
-import yaml
+from ros_helpers import Client, domain, NodeProcess, ROOT, wait_for, write_scene
 
 CHANNEL = '/icofabric/loads/all_of_it'
 # At rest without gravity, so that whatever moves was pushed.
@@ -36,11 +35,6 @@ SLAB = {
     'loads': {'all_of_it': {'group': 'everything', 'share': 'total'},
               'end': {'group': 'end', 'frame': 'body', 'point': [0.0, 0.004, 0.009]}},
 }
-
-
-def write_scene(path, sections):
-    path.write_text(yaml.safe_dump({'/**': {'ros__parameters': sections}}))
-    return path
 
 
 @pytest.fixture(scope='module')
@@ -58,12 +52,13 @@ def run(tmp_path_factory):
             env={**os.environ, 'ROS_DOMAIN_ID': str(domain())})
         assert script.returncode == 0, script.stdout + script.stderr + node.log()
         with Client(node) as client:
-            # Not only forces on the whole: wrenches on single bodies, off centre, turning with them.
-            before = len(client.listen('~/poses'))
+            # Not only forces on the whole: on single bodies, off centre, turning with them.
+            poses = client.listen('~/poses')
+            before = len(poses)
             client.push('~/wrench', (0.01, 0.0, 0.02), (1e-4, -2e-4, 0.0), frame='icosahedron_3')
             client.push('~/loads/end', (0.0, 0.01, 0.0), (0.0, 1e-4, 0.0), frame='icosahedron')
             client.push('~/wrench', (float('nan'), 0.0, 0.0), frame='icosahedron_3')
-            client.wait_for(lambda: len(client.received['/icofabric/poses']) > before + 10, 'poses')
+            client.wait_for(lambda: len(poses) > before + 10, 'poses')
         status = node.stop()
         yield {'status': status, 'log': node.log(), 'bag': bag, **json.loads(script.stdout)}
 
@@ -122,7 +117,7 @@ def test_wrenches_act_as_the_contract_says(run, messages):
     """
     pushes = recorded(messages, CHANNEL)
     assert len(pushes) == len(run['sent']) == 4
-    for (acted, data), sent in zip(pushes, run['sent']):
+    for (_, data), sent in zip(pushes, run['sent']):
         wrench = decode_wrench_stamped(data)
         assert wrench.nanoseconds == sent['stamp']
         assert wrench.first.tolist() == sent['force']
@@ -168,8 +163,8 @@ def test_centre_of_mass_follows_the_pushes(messages):
 
 def test_nothing_moves_before_the_first_push(messages):
     first = recorded(messages, CHANNEL)[0][0]
-    poses = [decode_pose_array(data).values for time, data in recorded(messages, '/icofabric/poses')
-             if time <= first]
+    poses = [decode_pose_array(data).values
+             for time, data in recorded(messages, '/icofabric/poses') if time <= first]
     assert len(poses) > 3
     scene = ico.Scene.from_parameters(SLAB)
     for values in poses:

@@ -4,7 +4,6 @@
 How the node begins and ends: bad input, a duration, interrupts.
 """
 from concurrent.futures import ThreadPoolExecutor
-import os
 import signal
 
 import icofabric_sim as ico
@@ -12,7 +11,7 @@ from icofabric_sim.bag import BagReader
 from icofabric_sim.messages import decode_diagnostic_array
 import numpy as np
 import pytest
-from ros_helpers import Client, NodeProcess, SCENES
+from ros_helpers import Client, NodeProcess, SCENES, wait_for
 
 MALFORMED = '/**:\n  ros__parameters:\n    gravity: [0.0, 0, -9.81]\n'
 
@@ -104,17 +103,16 @@ def test_listeners_get_the_last_state_before_the_node_ends(tmp_path):
         client.wait_for(lambda: poses[-1].nanoseconds == 500_000_000, 'the last pose', limit=10)
 
 
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
-def test_second_signal_while_closing(tmp_path, number):
+def test_second_signal_while_closing(tmp_path):
     """
     As when a launch passes on the Ctrl-C that the node has heard already.
     """
     with NodeProcess(tmp_path / 'log', parameters={'record.path': tmp_path / 'bag'}) as node:
-        with Client(node) as client:
-            client.wait_until(10**8)
-        for _ in range(3):
+        wait_for(lambda: sum(file.stat().st_size for file in tmp_path.glob('bag/*')) > 30_000,
+                 'recording', node=node)
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGINT):
             node.send(number)
-        assert node.stop(number) == 0
+        assert node.stop() == 0
     with BagReader(tmp_path / 'bag') as bag:
         assert bag.topics['/icofabric/poses'].message_count > 5
 
@@ -124,14 +122,12 @@ def test_interrupt_while_the_node_is_being_built(tmp_path):
     Nothing ran, so the status says interrupted; a compilation that breaks off is no error.
     """
     parameters = {'weave.size': '[90, 90, 90]'}
-    environment = {**os.environ, 'NUMBA_CACHE_DIR': str(tmp_path / 'cache')}
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv('NUMBA_CACHE_DIR', environment['NUMBA_CACHE_DIR'])
+        patch.setenv('NUMBA_CACHE_DIR', str(tmp_path / 'cache'))
         node = NodeProcess(tmp_path / 'log', parameters=parameters)
     with node:
         # It says what it waits for once it compiles.
-        while 'compiling' not in node.log() and node.process.poll() is None:
-            pass
+        wait_for(lambda: node.lines('compiling'), 'compilation', node=node)
         assert node.stop() == 130
         assert not node.lines('Error')
 

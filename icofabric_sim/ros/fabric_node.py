@@ -195,7 +195,7 @@ class FabricNode(Node):
 
     def _answer(self, future: 'Future[Any]', response: Any, word: str) -> Any:
         try:
-            future.result(timeout=_PATIENCE)
+            time = future.result(timeout=_PATIENCE)
         except TimeoutError:
             response.success, response.message = (
                 True,
@@ -204,7 +204,7 @@ class FabricNode(Node):
         except Exception as error:  # noqa: BLE001 - the client gets the reason
             response.success, response.message = False, str(error)
         else:
-            response.success, response.message = True, f'{word}, t = {self.runner.now / 1e9:.9f} s'
+            response.success, response.message = True, f'{word}, t = {time / 1e9:.9f} s'
         return response
 
     def _bag_failed(self, error: BagError) -> None:

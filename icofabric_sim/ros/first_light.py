@@ -29,7 +29,7 @@ from rclpy.qos import QoSProfile
 SCENE = 'hanging_slab'
 DURATION = 4.0  # [s] of simulated time
 PUSH_START, PUSH_END = 1.0, 1.5  # [s] of simulated time
-PUSH_FORCE = (0.0, 2.0, 0.0)  # [N], shared out over the free side
+PUSH_FORCE = (0.0, 0.5, 0.0)  # [N], shared out over the free side
 CHANNEL = '/icofabric/loads/tip'
 # The node compiles its kernels when it first runs on a machine.
 _PATIENCE = 120.0

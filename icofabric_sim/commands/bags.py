@@ -1,0 +1,35 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+The argument BAG, for all verbs that read one.
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from icofabric_sim.commands.terminal import FileSaysNo, InputError
+
+_SUFFIXES = ('.mcap', '.db3')
+
+
+def is_bag(path: Path) -> bool:
+    """
+    Whether this is meant as a bag: a folder, or a file of one.
+    """
+    return path.is_dir() or path.suffix in _SUFFIXES
+
+
+@contextmanager
+def bag_errors(path: Path) -> Iterator[None]:
+    """
+    Tell what is no bag at all (bad input) from one that is damaged, unfinished or no fabric's.
+    """
+    from icofabric_sim.bag import BagError
+    try:
+        yield
+    except BagError as error:
+        files = path.iterdir() if path.is_dir() else [path]
+        if any(file.suffix in _SUFFIXES and file.exists() for file in files):
+            raise FileSaysNo(str(error)) from error
+        raise InputError(str(error)) from error

@@ -1,0 +1,59 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+`icofabric info SCENE|BAG`.
+"""
+
+import argparse
+from pathlib import Path
+
+from icofabric_sim.commands.bags import bag_errors, is_bag
+from icofabric_sim.commands.scenes import add_scene_arguments, read_parameters
+from icofabric_sim.commands.terminal import bad_input, InputError
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """
+    Declare what the verb takes.
+    """
+    add_scene_arguments(parser, 'SCENE|BAG')
+
+
+def main(arguments: argparse.Namespace) -> int:
+    """
+    Describe a scene, or summarise a bag.
+    """
+    from icofabric_sim.ready_scenes import ready_scenes
+    path = Path(arguments.scene).expanduser()
+    if arguments.scene not in ready_scenes() and is_bag(path):
+        if arguments.parameter:
+            raise InputError('-p changes a scene; a recorded run stays as it was')
+        from icofabric_sim.bag_summary import summarise_bag
+        with bag_errors(path):
+            print('\n'.join(summarise_bag(path).lines()))
+        return 0
+    return _describe(arguments)
+
+
+def _describe(arguments: argparse.Namespace) -> int:
+    from icofabric_sim.commands.run_summary import step_reason
+    from icofabric_sim.scene import Scene
+    from icofabric_sim.scene_summary import as_lines, describe_scene
+    from icofabric_sim.simulation import compile_scene
+
+    name, parameters = read_parameters(arguments)
+    with bad_input():
+        scene = Scene.from_parameters(parameters)
+        simulation = compile_scene(scene)
+    rows = [('scene', name), *describe_scene(scene)]
+    rate = simulation.largest_frequency
+    rows.append(('frequency', f'{rate:.6g} rad/s at most, at the start'))
+    rows.append(('method', simulation.method_name))
+    rows.append(('step', step_reason(simulation)))
+    if simulation.proximity is not None:
+        rows.append(('overlap', str(simulation.proximity)))
+    duration = parameters['duration']
+    rows.append(('duration', f'{duration:g} s' if duration > 0.0 else (
+        'none: a node runs until it is stopped, `icofabric run` needs --duration')))
+    print('\n'.join(as_lines(rows)))
+    return 0

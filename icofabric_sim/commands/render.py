@@ -1,0 +1,136 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+`icofabric render BAG`.
+"""
+
+import argparse
+import math
+from pathlib import Path
+import re
+from typing import TYPE_CHECKING
+
+from icofabric_sim.commands.bags import bag_errors
+from icofabric_sim.commands.terminal import InputError, Progress
+
+if TYPE_CHECKING:
+    import numpy as np
+
+_DEFAULT_COUNT = 8
+_SMALLEST, _LARGEST = 320, 16000  # pixels
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """
+    Declare what the verb takes.
+    """
+    parser.add_argument('bag', metavar='BAG', help='folder of a recorded run, or its file')
+    which = parser.add_mutually_exclusive_group()
+    which.add_argument(
+        '--frames', type=int, metavar='N',
+        help=f'N moments spread evenly over the run (default: {_DEFAULT_COUNT})')
+    which.add_argument(
+        '--every', type=float, metavar='S', help='a moment every S seconds of simulated time')
+    which.add_argument(
+        '--times', type=float, nargs='+', metavar='T',
+        help='moments at these simulated times [s]; each takes the nearest recorded poses')
+    parser.add_argument(
+        '--sheet', metavar='FILE', help='draw the moments side by side into this one PNG')
+    parser.add_argument(
+        '--output', metavar='DIR',
+        help='folder for frame_0001.png, ... (default: BAG_frames, unless --sheet is given)')
+    parser.add_argument(
+        '--size', default='1280x960', metavar='WxH', help='pixels of a picture (%(default)s)')
+    parser.add_argument(
+        '--view', type=float, nargs=2, metavar=('AZIMUTH', 'ELEVATION'),
+        help='where the viewer stands [degrees]: from +x towards +y, and above the horizontal '
+             '(default: -65 12)')
+
+
+def main(arguments: argparse.Namespace) -> int:
+    """
+    Draw frames, a sheet, or both.
+    """
+    size = _size(arguments.size)
+    view = _angles(arguments.view)
+    path = Path(arguments.bag).expanduser()
+    sheet = None if arguments.sheet is None else Path(arguments.sheet).expanduser()
+    if sheet is not None and sheet.suffix.lower() != '.png':
+        raise InputError(f'--sheet {sheet}: give a file that ends in .png')
+    from icofabric_sim.bag import next_free_path
+    from icofabric_sim.fabric_polygons import LARGEST_SHELL_COUNT, View
+    from icofabric_sim.recorded_run import RecordedRun
+    from icofabric_sim.render import RunPictures
+
+    with bag_errors(path), RecordedRun(path) as run:
+        recorded = run.pose_times()
+        times = _times(arguments, recorded)
+        pictures = RunPictures(run, view=View() if view is None else View(*view), size=size)
+        bodies = run.scene_at(int(times[0])).body_count
+        if bodies > LARGEST_SHELL_COUNT:
+            print(f'{bodies:,} bodies: each is drawn as a disc (shells up to '
+                  f'{LARGEST_SHELL_COUNT:,})')
+        if sheet is not None:
+            sheet.parent.mkdir(parents=True, exist_ok=True)
+            pictures.sheet(times, sheet)
+            print(f'{len(times)} moments in {sheet}')
+        if arguments.output or sheet is None:
+            folder = Path(arguments.output).expanduser() if arguments.output else next_free_path(
+                path.absolute().with_name(f'{path.stem if path.is_file() else path.name}_frames'))
+            if folder.exists() and any(folder.glob('frame_*.png')):
+                raise InputError(
+                    f'--output {folder} holds frames already, and they would be mixed; choose '
+                    'another folder')
+            with Progress(len(times), 'frames') as progress:
+                drawn = pictures.frames(times, folder, progress=progress.update)
+            print(f'{len(drawn)} frames in {folder}')
+    return 0
+
+
+def _times(arguments: argparse.Namespace, recorded: 'np.ndarray') -> 'np.ndarray':
+    """
+    Recorded times [ns] of the moments that are wanted.
+    """
+    from icofabric_sim.render import nearest_times, spread_times
+    import numpy as np
+    if not len(recorded):
+        raise InputError(f'{arguments.bag} holds no poses to draw')
+    first, last = int(recorded[0]), int(recorded[-1])
+    span = f'the run was recorded from {first / 1e9:.6g} s to {last / 1e9:.6g} s'
+    if arguments.times is not None:
+        for time in arguments.times:
+            if not first - 0.5e-9 <= time * 1e9 <= last + 0.5e-9:
+                raise InputError(f'--times {time:g} s: {span}; choose times in between')
+        return nearest_times(recorded, np.array(arguments.times) * 1e9)
+    if arguments.every is not None:
+        if not 0.0 < arguments.every < math.inf:
+            raise InputError(f'--every must be above 0 s, got {arguments.every:g} s')
+        count = int((last - first) / (arguments.every * 1e9) + 1e-9)
+        if count >= len(recorded):
+            return recorded
+        return nearest_times(recorded, first + arguments.every * 1e9 * np.arange(count + 1))
+    count = _DEFAULT_COUNT if arguments.frames is None else arguments.frames
+    if not count >= 1:
+        raise InputError(f'--frames must be at least 1, got {count}')
+    return spread_times(recorded, count)
+
+
+def _size(text: str) -> tuple[int, int]:
+    match = re.fullmatch('([0-9]{1,5})[x,]([0-9]{1,5})', text)
+    if match is None:
+        raise InputError(f'--size must be WIDTHxHEIGHT in pixels, such as 1280x960, got {text!r}')
+    size = int(match[1]), int(match[2])
+    if not all(_SMALLEST <= side <= _LARGEST for side in size):
+        raise InputError(f'--size must be {_SMALLEST} to {_LARGEST} pixels each way, got {text}')
+    return size
+
+
+def _angles(degrees: list[float] | None) -> tuple[float, float] | None:
+    if degrees is None:
+        return None
+    azimuth, elevation = degrees
+    if not (math.isfinite(azimuth) and abs(elevation) <= 90.0):
+        raise InputError(
+            f'--view takes an azimuth and an elevation from -90 to 90 degrees, got {azimuth:g} '
+            f'{elevation:g}')
+    return math.radians(azimuth), math.radians(elevation)

@@ -1,0 +1,196 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+`icofabric run SCENE`.
+"""
+
+import argparse
+from collections.abc import Iterator
+from contextlib import contextmanager, ExitStack
+from pathlib import Path
+import signal
+import sys
+import time
+from typing import TYPE_CHECKING
+
+from icofabric_sim.commands.scenes import add_scene_arguments, read_parameters
+from icofabric_sim.commands.terminal import bad_input, InputError, notes, Progress
+
+if TYPE_CHECKING:
+    from icofabric_sim.parameters import Parameters
+    from icofabric_sim.recording import BagSink
+    from icofabric_sim.runner import Runner
+    from icofabric_sim.simulation import Simulation
+
+_NAME = 'icofabric run'
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """
+    Declare what the verb takes.
+    """
+    add_scene_arguments(parser)
+    parser.add_argument(
+        '--duration', type=float, metavar='S',
+        help='simulated time [s]; needed where the scene has no duration of its own')
+    record = parser.add_mutually_exclusive_group()
+    record.add_argument(
+        '--record', metavar='PATH',
+        help='folder of the new bag (default: record.path of the scene, else runs/SCENE)')
+    record.add_argument('--no-record', action='store_true', help='record nothing')
+    parser.add_argument(
+        '--storage', choices=('mcap', 'sqlite3'),
+        help='storage of the bag (default: record.storage of the scene)')
+    parser.add_argument(
+        '--cross-check', action='store_true',
+        help='record nothing; integrate with quaternions and with direction cosines side by side '
+             'and report how far they differ')
+
+
+def main(arguments: argparse.Namespace) -> int:
+    """
+    Simulate to the end of the duration; the record is kept and closed whatever happens.
+    """
+    name, parameters = read_parameters(arguments)
+    parameters = _complete(arguments, parameters)
+    if arguments.cross_check:
+        from icofabric_sim.commands.cross_check_report import report_cross_check
+        return report_cross_check(name, parameters)
+    from icofabric_sim.scene import Scene
+    from icofabric_sim.simulation import compile_scene
+
+    with bad_input():
+        scene = Scene.from_parameters(parameters)
+        _say(f'{name}: {scene.body_count:,} bodies, {scene.connector_count:,} connectors')
+        simulation = compile_scene(scene)
+    simulation.warm_up()
+    with ExitStack() as stack:
+        progress = stack.enter_context(Progress(parameters['duration'], 's'))
+        stack.enter_context(notes(progress, _NAME))
+        return _Run(name, simulation, progress, _bag_path(arguments, name, parameters)).run()
+
+
+class _Run:
+    """
+    One run from its start to its summary.
+    """
+
+    def __init__(
+            self, name: str, simulation: 'Simulation', progress: Progress,
+            bag_path: Path | None) -> None:
+        from icofabric_sim.run_monitor import RunMonitor
+        self.name, self.progress = name, progress
+        self.simulation = simulation
+        self.monitor = RunMonitor(simulation)
+        self.bag = None if bag_path is None else self._open(bag_path)
+        self.interrupted = False
+        self.runner: Runner | None = None
+
+    def run(self) -> int:
+        from icofabric_sim.commands.run_summary import run_summary
+        from icofabric_sim.health import HealthReport
+        from icofabric_sim.runner import Runner
+
+        runner = Runner(
+            self.simulation, [self.monitor] if self.bag is None else [self.monitor, self.bag],
+            report=HealthReport('/icofabric').bytes)
+        self.runner = runner
+        started = time.monotonic()
+        try:
+            with self._stopped_by_signals(runner):
+                runner.run(until_finished=True, progress=self.progress.update)
+                wall = time.monotonic() - started
+                # A signal here must not tear the bag.
+                self._close()
+        except BaseException:
+            self._close()
+            raise
+        self.progress.clear()
+        status = runner.status()
+        # What was interrupted after its last step is not interrupted.
+        interrupted = self.interrupted and not (status.finished or status.failure)
+        lost = '' if self.bag is None or self.bag.recorder.error is None else (
+            str(self.bag.recorder.error))
+        print('\n'.join(run_summary(
+            self.name, self.simulation, self.monitor, status, wall,
+            bag=None if self.bag is None else self.bag.recorder, interrupted=interrupted)))
+        if interrupted and not lost:
+            return 130
+        return 1 if status.failure or lost else 0
+
+    def _open(self, path: Path) -> 'BagSink':
+        from icofabric_sim.recording import BagSink
+        with bad_input():
+            path.parent.mkdir(parents=True, exist_ok=True)
+            return BagSink(
+                path, self.simulation, live=False, on_error=self._bag_failed,
+                storage=self.simulation.scene.parameters['record.storage'])
+
+    def _bag_failed(self, error: Exception) -> None:
+        # A run whose record has failed is of little use, and has another reason to go on: none.
+        if self.runner is not None:
+            self.progress.note(f'{_NAME}: {error}; the run ends here')
+            self.runner.stop()
+
+    def _close(self) -> None:
+        if self.bag is None or self.runner is None:
+            return
+        status = self.runner.status()
+        self.bag.close(summary={
+            'proximity': status.proximity or 'none',
+            'failure': status.failure or 'none',
+            'interrupted': 'true' if self.interrupted and not status.finished else 'false'})
+
+    @contextmanager
+    def _stopped_by_signals(self, runner: 'Runner') -> Iterator[None]:
+        def stop(number: int, frame: object) -> None:
+            self.interrupted = True
+            runner.stop()
+
+        before = {number: signal.signal(number, stop)
+                  for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+                  if signal.getsignal(number) is not signal.SIG_IGN}
+        try:
+            yield
+        finally:
+            for number, handler in before.items():
+                signal.signal(number, handler)
+
+
+def _complete(arguments: argparse.Namespace, parameters: 'Parameters') -> 'Parameters':
+    """
+    Parameters with what the command line changes: the pace, the duration, the storage.
+    """
+    changes: dict[str, object] = {}
+    given = {rule.partition(':=')[0] for rule in arguments.parameter}
+    if 'real_time_factor' not in given:
+        changes['real_time_factor'] = 0.0
+    # Nobody could end the pause.
+    changes['start_paused'] = False
+    if arguments.duration is not None:
+        changes['duration'] = arguments.duration
+    if arguments.storage is not None:
+        changes['record.storage'] = arguments.storage
+    with bad_input():
+        parameters = parameters.with_changes(changes)
+    if not parameters['duration'] > 0.0:
+        raise InputError(
+            'this run needs an end: give --duration S, the simulated time in seconds (the scene '
+            'has duration 0)')
+    return parameters
+
+
+def _bag_path(
+        arguments: argparse.Namespace, name: str, parameters: 'Parameters') -> Path | None:
+    from icofabric_sim.bag import next_free_path
+    if arguments.no_record:
+        return None
+    if arguments.record is not None:
+        return Path(arguments.record).expanduser()
+    if parameters['record.path']:
+        return Path(parameters['record.path']).expanduser()
+    return next_free_path(Path('runs') / name)
+
+
+def _say(text: str) -> None:
+    print(text, file=sys.stderr, flush=True)

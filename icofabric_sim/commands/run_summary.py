@@ -1,0 +1,140 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+What `icofabric run` says at its end.
+"""
+
+from icofabric_sim.bag import BagRecorder
+from icofabric_sim.run_monitor import RunMonitor
+from icofabric_sim.run_records import Status
+from icofabric_sim.scene_summary import as_lines, Row, vector
+from icofabric_sim.schedule import seconds
+from icofabric_sim.simulation import Simulation
+import numpy as np
+
+
+def run_summary(
+        name: str, simulation: Simulation, monitor: RunMonitor, status: Status, wall: float, *,
+        bag: BagRecorder | None, interrupted: bool) -> list[str]:
+    """
+    Lines of the summary; `wall` is the wall time of the run itself [s].
+    """
+    scene = simulation.scene
+    rows = [
+        ('scene', f'{name}: {scene.body_count:,} bodies, {scene.connector_count:,} connectors'),
+        ('method', simulation.method_name),
+        ('step', step_reason(simulation)),
+        ('run', _pace(scene.body_count, status, wall)),
+        ('energy', _energy(simulation, monitor)),
+        *_momenta(simulation, monitor),
+        ('strain', _strain(simulation, monitor)),
+        ('motion', _displacement(simulation, monitor)),
+        ('overlap', status.proximity or 'none: no two shells came too close'),
+    ]
+    if status.failure:
+        rows.append(('stopped', status.failure))
+    elif interrupted:
+        rows.append(('stopped', f'by the user at t = {seconds(status.time):.6g} s'))
+    if bag is None:
+        rows.append(('bag', 'nothing was recorded'))
+    else:
+        rows.append(('bag', _bag(bag)))
+        if bag.error is None:
+            rows.append(('next', f'icofabric info {bag.path}'))
+            rows.append(('', f'icofabric render {bag.path} --sheet {name}.png'))
+    return as_lines(rows)
+
+
+def step_reason(simulation: Simulation) -> str:
+    """
+    The step in use, and where it comes from.
+    """
+    text = f'{simulation.step:.6g} s'
+    rate = simulation.largest_frequency
+    if simulation.scene.parameters['solver.step'] > 0.0:
+        return f'{text}, given as solver.step; the limit is {simulation.stability_limit:.6g} s'
+    if rate > 0.0:
+        return (
+            f'{text}, chosen: {simulation.step * rate:.2g} over the largest frequency of the '
+            f'fabric, {rate:.6g} rad/s; the limit is {simulation.stability_limit:.6g} s')
+    return f'{text}, chosen: no connector sets a frequency'
+
+
+def _pace(body_count: int, status: Status, wall: float) -> str:
+    simulated = seconds(status.time)
+    text = f'{simulated:.6g} s of simulated time in {status.step_count:,} steps, {wall:.3g} s of '
+    text += 'wall time'
+    if wall > 0.0 and status.step_count:
+        each = wall / (status.step_count * body_count) * 1e9
+        text += (f' (real-time factor {simulated / wall:.3g}, {each:,.0f} ns per body and step, '
+                 'outputs included)')
+    return text
+
+
+def _energy(simulation: Simulation, monitor: RunMonitor) -> str:
+    first, last = monitor.first.energy['total'], monitor.last.energy['total']
+    text = f'{first:.9g} J at the start, {last:.9g} J at the end'
+    if simulation.active_loads or simulation.scene.loads and _loads_act(simulation):
+        return f'{text}; the work of the loads is in it'
+    if not monitor.energy_scale > 0.0:
+        return text
+    drift = (last - first) / monitor.energy_scale
+    return (f'{text}; drift {drift:+.1e} of the largest energy that was exchanged '
+            f'({monitor.energy_scale:.3g} J)')
+
+
+def _loads_act(simulation: Simulation) -> bool:
+    return any(
+        load.force.any() or load.torque.any() for load in simulation.scene.loads.values())
+
+
+def _momenta(simulation: Simulation, monitor: RunMonitor) -> list[Row]:
+    first, last = (monitor.momentum(state) for state in (monitor.first, monitor.last))
+    rows = [('momentum', f'{vector(last.linear, "kg m/s")}, about the origin '
+                         f'{vector(last.angular, "kg m^2/s")}')]
+    scene = simulation.scene
+    if scene.supports is not None or any(scene.parameters['gravity']) or _loads_act(simulation):
+        reasons = [word for word, acts in (
+            ('supports', scene.supports is not None),
+            ('gravity', any(scene.parameters['gravity'])),
+            ('loads', _loads_act(simulation))) if acts]
+        rows.append(('', f'not kept: {", ".join(reasons)}'))
+        return rows
+    parts = []
+    for label, before, after, scale in (
+        ('linear', first.linear, last.linear, last.linear_scale),
+        ('angular', first.angular, last.angular, last.angular_scale),
+    ):
+        if scale > 0.0:
+            parts.append(f'{label} {float(np.linalg.norm(after - before)) / scale:.1e}')
+    if parts:
+        rows.append(('', f'changed by {", ".join(parts)} of the sum over the bodies'))
+    return rows
+
+
+def _strain(simulation: Simulation, monitor: RunMonitor) -> str:
+    parts = []
+    for word, extreme in (('stretched', monitor.stretch), ('compressed', monitor.compression)):
+        if extreme.number < 0:
+            continue
+        one, two = simulation.scene.connectors.bodies[extreme.number]
+        parts.append(f'{word} by up to {100.0 * abs(extreme.value):.3g} % '
+                     f'(bodies {one} and {two}, t = {extreme.time:.6g} s)')
+    return ', '.join(parts) or 'none'
+
+
+def _displacement(simulation: Simulation, monitor: RunMonitor) -> str:
+    extreme = monitor.displacement
+    if extreme.number < 0:
+        return 'none'
+    pitch = simulation.scene.geometry.pitch
+    return (f'up to {extreme.value:.4g} m from the start, {extreme.value / pitch:.3g} pitches '
+            f'(body {extreme.number}, t = {extreme.time:.6g} s)')
+
+
+def _bag(bag: BagRecorder) -> str:
+    statistics = bag.statistics
+    text = f'{bag.path} ({statistics.written:,} messages, {statistics.written_bytes / 1e6:.3g} MB)'
+    if bag.error is not None:
+        text += f'; incomplete: {bag.error}'
+    return text

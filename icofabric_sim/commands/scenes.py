@@ -1,0 +1,44 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+The argument SCENE with its overrides, for all verbs that take one.
+"""
+
+import argparse
+from typing import TYPE_CHECKING
+
+from icofabric_sim.commands.terminal import bad_input
+
+if TYPE_CHECKING:
+    from icofabric_sim.parameters import Parameters
+
+
+def add_scene_arguments(parser: argparse.ArgumentParser, metavar: str = 'SCENE') -> None:
+    """
+    Declare SCENE and `-p name:=value`.
+    """
+    from icofabric_sim.ready_scenes import ready_scenes
+    names = ', '.join(ready_scenes()) or 'none is installed'
+    text = f'parameter file of a scene, or the name of a ready scene ({names})'
+    if metavar != 'SCENE':
+        text += ', or the folder of a bag'
+    parser.add_argument('scene', metavar=metavar, help=text)
+    parser.add_argument(
+        '-p', '--parameter', metavar='NAME:=VALUE', action='append', default=[],
+        help="another value for a parameter of the scene, as after ROS's -p; may be repeated")
+
+
+def read_parameters(arguments: argparse.Namespace) -> tuple[str, 'Parameters']:
+    """
+    Name of the scene, and its parameters with the overrides.
+    """
+    from icofabric_sim.parameter_file import load_parameter_file, parse_parameter_override
+    from icofabric_sim.parameters import make_parameters
+    from icofabric_sim.ready_scenes import find_scene
+    with bad_input():
+        path = find_scene(arguments.scene)
+        flat = load_parameter_file(path)
+        for rule in arguments.parameter:
+            name, value = parse_parameter_override(rule)
+            flat[name] = value
+        return path.stem, make_parameters(flat)
