@@ -19,13 +19,13 @@ DEFAULT_SIZE = (1280, 960)
 
 def draw_sheet(
         bag: str | Path, picture: str | Path, *, moments: int = 8, view: View | None = None,
-        size: tuple[int, int] = DEFAULT_SIZE) -> list[float]:
+        size: tuple[int, int] = DEFAULT_SIZE, title: str = '') -> list[float]:
     """
     Draw `moments` evenly spread moments of a recorded run to one PNG; returns their times [s].
     """
     with RecordedRun(bag) as run:
         times = spread_times(run.pose_times(), moments)
-        RunPictures(run, view=view, size=size).sheet(times, picture)
+        RunPictures(run, view=view, size=size, title=title).sheet(times, picture)
         return [float(time) / 1e9 for time in times]
 
 

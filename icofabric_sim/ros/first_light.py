@@ -29,7 +29,7 @@ from rclpy.qos import QoSProfile
 SCENE = 'hanging_slab'
 DURATION = 4.0  # [s] of simulated time
 PUSH_START, PUSH_END = 1.0, 1.5  # [s] of simulated time
-PUSH_FORCE = (0.0, 0.5, 0.0)  # [N], shared out over the free side
+PUSH_FORCE = (0.0, 2.0, 0.0)  # [N], shared out over the free side
 CHANNEL = '/icofabric/loads/tip'
 # The node compiles its kernels when it first runs on a machine.
 _PATIENCE = 120.0
@@ -112,7 +112,8 @@ def main() -> int:
     summary = summarise_bag(bag)
     print('\n'.join('  ' + line for line in summary.lines()))
     print('\n4. drawing the picture from the bag', flush=True)
-    draw_sheet(bag, picture, moments=MOMENTS)
+    title = f'{SCENE}, pushed from {PUSH_START:g} s to {PUSH_END:g} s'
+    draw_sheet(bag, picture, moments=MOMENTS, title=title)
     print(f'   {picture}\n')
     print(_what_next(bag))
     return 0

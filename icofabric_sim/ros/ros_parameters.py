@@ -116,11 +116,10 @@ class ParameterGate:
         try:
             changed, stored = self._judge(wanted)
         except Exception as error:  # noqa: BLE001 - whatever a client sends must not end the executor
-            return SetParametersResult(successful=False, reason=str(error) or type(error).__name__)
+            return _refusal(wanted, str(error) or type(error).__name__)
         result = store(stored)
         if not result.successful:
-            names = ', '.join(parameter.name for parameter in wanted)
-            return SetParametersResult(successful=False, reason=f'{names}: {result.reason}')
+            return _refusal(wanted, result.reason)
         if changed is not None:
             self.accepted = changed
             self._on_change(changed)
@@ -175,3 +174,13 @@ class ParameterGate:
             )
         if estimate_bodies(changed) <= _QUICK_BODIES:
             Scene.from_parameters(changed)
+
+
+def _refusal(wanted: list[Parameter], reason: str) -> SetParametersResult:
+    """
+    Refusal that names what was sent, though the reason may lie with another parameter.
+    """
+    names = [parameter.name for parameter in wanted]
+    if not any(name and name in reason for name in names):
+        reason = f'{", ".join(names)}: {reason}'
+    return SetParametersResult(successful=False, reason=reason)

@@ -1,0 +1,73 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+Small recorded runs for tests of what reads them.
+"""
+
+from pathlib import Path
+from typing import Any
+
+from icofabric_sim.messages import WrenchStampedBytes
+from icofabric_sim.recording import BagSink
+from icofabric_sim.run_records import WrenchInput
+from icofabric_sim.runner import Runner
+from icofabric_sim.scene import Scene
+from icofabric_sim.simulation import compile_scene
+import numpy as np
+
+PUSH_START, PUSH_END = 100_000_000, 200_000_000  # [ns]
+FORCE = (0.0, 0.75, 0.0)  # [N]
+DURATION = 0.3  # [s]
+
+
+def swing_scene(**changes: Any) -> Scene:
+    """
+    A slab that falls from the side at which it is held.
+    """
+    return Scene.from_parameters({
+        'weave.size': [3, 3, 3],
+        'weave.connector_angle': 0.3,
+        'gravity': [0.0, 0.0, -9.81],
+        'groups.wall': 'x_min',
+        'groups.tip': 'x_max',
+        'supports.wall.group': 'wall',
+        'loads.tip.group': 'tip',
+        'loads.tip.share': 'total',
+        'real_time_factor': 0.0,
+        'duration': DURATION,
+        **changes,
+    })
+
+
+def wrench(topic: str, key: str | int, stamp: int, force: Any, frame: str = '') -> WrenchInput:
+    message = WrenchStampedBytes(frame)
+    message.force[:] = force
+    torque = np.zeros(3)
+    message.torque[:] = torque
+    return WrenchInput(topic, key, stamp, np.array(force), torque, message.stamped(stamp))
+
+
+def record_run(path: Path, scene: Scene, *inputs: WrenchInput, **summary: str) -> None:
+    """
+    Simulate a scene with inputs and record it.
+    """
+    simulation = compile_scene(scene)
+    bag = BagSink(path, simulation, live=False, storage='mcap')
+    runner = Runner(simulation, [bag])
+    for received in inputs:
+        runner.receive(received)
+    runner.run(until_finished=True)
+    assert not runner.failure
+    proximity = runner.status().proximity or 'none'
+    bag.close(summary={'failure': 'none', 'proximity': proximity, **summary})
+
+
+def record_push(path: Path, scene: Scene) -> None:
+    """
+    Simulate a scene whose tip is pushed for a while.
+    """
+    record_run(
+        path, scene,
+        wrench('/icofabric/loads/tip', 'tip', PUSH_START, FORCE),
+        wrench('/icofabric/wrench', 3, PUSH_START, (0.1, 0.0, 0.0), 'icosahedron_3'),
+        wrench('/icofabric/loads/tip', 'tip', PUSH_END, (0.0, 0.0, 0.0)))

@@ -1,0 +1,132 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+The bag of a run as a sink: its topics, its names, and what it says about itself.
+"""
+import json
+import shutil
+
+import icofabric_sim as ico
+from icofabric_sim.bag import BagError, BagReader
+from icofabric_sim.messages import WrenchStampedBytes
+from icofabric_sim.outputs import CLOCK, DIAGNOSTICS, POSES, STATE, TOPICS, WEAVE
+from icofabric_sim.recording import BagSink, describe_run, host_processor
+from icofabric_sim.runner import Runner
+import pytest
+
+SCENE = {'weave': {'size': [2, 2, 2]}, 'contact': {'mode': 'never'}, 'duration': 0.05,
+         'real_time_factor': 0.0}
+
+
+def make_simulation(**sections):
+    return ico.compile_scene(ico.Scene.from_parameters({**SCENE, **sections}))
+
+
+@pytest.fixture
+def simulation():
+    return make_simulation()
+
+
+def test_run_is_described_for_a_repetition(simulation, tmp_path):
+    described = describe_run(simulation)
+    assert all(type(value) is str for value in described.values())
+    (tmp_path / 'scene.yaml').write_text(described['scene'])
+    assert dict(ico.load_scene(tmp_path / 'scene.yaml').parameters) == dict(
+        simulation.scene.parameters)
+    assert float(described['step']) == simulation.step
+    assert described['method'] == 'leapfrog' and described['version'] == ico.__version__
+    assert described['processor'] == host_processor() != ''
+    libraries = json.loads(described['libraries'])
+    assert {'numpy', 'numba', 'llvmlite', 'rosbags'} <= libraries.keys()
+
+
+@pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
+def test_run_without_a_graph_is_recorded(simulation, tmp_path, storage):
+    """
+    Under the names of the node, so that the same tools read it.
+    """
+    sink = BagSink(tmp_path / 'bag', simulation, storage=storage, live=False)
+    assert sink.is_bag
+    assert sink.wants(POSES) and not sink.wants(STATE)
+    Runner(simulation, [sink]).run(until_finished=True)
+    sink.close(summary={'failure': 'none'})
+    with BagReader(tmp_path / 'bag') as bag:
+        assert bag.custom['failure'] == 'none'
+        assert bag.custom['scene'] == describe_run(simulation)['scene']
+        counts = {name: topic.message_count for name, topic in bag.topics.items()}
+        assert counts['/icofabric/poses'] == 4 and counts['/clock'] == 6
+        assert counts['/icofabric/weave'] == 1 and bag.topics['/icofabric/weave'].latched
+        assert next(bag.messages())[0] == '/icofabric/recording'
+        assert not any('state' in name for name in counts)
+        assert bag.end_time == 50_000_000
+
+
+def test_names_follow_the_node(simulation, tmp_path):
+    sink = BagSink(tmp_path / 'bag', simulation, storage='mcap', live=True, name='/lab/left')
+    assert [sink.resolve(topic.name) for topic in (POSES, WEAVE, CLOCK, DIAGNOSTICS)] == [
+        '/lab/left/poses', '/lab/left/weave', '/clock', '/diagnostics']
+    sink.close()
+    with BagReader(tmp_path / 'bag') as bag:
+        expected = {sink.resolve(topic.name) for topic in TOPICS if topic.recorded}
+        # Topics are there even if nothing came.
+        assert expected <= set(bag.topics)
+
+
+def test_inputs_are_recorded_under_their_own_topic(simulation, tmp_path):
+    sink = BagSink(tmp_path / 'bag', simulation, storage='mcap', live=True)
+    data = WrenchStampedBytes('icosahedron_0').stamped(7)
+    sink.send_input('/icofabric/wrench', WrenchStampedBytes.TYPE, 20, data)
+    sink.send_input('/icofabric/wrench', WrenchStampedBytes.TYPE, 30, data)
+    sink.close()
+    with BagReader(tmp_path / 'bag') as bag:
+        topic = bag.topics['/icofabric/wrench']
+        assert topic.type_name == WrenchStampedBytes.TYPE and not topic.latched
+        assert list(bag.messages(['/icofabric/wrench'])) == [
+            ('/icofabric/wrench', time, data) for time in (20, 30)]
+
+
+def test_jump_of_time_opens_the_next_bag_with_the_scene_that_runs(simulation, tmp_path):
+    sink = BagSink(tmp_path / 'bag', simulation, storage='mcap', live=True)
+    sink.send(CLOCK, 5, b'\0\1\0\0' + bytes(8))
+    (tmp_path / 'bag_1').mkdir()  # of somebody else
+    other = make_simulation(gravity=[0.0, 0.0, -3.0])
+    sink.time_jumped_back(other)
+    sink.send_input('/icofabric/wrench', WrenchStampedBytes.TYPE, 0,
+                    WrenchStampedBytes('').stamped(0))
+    sink.close()
+    with BagReader(tmp_path / 'bag') as first, BagReader(tmp_path / 'bag_2') as second:
+        assert first.custom['scene'] == describe_run(simulation)['scene']
+        assert second.custom['scene'] == describe_run(other)['scene'] != first.custom['scene']
+        assert first.topics['/clock'].message_count == 1
+        assert second.topics['/clock'].message_count == 0
+        assert second.topics['/icofabric/wrench'].message_count == 1
+    assert list((tmp_path / 'bag_1').iterdir()) == []
+
+
+def test_jump_of_time_without_a_place_for_the_next_bag(simulation, tmp_path):
+    """
+    The run goes on, without a bag, and hears of it once.
+    """
+    errors = []
+    (tmp_path / 'folder').mkdir()
+    sink = BagSink(
+        tmp_path / 'folder' / 'bag', simulation, storage='mcap', live=True,
+        on_error=errors.append)
+    sink.recorder.close()
+    shutil.rmtree(tmp_path / 'folder')
+    (tmp_path / 'folder').write_text('in the way')
+    sink.time_jumped_back(simulation)
+    [error] = errors
+    assert isinstance(error, BagError) and 'record.path' in str(error)
+    assert not sink.wants(POSES)
+    sink.send_input('/icofabric/wrench', WrenchStampedBytes.TYPE, 0,
+                    WrenchStampedBytes('').stamped(0))
+    sink.close(summary={'failure': 'none'})
+    assert len(errors) == 1
+
+
+def test_existing_folder_is_never_overwritten(simulation, tmp_path):
+    (tmp_path / 'bag').mkdir()
+    with pytest.raises(BagError, match='record.path: .* exists'):
+        BagSink(tmp_path / 'bag', simulation, storage='mcap', live=True)
+    assert list((tmp_path / 'bag').iterdir()) == []
