@@ -160,6 +160,10 @@ class Client:
         Join the graph of `node`, whose log is shown when something does not come.
         """
         self.process = node
+        if node is not None:
+            # Participants that announce themselves to one that is there find each other at once;
+            # otherwise seconds may pass until the next announcement.
+            self.wait_for(lambda: node.lines(' bodies, '), 'a node that runs')
         self.context = rclpy.Context()
         self.context.init(domain_id=domain(offset))
         self.node = rclpy.create_node(

@@ -247,7 +247,7 @@ def test_kill_loses_the_last_second_at_most(tmp_path):
     """
     Three recordings of a tiny scene, killed at three moments; MCAP.
     """
-    moments = (0.3, 0.7, 1.2)  # s after the first time that was heard; 0.5 s between flushes
+    moments = (1.1, 1.4, 1.8)  # s; 0.5 s between flushes
     parameters = {'weave.size': '[2, 2, 1]', 'contact.mode': 'never'}
     nodes = [NodeProcess(tmp_path / f'log{k}', offset=k,
                          parameters={**parameters, 'record.path': tmp_path / f'bag{k}'})
@@ -258,7 +258,7 @@ def test_kill_loses_the_last_second_at_most(tmp_path):
             client.listen('/clock')
         starts = [client.clock for client in clients]
         for k in range(len(moments)):
-            clients[k].wait_until(starts[k] + int(moments[k] * 1e9))
+            clients[k].wait_until(max(starts) + int(moments[k] * 1e9))
             nodes[k].send(signal.SIGKILL)
             nodes[k].wait()
         for k, client in enumerate(clients):

@@ -1,8 +1,9 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
 """
-Every scene in config/ is an example that works: it loads, moves, keeps its energy, and no two
-shells meet while the picture in the README is taken.
+Every scene in config/ is an example that works.
+
+It loads, moves, keeps its energy, and no two shells meet for two seconds.
 """
 
 import icofabric_sim as ico

@@ -46,9 +46,13 @@ class FabricNode(Node):
     Translates between the graph and a runner, which has a thread of its own; no physics here.
     """
 
-    def __init__(self, parameters: Parameters) -> None:
+    def __init__(
+        self, parameters: Parameters, *, on_built: Callable[[], None] = lambda: None
+    ) -> None:
         """
         Build the scene of the judged `parameters`; raises ValueError where that is not possible.
+
+        `on_built` is called before anything begins that must be ended in order, e.g. a bag.
         """
         super().__init__(
             'icofabric', allow_undeclared_parameters=True, start_parameter_services=False
@@ -57,6 +61,7 @@ class FabricNode(Node):
         with explained_wait(self.get_logger().info):
             simulation = compile_scene(Scene.from_parameters(parameters), body_wrenches=True)
             simulation.warm_up()
+        on_built()
         name = self.get_fully_qualified_name()
         self._report = HealthReport(name)
         self._faults: dict[str, str] = {}
@@ -242,15 +247,8 @@ def main(argv: list[str] | None = None) -> int:
     try:
         return _run(sys.argv if argv is None else argv, signals)
     except (ValueError, rclpy_implementation.RCLError) as error:
-        if signals.received:
-            return 130
         print(f'fabric_node: {plain_reason(error)}', file=sys.stderr)
         return 2
-    except (Exception, KeyboardInterrupt):
-        # A compilation that is broken off ends with errors of all kinds.
-        if signals.received:
-            return 130
-        raise
     finally:
         signals.ignore()
         rclpy.try_shutdown()
@@ -261,8 +259,7 @@ def _run(arguments: list[str], signals: StopSignals) -> int:
     parameters = make_start_parameters(check_ros_arguments(arguments[1:]))
     start_ros(arguments)
     log_to_ros()
-    node = FabricNode(parameters)
-    signals.only_note()
+    node = FabricNode(parameters, on_built=signals.only_note)
     simulation = node.runner.simulation
     node.get_logger().info(
         f'{simulation.scene.body_count} bodies, {simulation.scene.connector_count} connectors, '

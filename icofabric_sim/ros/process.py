@@ -6,6 +6,7 @@ A node as a process: its start, its signals, its log, and a spin that no request
 
 from collections.abc import Callable
 import logging
+import os
 import re
 import signal
 from types import FrameType
@@ -18,6 +19,7 @@ from rclpy.signals import SignalHandlerOptions
 
 # How long a signal, or the end of the run, may wait to be seen [s].
 _SPIN_WAIT = 0.1
+INTERRUPTED = 130  # exit status
 _STOPPING = (signal.SIGINT, signal.SIGTERM)
 # Where rcl reports an error from: of no use to a user.
 _RCL_PLACE = re.compile(r', at /[^,]*\.c:[0-9]+')
@@ -36,17 +38,16 @@ class StopSignals:
         Take the signals over; one that was ignored at the start of the process stays ignored.
         """
         self.received = False
-        # Until the node runs, a signal breaks off what is under way.
-        self._breaks_off = True
+        self._ends_at_once = True
         for number in _STOPPING:
             if signal.getsignal(number) is not signal.SIG_IGN:
                 signal.signal(number, self._receive)
 
     def only_note(self) -> None:
         """
-        From now on a signal is only noted in `received`.
+        From now on a signal is only noted in `received`: there is something to end in order.
         """
-        self._breaks_off = False
+        self._ends_at_once = False
 
     def ignore(self) -> None:
         """
@@ -57,9 +58,10 @@ class StopSignals:
 
     def _receive(self, number: int, frame: FrameType | None) -> None:
         self.received = True
-        if self._breaks_off:
-            self._breaks_off = False
-            raise KeyboardInterrupt
+        if self._ends_at_once:
+            # An exception would not do: in the middle of a compilation it ends up as an error of
+            # any kind, or is ignored in a finaliser.
+            os._exit(INTERRUPTED)
 
 
 def start_ros(arguments: list[str]) -> None:
