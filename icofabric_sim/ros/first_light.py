@@ -25,6 +25,7 @@ from icofabric_sim.schedule import NANOSECONDS
 import rclpy
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
+from std_srvs.srv import SetBool
 
 SCENE = 'hanging_slab'
 DURATION = 4.0  # [s] of simulated time
@@ -50,6 +51,8 @@ class Pusher(Node):
         self._publisher = self.create_publisher(WrenchStamped, CHANNEL, 10)
         self.create_subscription(
             PoseArray, '/icofabric/poses', self._see, QoSProfile(depth=100), raw=True)
+        self._resume = self.create_client(SetBool, '/icofabric/pause')
+        self._resumed = False
         self.first_seen: float | None = None
         self.pushed = False
         self.pose_count = 0
@@ -60,6 +63,16 @@ class Pusher(Node):
         Count who takes the push.
         """
         return int(self._publisher.get_subscription_count())
+
+    def start_when_met(self) -> None:
+        """
+        Let simulated time run once the node is seen and hears us: nothing of the run is missed.
+        """
+        if self._resumed or self.first_seen is None or not self.listeners():
+            return
+        if self._resume.service_is_ready():
+            self._resume.call_async(SetBool.Request(data=False))
+            self._resumed = True
 
     def push(self) -> None:
         """
@@ -81,7 +94,7 @@ class Pusher(Node):
         now = poses.nanoseconds / NANOSECONDS
         if not self.pushed and now >= PUSH_START - 0.5 and self.listeners():
             self.push()
-        if now >= self._next_report:
+        if self._resumed and now >= self._next_report:
             self._next_report += 0.5
             x, y, z = poses.values[self._tip, :3].mean(axis=0) * 1e3
             note = '  <- pushed' if PUSH_START <= now < PUSH_END else ''
@@ -124,12 +137,13 @@ def _run_node(scene_file: Path, bag: Path) -> int:
     command = [
         sys.executable, '-m', 'icofabric_sim.ros.fabric_node', '--ros-args',
         '--params-file', str(scene_file), '-p', f'duration:={DURATION}',
-        '-p', f'record.path:={bag}']
+        '-p', f'record.path:={bag}', '-p', 'start_paused:=true']
     from icofabric_sim.scene import load_scene
     with _process(command) as node, _context():
         pusher = Pusher(load_scene(scene_file).groups['tip'].tolist())
         while node.poll() is None:
             rclpy.spin_once(pusher, timeout_sec=0.05)
+            pusher.start_when_met()
             if pusher.first_seen is None and time.monotonic() - started > _PATIENCE:
                 print(f'no pose came within {_PATIENCE:g} s; is ROS_DOMAIN_ID shared with a node '
                       'that is stuck?', file=sys.stderr)
