@@ -11,6 +11,7 @@ from typing import Protocol
 from icofabric_sim import outputs as topics
 from icofabric_sim.outputs import Outputs, Topic
 from icofabric_sim.parameters import Parameters
+from icofabric_sim.run_records import Status
 from icofabric_sim.schedule import Schedule
 from icofabric_sim.simulation import Simulation
 
@@ -51,9 +52,13 @@ class Sink(Protocol):
         Whether messages are kept; repeated ones for late joiners are then left out.
         """
 
-    def time_jumped_back(self, simulation: Simulation) -> None:
+    def time_jumped_back(
+        self, simulation: Simulation, parameters: Parameters, ended: Status
+    ) -> None:
         """
         Hear that the simulated time starts again at 0, with `simulation`.
+
+        `parameters` are those in force, `ended` is how the run stood before the jump.
         """
 
 
@@ -120,12 +125,12 @@ class Broadcast:
         if receivers:
             self._send(topics.WEAVE, now, [self._outputs.weave(self._parameters)], receivers)
 
-    def time_jumped_back(self) -> None:
+    def time_jumped_back(self, ended: Status) -> None:
         """
-        Have the sinks begin anew: simulated time starts again.
+        Have the sinks begin anew: simulated time starts again, where it was `ended`.
         """
         for sink in self.sinks:
-            sink.time_jumped_back(self.simulation)
+            sink.time_jumped_back(self.simulation, self._parameters, ended)
 
     def due(self, now: int) -> None:
         """

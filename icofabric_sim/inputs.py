@@ -43,6 +43,7 @@ class Event(NamedTuple):
     """
 
     time: float
+    rank: int  # at one time, holds end before wrenches begin
     sequence: int
     key: Key
     wrench: Wrench | None
@@ -60,6 +61,7 @@ class Inputs:
         self.scene = scene
         self.active: dict[Key, Wrench] = {}
         self.expiry: dict[Key, float] = {}
+        self.received: set[Key] = set()
         self.queue: list[Event] = []
         self._sequence = 0
         self.reset()
@@ -70,6 +72,7 @@ class Inputs:
         """
         self.queue.clear()
         self.expiry.clear()
+        self.received.clear()
         self.active = {
             name: Wrench(channel.force, channel.torque)
             for name, channel in self.scene.loads.items()
@@ -84,24 +87,13 @@ class Inputs:
         def known(key: Key) -> bool:
             return key < self.scene.body_count if isinstance(key, int) else key in self.scene.loads
 
-        own = {
-            name
-            for name in other.active
-            if isinstance(name, str)
-            and name in other.scene.loads
-            and other.active[name].same(
-                Wrench(other.scene.loads[name].force, other.scene.loads[name].torque)
-            )
-        }
-        for key, wrench in other.active.items():
-            # A steady load of the old scene gives way to the one of the new scene.
-            if known(key) and key not in own:
-                self.active[key] = wrench
-        for name, channel in other.scene.loads.items():
-            # Nor does a steady load come back that a received wrench has replaced or cleared.
-            gone = name in self.active and name not in other.active
-            if gone and self.active[name].same(Wrench(channel.force, channel.torque)):
-                del self.active[name]
+        # What was received goes on, also that it was cleared; other steady loads are the scene's.
+        self.received = {key for key in other.received if known(key)}
+        for key in self.received:
+            if key in other.active:
+                self.active[key] = other.active[key]
+            else:
+                self.active.pop(key, None)
         self.expiry = {key: time for key, time in other.expiry.items() if known(key)}
         self.queue = [event for event in other.queue if known(event.key)]
         heapq.heapify(self.queue)
@@ -111,7 +103,8 @@ class Inputs:
         """
         Put an event into the queue; events of one time act in the order they came.
         """
-        heapq.heappush(self.queue, Event(time, self._sequence, key, wrench))
+        rank = 0 if wrench is None else 1
+        heapq.heappush(self.queue, Event(time, rank, self._sequence, key, wrench))
         self._sequence += 1
 
     def apply(self, event: Event) -> bool:
@@ -126,6 +119,7 @@ class Inputs:
             self.active.pop(event.key, None)
             return not before.is_zero()
         hold = self.scene.loads[event.key].hold if isinstance(event.key, str) else 0.0
+        self.received.add(event.key)
         self.expiry.pop(event.key, None)
         if event.wrench.is_zero():
             self.active.pop(event.key, None)

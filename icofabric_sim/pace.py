@@ -45,6 +45,12 @@ class Pace:
         self._marks.clear()
         self._marks.append((self._start_wall, now))
 
+    def forget_speed(self) -> None:
+        """
+        Learn the speed of computing anew: another fabric has come.
+        """
+        self._speed = 0.0
+
     def learn(self, simulated: int, seconds: float) -> None:
         """
         Note that `simulated` nanoseconds took `seconds` to compute.
@@ -56,8 +62,13 @@ class Pace:
     def chunk(self, seconds: float, step: float) -> int:
         """
         Simulated nanoseconds that take about `seconds` to compute, at least one solver `step` [s].
+
+        At a wanted pace no more than pass in `seconds`, even if that is less than a step.
         """
-        return max(math.ceil(step * NANOSECONDS), int(self._speed * seconds), 1)
+        chunk = max(math.ceil(step * NANOSECONDS), int(self._speed * seconds))
+        if self._factor > 0.0:
+            chunk = min(chunk, int(self._factor * seconds * NANOSECONDS))
+        return max(chunk, 1)
 
     def delay(self, now: int) -> float:
         """

@@ -55,10 +55,11 @@ class ProximityWatch:
         self.reach = 0.0
         self.reference: np.ndarray = np.zeros((0, 3))
         self.found: Proximity | None = None
+        self._announced = False
 
     def look(self, time: float, position: np.ndarray) -> None:
         """
-        Find the closest pair of `position` (n, 3) at `time`; warns once, then stays silent.
+        Find the closest pair of `position` (n, 3) at `time`, until one is too close.
         """
         if self.reference.shape != position.shape:
             self.reference = position.copy()
@@ -76,6 +77,20 @@ class ProximityWatch:
             pair = sorted((body, int(nearest[body])))
             self.found = Proximity(time, pair[0], pair[1], smallest, self.limit)
             self.reach = np.inf
-            _LOGGER.warning('%s', self.found)
             return
         self.reach = 0.25 * (smallest - self.limit)
+
+    def announce(self) -> None:
+        """
+        Warn of what was found, once.
+        """
+        if self.found is not None and not self._announced:
+            self._announced = True
+            _LOGGER.warning('%s', self.found)
+
+    def take_over(self, found: Proximity | None) -> None:
+        """
+        Go on where another watch of the same motion stands, which has warned already.
+        """
+        if found is not None:
+            self.found, self._announced = found, True

@@ -77,7 +77,9 @@ class RunMonitor:
         Inputs change nothing here.
         """
 
-    def time_jumped_back(self, simulation: Simulation) -> None:
+    def time_jumped_back(
+        self, simulation: Simulation, parameters: Parameters, ended: Status
+    ) -> None:
         """
         A run without a graph never jumps.
         """

@@ -39,4 +39,5 @@ class Status(NamedTuple):
     body_count: int
     connector_count: int
     loads_active: int
+    dropped: int  # wrenches that came too late, or for what is gone
     proximity: str

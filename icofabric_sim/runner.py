@@ -10,10 +10,9 @@ so every input acts at a time that a bag can hold, and a run repeats to the last
 
 from collections.abc import Callable
 from concurrent.futures import Future
-import heapq
 import logging
 import math
-from queue import Empty, SimpleQueue
+from queue import SimpleQueue
 import threading
 import time as wall
 from typing import Any
@@ -23,10 +22,12 @@ from icofabric_sim.inputs import Key
 from icofabric_sim.messages import WrenchStampedBytes
 from icofabric_sim.pace import Pace
 from icofabric_sim.parameters import Parameters
+from icofabric_sim.pending import PendingInputs
 from icofabric_sim.reweave import concerns_runner_only, restarts_motion, Reweaver
 from icofabric_sim.run_records import Status, WrenchInput
 from icofabric_sim.schedule import NANOSECONDS, nanoseconds_not_before, seconds
-from icofabric_sim.simulation import Simulation, SimulationError
+from icofabric_sim.simulation import Interrupted, Simulation, SimulationError
+from icofabric_sim.stepping import StepRequest, StepRequests
 
 _LOGGER = logging.getLogger('icofabric_sim')
 # Wall time of one call into the simulation [s]: how late an immediate input, a pause or a stop
@@ -34,8 +35,6 @@ _LOGGER = logging.getLogger('icofabric_sim')
 RESPONSE = 0.01
 # Wall time between repeated live messages while the simulated time stands still [s].
 _IDLE_REFRESH = 0.5
-# Wall time between two warnings of dropped wrenches [s].
-_DROP_INTERVAL = 1.0
 
 
 class Runner:
@@ -69,14 +68,12 @@ class Runner:
         self._commands: SimpleQueue[tuple[Callable[[], Any], Future[Any]]] = SimpleQueue()
         self._wake = threading.Event()
         self._stopping = False
-        self._pending: list[tuple[int, int, WrenchInput]] = []
-        self._sequence = 0
+        self._pending = PendingInputs()
+        self._steps = StepRequests()
         self._pace = Pace(self.parameters['real_time_factor'])
         self._reweaver = Reweaver(self.post, self._swap)
-        self._horizon_warned = False
-        self.dropped = 0  # wrenches
-        self._last_drop = -math.inf
         self._last_refresh = 0.0
+        self._watch_for_stop()
 
     # Called from any thread.
 
@@ -101,6 +98,7 @@ class Runner:
         """
 
         def act() -> int:
+            self._steps.end('ended by a pause' if paused else 'time runs on')
             self.paused = paused
             self._pace.restart(self.now)
             return self.now
@@ -109,9 +107,14 @@ class Runner:
 
     def take_steps(self) -> 'Future[Any]':
         """
-        Take `step_count` solver steps, and publish the state they lead to; the result is its time.
+        Take `step_count` solver steps while paused, and publish the state they lead to.
+
+        The result is its time [ns]; a pause, a reset or the end of `run` ends them early, with a
+        RuntimeError that says how many were taken.
         """
-        return self.post(self._step)
+        request = StepRequest(self.parameters['step_count'])
+        self.post(lambda: self._begin_steps(request))
+        return request.future
 
     def reset(self) -> 'Future[Any]':
         """
@@ -151,6 +154,7 @@ class Runner:
             body_count=simulation.scene.body_count,
             connector_count=simulation.scene.connector_count,
             loads_active=len(simulation.active_loads),
+            dropped=self._pending.dropped,
             proximity='' if proximity is None else str(proximity),
         )
 
@@ -174,102 +178,105 @@ class Runner:
         """
         self._broadcast.start(self.now)
         self._pace.restart(self.now)
-        while not self._stopping:
-            self._run_commands()
-            self._broadcast.report(self.now)
-            if self.paused or self.failure or self.finished:
-                if until_finished and (self.failure or self.finished):
-                    break
-                self._idle()
-                continue
-            self._wake.clear()
-            if not self._commands.empty():
-                continue
-            self._advance(self._next_target())
-            if progress is not None:
-                progress(seconds(self.now))
-            delay = self._pace.delay(self.now)
-            if delay > 0.0:
-                self._wake.wait(delay)
+        try:
+            while self._turn(until_finished):
+                if progress is not None:
+                    progress(seconds(self.now))
+        finally:
+            self._steps.end('the run has ended')
+            self._pending.drop_all('the run ended before')
         self._broadcast.report(self.now, at_once=True)
+
+    def _turn(self, until_finished: bool) -> bool:
+        """
+        Do what is to be done next; False when that is nothing ever more.
+        """
+        # Before looking at what it announces: nothing that comes later is slept over.
+        self._wake.clear()
+        if self._stopping:
+            return False
+        self._run_commands()
+        self._broadcast.report(self.now)
+        if self._steps.current is not None:
+            self._take_steps(self._steps.current)
+            self._refresh()
+            return True
+        if self.paused or self.failure or self.finished:
+            if until_finished and (self.failure or self.finished):
+                return False
+            self._refresh()
+            self._wake.wait(_IDLE_REFRESH)
+            return True
+        delay = self._pace.delay(self.now)
+        if delay > 0.0:
+            # Whatever arrives wakes it, and must not make simulated time run ahead.
+            self._wake.wait(min(delay, _IDLE_REFRESH))
+        else:
+            self._advance(self._next_target())
+        return True
 
     def _advance(self, target: int) -> None:
         started = wall.perf_counter()
         before = self.now
         try:
             self.simulation.advance_to(seconds(target))
+            self.now = target
+            self._pace.learn(target - before, wall.perf_counter() - started)
+            self._act_pending()
         except SimulationError as error:
-            self.now = max(self.now, nanoseconds_not_before(self.simulation.time))
             self._fail(str(error))
-            return
-        self.now = target
-        self._pace.learn(target - before, wall.perf_counter() - started)
-        self._act_pending()
-        self._broadcast.due(self.now)
+        except Interrupted:
+            self._catch_up()
+        else:
+            self._broadcast.due(self.now)
 
     def _next_target(self) -> int:
-        chunk = self._pace.chunk(RESPONSE, self.simulation.step)
-        times = [self.now + chunk]
+        times = [self.now + self._pace.chunk(RESPONSE, self.simulation.step)]
         times += self._broadcast.next_times(self.now)
-        if self._pending:
-            times.append(self._pending[0][0])
+        if self._pending.next_time is not None:
+            times.append(self._pending.next_time)
         if self._end() > self.now:
             times.append(self._end())
         return max(min(times), self.now)
 
     def _run_commands(self) -> None:
-        while True:
-            try:
-                command, future = self._commands.get_nowait()
-            except Empty:
-                return
+        # Those only that are there now: who sends without end must not stop time.
+        for _ in range(self._commands.qsize()):
+            command, future = self._commands.get_nowait()
             try:
                 future.set_result(command())
             except SimulationError as error:
                 self._fail(str(error))
                 future.set_exception(error)
+            except Interrupted:
+                self._catch_up()
+                future.set_exception(RuntimeError('the run has ended'))
             except Exception as error:  # noqa: BLE001 - the one who asked gets it, the run goes on
                 _LOGGER.error('%s', error)
                 future.set_exception(error)
 
-    def _idle(self) -> None:
+    def _refresh(self) -> None:
+        """
+        Repeat the present state now and then, for live listeners only.
+
+        Late joiners of a paused fabric see it, and clocks that wait for a time get one; a bag need
+        not know.
+        """
         if wall.monotonic() - self._last_refresh > _IDLE_REFRESH:
-            # Late joiners of a paused fabric see it, and clocks that wait for a time get one; a
-            # bag need not know.
             self._last_refresh = wall.monotonic()
             self._broadcast.emit(self.now, live_only=True)
-        if self._wake.wait(_IDLE_REFRESH):
-            self._wake.clear()
 
     def _queue_input(self, received: WrenchInput) -> None:
-        horizon = self.parameters['input_horizon']
-        at = received.stamp
         if self.failure:
-            self._drop(received, 'the simulation has stopped')
+            self._pending.drop(received, 'the simulation has stopped')
             return
-        if at > self.now + round(horizon * NANOSECONDS):
-            if not self._horizon_warned:
-                self._horizon_warned = True
-                _LOGGER.warning(
-                    'the stamp %.3f s on %s lies more than input_horizon = %g s ahead of '
-                    "simulated time (%.3f s): the sender's clock is not simulated time. The "
-                    'wrench acts at once; send stamp 0, or follow /clock (said once)',
-                    seconds(at),
-                    received.topic,
-                    horizon,
-                    seconds(self.now),
-                )
-            at = 0
-        at = max(at, self.now)
-        heapq.heappush(self._pending, (at, self._sequence, received))
-        self._sequence += 1
+        self._pending.add(received, self.now, self.parameters['input_horizon'])
         self._act_pending()
 
     def _act_pending(self) -> None:
-        while self._pending and self._pending[0][0] <= self.now:
-            _, _, received = heapq.heappop(self._pending)
+        while (received := self._pending.take_due(self.now)) is not None:
             if not self._is_known(received.key):
-                self._drop(received, 'the weave changed before it acted')
+                self._pending.drop(received, 'the weave changed before it acted')
                 continue
             self._broadcast.input(received.topic, WrenchStampedBytes.TYPE, self.now, received.data)
             if isinstance(received.key, int):
@@ -277,44 +284,62 @@ class Runner:
             else:
                 self.simulation.apply_wrench(received.key, received.force, received.torque)
 
-    def _drop(self, received: WrenchInput, reason: str) -> None:
-        self.dropped += 1
-        if wall.monotonic() - self._last_drop >= _DROP_INTERVAL:
-            self._last_drop = wall.monotonic()
-            _LOGGER.warning('a wrench on %s was dropped: %s', received.topic, reason)
-
     def _is_known(self, key: Key) -> bool:
         scene = self.simulation.scene
         return key < scene.body_count if isinstance(key, int) else key in scene.loads
 
-    def _step(self) -> int:
+    def _begin_steps(self, request: StepRequest) -> None:
         if self.failure:
-            raise RuntimeError(self.failure)
-        for _ in range(self.parameters['step_count']):
-            end = self.simulation.next_step_time
-            if self._pending and seconds(self._pending[0][0]) < end:
-                self.now = self._pending[0][0]
-                self.simulation.advance_to(seconds(self.now))
-                self._act_pending()
-            else:
-                self.simulation.advance_steps(1)
-            if self._stopping:
-                break
-        self.now = max(self.now, nanoseconds_not_before(self.simulation.time))
-        self.simulation.advance_to(seconds(self.now))
-        self._pace.restart(self.now)
-        self._broadcast.emit(self.now)
-        return self.now
+            request.future.set_exception(RuntimeError(self.failure))
+        elif not self.paused:
+            request.future.set_exception(RuntimeError(
+                'steps are taken only while paused: call ~/pause with data: true first'))
+        else:
+            self._steps.add(request)
+
+    def _take_steps(self, request: StepRequest) -> None:
+        """
+        Take steps for a moment; the rest follows once commands had their turn.
+        """
+        simulation, end = self.simulation, wall.perf_counter() + RESPONSE
+        try:
+            while not request.done:
+                before, due = simulation.step_count, self._pending.next_time
+                if due is not None and seconds(due) < simulation.next_step_time:
+                    self.now = max(self.now, due)
+                    simulation.advance_to(seconds(self.now))
+                    self._act_pending()
+                else:
+                    simulation.advance_steps(1)
+                request.taken += simulation.step_count - before
+                if wall.perf_counter() > end:
+                    break
+            self._catch_up()
+            # What comes in between two portions acts at a whole number of nanoseconds too.
+            simulation.advance_to(seconds(self.now))
+        except SimulationError as error:
+            self._fail(str(error))
+            return
+        except Interrupted:
+            self._catch_up()
+            return
+        if request.done:
+            self._pace.restart(self.now)
+            self._broadcast.emit(self.now)
+            self._steps.finish(self.now)
 
     def _reset(self) -> int:
-        self._pending.clear()
-        self.failure = ''
+        self._steps.end('ended by a reset')
+        self._pending.drop_all('a reset came before')
+        ended = self.status()
         if self.parameters['reset_time']:
-            self.now = 0
             self.simulation.reset_time()
-            self._broadcast.time_jumped_back()
+            self.now = 0
+            self._broadcast.time_jumped_back(ended)
         else:
             self.simulation.reset()
+            self._catch_up()
+        self.failure = ''
         self._pace.restart(self.now)
         self._broadcast.start(self.now, cleared=True)
         return self.now
@@ -345,6 +370,8 @@ class Runner:
             self.on_rebuilt(parameters, reason)
             return
         self.simulation, self.failure = simulation, ''
+        self._watch_for_stop()
+        self._pace.forget_speed()
         self._broadcast.set_scene(simulation)
         self._take_rates(parameters)
         self._broadcast.start(self.now, cleared=True)
@@ -353,8 +380,20 @@ class Runner:
     def _end(self) -> int:
         return round(self.parameters['duration'] * NANOSECONDS)
 
+    def _watch_for_stop(self) -> None:
+        self.simulation.should_stop = lambda: self._stopping
+
+    def _catch_up(self) -> None:
+        """
+        Take the time that the simulation has reached by steps, or before something broke it off.
+        """
+        self.now = max(self.now, nanoseconds_not_before(self.simulation.time))
+
     def _fail(self, reason: str) -> None:
+        self._catch_up()
         self.failure = reason
         _LOGGER.error('the simulation has stopped: %s', reason)
+        self._steps.end(reason)
+        self._pending.drop_all('the simulation has stopped')
         if math.isfinite(self.simulation.snapshot().position.sum()):
             self._broadcast.emit(self.now)

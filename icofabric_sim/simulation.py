@@ -4,7 +4,7 @@
 A compiled scene that advances in time.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 import math
 import operator
 
@@ -12,6 +12,7 @@ from icofabric_sim.icosahedron import inscribed_radius
 from icofabric_sim.initial import InitialState
 from icofabric_sim.inputs import Inputs, Key, Wrench
 from icofabric_sim.integrators.methods import AUTOMATIC, METHODS
+from icofabric_sim.interrupts import DeferredInterrupt
 from icofabric_sim.kernels.records import Loads, State
 from icofabric_sim.model import pack_model
 from icofabric_sim.proximity import Proximity, ProximityWatch
@@ -21,7 +22,7 @@ from icofabric_sim.snapshot import Snapshot
 from icofabric_sim.stepper import SimulationError, Stepper
 import numpy as np
 
-__all__ = ['compile_scene', 'Simulation', 'SimulationError']
+__all__ = ['compile_scene', 'Interrupted', 'Simulation', 'SimulationError']
 
 Vector = Sequence[float] | np.ndarray
 
@@ -38,6 +39,12 @@ def compile_scene(
     Raises ValueError where `solver.step` is beyond the stability limit.
     """
     return Simulation(scene, rotation=rotation, body_wrenches=body_wrenches)
+
+
+class Interrupted(Exception):
+    """
+    `should_stop` ended an advance; the simulation stands at a step end and can go on.
+    """
 
 
 class Simulation:
@@ -63,19 +70,28 @@ class Simulation:
         self._body_wrenches = body_wrenches
         self._time = 0.0
         self._inputs = Inputs(scene)
+        self._stale_loads = False
+        self._deferred = DeferredInterrupt()
+        # Asked every 25 to 50 ms of computing; True ends the advance with Interrupted.
+        self.should_stop: Callable[[], bool] | None = None
         watch = None
         if scene.parameters['contact.mode'] != 'never':
             watch = ProximityWatch(2.0 * inscribed_radius(scene.geometry.half_edge))
-        self._stepper = Stepper(
-            self.model,
-            METHODS[self.method_name],
-            self._as_state(scene.initial),
-            self._loads(),
-            origin=self._time,
-            fixed_step=scene.parameters['solver.step'],
-            load_rate=self._load_rate(),
-            watch=watch,
-        )
+        loads = self._loads()
+        try:
+            self._stepper = Stepper(
+                self.model,
+                METHODS[self.method_name],
+                self._as_state(scene.initial),
+                loads,
+                origin=self._time,
+                fixed_step=scene.parameters['solver.step'],
+                load_rate=self._load_rate(loads),
+                watch=watch,
+                on_pause=self._pause,
+            )
+        except SimulationError as error:
+            raise ValueError(f'this scene cannot start: {error}') from error
         self._cached: Snapshot | None = None
 
     @property
@@ -137,26 +153,31 @@ class Simulation:
                 f'cannot advance to {time!r} s from {self._time!r} s: times must be finite and '
                 'not in the past; reset() goes back to the start'
             )
-        self._handle_events(time)
-        self._reach(time)
+        with self._deferred:
+            self._handle_events(time)
+            self._reach(time)
 
     def advance_steps(self, count: int) -> None:
         """
         Take `count` solver steps; an input that acts in between ends a step, which counts.
         """
+        count = operator.index(count)
         if not count >= 1:
             raise ValueError(f'count must be at least 1 step, got {count!r}')
-        while count > 0:
-            queue = self._inputs.queue
-            due = queue[0].time if queue else math.inf
-            try:
-                done = self._stepper.advance_steps(count, until=due)
-            finally:
-                self._time = max(self._time, self._stepper.time)
-                self._cached = None
-            if done == 0:
-                self._handle_events(due)
-            count -= max(done, 1)
+        goal = self.step_count + count
+        with self._deferred:
+            while self.step_count < goal:
+                queue = self._inputs.queue
+                due = queue[0].time if queue else math.inf
+                self._settle_loads()
+                try:
+                    done = self._stepper.advance_steps(goal - self.step_count, until=due)
+                    self._pause()
+                finally:
+                    self._time = max(self._time, self._stepper.time)
+                    self._cached = None
+                if done == 0:
+                    self._handle_events(due)
 
     def snapshot(self) -> Snapshot:
         """
@@ -260,7 +281,6 @@ class Simulation:
         """
         self._inputs.reset()
         self._jump(self.scene.initial)
-        self._stepper.set_loads(self._loads(), self._load_rate())
 
     def reset_time(self) -> None:
         """
@@ -284,16 +304,21 @@ class Simulation:
         self._time = previous.time
         self._inputs.adopt(previous._inputs)
         if keep_motion:
+            if self._stepper.watch is not None:
+                # The same motion: what was said once is not said again.
+                self._stepper.watch.take_over(previous.proximity)
             self._jump(_as_initial(previous.snapshot(), self.scene))
         else:
             self._stepper.rebase(self._time)
-        self._stepper.set_loads(self._loads(), self._load_rate())
-        self._cached = None
+            self._stale_loads = True
+            self._settle_loads()
+            self._cached = None
 
     def warm_up(self) -> None:
         """
         Make every kernel that a step needs ready, without taking one.
         """
+        self._settle_loads()
         self._stepper.state_at(self._stepper.time + 0.5 * self._stepper.step)
 
     @property
@@ -312,7 +337,8 @@ class Simulation:
             raise ValueError(f'a wrench cannot act at {at!r} s: the time is {self._time!r} s')
         self._inputs.schedule(at, key, wrench)
         if at == self._time:
-            self._handle_events(at)
+            with self._deferred:
+                self._handle_events(at)
         return at
 
     def _handle_events(self, until: float) -> None:
@@ -323,15 +349,17 @@ class Simulation:
             self._reach(time)
             event = self._inputs.take()
             if self._inputs.apply(event):
+                self._settle_loads_before(time)
                 self._stepper.cut(time)
-                self._stepper.set_loads(self._loads(), self._load_rate())
+                self._stale_loads = True
                 self._cached = None
 
     def _reach(self, time: float) -> None:
         try:
+            self._settle_loads_before(time)
             self._stepper.advance(time)
-        except SimulationError:
-            self._time = self._stepper.time
+        except BaseException:
+            self._time = max(self._time, self._stepper.time)
             self._cached = None
             raise
         if time != self._time:
@@ -340,7 +368,28 @@ class Simulation:
 
     def _jump(self, state: InitialState) -> None:
         self._cached = None
-        self._stepper.jump(self._time, self._as_state(state))
+        self._stale_loads = False
+        loads = self._loads()
+        with self._deferred:
+            self._stepper.jump(self._time, self._as_state(state), loads, self._load_rate(loads))
+
+    def _pause(self) -> None:
+        self._deferred.check()
+        if self.should_stop is not None and self.should_stop():
+            raise Interrupted
+
+    def _settle_loads_before(self, time: float) -> None:
+        if time > self._stepper.time:
+            self._settle_loads()
+
+    def _settle_loads(self) -> None:
+        """
+        Tell the stepper what acts now: once, however many wrenches have changed at this time.
+        """
+        if self._stale_loads:
+            loads = self._loads()
+            self._stale_loads = False
+            self._stepper.set_loads(loads, self._load_rate(loads))
 
     def _as_state(self, initial: InitialState) -> State:
         orientation = initial.orientation
@@ -358,13 +407,12 @@ class Simulation:
             return None
         return self._inputs.pack()
 
-    def _load_rate(self) -> float:
+    def _load_rate(self, loads: Loads | None) -> float:
         """
         Rate [rad/s] at which the loads alone would move a free body by its own size, or turn it.
 
         Infinite where the loads are too large for numbers.
         """
-        loads = self._loads()
         if loads is None or not len(loads.body):
             return 0.0
         size = self.scene.geometry.cube_width

@@ -78,7 +78,8 @@ def largest_frequency(
     inverses = model.inverse_mass, model.inverse_inertia
     upper, _ = frequency_bound(model.connectors, model.adjacency, *inverses, position, arms)
     accuracy = ACCURACY if count <= _SMALL else _LARGE_ACCURACY
-    value, weights, iterations = _lanczos(apply, start, upper, accuracy)
+    with np.errstate(over='ignore', invalid='ignore'):
+        value, weights, iterations = _lanczos(apply, start, upper, accuracy)
     bodies: tuple[int, ...] = ()
     if locate:
         shape = _combine(apply, start, weights).reshape(2, count, 3)

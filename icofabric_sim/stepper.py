@@ -9,6 +9,8 @@ frequency of the fabric in its present configuration, which is watched as the fa
 turns.
 """
 
+from collections.abc import Callable
+import logging
 import math
 
 from icofabric_sim.integrators.methods import Method
@@ -18,6 +20,8 @@ from icofabric_sim.kernels.wrenches import compute_wrenches
 from icofabric_sim.proximity import ProximityWatch
 from icofabric_sim.stability import Frequency, largest_frequency
 import numpy as np
+
+_LOGGER = logging.getLogger('icofabric_sim')
 
 # Steps between two looks at the state: two of the fastest periods at the chosen step. A look costs
 # about as much as four steps, so 6 % in all.
@@ -41,6 +45,10 @@ class SimulationError(RuntimeError):
     """
 
 
+# A fixed step below this part of the limit (or of a second) would never come to an end.
+_SHORTEST_FIXED = 1e-9
+
+
 class Stepper:
     """
     State on the main line, and its steps.
@@ -57,12 +65,15 @@ class Stepper:
         fixed_step: float,
         load_rate: float,
         watch: ProximityWatch | None,
+        on_pause: Callable[[], None] = lambda: None,
     ) -> None:
         """
         Start at time `origin` [s]; `fixed_step` 0 chooses the step.
 
-        Raises ValueError where a fixed step is too long.
+        `on_pause` is called between two compiled calls, at a step end; what it raises ends the
+        advance there. Raises ValueError where a fixed step is too long or far too short.
         """
+        self._on_pause = on_pause
         count = len(state.position)
         self.model, self.method, self.state, self.loads = model, method, state, loads
         self.work = Work(np.zeros((count, 3)), np.zeros((count, 3)), np.zeros((count, 3, 3)))
@@ -79,6 +90,11 @@ class Stepper:
         self._high = self._low = 0.0
         self._failure: SimulationError | None = None
         self._start()
+        if self.fixed and not fixed_step >= _SHORTEST_FIXED * min(self.limit, 1.0):
+            raise ValueError(
+                f'solver.step {fixed_step!r} s is too short to come to an end with: the stability '
+                f'limit is {self.limit:.6g} s; choose a longer one, or 0 to have it chosen'
+            )
         if self.fixed and not fixed_step <= self.limit:
             raise ValueError(
                 f'solver.step {fixed_step!r} s is beyond the stability limit '
@@ -111,13 +127,17 @@ class Stepper:
         self._read_rates()
         self._choose_step()
 
-    def jump(self, time: float, state: State) -> None:
+    def jump(self, time: float, state: State, loads: Loads | None, load_rate: float) -> None:
         """
-        Go on from another `state` at `time`; a failure is forgotten.
+        Go on from another `state` at `time`, as a run that starts there; a failure is forgotten.
         """
         self._failure = None
         self.origin, self.index, self.state = time, 0, state
+        self.loads, self.load_rate = loads, load_rate
         self._since_check = 0
+        if not self.fixed:
+            # Chosen afresh: the step must not depend on what was before.
+            self.step = 0.0
         self._start()
         self._require_safe_step(time)
 
@@ -134,8 +154,7 @@ class Stepper:
         self.loads = loads
         self.load_rate = load_rate
         self._refresh()
-        if self.model.connectors is None:
-            self._choose_step()
+        self._choose_step()
 
     def advance(self, time: float) -> None:
         """
@@ -147,7 +166,11 @@ class Stepper:
             remaining = self._steps_until(time)
             if remaining <= 0:
                 return
+            if self.watch is not None:
+                # What overlaps from the start is told when the motion begins.
+                self.watch.announce()
             self._run(remaining)
+            self._on_pause()
 
     def advance_steps(self, count: int, *, until: float = math.inf) -> int:
         """
@@ -254,9 +277,17 @@ class Stepper:
             )
         if status & MOVED_FAR and self.watch is not None:
             self.watch.look(time, self.state.position)
+            self.watch.announce()
         if status & (RATE_HIGH | RATE_LOW):
             self._read_rates()
             if not self.fixed:
+                if not self.step <= self.limit:
+                    _LOGGER.warning(
+                        'the fabric changed so fast before t = %.6g s that up to %d steps were '
+                        'longer than stable (%.3g s, limit %.3g s): their energy may be wrong; '
+                        'give a solver.step below that limit',
+                        time, self._interval, self.step, self.limit,
+                    )
                 self._choose_step()
             self._require_safe_step(time)
 
@@ -305,16 +336,20 @@ class Stepper:
         if self.fixed:
             return
         rate = self.frequency.rate + float(self._readings[2])
+        velocity = self.state.linear_velocity
+        spread = float(np.linalg.norm(np.ptp(velocity, axis=0)))
         if self.model.connectors is None:
             rate += self.load_rate
             if self.watch is not None:
                 # Free bodies take any step; the watch must see them before they have passed.
-                velocity = self.state.linear_velocity
-                spread = float(np.linalg.norm(np.ptp(velocity, axis=0)))
                 rate += spread / self.watch.limit
+        else:
+            # Loads, weight and speed turn and stretch the fabric before it can answer.
+            size = 2.0 * self.model.connectors.half_width
+            rate = max(rate, self.load_rate + self._weight_rate(size), spread / size)
         if not rate < math.inf:
             self._fail(f'the motion at t = {self.time:.9g} s is too fast for any step: its rate '
-                       'is no longer finite; look for a huge load, spin or stretch')
+                       'is no longer finite; look for a huge stiffness, load, spin or stretch')
         step = self.step
         if not rate > 0.0:
             step, rate = _FREE_STEP, CHOSEN / _FREE_STEP
@@ -324,6 +359,14 @@ class Stepper:
             self.origin, self.index, self.step = self.time, 0, step
         self._high = max(LONGEST / step, 1.05 * float(self._readings[0]))
         self._low = SHORTEST / step
+
+    def _weight_rate(self, size: float) -> float:
+        """
+        Rate [rad/s] at which gravity moves a body by its `size` [m] past one that is held.
+        """
+        if self.model.gravity is None or self.model.supports is None:
+            return 0.0
+        return math.sqrt(float(np.linalg.norm(self.model.gravity)) / size)
 
 
 def _rounded_down(step: float) -> float:

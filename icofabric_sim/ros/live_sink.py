@@ -12,6 +12,8 @@ import time
 from typing import Any
 
 from icofabric_sim.outputs import Topic, TOPICS
+from icofabric_sim.parameters import Parameters
+from icofabric_sim.run_records import Status
 from icofabric_sim.simulation import Simulation
 from rclpy.duration import Duration
 from rclpy.impl.implementation_singleton import rclpy_implementation
@@ -104,7 +106,9 @@ class LiveSink:
         Inputs came from the graph and are not sent back.
         """
 
-    def time_jumped_back(self, simulation: Simulation) -> None:
+    def time_jumped_back(
+        self, simulation: Simulation, parameters: Parameters, ended: Status
+    ) -> None:
         """
         Publishers need not know: /clock tells everyone.
         """
