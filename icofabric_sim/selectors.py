@@ -4,6 +4,7 @@
 Group selectors: `z_max and not ids 0 5` becomes an array of body numbers.
 """
 
+import re
 from typing import NamedTuple, NoReturn
 
 from icofabric_sim.parameters import ParameterError
@@ -12,6 +13,7 @@ import numpy as np
 _EXTREMES = {f'{axis}_{end}': (k, end) for k, axis in enumerate('xyz') for end in ('min', 'max')}
 # Grid axis that counts each: levels along z, columns along y, rows along x of the fabric.
 _GRID = {'row': 0, 'column': 1, 'level': 2}
+_INTEGER = re.compile(r'[+-]?[0-9]{1,100}')
 _HELP = (
     'use x_min, x_max, y_min, y_max, z_min, z_max, level K, row K, column K, ids K K ..., '
     'box x0 y0 z0 x1 y1 z1 or all, joined by and, or, not'
@@ -181,10 +183,10 @@ class _Parser:
     def integers(self, count: int | None) -> list[int]:
         values: list[int] = []
         while self.at < len(self.words) and (count is None or len(values) < count):
-            try:
-                values.append(int(self.words[self.at]))
-            except ValueError:
+            # Plain digits only: int() also takes 1_0 and the digits of other scripts.
+            if not _INTEGER.fullmatch(self.words[self.at]):
                 break
+            values.append(int(self.words[self.at]))
             self.at += 1
         if not values or (count is not None and len(values) < count):
             self.fail('an integer is needed')
