@@ -31,6 +31,8 @@ def allowed(entry: Specification) -> str:
     if entry.minimum is None:
         return ''
     text = f'> {entry.minimum:g}' if entry.open_minimum else f'>= {entry.minimum:g}'
+    if entry.smallest is not None:
+        text = f'0, or >= {entry.smallest:g}'
     return text if entry.maximum is None else f'{text}, <= {entry.maximum:g}'
 
 

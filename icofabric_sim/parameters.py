@@ -205,10 +205,16 @@ def _check_range(name: str, element: Any, given: Any, entry: Specification) -> N
         return
     low = element > entry.minimum if entry.open_minimum else element >= entry.minimum
     high = entry.maximum is None or element <= entry.maximum
+    if entry.smallest is not None:
+        low = element == 0.0 or element >= entry.smallest
     if not (low and high):
         bound = f'above {entry.minimum:g}' if entry.open_minimum else f'at least {entry.minimum:g}'
+        if entry.smallest is not None:
+            bound = f'at least {entry.smallest:g}'
         if entry.maximum is not None:
             bound += f' and at most {entry.maximum:g}'
+        if entry.smallest is not None:
+            bound += ', or 0'
         raise ParameterError(name, f'{name} must be {bound}{_unit(entry)}, got {given!r}')
 
 

@@ -4,13 +4,16 @@
 Wrenches that wait for their stamp, and the count of those that never acted.
 """
 
+from collections.abc import Callable
 import heapq
 import logging
 import math
 import time as wall
 
+from icofabric_sim.messages import WrenchStampedBytes
 from icofabric_sim.run_records import WrenchInput
 from icofabric_sim.schedule import NANOSECONDS, seconds
+from icofabric_sim.simulation import Simulation
 
 _LOGGER = logging.getLogger('icofabric_sim')
 # Wall time between two warnings of dropped wrenches [s].
@@ -60,13 +63,26 @@ class PendingInputs:
         heapq.heappush(self._queue, (max(at, now), self._sequence, received))
         self._sequence += 1
 
-    def take_due(self, now: int) -> WrenchInput | None:
+    def act(
+        self, now: int, simulation: Simulation, record: Callable[[str, str, int, bytes], None]
+    ) -> None:
         """
-        Take out the next one that acts by `now` [ns].
+        Have those that are due by `now` [ns] act on `simulation`, which stands there.
+
+        Each goes to `record` before it acts. One that the simulation fails on is out of the queue;
+        the others stay.
         """
-        if self._queue and self._queue[0][0] <= now:
-            return heapq.heappop(self._queue)[2]
-        return None
+        while self._queue and self._queue[0][0] <= now:
+            _, _, received = heapq.heappop(self._queue)
+            key, scene = received.key, simulation.scene
+            if not (key < scene.body_count if isinstance(key, int) else key in scene.loads):
+                self.drop(received, 'the weave changed before it acted')
+                continue
+            record(received.topic, WrenchStampedBytes.TYPE, now, received.data)
+            if isinstance(key, int):
+                simulation.apply_body_wrench(key, received.force, received.torque)
+            else:
+                simulation.apply_wrench(key, received.force, received.torque)
 
     def drop(self, received: WrenchInput, reason: str) -> None:
         """

@@ -14,25 +14,43 @@ from typing import Any
 from icofabric_sim.bag import BagError, BagRecorder, next_free_path
 from icofabric_sim.outputs import Topic, TOPICS
 from icofabric_sim.parameter_text import dump_parameters
+from icofabric_sim.parameters import Parameters
+from icofabric_sim.run_records import Status
 from icofabric_sim.simulation import Simulation
 
 _LIBRARIES = ('numpy', 'scipy', 'numba', 'llvmlite', 'rosbags')
 
 
-def describe_run(simulation: Simulation) -> dict[str, str]:
+def describe_run(
+    simulation: Simulation, parameters: Parameters | None = None
+) -> dict[str, str]:
     """
     What a bag must hold beside messages, so that its run can be repeated.
+
+    `parameters` are those in force: rates and pace may have changed since the scene was built.
     """
+    in_force = simulation.scene.parameters if parameters is None else parameters
     from icofabric_sim import __version__
 
     return {
-        'scene': dump_parameters(dict(simulation.scene.parameters)),
+        'scene': dump_parameters(dict(in_force)),
         'version': __version__,
         'method': simulation.method_name,
         'step': repr(simulation.step),
         'processor': host_processor(),
         'libraries': json.dumps({name: metadata.version(name) for name in _LIBRARIES}),
         'python': platform.python_version(),
+    }
+
+
+def summarise_run(status: Status) -> dict[str, str]:
+    """
+    What a bag says at its end about the run that it holds.
+    """
+    return {
+        'proximity': status.proximity or 'none',
+        'failure': status.failure or 'none',
+        'wrenches_dropped': str(status.dropped),
     }
 
 
@@ -59,13 +77,15 @@ class BagSink:
         live: bool,
         name: str = '/icofabric',
         on_error: Callable[[BagError], None] | None = None,
+        summarise: Callable[[Status], dict[str, str]] = summarise_run,
     ) -> None:
         """
         Open the bag; raises BagError (a ValueError) naming `record.path` where that fails.
 
         A `live` run drops and counts messages when the disk is too slow; otherwise the run waits
-        for the disk.
+        for the disk. `summarise` makes the last words of a bag that a jump of time ends.
         """
+        self._summarise = summarise
         self.base = Path(path)
         self.name = name
         self._options: dict[str, Any] = {
@@ -73,10 +93,10 @@ class BagSink:
             'overflow': 'drop' if live else 'wait',
             'on_error': on_error,
         }
-        self.recorder = self._open(self.base, simulation)
+        self.recorder = self._open(self.base, describe_run(simulation))
 
-    def _open(self, path: Path, simulation: Simulation) -> BagRecorder:
-        recorder = BagRecorder(path, custom=describe_run(simulation), **self._options)
+    def _open(self, path: Path, custom: dict[str, str]) -> BagRecorder:
+        recorder = BagRecorder(path, custom=custom, **self._options)
         for topic in TOPICS:
             if topic.recorded:
                 recorder.add_topic(
@@ -119,15 +139,19 @@ class BagSink:
             self.recorder.add_topic(topic, type_name, latched=False, depth=100)
         self.recorder.write(topic, nanoseconds, data, essential=True)
 
-    def time_jumped_back(self, simulation: Simulation) -> None:
+    def time_jumped_back(
+        self, simulation: Simulation, parameters: Parameters, ended: Status
+    ) -> None:
         """
-        Close this bag and open the next: PATH_1, PATH_2, ...
+        Close this bag with the summary of the run that `ended`, and open the next: PATH_1, ...
 
         Where that is not possible the run goes on without one, as after any error of the disk.
         """
-        self.recorder.close()
+        self.close(summary=self._summarise(ended))
         try:
-            self.recorder = self._open(next_free_path(self.base), simulation)
+            self.recorder = self._open(
+                next_free_path(self.base), describe_run(simulation, parameters)
+            )
         except BagError as error:
             self.recorder.error = error
             if self._options['on_error'] is not None:

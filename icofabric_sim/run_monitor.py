@@ -8,6 +8,8 @@ from typing import NamedTuple
 
 from icofabric_sim import outputs as topics
 from icofabric_sim.outputs import Topic
+from icofabric_sim.parameters import Parameters
+from icofabric_sim.run_records import Status
 from icofabric_sim.simulation import Simulation
 from icofabric_sim.snapshot import Snapshot
 import numpy as np

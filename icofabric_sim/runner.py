@@ -10,6 +10,7 @@ so every input acts at a time that a bag can hold, and a run repeats to the last
 
 from collections.abc import Callable
 from concurrent.futures import Future
+from contextlib import suppress
 import logging
 import math
 from queue import SimpleQueue
@@ -18,8 +19,6 @@ import time as wall
 from typing import Any
 
 from icofabric_sim.broadcast import Broadcast, Sink
-from icofabric_sim.inputs import Key
-from icofabric_sim.messages import WrenchStampedBytes
 from icofabric_sim.pace import Pace
 from icofabric_sim.parameters import Parameters
 from icofabric_sim.pending import PendingInputs
@@ -73,7 +72,6 @@ class Runner:
         self._pace = Pace(self.parameters['real_time_factor'])
         self._reweaver = Reweaver(self.post, self._swap)
         self._last_refresh = 0.0
-        self._watch_for_stop()
 
     # Called from any thread.
 
@@ -154,9 +152,16 @@ class Runner:
             body_count=simulation.scene.body_count,
             connector_count=simulation.scene.connector_count,
             loads_active=len(simulation.active_loads),
-            dropped=self._pending.dropped,
+            dropped=self.dropped,
             proximity='' if proximity is None else str(proximity),
         )
+
+    @property
+    def dropped(self) -> int:
+        """
+        Wrenches that were received and never acted.
+        """
+        return self._pending.dropped
 
     @property
     def finished(self) -> bool:
@@ -176,6 +181,7 @@ class Runner:
         `progress` hears the simulated time [s] now and then. A failure of the simulation stops
         simulated time, is kept in `failure`, and ends the run where `until_finished`.
         """
+        self._watch_for_stop()
         self._broadcast.start(self.now)
         self._pace.restart(self.now)
         try:
@@ -183,6 +189,7 @@ class Runner:
                 if progress is not None:
                     progress(seconds(self.now))
         finally:
+            self.simulation.should_stop = None
             self._steps.end('the run has ended')
             self._pending.drop_all('the run ended before')
         self._broadcast.report(self.now, at_once=True)
@@ -223,12 +230,11 @@ class Runner:
             self.now = target
             self._pace.learn(target - before, wall.perf_counter() - started)
             self._act_pending()
+            self._broadcast.due(self.now)
         except SimulationError as error:
             self._fail(str(error))
         except Interrupted:
             self._catch_up()
-        else:
-            self._broadcast.due(self.now)
 
     def _next_target(self) -> int:
         times = [self.now + self._pace.chunk(RESPONSE, self.simulation.step)]
@@ -274,19 +280,7 @@ class Runner:
         self._act_pending()
 
     def _act_pending(self) -> None:
-        while (received := self._pending.take_due(self.now)) is not None:
-            if not self._is_known(received.key):
-                self._pending.drop(received, 'the weave changed before it acted')
-                continue
-            self._broadcast.input(received.topic, WrenchStampedBytes.TYPE, self.now, received.data)
-            if isinstance(received.key, int):
-                self.simulation.apply_body_wrench(received.key, received.force, received.torque)
-            else:
-                self.simulation.apply_wrench(received.key, received.force, received.torque)
-
-    def _is_known(self, key: Key) -> bool:
-        scene = self.simulation.scene
-        return key < scene.body_count if isinstance(key, int) else key in scene.loads
+        self._pending.act(self.now, self.simulation, self._broadcast.input)
 
     def _begin_steps(self, request: StepRequest) -> None:
         if self.failure:
@@ -317,16 +311,14 @@ class Runner:
             self._catch_up()
             # What comes in between two portions acts at a whole number of nanoseconds too.
             simulation.advance_to(seconds(self.now))
+            if request.done:
+                self._pace.restart(self.now)
+                self._broadcast.emit(self.now)
+                self._steps.finish(self.now)
         except SimulationError as error:
             self._fail(str(error))
-            return
         except Interrupted:
             self._catch_up()
-            return
-        if request.done:
-            self._pace.restart(self.now)
-            self._broadcast.emit(self.now)
-            self._steps.finish(self.now)
 
     def _reset(self) -> int:
         self._steps.end('ended by a reset')
@@ -395,5 +387,6 @@ class Runner:
         _LOGGER.error('the simulation has stopped: %s', reason)
         self._steps.end(reason)
         self._pending.drop_all('the simulation has stopped')
-        if math.isfinite(self.simulation.snapshot().position.sum()):
-            self._broadcast.emit(self.now)
+        with suppress(SimulationError, Interrupted):
+            if math.isfinite(self.simulation.snapshot().position.sum()):
+                self._broadcast.emit(self.now)

@@ -19,7 +19,8 @@ class Specification(NamedTuple):
     One parameter.
 
     The type is that of the default; lists have the default's length and element type. `minimum`
-    and `maximum` bound every element; `open_minimum` excludes the minimum itself. `change` says
+    and `maximum` bound every element; `open_minimum` excludes the minimum itself;
+    `smallest` is the least value beside 0. `change` says
     what a change at run time does: 'weave' builds the fabric anew, 'live' acts at once, 'start'
     is fixed once the node runs. `built` is False while the effect is still missing: then any
     value but the default is refused.
@@ -33,6 +34,7 @@ class Specification(NamedTuple):
     minimum: float | None = None
     maximum: float | None = None
     open_minimum: bool = False
+    smallest: float | None = None
     choices: tuple[Scalar, ...] = ()
     unbuilt_choices: tuple[Scalar, ...] = ()
     built: bool = True
@@ -43,6 +45,7 @@ class _Options(TypedDict, total=False):
     minimum: float
     maximum: float
     open_minimum: bool
+    smallest: float
     choices: tuple[Scalar, ...]
     unbuilt_choices: tuple[Scalar, ...]
     built: bool
@@ -66,6 +69,8 @@ def _positive(**options: Unpack[_Options]) -> _Options:
 
 _NOT_BUILT: _Options = {'built': False}
 _ZERO3 = [0.0, 0.0, 0.0]
+# Simulated time is counted in nanoseconds, and told in seconds to about as many digits [s].
+_LONGEST = 1e9
 
 STATIC: tuple[Specification, ...] = (
     _s('shell.edge_length', 0.02, 'm', 'outer edge 2a of a shell', 'weave', **_positive()),
@@ -225,7 +230,14 @@ STATIC: tuple[Specification, ...] = (
         minimum=0.0,
     ),
     _s('initial_random.seed', 0, '', 'seed of the random start', minimum=0, maximum=2**32 - 1),
-    _s('duration', 0.0, 's', 'simulated time; 0: the node runs until stopped', minimum=0.0),
+    _s(
+        'duration',
+        0.0,
+        's',
+        'simulated time; 0: the node runs until stopped',
+        minimum=0.0,
+        maximum=_LONGEST,
+    ),
     _s('solver.method', 'auto', '', 'integration method', choices=('auto', 'leapfrog')),
     _s('solver.tolerance', 1e-6, '1/s', 'wanted accuracy', **_NOT_BUILT),
     _s(
@@ -237,7 +249,15 @@ STATIC: tuple[Specification, ...] = (
     ),
     _s('solver.energy_limit', 0.01, '', 'relative balance error that stops a run', **_NOT_BUILT),
     _s('solver.threads', 0, '', 'threads; 0: all cores', **_NOT_BUILT),
-    _s('real_time_factor', 1.0, '', 'wanted pace; 0: as fast as possible', minimum=0.0),
+    _s(
+        'real_time_factor',
+        1.0,
+        '',
+        'wanted pace; 0: as fast as possible',
+        minimum=0.0,
+        maximum=1e6,
+        smallest=1e-6,
+    ),
     _s(
         'publish_rate',
         60.0,
@@ -257,8 +277,15 @@ STATIC: tuple[Specification, ...] = (
     _s('frame_id', 'world', '', 'frame of all that is published', 'start'),
     _s('start_paused', False, '', 'start in pause', 'start'),
     _s('reset_time', False, '', 'a reset also sets the time to 0'),
-    _s('step_count', 1, '', 'solver steps for each call of ~/step', minimum=1, maximum=10**9),
-    _s('input_horizon', 1.0, 's', 'how far ahead of simulated time a stamp counts', minimum=0.0),
+    _s('step_count', 1, '', 'solver steps for each call of ~/step', minimum=1, maximum=10**6),
+    _s(
+        'input_horizon',
+        1.0,
+        's',
+        'how far ahead of simulated time a stamp counts',
+        minimum=0.0,
+        maximum=_LONGEST,
+    ),
     _s(
         'checkpoint.path',
         '',

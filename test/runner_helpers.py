@@ -46,8 +46,8 @@ class ListSink:
         assert type_name == WrenchStampedBytes.TYPE
         self.messages.append((topic, nanoseconds, data))
 
-    def time_jumped_back(self, simulation):
-        self.jumps.append(simulation)
+    def time_jumped_back(self, simulation, parameters, ended):
+        self.jumps.append((simulation, parameters, ended))
 
     def of(self, topic):
         return [(time, data) for kind, time, data in self.messages if kind == topic]

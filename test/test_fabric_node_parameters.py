@@ -87,8 +87,9 @@ def test_every_parameter_has_a_description_and_its_range(client):
     ranges = 0
     for descriptor in descriptors:
         assert descriptor.description, descriptor.name
-        assert not descriptor.dynamic_typing
         entry = BY_NAME.get(descriptor.name)
+        # Only those of named families can be deleted.
+        assert descriptor.dynamic_typing == (entry is None)
         if entry is None:
             continue
         assert descriptor.read_only == (entry.change == 'start')
@@ -363,6 +364,26 @@ def test_named_parameters_come_and_go(client):
     client.wait_for(lambda: publisher.get_subscription_count() == 0, 'end of ~/loads/head')
     assert not any('head' in name for name in held(client))
     client.health(lambda status: status.values['loads active'] == '0')
+
+
+def test_what_the_scene_file_named_can_go_too(client):
+    """
+    Declared at the start, and gone on request; a field that is not needed falls back.
+    """
+    before = held(client)
+    assert client.set_messages([raw('loads.tip.force', type=0), raw('groups.corner', type=0)],
+                               atomically=True).successful
+    client.set(loads__tip__hold=2.0)
+    assert client.set_messages([raw('loads.tip.hold', type=0)])[0].successful
+    client.wait_for(lambda: client.get('loads.tip.hold') == [0.0], 'the default hold')
+    # The last fields and the group that they need.
+    gone = [raw(name, type=0) for name in ('loads.tip.group', 'groups.tip')]
+    assert client.set_messages(gone, atomically=True).successful
+    client.wait_for(
+        lambda: not any('tip' in name or 'corner' in name for name in held(client)), 'their end')
+    client.set(atomically=True, groups__tip='x_max', groups__corner='ids 0',
+               loads__tip__group='tip', loads__tip__force=[0.0, 0.0, 0.0])
+    assert held(client) == before
 
 
 def test_parameters_answer_while_ten_thousand_bodies_run(client):

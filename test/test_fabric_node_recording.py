@@ -225,6 +225,7 @@ def test_time_reset_opens_the_next_bag(tmp_path):
         client.next('~/poses', lambda pose: pose.nanoseconds > 1e8)
         client.set(weave__size=[2, 2, 2])
         client.next('~/poses', lambda pose: len(pose.values) < 10)
+        client.set(marker_rate=4.0)
         before = client.clock
         assert client.call('~/reset').success
         client.wait_for(lambda: client.clock < before, 'time to start again')
@@ -236,10 +237,13 @@ def test_time_reset_opens_the_next_bag(tmp_path):
         assert second.start_time == 0 and second.end_time < first.end_time + 10**9
         for bag, size in ((first, '[4, 3, 3]'), (second, '[2, 2, 2]')):
             assert f'size: {size}' in bag.custom['scene']
+            assert bag.custom['failure'] == bag.custom['proximity'] == 'none'
+            assert bag.custom['wrenches_dropped'] == '0'
             times = [time for _, time, _ in bag.messages(['/icofabric/poses'])]
             assert times == sorted(times) and times[0] == 0
+        assert 'marker_rate: 4.0' in second.custom['scene']
         weaves = [decode_string(data) for _, _, data in first.messages(['/icofabric/weave'])]
-        assert ['size: [4, 3, 3]' in text for text in weaves] == [True, False]
+        assert ['size: [4, 3, 3]' in text for text in weaves] == [True, False, False]
     assert not (tmp_path / 'bag_2').exists()
 
 

@@ -4,14 +4,17 @@
 How the node begins and ends: bad input, a duration, interrupts.
 """
 from concurrent.futures import ThreadPoolExecutor
+import os
 import signal
+import subprocess
+import sys
 
 import icofabric_sim as ico
 from icofabric_sim.bag import BagReader
 from icofabric_sim.messages import decode_diagnostic_array
 import numpy as np
 import pytest
-from ros_helpers import Client, NodeProcess, SCENES, wait_for
+from ros_helpers import Client, domain, NodeProcess, ROOT, SCENES, wait_for
 
 MALFORMED = '/**:\n  ros__parameters:\n    gravity: [0.0, 0, -9.81]\n'
 
@@ -117,6 +120,22 @@ def test_second_signal_while_closing(tmp_path):
         assert bag.topics['/icofabric/poses'].message_count > 5
 
 
+def test_interrupt_is_heard_while_steps_are_tiny(tmp_path):
+    """
+    And so is a pause that ends a long ~/step, which answers that it is not done yet.
+    """
+    parameters = {'weave.size': '[2, 2, 2]', 'contact.mode': 'never', 'solver.step': 1e-7,
+                  'step_count': 10**6, 'start_paused': True, 'connector.stiffness': 100.0}
+    with NodeProcess(tmp_path / 'log', parameters=parameters) as node, Client(node) as client:
+        answer = client.call('~/step')
+        if not answer.success:
+            assert 'not yet done' in answer.message
+            client.pause()
+            assert node.lines('of 1000000 solver steps taken: ended by a pause')
+        client.pause(False)
+        assert node.stop() == 0
+
+
 def test_interrupt_while_the_node_is_being_built(tmp_path):
     """
     Nothing ran, so the status says interrupted; a compilation that breaks off is no error.
@@ -130,6 +149,30 @@ def test_interrupt_while_the_node_is_being_built(tmp_path):
         wait_for(lambda: node.lines('compiling'), 'compilation', node=node)
         assert node.stop() == 130
         assert not node.lines('Error')
+
+
+BROKEN = """
+import sys
+from icofabric_sim.ros.fabric_node import main
+from icofabric_sim.runner import Runner
+
+def fail(self, target):
+    raise MemoryError('nothing left')
+
+Runner._advance = fail
+sys.exit(main(sys.argv))
+"""
+
+
+def test_simulation_thread_that_dies_is_a_failure(tmp_path):
+    command = [sys.executable, '-c', BROKEN, '--ros-args', '-p', f'record.path:={tmp_path}/bag']
+    ended = subprocess.run(
+        command, cwd=ROOT, text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+        timeout=120, env={**os.environ, 'ROS_DOMAIN_ID': str(domain())})
+    assert ended.returncode == 1, ended.stdout
+    assert 'the simulation thread has ended' in ended.stdout and 'nothing left' in ended.stdout
+    with BagReader(tmp_path / 'bag') as bag:
+        assert 'nothing left' in bag.custom['failure']
 
 
 def test_unstable_run_ends_with_status_one(tmp_path):

@@ -17,6 +17,8 @@ import pytest
 SCENE = {'weave': {'size': [2, 2, 2]}, 'contact': {'mode': 'never'}, 'duration': 0.05,
          'real_time_factor': 0.0}
 
+SUMMARY = {'proximity', 'failure', 'wrenches_dropped'}
+
 
 def make_simulation(**sections):
     return ico.compile_scene(ico.Scene.from_parameters({**SCENE, **sections}))
@@ -90,13 +92,19 @@ def test_jump_of_time_opens_the_next_bag_with_the_scene_that_runs(simulation, tm
     sink.send(CLOCK, 5, b'\0\1\0\0' + bytes(8))
     (tmp_path / 'bag_1').mkdir()  # of somebody else
     other = make_simulation(gravity=[0.0, 0.0, -3.0])
-    sink.time_jumped_back(other)
+    in_force = other.scene.parameters.with_changes({'publish_rate': 10.0})
+    ended = Runner(simulation, []).status()._replace(proximity='close', dropped=3)
+    sink.time_jumped_back(other, in_force, ended)
     sink.send_input('/icofabric/wrench', WrenchStampedBytes.TYPE, 0,
                     WrenchStampedBytes('').stamped(0))
     sink.close()
     with BagReader(tmp_path / 'bag') as first, BagReader(tmp_path / 'bag_2') as second:
         assert first.custom['scene'] == describe_run(simulation)['scene']
-        assert second.custom['scene'] == describe_run(other)['scene'] != first.custom['scene']
+        assert second.custom['scene'] == describe_run(other, in_force)['scene']
+        assert 'publish_rate: 10.0' in second.custom['scene'] != first.custom['scene']
+        assert {name: first.custom[name] for name in SUMMARY} == {
+            'proximity': 'close', 'failure': 'none', 'wrenches_dropped': '3'}
+        assert not SUMMARY & second.custom.keys()
         assert first.topics['/clock'].message_count == 1
         assert second.topics['/clock'].message_count == 0
         assert second.topics['/icofabric/wrench'].message_count == 1
@@ -115,7 +123,8 @@ def test_jump_of_time_without_a_place_for_the_next_bag(simulation, tmp_path):
     sink.recorder.close()
     shutil.rmtree(tmp_path / 'folder')
     (tmp_path / 'folder').write_text('in the way')
-    sink.time_jumped_back(simulation)
+    sink.time_jumped_back(
+        simulation, simulation.scene.parameters, Runner(simulation, []).status())
     [error] = errors
     assert isinstance(error, BagError) and 'record.path' in str(error)
     assert not sink.wants(POSES)

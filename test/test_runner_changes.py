@@ -61,7 +61,9 @@ def test_reset_of_time_repeats_the_run():
     sink.messages.clear()
     runner.reset()
     run(runner)
-    assert sink.jumps == [runner.simulation]
+    [(simulation, parameters, ended)] = sink.jumps
+    assert simulation is runner.simulation and parameters is runner.parameters
+    assert ended.time == 100_000_000 and ended.finished
     # Asked for before the run began again: it starts with the old state at the old time.
     start = max(k for k, (time, _) in enumerate(sink.of(POSES)) if time == 0)
     assert sink.of(POSES)[start:] == first

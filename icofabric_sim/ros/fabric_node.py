@@ -16,7 +16,7 @@ from icofabric_sim.health import HealthReport
 from icofabric_sim.parameter_file import check_ros_arguments
 from icofabric_sim.parameters import find_specification, Parameters
 from icofabric_sim.patience import explained_wait
-from icofabric_sim.recording import BagSink
+from icofabric_sim.recording import BagSink, summarise_run
 from icofabric_sim.ros.live_sink import LiveSink
 from icofabric_sim.ros.parameter_service import GuardedParameterService
 from icofabric_sim.ros.process import log_to_ros, plain_reason, spin, start_ros, StopSignals
@@ -37,8 +37,9 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_srvs.srv import SetBool, Trigger
 
-# How long a service waits for the simulation to act before it says that it has not yet [s].
-_PATIENCE = 2.0
+# How long a service waits for the simulation to act before it says that it has not yet [s]: the
+# node hears nothing else meanwhile.
+_PATIENCE = 1.0
 
 
 class FabricNode(Node):
@@ -75,6 +76,7 @@ class FabricNode(Node):
                 name=name,
                 storage=parameters['record.storage'],
                 on_error=self._bag_failed,
+                summarise=self._summarise,
             )
             if not self.bag.recorder.survives_kill:
                 self.get_logger().warning(
@@ -119,14 +121,7 @@ class FabricNode(Node):
             self._thread.join()
         self.live.close()
         if self.bag is not None:
-            status = self.runner.status()
-            self.bag.close(
-                summary={
-                    'proximity': status.proximity or 'none',
-                    'failure': status.failure or 'none',
-                    'wrenches_dropped': str(self._wrenches.dropped + self.runner.dropped),
-                }
-            )
+            self.bag.close(summary=self._summarise(self.runner.status()))
 
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> Any:
         """
@@ -173,12 +168,17 @@ class FabricNode(Node):
                 super().set_parameters_atomically([Parameter(name, value=in_force[name])])
         self._declare(in_force)
 
+    def _summarise(self, status: Status) -> dict[str, str]:
+        return summarise_run(status._replace(dropped=self._wrenches.dropped + status.dropped))
+
     def _simulate(self) -> None:
         until_finished = self.runner.parameters['duration'] > 0.0
         try:
             self.runner.run(until_finished=until_finished)
         except Exception as error:  # noqa: BLE001 - the node must say it, and close the bag
-            self.get_logger().fatal(f'the simulation thread has ended: {error!r}')
+            reason = f'the simulation thread has ended: {error!r}'
+            self.get_logger().fatal(reason)
+            self.runner.failure = self.runner.failure or reason
         self._hand_over(lambda: None)
 
     def _pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
@@ -189,12 +189,6 @@ class FabricNode(Node):
         return self._answer(self.runner.reset(), response, 'back at the initial state')
 
     def _step(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        if not self.runner.paused:
-            response.success = False
-            response.message = (
-                'steps are taken only while paused: call ~/pause with data: true first'
-            )
-            return response
         count = self.runner.parameters['step_count']
         return self._answer(self.runner.take_steps(), response, f'{count} solver steps taken')
 
@@ -203,8 +197,8 @@ class FabricNode(Node):
             time = future.result(timeout=_PATIENCE)
         except TimeoutError:
             response.success, response.message = (
-                True,
-                f'accepted, still under way after {_PATIENCE} s',
+                False,
+                f'not yet done after {_PATIENCE:g} s, still under way; /diagnostics tells how far',
             )
         except Exception as error:  # noqa: BLE001 - the client gets the reason
             response.success, response.message = False, str(error)
@@ -217,7 +211,7 @@ class FabricNode(Node):
         self.get_logger().error(f'{error}; the simulation goes on without a bag')
 
     def _diagnose(self, status: Status) -> bytes:
-        figures = {'wrenches dropped': str(self._wrenches.dropped + self.runner.dropped)}
+        figures = {'wrenches dropped': str(self._wrenches.dropped + status.dropped)}
         if self.bag is not None:
             statistics = self.bag.recorder.statistics
             figures['recorder lag [s]'] = f'{statistics.lag:.3f}'
@@ -241,7 +235,8 @@ def main(argv: list[str] | None = None) -> int:
     """
     Entry point of `fabric_node`.
 
-    Exit status: 0 done, 1 the simulation failed, 2 bad input, 130 interrupted before it ran.
+    Exit status: 0 done, also by SIGINT or SIGTERM; 1 the simulation failed, 2 bad input, 130
+    interrupted before it ran.
     """
     signals = StopSignals()
     try:

@@ -45,7 +45,12 @@ def describe(name: str, entry: Specification) -> ParameterDescriptor:
     """
     Descriptor of one parameter: what it is, its unit and its range.
     """
-    descriptor = ParameterDescriptor(name=name, read_only=entry.change == 'start')
+    descriptor = ParameterDescriptor(
+        name=name,
+        read_only=entry.change == 'start',
+        # rclpy would not delete others; the gate judges the type of all of them.
+        dynamic_typing=name.split('.')[0] in FAMILIES,
+    )
     unit = f' [{entry.unit}]' if entry.unit else ''
     missing = '' if entry.built else ' (not built yet: only the default is accepted)'
     descriptor.description = f'{entry.description}{unit}{missing}'
@@ -53,6 +58,8 @@ def describe(name: str, entry: Specification) -> ParameterDescriptor:
         descriptor.additional_constraints = 'one of ' + ', '.join(str(c) for c in entry.choices)
     if entry.open_minimum:
         descriptor.additional_constraints = f'above {entry.minimum:g}'
+    elif entry.smallest is not None:
+        descriptor.additional_constraints = f'0, or at least {entry.smallest:g}'
     elif isinstance(entry.default, list) and entry.minimum is not None:
         descriptor.additional_constraints = f'each at least {entry.minimum:g}'
     if not isinstance(entry.default, list) and entry.minimum is not None and entry.built:
