@@ -145,7 +145,9 @@ def test_centre_of_mass_follows_the_pushes(messages):
     mass = scene.shell.mass * scene.body_count
     pushes = [(seconds(time), decode_wrench_stamped(data).first)
               for time, data in recorded(messages, CHANNEL)]
-    end = min(time for topic, time, _ in messages if topic == '/icofabric/wrench')
+    # Of two topics either may be taken first.
+    others = ('/icofabric/wrench', '/icofabric/loads/end')
+    end = min(time for topic, time, _ in messages if topic in others)
     checked = 0
     for time, data in recorded(messages, '/icofabric/poses'):
         if time > end:

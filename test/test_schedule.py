@@ -115,7 +115,7 @@ def test_pace_starts_again_after_a_pause_or_a_new_factor(monkeypatch):
 
 
 def test_pace_learns_how_much_a_call_can_hold():
-    kept = Pace(1.0)
+    kept = Pace(0.0)
     assert kept.chunk(0.01, 0.002) == 2_000_000  # one step, while nothing is known
     for _ in range(100):
         kept.learn(10**9, 0.5)
