@@ -238,7 +238,13 @@ STATIC: tuple[Specification, ...] = (
         minimum=0.0,
         maximum=_LONGEST,
     ),
-    _s('solver.method', 'auto', '', 'integration method', choices=('auto', 'leapfrog')),
+    _s(
+        'solver.method',
+        'auto',
+        '',
+        'integration method',
+        choices=('auto', 'leapfrog', 'srkn4', 'srkn6'),
+    ),
     _s('solver.tolerance', 1e-6, '1/s', 'wanted accuracy', **_NOT_BUILT),
     _s(
         'solver.step',

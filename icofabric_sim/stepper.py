@@ -23,15 +23,15 @@ import numpy as np
 
 _LOGGER = logging.getLogger('icofabric_sim')
 
-# Steps between two looks at the state: two of the fastest periods at the chosen step. A look costs
-# about as much as four steps, so 6 % in all.
+# Work between two looks at the state, in evaluations of the wrenches; a look costs about four, so
+# 6 % in all.
 CHECK_INTERVAL = 64
 # A fixed step near the limit is looked at more often, at most every so many steps.
 SHORTEST_INTERVAL = 8
-# Step times frequency: chosen, too long (shorten it), too short (lengthen it). At 0.2 the phase of
-# the fastest motion is wrong by 0.2^2 / 24 = 0.17 %; slower motions are better by the square of
-# the ratio.
-CHOSEN, LONGEST, SHORTEST = 0.2, 0.25, 0.08
+# Step times frequency, in parts of what the method chooses: too long (shorten it), too short
+# (lengthen it). The leapfrog chooses 0.2, where the phase of the fastest motion is wrong by
+# 0.2^2 / 24 = 0.17 %; slower motions are better by the square of the ratio.
+LONGEST, SHORTEST = 1.25, 0.4
 # Work for one compiled call, in bodies and connectors: 25 to 50 ms, so that an interrupt is soon
 # heard.
 _CALL_WORK = 1_500_000
@@ -85,7 +85,7 @@ class Stepper:
         self.load_rate = load_rate
         self.frequency = Frequency(0.0, (), 0)
         self._since_check = 0
-        self._interval = CHECK_INTERVAL
+        self._interval = max(CHECK_INTERVAL // method.stages, 1)
         self._readings = np.zeros(4)
         self._high = self._low = 0.0
         self._failure: SimulationError | None = None
@@ -323,8 +323,9 @@ class Stepper:
             # every look: the bound may be three times as high, its own growth says nothing.
             self._high = self.method.stability / self.step
             self._low = 0.0
-            # Two of the fastest periods here too, as far as that is affordable.
-            steps = CHECK_INTERVAL * CHOSEN / max(self.step * self.frequency.rate, CHOSEN)
+            # As often in time as with a chosen step, as far as that is affordable.
+            ratio = self.step * self.frequency.rate / self.method.chosen
+            steps = CHECK_INTERVAL / self.method.stages / max(ratio, 1.0)
             self._interval = max(int(steps), SHORTEST_INTERVAL)
 
     def _choose_step(self) -> None:
@@ -350,15 +351,18 @@ class Stepper:
         if not rate < math.inf:
             self._fail(f'the motion at t = {self.time:.9g} s is too fast for any step: its rate '
                        'is no longer finite; look for a huge stiffness, load, spin or stretch')
-        step = self.step
+        step, chosen = self.step, self.method.chosen
         if not rate > 0.0:
-            step, rate = _FREE_STEP, CHOSEN / _FREE_STEP
-        elif not SHORTEST <= step * rate <= LONGEST:
-            step = _rounded_down(CHOSEN / rate)
+            step, rate = _FREE_STEP, chosen / _FREE_STEP
+        elif not SHORTEST <= step * rate / chosen <= LONGEST:
+            step = _rounded_down(chosen / rate)
         if step != self.step:
             self.origin, self.index, self.step = self.time, 0, step
-        self._high = max(LONGEST / step, 1.05 * float(self._readings[0]))
-        self._low = SHORTEST / step
+        # Above the first the exact value is computed again once the bound has grown; near the
+        # limit of the method at every look.
+        near = min(1.05 * float(self._readings[0]), 0.9 * self.method.stability / step)
+        self._high = max(LONGEST * chosen / step, near)
+        self._low = SHORTEST * chosen / step
 
     def _weight_rate(self, size: float) -> float:
         """

@@ -59,8 +59,9 @@ def distances(scene, one, other):
     return np.array([np.abs(p - q).max() / scale for p, q, scale in zip(one, other, scales)])
 
 
-def simulated(scene, step, form):
-    simulation = ico.compile_scene(changed(scene, {'solver.step': step}), rotation=form)
+def simulated(scene, step, form, method='leapfrog'):
+    choice = {'solver.step': step, 'solver.method': method}
+    simulation = ico.compile_scene(changed(scene, choice), rotation=form)
     simulation.advance_to(DURATION)
     s = simulation.snapshot()
     return s.position, axes_of(s.orientation), s.linear_velocity, s.angular_velocity
@@ -100,6 +101,50 @@ def test_simulation_converges_to_the_reference_at_its_order(name, form, referenc
     # What would be left at step zero, by Richardson's rule, is a small part of the last error.
     assert (errors[-1] < 1e-4).all()
     assert (np.abs(errors[-2] - 4.0 * errors[-1]) < 0.01 * errors[-1]).all()
+
+
+# Steps in the duration: from about a third of the stability limit down, all above rounding.
+COUNTS = {'srkn4': (20, 28, 40, 56), 'srkn6': (14, 20, 28)}
+
+
+def test_every_method_is_tested_for_its_order():
+    assert {'leapfrog', *COUNTS} == set(ico.METHODS)
+
+
+@pytest.mark.parametrize('form', FORMS)
+@pytest.mark.parametrize('method', COUNTS)
+@pytest.mark.parametrize('name', SCENES)
+def test_splittings_of_higher_order_keep_it(name, method, form, reference):
+    scene, counts = SCENES[name], np.array(COUNTS[method])
+    errors = np.array(
+        [
+            distances(scene, simulated(scene, DURATION / count, form, method), reference(name))
+            for count in counts
+        ]
+    )
+    assert (errors[-1] < 1e-4).all() and (errors > 0.0).all()
+    for error in errors.T:
+        # What is at the level of the reference says nothing about the order.
+        above = error > 1e-10
+        if above.sum() < 2:
+            assert error.max() < 1e-8
+            continue
+        slope = np.polyfit(np.log(DURATION / counts[above]), np.log(error[above]), 1)[0]
+        assert slope == pytest.approx(ico.METHODS[method].order, abs=0.35)
+
+
+@pytest.mark.parametrize('name', SCENES)
+def test_at_equal_work_a_higher_order_is_more_accurate(name, reference):
+    scene = SCENES[name]
+    errors = {
+        method: distances(
+            scene,
+            simulated(scene, DURATION / round(240 / facts.stages), 'quaternion', method),
+            reference(name),
+        ).max()
+        for method, facts in ico.METHODS.items()
+    }
+    assert errors['srkn6'] < 0.2 * errors['srkn4'] < 0.02 * errors['leapfrog']
 
 
 def test_chosen_step_is_accurate_to_the_phase_error_it_promises(reference):
