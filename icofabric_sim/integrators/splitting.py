@@ -124,9 +124,9 @@ def splitting(
 
     `kicks` (m + 1,) and `drifts` (m,) are the parts of the step that each flow takes; one
     evaluation of the wrenches for each drift, because the last kick of a step and the first of the
-    next share theirs. `work` must hold the wrenches of the state. After every `check_interval` steps the state is
-    examined; a status other than 0 ends the call early. Returns the status, the steps taken, and
-    the steps since the last examination.
+    next share theirs. `work` must hold the wrenches of the state. After every `check_interval`
+    steps the state is examined; a status other than 0 ends the call early. Returns the status, the
+    steps taken, and the steps since the last examination.
     """
     done = 0
     while done < count:
