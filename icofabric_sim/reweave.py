@@ -34,6 +34,14 @@ def concerns_runner_only(before: Parameters, after: Parameters) -> bool:
     return changed_names(before, after) <= _RUNNER_NAMES
 
 
+def with_rates(current: Parameters, wanted: Parameters) -> Parameters:
+    """
+    The `current` set with the rates, pace and duration of the `wanted` one.
+    """
+    names = changed_names(current, wanted) & _RUNNER_NAMES
+    return current.with_changes({name: wanted[name] for name in names}) if names else current
+
+
 def restarts_motion(before: Parameters, after: Parameters) -> bool:
     """
     Whether the change from one set to the other weaves the fabric anew.
@@ -69,9 +77,16 @@ class Reweaver:
         if idle:
             self._build(parameters)
 
+    @property
+    def wanted(self) -> Parameters | None:
+        """
+        What is being built, with all that was accepted meanwhile; None while nothing is.
+        """
+        return self._wanted
+
     def amend(self, parameters: Parameters) -> None:
         """
-        Let a change of rates also reach a build under way.
+        Let a change of rates also reach a build under way, which need not begin anew for it.
         """
         if self._wanted is not None:
             self._wanted = parameters
@@ -90,7 +105,9 @@ class Reweaver:
 
     def _finish(self, built: Parameters, simulation: Simulation | None, reason: str) -> None:
         wanted, self._wanted = self._wanted, None
-        if wanted is not None and wanted is not built:
+        if wanted is None:
+            wanted = built
+        if not concerns_runner_only(built, wanted):
             self.want(wanted)
             return
-        self._on_ready(built, simulation, reason)
+        self._on_ready(wanted, simulation, reason)

@@ -22,7 +22,7 @@ from icofabric_sim.broadcast import Broadcast, Sink
 from icofabric_sim.pace import Pace
 from icofabric_sim.parameters import Parameters
 from icofabric_sim.pending import PendingInputs
-from icofabric_sim.reweave import concerns_runner_only, restarts_motion, Reweaver
+from icofabric_sim.reweave import concerns_runner_only, restarts_motion, Reweaver, with_rates
 from icofabric_sim.run_records import Status, WrenchInput
 from icofabric_sim.schedule import NANOSECONDS, nanoseconds_not_before, seconds
 from icofabric_sim.simulation import Interrupted, Simulation, SimulationError
@@ -337,11 +337,16 @@ class Runner:
         return self.now
 
     def _change(self, parameters: Parameters) -> None:
-        if concerns_runner_only(self.parameters, parameters):
-            self._reweaver.amend(parameters)
-            self._take_rates(parameters)
+        # Rates, pace and duration act at once, also while another fabric is being built.
+        before = self._reweaver.wanted or self.parameters
+        rates = with_rates(self.parameters, parameters)
+        if rates is not self.parameters:
+            self._take_rates(rates)
             self._broadcast.describe(self.now)
+        if concerns_runner_only(before, parameters):
+            self._reweaver.amend(parameters)
         else:
+            _LOGGER.info('building the changed fabric beside the running one')
             self._reweaver.want(parameters)
 
     def _take_rates(self, parameters: Parameters) -> None:
@@ -367,10 +372,13 @@ class Runner:
         self._broadcast.set_scene(simulation)
         self._take_rates(parameters)
         self._broadcast.start(self.now, cleared=True)
+        _LOGGER.info('the changed fabric is in place at t = %.9g s: %d bodies, step %.3g s',
+                     seconds(self.now), simulation.scene.body_count, simulation.step)
         self.on_rebuilt(parameters, '')
 
     def _end(self) -> int:
-        return round(self.parameters['duration'] * NANOSECONDS)
+        duration = self.parameters['duration']
+        return max(1, round(duration * NANOSECONDS)) if duration > 0.0 else 0
 
     def _watch_for_stop(self) -> None:
         self.simulation.should_stop = lambda: self._stopping

@@ -306,7 +306,16 @@ STATIC: tuple[Specification, ...] = (
 
 # Families: FAMILY.NAME.FIELD, any number of NAMEs. An empty field is FAMILY.NAME itself.
 FAMILIES: dict[str, tuple[Specification, ...]] = {
-    'groups': (_s('', '', '', 'selector of bodies', required=True),),
+    'groups': (
+        _s(
+            '',
+            '',
+            '',
+            'selector of bodies: x_min, z_max, ..., level K, row K, column K, ids K K, '
+            'box x0 y0 z0 x1 y1 z1, all; joined by and, or, not',
+            required=True,
+        ),
+    ),
     'supports': (
         _s('group', '', '', 'group that is held', required=True),
         _s('fix', 'all', '', 'held freedoms: tx ty tz rotation, or all'),

@@ -151,7 +151,7 @@ class Simulation:
         if not self._time <= time < math.inf:
             raise ValueError(
                 f'cannot advance to {time!r} s from {self._time!r} s: times must be finite and '
-                'not in the past; reset() goes back to the start'
+                'not in the past; reset_time() goes back to the start'
             )
         with self._deferred:
             self._handle_events(time)

@@ -12,6 +12,7 @@ from icofabric_sim.reweave import (
     concerns_runner_only,
     restarts_motion,
     Reweaver,
+    with_rates,
 )
 import pytest
 
@@ -129,9 +130,17 @@ def test_rates_reach_a_build_under_way(builds):
     runner = Runner()
     runner.reweaver.want(with_density(2.0))
     runner.reweaver.amend(with_density(2.0).with_changes({'publish_rate': 7.0}))
-    runner.run_one()
+    # No second build: the fabric is the same.
     runner.run_one()
     assert [result[0]['publish_rate'] for result in runner.results] == [7.0]
+    assert len(builds) == 1 and runner.is_idle() and runner.reweaver.wanted is None
+
+
+def test_rates_are_taken_alone_out_of_a_larger_change():
+    wanted = with_density(2.0).with_changes({'publish_rate': 7.0, 'duration': 3.0})
+    taken = with_rates(BASE, wanted)
+    assert changed_names(BASE, taken) == {'publish_rate', 'duration'}
+    assert taken['publish_rate'] == 7.0 and taken['shell.density'] == BASE['shell.density']
 
 
 def test_amending_nothing_builds_nothing(builds):

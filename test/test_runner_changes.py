@@ -3,8 +3,12 @@
 """
 What interrupts a run: pause, steps, reset, failure, and changes of the scene.
 """
+import threading
+
+from icofabric_sim import reweave
 from icofabric_sim.messages import decode_marker_points, decode_pose_array, decode_string
 from icofabric_sim.outputs import CLOCK, CONNECTORS, POSES, TOPICS, WEAVE
+from icofabric_sim.simulation import compile_scene
 import numpy as np
 import pytest
 from runner_helpers import Beside, ListSink, make_runner, push, run
@@ -165,6 +169,31 @@ def test_rates_change_without_a_new_fabric():
     assert runner.simulation is simulation
     assert [time for time, _ in sink.of(POSES)] == [k * 10**8 for k in range(4)]
     assert 'publish_rate: 10.0' in decode_string(sink.of(WEAVE)[-1][1])
+
+
+def test_rates_act_at_once_while_another_fabric_is_being_built(monkeypatch):
+    held = threading.Event()
+
+    def slow_build(scene, **options):
+        held.wait(60.0)
+        return compile_scene(scene, **options)
+
+    runner = make_runner(ListSink(POSES), start_paused=True, duration=0.0)
+    told = []
+    runner.on_rebuilt = lambda *report: told.append(report)
+    monkeypatch.setattr(reweave, 'compile_scene', slow_build)
+    with Beside(runner) as beside:
+        woven = runner.parameters.with_changes({'weave.size': [3, 3, 3]})
+        runner.change(woven).result(60.0)
+        wanted = woven.with_changes({'publish_rate': 7.0, 'real_time_factor': 0.5})
+        runner.change(wanted).result(60.0)
+        assert runner.parameters['publish_rate'] == 7.0
+        assert runner.parameters['real_time_factor'] == 0.5
+        assert runner.parameters['weave.size'] != [3, 3, 3] and not told
+        held.set()
+        beside.wait_for(lambda: told)
+    assert told == [(wanted, '')] and runner.parameters == wanted
+    assert runner.simulation.scene.parameters['weave.size'] == [3, 3, 3]
 
 
 def test_wrench_that_waits_for_a_body_that_is_gone_is_dropped(caplog):

@@ -10,6 +10,7 @@ import sys
 import threading
 from typing import Any
 
+from icofabric_sim import __version__
 from icofabric_sim.bag import BagError
 from icofabric_sim.broadcast import Sink
 from icofabric_sim.health import HealthReport
@@ -40,6 +41,25 @@ from std_srvs.srv import SetBool, Trigger
 # How long a service waits for the simulation to act before it says that it has not yet [s]: the
 # node hears nothing else meanwhile.
 _PATIENCE = 1.0
+
+
+_USAGE = """usage: fabric_node [--ros-args --params-file SCENE -p name:=value ...]
+ready scenes are in config/; docs/parameters.md lists all parameters"""
+
+
+def arguments_of_its_own(arguments: list[str]) -> list[str]:
+    """
+    What stands outside of `--ros-args ... --`, and is no renaming in the old form.
+    """
+    own, for_ros = [], False
+    for argument in arguments:
+        if argument == '--ros-args':
+            for_ros = True
+        elif for_ros and argument == '--':
+            for_ros = False
+        elif not for_ros and ':=' not in argument:
+            own.append(argument)
+    return own
 
 
 class FabricNode(Node):
@@ -250,7 +270,13 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def _run(arguments: list[str], signals: StopSignals) -> int:
+    if set(arguments[1:]) & {'-h', '--help', '--version'}:
+        print(f'fabric_node of icofabric_sim {__version__}: icosahedral fabric\n{_USAGE}')
+        return 0
     # Before ROS starts, whose errors name no parameter.
+    own = arguments_of_its_own(arguments[1:])
+    if own:
+        raise ValueError(f'{" ".join(own)!r} is not an argument of fabric_node\n{_USAGE}')
     parameters = make_start_parameters(check_ros_arguments(arguments[1:]))
     start_ros(arguments)
     log_to_ros()

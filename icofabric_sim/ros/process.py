@@ -105,6 +105,7 @@ def log_to_ros() -> None:
     """
     log = logging.getLogger('icofabric_sim')
     log.addHandler(RosLogHandler())
+    log.setLevel(logging.INFO)
     log.propagate = False
 
 
