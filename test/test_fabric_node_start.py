@@ -76,6 +76,18 @@ def test_bad_start(bad_starts, name):
     assert all('[rcl]' in line for line in output.splitlines() if line not in lines), output
 
 
+def test_stray_arguments_are_refused_and_help_ends():
+    def start(*arguments):
+        command = [sys.executable, '-m', 'icofabric_sim.ros.fabric_node', *arguments]
+        return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+
+    stray = start('config/hanging_slab.yaml')
+    assert stray.returncode == 2 and 'config/hanging_slab.yaml' in stray.stderr
+    assert '--params-file' in stray.stderr and 'Traceback' not in stray.stderr
+    helped = start('--help')
+    assert helped.returncode == 0 and '--params-file' in helped.stdout
+
+
 def test_duration_ends_the_node(tmp_path):
     """
     Under another name and namespace; the bag holds the state at the very end.

@@ -19,6 +19,12 @@ def messages_of(caplog, word):
     return [record.getMessage() for record in caplog.records if word in record.getMessage()]
 
 
+def test_a_duration_below_a_nanosecond_ends_too():
+    runner = make_runner(ListSink(POSES), duration=1e-12, real_time_factor=0.0)
+    runner.run(until_finished=True)
+    assert runner.finished and runner.now == 1
+
+
 def test_flood_of_messages_does_not_drive_the_time():
     factor = 0.01
     runner = make_runner(ListSink(POSES), real_time_factor=factor, duration=0.0)

@@ -114,7 +114,7 @@ def parse_qualities_of_service(text: str) -> list[Qos]:
     """
     try:
         return parse_qos(text)
-    except Exception:
+    except Exception:  # noqa: BLE001 - whatever a foreign writer left there, messages matter more
         return []
 
 
