@@ -85,6 +85,13 @@ def make_initial_state(
         state.angular_velocity[bodies] += parameters[f'initial.{name}.angular_velocity']
         _refuse_held_motion(f'initial.{name}', bodies, state, supports)
     _add_random(parameters, state)
+    return hold_still(state, supports)
+
+
+def hold_still(state: InitialState, supports: 'Supports | None') -> InitialState:
+    """
+    Set the velocities of held freedoms to zero, in place.
+    """
     if supports is not None:
         state.linear_velocity[supports.translation] = 0.0
         state.angular_velocity[supports.rotation] = 0.0

@@ -80,3 +80,20 @@ def pack_loads(
         torque=spread(3),
         point=spread(4),
     )
+
+
+def load_rate(loads: Loads | None, model: Model, size: float) -> float:
+    """
+    Rate [rad/s] at which the loads alone would move a free body by `size` [m], or turn it.
+
+    Infinite where the loads are too large for numbers.
+    """
+    if loads is None or not len(loads.body):
+        return 0.0
+    with np.errstate(over='ignore', invalid='ignore'):
+        force = np.linalg.norm(loads.force, axis=1)
+        moment = np.linalg.norm(loads.torque, axis=1)
+        moment += np.linalg.norm(loads.point, axis=1) * force
+        square = force * (model.inverse_mass / size) + moment * model.inverse_inertia
+        largest = np.bincount(loads.body, square).max()
+    return float(np.sqrt(largest)) if largest < np.inf else np.inf

@@ -9,12 +9,12 @@ import math
 import operator
 
 from icofabric_sim.icosahedron import inscribed_radius
-from icofabric_sim.initial import InitialState
+from icofabric_sim.initial import hold_still, InitialState
 from icofabric_sim.inputs import Inputs, Key, Wrench
 from icofabric_sim.integrators.methods import AUTOMATIC, METHODS
 from icofabric_sim.interrupts import DeferredInterrupt
 from icofabric_sim.kernels.records import Loads, State
-from icofabric_sim.model import pack_model
+from icofabric_sim.model import load_rate, pack_model
 from icofabric_sim.proximity import Proximity, ProximityWatch
 from icofabric_sim.rotation_forms import cosines_from_quaternions, quaternions_from_cosines
 from icofabric_sim.scene import Scene
@@ -70,6 +70,7 @@ class Simulation:
         self._body_wrenches = body_wrenches
         self._time = 0.0
         self._inputs = Inputs(scene)
+        self._size = scene.geometry.cube_width
         self._stale_loads = False
         self._deferred = DeferredInterrupt()
         # Asked every 25 to 50 ms of computing; True ends the advance with Interrupted.
@@ -86,7 +87,7 @@ class Simulation:
                 loads,
                 origin=self._time,
                 fixed_step=scene.parameters['solver.step'],
-                load_rate=self._load_rate(loads),
+                load_rate=load_rate(loads, self.model, self._size),
                 watch=watch,
                 on_pause=self._pause,
             )
@@ -273,7 +274,7 @@ class Simulation:
                 f'orientation of body {body} is not a unit quaternion: {values[1][body]}'
             )
         values[1] = np.where(abs(length - 1.0) <= 4e-16, values[1], values[1] / length)
-        self._jump(_held(InitialState(*values), self.scene))
+        self._jump(hold_still(InitialState(*values), self.scene.supports))
 
     def reset(self) -> None:
         """
@@ -371,7 +372,8 @@ class Simulation:
         self._stale_loads = False
         loads = self._loads()
         with self._deferred:
-            self._stepper.jump(self._time, self._as_state(state), loads, self._load_rate(loads))
+            rate = load_rate(loads, self.model, self._size)
+            self._stepper.jump(self._time, self._as_state(state), loads, rate)
 
     def _pause(self) -> None:
         self._deferred.check()
@@ -389,7 +391,7 @@ class Simulation:
         if self._stale_loads:
             loads = self._loads()
             self._stale_loads = False
-            self._stepper.set_loads(loads, self._load_rate(loads))
+            self._stepper.set_loads(loads, load_rate(loads, self.model, self._size))
 
     def _as_state(self, initial: InitialState) -> State:
         orientation = initial.orientation
@@ -407,23 +409,6 @@ class Simulation:
             return None
         return self._inputs.pack()
 
-    def _load_rate(self, loads: Loads | None) -> float:
-        """
-        Rate [rad/s] at which the loads alone would move a free body by its own size, or turn it.
-
-        Infinite where the loads are too large for numbers.
-        """
-        if loads is None or not len(loads.body):
-            return 0.0
-        size = self.scene.geometry.cube_width
-        with np.errstate(over='ignore', invalid='ignore'):
-            force = np.linalg.norm(loads.force, axis=1)
-            moment = np.linalg.norm(loads.torque, axis=1)
-            moment += np.linalg.norm(loads.point, axis=1) * force
-            square = force * (self.model.inverse_mass / size) + moment * self.model.inverse_inertia
-            largest = np.bincount(loads.body, square).max()
-        return float(np.sqrt(largest)) if largest < math.inf else math.inf
-
 
 def _vector(name: str, value: Vector) -> np.ndarray:
     vector = np.array(value, dtype=float)
@@ -433,22 +418,6 @@ def _vector(name: str, value: Vector) -> np.ndarray:
 
 
 def _as_initial(snapshot: Snapshot, scene: Scene) -> InitialState:
-    return _held(
-        InitialState(
-            snapshot.position,
-            snapshot.orientation,
-            snapshot.linear_velocity.copy(),
-            snapshot.angular_velocity.copy(),
-        ),
-        scene,
-    )
-
-
-def _held(state: InitialState, scene: Scene) -> InitialState:
-    """
-    Velocities of held freedoms set to zero.
-    """
-    if scene.supports is not None:
-        state.linear_velocity[scene.supports.translation] = 0.0
-        state.angular_velocity[scene.supports.rotation] = 0.0
-    return state
+    velocity, spin = snapshot.linear_velocity.copy(), snapshot.angular_velocity.copy()
+    state = InitialState(snapshot.position, snapshot.orientation, velocity, spin)
+    return hold_still(state, scene.supports)
