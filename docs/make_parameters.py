@@ -1,13 +1,14 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
 """
-Writes docs/parameters.md from the table in icofabric_sim/schema.py; a test holds both together.
+Writes docs/parameters.md from the tables in the code; a test holds both together.
 
 python docs/make_parameters.py
 """
 
 from pathlib import Path
 
+from icofabric_sim.integrators.methods import Method, METHODS
 from icofabric_sim.schema import FAMILIES, Specification, STATIC, UNBUILT_FAMILIES
 
 _CHANGE = {'weave': 'weaves anew', 'live': 'at once', 'start': 'fixed at the start'}
@@ -19,6 +20,18 @@ the node, for scene files and for Python. *Change* says what a change at run tim
 *Not built yet*: accepted at its default only, and without effect.
 
 | parameter | default | unit | allowed | change | meaning |
+|---|---|---|---|---|---|
+"""
+
+
+_METHODS = """
+## Methods
+
+What `solver.method` can be, from `icofabric_sim.METHODS`. `auto` picks one of the symplectic ones
+for each scene, and `icofabric info` says which and why. *Evaluations* of all forces for each step;
+*stable*: the longest stable step times the largest frequency of the fabric.
+
+| method | order | symplectic | evaluations | stable | source |
 |---|---|---|---|---|---|
 """
 
@@ -42,6 +55,11 @@ def row(name: str, entry: Specification) -> str:
             f'{_CHANGE[entry.change]} | {entry.description} |\n')
 
 
+def method_row(name: str, method: Method) -> str:
+    return (f'| `{name}` | {method.order} | {"yes" if method.symplectic else "no"} | '
+            f'{method.stages} | {method.stability:g} | {method.source} |\n')
+
+
 def text() -> str:
     parts = [_HEAD]
     parts += [row(entry.name, entry) for entry in STATIC]
@@ -50,6 +68,8 @@ def text() -> str:
                   for field in fields]
     parts.append('\nNAME: a letter, then letters, digits, single underscores. Not built yet: '
                  + ', '.join(f'`{family}.*`' for family in UNBUILT_FAMILIES) + '.\n')
+    parts.append(_METHODS)
+    parts += [method_row(name, method) for name, method in METHODS.items()]
     return ''.join(parts)
 
 

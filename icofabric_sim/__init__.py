@@ -12,6 +12,7 @@ from importlib import import_module
 from typing import Any, TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from icofabric_sim.growth import Growth, measure_growth
     from icofabric_sim.integrators.methods import METHODS
     from icofabric_sim.parameters import ParameterError
     from icofabric_sim.scene import load_scene, Scene
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 __version__ = '0.1.0'
 
 _HOMES = {
+    'Growth': 'growth',
     'METHODS': 'integrators.methods',
     'ParameterError': 'parameters',
     'Scene': 'scene',
@@ -31,9 +33,11 @@ _HOMES = {
     'Snapshot': 'snapshot',
     'compile_scene': 'simulation',
     'load_scene': 'scene',
+    'measure_growth': 'growth',
 }
 
 __all__ = [
+    'Growth',
     'METHODS',
     'ParameterError',
     'Scene',
@@ -43,6 +47,7 @@ __all__ = [
     'Snapshot',
     'compile_scene',
     'load_scene',
+    'measure_growth',
 ]
 
 

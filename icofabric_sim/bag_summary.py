@@ -6,12 +6,13 @@ A recorded run in words.
 
 from dataclasses import dataclass
 import json
+import math
 from pathlib import Path
 
 from icofabric_sim.bag import BagTopic
 from icofabric_sim.recorded_run import PoseFrame, RecordedInput, RecordedRun
 from icofabric_sim.scene import Scene
-from icofabric_sim.scene_summary import as_lines, Row, vector
+from icofabric_sim.scene_summary import as_lines, Row, times, vector
 from icofabric_sim.schedule import seconds
 import numpy as np
 
@@ -129,12 +130,48 @@ class BagSummary:
             return [('recorded by', 'unknown: the bag holds nothing of this simulator')]
         rows = [('recorded by', f'icofabric_sim {custom.get("version", "?")}')]
         if 'method' in custom:
-            rows.append(('method', f'{custom["method"]}, first step {custom.get("step", "?")} s'))
+            reason = f': {custom["method_reason"]}' if 'method_reason' in custom else ''
+            rows.append((
+                'method', f'{custom["method"]}, first step {custom.get("step", "?")} s{reason}'))
+        rows += self._accuracy()
         if 'processor' in custom:
             rows.append((
                 'machine', f'{custom["processor"]}, Python {custom.get("python", "?")}'
-                f'{_versions(custom.get("libraries", ""))}'))
+                f'{_versions(custom.get("libraries", ""))}{_threads(custom)}'))
         return rows
+
+    def _accuracy(self) -> list[Row]:
+        """
+        What was achieved; bags that were killed, and those of older versions, do not tell it.
+        """
+        rows: list[Row] = []
+        if 'tolerance' in self.custom:
+            text = f'solver.tolerance is {self.number("tolerance"):g} per second'
+            estimate, rate = self.number('error_estimate'), self.number('error_rate')
+            rows.append(('accuracy', f'not measured; {text}' if math.isnan(estimate) else (
+                f'errors of {estimate:.2g} added in all, lately {rate:.2g} per second (position '
+                f'over a, or rad); {text}')))
+        if 'growth' in self.custom:
+            at_least = self.custom.get('growth_is_at_least') == 'true'
+            until = self.number('meaningful_until')
+            rows.append((
+                'growth', f'a small disturbance grew {times(self.number("growth"), at_least)}; '
+                'the trajectory means something ' + (
+                    'to its end' if until == math.inf else f'until t = {until:.4g} s')))
+        if 'balance_worst' in self.custom:
+            rows.append((
+                'balance', f'energy off by at most {self.number("balance_worst"):.1e} of the '
+                'largest seen or work done'))
+        return rows
+
+    def number(self, name: str) -> float:
+        """
+        A figure of the custom data; not a number where there is none.
+        """
+        try:
+            return float(self.custom.get(name, ''))
+        except ValueError:
+            return math.nan
 
     def _input_rows(self) -> list[Row]:
         if not self.inputs:
@@ -182,6 +219,11 @@ def summarise_bag(path: str | Path) -> BagSummary:
             first=first,
             last=last,
         )
+
+
+def _threads(custom: dict[str, str]) -> str:
+    count = custom.get('threads', '')
+    return f', {count} thread{"" if count == "1" else "s"}' if count else ''
 
 
 def _unless_none(text: str) -> str:

@@ -17,12 +17,13 @@ from icofabric_sim.simulation import Simulation
 
 # Wall time between two reports on /diagnostics [s].
 _REPORT_INTERVAL = 1.0
-_MOVING = (topics.CLOCK, topics.POSES, topics.CONNECTORS, topics.STATE)
+_MOVING = (topics.CLOCK, topics.POSES, topics.CONNECTORS, topics.STATE, topics.ENERGY)
 _RATES = {
     topics.CLOCK: 'clock_rate',
     topics.POSES: 'publish_rate',
     topics.CONNECTORS: 'marker_rate',
     topics.STATE: 'publish_rate',
+    topics.ENERGY: 'publish_rate',
 }
 
 
@@ -179,6 +180,8 @@ class Broadcast:
             return [self._outputs.poses(snapshot, now)]
         if topic is topics.STATE:
             return [self._outputs.state(snapshot)]
+        if topic is topics.ENERGY:
+            return [self._outputs.energy(snapshot)]
         return self._outputs.connectors(snapshot, now)
 
     def _receivers(self, topic: Topic, *, live_only: bool = False) -> list[Sink]:

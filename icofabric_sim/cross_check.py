@@ -11,6 +11,7 @@ from collections.abc import Callable
 import math
 from typing import NamedTuple
 
+from icofabric_sim.integrators.methods import METHODS
 from icofabric_sim.scene import Scene
 from icofabric_sim.schedule import NANOSECONDS, seconds
 from icofabric_sim.simulation import compile_scene, Simulation
@@ -20,11 +21,11 @@ import numpy as np
 DISTURBANCE = 2.0**-36
 # Beyond this difference the growth is no longer linear, and the third run says nothing more.
 LARGEST_DISTURBED = 1e-2
-# Units in the last place by which one step may round a coordinate: each body adds up the forces
-# of up to 12 connectors.
-ROUNDINGS_PER_STEP = 16.0
-# Steps between two comparisons: some of the fastest periods.
-_STEPS_BETWEEN = 64
+# Units in the last place by which one evaluation of the forces may round a coordinate: each body
+# adds up the pulls of up to 12 connectors.
+ROUNDINGS_PER_EVALUATION = 16.0
+# Evaluations of the forces between two comparisons: some of the fastest periods.
+_EVALUATIONS_BETWEEN = 64
 _LARGEST_COUNT = 4000
 
 
@@ -70,20 +71,22 @@ def cross_check(
     """
     Integrate `scene` for `duration` [s] in both formulations and compare all along.
 
-    The bound: a step rounds each coordinate by at most ROUNDINGS_PER_STEP units in the last place,
-    eps X / a for positions as large as X, eps for orientations. What was added at any step has
-    grown by now by at most the largest growth that the third run showed so far. The roundings of
-    n steps in each of two runs add up as sqrt(2 n), unless they conspire (Higham and Mary 2019,
-    SIAM J. Sci. Comput. 41, A2815).
+    The bound: an evaluation rounds each coordinate by at most ROUNDINGS_PER_EVALUATION units in
+    the last place, eps X / a for positions as large as X, eps for orientations. What was added at
+    any time has grown by now by at most the largest growth that the third run showed so far. The
+    roundings of n evaluations in each of two runs add up as sqrt(2 n), unless they conspire
+    (Higham and Mary 2019, SIAM J. Sci. Comput. 41, A2815).
     """
     quaternions = compile_scene(scene)
     cosines = compile_scene(scene, rotation='direction_cosines')
     disturbed = compile_scene(scene)
     _disturb(disturbed)
     half_edge = scene.geometry.half_edge
-    rounding = ROUNDINGS_PER_STEP * np.finfo(float).eps
+    rounding = ROUNDINGS_PER_EVALUATION * np.finfo(float).eps
     end = round(duration * NANOSECONDS)
-    count = min(math.ceil(duration / (_STEPS_BETWEEN * quaternions.step)), _LARGEST_COUNT)
+    stages = METHODS[quaternions.method_name].stages
+    between = max(_EVALUATIONS_BETWEEN // stages, 1) * quaternions.step
+    count = min(math.ceil(duration / between), _LARGEST_COUNT)
     rows: list[Comparison] = []
     growth = size = 0.0
     for number in range(1, count + 1):
@@ -103,7 +106,8 @@ def cross_check(
                               f'grown to {apart:.1e}: from there on the motion cannot be foreseen '
                               'in this precision, and no two computations agree')
         size = max(size, float(np.abs(quaternions.snapshot().position).max()) / half_edge, 1.0)
-        bound = math.sqrt(2.0 * quaternions.step_count) * rounding * size * max(growth, 1.0)
+        evaluations = stages * quaternions.step_count
+        bound = math.sqrt(2.0 * evaluations) * rounding * size * max(growth, 1.0)
         rows.append(Comparison(
             time, quaternions.step_count, position, angle, growth, bound))
     return CrossCheck(rows, '')

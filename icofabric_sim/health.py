@@ -49,6 +49,12 @@ def describe(
         'stability limit [s]': f'{status.limit:.6g}',
         'stability margin': f'{margin:.4g}',
         'steps': str(status.step_count),
+        'method': status.method,
+        'tolerance': f'{status.tolerance:g}',
+        'error per second': _error(status, 0),
+        'error estimate': _error(status, 1),
+        'energy balance error': f'{status.balance_error:.3g}',
+        'largest energy balance error': f'{status.balance_worst:.3g}',
         'bodies': str(status.body_count),
         'connectors': str(status.connector_count),
         'loads active': str(status.loads_active),
@@ -57,6 +63,12 @@ def describe(
         **faults,
     }
     return DiagnosticStatus(level, name, sentence, 'icofabric_sim', values)
+
+
+def _error(status: Status, place: int) -> str:
+    if status.errors is None:
+        return 'not measured: solver.step is given'
+    return f'{status.errors[place]:.3g}'
 
 
 class HealthReport:

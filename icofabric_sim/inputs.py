@@ -8,6 +8,7 @@ import heapq
 from typing import NamedTuple
 
 from icofabric_sim.kernels.records import Loads
+from icofabric_sim.layout import Layout
 from icofabric_sim.model import pack_loads
 from icofabric_sim.scene import Scene
 import numpy as np
@@ -130,7 +131,7 @@ class Inputs:
                 self.schedule(event.time + hold, event.key, None)
         return not event.wrench.same(before)
 
-    def pack(self) -> Loads:
+    def pack(self, layout: Layout, *, stages: int = 0) -> Loads:
         """
         Rows for the kernels: channels by name, then single bodies by number.
         """
@@ -151,7 +152,7 @@ class Inputs:
                     channel.point,
                 )
             )
-        return pack_loads(rows)
+        return pack_loads(rows, layout, stages=stages)
 
     def take(self) -> Event:
         """

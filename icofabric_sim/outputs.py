@@ -37,10 +37,16 @@ class Topic(NamedTuple):
 POSES = Topic('~/poses', PoseArrayBytes.TYPE, False, 10, True)
 CONNECTORS = Topic('~/connectors', MarkerBytes.TYPE, False, 20, True)
 STATE = Topic('~/state', Float64MultiArrayBytes.TYPE, False, 10, False)
+ENERGY = Topic('~/energy', Float64MultiArrayBytes.TYPE, False, 10, True)
 WEAVE = Topic('~/weave', StringBytes.TYPE, True, 1, True)
 CLOCK = Topic('/clock', ClockBytes.TYPE, False, 10, True)
 DIAGNOSTICS = Topic('/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', False, 10, True)
-TOPICS = (POSES, CONNECTORS, STATE, WEAVE, CLOCK, DIAGNOSTICS)
+TOPICS = (POSES, CONNECTORS, STATE, ENERGY, WEAVE, CLOCK, DIAGNOSTICS)
+
+# Label and name in a snapshot of each number in `~/energy` [J].
+ENERGIES = {
+    label: label.replace(' ', '_') for label in (
+        'kinetic', 'connectors', 'gravity', 'contact', 'work in', 'dissipated', 'balance error')}
 
 
 class StrainClass(NamedTuple):
@@ -77,6 +83,7 @@ class Outputs:
         self.frame_id = scene.parameters['frame_id']
         self._poses: PoseArrayBytes | None = None
         self._state: Float64MultiArrayBytes | None = None
+        self._energy = Float64MultiArrayBytes((', '.join(ENERGIES),), (len(ENERGIES),))
         self._lines: list[MarkerBytes] = []
         self._shown: set[int] = set()
         self._clock = ClockBytes()
@@ -111,6 +118,13 @@ class Outputs:
             out=self._state.values,
         )
         return self._state.to_bytes()
+
+    def energy(self, snapshot: Snapshot) -> bytes:
+        """
+        `~/energy`: the energies [J] that its label names.
+        """
+        self._energy.values[:] = [snapshot.energy[name] for name in ENERGIES.values()]
+        return self._energy.to_bytes()
 
     def connectors(self, snapshot: Snapshot, nanoseconds: int) -> list[bytes]:
         """

@@ -9,6 +9,7 @@ Until contact is built this is a warning, once.
 import logging
 from typing import NamedTuple
 
+from icofabric_sim.layout import Layout
 import numpy as np
 from scipy.spatial import cKDTree
 
@@ -47,26 +48,26 @@ class ProximityWatch:
     two looks at it has room.
     """
 
-    def __init__(self, limit: float) -> None:
+    def __init__(self, limit: float, layout: Layout) -> None:
         """
         Watch for centres closer than `limit` [m].
         """
         self.limit = limit
         self.reach = 0.0
-        self.reference: np.ndarray = np.zeros((0, 3))
+        self.reference = np.zeros((3, layout.slot_count))
+        self._layout = layout
         self.found: Proximity | None = None
         self._announced = False
 
     def look(self, time: float, position: np.ndarray) -> None:
         """
-        Find the closest pair of `position` (n, 3) at `time`, until one is too close.
+        Find the closest pair of `position` (3, s) at `time`, until one is too close.
         """
-        if self.reference.shape != position.shape:
-            self.reference = position.copy()
-        if self.found is not None or len(position) < 2:
+        np.copyto(self.reference, position)
+        if self.found is not None or self._layout.body_count < 2:
             self.reach = np.inf
             return
-        self.reference[:] = position
+        position = self._layout.gather(position)
         distance, neighbour = cKDTree(position).query(position, k=2)
         # The nearest point of a body is itself, unless centres coincide.
         own = neighbour[:, 0] == np.arange(len(position))

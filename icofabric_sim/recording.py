@@ -12,6 +12,7 @@ import platform
 from typing import Any
 
 from icofabric_sim.bag import BagError, BagRecorder, next_free_path
+from icofabric_sim.growth import Growth
 from icofabric_sim.outputs import Topic, TOPICS
 from icofabric_sim.parameter_text import dump_parameters
 from icofabric_sim.parameters import Parameters
@@ -36,6 +37,9 @@ def describe_run(
         'scene': dump_parameters(dict(in_force)),
         'version': __version__,
         'method': simulation.method_name,
+        'method_reason': simulation.method_reason,
+        'tolerance': repr(in_force['solver.tolerance']),
+        'threads': str(simulation.thread_count),
         'step': repr(simulation.step),
         'processor': host_processor(),
         'libraries': json.dumps({name: metadata.version(name) for name in _LIBRARIES}),
@@ -47,10 +51,26 @@ def summarise_run(status: Status) -> dict[str, str]:
     """
     What a bag says at its end about the run that it holds.
     """
-    return {
+    said = {
         'proximity': status.proximity or 'none',
         'failure': status.failure or 'none',
         'wrenches_dropped': str(status.dropped),
+        'balance_worst': repr(status.balance_worst),
+    }
+    if status.errors is not None:
+        said['error_rate'], said['error_estimate'] = map(repr, status.errors)
+    return said
+
+
+def summarise_growth(growth: Growth) -> dict[str, str]:
+    """
+    What a bag says of the growth of a small disturbance in its run.
+    """
+    return {
+        'growth': repr(growth.largest),
+        'growth_is_at_least': 'true' if growth.at_least else 'false',
+        'growth_ended': growth.ended or 'none',
+        'meaningful_until': repr(growth.meaningful_until),
     }
 
 

@@ -7,6 +7,7 @@ Extremes of a run, looked at on the grid of its outputs, so that they are the sa
 from typing import NamedTuple
 
 from icofabric_sim import outputs as topics
+from icofabric_sim.growth import Companion
 from icofabric_sim.outputs import Topic
 from icofabric_sim.parameters import Parameters
 from icofabric_sim.run_records import Status
@@ -44,11 +45,12 @@ class RunMonitor:
     A sink of the runner that keeps extremes instead of messages.
     """
 
-    def __init__(self, simulation: Simulation) -> None:
+    def __init__(self, simulation: Simulation, *, with_growth: bool = False) -> None:
         """
-        Look at the initial state.
+        Look at the initial state; `with_growth` has a companion run beside, see growth.py.
         """
         self._simulation = simulation
+        self.companion = Companion(simulation) if with_growth else None
         self.first = self.last = simulation.snapshot()
         self.stretch, self.compression, self.displacement = NOTHING, NOTHING, NOTHING
         self.energy_scale = 0.0
@@ -73,6 +75,8 @@ class RunMonitor:
         Look at the present state.
         """
         self.look(self._simulation.snapshot())
+        if self.companion is not None:
+            self.companion.look()
 
     def send_input(self, topic: str, type_name: str, nanoseconds: int, data: bytes) -> None:
         """
@@ -113,7 +117,7 @@ class RunMonitor:
         """
         Momenta in a state.
         """
-        model = snapshot.model
+        model = snapshot.packed.model
         mass, inertia = 1.0 / model.inverse_mass, 1.0 / model.inverse_inertia
         linear = mass * snapshot.linear_velocity
         orbital, spin = np.cross(snapshot.position, linear), inertia * snapshot.angular_velocity

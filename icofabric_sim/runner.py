@@ -23,7 +23,7 @@ from icofabric_sim.pace import Pace
 from icofabric_sim.parameters import Parameters
 from icofabric_sim.pending import PendingInputs
 from icofabric_sim.reweave import concerns_runner_only, restarts_motion, Reweaver, with_rates
-from icofabric_sim.run_records import Status, WrenchInput
+from icofabric_sim.run_records import cheap_errors, Errors, figures, Status, WrenchInput
 from icofabric_sim.schedule import NANOSECONDS, nanoseconds_not_before, seconds
 from icofabric_sim.simulation import Interrupted, Simulation, SimulationError
 from icofabric_sim.stepping import StepRequest, StepRequests
@@ -62,7 +62,7 @@ class Runner:
         self.failure = ''
         self.on_rebuilt = on_rebuilt
         self._broadcast = Broadcast(
-            sinks, simulation, None if report is None else lambda: report(self.status())
+            sinks, simulation, None if report is None else lambda: report(self._fresh_status())
         )
         self._commands: SimpleQueue[tuple[Callable[[], Any], Future[Any]]] = SimpleQueue()
         self._wake = threading.Event()
@@ -72,6 +72,7 @@ class Runner:
         self._pace = Pace(self.parameters['real_time_factor'])
         self._reweaver = Reweaver(self.post, self._swap)
         self._last_refresh = 0.0
+        self._errors: Errors | None = None
 
     # Called from any thread.
 
@@ -135,10 +136,8 @@ class Runner:
 
     def status(self) -> Status:
         """
-        Present figures; each is read on its own.
+        Present figures; each is read on its own, those of the accuracy at the last report.
         """
-        simulation = self.simulation
-        proximity = simulation.proximity
         return Status(
             time=self.now,
             paused=self.paused,
@@ -146,14 +145,9 @@ class Runner:
             failure=self.failure,
             factor=self._pace.factor(self.now),
             wanted_factor=self.parameters['real_time_factor'],
-            step=simulation.step,
-            limit=simulation.stability_limit,
-            step_count=simulation.step_count,
-            body_count=simulation.scene.body_count,
-            connector_count=simulation.scene.connector_count,
-            loads_active=len(simulation.active_loads),
             dropped=self.dropped,
-            proximity='' if proximity is None else str(proximity),
+            errors=self._errors,
+            **figures(self.simulation),
         )
 
     @property
@@ -192,6 +186,7 @@ class Runner:
             self.simulation.should_stop = None
             self._steps.end('the run has ended')
             self._pending.drop_all('the run ended before')
+            self._fresh_status()
         self._broadcast.report(self.now, at_once=True)
 
     def _turn(self, until_finished: bool) -> bool:
@@ -323,7 +318,7 @@ class Runner:
     def _reset(self) -> int:
         self._steps.end('ended by a reset')
         self._pending.drop_all('a reset came before')
-        ended = self.status()
+        ended = self._fresh_status()
         if self.parameters['reset_time']:
             self.simulation.reset_time()
             self.now = 0
@@ -375,6 +370,10 @@ class Runner:
         _LOGGER.info('the changed fabric is in place at t = %.9g s: %d bodies, step %.3g s',
                      seconds(self.now), simulation.scene.body_count, simulation.step)
         self.on_rebuilt(parameters, '')
+
+    def _fresh_status(self) -> Status:
+        self._errors = cheap_errors(self.simulation)
+        return self.status()
 
     def _end(self) -> int:
         duration = self.parameters['duration']

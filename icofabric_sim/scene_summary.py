@@ -31,6 +31,15 @@ def vector(values: Sequence[float] | np.ndarray, unit: str) -> str:
     return f'[{", ".join(f"{value:.6g}" for value in values)}] {unit}'
 
 
+def times(growth: float, at_least: bool = False) -> str:
+    """
+    A growth in words.
+    """
+    if growth == math.inf:
+        return 'more than 1e308 times'
+    return f'{"at least " if at_least else ""}{growth:.3g} times'
+
+
 def describe_scene(scene: Scene) -> list[Row]:
     """
     Label and text of all that a scene says before it is compiled.

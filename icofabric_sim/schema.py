@@ -242,19 +242,40 @@ STATIC: tuple[Specification, ...] = (
         'solver.method',
         'auto',
         '',
-        'integration method',
-        choices=('auto', 'leapfrog', 'srkn4', 'srkn6'),
+        'integration method; auto: the one with the least work for the tolerance in this scene',
+        choices=('auto', 'leapfrog', 'srkn4', 'srkn6', 'srkn8', 'dop8'),
     ),
-    _s('solver.tolerance', 1e-6, '1/s', 'wanted accuracy', **_NOT_BUILT),
+    _s(
+        'solver.tolerance',
+        1e-6,
+        '1/s',
+        'error that the method may add for each second of simulated time: position over a, '
+        'orientation in rad, the larger',
+        **_positive(),
+    ),
     _s(
         'solver.step',
         0.0,
         's',
-        'fixed step; 0: chosen from the largest frequency of the fabric',
+        'fixed step, for which the tolerance is reported only; 0: chosen, as long as stability '
+        'and tolerance allow',
         minimum=0.0,
     ),
-    _s('solver.energy_limit', 0.01, '', 'relative balance error that stops a run', **_NOT_BUILT),
-    _s('solver.threads', 0, '', 'threads; 0: all cores', **_NOT_BUILT),
+    _s(
+        'solver.energy_limit',
+        0.01,
+        '',
+        'error of the energy balance, in parts of the largest energy seen or work done, that '
+        'stops a run',
+        **_positive(),
+    ),
+    _s(
+        'solver.threads',
+        0,
+        '',
+        'threads, at most one for each core; 0: as many as pay; the result does not depend on it',
+        minimum=0,
+    ),
     _s(
         'real_time_factor',
         1.0,

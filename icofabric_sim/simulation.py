@@ -7,18 +7,24 @@ A compiled scene that advances in time.
 from collections.abc import Callable, Sequence
 import math
 import operator
+from typing import NamedTuple
 
+from icofabric_sim.adaptive_stepper import AdaptiveStepper
+from icofabric_sim.crew import Crew
+from icofabric_sim.faults import too_fast
 from icofabric_sim.icosahedron import inscribed_radius
 from icofabric_sim.initial import hold_still, InitialState
 from icofabric_sim.inputs import Inputs, Key, Wrench
-from icofabric_sim.integrators.methods import AUTOMATIC, METHODS
+from icofabric_sim.integrators.automatic import choose_method
+from icofabric_sim.integrators.methods import METHODS
 from icofabric_sim.interrupts import DeferredInterrupt
-from icofabric_sim.kernels.records import Loads, State
-from icofabric_sim.model import load_rate, pack_model
+from icofabric_sim.kernels import monitor
+from icofabric_sim.kernels.records import Loads
+from icofabric_sim.model import expected_liveliness, load_rate, pack_scene
 from icofabric_sim.proximity import Proximity, ProximityWatch
-from icofabric_sim.rotation_forms import cosines_from_quaternions, quaternions_from_cosines
 from icofabric_sim.scene import Scene
 from icofabric_sim.snapshot import Snapshot
+from icofabric_sim.stability import largest_frequency
 from icofabric_sim.stepper import SimulationError, Stepper
 import numpy as np
 
@@ -39,6 +45,18 @@ def compile_scene(
     Raises ValueError where `solver.step` is beyond the stability limit.
     """
     return Simulation(scene, rotation=rotation, body_wrenches=body_wrenches)
+
+
+class EnergyBalance(NamedTuple):
+    """
+    All energy less the work done, compared with what it was at the start.
+    """
+
+    error: float  # [J], when looked at last
+    scale: float  # [J], largest energy seen or work done
+    worst: float  # largest error so far, in parts of the scale
+    work: float  # [J] done by loads
+    limit: float  # part of the scale that stops a run
 
 
 class Interrupted(Exception):
@@ -63,10 +81,7 @@ class Simulation:
                 f"rotation must be 'quaternion' or 'direction_cosines', got {rotation!r}"
             )
         self.scene = scene
-        self.model = pack_model(scene)
-        name = scene.parameters['solver.method']
-        self.method_name = AUTOMATIC if name == 'auto' else name
-        self._rotation = rotation
+        self.packed = pack_scene(scene, cosines=rotation == 'direction_cosines')
         self._body_wrenches = body_wrenches
         self._time = 0.0
         self._inputs = Inputs(scene)
@@ -77,17 +92,38 @@ class Simulation:
         self.should_stop: Callable[[], bool] | None = None
         watch = None
         if scene.parameters['contact.mode'] != 'never':
-            watch = ProximityWatch(2.0 * inscribed_radius(scene.geometry.half_edge))
+            watch = ProximityWatch(
+                2.0 * inscribed_radius(scene.geometry.half_edge), self.packed.layout)
         loads = self._loads()
+        state = self.packed.layout.pack(scene.initial)
+        frequency = largest_frequency(self.packed, state)
+        if not frequency.rate < math.inf:
+            raise ValueError(f'this scene cannot start: {too_fast(self._time)}')
+        # Name of the method in METHODS, and why it was chosen.
+        self.method_name = scene.parameters['solver.method']
+        self.method_reason = 'given as solver.method'
+        if self.method_name == 'auto':
+            fixed = scene.parameters['solver.step']
+            self.method_name, self.method_reason = choose_method(
+                scene.parameters['solver.tolerance'],
+                expected_liveliness(scene, self.packed.model, loads, frequency.rate),
+                fixed_ratio=fixed * frequency.rate if fixed > 0.0 else None)
         try:
-            self._stepper = Stepper(
-                self.model,
-                METHODS[self.method_name],
-                self._as_state(scene.initial),
+            method = METHODS[self.method_name]
+            adaptive = method.adaptive and not scene.parameters['solver.step'] > 0.0
+            self._stepper = (AdaptiveStepper if adaptive else Stepper)(
+                self.packed,
+                method,
+                state,
                 loads,
+                frequency,
                 origin=self._time,
                 fixed_step=scene.parameters['solver.step'],
-                load_rate=load_rate(loads, self.model, self._size),
+                tolerance=scene.parameters['solver.tolerance'],
+                energy_limit=scene.parameters['solver.energy_limit'],
+                load_rate=self._load_rate(loads),
+                half_edge=scene.geometry.half_edge,
+                crew=Crew(scene.parameters['solver.threads'], scene.body_count),
                 watch=watch,
                 on_pause=self._pause,
             )
@@ -129,6 +165,36 @@ class Simulation:
         Longest stable step [s] in that configuration.
         """
         return self._stepper.limit
+
+    @property
+    def error_rate(self) -> float:
+        """
+        Error that the method adds for each second, measured last: position over a, or rad.
+        """
+        return self._stepper.error_rate()
+
+    @property
+    def error_estimate(self) -> float:
+        """
+        Errors added since the start, as if none of them had grown: position over a, or rad.
+        """
+        return self._stepper.error_estimate()
+
+    @property
+    def balance(self) -> EnergyBalance:
+        """
+        How well the energy balanced when it was looked at.
+        """
+        ledger = self._stepper.ledger
+        return EnergyBalance(*(float(ledger[place]) for place in (
+            monitor.ERROR, monitor.SCALE, monitor.WORST, monitor.WORK, monitor.LIMIT)))
+
+    @property
+    def thread_count(self) -> int:
+        """
+        Threads that share a step.
+        """
+        return self._stepper.crew.size
 
     @property
     def proximity(self) -> Proximity | None:
@@ -185,14 +251,13 @@ class Simulation:
         Copy of the state at the present time.
         """
         if self._cached is None:
-            state = self._stepper.state_at(self._time)
-            orientation = state.orientation
-            if orientation.ndim == 3:
-                orientation = quaternions_from_cosines(orientation)
-            arrays = (state.position, orientation, state.linear_velocity, state.angular_velocity)
-            for array in arrays:
+            state = self.packed.layout.unpack(self._stepper.state_at(self._time))
+            for array in state:
                 array.flags.writeable = False
-            self._cached = Snapshot(self._time, *arrays, self.scene.connector_count, self.model)
+            self._cached = Snapshot(
+                self._time, *state, self.scene.connector_count, self.packed,
+                {'work_in': self._stepper.work_at_state(),
+                 'start': float(self._stepper.ledger[monitor.BASE])})
         return self._cached
 
     def apply_wrench(
@@ -327,7 +392,7 @@ class Simulation:
         """
         Time [s] at which the step in progress ends, unless an input ends it before.
         """
-        return self._stepper.time + self._stepper.step
+        return self._stepper.next_step_time
 
     def _apply(self, key: Key, force: Vector, torque: Vector, time: float | None) -> float:
         wrench = Wrench(
@@ -359,6 +424,11 @@ class Simulation:
         try:
             self._settle_loads_before(time)
             self._stepper.advance(time)
+        except SimulationError:
+            # The last good state may be older than what was seen of the run.
+            self._time = self._stepper.time
+            self._cached = None
+            raise
         except BaseException:
             self._time = max(self._time, self._stepper.time)
             self._cached = None
@@ -372,8 +442,8 @@ class Simulation:
         self._stale_loads = False
         loads = self._loads()
         with self._deferred:
-            rate = load_rate(loads, self.model, self._size)
-            self._stepper.jump(self._time, self._as_state(state), loads, rate)
+            self._stepper.jump(
+                self._time, self.packed.layout.pack(state), loads, self._load_rate(loads))
 
     def _pause(self) -> None:
         self._deferred.check()
@@ -391,23 +461,17 @@ class Simulation:
         if self._stale_loads:
             loads = self._loads()
             self._stale_loads = False
-            self._stepper.set_loads(loads, load_rate(loads, self.model, self._size))
+            self._stepper.set_loads(loads, self._load_rate(loads))
 
-    def _as_state(self, initial: InitialState) -> State:
-        orientation = initial.orientation
-        if self._rotation == 'direction_cosines':
-            orientation = cosines_from_quaternions(orientation)
-        return State(
-            initial.position.copy(),
-            orientation.copy(),
-            initial.linear_velocity.copy(),
-            initial.angular_velocity.copy(),
-        )
+    def _load_rate(self, loads: Loads | None) -> float:
+        return load_rate(loads, self.packed.model, self._size)
 
     def _loads(self) -> Loads | None:
         if not (self.scene.loads or self._body_wrenches):
             return None
-        return self._inputs.pack()
+        name = self.scene.parameters['solver.method']
+        symplectic = name == 'auto' or METHODS[name].symplectic
+        return self._inputs.pack(self.packed.layout, stages=0 if symplectic else 16)
 
 
 def _vector(name: str, value: Vector) -> np.ndarray:

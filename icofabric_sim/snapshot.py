@@ -4,12 +4,13 @@
 Snapshots: immutable copies of the state at the time that was asked for.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
 from icofabric_sim.kernels.connectors import connector_ends
-from icofabric_sim.kernels.records import Model
 from icofabric_sim.kernels.rotations import fill_arms
+from icofabric_sim.model import PackedScene
 import numpy as np
 
 
@@ -25,7 +26,8 @@ class Snapshot:
     linear_velocity: np.ndarray  # (n, 3) [m/s]
     angular_velocity: np.ndarray  # (n, 3) [rad/s]
     connector_count: int
-    model: Model
+    packed: PackedScene
+    ledger: Mapping[str, float]  # [J] work in, and energy less work at the start
 
     @cached_property
     def intact(self) -> np.ndarray:
@@ -46,7 +48,7 @@ class Snapshot:
         """
         World positions [m] of the ends of every connector, (c, 2, 3).
         """
-        connectors = self.model.connectors
+        connectors = self.packed.connectors
         if connectors is None:
             return np.zeros((0, 2, 3))
         arms = np.empty((len(self.position), 3, 3))
@@ -66,20 +68,27 @@ class Snapshot:
     @cached_property
     def energy(self) -> dict[str, float]:
         """
-        Energies [J]: kinetic, connectors, gravity (zero at the origin), and their sum.
+        Energies [J]: kinetic, connectors, gravity (zero at the origin), contact; and their sum.
+
+        Beside them `work_in` by loads, what is `dissipated`, and the `balance_error`: the sum,
+        less the work done, beside what it was at the start.
         """
-        mass, inertia = 1.0 / self.model.inverse_mass, 1.0 / self.model.inverse_inertia
+        model = self.packed.model
+        mass, inertia = 1.0 / model.inverse_mass, 1.0 / model.inverse_inertia
         energy = {
             'kinetic': 0.5 * mass * float((self.linear_velocity**2).sum())
             + 0.5 * inertia * float((self.angular_velocity**2).sum()),
             'connectors': 0.0,
             'gravity': 0.0,
+            'contact': 0.0,
         }
-        connectors = self.model.connectors
+        connectors = self.packed.connectors
         if connectors is not None:
             stretch = self.connector_length - connectors.natural_length
             energy['connectors'] = 0.5 * connectors.stiffness * float((stretch**2).sum())
-        if self.model.gravity is not None:
-            energy['gravity'] = -mass * float((self.position @ self.model.gravity).sum())
+        if model.gravity is not None:
+            energy['gravity'] = -mass * float((self.position @ model.gravity).sum())
         energy['total'] = sum(energy.values())
+        energy['work_in'], energy['dissipated'] = self.ledger['work_in'], 0.0
+        energy['balance_error'] = energy['total'] - self.ledger['work_in'] - self.ledger['start']
         return energy

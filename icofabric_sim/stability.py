@@ -4,28 +4,31 @@
 The largest frequency of a fabric in a configuration: the step of an explicit method follows it.
 """
 
-from collections.abc import Callable
 import math
 from typing import NamedTuple
 
-from icofabric_sim.kernels.hessian import hessian_product
+from icofabric_sim.kernels.flows import place_all
+from icofabric_sim.kernels.hessian import hessian_times, lanczos_steps
 from icofabric_sim.kernels.monitor import frequency_bound
-from icofabric_sim.kernels.records import Model
-from icofabric_sim.kernels.rotations import fill_arms
+from icofabric_sim.kernels.records import State
+from icofabric_sim.layout import aligned_empty
+from icofabric_sim.model import PackedScene
 import numpy as np
 from scipy.linalg import eigh_tridiagonal
-
-Operator = Callable[[np.ndarray], np.ndarray]
 
 # Relative accuracy of the squared frequency at which the Lanczos iteration stops. A slightly
 # larger one that the start hardly contains may hide within the residual: at 1e-3 the frequency
 # came out up to 0.6 % low in turned fabrics, at 1e-4 at most 0.01 %. The top of the spectrum of a
-# large fabric is dense and takes hundreds of iterations to resolve: 30 s at 100,000 bodies, where
-# 0.6 s give it at most 1.5 % too high.
+# large fabric is dense and takes hundreds of iterations to resolve, where a few give it at most
+# 1.5 % too high.
 ACCURACY = 1e-4
 _LARGE_ACCURACY = 0.03
 _SMALL = 2_000  # bodies
 LARGEST_ITERATION_COUNT = 300
+# Iterations between two looks at what has converged: a look costs as much as several iterations
+# of a small fabric, and a large one needs few.
+_ITERATIONS = 8
+_LARGE_ITERATIONS = 2
 
 
 class Frequency(NamedTuple):
@@ -39,114 +42,102 @@ class Frequency(NamedTuple):
 
 
 def largest_frequency(
-    model: Model, position: np.ndarray, orientation: np.ndarray, *, locate: bool = False
+    packed: PackedScene, state: State, *, locate: bool = False
 ) -> Frequency:
     """
     Largest frequency [rad/s] of small motions about a configuration, supports respected.
 
     The largest eigenvalue of M^-1/2 H M^-1/2 by the Lanczos iteration with a fixed start, H the
-    Hessian of the connector energy (kernels/hessian.py), M the masses and inertias. `locate`
-    also finds the bodies.
+    Hessian of the connector energy (kernels/hessian.py), M the masses and inertias. From
+    three-term recurrences: two vectors are kept, not a basis. The Ritz value approaches from
+    below, and an eigenvalue lies within the residual of it; the nearer of that and of the proved
+    bound is returned once they agree. `locate` also finds the bodies.
     """
-    if model.connectors is None or not model.connectors.stiffness > 0.0:
+    model, layout = packed.model, packed.layout
+    if model.links is None or not model.links.stiffness > 0.0:
         return Frequency(0.0, (), 0)
-    count = len(position)
-    arms = np.empty((count, 3, 3))
-    fill_arms(orientation, model.connectors.half_width, arms)
-    if model.supports is None:
-        scale = np.repeat([[model.inverse_mass] * 3 + [model.inverse_inertia] * 3], count, axis=0)
-    else:
-        scale = np.hstack(
-            [
-                model.supports.inverse_mass,
-                np.repeat(model.supports.inverse_inertia[:, None], 3, axis=1),
-            ]
-        )
-    scale = np.ascontiguousarray(np.sqrt(scale).T.reshape(2, 3, count).transpose(0, 2, 1))
-    force, torque = np.empty((count, 3)), np.empty((count, 3))
-
-    def apply(vector: np.ndarray) -> np.ndarray:
-        motion = scale * vector.reshape(2, count, 3)
-        hessian_product(model.connectors, position, arms, motion[0], motion[1], force, torque)
-        return (scale * np.stack([force, torque])).ravel()
-
-    # Noise has a part of every mode and no symmetry that could hide one.
-    start = np.random.RandomState(1).standard_normal(6 * count)
-    start *= scale.ravel() > 0.0
-    if not start.any():
+    count = layout.body_count
+    start = start_vector(packed)
+    if start is None:
         return Frequency(0.0, (), 0)
-    inverses = model.inverse_mass, model.inverse_inertia
-    upper, _ = frequency_bound(model.connectors, model.adjacency, *inverses, position, arms)
+    work = layout.room(model.links)
+    place_all(model, state, work, 0, len(layout.blocks.slot))
+    upper = frequency_bound(model, work)
+    if not math.isfinite(upper):
+        # Numbers too large to multiply: nothing is safe.
+        return Frequency(math.inf, (), 0)
     accuracy = ACCURACY if count <= _SMALL else _LARGE_ACCURACY
-    with np.errstate(over='ignore', invalid='ignore'):
-        value, weights, iterations = _lanczos(apply, start, upper, accuracy)
+    every = _ITERATIONS if count <= _SMALL else _LARGE_ITERATIONS
+    # Slots without a body are read too: they must hold numbers.
+    moved, product = np.zeros_like(work.points), work.acceleration
+    current: np.ndarray | None = start
+    previous = np.zeros_like(start)
+    largest = min(LARGEST_ITERATION_COUNT, 6 * count)
+    diagonal, off = np.zeros(largest), np.zeros(largest)
+    value, weights, done = 0.0, np.ones(1), 0
+    while done < largest:
+        last = min(done + every, largest)
+        lanczos_steps(
+            model, work.points, moved, previous, current, product, diagonal, off, done, last, None,
+            weights)
+        done = last
+        ended = np.flatnonzero(~(off[:done] > 0.0))
+        size = int(ended[0]) + 1 if len(ended) else done
+        if not np.isfinite(diagonal[:size]).all():
+            return Frequency(math.inf, (), done)
+        values, vectors = eigh_tridiagonal(
+            diagonal[:size], off[:size - 1], select='i', select_range=(size - 1, size - 1))
+        ritz, weights = float(values[0]), vectors[:, 0]
+        value = min(ritz + off[size - 1] * abs(float(weights[-1])), max(upper, ritz))
+        if value - ritz <= accuracy * abs(ritz) or len(ended):
+            break
     bodies: tuple[int, ...] = ()
     if locate:
-        shape = _combine(apply, start, weights).reshape(2, count, 3)
-        share = (shape**2).sum(axis=(0, 2))
+        shape = np.zeros_like(current)
+        current, previous = start_vector(packed), np.zeros_like(previous)
+        assert current is not None
+        lanczos_steps(
+            model, work.points, moved, previous, current, product, diagonal, off, 0, len(weights),
+            shape, weights)
+        share = layout.gather(shape**2).sum(axis=1)
         bodies = tuple(int(b) for b in np.argsort(-share, kind='stable')[:4] if share[b] > 0.0)
-    return Frequency(float(np.sqrt(max(value, 0.0))), bodies, iterations)
+    return Frequency(float(np.sqrt(max(value, 0.0))), bodies, done)
 
 
-def _lanczos(
-    apply: Operator, start: np.ndarray, upper: float, accuracy: float
-) -> tuple[float, np.ndarray, int]:
+def hessian_product(
+    packed: PackedScene, state: State, shift: np.ndarray, turn: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """
-    Largest eigenvalue of the symmetric `apply`, at most `upper`, and its weights in the basis.
+    Second derivative of the connector energy along displacements and rotation vectors (n, 3).
 
-    From three-term recurrences: two vectors are kept, not a basis. The Ritz value approaches from
-    below, and an eigenvalue lies within the residual of it; the nearer of that and of `upper` is
-    returned once they agree to the relative `accuracy`.
+    Returns forces [N] and torques [N m], (n, 3); supports do not count.
     """
-    diagonal: list[float] = []
-    off: list[float] = []
-    previous, current = np.zeros_like(start), start / _norm(start)
-    beta = 0.0
-    value, weights = 0.0, np.ones(1)
-    for iteration in range(1, min(LARGEST_ITERATION_COUNT, len(start)) + 1):
-        product = apply(current)
-        alpha = _dot(current, product)
-        product -= alpha * current + beta * previous
-        diagonal.append(alpha)
-        beta = _norm(product)
-        if not math.isfinite(beta):
-            # Numbers too large to multiply: nothing is safe.
-            return math.inf, np.ones(iteration), iteration
-        values, vectors = eigh_tridiagonal(
-            diagonal, off, select='i', select_range=(iteration - 1, iteration - 1)
-        )
-        ritz, weights = float(values[0]), vectors[:, 0]
-        value = min(ritz + beta * abs(float(weights[-1])), max(upper, ritz))
-        if value - ritz <= accuracy * abs(ritz):
-            return value, weights, iteration
-        off.append(beta)
-        previous, current = current, product / beta
-    return value, weights, iteration
+    model, layout = packed.model, packed.layout
+    work = layout.room(model.links)
+    place_all(model, state, work, 0, len(layout.blocks.slot))
+    vector = layout.spread(np.hstack([shift, turn]))
+    product = np.zeros_like(vector)
+    hessian_times(
+        model, work.points, np.zeros_like(work.points), 1.0, 1.0, None, vector, product)
+    result = layout.gather(product)
+    return result[:, :3], result[:, 3:]
 
 
-def _combine(apply: Operator, start: np.ndarray, weights: np.ndarray) -> np.ndarray:
+def start_vector(packed: PackedScene) -> np.ndarray | None:
     """
-    Run the recurrences of `_lanczos` again and sum up the eigenvector.
+    Unit vector to start from, (6, s), without held freedoms; None where all are held.
+
+    Noise has a part of every mode and no symmetry that could hide one.
     """
-    previous, current = np.zeros_like(start), start / _norm(start)
-    beta = 0.0
-    total = np.zeros_like(start)
-    for k, weight in enumerate(weights):
-        total += weight * current
-        if k + 1 < len(weights):
-            product = apply(current)
-            product -= _dot(current, product) * current + beta * previous
-            beta = _norm(product)
-            previous, current = current, product / beta
-    return total
-
-
-def _dot(left: np.ndarray, right: np.ndarray) -> float:
-    """
-    Scalar product by NumPy's pairwise sum: unlike BLAS, the same bits for any number of threads.
-    """
-    return float(np.sum(left * right))
-
-
-def _norm(vector: np.ndarray) -> float:
-    return float(np.sqrt(_dot(vector, vector)))
+    layout, supports = packed.layout, packed.model.supports
+    start = aligned_empty((6, layout.slot_count))
+    start[:] = 0.0
+    start[:, layout.slot] = np.random.RandomState(1).standard_normal((6, layout.body_count))
+    if supports is not None:
+        start[:3] *= supports.inverse_mass > 0.0
+        start[3:] *= supports.inverse_inertia > 0.0
+    size = float(np.sqrt((start * start).sum()))
+    if not size > 0.0:
+        return None
+    start /= size
+    return start

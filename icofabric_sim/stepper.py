@@ -4,49 +4,53 @@
 The main line of steps: which steps are taken, and what is looked at between them.
 
 Steps end at origin + k h. Only inputs cut a step short; a state between two steps comes from a
-side step on a copy, so outputs never touch the sequence. The step is chosen from the largest
-frequency of the fabric in its present configuration, which is watched as the fabric stretches and
-turns.
+side step on a copy, so outputs never touch the sequence. How long the steps are, `step_choice.py`
+says.
 """
 
 from collections.abc import Callable
 import logging
 import math
 
+from icofabric_sim.crew import Crew
+from icofabric_sim.faults import find_fault, too_fast
 from icofabric_sim.integrators.methods import Method
-from icofabric_sim.kernels.monitor import examine, MOVED_FAR, NOT_FINITE, RATE_HIGH, RATE_LOW
-from icofabric_sim.kernels.records import Loads, Model, State, Work
-from icofabric_sim.kernels.wrenches import compute_wrenches
+from icofabric_sim.kernels import monitor
+from icofabric_sim.kernels.flows import keep_accelerations, place_all
+from icofabric_sim.kernels.lanes import LANES
+from icofabric_sim.kernels.records import Loads, State, Watch, Work
+from icofabric_sim.layout import aligned_empty
+from icofabric_sim.model import PackedScene
 from icofabric_sim.proximity import ProximityWatch
 from icofabric_sim.stability import Frequency, largest_frequency
+from icofabric_sim.step_choice import Accuracy, checked_step, LONGEST, rounded_down, SHORTEST
 import numpy as np
 
 _LOGGER = logging.getLogger('icofabric_sim')
 
-# Work between two looks at the state, in evaluations of the wrenches; a look costs about four, so
-# 6 % in all.
+# Work between two looks at the state, in evaluations of the forces; a look costs about as much as
+# one and a half.
 CHECK_INTERVAL = 64
 # A fixed step near the limit is looked at more often, at most every so many steps.
 SHORTEST_INTERVAL = 8
-# Step times frequency, in parts of what the method chooses: too long (shorten it), too short
-# (lengthen it). The leapfrog chooses 0.2, where the phase of the fastest motion is wrong by
-# 0.2^2 / 24 = 0.17 %; slower motions are better by the square of the ratio.
-LONGEST, SHORTEST = 1.25, 0.4
-# Work for one compiled call, in bodies and connectors: 25 to 50 ms, so that an interrupt is soon
+# Where the cheap bound does not prove a fixed step safe, the exact frequency is computed every so
+# many looks: the bound may be three times as high, its own growth says nothing.
+EXACT_LOOKS = 1
+# Work for one compiled call, in bodies and connectors: 10 to 50 ms, so that an interrupt is soon
 # heard.
-_CALL_WORK = 1_500_000
+_CALL_WORK = 8_000_000
 # Where nothing sets a scale (no connectors, no gravity, no loads, no spin) every step is exact.
-_FREE_STEP = 2.0**-7
+FREE_STEP = 2.0**-7
+NEVER = 2**62
+# Energies below this part of those of stretching all connectors to twice their length, or of
+# lifting all bodies by the size of the fabric, are rounding.
+_REST = 1e-12
 
 
 class SimulationError(RuntimeError):
     """
-    The run cannot go on; time, bodies and reason are in the message, the last state is kept.
+    The run cannot go on; time, bodies and reason are in the message, the last good state is kept.
     """
-
-
-# A fixed step below this part of the limit (or of a second) would never come to an end.
-_SHORTEST_FIXED = 1e-9
 
 
 class Stepper:
@@ -56,51 +60,58 @@ class Stepper:
 
     def __init__(
         self,
-        model: Model,
+        packed: PackedScene,
         method: Method,
         state: State,
         loads: Loads | None,
+        frequency: Frequency,
         *,
         origin: float,
         fixed_step: float,
+        tolerance: float,
+        energy_limit: float,
         load_rate: float,
+        half_edge: float,
+        crew: Crew,
         watch: ProximityWatch | None,
         on_pause: Callable[[], None] = lambda: None,
     ) -> None:
         """
-        Start at time `origin` [s]; `fixed_step` 0 chooses the step.
+        Start at time `origin` [s] with the `frequency` of the state; `fixed_step` 0: chosen.
 
         `on_pause` is called between two compiled calls, at a step end; what it raises ends the
         advance there. Raises ValueError where a fixed step is too long or far too short.
         """
-        self._on_pause = on_pause
-        count = len(state.position)
-        self.model, self.method, self.state, self.loads = model, method, state, loads
-        self.work = Work(np.zeros((count, 3)), np.zeros((count, 3)), np.zeros((count, 3, 3)))
+        self._on_pause, self.crew = on_pause, crew
+        self.packed, self.model, self.method = packed, packed.model, method
+        self.state, self.loads = state, loads
+        self.work = packed.layout.room(
+            packed.model.links, None if method.symplectic else state)
+        self.half_edge = half_edge
         self.origin, self.index = origin, 0
         self.step = fixed_step
         self.fixed = fixed_step > 0.0
         self.watch = watch
         self.step_count = 0
         self.load_rate = load_rate
-        self.frequency = Frequency(0.0, (), 0)
+        self.frequency = frequency
+        self.accuracy = Accuracy(self, tolerance, half_edge)
+        self.ledger = np.zeros(monitor.LEDGER_COUNT)
+        self.ledger[monitor.LIMIT] = energy_limit
+        self._saved = packed.layout.like(state)
+        self._saved_time = origin
+        self._side: tuple[State, np.ndarray] | None = None
         self._since_check = 0
-        self._interval = max(CHECK_INTERVAL // method.stages, 1)
-        self._readings = np.zeros(4)
-        self._high = self._low = 0.0
+        self.look_interval = max(CHECK_INTERVAL // method.stages, 1)
+        self._exact_looks = NEVER
+        self._present_work = 0.0
+        self._measured: tuple[int, float] | None = None
         self._failure: SimulationError | None = None
-        self._start()
-        if self.fixed and not fixed_step >= _SHORTEST_FIXED * min(self.limit, 1.0):
-            raise ValueError(
-                f'solver.step {fixed_step!r} s is too short to come to an end with: the stability '
-                f'limit is {self.limit:.6g} s; choose a longer one, or 0 to have it chosen'
-            )
-        if self.fixed and not fixed_step <= self.limit:
-            raise ValueError(
-                f'solver.step {fixed_step!r} s is beyond the stability limit '
-                f'{self.limit:.6g} s of the method in this scene (largest frequency '
-                f'{self.frequency.rate:.6g} rad/s); choose a smaller one, or 0 to have it chosen'
-            )
+        if self.fixed:
+            checked_step(fixed_step, self.limit, frequency.rate)
+        else:
+            self.accuracy.require_possible(frequency.rate)
+        self._start(exact=False)
 
     @property
     def time(self) -> float:
@@ -117,15 +128,41 @@ class Stepper:
         rate = self.frequency.rate
         return self.method.stability / rate if rate > 0.0 else math.inf
 
-    def _start(self) -> None:
+    def _start(self, *, exact: bool = True) -> None:
         """
-        Compute the wrenches, the frequency and the step anew: the state has jumped.
+        Compute the accelerations, the frequency and the step anew: the state has jumped.
         """
         self._refresh()
         if self.watch is not None:
             self.watch.look(self.time, self.state.position)
-        self._read_rates()
+        self.ledger[[monitor.EARLIER_WORK, monitor.SCALE, monitor.WORST]] = 0.0
+        self.ledger[monitor.LIVELY] = math.inf
+        self._save()
+        self._read_rates(exact=exact)
+        ledger = self.ledger
+        ledger[monitor.BASE_HEIGHT] = ledger[monitor.HEIGHT]
+        ledger[monitor.BASE] = (
+            ledger[monitor.KINETIC] + ledger[monitor.STORED] + ledger[monitor.HEIGHT]
+            - ledger[monitor.WORK])
+        ledger[monitor.SCALE] = self._smallest_scale()
+        ledger[monitor.WORST] = ledger[monitor.ERROR] = 0.0
+        monitor.balance(ledger)
+        self.accuracy.restart()
         self._choose_step()
+
+    def _smallest_scale(self) -> float:
+        """
+        Energy [J] beside which that of a fabric at rest is rounding.
+        """
+        scale, model = 0.0, self.model
+        if self.packed.connectors is not None:
+            connectors = self.packed.connectors
+            scale += connectors.stiffness * len(connectors.first) * connectors.natural_length**2
+        if model.gravity is not None:
+            extent = float(np.abs(self.state.position).max())
+            weight = float(np.linalg.norm(model.gravity)) / model.inverse_mass
+            scale += weight * extent * self.packed.layout.body_count
+        return _REST * scale
 
     def jump(self, time: float, state: State, loads: Loads | None, load_rate: float) -> None:
         """
@@ -145,15 +182,15 @@ class Stepper:
         """
         Move a stepper that has not moved yet to another start `time`.
         """
-        self.origin, self.index = time, 0
+        self.origin, self.index, self._saved_time = time, 0, time
 
     def set_loads(self, loads: Loads | None, load_rate: float) -> None:
         """
         Replace the loads at the current state.
         """
+        self._keep_work()
         self.loads = loads
         self.load_rate = load_rate
-        self._refresh()
         self._choose_step()
 
     def advance(self, time: float) -> None:
@@ -190,42 +227,105 @@ class Stepper:
         """
         self.advance(time)
         rest = time - self.time
-        try:
-            if rest > 0.0:
+        if rest > 0.0:
+            try:
                 self._call(rest, 1)
-        except SimulationError:
+            finally:
+                if self._failure is None:
+                    self.origin, self.index = time, 0
+        else:
             self.origin, self.index = time, 0
-            raise
-        self.origin, self.index = time, 0
 
     def state_at(self, time: float) -> State:
         """
-        Copy of the state at `time`, from a side step off the main line; after a failure the last.
+        The state at `time`, from a side step off the main line; after a failure the last good one.
+
+        Valid until the next call of any method.
         """
         if self._failure is None:
             self.advance(time)
-        state = State(*(array.copy() for array in self.state))
         rest = time - self.time
-        if rest > 0.0:
-            work = Work(
-                self.work.force.copy(), self.work.torque.copy(), np.empty_like(self.work.arms)
-            )
-            self.method.advance(
-                self.model,
-                self.loads,
-                state,
-                work,
-                rest,
-                1,
-                0,
-                2,
-                *self._watching(),
-                0.0,
-                0.0,
-                0.0,
-                math.inf,
-            )
+        self._note_work(self.loads)
+        if self._failure is not None or not rest > 0.0:
+            return self.state
+        loads = self._scratch_loads()
+        state = self.run_aside(rest, 1, loads)
+        self._note_work(self.loads, loads)
         return state
+
+    def _keep_work(self) -> None:
+        """
+        The loads are about to be replaced, and what they did with them.
+        """
+        if self.loads is not None:
+            self.ledger[monitor.EARLIER_WORK] += math.fsum(self.loads.work)
+
+    def work_at_state(self) -> float:
+        """
+        Work [J] of all loads up to the state that `state_at` has shown last.
+        """
+        return float(self.ledger[monitor.EARLIER_WORK]) + self._present_work
+
+    def _note_work(self, *parts: Loads | None) -> None:
+        self._present_work = sum(math.fsum(part.work) for part in parts if part is not None)
+
+    def _scratch_loads(self) -> Loads | None:
+        """
+        The same loads, with room of their own for what they do.
+        """
+        if self.loads is None:
+            return None
+        return self.loads._replace(work=np.zeros_like(self.loads.work))
+
+    def run_aside(self, step: float, count: int, loads: Loads | None = None) -> State:
+        """
+        Where `count` steps of length `step` lead; the main line stays where it is.
+        """
+        if self._side is None:
+            self._side = (
+                self.packed.layout.like(self.state), aligned_empty(self.work.acceleration.shape))
+        state, acceleration = self._side
+        for target, source in zip(state, self.state):
+            np.copyto(target, source)
+        np.copyto(acceleration, self.work.acceleration)
+        loads = loads or self._scratch_loads()
+        work = self.work._replace(acceleration=acceleration)
+        self._advance(loads, state, work, step, count, 0, NEVER, math.inf)
+        return state
+
+    def run_and_return(self, step: float, count: int, look: Callable[[State], None]) -> None:
+        """
+        Take steps, show the state that they lead to, and come back; the state must be saved.
+        """
+        loads = self._scratch_loads()
+        self._advance(loads, self.state, self.work, step, count, 0, NEVER, math.inf)
+        look(self.state)
+        self._restore()
+
+    def error_rate(self) -> float:
+        """
+        Error that the method adds for each second; measured now if it has not been yet.
+        """
+        if self.accuracy.is_measured or self._failure is not None:
+            return self.accuracy.rate
+        if self._measured is None or self._measured[0] != self.step_count:
+            self._save()
+            rate = self.accuracy.measured(self.step, self._fastest())
+            self._measured = self.step_count, rate
+        return self._measured[1]
+
+    def error_estimate(self) -> float:
+        """
+        Errors added since the start, as if none of them had grown or faded.
+        """
+        return self.accuracy.estimate(self.error_rate())
+
+    @property
+    def next_step_time(self) -> float:
+        """
+        Time [s] at which the step in progress ends.
+        """
+        return self.time + self.step
 
     def _steps_until(self, time: float) -> int:
         last = int((time - self.origin) / self.step)
@@ -235,50 +335,64 @@ class Stepper:
             last -= 1
         return last - self.index
 
-    def _watching(self) -> tuple[np.ndarray | None, np.ndarray]:
-        return (None if self.watch is None else self.watch.reference), self._readings
-
     def _run(self, count: int) -> int:
-        connectors = self.model.connectors
-        size = len(self.state.position) + (0 if connectors is None else len(connectors.first))
-        done = self._call(self.step, min(count, max(1, _CALL_WORK // size)))
-        return done
+        looks = min(self.accuracy.looks_left, self._exact_looks)
+        due = max(looks, 1) * self.look_interval - self._since_check
+        return self._call(self.step, min(count, due, self._call_count()))
+
+    def _call_count(self) -> int:
+        """
+        Steps of one compiled call, so that it takes 10 to 50 ms.
+        """
+        size = len(self.model.blocks.slot) * LANES * (1 if self.model.links is None else 7)
+        return max(1, _CALL_WORK // (size * self.method.stages))
 
     def _call(self, step: float, count: int) -> int:
         reach = math.inf if self.watch is None else self.watch.reach
-        status, done, self._since_check = self.method.advance(
-            self.model,
-            self.loads,
-            self.state,
-            self.work,
-            step,
-            count,
-            self._since_check,
-            self._interval,
-            *self._watching(),
-            self._high,
-            self._low,
-            0.0 if self.fixed else 1.0,
-            reach,
-        )
+        start, self.ledger[monitor.SAVED_AT] = self.time, -1.0
+        before = self._since_check
+        status, done, self._since_check = self._advance(
+            self.loads, self.state, self.work, step, count, before, self.look_interval, reach)
         if step == self.step:
             self.index += done
         self.step_count += done
+        saved_at = int(self.ledger[monitor.SAVED_AT])
+        if saved_at >= 0:
+            self._saved_time = start + saved_at * step
+        looks = (before + done) // self.look_interval
+        self.accuracy.looks_left -= looks
+        self._exact_looks -= looks
+        time = self.time if step == self.step else self.time + step
         if status:
-            time = self.time if step == self.step else self.time + step
             self._respond(status, time)
+        if self._exact_looks <= 0:
+            self._read_rates()
+            self._require_safe_step(time)
+        if self._since_check == 0 and (
+            self.accuracy.looks_left <= 0 or status & monitor.LIVELIER
+        ):
+            self._choose_step(probe=True)
         return int(done)
 
+    def _advance(
+        self, loads: Loads | None, state: State, work: Work, step: float, count: int,
+        since_check: int, interval: int, reach: float,
+    ) -> tuple[int, int, int]:
+        watch = None if self.watch is None else Watch(self.watch.reference, reach)
+        return self.crew.run(
+            lambda team: self.method.advance(
+                self.model, loads, state, self._saved, work, team, step, count, since_check,
+                interval, watch, self.ledger))
+
     def _respond(self, status: int, time: float) -> None:
-        if status & NOT_FINITE:
-            self._fail(
-                f'the state of body {int(self._readings[3])} is no longer finite at '
-                f't = {time:.9g} s, after steps of {self.step:.6g} s'
-            )
-        if status & MOVED_FAR and self.watch is not None:
+        if status & monitor.NOT_FINITE:
+            self._fail_here('is no longer finite', time)
+        if status & monitor.UNBALANCED:
+            self._fail_unbalanced(time)
+        if status & monitor.MOVED_FAR and self.watch is not None:
             self.watch.look(time, self.state.position)
             self.watch.announce()
-        if status & (RATE_HIGH | RATE_LOW):
+        if status & (monitor.RATE_HIGH | monitor.RATE_LOW):
             self._read_rates()
             if not self.fixed:
                 if not self.step <= self.limit:
@@ -286,17 +400,15 @@ class Stepper:
                         'the fabric changed so fast before t = %.6g s that up to %d steps were '
                         'longer than stable (%.3g s, limit %.3g s): their energy may be wrong; '
                         'give a solver.step below that limit',
-                        time, self._interval, self.step, self.limit,
+                        time, self.look_interval, self.step, self.limit,
                     )
-                self._choose_step()
+                self._choose_step(probe=True)
             self._require_safe_step(time)
 
     def _require_safe_step(self, time: float) -> None:
         if not self.fixed or self.step <= self.limit:
             return
-        frequency = largest_frequency(
-            self.model, self.state.position, self.state.orientation, locate=True
-        )
+        frequency = largest_frequency(self.packed, self.state, locate=True)
         bodies = ', '.join(str(body) for body in frequency.bodies)
         self._fail(
             f'solver.step {self.step!r} s has become unsafe at t = {time:.9g} s: the fabric has '
@@ -305,64 +417,131 @@ class Stepper:
             'smaller step, or with 0 to have it chosen'
         )
 
+    def _fail_here(self, what: str, time: float) -> None:
+        """
+        Stop because numbers have run away: name where, and go back to the last good state.
+        """
+        fault = find_fault(self.packed, self.state)
+        self._return_to_saved()
+        self._fail(
+            f'the state of {fault} {what} at t = {time:.9g} s, after steps of {self.step:.6g} s; '
+            f'the last good state, of t = {self._saved_time:.9g} s, is kept'
+        )
+
+    def _fail_unbalanced(self, time: float) -> None:
+        ledger = self.ledger
+        fault = find_fault(self.packed, self.state)
+        error, scale = float(ledger[monitor.ERROR]), float(ledger[monitor.SCALE])
+        self._return_to_saved()
+        self._fail(
+            f'the energy does not balance at t = {time:.9g} s: an error of {error:.3g} J, '
+            f'{abs(error) / scale:.3g} of the largest energy seen or work done ({scale:.3g} J), '
+            f'is above solver.energy_limit {ledger[monitor.LIMIT]:.3g}; the fastest is {fault}, '
+            f'and steps are {self.step:.6g} s (limit {self.limit:.6g} s). Start again with a '
+            'smaller solver.step, or 0 to have it chosen; the last good state, of '
+            f't = {self._saved_time:.9g} s, is kept'
+        )
+
     def _fail(self, message: str) -> None:
         self._failure = SimulationError(message)
         raise self._failure
 
-    def _refresh(self) -> None:
-        compute_wrenches(self.model, self.loads, self.state, self.work)
+    def _return_to_saved(self) -> None:
+        self._restore()
+        self.origin, self.index = self._saved_time, 0
 
-    def _read_rates(self) -> None:
+    def _refresh(self) -> None:
+        """
+        Accelerations of the state as it is.
+        """
+        last = len(self.model.blocks.slot)
+        place_all(self.model, self.state, self.work, 0, last)
+        keep_accelerations(self.model, self.work, 0, last)
+
+    def _save(self) -> None:
+        for target, source in zip(self._saved, self.state):
+            np.copyto(target, source)
+        self._saved_time = self.time
+
+    def _restore(self) -> None:
+        for target, source in zip(self.state, self._saved):
+            np.copyto(target, source)
+        self._refresh()
+
+    def _read_rates(self, *, exact: bool = True) -> None:
         """
         Exact largest frequency, and the cheap bound beside it for later comparison.
         """
-        self.frequency = largest_frequency(self.model, self.state.position, self.state.orientation)
-        examine(self.model, self.state, self.work, *self._watching(), math.inf, 0.0, 1.0, math.inf)
+        if exact:
+            self.frequency = largest_frequency(self.packed, self.state)
+        ledger = self.ledger
+        ledger[[monitor.HIGH, monitor.LOW, monitor.SPIN_WEIGHT]] = math.inf, 0.0, 1.0
+        monitor.examine(self.model, self.loads, self.state, self.work, ledger)
         if self.fixed:
-            # Below this the bound proves the step safe. Above it the exact value is computed at
-            # every look: the bound may be three times as high, its own growth says nothing.
-            self._high = self.method.stability / self.step
-            self._low = 0.0
+            # Below the limit the bound proves the step safe.
+            bound = float(ledger[monitor.RATE] - ledger[monitor.SPIN])
+            limit = self.method.stability / self.step
+            ledger[monitor.HIGH] = limit if bound <= limit else math.inf
+            ledger[monitor.SPIN_WEIGHT] = 0.0
+            self._exact_looks = NEVER if bound <= limit else EXACT_LOOKS
             # As often in time as with a chosen step, as far as that is affordable.
             ratio = self.step * self.frequency.rate / self.method.chosen
             steps = CHECK_INTERVAL / self.method.stages / max(ratio, 1.0)
-            self._interval = max(int(steps), SHORTEST_INTERVAL)
+            self.look_interval = max(int(steps), SHORTEST_INTERVAL)
 
-    def _choose_step(self) -> None:
+    def _choose_step(self, *, probe: bool = False) -> None:
         """
-        Choose the step for the largest frequency, seen from a body that spins.
+        Choose the step: stable, and as accurate as asked; it is kept while it is about right.
 
-        The step is kept while it is about right.
+        `probe` measures the accuracy anew; the state must have been saved.
         """
+        rate = self._fastest()
         if self.fixed:
+            if probe:
+                self.accuracy.measure_only(self.step, rate)
+            elif self.accuracy.is_new:
+                self.accuracy.postpone(self.step, rate)
             return
-        rate = self.frequency.rate + float(self._readings[2])
-        velocity = self.state.linear_velocity
-        spread = float(np.linalg.norm(np.ptp(velocity, axis=0)))
-        if self.model.connectors is None:
-            rate += self.load_rate
-            if self.watch is not None:
-                # Free bodies take any step; the watch must see them before they have passed.
-                rate += spread / self.watch.limit
-        else:
-            # Loads, weight and speed turn and stretch the fabric before it can answer.
-            size = 2.0 * self.model.connectors.half_width
-            rate = max(rate, self.load_rate + self._weight_rate(size), spread / size)
         if not rate < math.inf:
-            self._fail(f'the motion at t = {self.time:.9g} s is too fast for any step: its rate '
-                       'is no longer finite; look for a huge stiffness, load, spin or stretch')
-        step, chosen = self.step, self.method.chosen
+            self._fail(too_fast(self.time))
+        chosen = self.method.chosen
+        step = self.step
         if not rate > 0.0:
-            step, rate = _FREE_STEP, chosen / _FREE_STEP
-        elif not SHORTEST <= step * rate / chosen <= LONGEST:
-            step = _rounded_down(chosen / rate)
+            step, rate = FREE_STEP, chosen / FREE_STEP
+        cap = chosen / rate
+        if not SHORTEST * min(cap, self.accuracy.step) <= step <= LONGEST * cap:
+            step = rounded_down(min(cap, self.accuracy.step))
+        if probe or self.accuracy.is_new or self.load_rate > self.accuracy.load_rate:
+            if not probe:
+                self._save()
+            step = self.accuracy.choose(step, rounded_down(cap), rate)
         if step != self.step:
             self.origin, self.index, self.step = self.time, 0, step
         # Above the first the exact value is computed again once the bound has grown; near the
         # limit of the method at every look.
-        near = min(1.05 * float(self._readings[0]), 0.9 * self.method.stability / step)
-        self._high = max(LONGEST * chosen / step, near)
-        self._low = SHORTEST * chosen / step
+        ledger = self.ledger
+        near = min(1.05 * float(ledger[monitor.RATE]), 0.9 * self.method.stability / step)
+        ledger[monitor.HIGH] = max(LONGEST * chosen / step, near)
+        ledger[monitor.LOW] = SHORTEST * chosen / step if self.accuracy.step >= cap else 0.0
+
+    def _fastest(self) -> float:
+        """
+        Rate [rad/s] of the fastest motion to follow, seen from a body that spins.
+        """
+        rate = self.frequency.rate + float(self.ledger[monitor.SPIN])
+        layout = self.packed.layout
+        velocity = self.state.linear_velocity[:, layout.slot]
+        spread = float(np.linalg.norm(np.ptp(velocity, axis=1)))
+        links = self.model.links
+        if links is None:
+            rate += self.load_rate
+            if self.watch is not None:
+                # Free bodies take any step; the watch must see them before they have passed.
+                rate += spread / self.watch.limit
+            return rate
+        # Loads, weight and speed turn and stretch the fabric before it can answer.
+        size = 2.0 * links.half_width
+        return max(rate, self.load_rate + self._weight_rate(size), spread / size)
 
     def _weight_rate(self, size: float) -> float:
         """
@@ -371,13 +550,3 @@ class Stepper:
         if self.model.gravity is None or self.model.supports is None:
             return 0.0
         return math.sqrt(float(np.linalg.norm(self.model.gravity)) / size)
-
-
-def _rounded_down(step: float) -> float:
-    """
-    Nearest number below with a mantissa of 12 bits.
-
-    So the last bits of the frequency hardly ever decide about the step.
-    """
-    mantissa, exponent = math.frexp(step)
-    return math.ldexp(math.floor(mantissa * 4096.0) / 4096.0, exponent)

@@ -9,6 +9,7 @@ Equation numbers are those of "A Mathematical Model of Icosahedral Materials".
 import math
 from typing import NamedTuple
 
+from icofabric_sim.integrators.pair import DOP8
 import numpy as np
 
 
@@ -82,6 +83,29 @@ def leapfrog_frequency(frequency, step):
     hence u = A cos(Omega t) with cos(Omega h) = 1 - (omega h)^2 / 2, stable for omega h < 2.
     """
     return math.acos(1.0 - 0.5 * (frequency * step) ** 2) / step
+
+
+def amplification(method, product):
+    """
+    Largest eigenvalue of a step of `product` / omega of the oscillator u'' = -omega^2 u.
+    """
+    if not method.symplectic:
+        # The stability function 1 + z b.(1 - z A)^-1 1 on the imaginary axis.
+        count, z = method.stages, 1j * product
+        matrix = np.zeros((count, count))
+        for row, weights in enumerate(DOP8.stages[:count - 1], start=1):
+            matrix[row, :row] = weights[:row]
+        solved = np.linalg.solve(np.eye(count) - z * matrix, np.ones(count))
+        return abs(1.0 + z * DOP8.step[:count] @ solved)
+    kicks, drifts = list(method.kicks), list(method.drifts)
+    flows = [None] * (len(kicks) + len(drifts))
+    first = int(len(drifts) > len(kicks))
+    flows[first::2] = [np.array([[1.0, 0.0], [-product * kick, 1.0]]) for kick in kicks]
+    flows[1 - first::2] = [np.array([[1.0, product * drift], [0.0, 1.0]]) for drift in drifts]
+    matrix = np.eye(2)
+    for flow in flows:
+        matrix = flow @ matrix
+    return np.abs(np.linalg.eigvals(matrix)).max()
 
 
 class PairMode(NamedTuple):

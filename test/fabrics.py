@@ -4,8 +4,14 @@
 Scenes that several tests use.
 """
 
+from typing import NamedTuple
+
 import icofabric_sim as ico
+from icofabric_sim.initial import InitialState
 from icofabric_sim.inputs import Inputs
+from icofabric_sim.kernels.flows import keep_accelerations, place_all
+from icofabric_sim.kernels.loads import kick_loads
+from icofabric_sim.model import pack_scene
 import numpy as np
 
 FORMS = ('quaternion', 'direction_cosines')
@@ -86,11 +92,47 @@ def stretched(scene, factor):
     return scene.position * np.array([factor, 1.0, 1.0])
 
 
-def steady_loads(scene):
+class Wrenches(NamedTuple):
     """
-    Packed loads that act from the start.
+    What acts on the bodies, bodies first.
     """
-    return Inputs(scene).pack()
+
+    force: np.ndarray  # (n, 3) [N]
+    torque: np.ndarray  # (n, 3) about each centre [N m], world frame
+
+
+def packed_state(packed, position, orientation, linear_velocity=None, angular_velocity=None):
+    """
+    State for kernels from arrays of bodies; at rest unless told.
+    """
+    rest = np.zeros_like(position)
+    return packed.layout.pack(InitialState(
+        position, orientation,
+        rest if linear_velocity is None else linear_velocity,
+        rest if angular_velocity is None else angular_velocity))
+
+
+def wrenches(scene, position, orientation, *, cosines=False, loaded=False):
+    """
+    Forces and torques of the connectors by the production kernels; `loaded`: and of the loads.
+
+    Without gravity and supports: those are accelerations, or take them away.
+    """
+    packed = pack_scene(scene, cosines=cosines)
+    layout, model = packed.layout, packed.model._replace(gravity=None, supports=None)
+    state, work = packed_state(packed, position, orientation), layout.room(model.links)
+    last = len(model.blocks.slot)
+    place_all(model, state, work, 0, last)
+    keep_accelerations(model, work, 0, last)
+    if loaded:
+        # From rest, in one second, velocities are accelerations.
+        loads = Inputs(scene).pack(layout)
+        for block in range(last):
+            kick_loads(model, loads, state, block, 1.0)
+    acceleration = layout.gather(work.acceleration)
+    return Wrenches(
+        scene.shell.mass * (acceleration[:, :3] + layout.gather(state.linear_velocity)),
+        scene.shell.inertia * (acceleration[:, 3:] + layout.gather(state.angular_velocity)))
 
 
 def loaded_fabric(changes=None):

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from icofabric_sim.messages import WrenchStampedBytes
-from icofabric_sim.recording import BagSink
+from icofabric_sim.recording import BagSink, summarise_run
 from icofabric_sim.run_records import WrenchInput
 from icofabric_sim.runner import Runner
 from icofabric_sim.scene import Scene
@@ -58,8 +58,7 @@ def record_run(path: Path, scene: Scene, *inputs: WrenchInput, **summary: str) -
         runner.receive(received)
     runner.run(until_finished=True)
     assert not runner.failure
-    proximity = runner.status().proximity or 'none'
-    bag.close(summary={'failure': 'none', 'proximity': proximity, **summary})
+    bag.close(summary={**summarise_run(runner.status()), **summary})
 
 
 def record_push(path: Path, scene: Scene) -> None:

@@ -5,6 +5,7 @@ Recorded runs read back: poses, markers and inputs against a direct simulation, 
 """
 
 from pathlib import Path
+import re
 
 from icofabric_sim.bag import BagError, BagRecorder, recover_bag
 from icofabric_sim.bag_summary import summarise_bag
@@ -104,9 +105,32 @@ def test_summary_says_what_happened(bag: Path) -> None:
     for words in (
         '14 bodies, 36 connectors', '/icofabric/poses: 19 messages, 60 Hz', '0 s to 0.3 s',
         't = 0.1 s  /icofabric/loads/tip: force [0, 0.75, 0] N', '(icosahedron_3)',
-        't = 0.2 s  /icofabric/loads/tip: cleared', 'leapfrog', 'numba', 'closed properly',
+        't = 0.2 s  /icofabric/loads/tip: cleared', 'numba', 'closed properly', '1 thread',
+        '/icofabric/energy: 19 messages', 'solver.tolerance is 1e-06', 'least work',
+        f'errors of {float(summary.custom["error_estimate"]):.2g} added in all',
+        f'off by at most {float(summary.custom["balance_worst"]):.1e} of',
     ):
         assert words in text, words
+    assert re.search('^method +srkn', text, re.MULTILINE)
+    # Nobody measured it.
+    assert not re.search('^growth', text, re.MULTILINE)
+
+
+@pytest.mark.parametrize('custom, words', [
+    ({'growth': '3e+30', 'meaningful_until': '0.25'},
+     'grew 3e+30 times; the trajectory means something until t = 0.25 s'),
+    ({'growth': '12.0', 'growth_is_at_least': 'true', 'meaningful_until': 'inf'},
+     'grew at least 12 times; the trajectory means something to its end'),
+    ({'growth': 'inf', 'meaningful_until': '0.5'}, 'grew more than 1e308 times'),
+    ({'tolerance': '0.0001'}, 'not measured; solver.tolerance is 0.0001 per second'),
+    ({'tolerance': 'no number', 'growth': 'nor this'}, 'nan'),
+    ({'balance_worst': '0.002', 'threads': '2', 'processor': 'x'}, '2 threads'),
+])
+def test_figures_of_the_accuracy(tmp_path: Path, custom: dict[str, str], words: str) -> None:
+    with BagRecorder(tmp_path / 'bag', custom=custom | {'method': 'srkn6'}) as recorder:
+        recorder.add_topic('/clock', ClockBytes.TYPE)
+        recorder.write('/clock', 0, ClockBytes().stamped(0))
+    assert words in '\n'.join(summarise_bag(tmp_path / 'bag').lines())
 
 
 def test_failure_and_overlap_of_the_run_are_in_the_summary(tmp_path: Path) -> None:

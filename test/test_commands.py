@@ -19,6 +19,7 @@ from icofabric_sim.bag import BagReader
 from icofabric_sim.bag_summary import summarise_bag
 from icofabric_sim.commands.main import main, VERBS
 from icofabric_sim.cross_check import cross_check, DISTURBANCE
+from icofabric_sim.growth import measure_growth
 from icofabric_sim.parameter_file import load_parameter_file
 from icofabric_sim.ready_scenes import find_scene, ready_scenes
 from icofabric_sim.recorded_run import RecordedRun
@@ -161,11 +162,12 @@ def test_ready_scenes_are_found_in_an_installation(tmp_path: Path) -> None:
 def test_run_records_to_a_fresh_folder_and_sums_up(recorded: Recorded) -> None:
     status, out, err = recorded.result
     assert status == 0, err
-    for label in ('scene', 'method', 'step', 'run', 'energy', 'momentum', 'strain', 'motion',
-                  'overlap', 'bag', 'next'):
+    for label in ('scene', 'method', 'step', 'threads', 'run', 'accuracy', 'growth', 'energy',
+                  'momentum', 'strain', 'motion', 'overlap', 'bag', 'next'):
         assert re.search(f'^{label} ', out, re.MULTILINE), label
     assert '14 bodies, 36 connectors' in out
-    assert 'leapfrog' in out and 'largest frequency' in out
+    assert re.search('^method +srkn.: least work for 1e-06', out, re.MULTILINE)
+    assert 'largest frequency' in out
     assert f'{DURATION:g} s of simulated time' in out
     assert str(recorded.bag) in out and f'icofabric info {recorded.bag}' in out
     assert ESCAPE not in out + err and '\r' not in out + err
@@ -207,6 +209,69 @@ def test_energy_of_the_summary_is_that_of_the_simulation(recorded: Recorded) -> 
     simulation.advance_to(DURATION)
     last = simulation.snapshot().energy['total']
     assert f'{first:.9g} J at the start, {last:.9g} J at the end' in recorded.result.out
+
+
+def test_accuracy_of_the_summary_is_that_of_the_simulation(recorded: Recorded) -> None:
+    simulation = compile_scene(swing_scene())
+    simulation.advance_to(DURATION)
+    out, custom = recorded.result.out, summarise_bag(recorded.bag).custom
+    assert f'{simulation.error_estimate:.2g} added in all' in out
+    assert f'lately {simulation.error_rate:.2g} per second' in out
+    assert 'solver.tolerance is 1e-06 per second' in out
+    assert float(custom['error_estimate']) == simulation.error_estimate > 0.0
+    assert float(custom['error_rate']) == simulation.error_rate
+    assert f'off by at most {simulation.balance.worst:.1e} of' in out
+    assert float(custom['balance_worst']) == simulation.balance.worst > 0.0
+    assert custom['method_reason'] == simulation.method_reason in out
+    growth = measure_growth(swing_scene(), DURATION)
+    assert float(custom['growth']) == pytest.approx(growth.largest, rel=0.3)
+    assert f'grew {float(custom["growth"]):.3g} times' in out
+
+
+def test_verdict_of_a_calm_motion_is_a_bound_of_its_error(
+        call: Callable[..., Result]) -> None:
+    words = ['run', 'free_slab', *SMALL, '--duration', '0.25', '--no-record']
+    result = call(*words)
+    assert result.status == 0, result.err
+    match = re.search(r'grew (\S+) times: the final error stays below (\S+) \(tol', result.out)
+    assert match is not None, result.out
+    assert float(match[2]) == pytest.approx(1e-6 * float(match[1]), rel=0.1)
+    assert 'to measure the growth' in result.out
+    without = call(*words, '--no-growth')
+    assert re.search('^growth +not measured$', without.out, re.MULTILINE)
+    assert 'to measure the growth' not in without.out
+    # The companion changes nothing.
+    same = [re.findall('^(?:energy|momentum|strain|motion).*', out, re.MULTILINE)
+            for out in (result.out, without.out)]
+    assert same[0] == same[1] and len(same[0]) == 4
+
+
+def test_verdict_of_a_chaotic_motion_is_the_time_for_which_it_means_something(
+        call: Callable[..., Result], tmp_path: Path) -> None:
+    (tmp_path / 'swing.yaml').write_text(SWING)
+    result = call('run', 'swing.yaml', '--duration', '2', '--record', 'bag')
+    assert result.status == 0, result.err
+    match = re.search(r'grew (\S+) times: the motion is sensitive', result.out)
+    assert match is not None and float(match[1]) > 1e10, result.out
+    until = re.search(r'means something until t = (\S+) s', result.out)
+    assert until is not None and 0.1 < float(until[1]) < 1.9
+    told = call('info', 'bag').out
+    assert f'grew {match[1]} times; the trajectory means something until t = {until[1]} s' in told
+
+
+@pytest.mark.parametrize('step, verdict', [(1e-4, ''), (5e-4, ': not met by the step')])
+def test_tolerance_is_reported_against_a_step_that_was_given(
+        call: Callable[..., Result], step: float, verdict: str) -> None:
+    result = call(
+        'run', 'free_slab', *SMALL, '--duration', '0.1', '--no-record', '-p',
+        f'solver.step:={step}', '-p', 'solver.method:=leapfrog', '-p',
+        f'solver.tolerance:={1e-3 if not verdict else 1e-6}')
+    assert result.status == 0, result.err
+    assert re.search('^method +leapfrog: given as solver.method$', result.out, re.MULTILINE)
+    line = re.search('^accuracy +(.*)$', result.out, re.MULTILINE)
+    assert line is not None and float(line[1].split()[0]) > 0.0
+    assert ('not met' in line[1]) == bool(verdict) and verdict in line[1]
+    assert '(errors, times growth)' in result.out
 
 
 def test_free_fabric_keeps_its_momentum_in_the_summary(call: Callable[..., Result]) -> None:
@@ -309,7 +374,8 @@ def test_terminal_shows_a_bar_with_the_time_left(tmp_path: Path) -> None:
 def test_cross_check_reports_agreement_and_growth(
         call: Callable[..., Result], tmp_path: Path) -> None:
     (tmp_path / 'swing.yaml').write_text(SWING)
-    result = call('run', 'swing.yaml', '--duration', '0.2', '--cross-check')
+    result = call('run', 'swing.yaml', '--duration', '0.2', '--cross-check', '-p',
+                  'solver.method:=leapfrog')
     assert result.status == 0, result.out + result.err
     assert 'quaternions' in result.out and 'direction cosines' in result.out
     assert 'the formulations agree' in result.out
@@ -319,7 +385,8 @@ def test_cross_check_reports_agreement_and_growth(
 
 
 def test_cross_check_bound_covers_rounding_and_no_more(monkeypatch: pytest.MonkeyPatch) -> None:
-    honest = cross_check(swing_scene(), 0.2)
+    scene = swing_scene(solver={'method': 'leapfrog'})
+    honest = cross_check(scene, 0.2)
     assert honest.agrees and not honest.ended
     assert honest.rows[-1].growth > 1.0
     # Far above rounding, and far below what any wrong term would do.
@@ -328,14 +395,16 @@ def test_cross_check_bound_covers_rounding_and_no_more(monkeypatch: pytest.Monke
 
     def wrong(self: Simulation, time: float) -> None:
         advance(self, time)
-        if self._rotation == 'direction_cosines' and time > 0.1 and not hasattr(self, 'spoilt'):
+        state = self._stepper.state
+        with_cosines = state.orientation.ndim == 3
+        if with_cosines and time > 0.1 and not hasattr(self, 'spoilt'):
             self.spoilt = True  # type: ignore[attr-defined]
             # On the main line itself: set_state would choose the step anew.
-            self._stepper.state.angular_velocity[:] += 1e-4
+            state.angular_velocity[:, self.packed.layout.slot] += 1e-4
             self._cached = None
 
     monkeypatch.setattr(Simulation, 'advance_to', wrong)
-    spoilt = cross_check(swing_scene(), 0.2)
+    spoilt = cross_check(scene, 0.2)
     assert not spoilt.agrees
     assert all(row.agrees for row in spoilt.rows if row.time < 0.1)
 
@@ -442,6 +511,8 @@ def test_info_describes_a_scene(call: Callable[..., Result], tmp_path: Path) -> 
         f'{np.degrees(scene.geometry.connector_angle):.6g} degrees',
         f'wall: {len(scene.groups["wall"])} bodies (x_min)',
         '~/loads/tip', f'{simulation.largest_frequency:.6g} rad/s', f'{simulation.step:.6g} s',
+        f'{simulation.method_name}: {simulation.method_reason}',
+        f'errors of {simulation.error_rate:.2g} per second',
     ):
         assert text in result.out, text
 

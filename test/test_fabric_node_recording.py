@@ -87,7 +87,9 @@ def test_what_the_bag_says_of_the_run(run):
         assert next(bag.messages())[0] == '/icofabric/recording'
     assert custom['failure'] == 'none' and custom['proximity'] == 'none'
     assert custom['wrenches_dropped'] == '1'
-    assert custom['method'] == 'leapfrog' and custom['version'] == ico.__version__
+    assert custom['method'] in ico.METHODS and custom['version'] == ico.__version__
+    assert custom['method_reason'] and float(custom['tolerance']) == 1e-6
+    assert float(custom['error_estimate']) >= 0.0 and float(custom['balance_worst']) < 0.01
     assert {'numpy', 'numba', 'rosbags'} <= json.loads(custom['libraries']).keys()
     assert custom['processor'] and float(custom['step']) > 0.0
 

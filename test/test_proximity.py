@@ -6,6 +6,7 @@ import logging
 from fabrics import changed, make_scene
 import icofabric_sim as ico
 from icofabric_sim.icosahedron import TAU
+from icofabric_sim.layout import make_layout
 from icofabric_sim.proximity import ProximityWatch
 import numpy as np
 import pytest
@@ -19,17 +20,30 @@ def closest(position):
     return tuple(sorted(int(b) for b in pair)), distance.min()
 
 
+class Watched(ProximityWatch):
+    """
+    A watch that is told of bodies first.
+    """
+
+    def __init__(self, limit, count):
+        self.layout = make_layout(np.zeros((0, 3), np.int32), count)
+        super().__init__(limit, self.layout)
+
+    def look(self, time, position):
+        super().look(time, self.layout.spread(position))
+
+
 @pytest.mark.parametrize('seed', range(20))
 @pytest.mark.parametrize('count', [2, 3, 50, 400])
 def test_watch_finds_the_closest_pair(seed, count):
     position = np.random.default_rng(seed).uniform(0.0, 10.0, (count, 3))
     pair, distance = closest(position)
-    watch = ProximityWatch(0.999 * distance)
+    watch = Watched(0.999 * distance, count)
     watch.look(1.0, position)
     assert watch.found is None
     assert 0.0 < watch.reach < distance
-    assert np.array_equal(watch.reference, position)
-    watch = ProximityWatch(1.001 * distance)
+    assert np.array_equal(watch.layout.gather(watch.reference), position)
+    watch = Watched(1.001 * distance, count)
     watch.look(2.0, position)
     assert (watch.found.first, watch.found.second) == pair
     assert watch.found.distance == pytest.approx(distance, rel=1e-12)
@@ -40,7 +54,7 @@ def test_watch_finds_the_closest_pair(seed, count):
 def test_nothing_comes_closer_before_a_body_has_moved_by_the_reach(seed):
     generator = np.random.default_rng(seed)
     position = generator.uniform(0.0, 10.0, (60, 3))
-    watch = ProximityWatch(0.3 * closest(position)[1])
+    watch = Watched(0.3 * closest(position)[1], 60)
     watch.look(0.0, position)
     for _ in range(50):
         way = generator.standard_normal(position.shape)
@@ -51,13 +65,13 @@ def test_nothing_comes_closer_before_a_body_has_moved_by_the_reach(seed):
 
 def test_bodies_in_one_place_are_found():
     position = np.array([[0.0, 0, 0], [1.0, 0, 0], [2.0, 0, 0], [1.0, 0, 0]])
-    watch = ProximityWatch(0.5)
+    watch = Watched(0.5, 4)
     watch.look(0.0, position)
     assert (watch.found.first, watch.found.second, watch.found.distance) == (1, 3, 0.0)
 
 
 def test_single_body_has_nothing_to_watch():
-    watch = ProximityWatch(0.5)
+    watch = Watched(0.5, 1)
     watch.look(0.0, np.zeros((1, 3)))
     assert watch.found is None and watch.reach == np.inf
 

@@ -8,16 +8,26 @@ import shutil
 
 import icofabric_sim as ico
 from icofabric_sim.bag import BagError, BagReader
+from icofabric_sim.growth import Growth
 from icofabric_sim.messages import WrenchStampedBytes
 from icofabric_sim.outputs import CLOCK, DIAGNOSTICS, POSES, STATE, TOPICS, WEAVE
-from icofabric_sim.recording import BagSink, describe_run, host_processor
+from icofabric_sim.recording import (
+    BagSink,
+    describe_run,
+    host_processor,
+    summarise_growth,
+    summarise_run,
+)
+from icofabric_sim.run_records import Errors
 from icofabric_sim.runner import Runner
+import numpy as np
 import pytest
 
 SCENE = {'weave': {'size': [2, 2, 2]}, 'contact': {'mode': 'never'}, 'duration': 0.05,
          'real_time_factor': 0.0}
 
-SUMMARY = {'proximity', 'failure', 'wrenches_dropped'}
+SUMMARY = {'proximity', 'failure', 'wrenches_dropped', 'balance_worst', 'error_rate',
+           'error_estimate'}
 
 
 def make_simulation(**sections):
@@ -36,7 +46,11 @@ def test_run_is_described_for_a_repetition(simulation, tmp_path):
     assert dict(ico.load_scene(tmp_path / 'scene.yaml').parameters) == dict(
         simulation.scene.parameters)
     assert float(described['step']) == simulation.step
-    assert described['method'] == 'leapfrog' and described['version'] == ico.__version__
+    assert described['method'] == simulation.method_name in ico.METHODS
+    assert described['method_reason'] == simulation.method_reason
+    assert float(described['tolerance']) == 1e-6
+    assert described['threads'] == str(simulation.thread_count)
+    assert described['version'] == ico.__version__
     assert described['processor'] == host_processor() != ''
     libraries = json.loads(described['libraries'])
     assert {'numpy', 'numba', 'llvmlite', 'rosbags'} <= libraries.keys()
@@ -61,6 +75,37 @@ def test_run_without_a_graph_is_recorded(simulation, tmp_path, storage):
         assert next(bag.messages())[0] == '/icofabric/recording'
         assert not any('state' in name for name in counts)
         assert bag.end_time == 50_000_000
+
+
+@pytest.mark.parametrize('step', [0.0, 1e-4])
+def test_what_the_run_achieved_is_said_at_its_end(step):
+    """
+    Of a step that was given only what costs nothing.
+    """
+    simulation = make_simulation(
+        solver={'step': step}, initial_random={'velocity_sigma': 0.1})
+    runner = Runner(simulation, [])
+    runner.run(until_finished=True)
+    assert not runner.failure
+    said = summarise_run(runner.status())
+    assert all(type(value) is str for value in said.values())
+    assert 0.0 < float(said['balance_worst']) == simulation.balance.worst < 1e-3
+    if step:
+        assert 'error_rate' not in said and 'error_estimate' not in said
+    else:
+        assert float(said['error_rate']) == simulation.error_rate > 0.0
+        assert float(said['error_estimate']) == simulation.error_estimate > 0.0
+
+
+def test_growth_is_said_in_numbers_that_can_be_read_back():
+    growth = Growth(np.array([0.0, 0.5, 1.0]), np.array([1.0, 2e5, 1e30]),
+                    np.array([0.0, 1e-7, 2e-7]), True, '')
+    said = summarise_growth(growth)
+    assert all(type(value) is str for value in said.values())
+    assert float(said['growth']) == 1e30 and said['growth_is_at_least'] == 'true'
+    assert float(said['meaningful_until']) == 0.5 and said['growth_ended'] == 'none'
+    calm = summarise_growth(growth._replace(growth=np.ones(3), ended='it broke'))
+    assert float(calm['meaningful_until']) == 1.0 and calm['growth_ended'] == 'it broke'
 
 
 def test_names_follow_the_node(simulation, tmp_path):
@@ -93,7 +138,8 @@ def test_jump_of_time_opens_the_next_bag_with_the_scene_that_runs(simulation, tm
     (tmp_path / 'bag_1').mkdir()  # of somebody else
     other = make_simulation(gravity=[0.0, 0.0, -3.0])
     in_force = other.scene.parameters.with_changes({'publish_rate': 10.0})
-    ended = Runner(simulation, []).status()._replace(proximity='close', dropped=3)
+    ended = Runner(simulation, []).status()._replace(
+        proximity='close', dropped=3, balance_worst=0.25, errors=Errors(1e-7, 3e-7))
     sink.time_jumped_back(other, in_force, ended)
     sink.send_input('/icofabric/wrench', WrenchStampedBytes.TYPE, 0,
                     WrenchStampedBytes('').stamped(0))
@@ -103,7 +149,8 @@ def test_jump_of_time_opens_the_next_bag_with_the_scene_that_runs(simulation, tm
         assert second.custom['scene'] == describe_run(other, in_force)['scene']
         assert 'publish_rate: 10.0' in second.custom['scene'] != first.custom['scene']
         assert {name: first.custom[name] for name in SUMMARY} == {
-            'proximity': 'close', 'failure': 'none', 'wrenches_dropped': '3'}
+            'proximity': 'close', 'failure': 'none', 'wrenches_dropped': '3',
+            'balance_worst': '0.25', 'error_rate': '1e-07', 'error_estimate': '3e-07'}
         assert not SUMMARY & second.custom.keys()
         assert first.topics['/clock'].message_count == 1
         assert second.topics['/clock'].message_count == 0

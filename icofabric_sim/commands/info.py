@@ -6,10 +6,14 @@
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from icofabric_sim.commands.bags import bag_errors, is_bag
 from icofabric_sim.commands.scenes import add_scene_arguments, read_parameters
 from icofabric_sim.commands.terminal import bad_input, InputError
+
+if TYPE_CHECKING:
+    from icofabric_sim.simulation import Simulation
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -36,7 +40,7 @@ def main(arguments: argparse.Namespace) -> int:
 
 
 def _describe(arguments: argparse.Namespace) -> int:
-    from icofabric_sim.commands.run_summary import step_reason
+    from icofabric_sim.commands.run_summary import method_rows
     from icofabric_sim.scene import Scene
     from icofabric_sim.scene_summary import as_lines, describe_scene
     from icofabric_sim.simulation import compile_scene
@@ -48,8 +52,8 @@ def _describe(arguments: argparse.Namespace) -> int:
     rows = [('scene', name), *describe_scene(scene)]
     rate = simulation.largest_frequency
     rows.append(('frequency', f'{rate:.6g} rad/s at most, at the start'))
-    rows.append(('method', simulation.method_name))
-    rows.append(('step', step_reason(simulation)))
+    rows += method_rows(simulation)
+    rows.append(('accuracy', _accuracy(simulation)))
     if simulation.proximity is not None:
         rows.append(('overlap', str(simulation.proximity)))
     duration = parameters['duration']
@@ -57,3 +61,9 @@ def _describe(arguments: argparse.Namespace) -> int:
         'none: a node runs until it is stopped, `icofabric run` needs --duration')))
     print('\n'.join(as_lines(rows)))
     return 0
+
+
+def _accuracy(simulation: 'Simulation') -> str:
+    tolerance = simulation.scene.parameters['solver.tolerance']
+    return (f'errors of {simulation.error_rate:.2g} per second at the start (position over a, or '
+            f'rad); solver.tolerance is {tolerance:g} per second')

@@ -21,9 +21,20 @@ VERBS = {
     'run': 'simulate a scene as fast as possible and record it to a bag',
     'info': 'describe a scene or a recorded run',
     'render': 'draw a recorded run to pictures',
+    'benchmark': 'measure speed and accuracy beside other tools',
     'recover': 'make a whole bag of one whose recorder was killed',
 }
 DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+
+
+class _Help(argparse.HelpFormatter):
+    """
+    Keeps every verb on the line of its summary: argparse counts their indent too short.
+    """
+
+    def __init__(self, prog: str) -> None:
+        super().__init__(prog)
+        self._action_max_length = max(map(len, VERBS)) + 4
 
 
 class _Parser(argparse.ArgumentParser):
@@ -74,6 +85,7 @@ def _run(words: list[str]) -> int:
     parser = _Parser(
         prog='icofabric',
         description='Simulate icosahedral fabric without a ROS graph.',
+        formatter_class=_Help,
         epilog='icofabric VERB --help explains a verb.')
     from icofabric_sim import __version__
     parser.add_argument('--version', action='version', version=f'icofabric_sim {__version__}')

@@ -17,8 +17,10 @@ from icofabric_sim.commands.scenes import add_scene_arguments, read_parameters
 from icofabric_sim.commands.terminal import bad_input, InputError, notes, Progress
 
 if TYPE_CHECKING:
+    from icofabric_sim.growth import Growth
     from icofabric_sim.parameters import Parameters
     from icofabric_sim.recording import BagSink
+    from icofabric_sim.run_records import Errors
     from icofabric_sim.runner import Runner
     from icofabric_sim.simulation import Simulation
 
@@ -41,6 +43,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--storage', choices=('mcap', 'sqlite3'),
         help='storage of the bag (default: record.storage of the scene)')
+    parser.add_argument(
+        '--no-growth', action='store_true',
+        help='do not measure how a small disturbance grows in this motion: a second, displaced '
+             'run beside the first, which doubles the work (with solver.tolerance above 1e-6 and '
+             'no solver.step: two more runs)')
     parser.add_argument(
         '--cross-check', action='store_true',
         help='record nothing; integrate with quaternions and with direction cosines side by side '
@@ -67,7 +74,9 @@ def main(arguments: argparse.Namespace) -> int:
     with ExitStack() as stack:
         progress = stack.enter_context(Progress(parameters['duration'], 's'))
         stack.enter_context(notes(progress, _NAME))
-        return _Run(name, simulation, progress, _bag_path(arguments, name, parameters)).run()
+        return _Run(
+            name, simulation, progress, _bag_path(arguments, name, parameters),
+            with_growth=not arguments.no_growth).run()
 
 
 class _Run:
@@ -77,14 +86,16 @@ class _Run:
 
     def __init__(
             self, name: str, simulation: 'Simulation', progress: Progress,
-            bag_path: Path | None) -> None:
+            bag_path: Path | None, *, with_growth: bool) -> None:
         from icofabric_sim.run_monitor import RunMonitor
         self.name, self.progress = name, progress
         self.simulation = simulation
-        self.monitor = RunMonitor(simulation)
+        self.monitor = RunMonitor(simulation, with_growth=with_growth)
         self.bag = None if bag_path is None else self._open(bag_path)
         self.interrupted = False
         self.runner: Runner | None = None
+        self.errors: Errors | None = None
+        self.growth: Growth | None = None
 
     def run(self) -> int:
         from icofabric_sim.commands.run_summary import run_summary
@@ -95,11 +106,14 @@ class _Run:
             self.simulation, [self.monitor] if self.bag is None else [self.monitor, self.bag],
             report=HealthReport('/icofabric').bytes)
         self.runner = runner
+        aside = self._seconds_aside()
         started = time.monotonic()
         try:
             with self._stopped_by_signals(runner):
                 runner.run(until_finished=True, progress=self.progress.update)
                 wall = time.monotonic() - started
+                aside = self._seconds_aside() - aside
+                self._judge(runner)
                 # A signal here must not tear the bag.
                 self._close()
         except BaseException:
@@ -112,11 +126,28 @@ class _Run:
         lost = '' if self.bag is None or self.bag.recorder.error is None else (
             str(self.bag.recorder.error))
         print('\n'.join(run_summary(
-            self.name, self.simulation, self.monitor, status, wall,
+            self.name, self.simulation, self.monitor, status, wall - aside, aside,
+            errors=self.errors, growth=self.growth,
             bag=None if self.bag is None else self.bag.recorder, interrupted=interrupted)))
         if interrupted and not lost:
             return 130
         return 1 if status.failure or lost else 0
+
+    def _seconds_aside(self) -> float:
+        companion = self.monitor.companion
+        return 0.0 if companion is None else companion.seconds
+
+    def _judge(self, runner: 'Runner') -> None:
+        """
+        Find out how accurate the run was; that takes a moment where the step was given.
+        """
+        from icofabric_sim.run_records import Errors
+        self.errors = Errors(self.simulation.error_rate, self.simulation.error_estimate)
+        companion = self.monitor.companion
+        if companion is not None:
+            if runner.finished:
+                companion.look()
+            self.growth = companion.result()
 
     def _open(self, path: Path) -> 'BagSink':
         from icofabric_sim.recording import BagSink
@@ -135,10 +166,11 @@ class _Run:
     def _close(self) -> None:
         if self.bag is None or self.runner is None:
             return
+        from icofabric_sim.recording import summarise_growth, summarise_run
         status = self.runner.status()
         self.bag.close(summary={
-            'proximity': status.proximity or 'none',
-            'failure': status.failure or 'none',
+            **summarise_run(status._replace(errors=self.errors or status.errors)),
+            **({} if self.growth is None else summarise_growth(self.growth)),
             'interrupted': 'true' if self.interrupted and not status.finished else 'false'})
 
     @contextmanager

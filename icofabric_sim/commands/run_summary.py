@@ -4,28 +4,35 @@
 What `icofabric run` says at its end.
 """
 
+import math
+
 from icofabric_sim.bag import BagRecorder
+from icofabric_sim.growth import Growth
 from icofabric_sim.run_monitor import RunMonitor
-from icofabric_sim.run_records import Status
-from icofabric_sim.scene_summary import as_lines, Row, vector
+from icofabric_sim.run_records import Errors, Status
+from icofabric_sim.scene_summary import as_lines, Row, times, vector
 from icofabric_sim.schedule import seconds
 from icofabric_sim.simulation import Simulation
 import numpy as np
 
 
 def run_summary(
-        name: str, simulation: Simulation, monitor: RunMonitor, status: Status, wall: float, *,
-        bag: BagRecorder | None, interrupted: bool) -> list[str]:
+        name: str, simulation: Simulation, monitor: RunMonitor, status: Status, wall: float,
+        aside: float, *, errors: Errors | None, growth: Growth | None, bag: BagRecorder | None,
+        interrupted: bool) -> list[str]:
     """
-    Lines of the summary; `wall` is the wall time of the run itself [s].
+    Lines of the summary.
+
+    `wall` is the wall time of the run itself [s], `aside` that of measuring the growth.
     """
     scene = simulation.scene
     rows = [
         ('scene', f'{name}: {scene.body_count:,} bodies, {scene.connector_count:,} connectors'),
-        ('method', simulation.method_name),
-        ('step', step_reason(simulation)),
-        ('run', _pace(scene.body_count, status, wall)),
+        *method_rows(simulation),
+        ('run', _pace(scene.body_count, status, wall, aside)),
+        *([] if errors is None else accuracy_rows(simulation, errors, growth)),
         ('energy', _energy(simulation, monitor)),
+        ('', _balance(simulation)),
         *_momenta(simulation, monitor),
         ('strain', _strain(simulation, monitor)),
         ('motion', _displacement(simulation, monitor)),
@@ -45,6 +52,60 @@ def run_summary(
     return as_lines(rows)
 
 
+def method_rows(simulation: Simulation) -> list[Row]:
+    """
+    What takes the steps, and why.
+    """
+    wanted = simulation.scene.parameters['solver.threads']
+    threads = f'{simulation.thread_count}, ' + (
+        f'of solver.threads {wanted}' if wanted else 'as many as cores and bodies are worth')
+    return [
+        ('method', f'{simulation.method_name}: {simulation.method_reason}'),
+        ('step', step_reason(simulation)),
+        ('threads', threads),
+    ]
+
+
+def accuracy_rows(
+        simulation: Simulation, errors: Errors, growth: Growth | None) -> list[Row]:
+    """
+    What was achieved beside what was asked for, and what it means for the end of the run.
+    """
+    parameters = simulation.scene.parameters
+    tolerance = parameters['solver.tolerance']
+    given = parameters['solver.step'] > 0.0
+    text = (f'{errors.estimate:.2g} added in all, lately {errors.rate:.2g} per second (position '
+            f'over a, or rad); solver.tolerance is {tolerance:g} per second')
+    if errors.rate > tolerance:
+        text += ': not met by the step that was given' if given else ': not met'
+    return [('accuracy', text), *(
+        [('growth', 'not measured')] if growth is None
+        else growth_rows(growth, 0.0 if given else tolerance))]
+
+
+def growth_rows(growth: Growth, tolerance: float) -> list[Row]:
+    """
+    How a small disturbance grew, and the verdict; `tolerance` 0: the step was given.
+    """
+    text = f'a small disturbance grew {times(growth.largest, growth.at_least)}'
+    if growth.ended:
+        text += f' until t = {growth.time[-1]:.6g} s, when {growth.ended}'
+    until = growth.meaningful_until
+    if not growth.is_sensitive:
+        basis = 'errors' if tolerance == 0.0 else 'tolerance'
+        end = 'the error then' if growth.ended else 'the final error'
+        return [('growth', f'{text}: {end} stays below {growth.final_error(tolerance):.2g} '
+                           f'({basis}, times growth)')]
+    rows = [('growth', f'{text}: the motion is sensitive, or chaotic')]
+    if until == math.inf:
+        rows.append(('', 'its errors, grown, stay below a tenth of a half edge all the same: the '
+                         'trajectory means something to its end'))
+    else:
+        rows.append(('', f'the trajectory means something until t = {until:.4g} s, while errors, '
+                         'grown, are below a tenth of a half edge; after that only averages do'))
+    return rows
+
+
 def step_reason(simulation: Simulation) -> str:
     """
     The step in use, and where it comes from.
@@ -60,7 +121,7 @@ def step_reason(simulation: Simulation) -> str:
     return f'{text}, chosen: no connector sets a frequency'
 
 
-def _pace(body_count: int, status: Status, wall: float) -> str:
+def _pace(body_count: int, status: Status, wall: float, aside: float) -> str:
     simulated = seconds(status.time)
     text = f'{simulated:.6g} s of simulated time in {status.step_count:,} steps, {wall:.3g} s of '
     text += 'wall time'
@@ -68,6 +129,8 @@ def _pace(body_count: int, status: Status, wall: float) -> str:
         each = wall / (status.step_count * body_count) * 1e9
         text += (f' (real-time factor {simulated / wall:.3g}, {each:,.0f} ns per body and step, '
                  'outputs included)')
+    if aside > 0.0:
+        text += f', and {aside:.3g} s to measure the growth'
     return text
 
 
@@ -75,12 +138,19 @@ def _energy(simulation: Simulation, monitor: RunMonitor) -> str:
     first, last = monitor.first.energy['total'], monitor.last.energy['total']
     text = f'{first:.9g} J at the start, {last:.9g} J at the end'
     if simulation.active_loads or simulation.scene.loads and _loads_act(simulation):
-        return f'{text}; the work of the loads is in it'
+        return text
     if not monitor.energy_scale > 0.0:
         return text
     drift = (last - first) / monitor.energy_scale
     return (f'{text}; drift {drift:+.1e} of the largest energy that was exchanged '
             f'({monitor.energy_scale:.3g} J)')
+
+
+def _balance(simulation: Simulation) -> str:
+    balance = simulation.balance
+    work = f', of which {balance.work:.3g} J were put in' if balance.work != 0.0 else ''
+    return (f'balance: off by at most {balance.worst:.1e} of the largest energy seen or work done '
+            f'({balance.scale:.3g} J{work}); solver.energy_limit is {balance.limit:g}')
 
 
 def _loads_act(simulation: Simulation) -> bool:

@@ -8,96 +8,80 @@ axis, both exact; the potential flow changes velocities only. See docs/design.md
 """
 
 from icofabric_sim.kernels.compiled import compiled
-from icofabric_sim.kernels.monitor import examine, MOVED_FAR, moved_far
-from icofabric_sim.kernels.records import Loads, Model, State, Supports, Work
-from icofabric_sim.kernels.rotations import rotate
-from icofabric_sim.kernels.wrenches import compute_wrenches
+from icofabric_sim.kernels.flows import drift, push, push_kept
+from icofabric_sim.kernels.monitor import examine, MOVED_FAR, moved_far, save, SAVED_AT, UNSOUND
+from icofabric_sim.kernels.records import Links, Loads, Model, State, Team, Watch, Work
+from icofabric_sim.kernels.team import own_blocks, tell_all, wait_for_all
 import numpy as np
 
+# Blocks that are drifted and pushed in one go: they stay in the cache in between.
+_TILE = 64
+# Evaluations between two looks at how far bodies have moved.
+_STRIDE = 8
+
 
 @compiled
-def kick_gravity(
-    gravity: np.ndarray | None, supports: Supports | None, h: float, velocity: np.ndarray
+def steps(
+    kicks: np.ndarray, drifts: np.ndarray, model: Model, loads: Loads | None, state: State,
+    work: Work, team: Team, h: float, count: int
 ) -> None:
     """
-    Add h g to the velocities of the bodies that are free to move that way.
+    Take `count` steps of length `h`; see `splitting`.
+
+    A block can be pushed once all blocks within `reach` have drifted, so both run over the fabric
+    in one sweep and each body comes from memory once. Where a thread's blocks border on another's,
+    these drift first. All in one function: every call of a compiled function with so many arrays
+    counts their references, which a small fabric would feel.
     """
-    if gravity is None:
-        return
-    for b in range(velocity.shape[0]):
-        for k in range(3):
-            if is_free(supports, b, k):
-                velocity[b, k] += h * gravity[k]
+    first, last = own_blocks(team, model.blocks.slot.shape[0])
+    reach = model.blocks.reach
+    near = min(first + reach, last)
+    kick_first = kicks.shape[0] > drifts.shape[0]
+    stages = min(kicks.shape[0], drifts.shape[0])
+    if kick_first:
+        push_kept(model, loads, state, work, kicks[0] * h, first, last)
+    for evaluation in range(count * stages):
+        index = evaluation % stages
+        whole = drifts[index] * h
+        kick = kicks[index] * h
+        again = 0.0
+        keep = False
+        if kick_first:
+            kick = kicks[index + 1] * h
+            # The last kick of a step and the first of the next share their forces.
+            keep = evaluation + 1 == count * stages
+            if index + 1 == stages and not keep:
+                again = kicks[0] * h
+        drift(model, loads, state, work, whole, first, near)
+        ahead, edge = near, last
+        if team.size > 1:
+            edge = max(last - reach, near)
+            drift(model, loads, state, work, whole, edge, last)
+            wait_for_all(team)
+        for start in range(first, last, _TILE):
+            end = min(start + _TILE, last)
+            goal = min(end + reach, edge)
+            if goal > ahead:
+                drift(model, loads, state, work, whole, ahead, goal)
+                ahead = goal
+            push(model, loads, state, work, kick, again, keep, start, end)
+        wait_for_all(team)
+        if not kick_first and index + 1 == stages:
+            drift(model, loads, state, work, drifts[stages] * h, first, last)
+            wait_for_all(team)
 
 
 @compiled
-def is_free(supports: Supports | None, b: int, k: int) -> bool:
+def stride_of(links: Links | None, stages: int) -> int:
     """
-    Whether body `b` may move along the world axis `k`.
-    """
-    if supports is None:
-        return True
-    return supports.inverse_mass[b, k] > 0.0
+    Steps between two looks at how far bodies have moved.
 
-
-@compiled
-def kick_wrenches(
-    supports: Supports | None,
-    inverse_mass: float,
-    inverse_inertia: float,
-    h: float,
-    work: Work,
-    velocity: np.ndarray,
-    spin: np.ndarray,
-) -> None:
+    A fast body crosses a shell in fewer steps than lie between two examinations; free bodies,
+    which take long steps, in one.
     """
-    Add h F / M and h N / Lambda (eq 45 without the gyroscopic term, which vanishes).
-    """
-    if supports is None:
-        for b in range(velocity.shape[0]):
-            for k in range(3):
-                velocity[b, k] += h * inverse_mass * work.force[b, k]
-                spin[b, k] += h * inverse_inertia * work.torque[b, k]
-    else:
-        for b in range(velocity.shape[0]):
-            for k in range(3):
-                velocity[b, k] += h * supports.inverse_mass[b, k] * work.force[b, k]
-                spin[b, k] += h * supports.inverse_inertia[b] * work.torque[b, k]
-
-
-@compiled
-def kick(model: Model, h: float, state: State, work: Work) -> None:
-    """
-    Flow of the potential energy over `h`: velocities only.
-    """
-    kick_gravity(model.gravity, model.supports, h, state.linear_velocity)
-    kick_wrenches(
-        model.supports,
-        model.inverse_mass,
-        model.inverse_inertia,
-        h,
-        work,
-        state.linear_velocity,
-        state.angular_velocity,
-    )
-
-
-@compiled
-def drift(h: float, state: State) -> None:
-    """
-    Flow of the kinetic energy over `h`: free flight and free rotation, exact.
-    """
-    for b in range(state.position.shape[0]):
-        for k in range(3):
-            state.position[b, k] += h * state.linear_velocity[b, k]
-        rotate(
-            state.orientation,
-            b,
-            h,
-            state.angular_velocity[b, 0],
-            state.angular_velocity[b, 1],
-            state.angular_velocity[b, 2],
-        )
+    if links is None:
+        return 1
+    return max(1, _STRIDE // stages)
 
 
 @compiled
@@ -107,46 +91,53 @@ def splitting(
     model: Model,
     loads: Loads | None,
     state: State,
+    saved: State,
     work: Work,
+    team: Team,
     h: float,
     count: int,
     since_check: int,
     check_interval: int,
-    reference: np.ndarray | None,
-    readings: np.ndarray,
-    high: float,
-    low: float,
-    spin_weight: float,
-    reach: float,
+    watch: Watch | None,
+    ledger: np.ndarray,
 ) -> tuple[int, int, int]:
     """
-    Take up to `count` steps of length `h`: kick, drift, kick, ..., drift, kick.
+    Take up to `count` steps of length `h`: kick, drift, ..., kick or drift, kick, ..., drift.
 
-    `kicks` (m + 1,) and `drifts` (m,) are the parts of the step that each flow takes; one
-    evaluation of the wrenches for each drift, because the last kick of a step and the first of the
-    next share theirs. `work` must hold the wrenches of the state. After every `check_interval`
-    steps the state is examined; a status other than 0 ends the call early. Returns the status, the
-    steps taken, and the steps since the last examination.
+    `kicks` and `drifts` are the parts of the step that each flow takes; the longer of the two
+    begins and ends a step. One evaluation of the forces for each stage: where kicks begin, the
+    last of a step and the first of the next share theirs, and `work` must hold the accelerations
+    of the state, as it does again at the end. After every `check_interval` steps the state is
+    examined (`ledger`, see kernels/monitor.py) and saved if it is sound; a status other than 0
+    ends the call early. Returns the status, the steps taken, and the steps since the last
+    examination.
     """
+    stages = min(kicks.shape[0], drifts.shape[0])
+    first, last = own_blocks(team, model.blocks.slot.shape[0])
+    stride = stride_of(model.links, stages) if watch is not None else check_interval
     done = 0
     while done < count:
-        kick(model, kicks[0] * h, state, work)
-        for stage in range(drifts.shape[0]):
-            drift(drifts[stage] * h, state)
-            compute_wrenches(model, loads, state, work)
-            kick(model, kicks[stage + 1] * h, state, work)
-        done += 1
-        since_check += 1
-        if since_check >= check_interval:
+        # As far as somebody looks at the state.
+        ahead = min(count - done, check_interval - since_check)
+        ahead = min(ahead, stride - since_check % stride)
+        steps(kicks, drifts, model, loads, state, work, team, h, ahead)
+        done += ahead
+        since_check += ahead
+        examined = since_check >= check_interval
+        watched = watch is not None and since_check % stride == 0
+        status = 0
+        if examined:
             since_check = 0
-            status = examine(
-                model, state, work, reference, readings, high, low, spin_weight, reach
-            )
-            if status != 0:
-                return status, done, since_check
-        # A fast body crosses a shell in fewer steps than lie between two looks; free bodies, which
-        # take long steps, in one. Looking for pairs costs about ten steps of a fabric.
-        stride = 1 if model.connectors is None else max(1, 8 // drifts.shape[0])
-        if since_check % stride == 0 and moved_far(reference, state.position, reach):
-            return MOVED_FAR, done, since_check
+            if team.member == 0:
+                status = examine(model, loads, state, work, ledger)
+        if watched and team.member == 0 and moved_far(model, watch, state.position):
+            status |= MOVED_FAR
+        if examined or watched:
+            status = tell_all(team, status)
+        if examined and status & UNSOUND == 0:
+            if team.member == 0:
+                ledger[SAVED_AT] = done
+            save(model, state, saved, first, last)
+        if status != 0:
+            return status, done, since_check
     return 0, done, since_check

@@ -1,75 +1,271 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
 """
-Product of the Hessian of the connector energy with small motions of the bodies.
+Product of the Hessian of the connector energy with small motions, and the Lanczos recurrences.
+
+Vectors are (6, s) arrays, slots last: displacements [m] and rotation vectors [rad] of all bodies,
+or forces and torques; in the recurrences both are scaled by the roots of mass and inertia.
 """
 
 import math
 
 from icofabric_sim.kernels.compiled import compiled
-from icofabric_sim.kernels.records import Connectors
+from icofabric_sim.kernels.connectors import Six
+from icofabric_sim.kernels.lanes import (
+    bits,
+    fma,
+    load,
+    load_at,
+    maximum,
+    rsqrt,
+    splat,
+    sqrt,
+    store,
+    store_at,
+    Vector,
+    where,
+)
+from icofabric_sim.kernels.monitor import sum_of_lanes
+from icofabric_sim.kernels.records import Links, Model, Supports
 import numpy as np
+
+_SMALLEST = 1e-300
 
 
 @compiled
-def hessian_product(
-    connectors: Connectors,
-    position: np.ndarray,
-    arms: np.ndarray,
-    shift: np.ndarray,
-    turn: np.ndarray,
-    force: np.ndarray,
-    torque: np.ndarray,
+def scaled_motion(
+    supports: Supports | None, root_m: float, root_i: float, vector: np.ndarray, s: int
+) -> Six:
+    """
+    Displacements and rotation vectors of a block from a mass-scaled vector; and back the same.
+    """
+    a, b, c = load(vector, 0, s), load(vector, 1, s), load(vector, 2, s)
+    d, e, f = load(vector, 3, s), load(vector, 4, s), load(vector, 5, s)
+    mx, my, mz, inertia = inverse_roots(supports, root_m, root_i, s)
+    return a * mx, b * my, c * mz, d * inertia, e * inertia, f * inertia
+
+
+@compiled
+def inverse_roots(
+    supports: Supports | None, root_m: float, root_i: float, s: int
+) -> tuple[Vector, Vector, Vector, Vector]:
+    """
+    Roots of the inverse masses along x, y, z and of the inverse inertia; 0 where held.
+    """
+    if supports is None:
+        return splat(root_m), splat(root_m), splat(root_m), splat(root_i)
+    else:
+        return (
+            sqrt(load(supports.inverse_mass, 0, s)),
+            sqrt(load(supports.inverse_mass, 1, s)),
+            sqrt(load(supports.inverse_mass, 2, s)),
+            sqrt(load(supports.inverse_inertia, 0, s)))
+
+
+@compiled
+def own_arm(
+    points: np.ndarray, stride: int, pair: int, s: int
+) -> tuple[Vector, Vector, Vector]:
+    """
+    Arms [m] to the first edge of a pair; the other has the opposite ones.
+    """
+    at, half = 6 * pair * stride + s, splat(0.5)
+    return (
+        half * (load_at(points, at) - load_at(points, at + 3 * stride)),
+        half * (load_at(points, at + stride) - load_at(points, at + 4 * stride)),
+        half * (load_at(points, at + 2 * stride) - load_at(points, at + 5 * stride)))
+
+
+@compiled
+def move_points(
+    points: np.ndarray, stride: int, motion: Six, moved: np.ndarray, s: int
 ) -> None:
     """
-    Second derivative of the energy along (shift, turn), into (force, torque).
-
-    World frame, all four (n, 3). The configuration is x + dx, exp(dtheta) R; with u = r_2 - r_1,
-    n = u / l, f = k (l - D), s_i the arms:
-    d2E = du.G du + f n.[dtheta_2 x (dtheta_2 x s_2) - dtheta_1 x (dtheta_1 x s_1)], where
-    du = du_2 - du_1, du_i = dx_i + dtheta_i x s_i and G = k n n^T + f/l (1 - n n^T).
-    Symmetric also out of equilibrium.
+    Displacements dx + dtheta x s [m] of the attachment points of a block, laid out like points.
     """
-    force[:] = 0.0
-    torque[:] = 0.0
-    stiffness = connectors.stiffness
-    natural_length = connectors.natural_length
-    s = np.zeros((2, 3))
-    u = np.zeros(3)
-    n = np.zeros(3)
-    du = np.zeros(3)
-    g = np.zeros(3)
-    for c in range(connectors.first.shape[0]):
-        bodies = (connectors.first[c], connectors.second[c])
-        edges = (connectors.first_edge[c], connectors.second_edge[c])
-        for k in range(3):
-            for end in range(2):
-                s[end, k] = (1.0 - 2.0 * (edges[end] & 1)) * arms[bodies[end], edges[end] >> 1, k]
-            u[k] = (position[bodies[1], k] - position[bodies[0], k]) + (s[1, k] - s[0, k])
-        length = math.sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2])
-        if length == 0.0:
-            continue
-        pull = stiffness * (length - natural_length)
-        along = 0.0
-        for k in range(3):
-            n[k] = u[k] / length
-            k1, k2 = (k + 1) % 3, (k + 2) % 3
-            du[k] = shift[bodies[1], k] - shift[bodies[0], k]
-            du[k] += turn[bodies[1], k1] * s[1, k2] - turn[bodies[1], k2] * s[1, k1]
-            du[k] -= turn[bodies[0], k1] * s[0, k2] - turn[bodies[0], k2] * s[0, k1]
-            along += n[k] * du[k]
-        for k in range(3):
-            g[k] = stiffness * along * n[k] + pull / length * (du[k] - along * n[k])
-        for end in range(2):
-            b = bodies[end]
-            sign = 2.0 * end - 1.0
-            ns = n[0] * s[end, 0] + n[1] * s[end, 1] + n[2] * s[end, 2]
-            nt = n[0] * turn[b, 0] + n[1] * turn[b, 1] + n[2] * turn[b, 2]
-            st = s[end, 0] * turn[b, 0] + s[end, 1] * turn[b, 1] + s[end, 2] * turn[b, 2]
-            for k in range(3):
-                k1, k2 = (k + 1) % 3, (k + 2) % 3
-                force[b, k] += sign * g[k]
-                torque[b, k] += sign * (s[end, k1] * g[k2] - s[end, k2] * g[k1])
-                torque[b, k] += (
-                    sign * pull * (0.5 * (n[k] * st + s[end, k] * nt) - ns * turn[b, k])
-                )
+    dx, dy, dz, tx, ty, tz = motion
+    for pair in range(3):
+        sx, sy, sz = own_arm(points, stride, pair, s)
+        cx, cy, cz = ty * sz - tz * sy, tz * sx - tx * sz, tx * sy - ty * sx
+        at = 6 * pair * stride + s
+        store_at(moved, at, dx + cx)
+        store_at(moved, at + stride, dy + cy)
+        store_at(moved, at + 2 * stride, dz + cz)
+        store_at(moved, at + 3 * stride, dx - cx)
+        store_at(moved, at + 4 * stride, dy - cy)
+        store_at(moved, at + 5 * stride, dz - cz)
+
+
+@compiled
+def second_derivative(
+    links: Links | None, points: np.ndarray, moved: np.ndarray, stride: int, motion: Six,
+    block: int, s: int
+) -> Six:
+    """
+    Second derivative of the energy along a motion, for the bodies of a block.
+
+    The configuration is x + dx, exp(dtheta) R; with u = r_2 - r_1, n = u / l, f = k (l - D), s_i
+    the arms: d2E = du.G du + f n.[dtheta_2 x (dtheta_2 x s_2) - dtheta_1 x (dtheta_1 x s_1)],
+    where du = du_2 - du_1, du_i = dx_i + dtheta_i x s_i and G = k n n^T + f/l (1 - n n^T).
+    Symmetric also out of equilibrium. Seen from either end, which is then the first.
+    """
+    zero = splat(0.0)
+    fx, fy, fz, mx, my, mz = zero, zero, zero, zero, zero, zero
+    if links is None:
+        return fx, fy, fz, mx, my, mz
+    _, _, _, tx, ty, tz = motion
+    half = splat(0.5)
+    stiffness, minus_rest = splat(links.stiffness), splat(-links.natural_length)
+    for edge in range(6):
+        pair = edge >> 1
+        sx, sy, sz = own_arm(points, stride, pair, s)
+        if edge & 1:
+            sx, sy, sz = zero - sx, zero - sy, zero - sz
+        at = 3 * edge * stride + s
+        for link in range(2 * edge, 2 * edge + 2):
+            place = links.place[block, link]
+            there = bits(links.present[block, link])
+            ux = load_at(points, place) - load_at(points, at)
+            uy = load_at(points, place + stride) - load_at(points, at + stride)
+            uz = load_at(points, place + 2 * stride) - load_at(points, at + 2 * stride)
+            vx = load_at(moved, place) - load_at(moved, at)
+            vy = load_at(moved, place + stride) - load_at(moved, at + stride)
+            vz = load_at(moved, place + 2 * stride) - load_at(moved, at + 2 * stride)
+            # A connector of no length has no direction, and no part in this.
+            square = maximum(fma(ux, ux, fma(uy, uy, uz * uz)), splat(_SMALLEST))
+            inverse = where(there, where(square > splat(_SMALLEST), rsqrt(square), zero), zero)
+            pull = stiffness * fma(square, inverse, minus_rest)
+            pull = where(inverse > zero, pull, zero)
+            nx, ny, nz = ux * inverse, uy * inverse, uz * inverse
+            along = fma(nx, vx, fma(ny, vy, nz * vz))
+            across = pull * inverse
+            # k along n + f/l (du - along n); n is 0 where there is no connector.
+            more = (stiffness - across) * along
+            gx, gy, gz = fma(more, nx, across * vx), fma(more, ny, across * vy), fma(
+                more, nz, across * vz)
+            fx, fy, fz = fx - gx, fy - gy, fz - gz
+            ns = fma(nx, sx, fma(ny, sy, nz * sz))
+            nt = half * fma(nx, tx, fma(ny, ty, nz * tz))
+            st = half * fma(sx, tx, fma(sy, ty, sz * tz))
+            mx = mx - (sy * gz - sz * gy) - pull * (nx * st + sx * nt - ns * tx)
+            my = my - (sz * gx - sx * gz) - pull * (ny * st + sy * nt - ns * ty)
+            mz = mz - (sx * gy - sy * gx) - pull * (nz * st + sz * nt - ns * tz)
+    return fx, fy, fz, mx, my, mz
+
+
+@compiled
+def hessian_times(
+    model: Model, points: np.ndarray, moved: np.ndarray, root_m: float, root_i: float,
+    supports: Supports | None, vector: np.ndarray, product: np.ndarray
+) -> None:
+    """
+    M^-1/2 H M^-1/2 times a vector, (6, s) both; roots 1 and no supports: H itself.
+
+    `moved` is room for as many numbers as `points`.
+    """
+    stride = vector.shape[1]
+    count = model.blocks.slot.shape[0]
+    for block in range(count):
+        s = model.blocks.slot[block]
+        move_points(
+            points, stride, scaled_motion(supports, root_m, root_i, vector, s), moved, s)
+    for block in range(count):
+        s = model.blocks.slot[block]
+        motion = scaled_motion(supports, root_m, root_i, vector, s)
+        a, b, c, d, e, f = second_derivative(
+            model.links, points, moved, stride, motion, block, s)
+        mx, my, mz, inertia = inverse_roots(supports, root_m, root_i, s)
+        store(product, 0, s, a * mx)
+        store(product, 1, s, b * my)
+        store(product, 2, s, c * mz)
+        store(product, 3, s, d * inertia)
+        store(product, 4, s, e * inertia)
+        store(product, 5, s, f * inertia)
+
+
+@compiled
+def lanczos_steps(
+    model: Model, points: np.ndarray, moved: np.ndarray, previous: np.ndarray,
+    current: np.ndarray, product: np.ndarray, diagonal: np.ndarray, off: np.ndarray, first: int,
+    last: int, shape: np.ndarray | None, weights: np.ndarray
+) -> None:
+    """
+    Steps first to last of the three-term recurrence for M^-1/2 H M^-1/2.
+
+    `current` is the unit vector of step `first`, `previous` that before it (zero at the start);
+    both are overwritten. The tridiagonal matrix goes into `diagonal` and `off`: off[i] couples
+    steps i and i + 1. Where `shape` is given, weights[i] times the vector of step i is added.
+    """
+    root_m, root_i = math.sqrt(model.inverse_mass), math.sqrt(model.inverse_inertia)
+    for step in range(first, last):
+        add_shape(shape, weights, step, current)
+        hessian_times(
+            model, points, moved, root_m, root_i, model.supports, current, product)
+        alpha = dot(model, current, product)
+        beta = off[step - 1] if step > 0 else 0.0
+        square = subtract(model, alpha, current, beta, previous, product)
+        diagonal[step], off[step] = alpha, math.sqrt(square)
+        if not off[step] > 0.0:
+            return
+        shift(model, 1.0 / off[step], previous, current, product)
+
+
+@compiled
+def add_shape(
+    shape: np.ndarray | None, weights: np.ndarray, step: int, current: np.ndarray
+) -> None:
+    """
+    Add weights[step] times the present vector.
+    """
+    if shape is None:
+        return
+    for k in range(6):
+        for s in range(current.shape[1]):
+            shape[k, s] += weights[step] * current[k, s]
+
+
+@compiled
+def dot(model: Model, left: np.ndarray, right: np.ndarray) -> float:
+    """
+    Scalar product, always in the same order.
+    """
+    total = splat(0.0)
+    for block in range(model.blocks.slot.shape[0]):
+        s = model.blocks.slot[block]
+        for k in range(6):
+            total = fma(load(left, k, s), load(right, k, s), total)
+    return sum_of_lanes(total)
+
+
+@compiled
+def subtract(
+    model: Model, alpha: float, current: np.ndarray, beta: float, previous: np.ndarray,
+    product: np.ndarray
+) -> float:
+    """
+    Product - alpha current - beta previous, in place; its square.
+    """
+    a, b, total = splat(-alpha), splat(-beta), splat(0.0)
+    for block in range(model.blocks.slot.shape[0]):
+        s = model.blocks.slot[block]
+        for k in range(6):
+            value = fma(a, load(current, k, s), load(product, k, s))
+            value = fma(b, load(previous, k, s), value)
+            store(product, k, s, value)
+            total = fma(value, value, total)
+    return sum_of_lanes(total)
+
+
+@compiled
+def shift(
+    model: Model, scale: float, previous: np.ndarray, current: np.ndarray, product: np.ndarray
+) -> None:
+    """
+    The next vector, scale times the product, and the one before it.
+    """
+    factor = splat(scale)
+    for block in range(model.blocks.slot.shape[0]):
+        s = model.blocks.slot[block]
+        for k in range(6):
+            store(previous, k, s, load(current, k, s))
+            store(current, k, s, factor * load(product, k, s))

@@ -3,30 +3,80 @@
 """
 Looks at a running state every so many steps.
 
-Is it finite, is the step still safe, has a body moved far?
+Is it finite, is the step still safe, does the energy balance, has a body moved far?
 """
 
 import math
 
 from icofabric_sim.kernels.compiled import compiled
-from icofabric_sim.kernels.records import Adjacency, Connectors, Model, State, Work
+from icofabric_sim.kernels.lanes import (
+    any_lane,
+    bits,
+    fabs,
+    fma,
+    lane,
+    LANES,
+    load,
+    load_at,
+    maximum,
+    rsqrt,
+    splat,
+    store,
+    Vector,
+    where,
+)
+from icofabric_sim.kernels.records import Links, Loads, Model, State, Watch, Work
 import numpy as np
 
 # Bits of the status that `examine` returns; the rates concern the bound of the largest frequency.
-RATE_HIGH, RATE_LOW, NOT_FINITE, MOVED_FAR = 1, 2, 4, 8
+RATE_HIGH, RATE_LOW, NOT_FINITE, MOVED_FAR, UNBALANCED, LIVELIER = 1, 2, 4, 8, 16, 32
+# Not to be saved as a state from which a run can go on.
+UNSOUND = NOT_FINITE | UNBALANCED
+# Places in the ledger. What a look finds: the rate sqrt(bound) + SPIN_WEIGHT x largest spin
+# [rad/s], the largest spin [rad/s], energies [J] and the work [J] of the present loads.
+RATE, SPIN, KINETIC, STORED, HEIGHT, WORK = 0, 1, 2, 3, 4, 5
+# What is asked of it: RATE_HIGH above, RATE_LOW below, LIVELIER where the kinetic energy [J] is
+# above.
+HIGH, LOW, SPIN_WEIGHT, LIVELY = 6, 7, 8, 9
+# The balance: energy less work at the start, height at the start [J], the largest energy seen or
+# work done [J], the largest error beside that, and the present and largest allowed part of it.
+BASE, BASE_HEIGHT, SCALE, WORST, ERROR, LIMIT = 10, 11, 12, 13, 14, 15
+# Work of loads before the present ones [J], and steps of this call when the state was saved.
+EARLIER_WORK, SAVED_AT = 16, 17
+LEDGER_COUNT = 18
 
 
 @compiled
-def frequency_bound(
-    connectors: Connectors | None,
-    adjacency: Adjacency | None,
-    inverse_mass: float,
-    inverse_inertia: float,
-    position: np.ndarray,
-    arms: np.ndarray,
-) -> tuple[float, int]:
+def largest_lane(value: Vector) -> float:
     """
-    Upper bound of the largest squared frequency [1/s^2] in this configuration, and its body.
+    Largest number of a vector; infinite where one is not a number.
+    """
+    largest = 0.0
+    for i in range(LANES):
+        number = lane(value, i)
+        if not number <= largest:
+            largest = number if number == number else math.inf
+    return largest
+
+
+@compiled
+def sum_of_lanes(value: Vector) -> float:
+    """
+    Sum of the numbers of a vector.
+    """
+    total = 0.0
+    for i in range(LANES):
+        total += lane(value, i)
+    return total
+
+
+@compiled
+def block_bound(
+    links: Links | None, inverse_mass: float, inverse_inertia: float, points: np.ndarray,
+    stride: int, block: int, s: int
+) -> tuple[Vector, Vector]:
+    """
+    Bound of the squared frequency [1/s^2] for each body of a block, and its connector energy [J].
 
     The second variation of a connector's energy for small motions (dx, dtheta) of its two bodies
     is k (n.du)^2 + f/l |P du|^2 + moments of f, with du = du_2 - du_1 and
@@ -34,143 +84,228 @@ def frequency_bound(
     ends of 2 k (n.du_i)^2 + 2 max(f/l, 0) |du_i|^2 + |f| |s| |dtheta_i|^2, a block-diagonal form:
     its largest eigenvalue, in mass-scaled coordinates, bounds that of the fabric. Each 6 x 6
     block is bounded by its largest absolute row sum. In the woven rest state the bound is close,
-    because neighbours that move against each other make (x - y)^2 = 2 x^2 + 2 y^2.
+    because neighbours that move against each other make (x - y)^2 = 2 x^2 + 2 y^2. Half of each
+    connector's energy counts for either end.
     """
-    largest = 0.0
-    where = -1
-    if connectors is None or adjacency is None:
-        return largest, where
-    root_m = math.sqrt(inverse_mass)
-    root_i = math.sqrt(inverse_inertia)
-    stiffness = connectors.stiffness
-    natural_length = connectors.natural_length
-    block = np.zeros((6, 6))
-    row = np.zeros(6)
-    for b in range(position.shape[0]):
-        block[:] = 0.0
-        for entry in range(adjacency.start[b], adjacency.start[b + 1]):
-            c = adjacency.connector[entry]
-            i, j = connectors.first[c], connectors.second[c]
-            edge_i, edge_j = connectors.first_edge[c], connectors.second_edge[c]
-            sign_i, sign_j = 1.0 - 2.0 * (edge_i & 1), 1.0 - 2.0 * (edge_j & 1)
-            edge, sign = (edge_i, sign_i) if i == b else (edge_j, sign_j)
-            ux = (position[j, 0] - position[i, 0]) + (
-                sign_j * arms[j, edge_j >> 1, 0] - sign_i * arms[i, edge_i >> 1, 0]
-            )
-            uy = (position[j, 1] - position[i, 1]) + (
-                sign_j * arms[j, edge_j >> 1, 1] - sign_i * arms[i, edge_i >> 1, 1]
-            )
-            uz = (position[j, 2] - position[i, 2]) + (
-                sign_j * arms[j, edge_j >> 1, 2] - sign_i * arms[i, edge_i >> 1, 2]
-            )
-            length = math.sqrt(ux * ux + uy * uy + uz * uz)
-            if length == 0.0:
-                continue
-            sx, sy, sz = (
-                sign * arms[b, edge >> 1, 0],
-                sign * arms[b, edge >> 1, 1],
-                sign * arms[b, edge >> 1, 2],
-            )
-            nx, ny, nz = ux / length, uy / length, uz / length
-            pull = stiffness * (length - natural_length)
-            row[0], row[1], row[2] = root_m * nx, root_m * ny, root_m * nz
-            row[3] = root_i * (sy * nz - sz * ny)
-            row[4] = root_i * (sz * nx - sx * nz)
-            row[5] = root_i * (sx * ny - sy * nx)
-            for p in range(6):
-                for q in range(6):
-                    block[p, q] += 2.0 * stiffness * row[p] * row[q]
-            square = sx * sx + sy * sy + sz * sz
-            tension = max(pull / length, 0.0)
-            # |du_i|^2 <= (|dx| + |s| |dtheta|)^2 <= (1/m + s^2/Lambda) |y|^2 by Cauchy and
-            # Schwarz, y mass-scaled.
-            spread = 2.0 * tension * (inverse_mass + square * inverse_inertia)
-            moment = abs(pull) * math.sqrt(square) * inverse_inertia
-            for p in range(3):
-                block[p, p] += spread
-                block[p + 3, p + 3] += spread + moment
-        for p in range(6):
-            total = 0.0
-            for q in range(6):
-                total += abs(block[p, q])
-            if not total <= largest:
-                largest = total
-                where = b
-    return largest, where
+    zero = splat(0.0)
+    energy = zero
+    if links is None:
+        return zero, energy
+    else:
+        root_m, root_i = math.sqrt(inverse_mass), math.sqrt(inverse_inertia)
+        square = links.half_width ** 2
+        stiffness, minus_rest = splat(links.stiffness), splat(-links.natural_length)
+        # |du_i|^2 <= (|dx| + |s| |dtheta|)^2 <= (1/m + s^2/Lambda) |y|^2 by Cauchy and Schwarz,
+        # y mass-scaled.
+        spread = splat(2.0 * (inverse_mass + square * inverse_inertia))
+        moment = splat(links.half_width * inverse_inertia)
+        tension, pulls = zero, zero
+        b00, b01, b02, b03, b04, b05 = zero, zero, zero, zero, zero, zero
+        b11, b12, b13, b14, b15, b22 = zero, zero, zero, zero, zero, zero
+        b23, b24, b25, b33, b34, b35 = zero, zero, zero, zero, zero, zero
+        b44, b45, b55 = zero, zero, zero
+        for edge in range(6):
+            at = 3 * edge * stride + s
+            px, py = load_at(points, at), load_at(points, at + stride)
+            pz = load_at(points, at + 2 * stride)
+            across = (6 * (edge >> 1) + 3 * (1 - (edge & 1))) * stride + s
+            half = splat(0.5 * root_i)
+            sx = (px - load_at(points, across)) * half
+            sy = (py - load_at(points, across + stride)) * half
+            sz = (pz - load_at(points, across + 2 * stride)) * half
+            for link in range(2 * edge, 2 * edge + 2):
+                place = links.place[block, link]
+                there = bits(links.present[block, link])
+                ux = load_at(points, place) - px
+                uy = load_at(points, place + stride) - py
+                uz = load_at(points, place + 2 * stride) - pz
+                squared = maximum(fma(ux, ux, fma(uy, uy, uz * uz)), splat(1e-300))
+                inverse = where(there, rsqrt(squared), zero)
+                stretch = where(there, fma(squared, inverse, minus_rest), zero)
+                energy = fma(stretch, stretch, energy)
+                pull = stiffness * stretch
+                tension = fma(maximum(pull, zero), inverse, tension)
+                pulls = pulls + fabs(pull)
+                nx, ny, nz = ux * inverse, uy * inverse, uz * inverse
+                r0, r1, r2 = nx * splat(root_m), ny * splat(root_m), nz * splat(root_m)
+                r3, r4, r5 = sy * nz - sz * ny, sz * nx - sx * nz, sx * ny - sy * nx
+                b00, b01, b02 = fma(r0, r0, b00), fma(r0, r1, b01), fma(r0, r2, b02)
+                b03, b04, b05 = fma(r0, r3, b03), fma(r0, r4, b04), fma(r0, r5, b05)
+                b11, b12, b13 = fma(r1, r1, b11), fma(r1, r2, b12), fma(r1, r3, b13)
+                b14, b15, b22 = fma(r1, r4, b14), fma(r1, r5, b15), fma(r2, r2, b22)
+                b23, b24, b25 = fma(r2, r3, b23), fma(r2, r4, b24), fma(r2, r5, b25)
+                b33, b34, b35 = fma(r3, r3, b33), fma(r3, r4, b34), fma(r3, r5, b35)
+                b44, b45, b55 = fma(r4, r4, b44), fma(r4, r5, b45), fma(r5, r5, b55)
+        b01, b02, b03, b04, b05 = fabs(b01), fabs(b02), fabs(b03), fabs(b04), fabs(b05)
+        b12, b13, b14, b15 = fabs(b12), fabs(b13), fabs(b14), fabs(b15)
+        b23, b24, b25 = fabs(b23), fabs(b24), fabs(b25)
+        b34, b35, b45 = fabs(b34), fabs(b35), fabs(b45)
+        upper = maximum(b00 + b01 + b02 + b03 + b04 + b05, b01 + b11 + b12 + b13 + b14 + b15)
+        upper = maximum(upper, b02 + b12 + b22 + b23 + b24 + b25)
+        lower = maximum(b03 + b13 + b23 + b33 + b34 + b35, b04 + b14 + b24 + b34 + b44 + b45)
+        lower = maximum(lower, b05 + b15 + b25 + b35 + b45 + b55)
+        twice = splat(2.0 * links.stiffness)
+        upper = fma(twice, upper, spread * tension)
+        lower = fma(twice, lower, fma(spread, tension, moment * pulls))
+        return maximum(upper, lower), energy * splat(0.25 * links.stiffness)
+
+
+@compiled
+def frequency_bound(model: Model, work: Work) -> float:
+    """
+    Upper bound of the largest squared frequency [1/s^2] of the fabric, see `block_bound`.
+    """
+    stride = work.acceleration.shape[1]
+    largest = splat(0.0)
+    for block in range(model.blocks.slot.shape[0]):
+        bound, _ = block_bound(
+            model.links, model.inverse_mass, model.inverse_inertia, work.points, stride, block,
+            model.blocks.slot[block])
+        largest = maximum(bound, largest)
+    return largest_lane(largest)
 
 
 @compiled
 def examine(
-    model: Model,
-    state: State,
-    work: Work,
-    reference: np.ndarray | None,
-    readings: np.ndarray,
-    high: float,
-    low: float,
-    spin_weight: float,
-    reach: float,
+    model: Model, loads: Loads | None, state: State, work: Work, ledger: np.ndarray
 ) -> int:
     """
-    Status bits of the state.
-
-    `readings` (4,) gets the rate [rad/s], the body of the bound, the largest spin [rad/s], and a
-    body that is not finite. The rate is sqrt(bound) + spin_weight x largest spin; RATE_HIGH above
-    `high`, RATE_LOW below `low`. MOVED_FAR: a body is farther than `reach` [m] from its place in
-    `reference` (n, 3); None skips that.
+    Status bits of the state, and its figures into `ledger`; its attachment points are in place.
     """
-    status = 0
-    spin = 0.0
-    for b in range(state.position.shape[0]):
-        total = 0.0
-        square = 0.0
+    stride = state.position.shape[1]
+    zero = splat(0.0)
+    largest, spin, linear, angular, stored, height = zero, zero, zero, zero, zero, zero
+    for block in range(model.blocks.slot.shape[0]):
+        s = model.blocks.slot[block]
+        bound, energy = block_bound(
+            model.links, model.inverse_mass, model.inverse_inertia, work.points, stride, block, s)
+        largest = maximum(bound, largest)
+        stored = stored + energy
+        square = zero
         for k in range(3):
-            total += state.position[b, k] + state.linear_velocity[b, k]
-            square += state.angular_velocity[b, k] ** 2
-        if not math.isfinite(total + square):
-            readings[3] = b
-            return NOT_FINITE
-        spin = max(spin, square)
-    bound, where = frequency_bound(
-        model.connectors,
-        model.adjacency,
-        model.inverse_mass,
-        model.inverse_inertia,
-        state.position,
-        work.arms,
-    )
-    spin = math.sqrt(spin)
-    rate = math.sqrt(bound) + spin_weight * spin
-    readings[0], readings[1], readings[2] = rate, where, spin
-    if not rate <= high:
+            v, o = load(state.linear_velocity, k, s), load(state.angular_velocity, k, s)
+            linear = fma(v, v, linear)
+            square = fma(o, o, square)
+        angular = angular + square
+        spin = maximum(square, spin)
+        for k in range(3):
+            # Also with no weight: what is not finite shows in the sum.
+            weight = splat(gravity_along(model.gravity, k))
+            height = fma(weight, load(state.position, k, s), height)
+    mass, inertia = 1.0 / model.inverse_mass, 1.0 / model.inverse_inertia
+    ledger[SPIN] = math.sqrt(largest_lane(spin))
+    ledger[RATE] = math.sqrt(largest_lane(largest)) + ledger[SPIN_WEIGHT] * ledger[SPIN]
+    ledger[KINETIC] = 0.5 * mass * sum_of_lanes(linear) + 0.5 * inertia * sum_of_lanes(angular)
+    ledger[STORED] = sum_of_lanes(stored)
+    ledger[HEIGHT] = -mass * sum_of_lanes(height)
+    ledger[WORK] = ledger[EARLIER_WORK]
+    ledger[WORK] += work_done(loads)
+    status = balance(ledger)
+    if not ledger[RATE] <= ledger[HIGH]:
         status |= RATE_HIGH
-    if rate < low:
+    if ledger[RATE] < ledger[LOW]:
         status |= RATE_LOW
-    if moved_far(reference, state.position, reach):
-        status |= MOVED_FAR
+    if ledger[KINETIC] > ledger[LIVELY]:
+        status |= LIVELIER
     return status
 
 
 @compiled
-def moved_far(reference: np.ndarray | None, position: np.ndarray, reach: float) -> bool:
+def gravity_along(gravity: np.ndarray | None, k: int) -> float:
     """
-    Whether a body is farther than `reach` [m] from its place in `reference`.
+    Gravity [m/s^2] along an axis.
+    """
+    if gravity is None:
+        return 0.0
+    return gravity[k]
+
+
+@compiled
+def work_done(loads: Loads | None) -> float:
+    """
+    Work [J] of the present loads.
+    """
+    total = 0.0
+    if loads is None:
+        return total
+    for m in range(loads.work.shape[0]):
+        total += loads.work[m]
+    return total
+
+
+@compiled
+def balance(ledger: np.ndarray) -> int:
+    """
+    Compare all energy less the work done with what it was at the start.
+    """
+    energy = ledger[KINETIC] + ledger[STORED]
+    total = energy + ledger[HEIGHT]
+    if not math.isfinite(total + ledger[WORK]):
+        return NOT_FINITE
+    fallen = abs(ledger[HEIGHT] - ledger[BASE_HEIGHT])
+    ledger[SCALE] = max(ledger[SCALE], energy, fallen, abs(ledger[WORK]))
+    ledger[ERROR] = total - ledger[WORK] - ledger[BASE]
+    if ledger[SCALE] > 0.0:
+        ledger[WORST] = max(ledger[WORST], abs(ledger[ERROR]) / ledger[SCALE])
+        if abs(ledger[ERROR]) > ledger[LIMIT] * ledger[SCALE]:
+            return UNBALANCED
+    return 0
+
+
+@compiled
+def save(model: Model, state: State, saved: State, first: int, last: int) -> None:
+    """
+    Copy the state of blocks first to last.
+    """
+    for block in range(first, last):
+        s = model.blocks.slot[block]
+        for k in range(3):
+            store(saved.position, k, s, load(state.position, k, s))
+            store(saved.linear_velocity, k, s, load(state.linear_velocity, k, s))
+            store(saved.angular_velocity, k, s, load(state.angular_velocity, k, s))
+        if state.orientation.ndim == 2:
+            for k in range(4):
+                store(saved.orientation, k, s, load(state.orientation, k, s))
+        else:
+            for i in range(3):
+                for k in range(3):
+                    store(saved.orientation[i], k, s, load(state.orientation[i], k, s))
+
+
+@compiled
+def moved_far(
+    model: Model, watch: Watch | None, position: np.ndarray
+) -> bool:
+    """
+    Whether a body is farther than `watch.reach` from its place in `watch.reference`.
 
     The way that all have moved on average does not count: it brings no two closer.
     """
-    if reference is None or not reach < math.inf:
+    if watch is None:
         return False
-    limit = reach * reach
-    count = position.shape[0]
-    sx, sy, sz = 0.0, 0.0, 0.0
-    for b in range(count):
-        sx += position[b, 0] - reference[b, 0]
-        sy += position[b, 1] - reference[b, 1]
-        sz += position[b, 2] - reference[b, 2]
-    for b in range(count):
-        dx = position[b, 0] - reference[b, 0] - sx / count
-        dy = position[b, 1] - reference[b, 1] - sy / count
-        dz = position[b, 2] - reference[b, 2] - sz / count
-        if dx * dx + dy * dy + dz * dz > limit:
+    reference, reach, blocks = watch.reference, watch.reach, model.blocks
+    if not reach < math.inf:
+        return False
+    zero = splat(0.0)
+    sx, sy, sz, count = zero, zero, zero, zero
+    for block in range(blocks.slot.shape[0]):
+        s = blocks.slot[block]
+        # Slots without a body stay where they are.
+        sx = sx + (load(position, 0, s) - load(reference, 0, s))
+        sy = sy + (load(position, 1, s) - load(reference, 1, s))
+        sz = sz + (load(position, 2, s) - load(reference, 2, s))
+        count = count + where(bits(blocks.alive[block]), splat(1.0), zero)
+    bodies = sum_of_lanes(count)
+    mx = splat(sum_of_lanes(sx) / bodies)
+    my = splat(sum_of_lanes(sy) / bodies)
+    mz = splat(sum_of_lanes(sz) / bodies)
+    limit = splat(reach * reach)
+    for block in range(blocks.slot.shape[0]):
+        s = blocks.slot[block]
+        dx = load(position, 0, s) - load(reference, 0, s) - mx
+        dy = load(position, 1, s) - load(reference, 1, s) - my
+        dz = load(position, 2, s) - load(reference, 2, s) - mz
+        square = fma(dx, dx, fma(dy, dy, dz * dz))
+        if any_lane(where(bits(blocks.alive[block]), square, zero) > limit):
             return True
     return False

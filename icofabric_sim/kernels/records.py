@@ -3,17 +3,23 @@
 """
 What kernels take: packed constants, the evolving state, the inputs.
 
-A term that a scene lacks is None.
+Arrays have their slots last: slot s of a body is its place in them, the same for all (layout.py),
+so that bodies which are computed together lie side by side. A term that a scene lacks is None.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 
+EDGE_COUNT = 6
+# Connectors that meet at each edge of a weave.
+LINKS_PER_EDGE = 2
+LINK_COUNT = EDGE_COUNT * LINKS_PER_EDGE
+
 
 class Connectors(NamedTuple):
     """
-    Springs between edge midpoints; the index arrays have shape (c,).
+    Springs between edge midpoints, one by one; the index arrays have shape (c,).
     """
 
     first: np.ndarray  # int32, the lower body
@@ -25,13 +31,28 @@ class Connectors(NamedTuple):
     half_width: float  # centre to edge midpoint, w / 2 [m]
 
 
-class Adjacency(NamedTuple):
+class Blocks(NamedTuple):
     """
-    Connectors of each body: connector[start[b]:start[b + 1]].
+    Runs of LANES slots that are computed together, in the order in which they are computed.
     """
 
-    start: np.ndarray  # (n + 1,) int32
-    connector: np.ndarray  # (2 c,) int32
+    slot: np.ndarray  # (b,) int32, first slot
+    alive: np.ndarray  # (b,) uint8, bit l: lane l holds a body
+    reach: int  # connectors lead to blocks at most this much earlier or later
+
+
+class Links(NamedTuple):
+    """
+    The same springs seen from each body: two at each of its six edges.
+
+    A block's lanes have their neighbours side by side too, so one place does for all of them.
+    """
+
+    place: np.ndarray  # (b, 12) int32, where the x of lane 0's partner is in the flat points
+    present: np.ndarray  # (b, 12) uint8, bit l: lane l has this connector
+    stiffness: float  # k [N/m]
+    natural_length: float  # D [m]
+    half_width: float  # centre to edge midpoint, w / 2 [m]
 
 
 class Supports(NamedTuple):
@@ -39,20 +60,24 @@ class Supports(NamedTuple):
     Inverse masses with held freedoms set to zero.
     """
 
-    inverse_mass: np.ndarray  # (n, 3) [1/kg], world axes
-    inverse_inertia: np.ndarray  # (n,) [1/(kg m^2)]
+    inverse_mass: np.ndarray  # (3, s) [1/kg], world axes
+    inverse_inertia: np.ndarray  # (1, s) [1/(kg m^2)]
 
 
 class Loads(NamedTuple):
     """
-    Wrenches on single bodies, one row each.
+    Wrenches on single bodies, one row each, in the order of the blocks.
     """
 
-    body: np.ndarray  # (m,) int32
+    start: np.ndarray  # (b + 1,) int32: rows start[b] to start[b + 1] act on block b
+    slot: np.ndarray  # (m,) int32
     in_body_axes: np.ndarray  # (m,) bool: force and torque turn with the body
     force: np.ndarray  # (m, 3) [N]
     torque: np.ndarray  # (m, 3) [N m]
     point: np.ndarray  # (m, 3) [m], body axes, from the centre
+    work: np.ndarray  # (m,) [J] done so far, written by the drift
+    earlier_work: np.ndarray  # (m,) [J] the same when the step in progress began
+    power: np.ndarray  # (16, m) [W] at the stages of a Runge-Kutta step; no rows for others
 
 
 class Model(NamedTuple):
@@ -63,8 +88,8 @@ class Model(NamedTuple):
     inverse_mass: float  # [1/kg]
     inverse_inertia: float  # [1/(kg m^2)]
     gravity: np.ndarray | None  # (3,) [m/s^2]
-    connectors: Connectors | None
-    adjacency: Adjacency | None
+    blocks: Blocks
+    links: Links | None
     supports: Supports | None
 
 
@@ -73,17 +98,49 @@ class State(NamedTuple):
     Evolving state, world frame, written by kernels.
     """
 
-    position: np.ndarray  # (n, 3) [m]
-    orientation: np.ndarray  # (n, 4) x y z w, or (n, 3, 3) direction cosines
-    linear_velocity: np.ndarray  # (n, 3) [m/s]
-    angular_velocity: np.ndarray  # (n, 3) [rad/s]
+    position: np.ndarray  # (3, s) [m]
+    orientation: np.ndarray  # (4, s) x y z w, or (3, 3, s) direction cosines
+    linear_velocity: np.ndarray  # (3, s) [m/s]
+    angular_velocity: np.ndarray  # (3, s) [rad/s]
 
 
 class Work(NamedTuple):
     """
-    Resultants at the current state, and room for the arms.
+    What follows from the state: attachment points, and accelerations where a call ends.
     """
 
-    force: np.ndarray  # (n, 3) [N]
-    torque: np.ndarray  # (n, 3) [N m] about each centre
-    arms: np.ndarray  # (n, 3, 3) [m], see rotations.fill_arms
+    # Attachment points [m], (18 s,): coordinate k of edge e of slot s at (3 e + k) stride + s,
+    # where the stride is the number of slots; nothing without links.
+    points: np.ndarray
+    acceleration: np.ndarray  # (6, s) linear [m/s^2], angular [rad/s^2]; loads apart
+    trail: 'Trail | None'  # for Runge-Kutta methods
+
+
+class Trail(NamedTuple):
+    """
+    What a Runge-Kutta step leaves behind.
+    """
+
+    slopes: np.ndarray  # (16, r, s), see kernels/slopes.py
+    stage: State  # the stage in progress, then the end of the step
+    start: State
+    errors: np.ndarray  # one for each thread
+
+
+class Watch(NamedTuple):
+    """
+    Places from which bodies may move only so far before closer ones are looked for.
+    """
+
+    reference: np.ndarray  # (3, s) [m]
+    reach: float  # [m]
+
+
+class Team(NamedTuple):
+    """
+    Threads that share a call; each takes a run of blocks.
+    """
+
+    member: int
+    size: int
+    flags: np.ndarray  # int64, see kernels/team.py

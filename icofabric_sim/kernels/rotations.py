@@ -3,55 +3,41 @@
 """
 Rotations of bodies: unit quaternions (10 N form) or direction cosines (15 N form).
 
-An orientation array of shape (n, 4) holds quaternions x y z w (eqs 21-27); one of shape
-(n, 3, 3) holds mu_ij = e_i . e0_j (eqs 16-20), whose row i is body axis i in world components.
-The shape is a constant of the compiled kernel.
+Slots last: an orientation array of shape (4, s) holds quaternions x y z w (eqs 21-27); one of
+shape (3, 3, s) holds mu_ij = e_i . e0_j (eqs 16-20), whose row i is body axis i in world
+components. The number of dimensions is a constant of the compiled kernel.
 """
 
 import math
 
 from icofabric_sim.kernels.compiled import compiled
+from icofabric_sim.kernels.lanes import (
+    any_lane,
+    fma,
+    insert,
+    lane,
+    LANES,
+    load,
+    splat,
+    store,
+    store_at,
+    Vector,
+)
 import numpy as np
 
-
-@compiled
-def fill_arms(orientation: np.ndarray, half_width: float, arms: np.ndarray) -> None:
-    """
-    Arms from the centres to the midpoints of the up, north and west edges [m], world frame.
-
-    `arms` (n, 3, 3): arms[b, edge >> 1] belongs to the edge pair (up, down), (north, south),
-    (west, east), that is to the body axes z, x, y; the second edge of a pair has the opposite arm.
-    """
-    h = half_width
-    if orientation.ndim == 2:
-        for b in range(orientation.shape[0]):
-            x, y, z, w = orientation[b, 0], orientation[b, 1], orientation[b, 2], orientation[b, 3]
-            arms[b, 0, 0] = h * 2.0 * (x * z + w * y)
-            arms[b, 0, 1] = h * 2.0 * (y * z - w * x)
-            arms[b, 0, 2] = h * (1.0 - 2.0 * (x * x + y * y))
-            arms[b, 1, 0] = h * (1.0 - 2.0 * (y * y + z * z))
-            arms[b, 1, 1] = h * 2.0 * (x * y + w * z)
-            arms[b, 1, 2] = h * 2.0 * (x * z - w * y)
-            arms[b, 2, 0] = h * 2.0 * (x * y - w * z)
-            arms[b, 2, 1] = h * (1.0 - 2.0 * (x * x + z * z))
-            arms[b, 2, 2] = h * 2.0 * (y * z + w * x)
-    else:
-        for b in range(orientation.shape[0]):
-            for pair in range(3):
-                axis = (pair + 2) % 3
-                for i in range(3):
-                    arms[b, pair, i] = h * orientation[b, axis, i]
+# Square of the half angle up to which the series below are exact to rounding.
+_SERIES = 1.0 / 64.0
 
 
 @compiled
 def to_world(
-    orientation: np.ndarray, b: int, x: float, y: float, z: float
+    orientation: np.ndarray, s: int, x: float, y: float, z: float
 ) -> tuple[float, float, float]:
     """
-    World components of a vector given on the axes of body `b` (eq 26).
+    World components of a vector given on the axes of the body in slot `s` (eq 26).
     """
     if orientation.ndim == 2:
-        qx, qy, qz, qw = orientation[b, 0], orientation[b, 1], orientation[b, 2], orientation[b, 3]
+        qx, qy, qz, qw = orientation[0, s], orientation[1, s], orientation[2, s], orientation[3, s]
         tx = 2.0 * (qy * z - qz * y)
         ty = 2.0 * (qz * x - qx * z)
         tz = 2.0 * (qx * y - qy * x)
@@ -62,76 +48,187 @@ def to_world(
         )
     else:
         return (
-            x * orientation[b, 0, 0] + y * orientation[b, 1, 0] + z * orientation[b, 2, 0],
-            x * orientation[b, 0, 1] + y * orientation[b, 1, 1] + z * orientation[b, 2, 1],
-            x * orientation[b, 0, 2] + y * orientation[b, 1, 2] + z * orientation[b, 2, 2],
+            x * orientation[0, 0, s] + y * orientation[1, 0, s] + z * orientation[2, 0, s],
+            x * orientation[0, 1, s] + y * orientation[1, 1, s] + z * orientation[2, 1, s],
+            x * orientation[0, 2, s] + y * orientation[1, 2, s] + z * orientation[2, 2, s],
         )
 
 
 @compiled
-def half_angle_factors(h: float, ox: float, oy: float, oz: float) -> tuple[float, float]:
+def half_angle_factors(h: float, ox: Vector, oy: Vector, oz: Vector) -> tuple[Vector, Vector]:
     """
     cos(|omega| h / 2) and sin(|omega| h / 2) / |omega|, smooth at zero.
     """
-    square = (ox * ox + oy * oy + oz * oz) * (0.25 * h * h)
-    if square < 1e-8:
-        # Series to the sixth power of the half angle: the next is below rounding here.
-        cosine = 1.0 - square * (0.5 - square * (1.0 / 24.0 - square / 720.0))
-        sine = 0.5 * h * (1.0 - square * (1.0 / 6.0 - square * (1.0 / 120.0 - square / 5040.0)))
-        return cosine, sine
-    angle = math.sqrt(square)
-    return math.cos(angle), 0.5 * h * math.sin(angle) / angle
+    half = 0.5 * h
+    square = fma(ox, ox, fma(oy, oy, oz * oz)) * splat(half * half)
+    # Horner's rule; the first term left out is 1e-19 at the end of the range.
+    cosine = fma(square, splat(-1.0 / 3628800.0), splat(1.0 / 40320.0))
+    cosine = fma(square, cosine, splat(-1.0 / 720.0))
+    cosine = fma(square, cosine, splat(1.0 / 24.0))
+    cosine = fma(square, cosine, splat(-0.5))
+    cosine = fma(square, cosine, splat(1.0))
+    sine = fma(square, splat(-1.0 / 39916800.0), splat(1.0 / 362880.0))
+    sine = fma(square, sine, splat(-1.0 / 5040.0))
+    sine = fma(square, sine, splat(1.0 / 120.0))
+    sine = fma(square, sine, splat(-1.0 / 6.0))
+    sine = fma(square, sine, splat(1.0))
+    if any_lane(square > splat(_SERIES)):
+        for i in range(LANES):
+            value = lane(square, i)
+            if value > _SERIES:
+                angle = math.sqrt(value)
+                cosine = insert(cosine, i, math.cos(angle))
+                sine = insert(sine, i, math.sin(angle) / angle)
+    return cosine, sine * splat(half)
 
 
 @compiled
-def rotate(orientation: np.ndarray, b: int, h: float, ox: float, oy: float, oz: float) -> None:
+def rotate(
+    orientation: np.ndarray, s: int, h: float, ox: Vector, oy: Vector, oz: Vector
+) -> None:
     """
-    Exact flow over `h` at constant omega, world axes.
+    Exact flow of the block at slot `s` over `h` at constant omega, world axes.
 
     Of dq/dt = omega q / 2 (eq 22), or of de_i/dt = omega x e_i (eq 19).
     """
-    c, s = half_angle_factors(h, ox, oy, oz)
-    ux, uy, uz = s * ox, s * oy, s * oz
+    cosine, sine = half_angle_factors(h, ox, oy, oz)
+    zero = splat(0.0)
+    ux, uy, uz = sine * ox, sine * oy, sine * oz
+    mx, my, mz = zero - ux, zero - uy, zero - uz
     if orientation.ndim == 2:
-        x, y, z, w = orientation[b, 0], orientation[b, 1], orientation[b, 2], orientation[b, 3]
-        nx = c * x + ux * w + uy * z - uz * y
-        ny = c * y + uy * w + uz * x - ux * z
-        nz = c * z + uz * w + ux * y - uy * x
-        nw = c * w - ux * x - uy * y - uz * z
+        x, y = load(orientation, 0, s), load(orientation, 1, s)
+        z, w = load(orientation, 2, s), load(orientation, 3, s)
+        nx = fma(cosine, x, fma(ux, w, fma(uy, z, mz * y)))
+        ny = fma(cosine, y, fma(uy, w, fma(uz, x, mx * z)))
+        nz = fma(cosine, z, fma(uz, w, fma(ux, y, my * x)))
+        nw = fma(cosine, w, fma(mx, x, fma(my, y, mz * z)))
         # One Newton step towards unit length: rounding does not accumulate.
-        scale = 1.5 - 0.5 * (nx * nx + ny * ny + nz * nz + nw * nw)
-        orientation[b, 0] = nx * scale
-        orientation[b, 1] = ny * scale
-        orientation[b, 2] = nz * scale
-        orientation[b, 3] = nw * scale
+        norm = fma(nx, nx, fma(ny, ny, fma(nz, nz, nw * nw)))
+        scale = fma(splat(-0.5), norm, splat(1.5))
+        store(orientation, 0, s, nx * scale)
+        store(orientation, 1, s, ny * scale)
+        store(orientation, 2, s, nz * scale)
+        store(orientation, 3, s, nw * scale)
     else:
+        two = splat(2.0)
         for i in range(3):
-            x, y, z = orientation[b, i, 0], orientation[b, i, 1], orientation[b, i, 2]
-            tx = 2.0 * (uy * z - uz * y)
-            ty = 2.0 * (uz * x - ux * z)
-            tz = 2.0 * (ux * y - uy * x)
-            orientation[b, i, 0] = x + c * tx + uy * tz - uz * ty
-            orientation[b, i, 1] = y + c * ty + uz * tx - ux * tz
-            orientation[b, i, 2] = z + c * tz + ux * ty - uy * tx
-        orthonormalise(orientation, b)
+            axis = orientation[i]
+            x, y, z = load(axis, 0, s), load(axis, 1, s), load(axis, 2, s)
+            tx = two * fma(uy, z, mz * y)
+            ty = two * fma(uz, x, mx * z)
+            tz = two * fma(ux, y, my * x)
+            store(axis, 0, s, fma(cosine, tx, fma(uy, tz, fma(mz, ty, x))))
+            store(axis, 1, s, fma(cosine, ty, fma(uz, tx, fma(mx, tz, y))))
+            store(axis, 2, s, fma(cosine, tz, fma(ux, ty, fma(my, tx, z))))
+        orthonormalise(orientation, s)
 
 
 @compiled
-def orthonormalise(orientation: np.ndarray, b: int) -> None:
+def orthonormalise(orientation: np.ndarray, s: int) -> None:
     """
-    One Newton step of the polar decomposition, M (3 - M^T M) / 2, in place.
+    One Newton step of the polar decomposition, M (3 - M^T M) / 2, in place, of a block.
 
     Rounding does not accumulate.
     """
-    m = orientation[b]
-    g00 = m[0, 0] * m[0, 0] + m[1, 0] * m[1, 0] + m[2, 0] * m[2, 0]
-    g01 = m[0, 0] * m[0, 1] + m[1, 0] * m[1, 1] + m[2, 0] * m[2, 1]
-    g02 = m[0, 0] * m[0, 2] + m[1, 0] * m[1, 2] + m[2, 0] * m[2, 2]
-    g11 = m[0, 1] * m[0, 1] + m[1, 1] * m[1, 1] + m[2, 1] * m[2, 1]
-    g12 = m[0, 1] * m[0, 2] + m[1, 1] * m[1, 2] + m[2, 1] * m[2, 2]
-    g22 = m[0, 2] * m[0, 2] + m[1, 2] * m[1, 2] + m[2, 2] * m[2, 2]
+    first, second, third = orientation[0], orientation[1], orientation[2]
+    half = splat(-0.5)
+    g00, g01, g02 = _products(first, second, third, s, 0, 0), _products(
+        first, second, third, s, 0, 1), _products(first, second, third, s, 0, 2)
+    g11, g12 = _products(first, second, third, s, 1, 1), _products(first, second, third, s, 1, 2)
+    g22 = _products(first, second, third, s, 2, 2)
+    g00, g11, g22 = g00 - splat(3.0), g11 - splat(3.0), g22 - splat(3.0)
     for i in range(3):
-        x, y, z = m[i, 0], m[i, 1], m[i, 2]
-        m[i, 0] = 1.5 * x - 0.5 * (x * g00 + y * g01 + z * g02)
-        m[i, 1] = 1.5 * y - 0.5 * (x * g01 + y * g11 + z * g12)
-        m[i, 2] = 1.5 * z - 0.5 * (x * g02 + y * g12 + z * g22)
+        axis = orientation[i]
+        x, y, z = load(axis, 0, s), load(axis, 1, s), load(axis, 2, s)
+        store(axis, 0, s, half * fma(x, g00, fma(y, g01, z * g02)))
+        store(axis, 1, s, half * fma(x, g01, fma(y, g11, z * g12)))
+        store(axis, 2, s, half * fma(x, g02, fma(y, g12, z * g22)))
+
+
+@compiled
+def _products(
+    first: np.ndarray, second: np.ndarray, third: np.ndarray, s: int, i: int, j: int
+) -> Vector:
+    """
+    Element (i, j) of M^T M.
+    """
+    return fma(
+        load(first, i, s), load(first, j, s),
+        fma(load(second, i, s), load(second, j, s), load(third, i, s) * load(third, j, s)))
+
+
+@compiled
+def arm_lanes(
+    orientation: np.ndarray, s: int, half_width: float, axis: int
+) -> tuple[Vector, Vector, Vector]:
+    """
+    Arms [m], world frame, from the centres to the first edge on a body axis (0 x, 1 y, 2 z).
+
+    Those are the edges north, west and up; the edge across has the opposite arm.
+    """
+    h = splat(half_width)
+    if orientation.ndim == 2:
+        x, y = load(orientation, 0, s), load(orientation, 1, s)
+        z, w = load(orientation, 2, s), load(orientation, 3, s)
+        zero, two = splat(0.0), splat(2.0 * half_width)
+        if axis == 2:
+            return (
+                two * fma(x, z, w * y),
+                two * fma(y, z, (zero - w) * x),
+                fma(zero - two, fma(x, x, y * y), h))
+        elif axis == 0:
+            return (
+                fma(zero - two, fma(y, y, z * z), h),
+                two * fma(x, y, w * z),
+                two * fma(x, z, (zero - w) * y))
+        else:
+            return (
+                two * fma(x, y, (zero - w) * z),
+                fma(zero - two, fma(x, x, z * z), h),
+                two * fma(y, z, w * x))
+    else:
+        row = orientation[axis]
+        return h * load(row, 0, s), h * load(row, 1, s), h * load(row, 2, s)
+
+
+@compiled
+def place_points(
+    half_width: float, position: np.ndarray, orientation: np.ndarray, points: np.ndarray, s: int
+) -> None:
+    """
+    Attachment points [m] of the block at slot `s`: the six edge midpoints (eq 49).
+    """
+    stride = position.shape[1]
+    x, y, z = load(position, 0, s), load(position, 1, s), load(position, 2, s)
+    for pair in range(3):
+        ax, ay, az = arm_lanes(orientation, s, half_width, (pair + 2) % 3)
+        at = 6 * pair * stride + s
+        store_at(points, at, x + ax)
+        store_at(points, at + stride, y + ay)
+        store_at(points, at + 2 * stride, z + az)
+        store_at(points, at + 3 * stride, x - ax)
+        store_at(points, at + 4 * stride, y - ay)
+        store_at(points, at + 5 * stride, z - az)
+
+
+@compiled
+def fill_arms(orientation: np.ndarray, half_width: float, arms: np.ndarray) -> None:
+    """
+    Arms from the centres to the midpoints of the up, north and west edges [m], world frame.
+
+    Bodies first: `orientation` (n, 4), `arms` (n, 3, 3): arms[b, edge >> 1] belongs to the edge
+    pair (up, down), (north, south), (west, east), that is to the body axes z, x, y; the second
+    edge of a pair has the opposite arm.
+    """
+    h = half_width
+    for b in range(orientation.shape[0]):
+        x, y, z, w = orientation[b, 0], orientation[b, 1], orientation[b, 2], orientation[b, 3]
+        arms[b, 0, 0] = h * 2.0 * (x * z + w * y)
+        arms[b, 0, 1] = h * 2.0 * (y * z - w * x)
+        arms[b, 0, 2] = h * (1.0 - 2.0 * (x * x + y * y))
+        arms[b, 1, 0] = h * (1.0 - 2.0 * (y * y + z * z))
+        arms[b, 1, 1] = h * 2.0 * (x * y + w * z)
+        arms[b, 1, 2] = h * 2.0 * (x * z - w * y)
+        arms[b, 2, 0] = h * 2.0 * (x * y - w * z)
+        arms[b, 2, 1] = h * (1.0 - 2.0 * (x * x + z * z))
+        arms[b, 2, 2] = h * 2.0 * (y * z + w * x)

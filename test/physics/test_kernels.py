@@ -10,15 +10,15 @@ import subprocess
 import sys
 
 from analytical import quaternion_product, rotation_quaternion
-from fabrics import FORMS, LOADED, make_scene, RANDOM, steady_loads
+from fabrics import FORMS, LOADED, make_scene, packed_state, RANDOM, wrenches
 import icofabric_sim as ico
+from icofabric_sim.kernels.compiled import compiled
 from icofabric_sim.kernels.connectors import connector_ends
-from icofabric_sim.kernels.hessian import hessian_product
-from icofabric_sim.kernels.records import State, Work
+from icofabric_sim.kernels.lanes import lane, LANES, splat
 from icofabric_sim.kernels.rotations import fill_arms, half_angle_factors, orthonormalise, to_world
-from icofabric_sim.kernels.wrenches import compute_wrenches
-from icofabric_sim.model import pack_model
+from icofabric_sim.model import pack_scene
 from icofabric_sim.rotation_forms import cosines_from_quaternions
+from icofabric_sim.stability import hessian_product
 import numpy as np
 import pytest
 from references import axes_of, resultants
@@ -75,13 +75,6 @@ def slope(scene, position, axes, point, direction):
     return energy(scene, position + complex_point[0], axes, complex_point[1]).imag / step
 
 
-def wrenches(scene, position, orientation, loads=None):
-    work = Work(np.zeros_like(position), np.zeros_like(position), np.zeros((len(position), 3, 3)))
-    state = State(position, orientation, np.zeros_like(position), np.zeros_like(position))
-    compute_wrenches(pack_model(scene), loads, state, work)
-    return work
-
-
 @pytest.mark.parametrize('seed', range(8))
 def test_wrench_is_minus_the_gradient_of_the_energy(seed):
     scene, position, orientation = configuration(seed)
@@ -104,12 +97,10 @@ def test_hessian_product_is_the_second_derivative_of_the_energy(seed):
     scene, position, orientation = configuration(
         seed, **{'connector.natural_length': [0.0, 0.03, 0.04][seed % 3]}
     )
-    axes, model = axes_of(orientation), pack_model(scene)
+    axes, packed = axes_of(orientation), pack_scene(scene)
+    state = packed_state(packed, position, orientation)
     count = scene.body_count
     shape = (2, count, 3)
-    arms = np.empty((count, 3, 3))
-    fill_arms(orientation, model.connectors.half_width, arms)
-    force, torque = np.empty((count, 3)), np.empty((count, 3))
     units = np.eye(6 * count).reshape(6 * count, *shape)
     matrix, differences = [], []
     for unit in units:
@@ -117,7 +108,7 @@ def test_hessian_product_is_the_second_derivative_of_the_energy(seed):
         # units of the pitch, so that one step suits both parts.
         step = 1e-5 * np.array([scene.geometry.pitch, 1.0])[:, None, None]
         width = (step * unit).sum()
-        hessian_product(model.connectors, position, arms, unit[0], unit[1], force, torque)
+        force, torque = hessian_product(packed, state, *unit)
         matrix.append(np.concatenate([force.ravel(), torque.ravel()]))
         differences.append(
             [
@@ -150,8 +141,8 @@ def test_wrenches_agree_with_the_reference(form, loaded):
     scene = make_scene((2, 2, 2), {'weave.variant': 1}, **sections)
     axes = axes_of(orientation)
     force, moment = resultants(scene, position, axes)
-    given = orientation if form == 'quaternion' else cosines_from_quaternions(orientation)
-    work = wrenches(scene, position, given, steady_loads(scene) if loaded else None)
+    work = wrenches(
+        scene, position, orientation, cosines=form == 'direction_cosines', loaded=loaded)
     np.testing.assert_allclose(work.force, force, rtol=0, atol=1e-13 * np.abs(force).max())
     np.testing.assert_allclose(work.torque, moment, rtol=0, atol=1e-13 * np.abs(moment).max())
 
@@ -206,7 +197,7 @@ def test_connector_ends_are_where_the_reference_puts_them():
     arms = np.empty((scene.body_count, 3, 3))
     fill_arms(orientation, 0.5 * scene.geometry.cube_width, arms)
     ends = np.empty((scene.connector_count, 2, 3))
-    connector_ends(pack_model(scene).connectors, position, arms, ends)
+    connector_ends(pack_scene(scene).connectors, position, arms, ends)
     bodies, axes = scene.connectors.bodies, axes_of(orientation)
     expected = position[bodies] + np.einsum(
         'cej,ceji->cei', scene.connectors.points_body, axes[bodies]
@@ -214,24 +205,37 @@ def test_connector_ends_are_where_the_reference_puts_them():
     np.testing.assert_allclose(ends, expected, rtol=0, atol=1e-16)
 
 
+@compiled
+def factors_of(h, spins, cosines, sines):
+    """
+    `half_angle_factors` for vectors of equal lanes.
+    """
+    for i in range(spins.shape[0]):
+        cosine, sine = half_angle_factors(h, splat(0.0), splat(spins[i]), splat(0.0))
+        cosines[i], sines[i] = lane(cosine, 0), lane(sine, LANES - 1)
+
+
 def test_half_angle_factors_are_smooth():
-    # The series meets the functions at a half angle of 1e-4; both agree with 40 digits there.
+    # The series meets the functions at a half angle of 1/8; both agree with 40 digits there.
     rates = np.concatenate(
-        [np.geomspace(1e-12, 10.0, 200), 2e-4 * (1.0 + np.linspace(-1e-6, 1e-6, 21))]
+        [np.geomspace(1e-12, 10.0, 400), 0.25 * (1.0 + np.linspace(-1e-6, 1e-6, 21))]
     )
-    for rate in rates:
-        cosine, sine = half_angle_factors(1.0, 0.0, rate, 0.0)
-        assert cosine == pytest.approx(np.cos(0.5 * rate), rel=3e-16, abs=3e-16)
-        assert sine == pytest.approx(np.sin(0.5 * rate) / rate, rel=5e-16)
-    assert half_angle_factors(2.0, 0.0, 0.0, 0.0) == (1.0, 1.0)
+    cosine, sine = np.empty_like(rates), np.empty_like(rates)
+    factors_of(1.0, rates, cosine, sine)
+    np.testing.assert_allclose(cosine, np.cos(0.5 * rates), rtol=3e-16, atol=3e-16)
+    np.testing.assert_allclose(sine, np.sin(0.5 * rates) / rates, rtol=7e-16)
+    factors_of(2.0, np.zeros(1), cosine, sine)
+    assert (cosine[0], sine[0]) == (1.0, 1.0)
 
 
 def test_orthonormalise_repairs_what_rounding_does():
     generator = np.random.default_rng(7)
-    exact = axes_of(rotation_quaternion(generator.standard_normal((20, 3))))
+    exact = axes_of(rotation_quaternion(generator.standard_normal((24, 3))))
     spoiled = exact + 1e-8 * generator.standard_normal(exact.shape)
-    for body in range(20):
-        orthonormalise(spoiled, body)
+    slots = np.ascontiguousarray(np.moveaxis(spoiled, 0, -1))
+    for first in range(0, 24, LANES):
+        orthonormalise(slots, first)
+    spoiled = np.moveaxis(slots, -1, 0)
     gram = spoiled @ np.swapaxes(spoiled, 1, 2)
     # Quadratic: what is left is the square of the error.
     np.testing.assert_allclose(gram, np.broadcast_to(np.eye(3), gram.shape), rtol=0, atol=1e-14)
@@ -245,14 +249,15 @@ def test_to_world_turns_vectors_both_ways_of_writing():
     for body in range(10):
         x, y, z = generator.standard_normal(3)
         expected = np.array([x, y, z]) @ axes_of(quaternion)[body]
-        np.testing.assert_allclose(to_world(quaternion, body, x, y, z), expected, atol=1e-15)
-        np.testing.assert_allclose(to_world(cosines, body, x, y, z), expected, atol=1e-15)
+        for form in (quaternion.T.copy(), np.moveaxis(cosines, 0, -1).copy()):
+            np.testing.assert_allclose(to_world(form, body, x, y, z), expected, atol=1e-15)
 
 
 SHORT_RUN = """
 import sys
 sys.path.insert(0, 'test')
 import numba
+from icofabric_sim.stability import hessian_product
 import numpy as np
 import icofabric_sim as ico
 from fabrics import FORMS, LOADED, make_scene, RANDOM, SUPPORTED

@@ -6,18 +6,17 @@ The largest frequency, its bound, and the steps that follow from it.
 
 import re
 
-from analytical import quaternion_product, rotation_quaternion
-from fabrics import changed, make_scene, RANDOM
+from analytical import amplification, quaternion_product, rotation_quaternion
+from fabrics import changed, make_scene, packed_state, RANDOM
 import icofabric_sim as ico
 from icofabric_sim import stability
 from icofabric_sim.integrators.methods import METHODS
-from icofabric_sim.kernels.hessian import hessian_product
-from icofabric_sim.kernels.monitor import frequency_bound
-from icofabric_sim.kernels.records import State, Work
-from icofabric_sim.kernels.rotations import fill_arms
-from icofabric_sim.kernels.wrenches import compute_wrenches
-from icofabric_sim.model import pack_model
-from icofabric_sim.stability import largest_frequency
+from icofabric_sim.kernels import monitor
+from icofabric_sim.kernels.flows import keep_accelerations, place_all
+from icofabric_sim.kernels.records import Team
+from icofabric_sim.kernels.team import FLAG_COUNT
+from icofabric_sim.model import pack_scene
+from icofabric_sim.stability import hessian_product, largest_frequency
 import numpy as np
 import pytest
 import scipy.linalg
@@ -34,13 +33,20 @@ PULL = {
 }
 
 
-def pulled(size, force, step=0.0):
+# Near the limit a method is stable but no longer accurate: the energy of the fastest motions is
+# off by much, the leapfrog's by (omega h)^2 / 4. That must not stop a run which is about safety.
+ANY_BALANCE = {'solver.energy_limit': 1e3}
+
+
+def pulled(size, force, method='auto', step=0.0, **changes):
     return make_scene(
         size,
         {
             'loads.left.force': [-force, 0.0, 0.0],
             'solver.step': step,
+            'solver.method': method,
             'loads.right.force': [force, 0.0, 0.0],
+            **changes,
         },
         **PULL,
     )
@@ -61,24 +67,26 @@ def random_configuration(generator, scene, amplitude):
     )
 
 
-def packed_arms(model, orientation):
-    arms = np.empty((len(orientation), 3, 3))
-    fill_arms(orientation, model.connectors.half_width, arms)
-    return arms
+def top_frequency(scene, position, orientation, *, locate=False):
+    """
+    What `largest_frequency` says of a configuration.
+    """
+    packed = pack_scene(scene)
+    return largest_frequency(packed, packed_state(packed, position, orientation), locate=locate)
 
 
 def assembled(scene, position, orientation):
     """
     Dense M^-1/2 H M^-1/2, free freedoms only, column by column from `hessian_product`.
     """
-    model, count = pack_model(scene), scene.body_count
-    arms = packed_arms(model, orientation)
-    force, torque = np.empty((count, 3)), np.empty((count, 3))
+    packed, count = pack_scene(scene), scene.body_count
+    state = packed_state(packed, position, orientation)
     columns = []
     for unit in np.eye(6 * count).reshape(6 * count, 2, count, 3):
-        hessian_product(model.connectors, position, arms, unit[0], unit[1], force, torque)
+        force, torque = hessian_product(packed, state, *unit)
         columns.append(np.concatenate([force.ravel(), torque.ravel()]))
-    scale = np.repeat(np.sqrt([model.inverse_mass, model.inverse_inertia]), 3 * count)
+    roots = np.sqrt([packed.model.inverse_mass, packed.model.inverse_inertia])
+    scale = np.repeat(roots, 3 * count)
     matrix = scale[:, None] * np.array(columns).T * scale
     if scene.supports is None:
         return matrix
@@ -101,7 +109,7 @@ def test_largest_frequency_is_that_of_the_dense_matrix(size, variant):
     scene = make_scene(size, {'weave.variant': variant})
     for amplitude in (0.0, 0.1, 1.0):
         position, orientation = random_configuration(generator, scene, amplitude)
-        frequency = largest_frequency(pack_model(scene), position, orientation, locate=True)
+        frequency = top_frequency(scene, position, orientation, locate=True)
         exact = exact_rate(scene, position, orientation)
         assert frequency.rate == pytest.approx(exact, rel=2e-4)
         assert 1 <= len(frequency.bodies) <= 4
@@ -117,7 +125,7 @@ def test_large_fabrics_get_a_frequency_that_is_never_too_low(monkeypatch):
         scene = make_scene(size)
         for amplitude in (0.0, 0.1, 1.0):
             position, orientation = random_configuration(generator, scene, amplitude)
-            rate = largest_frequency(pack_model(scene), position, orientation).rate
+            rate = top_frequency(scene, position, orientation).rate
             ratio = rate / exact_rate(scene, position, orientation)
             assert 1.0 - 1e-3 < ratio < 1.016
 
@@ -129,7 +137,7 @@ def test_largest_frequency_respects_supports(fix):
         free, {'groups.some': 'z_max or ids 0', 'supports.s.group': 'some', 'supports.s.fix': fix}
     )
     position, orientation = random_configuration(np.random.default_rng(2), scene, 0.3)
-    rate = largest_frequency(pack_model(scene), position, orientation).rate
+    rate = top_frequency(scene, position, orientation).rate
     assert rate == pytest.approx(exact_rate(scene, position, orientation), rel=2e-4)
     # Holding something never makes the fastest motion faster, and here it makes it slower.
     assert rate < exact_rate(free, position, orientation)
@@ -137,11 +145,11 @@ def test_largest_frequency_respects_supports(fix):
 
 def test_nothing_moves_when_all_is_held_or_slack():
     scene = make_scene((2, 2, 2), {'supports.s.group': 'all'})
-    assert largest_frequency(pack_model(scene), scene.position, scene.orientation).rate == 0.0
+    assert top_frequency(scene, scene.position, scene.orientation).rate == 0.0
     scene = make_scene((2, 2, 2), {'connector.stiffness': 0.0})
-    assert largest_frequency(pack_model(scene), scene.position, scene.orientation).rate == 0.0
+    assert top_frequency(scene, scene.position, scene.orientation).rate == 0.0
     scene = make_scene((2, 2, 2), {'weave.connected': False})
-    assert largest_frequency(pack_model(scene), scene.position, scene.orientation).rate == 0.0
+    assert top_frequency(scene, scene.position, scene.orientation).rate == 0.0
 
 
 def test_located_bodies_are_where_the_fastest_motion_is():
@@ -153,7 +161,7 @@ def test_located_bodies_are_where_the_fastest_motion_is():
     matrix = assembled(scene, position, orientation)
     shape = np.linalg.eigh(matrix)[1][:, -1].reshape(2, -1, 3)
     share = (shape**2).sum(axis=(0, 2))
-    bodies = largest_frequency(pack_model(scene), position, orientation, locate=True).bodies
+    bodies = top_frequency(scene, position, orientation, locate=True).bodies
     assert bodies[0] == np.argmax(share)
     assert share[list(bodies)].sum() > 0.7
 
@@ -171,16 +179,12 @@ def test_bound_is_above_the_frequency_in_200_random_configurations():
         )
         amplitude = list(ratios)[trial % 5]
         position, orientation = random_configuration(generator, scene, amplitude)
-        model = pack_model(scene)
-        bound, body = frequency_bound(
-            model.connectors,
-            model.adjacency,
-            model.inverse_mass,
-            model.inverse_inertia,
-            position,
-            packed_arms(model, orientation),
-        )
-        assert 0 <= body < scene.body_count
+        # Held freedoms and the form of orientations do not matter to it.
+        packed = pack_scene(scene, cosines=trial % 2 == 1)
+        work = packed.layout.room(packed.model.links)
+        state = packed_state(packed, position, orientation)
+        place_all(packed.model, state, work, 0, len(packed.model.blocks.slot))
+        bound = monitor.frequency_bound(packed.model, work)
         ratios[amplitude].append(np.sqrt(bound) / exact_rate(scene, position, orientation))
     for amplitude, values in ratios.items():
         print(f'amplitude {amplitude}: bound / frequency {min(values):.3f} to {max(values):.3f}')
@@ -191,10 +195,9 @@ def test_bound_is_above_the_frequency_in_200_random_configurations():
 
 def test_frequency_grows_as_a_slab_is_pulled():
     scene = make_scene((5, 5, 5))
-    model = pack_model(scene)
 
     def rate(*factors):
-        return largest_frequency(model, scene.position * np.array(factors), scene.orientation).rate
+        return top_frequency(scene, scene.position * np.array(factors), scene.orientation).rate
 
     rest = rate(1.0, 1.0, 1.0)
     figures = {
@@ -207,59 +210,66 @@ def test_frequency_grows_as_a_slab_is_pulled():
     assert figures[2.0, 2.0, 2.0] == pytest.approx(1.619, abs=0.005)
 
 
-def leapfrog_run(scene, step, count):
+def raw_run(scene, step, count, method='leapfrog'):
     """
     Largest speed [m/s] after `count` steps of the kernel, which asks nothing about the step.
     """
-    model = pack_model(scene)
-    state = State(*(array.copy() for array in scene.initial))
-    work = Work(
-        np.zeros((scene.body_count, 3)),
-        np.zeros((scene.body_count, 3)),
-        np.zeros((scene.body_count, 3, 3)),
-    )
-    compute_wrenches(model, None, state, work)
-    METHODS['leapfrog'].advance(
-        model,
-        None,
-        state,
-        work,
-        step,
-        count,
-        0,
-        count + 1,
-        None,
-        np.zeros(4),
-        np.inf,
-        0.0,
-        0.0,
-        np.inf,
-    )
+    packed = pack_scene(scene)
+    model, layout = packed.model, packed.layout
+    state = layout.pack(scene.initial)
+    work = layout.room(model.links, None if METHODS[method].symplectic else state)
+    place_all(model, state, work, 0, len(model.blocks.slot))
+    keep_accelerations(model, work, 0, len(model.blocks.slot))
+    METHODS[method].advance(
+        model, None, state, layout.like(state), work, Team(0, 1, np.zeros(FLAG_COUNT, np.int64)),
+        step, count, 0, count + 1, None, np.zeros(monitor.LEDGER_COUNT))
     return np.abs(state.linear_velocity).max()
 
 
+@pytest.mark.parametrize('method', METHODS)
 @pytest.mark.parametrize('size, variant', [((2, 2, 1), 0), ((3, 3, 3), 1), ((5, 5, 5), 0)])
-def test_leapfrog_is_stable_up_to_the_limit_and_not_beyond(size, variant):
+def test_method_is_stable_up_to_its_limit(size, variant, method):
     scene = make_scene(size, {'weave.variant': variant, 'initial_random.velocity_sigma': 1e-7})
-    limit = (
-        METHODS['leapfrog'].stability
-        / largest_frequency(pack_model(scene), scene.position, scene.orientation).rate
-    )
+    rate = top_frequency(scene, scene.position, scene.orientation).rate
+    limit = METHODS[method].stability / rate
     start = np.abs(scene.initial.linear_velocity).max()
-    # Amplitudes grow to 1 / sqrt(1 - 0.98^2) = 5 times at most, and stay there.
-    assert 0.1 * start < leapfrog_run(scene, 0.98 * limit, 20_000) < 20.0 * start
+    # The leapfrog's amplitudes grow to 1 / sqrt(1 - 0.98^2) = 5 times at most, and stay there.
+    end = raw_run(scene, 0.98 * limit, 10_000, method)
+    assert end < 20.0 * start
+    # Only what is not symplectic may lose the fastest motions.
+    assert end > (0.1 * start if METHODS[method].symplectic else 0.0)
+
+
+@pytest.mark.parametrize('size, variant', [((2, 2, 1), 0), ((3, 3, 3), 1), ((5, 5, 5), 0)])
+def test_leapfrog_is_unstable_beyond_the_limit(size, variant):
+    scene = make_scene(size, {'weave.variant': variant, 'initial_random.velocity_sigma': 1e-7})
+    limit = 2.0 / top_frequency(scene, scene.position, scene.orientation).rate
+    start = np.abs(scene.initial.linear_velocity).max()
     # cosh(g) = (omega h)^2 / 2 - 1 with omega h = 2.04: g = 0.4 for each step.
-    assert leapfrog_run(scene, 1.02 * limit, 20) > 3.0 * start
-    assert leapfrog_run(scene, 1.02 * limit, 30) > 20.0 * leapfrog_run(scene, 1.02 * limit, 20)
+    assert raw_run(scene, 1.02 * limit, 20) > 3.0 * start
+    assert raw_run(scene, 1.02 * limit, 30) > 20.0 * raw_run(scene, 1.02 * limit, 20)
 
 
-def test_step_beyond_the_limit_is_refused_with_the_limit():
-    scene = make_scene((3, 3, 3))
-    limit = 2.0 / exact_rate(scene, scene.position, scene.orientation)
+@pytest.mark.parametrize('name', METHODS)
+def test_stated_limit_is_where_an_oscillator_begins_to_grow(name):
+    method = METHODS[name]
+    below = [amplification(method, p) for p in np.linspace(1e-3, 1.0, 4000) * method.stability]
+    # Two equal eigenvalues of the limit itself are found to the root of the rounding only.
+    assert max(below) < 1.0 + 1e-7
+    # Stated to three digits, rounded down.
+    beyond = max(amplification(method, p) for p in np.linspace(1.0, 1.02, 400) * method.stability)
+    assert beyond > 1.0 + 1e-4
+    assert method.chosen < method.stability
+
+
+@pytest.mark.parametrize('method', METHODS)
+def test_step_beyond_the_limit_is_refused_with_the_limit(method):
+    scene = make_scene((3, 3, 3), {'solver.method': method})
+    limit = METHODS[method].stability / exact_rate(scene, scene.position, scene.orientation)
     with pytest.raises(
-        ValueError, match='solver.step 0.01 s is beyond the stability limit'
+        ValueError, match='solver.step 0.02 s is beyond the stability limit'
     ) as caught:
-        ico.compile_scene(changed(scene, {'solver.step': 0.01}))
+        ico.compile_scene(changed(scene, {'solver.step': 0.02}))
     assert f'{limit:.4g}'[:5] in str(caught.value)
     named = float(re.search(r'limit ([0-9.e-]+) s', str(caught.value)).group(1))
     assert named == pytest.approx(limit, rel=2e-4)
@@ -270,10 +280,23 @@ def test_step_beyond_the_limit_is_refused_with_the_limit():
     assert simulation.stability_limit == pytest.approx(limit, rel=2e-4)
 
 
-@pytest.mark.parametrize('share, force', [(0.8, 100.0), (0.95, 20.0)])
-def test_fixed_step_that_becomes_unsafe_stops_the_run(share, force):
-    limit = ico.compile_scene(pulled((5, 3, 3), 0.0)).stability_limit
-    scene = pulled((5, 3, 3), force, share * limit)
+def test_a_step_that_no_method_can_take_is_refused_also_where_the_method_is_free():
+    scene = make_scene((3, 3, 3), {'solver.step': 0.02})
+    with pytest.raises(ValueError, match='solver.step 0.02 s is beyond the stability limit'):
+        ico.compile_scene(scene)
+    # One that some method can take makes it the choice.
+    rate = exact_rate(scene, scene.position, scene.orientation)
+    simulation = ico.compile_scene(changed(scene, {'solver.step': 3.0 / rate}))
+    assert METHODS[simulation.method_name].stability > 3.0
+    assert 'solver.step' in simulation.method_reason
+
+
+@pytest.mark.parametrize('share, force, method', [
+    (0.8, 100.0, 'leapfrog'), (0.95, 20.0, 'leapfrog'), (0.95, 20.0, 'srkn4'),
+    (0.9, 50.0, 'srkn6'), (0.95, 20.0, 'srkn8')])
+def test_fixed_step_that_becomes_unsafe_stops_the_run(share, force, method):
+    limit = ico.compile_scene(pulled((5, 3, 3), 0.0, method)).stability_limit
+    scene = pulled((5, 3, 3), force, method, share * limit, **ANY_BALANCE)
     simulation = ico.compile_scene(scene)
     length = np.ptp(simulation.snapshot().position[:, 0])
     with pytest.raises(ico.SimulationError, match='has become unsafe at t = ') as caught:
@@ -291,7 +314,8 @@ def test_fixed_step_that_becomes_unsafe_stops_the_run(share, force):
     assert 0.0 < time < 1.0
     assert np.ptp(s.position[:, 0]) > 1.05 * length
     # The limit is that of the configuration it stopped at, just below the step.
-    assert new_limit == pytest.approx(2.0 / exact_rate(scene, s.position, s.orientation), rel=3e-4)
+    exact = METHODS[method].stability / exact_rate(scene, s.position, s.orientation)
+    assert new_limit == pytest.approx(exact, rel=3e-4)
     assert 0.85 * scene.parameters['solver.step'] < new_limit < scene.parameters['solver.step']
     assert set(bodies) <= set(range(scene.body_count)) and bodies
     with pytest.raises(ico.SimulationError, match='has become unsafe'):
@@ -303,8 +327,9 @@ def test_fixed_step_that_becomes_unsafe_stops_the_run(share, force):
     assert np.ptp(simulation.snapshot().position[:, 0]) > length
 
 
-@pytest.mark.parametrize('seed', range(4))
-def test_no_look_of_a_fixed_step_passes_over_an_unsafe_configuration(seed):
+@pytest.mark.parametrize('seed, method, share', [
+    (0, 'leapfrog', 0.8), (1, 'srkn4', 0.9), (2, 'leapfrog', 0.8), (3, 'srkn6', 0.9)])
+def test_no_look_of_a_fixed_step_passes_over_an_unsafe_configuration(seed, method, share):
     # Tumbling, stretching fabrics: wherever the run goes on, the exact limit is above the step.
     rest = make_scene(
         (3, 3, 3),
@@ -313,25 +338,28 @@ def test_no_look_of_a_fixed_step_passes_over_an_unsafe_configuration(seed):
             'initial_random.seed': seed,
             'initial_random.velocity_sigma': 2.0,
             'initial_random.spin_sigma': 100.0,
+            'solver.method': method,
+            **ANY_BALANCE,
         },
     )
     simulation = ico.compile_scene(
-        changed(rest, {'solver.step': 0.8 * ico.compile_scene(rest).stability_limit})
+        changed(rest, {'solver.step': share * ico.compile_scene(rest).stability_limit})
     )
-    worst = 0.0
+    part, worst = simulation.step / METHODS[method].stability, 0.0
     with pytest.raises(ico.SimulationError, match='has become unsafe'):
-        while True:
+        for _ in range(2_000):
             simulation.advance_steps(8)
             s = simulation.snapshot()
-            worst = max(worst, exact_rate(rest, s.position, s.orientation) * simulation.step / 2.0)
+            worst = max(worst, exact_rate(rest, s.position, s.orientation) * part)
     assert 0.85 < worst < 1.0 + 2e-4
-    assert simulation.step_count > 200
+    assert simulation.step_count >= 40
     s = simulation.snapshot()
-    assert exact_rate(rest, s.position, s.orientation) * simulation.step / 2.0 > 1.0 - 2e-4
+    assert exact_rate(rest, s.position, s.orientation) * part > 1.0 - 2e-4
 
 
 def test_chosen_step_shrinks_as_the_fabric_is_pulled_and_energy_stays_sane():
-    scene = pulled((5, 3, 3), 400.0)
+    # With a tolerance that is never the reason.
+    scene = pulled((5, 3, 3), 400.0, 'leapfrog', **{'solver.tolerance': 1e3})
     simulation = ico.compile_scene(scene)
     start, first = simulation.snapshot(), simulation.step
     shortest, largest = first, 0.0

@@ -1,0 +1,246 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+The main line of an adaptive method: every step is as long as its own error allows.
+
+The stepper is one step ahead of the time that was asked for: a state in between comes from the
+dense output of that step, so outputs do not touch the sequence. An input gives up the step in
+progress, and takes one to its own time instead.
+"""
+
+import math
+from typing import Any
+
+from icofabric_sim.faults import too_fast
+from icofabric_sim.integrators import pair
+from icofabric_sim.integrators.pair import adaptive_pair, dense_state, DOP8, prepare_dense
+from icofabric_sim.kernels import monitor
+from icofabric_sim.kernels.records import Loads, State, Watch
+from icofabric_sim.stepper import FREE_STEP, NEVER, Stepper
+import numpy as np
+
+# The first step after a jump, in radians of the fastest motion; the error then decides.
+_FIRST_STEP = 0.5
+# The shortest, in parts of that.
+_SHORTEST_PART = 1e-9
+
+
+class AdaptiveStepper(Stepper):
+    """
+    State on the main line, and its steps, each with its own length.
+    """
+
+    def _start(self, *, exact: bool = True) -> None:
+        self.control = np.zeros(pair.CONTROL_COUNT)
+        self.control[pair.START] = self.origin
+        self._has_dense = False
+        super()._start(exact=exact)
+
+    def __init__(self, *arguments: Any, origin: float, **choices: Any) -> None:
+        """
+        See `Stepper`.
+        """
+        self.control = np.zeros(pair.CONTROL_COUNT)
+        self.control[pair.START] = origin
+        super().__init__(*arguments, origin=origin, **choices)
+
+    @property
+    def time(self) -> float:
+        """
+        Time [s] at which the step in progress begins.
+        """
+        return float(self.control[pair.START])
+
+    @property
+    def end(self) -> float:
+        """
+        Time [s] at which it ends; the same where none is in progress.
+        """
+        return float(self.control[pair.START] + self.control[pair.LENGTH])
+
+    def rebase(self, time: float) -> None:
+        """
+        Move a stepper that has not moved yet to another start `time`.
+        """
+        super().rebase(time)
+        self.control[pair.START] = time
+
+    def set_loads(self, loads: Loads | None, load_rate: float) -> None:
+        """
+        Replace the loads at the current state.
+        """
+        self._keep_work()
+        self.loads, self.load_rate = loads, load_rate
+        self.control[pair.HAS_LAST] = 0.0
+        self.control[pair.NEXT] = min(self.control[pair.NEXT], self._first_step())
+
+    def advance(self, time: float) -> None:
+        """
+        Take steps until one ends after `time`.
+        """
+        if self._failure is not None:
+            raise self._failure
+        while self.end <= time:
+            if self.watch is not None:
+                self.watch.announce()
+            self._take(time, self._call_count())
+            self._on_pause()
+
+    def advance_steps(self, count: int, *, until: float = math.inf) -> int:
+        """
+        Go to the end of the step in progress, if that is by `until`; returns how many steps.
+        """
+        if self._failure is not None:
+            raise self._failure
+        if self.control[pair.LENGTH] == 0.0:
+            self._take(self.end, 1)
+        if self.end > until:
+            return 0
+        self._take(self.end, 1)
+        return 1
+
+    def cut(self, time: float) -> None:
+        """
+        Advance to `time` and end a step there; the next step starts there.
+        """
+        self.advance(time)
+        rest = time - self.time
+        self._give_up_step()
+        if rest > 0.0:
+            self._call(rest, 1)
+        self.control[pair.START] = time
+
+    def state_at(self, time: float) -> State:
+        """
+        The state at `time` from dense output; after a failure the last good one.
+        """
+        if self._failure is None:
+            self.advance(time)
+        rest, length = time - self.time, float(self.control[pair.LENGTH])
+        self._present_work = self._work_within(rest, length)
+        if self._failure is not None or not length > 0.0:
+            return self.state
+        trail = self.work.trail
+        assert trail is not None
+        if not rest > 0.0:
+            return trail.start
+        if not self._has_dense:
+            loads = self._scratch_loads()
+            self.crew.run(lambda team: prepare_dense(
+                DOP8, self.model, loads, self.work, team, trail, length))
+            self._has_dense = True
+        if self._side is None:
+            # Slots without a body are never written.
+            self._side = (self.packed.layout.like(self.state), np.zeros((6, 0)))
+            for part, source in zip(self._side[0], self.state):
+                np.copyto(part, source)
+        target = self._side[0]
+        self.crew.run(lambda team: dense_state(
+            DOP8, self.model, self.state, team, trail, length, rest / length, target))
+        return target
+
+    def _work_within(self, rest: float, length: float) -> float:
+        """
+        Work [J] of the present loads up to `rest` [s] into the step in progress.
+
+        Within a step by the cubic through its ends and the powers there.
+        """
+        if self.loads is None:
+            return 0.0
+        before, after = self.loads.earlier_work, self.loads.work
+        if not length > 0.0 or not rest > 0.0:
+            return math.fsum(before if length > 0.0 else after)
+        x = rest / length
+        first, last = length * self.loads.power[0], length * self.loads.power[12]
+        rise = after - before
+        parts = before + x * (first + x * (3.0 * rise - 2.0 * first - last) + x * x * (
+            first + last - 2.0 * rise))
+        return math.fsum(parts)
+
+    def error_rate(self) -> float:
+        """
+        Error of the last step for each second.
+        """
+        return float(self.control[pair.RATE])
+
+    def error_estimate(self) -> float:
+        """
+        Errors of all steps, as if none of them had grown or faded.
+        """
+        return float(self.control[pair.TOTAL])
+
+    @property
+    def next_step_time(self) -> float:
+        """
+        Time [s] at which the step in progress ends.
+        """
+        return self.end if self.control[pair.LENGTH] > 0.0 else self.time + self.step
+
+    def _choose_step(self, *, probe: bool = False) -> None:
+        """
+        Only where the motion begins: later the error decides.
+        """
+        first = self._first_step()
+        control, rate = self.control, self._fastest()
+        if control[pair.NEXT] == 0.0:
+            control[pair.NEXT] = first
+        control[pair.TOLERANCE] = self.accuracy.tolerance
+        control[pair.SHORTEST] = first * _SHORTEST_PART
+        size = self.half_edge**-2
+        fastest = max(rate, 1.0 / FREE_STEP) ** -2
+        control[pair.SCALES:] = size, 4.0 if self.state.orientation.ndim == 2 else 0.5, (
+            size * fastest), fastest
+        self.ledger[monitor.HIGH], self.ledger[monitor.LOW] = math.inf, 0.0
+        self.accuracy.looks_left = NEVER
+        self.step = self.step or first
+
+    def _first_step(self) -> float:
+        rate = self._fastest()
+        if not rate < math.inf:
+            self._fail(too_fast(self.time))
+        return _FIRST_STEP / rate if rate > 0.0 else FREE_STEP
+
+    def _take(self, goal: float, count: int) -> None:
+        """
+        Take up to `count` steps until one ends after `goal`.
+        """
+        control = self.control
+        control[pair.GOAL] = goal
+        self._has_dense = False
+        reach = math.inf if self.watch is None else self.watch.reach
+        watch = None if self.watch is None else Watch(self.watch.reference, reach)
+        self.ledger[monitor.SAVED_AT] = -1.0
+        status, done, self._since_check = self.crew.run(
+            lambda team: adaptive_pair(
+                DOP8, self.model, self.loads, self.state, self._saved, self.work, team, control,
+                count, self._since_check, self.look_interval, watch, self.ledger))
+        self.step_count += done
+        self.step = float(control[pair.LENGTH])
+        if self.ledger[monitor.SAVED_AT] == done:
+            self._saved_time = self.end
+        if status & pair.TOO_SHORT:
+            self._fail(
+                f'no step from t = {self.end:.9g} s on is short enough for solver.tolerance '
+                f'{self.accuracy.tolerance:g}: steps of {control[pair.SHORTEST]:.3g} s still err '
+                'too much; allow a larger tolerance')
+        if status:
+            self._respond(status, self.end)
+
+    def _give_up_step(self) -> None:
+        """
+        Go back to where the step in progress began.
+        """
+        trail = self.work.trail
+        assert trail is not None
+        if self.control[pair.LENGTH] > 0.0:
+            for target, source in zip(self.state, trail.start):
+                np.copyto(target, source)
+            if self.loads is not None:
+                np.copyto(self.loads.work, self.loads.earlier_work)
+            self.control[pair.TOTAL] -= self.control[pair.RATE] * self.control[pair.LENGTH]
+        self.control[pair.LENGTH] = self.control[pair.HAS_LAST] = 0.0
+        self._has_dense = False
+
+    def _return_to_saved(self) -> None:
+        super()._return_to_saved()
+        self.control[pair.START], self.control[pair.LENGTH] = self._saved_time, 0.0

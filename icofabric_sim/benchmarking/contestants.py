@@ -1,0 +1,41 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+Who takes part: the package, and each peer that is installed.
+"""
+
+from collections.abc import Iterable
+from typing import NamedTuple
+
+from icofabric_sim.benchmarking import own
+from icofabric_sim.benchmarking.peers import PEERS
+from icofabric_sim.benchmarking.scenes import PlainScene
+from icofabric_sim.benchmarking.solver import Solver
+
+
+class Contestants(NamedTuple):
+    """
+    Solvers, and why others are missing.
+    """
+
+    solvers: list[Solver]
+    distributions: list[str]  # of the peers that take part
+    missing: list[str]  # one line for each that does not
+
+
+def gather(scene: PlainScene, size: tuple[int, int, int], peers: Iterable[str]) -> Contestants:
+    """
+    Our own methods first, then the solvers of `peers` (keys of PEERS).
+    """
+    solvers, distributions, missing = list(own.solvers(size)), [], []
+    if not own.takes_tolerance():
+        missing.append('solver.tolerance has no effect yet: methods run with fixed steps only')
+    for name in peers:
+        peer = PEERS[name]
+        try:
+            solvers += list(peer.solvers(scene))
+            distributions.append(peer.DISTRIBUTION)
+        except (ImportError, OSError) as error:
+            reason = str(error).splitlines()[0] if str(error) else 'not installed'
+            missing.append(f'{name} takes no part ({reason}): {peer.INSTALL}')
+    return Contestants(solvers, distributions, missing)

@@ -1,0 +1,129 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+The package itself as a contestant: one for each method of METHODS, through the public interface.
+"""
+
+from collections.abc import Iterator
+from typing import Any
+
+from icofabric_sim.benchmarking.scenes import (
+    axes_from_quaternions,
+    Motion,
+    scene_parameters,
+)
+from icofabric_sim.benchmarking.solver import Solver, StepSolver, ToleranceSolver, Unusable
+from icofabric_sim.integrators.methods import METHODS
+from icofabric_sim.scene import Scene
+from icofabric_sim.schema import BY_NAME
+from icofabric_sim.simulation import compile_scene, Simulation, SimulationError
+
+TOOL = 'icofabric_sim'
+Size = tuple[int, int, int]
+
+
+class _Own(Solver):
+    """
+    A simulation, made anew for every setting.
+    """
+
+    tool = TOOL
+
+    def __init__(self, size: Size, method: str) -> None:
+        self._size, self._method = size, method
+        self._simulation: Simulation | None = None
+
+    def motion(self) -> Motion:
+        now = self._running.snapshot()
+        return Motion(now.position.copy(), axes_from_quaternions(now.orientation))
+
+    def close(self) -> None:
+        self._simulation = None
+
+    def _compile(self, **solver: Any) -> None:
+        try:
+            self._simulation = _compile(self._size, method=self._method, **solver)
+        except ValueError as error:
+            raise Unusable(str(error)) from error
+
+    @property
+    def _running(self) -> Simulation:
+        assert self._simulation is not None
+        return self._simulation
+
+
+class OwnSteps(_Own, StepSolver):
+    """
+    A method with a fixed step.
+    """
+
+    def __init__(self, size: Size, method: str, frequency: float) -> None:
+        """
+        `frequency` [rad/s] is the largest of the fabric at the start.
+        """
+        super().__init__(size, method)
+        facts = METHODS[method]
+        self.label, self.order, self.evaluations = method, facts.order, facts.stages
+        self.longest = facts.stability / frequency
+
+    def start(self, step: float) -> None:
+        self._compile(step=step)
+
+    def advance(self, count: int) -> None:
+        try:
+            self._running.advance_steps(count)
+        except SimulationError as error:
+            raise Unusable(str(error)) from error
+
+
+class OwnTolerance(_Own, ToleranceSolver):
+    """
+    A method, or the automatic choice, with a tolerance.
+    """
+
+    def __init__(self, size: Size, method: str) -> None:
+        """
+        `method` is a key of METHODS or 'auto'.
+        """
+        super().__init__(size, method)
+        self.label = f'{method}, tolerance'
+        self.order = METHODS[method].order if method in METHODS else 0
+
+    def start(self, tolerance: float, duration: float) -> None:
+        self._duration = duration
+        self._compile(tolerance=tolerance)
+
+    def finish(self) -> None:
+        try:
+            self._running.advance_to(self._duration)
+        except SimulationError as error:
+            raise Unusable(str(error)) from error
+
+
+def takes_tolerance() -> bool:
+    """
+    Whether `solver.tolerance` has an effect yet.
+    """
+    return BY_NAME['solver.tolerance'].built
+
+
+def solvers(size: Size) -> Iterator[Solver]:
+    """
+    Every method: by tolerance where it adapts its step, by step where not; and the automatic one.
+    """
+    frequency = _compile(size).largest_frequency
+    for name, facts in METHODS.items():
+        if not facts.adaptive:
+            yield OwnSteps(size, name, frequency)
+        elif takes_tolerance():
+            yield OwnTolerance(size, name)
+    if takes_tolerance():
+        yield OwnTolerance(size, 'auto')
+
+
+def _compile(size: Size, **solver: Any) -> Simulation:
+    if BY_NAME['solver.threads'].built:
+        solver['threads'] = 1
+    simulation = compile_scene(Scene.from_parameters(scene_parameters(size, solver)))
+    simulation.warm_up()
+    return simulation

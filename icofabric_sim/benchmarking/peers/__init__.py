@@ -1,0 +1,24 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+Other tools, each on the same scene; none is needed by the package.
+
+Every module has `DISTRIBUTION`, its name in the Python package index, `INSTALL`, what a user types
+to get it, and `solvers(scene)`, which raises ImportError where the tool is missing.
+"""
+
+from icofabric_sim.benchmarking.peers import (
+    drake_peer,
+    exudyn_peer,
+    lammps_peer,
+    mujoco_peer,
+    scipy_peer,
+)
+
+PEERS = {
+    'scipy': scipy_peer,
+    'lammps': lammps_peer,
+    'mujoco': mujoco_peer,
+    'exudyn': exudyn_peer,
+    'drake': drake_peer,
+}

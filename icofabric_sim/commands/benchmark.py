@@ -1,0 +1,134 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+`icofabric benchmark [WHAT ...]`.
+"""
+
+import argparse
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+import sys
+import warnings
+
+from icofabric_sim.commands.terminal import bad_input, InputError, Progress
+
+MEASUREMENTS = ('work-precision', 'speed')
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """
+    Declare what the verb takes.
+    """
+    parser.add_argument(
+        'what', nargs='*', metavar='WHAT',
+        help='work-precision: time for a wanted error, for every method and peer, on a free slab '
+             'of 63 bodies (about 4 min); speed: time of a plain step on 4,631 bodies (about '
+             '2 min); default: both')
+    parser.add_argument(
+        '--peers', default='all', metavar='NAME,...',
+        help='other tools that take part where they are installed: scipy, lammps, mujoco, exudyn, '
+             'drake; none; all (default)')
+    parser.add_argument(
+        '--rounds', type=int, default=5, metavar='N',
+        help='rounds in which all take part; medians and ranges are over these (default 5)')
+    parser.add_argument(
+        '--output', metavar='FOLDER', help='write CSV files and a picture into this folder')
+
+
+def main(arguments: argparse.Namespace) -> int:
+    """
+    Measure, print and write what was asked for.
+    """
+    wanted = arguments.what or list(MEASUREMENTS)
+    for word in wanted:
+        if word not in MEASUREMENTS:
+            raise InputError(
+                f'there is no measurement {word!r}; choose from {", ".join(MEASUREMENTS)}')
+    if not arguments.rounds >= 1:
+        raise InputError(f'--rounds must be at least 1, got {arguments.rounds}')
+    # Before anything that computes is loaded.
+    from icofabric_sim.benchmarking.machine import use_one_thread
+    use_one_thread()
+    peers = _peers(arguments.peers)
+    folder = None
+    if arguments.output is not None:
+        folder = Path(arguments.output).expanduser()
+        with bad_input():
+            folder.mkdir(parents=True, exist_ok=True)
+    for k, word in enumerate(dict.fromkeys(wanted)):
+        if k:
+            print()
+        _run(word, peers, arguments.rounds, folder)
+    return 0
+
+
+def _run(word: str, peers: list[str], rounds: int, folder: Path | None) -> None:
+    from icofabric_sim.benchmarking import report, step_speed, work_precision
+    with _progress() as show:
+        if word == 'speed':
+            speed = step_speed.measure(peers, rounds=rounds, say=show.say, progress=show.update)
+            lines = report.step_speed_lines(speed)
+        else:
+            precision = work_precision.measure(
+                peers, rounds=rounds, say=show.say, progress=show.update)
+            lines = report.work_precision_lines(precision)
+    print('\n'.join(lines))
+    if folder is not None:
+        paths = (report.write_step_speed(speed, folder) if word == 'speed'
+                 else report.write_work_precision(precision, folder))
+        print('\nwritten: ' + ', '.join(str(path) for path in paths))
+    sys.stdout.flush()
+
+
+class _Show:
+    """
+    What is being done, and how far the rounds are.
+    """
+
+    def __init__(self) -> None:
+        self._bar: Progress | None = None
+        self._terminal = sys.stderr.isatty()
+
+    def say(self, text: str) -> None:
+        self.clear()
+        if self._terminal:
+            print(f'\r{text[:78]:78}', end='', file=sys.stderr, flush=True)
+        else:
+            print(text, file=sys.stderr, flush=True)
+
+    def update(self, done: int, total: int) -> None:
+        if self._bar is None:
+            self.clear()
+            self._bar = Progress(float(total), 'runs')
+        self._bar.update(float(done))
+
+    def clear(self) -> None:
+        if self._bar is not None:
+            self._bar.clear()
+        elif self._terminal:
+            print('\r' + ' ' * 78 + '\r', end='', file=sys.stderr, flush=True)
+
+
+@contextmanager
+def _progress() -> Iterator[_Show]:
+    show = _Show()
+    try:
+        # Peers warn about themselves; that is not about the figures.
+        with warnings.catch_warnings():
+            warnings.simplefilter('ignore')
+            yield show
+    finally:
+        show.clear()
+
+
+def _peers(text: str) -> list[str]:
+    from icofabric_sim.benchmarking.peers import PEERS
+    if text == 'all':
+        return list(PEERS)
+    names = [] if text == 'none' else [name.strip() for name in text.split(',')]
+    for name in names:
+        if name not in PEERS:
+            raise InputError(f'there is no peer {name!r}; choose from {", ".join(PEERS)}, none '
+                             'or all')
+    return names

@@ -1,0 +1,76 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+The threads that share the work of one simulation.
+
+The result is the same bits for any number of them: every body is computed by one thread, from
+values that do not depend on which.
+"""
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+import logging
+import os
+from typing import TypeVar
+import weakref
+
+from icofabric_sim.kernels.records import Team
+from icofabric_sim.kernels.team import FLAG_COUNT
+from numba.core import config
+import numpy as np
+
+_LOGGER = logging.getLogger('icofabric_sim')
+Result = TypeVar('Result')
+
+# Bodies for each thread from which a second one pays: below, waiting for each other costs more
+# than it saves (benchmarks/scaling.py).
+BODIES_PER_THREAD = 1_000
+
+
+def core_count() -> int:
+    """
+    Count the cores that this process may use.
+    """
+    if hasattr(os, 'sched_getaffinity'):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+class Crew:
+    """
+    As many threads as `wanted` (0: one for each core), and as the number of bodies is worth.
+    """
+
+    def __init__(self, wanted: int, body_count: int) -> None:
+        """
+        Clamp the number to that of the cores, with a warning; threads start when first needed.
+        """
+        cores = core_count()
+        if wanted > cores:
+            _LOGGER.warning(
+                'solver.threads %d is more than the %d cores of this machine: %d are used; the '
+                'result does not depend on it', wanted, cores, cores)
+        useful = max(1, body_count // BODIES_PER_THREAD)
+        self.size = min(wanted or cores, cores, useful)
+        if getattr(config, 'DISABLE_JIT', 0):
+            self.size = 1
+        self._flags = np.zeros(FLAG_COUNT, np.int64)
+        self._pool: ThreadPoolExecutor | None = None
+
+    def run(self, work: Callable[[Team], Result]) -> Result:
+        """
+        Call `work` once in every thread, with its place in the team; returns the first's result.
+        """
+        if self.size == 1:
+            return work(Team(0, 1, self._flags))
+        if self._pool is None:
+            self._pool = ThreadPoolExecutor(self.size - 1, thread_name_prefix='icofabric')
+            weakref.finalize(self, self._pool.shutdown, wait=False)
+        self._flags[:] = 0
+        others = [
+            self._pool.submit(work, Team(index, self.size, self._flags))
+            for index in range(1, self.size)]
+        result = work(Team(0, self.size, self._flags))
+        for other in others:
+            other.result()
+        return result

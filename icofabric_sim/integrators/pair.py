@@ -1,0 +1,318 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+The embedded Runge-Kutta pair: steps of given length, or under error control; dense output.
+
+Not symplectic, but right also where forces depend on velocities, and its error is known in every
+step.
+"""
+
+from typing import NamedTuple
+
+from icofabric_sim.integrators import dop853
+from icofabric_sim.kernels.compiled import compiled
+from icofabric_sim.kernels.lanes import load, store
+from icofabric_sim.kernels.monitor import examine, MOVED_FAR, moved_far, save, SAVED_AT, UNSOUND
+from icofabric_sim.kernels.records import Loads, Model, State, Team, Trail, Watch, Work
+from icofabric_sim.kernels.slopes import (
+    add_work,
+    combine,
+    find_slopes,
+    interpolate,
+    normalise,
+    place_blocks,
+    step_error,
+)
+from icofabric_sim.kernels.team import own_blocks, tell_all, wait_for_all
+import numpy as np
+
+# Places in the control array: what it says, start and length of the step in progress [s], the
+# next length, the end that is to be passed [s], the tolerance [1/s], the sum of errors so far, the
+# error rate of the last step [1/s], steps refused, the shortest step [s], and whether slope 12
+# is that of the present state.
+START, LENGTH, NEXT, GOAL, TOLERANCE, TOTAL, RATE, REFUSED, SHORTEST, HAS_LAST = range(10)
+# Squared errors of position, orientation, velocity and spin are multiplied by these.
+SCALES = 10
+CONTROL_COUNT = 14
+# A step is aimed at this part of the tolerance and refused above all of it; it may become so many
+# times as long at once.
+_AIM, _SHRINK, _GROW = 0.4, 0.2, 4.0
+TOO_SHORT = 64
+
+
+class Pair(NamedTuple):
+    """
+    Weights of a pair, see dop853.py.
+    """
+
+    stages: tuple[np.ndarray, ...]
+    step: np.ndarray
+    error_5: np.ndarray
+    error_3: np.ndarray
+    dense_stages: tuple[np.ndarray, ...]
+    dense: np.ndarray
+
+
+DOP8 = Pair(
+    stages=tuple(np.array(row) for row in dop853.STAGES[1:]),
+    step=np.array(dop853.STEP),
+    error_5=np.array(dop853.ERROR_5),
+    error_3=np.array(dop853.ERROR_3),
+    dense_stages=tuple(np.array(row) for row in dop853.DENSE_STAGES),
+    dense=np.array(dop853.DENSE),
+)
+
+
+@compiled
+def some(trail: Trail | None) -> Trail:
+    """
+    The trail, which is there.
+    """
+    return trail  # type: ignore[return-value]
+
+
+@compiled
+def slope_at(
+    model: Model, loads: Loads | None, state: State, work: Work, trail: Trail, index: int,
+    team: Team, first: int, last: int
+) -> None:
+    """
+    Slope number `index` at a state, all bodies.
+    """
+    place_blocks(model, state, work, first, last)
+    wait_for_all(team)
+    find_slopes(model, loads, state, work, trail.slopes[index], index, first, last)
+    wait_for_all(team)
+
+
+@compiled
+def try_step(
+    pair: Pair, model: Model, loads: Loads | None, state: State, work: Work, trail: Trail,
+    team: Team, h: float, first: int, last: int
+) -> None:
+    """
+    The other slopes of a step from `state`, whose own is in place, and its end into trail.stage.
+    """
+    index = 1
+    for weights in pair.stages:
+        for block in range(first, last):
+            combine(state, trail.slopes, weights, h, trail.stage, model.blocks.slot[block])
+        slope_at(model, loads, trail.stage, work, trail, index, team, first, last)
+        index += 1
+    for block in range(first, last):
+        s = model.blocks.slot[block]
+        combine(state, trail.slopes, pair.step, h, trail.stage, s)
+        normalise(trail.stage.orientation, s)
+
+
+@compiled
+def fixed_pair(
+    pair: Pair, model: Model, loads: Loads | None, state: State, saved: State, work: Work,
+    team: Team, h: float, count: int, since_check: int, check_interval: int,
+    watch: Watch | None, ledger: np.ndarray
+) -> tuple[int, int, int]:
+    """
+    Take up to `count` steps of length `h`, as `splitting` does.
+    """
+    first, last = own_blocks(team, model.blocks.slot.shape[0])
+    trail = some(work.trail)
+    slope_at(model, loads, state, work, trail, 0, team, first, last)
+    done = 0
+    while done < count:
+        try_step(pair, model, loads, state, work, trail, team, h, first, last)
+        save(model, trail.stage, state, first, last)
+        add_work(loads, h, pair.step, first, last)
+        slope_at(model, loads, state, work, trail, 0, team, first, last)
+        done += 1
+        since_check += 1
+        status, since_check = look(
+            model, loads, state, saved, work, team, since_check, check_interval, watch, ledger,
+            done, first, last)
+        if status != 0:
+            return status, done, since_check
+    return 0, done, since_check
+
+
+@compiled
+def look(
+    model: Model, loads: Loads | None, state: State, saved: State, work: Work, team: Team,
+    since_check: int, check_interval: int, watch: Watch | None, ledger: np.ndarray, done: int,
+    first: int, last: int
+) -> tuple[int, int]:
+    """
+    Examine the state if that is due, and save it if it is sound; status and steps since then.
+    """
+    examined = since_check >= check_interval
+    status = 0
+    if team.member == 0:
+        if examined:
+            status = examine(model, loads, state, work, ledger)
+        if moved_far(model, watch, state.position):
+            status |= MOVED_FAR
+    status = tell_all(team, status)
+    if examined:
+        since_check = 0
+        if status & UNSOUND == 0:
+            if team.member == 0:
+                ledger[SAVED_AT] = done
+            save(model, state, saved, first, last)
+    return status, since_check
+
+
+@compiled
+def largest_error(
+    pair: Pair, model: Model, trail: Trail, control: np.ndarray, turn_rows: int, team: Team,
+    first: int, last: int
+) -> float:
+    """
+    Error of a step of length 1, the largest of all bodies; the same in all threads.
+    """
+    largest = 0.0
+    for block in range(first, last):
+        error = step_error(
+            trail.slopes, turn_rows, pair.error_5, pair.error_3, control[SCALES:],
+            model.blocks.slot[block])
+        if not error <= largest:
+            largest = error
+    trail.errors[team.member] = largest
+    wait_for_all(team)
+    for member in range(team.size):
+        if not trail.errors[member] <= largest:
+            largest = trail.errors[member]
+    return largest
+
+
+@compiled
+def adaptive_pair(
+    pair: Pair, model: Model, loads: Loads | None, state: State, saved: State, work: Work,
+    team: Team, control: np.ndarray, count: int, since_check: int, check_interval: int,
+    watch: Watch | None, ledger: np.ndarray
+) -> tuple[int, int, int]:
+    """
+    Take up to `count` steps until one ends after control[GOAL].
+
+    `state` is where the step in progress ends, trail.start where it begins; its slopes are kept
+    for states in between. Time is control[START] + control[LENGTH] before and after. A step that
+    errs by more than tolerance x its length is refused and made shorter.
+    """
+    first, last = own_blocks(team, model.blocks.slot.shape[0])
+    trail = some(work.trail)
+    turn_rows = trail.slopes.shape[1] - 9
+    has_last = control[HAS_LAST] != 0.0
+    wait_for_all(team)
+    start, length, h = control[START], control[LENGTH], control[NEXT]
+    total, rate, refused = control[TOTAL], control[RATE], control[REFUSED]
+    goal, tolerance, shortest = control[GOAL], control[TOLERANCE], control[SHORTEST]
+    done, status = 0, 0
+    while done < count and start + length <= goal and status == 0:
+        if has_last:
+            repeat_slope(model, loads, trail, first, last)
+        else:
+            slope_at(model, loads, state, work, trail, 0, team, first, last)
+        accepted = False
+        while not accepted:
+            try_step(pair, model, loads, state, work, trail, team, h, first, last)
+            # Per unit of time, so the length of the step cancels.
+            error = largest_error(pair, model, trail, control, turn_rows, team, first, last)
+            change = _SHRINK
+            if error <= tolerance:
+                accepted = True
+                change = _GROW
+            if 0.0 < error and error < np.inf:
+                change = min(change, max(_SHRINK, (_AIM * tolerance / error) ** (1.0 / 7.0)))
+            elif not error <= tolerance:
+                change = _SHRINK
+            if accepted:
+                save(model, state, trail.start, first, last)
+                save(model, trail.stage, state, first, last)
+                keep_work(loads, first, last)
+                add_work(loads, h, pair.step, first, last)
+                start, length = start + length, h
+                total += error * h
+                rate = error
+            else:
+                refused += 1.0
+                if h <= shortest:
+                    status = TOO_SHORT
+                    accepted = True
+            h = max(h * change, shortest)
+        if status == 0:
+            slope_at(model, loads, state, work, trail, 12, team, first, last)
+            has_last = True
+            done += 1
+            since_check += 1
+            status, since_check = look(
+                model, loads, state, saved, work, team, since_check, check_interval, watch,
+                ledger, done, first, last)
+    wait_for_all(team)
+    if team.member == 0:
+        control[START], control[LENGTH], control[NEXT] = start, length, h
+        control[TOTAL], control[RATE], control[REFUSED] = total, rate, refused
+        control[HAS_LAST] = 1.0 if has_last else 0.0
+    return status, done, since_check
+
+
+@compiled
+def repeat_slope(
+    model: Model, loads: Loads | None, trail: Trail, first: int, last: int
+) -> None:
+    """
+    The last slope of a step is the first of the next.
+    """
+    for block in range(first, last):
+        s = model.blocks.slot[block]
+        for k in range(trail.slopes.shape[1]):
+            store(trail.slopes[0], k, s, load(trail.slopes[12], k, s))
+    repeat_power(loads, first, last)
+
+
+@compiled
+def repeat_power(loads: Loads | None, first: int, last: int) -> None:
+    """
+    The same for the powers of loads.
+    """
+    if loads is None:
+        return
+    for m in range(loads.start[first], loads.start[last]):
+        loads.power[0, m] = loads.power[12, m]
+
+
+@compiled
+def keep_work(loads: Loads | None, first: int, last: int) -> None:
+    """
+    Note the work at the start of a step.
+    """
+    if loads is None:
+        return
+    for m in range(loads.start[first], loads.start[last]):
+        loads.earlier_work[m] = loads.work[m]
+
+
+@compiled
+def prepare_dense(
+    pair: Pair, model: Model, loads: Loads | None, work: Work, team: Team, trail: Trail, h: float
+) -> None:
+    """
+    Three more slopes of the step in progress, for `dense_state`.
+    """
+    first, last = own_blocks(team, model.blocks.slot.shape[0])
+    index = 13
+    for weights in pair.dense_stages:
+        for block in range(first, last):
+            combine(trail.start, trail.slopes, weights, h, trail.stage, model.blocks.slot[block])
+        slope_at(model, loads, trail.stage, work, trail, index, team, first, last)
+        index += 1
+
+
+@compiled
+def dense_state(
+    pair: Pair, model: Model, state: State, team: Team, trail: Trail, h: float, x: float,
+    target: State
+) -> None:
+    """
+    State at the part `x` of the step in progress.
+    """
+    first, last = own_blocks(team, model.blocks.slot.shape[0])
+    for block in range(first, last):
+        interpolate(
+            trail.start, state, trail.slopes, pair.dense, h, x, target, model.blocks.slot[block])

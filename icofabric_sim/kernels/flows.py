@@ -1,0 +1,186 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+The two flows that every splitting method is made of, for runs of blocks.
+
+`drift`: the kinetic energy alone, free flight and free rotation, exact because the inertia is
+isotropic. `push`: the potential energy alone, which changes velocities only. The list of all terms
+that act on a fabric is `accelerations` and `kick`; a term that is None is not compiled (Numba
+prunes such a branch only where the term is an argument of its own).
+"""
+
+from icofabric_sim.kernels.compiled import compiled
+from icofabric_sim.kernels.connectors import add_connectors, Six
+from icofabric_sim.kernels.lanes import bits, fma, load, splat, store, where
+from icofabric_sim.kernels.loads import kick_loads, work_loads
+from icofabric_sim.kernels.records import Links, Loads, Model, State, Supports, Work
+from icofabric_sim.kernels.rotations import place_points, rotate
+import numpy as np
+
+
+@compiled
+def drift(
+    model: Model, loads: Loads | None, state: State, work: Work, h: float, first: int, last: int
+) -> None:
+    """
+    Flow of the kinetic energy over `h`, for blocks first to last; places the attachment points.
+    """
+    step = splat(h)
+    for block in range(first, last):
+        s = model.blocks.slot[block]
+        work_loads(loads, state, block, h)
+        for k in range(3):
+            store(state.position, k, s, fma(
+                step, load(state.linear_velocity, k, s), load(state.position, k, s)))
+        rotate(
+            state.orientation, s, h,
+            load(state.angular_velocity, 0, s),
+            load(state.angular_velocity, 1, s),
+            load(state.angular_velocity, 2, s))
+        place_links(model.links, state, work, s)
+
+
+@compiled
+def place_links(links: Links | None, state: State, work: Work, s: int) -> None:
+    """
+    Attachment points of a block, if anything is attached.
+    """
+    if links is None:
+        return
+    place_points(links.half_width, state.position, state.orientation, work.points, s)
+
+
+@compiled
+def place_all(model: Model, state: State, work: Work, first: int, last: int) -> None:
+    """
+    Attachment points of blocks first to last where nothing moves.
+    """
+    for block in range(first, last):
+        place_links(model.links, state, work, model.blocks.slot[block])
+
+
+@compiled
+def push(
+    model: Model, loads: Loads | None, state: State, work: Work, h: float, again: float,
+    keep: bool, first: int, last: int
+) -> None:
+    """
+    Flow of the potential energy over `h`, and over `again` where that is not 0.
+
+    The second is the first kick of the next step, which shares its forces. `keep` stores the
+    accelerations, for a kick that comes later. Blocks first to last.
+    """
+    stride = state.position.shape[1]
+    for block in range(first, last):
+        s = model.blocks.slot[block]
+        a = accelerations(model, work.points, stride, block, s)
+        kick(model, loads, state, a, h, block, s)
+        if again != 0.0:
+            kick(model, loads, state, a, again, block, s)
+        if keep:
+            for k in range(3):
+                store(work.acceleration, k, s, a[k])
+                store(work.acceleration, k + 3, s, a[k + 3])
+
+
+@compiled
+def push_kept(
+    model: Model, loads: Loads | None, state: State, work: Work, h: float, first: int, last: int
+) -> None:
+    """
+    Flow of the potential energy over `h` with accelerations that were kept.
+    """
+    for block in range(first, last):
+        s = model.blocks.slot[block]
+        a = (
+            load(work.acceleration, 0, s), load(work.acceleration, 1, s),
+            load(work.acceleration, 2, s), load(work.acceleration, 3, s),
+            load(work.acceleration, 4, s), load(work.acceleration, 5, s))
+        kick(model, loads, state, a, h, block, s)
+
+
+@compiled
+def keep_accelerations(model: Model, work: Work, first: int, last: int) -> None:
+    """
+    Store the accelerations of blocks first to last; their points are in place.
+    """
+    stride = work.acceleration.shape[1]
+    for block in range(first, last):
+        s = model.blocks.slot[block]
+        a = accelerations(model, work.points, stride, block, s)
+        for k in range(3):
+            store(work.acceleration, k, s, a[k])
+            store(work.acceleration, k + 3, s, a[k + 3])
+
+
+@compiled
+def accelerations(
+    model: Model, points: np.ndarray, stride: int, block: int, s: int
+) -> Six:
+    """
+    Linear [m/s^2] and angular [rad/s^2] acceleration of a block (eq 45), loads apart.
+
+    The gyroscopic term vanishes. Gravity is an acceleration and needs no detour over the mass.
+    """
+    force = add_connectors(model.links, points, stride, block, s)
+    return add_gravity(
+        model.gravity, model.supports, model.blocks.alive[block], s,
+        accelerate(model.supports, model.inverse_mass, model.inverse_inertia, force, s))
+
+
+@compiled
+def accelerate(
+    supports: Supports | None, inverse_mass: float, inverse_inertia: float, force: Six, s: int
+) -> Six:
+    """
+    Accelerations from forces and torques, none along held freedoms.
+    """
+    fx, fy, fz, tx, ty, tz = force
+    if supports is None:
+        mass, inertia = splat(inverse_mass), splat(inverse_inertia)
+        return fx * mass, fy * mass, fz * mass, tx * inertia, ty * inertia, tz * inertia
+    else:
+        inertia = load(supports.inverse_inertia, 0, s)
+        return (
+            fx * load(supports.inverse_mass, 0, s),
+            fy * load(supports.inverse_mass, 1, s),
+            fz * load(supports.inverse_mass, 2, s),
+            tx * inertia, ty * inertia, tz * inertia)
+
+
+@compiled
+def add_gravity(
+    gravity: np.ndarray | None, supports: Supports | None, alive: int, s: int, a: Six
+) -> Six:
+    """
+    Add gravity where there is a body that is free to fall.
+    """
+    if gravity is None:
+        return a
+    else:
+        ax, ay, az, bx, by, bz = a
+        zero = splat(0.0)
+        gx, gy, gz = splat(gravity[0]), splat(gravity[1]), splat(gravity[2])
+        if supports is None:
+            there = bits(alive)
+            gx, gy, gz = where(there, gx, zero), where(there, gy, zero), where(there, gz, zero)
+        else:
+            gx = where(load(supports.inverse_mass, 0, s) > zero, gx, zero)
+            gy = where(load(supports.inverse_mass, 1, s) > zero, gy, zero)
+            gz = where(load(supports.inverse_mass, 2, s) > zero, gz, zero)
+        return ax + gx, ay + gy, az + gz, bx, by, bz
+
+
+@compiled
+def kick(
+    model: Model, loads: Loads | None, state: State, a: Six, h: float, block: int, s: int
+) -> None:
+    """
+    Add h times the accelerations, and what the loads add, to the velocities of a block.
+    """
+    step = splat(h)
+    velocity, spin = state.linear_velocity, state.angular_velocity
+    for k in range(3):
+        store(velocity, k, s, fma(step, a[k], load(velocity, k, s)))
+        store(spin, k, s, fma(step, a[k + 3], load(spin, k, s)))
+    kick_loads(model, loads, state, block, h)

@@ -1,0 +1,289 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+The equations of motion as dy/dt = f(y) for Runge-Kutta methods, and sums of their slopes.
+
+Rows of a slope, slots last: 3 of the position, 4 of the quaternion (or 9 direction cosines), 3 of
+the velocity, 3 of the spin.
+"""
+
+from icofabric_sim.kernels.compiled import compiled
+from icofabric_sim.kernels.flows import accelerations, place_links
+from icofabric_sim.kernels.lanes import fma, lane, LANES, load, maximum, rsqrt, splat, store
+from icofabric_sim.kernels.loads import kick_loads, wrench_of
+from icofabric_sim.kernels.records import Loads, Model, State, Work
+from icofabric_sim.kernels.rotations import orthonormalise
+import numpy as np
+
+
+@compiled
+def as_rows(orientation: np.ndarray) -> np.ndarray:
+    """
+    Orientations as (4, s) or (9, s).
+    """
+    if orientation.ndim == 3:
+        return orientation.reshape(9, orientation.shape[2])
+    else:
+        return orientation
+
+
+@compiled
+def place_blocks(model: Model, state: State, work: Work, first: int, last: int) -> None:
+    """
+    Attachment points of blocks first to last.
+    """
+    for block in range(first, last):
+        place_links(model.links, state, work, model.blocks.slot[block])
+
+
+@compiled
+def find_slopes(
+    model: Model, loads: Loads | None, state: State, work: Work, slope: np.ndarray, index: int,
+    first: int, last: int
+) -> None:
+    """
+    Slope number `index` at `state`, whose points are in place, for blocks first to last.
+
+    dq/dt = omega q / 2 (eq 22) or de_i/dt = omega x e_i (eq 19), and eq 45. The power of the loads
+    goes into `loads.power`.
+    """
+    stride = state.position.shape[1]
+    turn = as_rows(state.orientation).shape[0]
+    linear, angular = slope[3 + turn:6 + turn], slope[6 + turn:9 + turn]
+    kicked = State(state.position, state.orientation, linear, angular)
+    for block in range(first, last):
+        s = model.blocks.slot[block]
+        for k in range(3):
+            store(slope, k, s, load(state.linear_velocity, k, s))
+        turn_slopes(state.orientation, state.angular_velocity, slope, s)
+        a = accelerations(model, work.points, stride, block, s)
+        for k in range(3):
+            store(linear, k, s, a[k])
+            store(angular, k, s, a[k + 3])
+        kick_loads(model, loads, kicked, block, 1.0)
+        note_power(loads, state, block, index)
+
+
+@compiled
+def turn_slopes(
+    orientation: np.ndarray, spin: np.ndarray, slope: np.ndarray, s: int
+) -> None:
+    """
+    Slopes of the orientations of a block.
+    """
+    zero = splat(0.0)
+    if orientation.ndim == 2:
+        half = splat(0.5)
+        ux, uy = half * load(spin, 0, s), half * load(spin, 1, s)
+        uz = half * load(spin, 2, s)
+        x, y = load(orientation, 0, s), load(orientation, 1, s)
+        z, w = load(orientation, 2, s), load(orientation, 3, s)
+        store(slope, 3, s, fma(ux, w, fma(uy, z, zero - uz * y)))
+        store(slope, 4, s, fma(uy, w, fma(uz, x, zero - ux * z)))
+        store(slope, 5, s, fma(uz, w, fma(ux, y, zero - uy * x)))
+        store(slope, 6, s, zero - fma(ux, x, fma(uy, y, uz * z)))
+    else:
+        ux, uy, uz = load(spin, 0, s), load(spin, 1, s), load(spin, 2, s)
+        for i in range(3):
+            axis = orientation[i]
+            x, y, z = load(axis, 0, s), load(axis, 1, s), load(axis, 2, s)
+            store(slope, 3 + 3 * i, s, uy * z - uz * y)
+            store(slope, 4 + 3 * i, s, uz * x - ux * z)
+            store(slope, 5 + 3 * i, s, ux * y - uy * x)
+
+
+@compiled
+def note_power(loads: Loads | None, state: State, block: int, index: int) -> None:
+    """
+    Power [W] of every wrench on a block.
+    """
+    if loads is None:
+        return
+    for m in range(loads.start[block], loads.start[block + 1]):
+        s = loads.slot[m]
+        force, torque = wrench_of(loads, state.orientation, m, s)
+        power = 0.0
+        for k in range(3):
+            power += force[k] * state.linear_velocity[k, s]
+            power += torque[k] * state.angular_velocity[k, s]
+        loads.power[index, m] = power
+
+
+@compiled
+def add_work(loads: Loads | None, h: float, weights: np.ndarray, first: int, last: int) -> None:
+    """
+    Work [J] of the loads on blocks first to last over a step: the weighted sum of their powers.
+    """
+    if loads is None:
+        return
+    for m in range(loads.start[first], loads.start[last]):
+        total = 0.0
+        for j in range(weights.shape[0]):
+            total += weights[j] * loads.power[j, m]
+        loads.work[m] += h * total
+
+
+@compiled
+def combine(
+    source: State, slopes: np.ndarray, weights: np.ndarray, h: float, target: State, s: int
+) -> None:
+    """
+    Y + h sum of w_j slope_j of a block, for as many slopes as there are weights.
+    """
+    turn = as_rows(source.orientation)
+    row = combine_rows(source.position, slopes, 0, weights, h, target.position, s)
+    row = combine_rows(turn, slopes, row, weights, h, as_rows(target.orientation), s)
+    row = combine_rows(source.linear_velocity, slopes, row, weights, h, target.linear_velocity, s)
+    combine_rows(source.angular_velocity, slopes, row, weights, h, target.angular_velocity, s)
+
+
+@compiled
+def combine_rows(
+    source: np.ndarray, slopes: np.ndarray, row: int, weights: np.ndarray, h: float,
+    target: np.ndarray, s: int
+) -> int:
+    """
+    The same for the rows of one array; returns the row after them.
+    """
+    step = splat(h)
+    for k in range(source.shape[0]):
+        total = splat(0.0)
+        for j in range(weights.shape[0]):
+            # Many weights of high-order methods are 0.
+            if weights[j] != 0.0:
+                total = fma(splat(weights[j]), load(slopes[j], row + k, s), total)
+        store(target, k, s, fma(step, total, load(source, k, s)))
+    return row + source.shape[0]
+
+
+@compiled
+def normalise(orientation: np.ndarray, s: int) -> None:
+    """
+    Back to unit quaternions, or orthonormal cosines: one Newton step, which squares the error.
+    """
+    if orientation.ndim == 2:
+        x, y = load(orientation, 0, s), load(orientation, 1, s)
+        z, w = load(orientation, 2, s), load(orientation, 3, s)
+        norm = fma(x, x, fma(y, y, fma(z, z, w * w)))
+        scale = fma(splat(-0.5), norm, splat(1.5))
+        store(orientation, 0, s, x * scale)
+        store(orientation, 1, s, y * scale)
+        store(orientation, 2, s, z * scale)
+        store(orientation, 3, s, w * scale)
+    else:
+        orthonormalise(orientation, s)
+
+
+@compiled
+def step_error(
+    slopes: np.ndarray, turn_rows: int, error_5: np.ndarray, error_3: np.ndarray,
+    scales: np.ndarray, s: int
+) -> float:
+    """
+    Error of a step of length 1 for a block, the largest of its bodies.
+
+    Squares of position, orientation, velocity and spin are multiplied by `scales` (4,), and the
+    largest of the four counts. The estimates of order 5 and 3 are combined as in DOP853,
+    e5^2 / sqrt(e5^2 + 0.01 e3^2), which makes it one of order 7.
+    """
+    zero = splat(0.0)
+    largest_5, largest_3 = zero, zero
+    row = 0
+    for part in range(4):
+        rows = turn_rows if part == 1 else 3
+        square_5, square_3 = zero, zero
+        for k in range(row, row + rows):
+            first, second = zero, zero
+            for j in range(error_5.shape[0]):
+                value = load(slopes[j], k, s)
+                if error_5[j] != 0.0:
+                    first = fma(splat(error_5[j]), value, first)
+                if error_3[j] != 0.0:
+                    second = fma(splat(error_3[j]), value, second)
+            square_5 = fma(first, first, square_5)
+            square_3 = fma(second, second, square_3)
+        row += rows
+        largest_5 = maximum(splat(scales[part]) * square_5, largest_5)
+        largest_3 = maximum(splat(scales[part]) * square_3, largest_3)
+    sum_ = maximum(fma(splat(0.01), largest_3, largest_5), splat(1e-300))
+    error = largest_5 * rsqrt(sum_)
+    largest = 0.0
+    for i in range(LANES):
+        # Also where it is not a number.
+        if not lane(error, i) <= largest:
+            largest = lane(error, i)
+    return largest
+
+
+@compiled
+def interpolate(
+    start: State, end: State, slopes: np.ndarray, dense: np.ndarray, h: float, x: float,
+    target: State, s: int
+) -> None:
+    """
+    State at the part `x` of a step, by DOP853's interpolation of order 7, of a block.
+    """
+    turn = as_rows(start.orientation)
+    row = interpolate_rows(
+        start.position, end.position, slopes, 0, dense, h, x, target.position, s)
+    row = interpolate_rows(
+        turn, as_rows(end.orientation), slopes, row, dense, h, x, as_rows(target.orientation), s)
+    row = interpolate_rows(
+        start.linear_velocity, end.linear_velocity, slopes, row, dense, h, x,
+        target.linear_velocity, s)
+    interpolate_rows(
+        start.angular_velocity, end.angular_velocity, slopes, row, dense, h, x,
+        target.angular_velocity, s)
+    normalise(target.orientation, s)
+
+
+@compiled
+def interpolate_rows(
+    start: np.ndarray, end: np.ndarray, slopes: np.ndarray, row: int, dense: np.ndarray, h: float,
+    x: float, target: np.ndarray, s: int
+) -> int:
+    """
+    The same for the rows of one array; returns the row after them.
+    """
+    step, here, rest = splat(h), splat(x), splat(1.0 - x)
+    for k in range(start.shape[0]):
+        old, new = load(start, k, s), load(end, k, s)
+        first, last = load(slopes[0], row + k, s), load(slopes[12], row + k, s)
+        change = new - old
+        total = splat(0.0)
+        for i in range(dense.shape[0] - 1, -1, -1):
+            part = splat(0.0)
+            for j in range(dense.shape[1]):
+                if dense[i, j] != 0.0:
+                    part = fma(splat(dense[i, j]), load(slopes[j], row + k, s), part)
+            total = fma(step, part, total) * (here if i % 2 == 1 else rest)
+        total = (total + (change + change - step * (first + last))) * here
+        total = (total + (step * first - change)) * rest
+        total = (total + change) * here
+        store(target, k, s, old + total)
+    return row + start.shape[0]
+
+
+@compiled
+def read_rows(y: np.ndarray, slot: np.ndarray, state: State) -> None:
+    """
+    Put numbers body by body, (13 n,), into a state with quaternions.
+    """
+    for b in range(slot.shape[0]):
+        s = slot[b]
+        for k in range(3):
+            state.position[k, s] = y[13 * b + k]
+            state.linear_velocity[k, s] = y[13 * b + 7 + k]
+            state.angular_velocity[k, s] = y[13 * b + 10 + k]
+        for k in range(4):
+            state.orientation[k, s] = y[13 * b + 3 + k]
+
+
+@compiled
+def copy_rows(slope: np.ndarray, slot: np.ndarray, result: np.ndarray) -> None:
+    """
+    Write the slopes body by body, (13 n,).
+    """
+    for b in range(slot.shape[0]):
+        for k in range(13):
+            result[13 * b + k] = slope[k, slot[b]]

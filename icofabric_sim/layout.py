@@ -1,0 +1,324 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+Where bodies lie in the arrays of kernels: the slots, and the blocks that are computed together.
+
+The grid points of a weave, x + y + z of one parity, are four interleaved cubic grids, and in each
+of them a connector leads from every body to the same place in another. So with the bodies of each
+grid side by side, the neighbours of neighbouring bodies are neighbours too, and kernels can work
+on whole vectors without gathering.
+"""
+
+from dataclasses import dataclass
+import math
+from typing import NamedTuple
+
+from icofabric_sim.initial import InitialState
+from icofabric_sim.kernels.lanes import LANES
+from icofabric_sim.kernels.records import (
+    Blocks,
+    EDGE_COUNT,
+    LINK_COUNT,
+    Links,
+    LINKS_PER_EDGE,
+    State,
+    Trail,
+    Work,
+)
+from icofabric_sim.rotation_forms import cosines_from_quaternions, quaternions_from_cosines
+import numpy as np
+
+# Connectors that are entered at once: bounds the temporary arrays.
+_PIECE = 1 << 18
+_LINE = 64  # bytes
+# Of a Runge-Kutta step and its dense output.
+_SLOPE_COUNT = 16
+_MOST_THREADS = 1024
+# Slots for each body with which the first way to lay them out is taken.
+_GOOD = 1.3
+
+
+class _Places(NamedTuple):
+    """
+    One way to lay out the bodies of a weave.
+    """
+
+    slot: np.ndarray  # (n,) int64, from 0
+    order: np.ndarray  # (n,) int64: grows along the fabric, equal for bodies computed close by
+
+
+@dataclass(frozen=True)
+class Layout:
+    """
+    Slots of the bodies, and which are computed together.
+    """
+
+    slot: np.ndarray  # (n,) int32, of each body
+    slot_count: int  # length of the arrays
+    blocks: Blocks
+    cosines: bool  # orientations as direction cosines instead of quaternions
+
+    @property
+    def body_count(self) -> int:
+        """
+        Count the bodies.
+        """
+        return len(self.slot)
+
+    def block_of(self, bodies: np.ndarray) -> np.ndarray:
+        """
+        Index of the block of each body.
+        """
+        number = np.zeros(self.slot_count // LANES, np.int32)
+        number[self.blocks.slot // LANES] = np.arange(len(self.blocks.slot), dtype=np.int32)
+        return number[self.slot[bodies] // LANES]
+
+    def spread(self, values: np.ndarray, *, empty: float = 0.0) -> np.ndarray:
+        """
+        Values of the bodies, (n, ...), as an array (..., s) with `empty` where there is no body.
+        """
+        spread = aligned_empty((*values.shape[1:], self.slot_count))
+        spread[:] = empty
+        spread[..., self.slot] = np.moveaxis(values, 0, -1)
+        return spread
+
+    def gather(self, values: np.ndarray) -> np.ndarray:
+        """
+        Values of the bodies, (n, ...), from an array (..., s).
+        """
+        return np.ascontiguousarray(np.moveaxis(values[..., self.slot], -1, 0))
+
+    def pack(self, initial: InitialState) -> State:
+        """
+        State for kernels from one of bodies.
+        """
+        orientation = initial.orientation
+        if self.cosines:
+            orientation = cosines_from_quaternions(orientation)
+        state = State(
+            self.spread(initial.position),
+            self.spread(orientation),
+            self.spread(initial.linear_velocity),
+            self.spread(initial.angular_velocity),
+        )
+        empty = np.ones(self.slot_count, dtype=bool)
+        empty[self.slot] = False
+        # A unit orientation, so that slots without a body compute with ordinary numbers.
+        if self.cosines:
+            state.orientation[..., empty] = np.eye(3)[:, :, None]
+        else:
+            state.orientation[3, empty] = 1.0
+        return state
+
+    def unpack(self, state: State) -> InitialState:
+        """
+        State of the bodies, with quaternions, from one of kernels.
+        """
+        orientation = self.gather(state.orientation)
+        if self.cosines:
+            orientation = quaternions_from_cosines(orientation)
+        return InitialState(
+            self.gather(state.position),
+            orientation,
+            self.gather(state.linear_velocity),
+            self.gather(state.angular_velocity),
+        )
+
+    def room(self, links: Links | None, state: State | None = None) -> Work:
+        """
+        Arrays for what follows from a state; with `state` also for Runge-Kutta methods.
+        """
+        points = aligned_empty((18 * self.slot_count if links is not None else 0,))
+        acceleration = aligned_empty((6, self.slot_count))
+        points[:] = 0.0
+        acceleration[:] = 0.0
+        trail = None
+        if state is not None:
+            slopes = aligned_empty((_SLOPE_COUNT, 18 if self.cosines else 13, self.slot_count))
+            slopes[:] = 0.0
+            stage, start = self.like(state), self.like(state)
+            for target in (stage, start):
+                for part, source in zip(target, state):
+                    part[:] = source
+            trail = Trail(slopes, stage, start, np.zeros(_MOST_THREADS))
+        return Work(points, acceleration, trail)
+
+    def like(self, state: State) -> State:
+        """
+        Room for another state.
+        """
+        return State(*(aligned_empty(array.shape) for array in state))
+
+
+def aligned_empty(shape: tuple[int, ...]) -> np.ndarray:
+    """
+    Array of doubles that begins with a cache line, so that no block straddles two.
+    """
+    count = math.prod(shape)
+    room = np.empty(count + _LINE // 8)
+    start = -room.ctypes.data % _LINE // 8
+    return room[start:start + count].reshape(shape)
+
+
+def make_layout(grid: np.ndarray, body_count: int, *, cosines: bool = False) -> Layout:
+    """
+    Lay out the bodies of a weave, at grid points (n, 3), and after them loose bodies.
+    """
+    parts = []
+    if len(grid):
+        parts.append(_best_places(grid.astype(np.int64)))
+    loose = body_count - len(grid)
+    if loose:
+        number = np.arange(loose, dtype=np.int64)
+        parts.append(_Places(number, number))
+    slots, orders = [], []
+    # One block of room on either side: a vector may begin before the first body or end after the
+    # last.
+    next_slot, next_order = LANES, 0
+    for part in parts:
+        slots.append(part.slot + next_slot)
+        orders.append(part.order + next_order)
+        next_slot = _rounded_up(int(slots[-1].max()) + 1)
+        next_order = int(orders[-1].max()) + 1
+    slot = np.concatenate(slots) if slots else np.zeros(0, np.int64)
+    order = np.concatenate(orders) if orders else np.zeros(0, np.int64)
+    first, members = np.unique(slot - slot % LANES, return_inverse=True)
+    # The block's place in the order is that of its first body.
+    rank = np.full(len(first), np.iinfo(np.int64).max)
+    np.minimum.at(rank, members, order)
+    alive = np.zeros(len(first), np.uint8)
+    np.bitwise_or.at(alive, members, (1 << (slot % LANES)).astype(np.uint8))
+    by_order = np.lexsort((first, rank))
+    slot_count = next_slot + LANES
+    # Rows a whole number of pages apart would share few places of the cache.
+    slot_count += LANES * (1 - slot_count // LANES % 2)
+    return Layout(
+        slot=slot.astype(np.int32),
+        slot_count=slot_count,
+        blocks=Blocks(first[by_order].astype(np.int32), alive[by_order], 0),
+        cosines=cosines,
+    )
+
+
+def make_links(
+    layout: Layout, grid: np.ndarray, bodies: np.ndarray, edges: np.ndarray, *,
+    stiffness: float, natural_length: float, half_width: float
+) -> tuple[Layout, Links]:
+    """
+    Tables of connectors, (c, 2) bodies and edge codes, by block; and the layout with their reach.
+
+    Raises ValueError where connectors do not have the same direction at all bodies of a block.
+    """
+    place = np.repeat(layout.blocks.slot[:, None], LINK_COUNT, axis=1)
+    present = np.zeros(place.shape, np.uint8)
+    block = layout.block_of(np.arange(layout.body_count, dtype=np.int32))
+    if 18 * layout.slot_count > np.iinfo(np.int32).max:
+        raise ValueError('too many bodies to number their attachment points with 32 bits')
+    # Two connectors leave each edge, to either side of it; which of them, their direction tells.
+    pieces = [
+        (bodies[start:start + _PIECE, [end, 1 - end]], edges[start:start + _PIECE, [end, 1 - end]])
+        for start in range(0, len(bodies), _PIECE) for end in range(2)]
+    directions: list[set[int]] = [set() for _ in range(EDGE_COUNT)]
+    for pair, codes in pieces:
+        key = np.unique(codes[:, 0].astype(np.int64) * 100 + _direction(grid, pair))
+        for edge, direction in zip((key + 50) // 100, (key + 50) % 100 - 50):
+            directions[edge].add(int(direction))
+    if max(map(len, directions)) > LINKS_PER_EDGE:
+        raise ValueError(f'more than {LINKS_PER_EDGE} directions of connectors at one edge')
+    side = np.zeros((EDGE_COUNT, 100), np.int8)
+    for edge, seen in enumerate(directions):
+        for number, direction in enumerate(sorted(seen)):
+            side[edge, direction + 50] = number
+    reach = 0
+    for pair, codes in pieces:
+        own, other = block[pair[:, 0]], block[pair[:, 1]]
+        edge = codes[:, 0].astype(np.int64)
+        link = LINKS_PER_EDGE * edge + side[edge, _direction(grid, pair) + 50]
+        lane = layout.slot[pair[:, 0]] % LANES
+        at = 3 * layout.slot_count * codes[:, 1].astype(np.int64)
+        at += layout.slot[pair[:, 1]] - lane
+        place[own, link] = at
+        if not np.array_equal(place[own, link], at):
+            raise ValueError('connectors of one block lead to places that are not side by side')
+        np.bitwise_or.at(present, (own, link), (1 << lane).astype(np.uint8))
+        reach = max(reach, int(np.abs(own - other).max()))
+    links = Links(place, present, stiffness, natural_length, half_width)
+    blocks = layout.blocks._replace(reach=reach)
+    return Layout(layout.slot, layout.slot_count, blocks, layout.cosines), links
+
+
+def _direction(grid: np.ndarray, pair: np.ndarray) -> np.ndarray:
+    """
+    A number for the direction of each connector, between -13 and 13.
+    """
+    return (grid[pair[:, 1]] - grid[pair[:, 0]]) @ np.array([9, 3, 1], grid.dtype)
+
+
+def _best_places(grid: np.ndarray) -> _Places:
+    """
+    The layout with the fewest blocks: rows end to end, or each in blocks of its own.
+
+    Rows end to end suit slabs, whose rows are all alike. In fabrics cut along other directions
+    rows begin and end anywhere, and so would the neighbours of a block.
+    """
+    candidates = []
+    if _is_compact(grid):
+        flat = _flat_places(grid)
+        if _block_count(flat) * LANES <= _GOOD * len(grid):
+            return flat
+        candidates.append(flat)
+    candidates += [_row_places(grid, axis) for axis in range(3)]
+    return min(candidates, key=_block_count)
+
+
+def _block_count(places: _Places) -> int:
+    return int(np.count_nonzero(np.bincount(places.slot // LANES)))
+
+
+def _is_compact(grid: np.ndarray) -> bool:
+    """
+    Whether the grid points fill at least a third of the box around them.
+    """
+    extent = np.ptp(grid, axis=0) + 1
+    return bool(np.prod(extent.astype(float)) <= 6.0 * len(grid) + 1000.0)
+
+
+def _subgrid(grid: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """
+    Number 0-3 of the cubic grid of each point, and its cell in that grid (n, 3).
+    """
+    cell = grid - grid.min(axis=0)
+    return (cell[:, 0] & 1) + 2 * (cell[:, 1] & 1), cell >> 1
+
+
+def _flat_places(grid: np.ndarray) -> _Places:
+    # All four grids have cells for the whole box, so that a step to a neighbour is the same
+    # number of slots everywhere.
+    number, cell = _subgrid(grid)
+    extent = cell.max(axis=0) + 1
+    fast, middle = (0, 1) if extent[0] >= extent[1] else (1, 0)
+    flat = (cell[:, 2] * extent[middle] + cell[:, middle]) * extent[fast] + cell[:, fast]
+    # z's parity follows from x's and y's within one weave.
+    room = _rounded_up(int(flat.max()) + 1)
+    return _Places(number * room + flat, flat)
+
+
+def _row_places(grid: np.ndarray, axis: int) -> _Places:
+    # Rows along an axis, each beginning with a block of its own; gaps within a row stay empty.
+    number, cell = _subgrid(grid)
+    others = [k for k in range(3) if k != axis]
+    spread = cell.max(axis=0) + 1
+    row = (cell[:, others[1]] * spread[others[0]] + cell[:, others[0]]) * 4 + number
+    rows, member = np.unique(row, return_inverse=True)
+    first = np.full(len(rows), np.iinfo(np.int64).max)
+    np.minimum.at(first, member, cell[:, axis])
+    last = np.full(len(rows), -1)
+    np.maximum.at(last, member, cell[:, axis])
+    blocks = (last - first + LANES) // LANES
+    start = np.concatenate([[0], np.cumsum(blocks)[:-1]]) * LANES
+    slot = start[member] + cell[:, axis] - first[member]
+    return _Places(slot, slot)
+
+
+def _rounded_up(count: int) -> int:
+    return -(-count // LANES) * LANES

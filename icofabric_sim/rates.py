@@ -1,0 +1,43 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+The equations of motion of a scene as a function, for other people's integrators.
+"""
+
+from collections.abc import Callable
+
+from icofabric_sim.kernels.slopes import copy_rows, find_slopes, place_blocks, read_rows
+from icofabric_sim.model import pack_scene
+from icofabric_sim.scene import Scene
+import numpy as np
+
+Rates = Callable[[float, np.ndarray], np.ndarray]
+
+
+def compile_rates(scene: Scene) -> Rates:
+    """
+    Compile dy/dt = f(t, y) of a scene without loads, by the same kernels as `compile_scene`.
+
+    y (13 n,): for each body position [m], quaternion x y z w, velocity [m/s], spin [rad/s], world
+    frame. The result is an array of its own.
+    """
+    packed = pack_scene(scene)
+    model, layout = packed.model, packed.layout
+    state = layout.pack(scene.initial)
+    work = layout.room(model.links)
+    slope = np.zeros((13, layout.slot_count))
+    last = len(model.blocks.slot)
+
+    def rates(time: float, y: np.ndarray) -> np.ndarray:
+        if y.shape != (13 * layout.body_count,):
+            raise ValueError(
+                f'y must have the shape ({13 * layout.body_count},), 13 numbers for each of '
+                f'{layout.body_count} bodies, got {y.shape}')
+        read_rows(y, layout.slot, state)
+        place_blocks(model, state, work, 0, last)
+        find_slopes(model, None, state, work, slope, 0, 0, last)
+        result = np.empty_like(y)
+        copy_rows(slope, layout.slot, result)
+        return result
+
+    return rates

@@ -1,0 +1,240 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+How long a step may be: stable, and as accurate as asked.
+
+Accuracy is measured, not estimated from formulas: from the present state the method runs for one
+shortest period of the fabric with the step in question, and again with half of it; the difference
+tells the error (Richardson), which divided by that time is what the method adds for each second.
+The state then goes back to where it was. Whether and when to measure depends on the motion alone,
+never on time that passes outside.
+"""
+
+from collections.abc import Callable
+import math
+from typing import Protocol
+
+from icofabric_sim.integrators.methods import Method
+from icofabric_sim.kernels.monitor import KINETIC, LIVELY
+from icofabric_sim.kernels.records import State
+import numpy as np
+
+# Step times frequency, in parts of what the method chooses at most: too long (shorten it), too
+# short (lengthen it).
+LONGEST, SHORTEST = 1.25, 0.4
+# A fixed step below this part of the limit (or of a second) would never come to an end.
+_SHORTEST_FIXED = 1e-9
+# The measured error rate that is aimed at, and the range in which a step is kept, in parts of the
+# tolerance. Motion changes between two measurements, so the aim leaves room.
+AIM, _LARGEST, _SMALLEST = 0.2, 0.5, 0.02
+# Shortest periods until the next measurement, which costs three: twice as many each time, up to
+# this.
+_FIRST_GAP, _LARGEST_GAP = 4, 64
+# The first where the step is given.
+_REPORT_GAP = 128
+# A measurement comes early once the kinetic energy is this many times that of the last.
+_LIVELIER = 4.0
+_LARGEST_CHANGE = 0.1, 4.0
+_TRIES = 8
+# Rounding of positions, beside the size of the fabric, in one period: no method adds less.
+_ROUNDING = 64.0 * float(np.finfo(float).eps)
+
+
+class Line(Protocol):
+    """
+    What is needed of the main line of steps.
+    """
+
+    method: Method
+    state: State
+    ledger: np.ndarray
+    load_rate: float
+    look_interval: int  # steps
+
+    @property
+    def time(self) -> float: ...
+
+    def run_aside(self, step: float, count: int) -> State: ...
+
+    def run_and_return(
+        self, step: float, count: int, look: Callable[[State], None]
+    ) -> None: ...
+
+
+class Accuracy:
+    """
+    The step that the tolerance allows, and what the method adds to the error.
+    """
+
+    def __init__(self, line: Line, tolerance: float, half_edge: float) -> None:
+        """
+        Measure on `line`; errors are positions over `half_edge` [m], and angles [rad].
+        """
+        self._line, self.tolerance, self._half_edge = line, tolerance, half_edge
+        self.total = 0.0
+        self.restart()
+
+    def restart(self) -> None:
+        """
+        Forget what was measured: the state has jumped. The sum of errors goes on.
+        """
+        self.step = math.inf  # the longest step [s] that is accurate enough, as far as known
+        self.rate = 0.0  # error added for each second, measured last
+        self.load_rate = 0.0
+        self.is_new, self.is_measured = True, False
+        self._gap = _FIRST_GAP
+        self.looks_left = 1
+        self._since = self._line.time
+
+    def choose(self, step: float, cap: float, fastest: float) -> float:
+        """
+        A step up to `cap` [s] that is accurate enough, near `step` if that will do.
+
+        `fastest` is the rate [rad/s] of the fastest motion.
+        """
+        tolerance, order = self.tolerance, self._line.method.order
+        self._begin()
+        step = min(step, cap)
+        floor = self.floor(fastest)
+        error = self.measured(step, fastest)
+        low = _SMALLEST if not self.is_new else 0.25 * AIM
+        for _ in range(_TRIES):
+            if error <= _LARGEST * tolerance and (error >= low * tolerance or step >= cap):
+                break
+            if error <= floor:
+                # Shorter steps only add roundings.
+                break
+            wish = (AIM * tolerance / error) ** (1.0 / order) if error < math.inf else 0.0
+            change = min(max(wish, _LARGEST_CHANGE[0]), _LARGEST_CHANGE[1])
+            longer = min(rounded_down(step * change), cap)
+            if longer == step:
+                break
+            step, error = longer, self.measured(longer, fastest)
+            low = 0.25 * AIM
+        self._end(error, step, fastest)
+        self.step = math.inf if step >= cap else step
+        return step
+
+    def postpone(self, step: float, fastest: float) -> None:
+        """
+        Measure a given step later: a report should not cost a short run more than the run itself.
+        """
+        self.is_new = False
+        self._gap = _REPORT_GAP
+        self._schedule(step, fastest)
+
+    def measure_only(self, step: float, fastest: float) -> None:
+        """
+        Measure what a given step adds; a report can do with fewer and fewer measurements.
+        """
+        self._begin()
+        self._end(self.measured(step, fastest), step, fastest, largest_gap=2**40)
+
+    def estimate(self, rate: float) -> float:
+        """
+        Errors added since the start, as if none of them had grown or faded.
+
+        `rate`: added for each second since the last measurement.
+        """
+        return self.total + rate * max(self._line.time - self._since, 0.0)
+
+    def _begin(self) -> None:
+        self.load_rate = 1.5 * self._line.load_rate
+
+    def _end(
+        self, error: float, step: float, fastest: float, *, largest_gap: int = _LARGEST_GAP
+    ) -> None:
+        time = self._line.time
+        # Between two measurements the larger counts.
+        self.total += max(error, self.rate) * max(time - self._since, 0.0)
+        self._since, self.rate = time, error
+        self._gap = _FIRST_GAP if self.is_new else min(2 * self._gap, largest_gap)
+        self._schedule(step, fastest)
+        self.is_new = False
+        self.is_measured = True
+        self._line.ledger[LIVELY] = _LIVELIER * self._line.ledger[KINETIC]
+
+    def _schedule(self, step: float, fastest: float) -> None:
+        steps = self._gap * self._steps_of_period(step, fastest)
+        self.looks_left = -(-steps // self._line.look_interval)
+
+    def measured(self, step: float, fastest: float) -> float:
+        """
+        Error that the method adds for each second with this step; the state must be saved.
+        """
+        if not fastest > 0.0:
+            return 0.0
+        method = self._line.method
+        count = self._steps_of_period(step, fastest)
+        found = 0.0
+
+        def compare(state: State) -> None:
+            nonlocal found
+            found = self._distance(state, fine)
+
+        fine = self._line.run_aside(0.5 * step, 2 * count)
+        self._line.run_and_return(step, count, compare)
+        power = 2.0**method.order
+        return found * power / (power - 1.0) / (count * step)
+
+    def _steps_of_period(self, step: float, fastest: float) -> int:
+        return max(1, math.ceil(2.0 * math.pi / fastest / step)) if fastest > 0.0 else 1
+
+    def _distance(self, first: State, second: State) -> float:
+        """
+        Largest error of a body: its position over a, or its orientation [rad].
+        """
+        with np.errstate(over='ignore', invalid='ignore'):
+            shift = ((first.position - second.position) ** 2).sum(axis=0).max()
+            turn = ((first.orientation - second.orientation) ** 2).reshape(
+                -1, first.orientation.shape[-1]).sum(axis=0).max()
+        # A small rotation by x changes the quaternion by x / 2, the cosines by sqrt(2) x.
+        turn *= 4.0 if first.orientation.ndim == 2 else 0.5
+        error = max(float(shift) / self._half_edge**2, float(turn))
+        return math.sqrt(error) if math.isfinite(error) else math.inf
+
+    def floor(self, fastest: float) -> float:
+        """
+        What rounding adds to the error in each second: no step gives less.
+        """
+        extent = 1.0 + float(np.abs(self._line.state.position).max()) / self._half_edge
+        return _ROUNDING * extent * fastest / (2.0 * math.pi)
+
+    def require_possible(self, fastest: float) -> None:
+        """
+        Refuse a tolerance that doubles cannot give.
+        """
+        floor = self.floor(fastest)
+        if not self.tolerance >= floor:
+            raise ValueError(
+                f'solver.tolerance {self.tolerance!r} 1/s is below what doubles can give here: '
+                f'rounding adds about {floor:.2g} 1/s (positions are up to '
+                f'{np.abs(self._line.state.position).max():.3g} m, vibrations up to '
+                f'{fastest:.4g} rad/s); choose a larger one')
+
+
+def checked_step(step: float, limit: float, frequency: float) -> None:
+    """
+    Refuse a fixed step that is too long or far too short.
+    """
+    if not step >= _SHORTEST_FIXED * min(limit, 1.0):
+        raise ValueError(
+            f'solver.step {step!r} s is too short to come to an end with: the stability '
+            f'limit is {limit:.6g} s; choose a longer one, or 0 to have it chosen'
+        )
+    if not step <= limit:
+        raise ValueError(
+            f'solver.step {step!r} s is beyond the stability limit '
+            f'{limit:.6g} s of the method in this scene (largest frequency '
+            f'{frequency:.6g} rad/s); choose a smaller one, or 0 to have it chosen'
+        )
+
+
+def rounded_down(step: float) -> float:
+    """
+    Nearest number below with a mantissa of 12 bits.
+
+    So the last bits of the frequency hardly ever decide about the step.
+    """
+    mantissa, exponent = math.frexp(step)
+    return math.ldexp(math.floor(mantissa * 4096.0) / 4096.0, exponent)
