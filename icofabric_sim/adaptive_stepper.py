@@ -69,7 +69,7 @@ class AdaptiveStepper(Stepper):
         """
         Replace the loads at the current state.
         """
-        self._keep_work()
+        self.ledger.keep_work(self.loads)
         self.loads, self.load_rate = loads, load_rate
         self.control[pair.HAS_LAST] = 0.0
         self.control[pair.NEXT] = min(self.control[pair.NEXT], self._first_step())
@@ -213,7 +213,7 @@ class AdaptiveStepper(Stepper):
         status, done, self._since_check = self.crew.run(
             lambda team: adaptive_pair(
                 DOP8, self.model, self.loads, self.state, self._saved, self.work, team, control,
-                count, self._since_check, self.look_interval, watch, self.ledger))
+                count, self._since_check, self.look_interval, watch, self.ledger.numbers))
         self.step_count += done
         self.step = float(control[pair.LENGTH])
         if self.ledger[monitor.SAVED_AT] == done:

@@ -6,7 +6,7 @@ The equations of motion of a scene as a function, for other people's integrators
 
 from collections.abc import Callable
 
-from icofabric_sim.kernels.slopes import copy_rows, find_slopes, place_blocks, read_rows
+from icofabric_sim.kernels.slopes import rates_of_rows
 from icofabric_sim.model import pack_scene
 from icofabric_sim.scene import Scene
 import numpy as np
@@ -26,18 +26,14 @@ def compile_rates(scene: Scene) -> Rates:
     state = layout.pack(scene.initial)
     work = layout.room(model.links)
     slope = np.zeros((13, layout.slot_count))
-    last = len(model.blocks.slot)
 
     def rates(time: float, y: np.ndarray) -> np.ndarray:
         if y.shape != (13 * layout.body_count,):
             raise ValueError(
                 f'y must have the shape ({13 * layout.body_count},), 13 numbers for each of '
                 f'{layout.body_count} bodies, got {y.shape}')
-        read_rows(y, layout.slot, state)
-        place_blocks(model, state, work, 0, last)
-        find_slopes(model, None, state, work, slope, 0, 0, last)
         result = np.empty_like(y)
-        copy_rows(slope, layout.slot, result)
+        rates_of_rows(model, state, work, slope, layout.slot, y, result)
         return result
 
     return rates

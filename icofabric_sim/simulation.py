@@ -7,7 +7,6 @@ A compiled scene that advances in time.
 from collections.abc import Callable, Sequence
 import math
 import operator
-from typing import NamedTuple
 
 from icofabric_sim.adaptive_stepper import AdaptiveStepper
 from icofabric_sim.crew import Crew
@@ -20,6 +19,7 @@ from icofabric_sim.integrators.methods import METHODS
 from icofabric_sim.interrupts import DeferredInterrupt
 from icofabric_sim.kernels import monitor
 from icofabric_sim.kernels.records import Loads
+from icofabric_sim.ledger import EnergyBalance
 from icofabric_sim.model import expected_liveliness, load_rate, pack_scene
 from icofabric_sim.proximity import Proximity, ProximityWatch
 from icofabric_sim.scene import Scene
@@ -45,18 +45,6 @@ def compile_scene(
     Raises ValueError where `solver.step` is beyond the stability limit.
     """
     return Simulation(scene, rotation=rotation, body_wrenches=body_wrenches)
-
-
-class EnergyBalance(NamedTuple):
-    """
-    All energy less the work done, compared with what it was at the start.
-    """
-
-    error: float  # [J], when looked at last
-    scale: float  # [J], largest energy seen or work done
-    worst: float  # largest error so far, in parts of the scale
-    work: float  # [J] done by loads
-    limit: float  # part of the scale that stops a run
 
 
 class Interrupted(Exception):
@@ -185,9 +173,7 @@ class Simulation:
         """
         How well the energy balanced when it was looked at.
         """
-        ledger = self._stepper.ledger
-        return EnergyBalance(*(float(ledger[place]) for place in (
-            monitor.ERROR, monitor.SCALE, monitor.WORST, monitor.WORK, monitor.LIMIT)))
+        return self._stepper.ledger.balance
 
     @property
     def thread_count(self) -> int:
@@ -240,6 +226,9 @@ class Simulation:
                 try:
                     done = self._stepper.advance_steps(goal - self.step_count, until=due)
                     self._pause()
+                except SimulationError:
+                    self._time = -math.inf  # the last good state may be older
+                    raise
                 finally:
                     self._time = max(self._time, self._stepper.time)
                     self._cached = None
@@ -257,7 +246,7 @@ class Simulation:
             self._cached = Snapshot(
                 self._time, *state, self.scene.connector_count, self.packed,
                 {'work_in': self._stepper.work_at_state(),
-                 'start': float(self._stepper.ledger[monitor.BASE])})
+                 'start': self._stepper.ledger[monitor.BASE]})
         return self._cached
 
     def apply_wrench(

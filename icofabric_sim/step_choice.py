@@ -17,6 +17,7 @@ from typing import Protocol
 from icofabric_sim.integrators.methods import Method
 from icofabric_sim.kernels.monitor import KINETIC, LIVELY
 from icofabric_sim.kernels.records import State
+from icofabric_sim.ledger import Ledger
 import numpy as np
 
 # Step times frequency, in parts of what the method chooses at most: too long (shorten it), too
@@ -47,7 +48,7 @@ class Line(Protocol):
 
     method: Method
     state: State
-    ledger: np.ndarray
+    ledger: Ledger
     load_rate: float
     look_interval: int  # steps
 

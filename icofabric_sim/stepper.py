@@ -20,6 +20,7 @@ from icofabric_sim.kernels.flows import keep_accelerations, place_all
 from icofabric_sim.kernels.lanes import LANES
 from icofabric_sim.kernels.records import Loads, State, Watch, Work
 from icofabric_sim.layout import aligned_empty
+from icofabric_sim.ledger import Ledger
 from icofabric_sim.model import PackedScene
 from icofabric_sim.proximity import ProximityWatch
 from icofabric_sim.stability import Frequency, largest_frequency
@@ -42,9 +43,6 @@ _CALL_WORK = 8_000_000
 # Where nothing sets a scale (no connectors, no gravity, no loads, no spin) every step is exact.
 FREE_STEP = 2.0**-7
 NEVER = 2**62
-# Energies below this part of those of stretching all connectors to twice their length, or of
-# lifting all bodies by the size of the fabric, are rounding.
-_REST = 1e-12
 
 
 class SimulationError(RuntimeError):
@@ -96,8 +94,7 @@ class Stepper:
         self.load_rate = load_rate
         self.frequency = frequency
         self.accuracy = Accuracy(self, tolerance, half_edge)
-        self.ledger = np.zeros(monitor.LEDGER_COUNT)
-        self.ledger[monitor.LIMIT] = energy_limit
+        self.ledger = Ledger(packed, energy_limit)
         self._saved = packed.layout.like(state)
         self._saved_time = origin
         self._side: tuple[State, np.ndarray] | None = None
@@ -135,34 +132,12 @@ class Stepper:
         self._refresh()
         if self.watch is not None:
             self.watch.look(self.time, self.state.position)
-        self.ledger[[monitor.EARLIER_WORK, monitor.SCALE, monitor.WORST]] = 0.0
-        self.ledger[monitor.LIVELY] = math.inf
+        self.ledger.restart()
         self._save()
         self._read_rates(exact=exact)
-        ledger = self.ledger
-        ledger[monitor.BASE_HEIGHT] = ledger[monitor.HEIGHT]
-        ledger[monitor.BASE] = (
-            ledger[monitor.KINETIC] + ledger[monitor.STORED] + ledger[monitor.HEIGHT]
-            - ledger[monitor.WORK])
-        ledger[monitor.SCALE] = self._smallest_scale()
-        ledger[monitor.WORST] = ledger[monitor.ERROR] = 0.0
-        monitor.balance(ledger)
+        self.ledger.open(self.state)
         self.accuracy.restart()
         self._choose_step()
-
-    def _smallest_scale(self) -> float:
-        """
-        Energy [J] beside which that of a fabric at rest is rounding.
-        """
-        scale, model = 0.0, self.model
-        if self.packed.connectors is not None:
-            connectors = self.packed.connectors
-            scale += connectors.stiffness * len(connectors.first) * connectors.natural_length**2
-        if model.gravity is not None:
-            extent = float(np.abs(self.state.position).max())
-            weight = float(np.linalg.norm(model.gravity)) / model.inverse_mass
-            scale += weight * extent * self.packed.layout.body_count
-        return _REST * scale
 
     def jump(self, time: float, state: State, loads: Loads | None, load_rate: float) -> None:
         """
@@ -188,7 +163,7 @@ class Stepper:
         """
         Replace the loads at the current state.
         """
-        self._keep_work()
+        self.ledger.keep_work(self.loads)
         self.loads = loads
         self.load_rate = load_rate
         self._choose_step()
@@ -253,18 +228,11 @@ class Stepper:
         self._note_work(self.loads, loads)
         return state
 
-    def _keep_work(self) -> None:
-        """
-        The loads are about to be replaced, and what they did with them.
-        """
-        if self.loads is not None:
-            self.ledger[monitor.EARLIER_WORK] += math.fsum(self.loads.work)
-
     def work_at_state(self) -> float:
         """
         Work [J] of all loads up to the state that `state_at` has shown last.
         """
-        return float(self.ledger[monitor.EARLIER_WORK]) + self._present_work
+        return self.ledger[monitor.EARLIER_WORK] + self._present_work
 
     def _note_work(self, *parts: Loads | None) -> None:
         self._present_work = sum(math.fsum(part.work) for part in parts if part is not None)
@@ -382,7 +350,7 @@ class Stepper:
         return self.crew.run(
             lambda team: self.method.advance(
                 self.model, loads, state, self._saved, work, team, step, count, since_check,
-                interval, watch, self.ledger))
+                interval, watch, self.ledger.numbers))
 
     def _respond(self, status: int, time: float) -> None:
         if status & monitor.NOT_FINITE:
@@ -429,17 +397,13 @@ class Stepper:
         )
 
     def _fail_unbalanced(self, time: float) -> None:
-        ledger = self.ledger
         fault = find_fault(self.packed, self.state)
-        error, scale = float(ledger[monitor.ERROR]), float(ledger[monitor.SCALE])
+        imbalance = self.ledger.describe_imbalance(time)
         self._return_to_saved()
         self._fail(
-            f'the energy does not balance at t = {time:.9g} s: an error of {error:.3g} J, '
-            f'{abs(error) / scale:.3g} of the largest energy seen or work done ({scale:.3g} J), '
-            f'is above solver.energy_limit {ledger[monitor.LIMIT]:.3g}; the fastest is {fault}, '
-            f'and steps are {self.step:.6g} s (limit {self.limit:.6g} s). Start again with a '
-            'smaller solver.step, or 0 to have it chosen; the last good state, of '
-            f't = {self._saved_time:.9g} s, is kept'
+            f'{imbalance}; the fastest is {fault}, and steps are {self.step:.6g} s (limit '
+            f'{self.limit:.6g} s). Start again with a smaller solver.step, or 0 to have it '
+            f'chosen; the last good state, of t = {self._saved_time:.9g} s, is kept'
         )
 
     def _fail(self, message: str) -> None:
@@ -475,11 +439,11 @@ class Stepper:
         if exact:
             self.frequency = largest_frequency(self.packed, self.state)
         ledger = self.ledger
-        ledger[[monitor.HIGH, monitor.LOW, monitor.SPIN_WEIGHT]] = math.inf, 0.0, 1.0
-        monitor.examine(self.model, self.loads, self.state, self.work, ledger)
+        ledger[monitor.HIGH], ledger[monitor.LOW], ledger[monitor.SPIN_WEIGHT] = math.inf, 0.0, 1.0
+        monitor.examine(self.model, self.loads, self.state, self.work, ledger.numbers)
         if self.fixed:
             # Below the limit the bound proves the step safe.
-            bound = float(ledger[monitor.RATE] - ledger[monitor.SPIN])
+            bound = ledger[monitor.RATE] - ledger[monitor.SPIN]
             limit = self.method.stability / self.step
             ledger[monitor.HIGH] = limit if bound <= limit else math.inf
             ledger[monitor.SPIN_WEIGHT] = 0.0
@@ -520,7 +484,7 @@ class Stepper:
         # Above the first the exact value is computed again once the bound has grown; near the
         # limit of the method at every look.
         ledger = self.ledger
-        near = min(1.05 * float(ledger[monitor.RATE]), 0.9 * self.method.stability / step)
+        near = min(1.05 * ledger[monitor.RATE], 0.9 * self.method.stability / step)
         ledger[monitor.HIGH] = max(LONGEST * chosen / step, near)
         ledger[monitor.LOW] = SHORTEST * chosen / step if self.accuracy.step >= cap else 0.0
 
@@ -528,7 +492,7 @@ class Stepper:
         """
         Rate [rad/s] of the fastest motion to follow, seen from a body that spins.
         """
-        rate = self.frequency.rate + float(self.ledger[monitor.SPIN])
+        rate = self.frequency.rate + self.ledger[monitor.SPIN]
         layout = self.packed.layout
         velocity = self.state.linear_velocity[:, layout.slot]
         spread = float(np.linalg.norm(np.ptp(velocity, axis=1)))

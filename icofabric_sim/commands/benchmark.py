@@ -5,15 +5,16 @@
 """
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 import sys
 import warnings
 
 from icofabric_sim.commands.terminal import bad_input, InputError, Progress
 
-MEASUREMENTS = ('work-precision', 'speed')
+MEASUREMENTS = ('work-precision', 'speed', 'scaling', 'terms')
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -24,7 +25,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         'what', nargs='*', metavar='WHAT',
         help='work-precision: time for a wanted error, for every method and peer, on a free slab '
              'of 63 bodies (about 4 min); speed: time of a plain step on 4,631 bodies (about '
-             '2 min); default: both')
+             '2 min); scaling: time, memory and waiting from 63 to 100,000 bodies, and the gain '
+             'of threads (about 3 min); terms: what gravity, loads and the like cost (about '
+             '1 min); default: all')
     parser.add_argument(
         '--peers', default='all', metavar='NAME,...',
         help='other tools that take part where they are installed: scipy, lammps, mujoco, exudyn, '
@@ -32,6 +35,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--rounds', type=int, default=5, metavar='N',
         help='rounds in which all take part; medians and ranges are over these (default 5)')
+    parser.add_argument(
+        '--largest', type=int, default=101_000, metavar='N',
+        help='scaling: most bodies (default 101000; 1000000 takes 4 GB of memory, 2 GB of disk '
+             'and some minutes more)')
     parser.add_argument(
         '--output', metavar='FOLDER', help='write CSV files and a picture into this folder')
 
@@ -47,6 +54,8 @@ def main(arguments: argparse.Namespace) -> int:
                 f'there is no measurement {word!r}; choose from {", ".join(MEASUREMENTS)}')
     if not arguments.rounds >= 1:
         raise InputError(f'--rounds must be at least 1, got {arguments.rounds}')
+    if not 63 <= arguments.largest <= 5_000_000:
+        raise InputError(f'--largest must be 63 to 5000000, got {arguments.largest}')
     # Before anything that computes is loaded.
     from icofabric_sim.benchmarking.machine import use_one_thread
     use_one_thread()
@@ -59,26 +68,48 @@ def main(arguments: argparse.Namespace) -> int:
     for k, word in enumerate(dict.fromkeys(wanted)):
         if k:
             print()
-        _run(word, peers, arguments.rounds, folder)
+        _run(word, peers, arguments.rounds, arguments.largest, folder)
     return 0
 
 
-def _run(word: str, peers: list[str], rounds: int, folder: Path | None) -> None:
-    from icofabric_sim.benchmarking import report, step_speed, work_precision
+def _run(
+    word: str, peers: list[str], rounds: int, largest: int, folder: Path | None
+) -> None:
     with _progress() as show:
-        if word == 'speed':
-            speed = step_speed.measure(peers, rounds=rounds, say=show.say, progress=show.update)
-            lines = report.step_speed_lines(speed)
-        else:
-            precision = work_precision.measure(
-                peers, rounds=rounds, say=show.say, progress=show.update)
-            lines = report.work_precision_lines(precision)
+        lines, write = _measure(word, peers, rounds, largest, show)
     print('\n'.join(lines))
     if folder is not None:
-        paths = (report.write_step_speed(speed, folder) if word == 'speed'
-                 else report.write_work_precision(precision, folder))
-        print('\nwritten: ' + ', '.join(str(path) for path in paths))
+        print('\nwritten: ' + ', '.join(str(path) for path in write(folder)))
     sys.stdout.flush()
+
+
+def _measure(
+    word: str, peers: list[str], rounds: int, largest: int, show: '_Show'
+) -> tuple[list[str], Callable[[Path], list[Path]]]:
+    """
+    What to print, and what writes the files.
+    """
+    from icofabric_sim.benchmarking import (
+        report,
+        scaling,
+        scaling_report,
+        step_speed,
+        terms,
+        terms_report,
+        work_precision,
+    )
+    if word == 'speed':
+        speed = step_speed.measure(peers, rounds=rounds, say=show.say, progress=show.update)
+        return report.step_speed_lines(speed), partial(report.write_step_speed, speed)
+    if word == 'scaling':
+        sizes = scaling.measure(
+            rounds=rounds, largest=largest, say=show.say, progress=show.update)
+        return scaling_report.lines(sizes), partial(scaling_report.write, sizes)
+    if word == 'terms':
+        costs = terms.measure(rounds=rounds, say=show.say, progress=show.update)
+        return terms_report.lines(costs), partial(terms_report.write, costs)
+    precision = work_precision.measure(peers, rounds=rounds, say=show.say, progress=show.update)
+    return report.work_precision_lines(precision), partial(report.write_work_precision, precision)
 
 
 class _Show:

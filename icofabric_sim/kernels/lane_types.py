@@ -13,13 +13,25 @@ from typing import Any
 
 from llvmlite import binding, ir
 from numba import types
-from numba.core import cgutils
+from numba.core import cgutils, config
 from numba.core.typing.templates import AbstractTemplate, infer_global, signature
 from numba.extending import intrinsic, lower_builtin, models, register_model
 
-_FEATURES = binding.get_host_cpu_features()
+# Untyped: Numba sets its configuration at run time.
+_config: Any = config
+
+
+def _has_avx512() -> bool:
+    """
+    Whether code is made for a processor with AVX-512; NUMBA_CPU_NAME may ask for another one.
+    """
+    if _config.CPU_NAME and _config.CPU_NAME != 'host':
+        return '+avx512f' in (_config.CPU_FEATURES or '')
+    return bool(binding.get_host_cpu_features().get('avx512f'))
+
+
 # Bodies that are computed together: the width of a register of doubles.
-LANES = 8 if _FEATURES.get('avx512f') else 4
+LANES = 8 if _has_avx512() else 4
 
 _INDEX = ir.IntType(32)
 _VECTOR = ir.VectorType(ir.DoubleType(), LANES)

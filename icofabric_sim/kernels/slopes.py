@@ -265,6 +265,21 @@ def interpolate_rows(
 
 
 @compiled
+def rates_of_rows(
+    model: Model, state: State, work: Work, slope: np.ndarray, slot: np.ndarray, y: np.ndarray,
+    result: np.ndarray
+) -> None:
+    """
+    Slopes without loads, body by body, (13 n,), of numbers body by body.
+    """
+    last = model.blocks.slot.shape[0]
+    read_rows(y, slot, state)
+    place_blocks(model, state, work, 0, last)
+    find_slopes(model, None, state, work, slope, 0, 0, last)
+    copy_rows(slope, slot, result)
+
+
+@compiled
 def read_rows(y: np.ndarray, slot: np.ndarray, state: State) -> None:
     """
     Put numbers body by body, (13 n,), into a state with quaternions.

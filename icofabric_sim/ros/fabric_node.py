@@ -16,7 +16,6 @@ from icofabric_sim.broadcast import Sink
 from icofabric_sim.health import HealthReport
 from icofabric_sim.parameter_file import check_ros_arguments
 from icofabric_sim.parameters import find_specification, Parameters
-from icofabric_sim.patience import explained_wait
 from icofabric_sim.recording import BagSink, summarise_run
 from icofabric_sim.ros.live_sink import LiveSink
 from icofabric_sim.ros.parameter_service import GuardedParameterService
@@ -79,9 +78,8 @@ class FabricNode(Node):
             'icofabric', allow_undeclared_parameters=True, start_parameter_services=False
         )
         self._gate: ParameterGate | None = None
-        with explained_wait(self.get_logger().info):
-            simulation = compile_scene(Scene.from_parameters(parameters), body_wrenches=True)
-            simulation.warm_up()
+        simulation = compile_scene(Scene.from_parameters(parameters), body_wrenches=True)
+        simulation.warm_up()
         on_built()
         name = self.get_fully_qualified_name()
         self._report = HealthReport(name)
