@@ -7,6 +7,7 @@ Where a run goes wrong: the body and the connector to name when it stops.
 from icofabric_sim.kernels.records import State
 from icofabric_sim.model import PackedScene
 from icofabric_sim.snapshot import Snapshot
+from icofabric_sim.stability import Frequency
 import numpy as np
 
 
@@ -17,6 +18,18 @@ def too_fast(time: float) -> str:
     return (
         f'the motion at t = {time:.9g} s is too fast for any step: its rate is no longer finite; '
         'look for a huge stiffness, load, spin or stretch')
+
+
+def unsafe_step(step: float, limit: float, frequency: Frequency, time: float) -> str:
+    """
+    Say that a fixed step has become longer than the stability limit [s].
+    """
+    bodies = ', '.join(str(body) for body in frequency.bodies)
+    return (
+        f'solver.step {step!r} s has become unsafe at t = {time:.9g} s: the fabric has '
+        f'stretched or turned so that bodies {bodies} move at up to {frequency.rate:.6g} '
+        f'rad/s, and the stability limit is now {limit:.6g} s; start again with a '
+        'smaller step, or with 0 to have it chosen')
 
 
 def find_fault(packed: PackedScene, state: State) -> str:

@@ -141,3 +141,29 @@ def start_vector(packed: PackedScene) -> np.ndarray | None:
         return None
     start /= size
     return start
+
+
+def fastest_motion(
+    packed: PackedScene, state: State, frequency: float, spin: float, load_rate: float,
+    proximity: float | None,
+) -> float:
+    """
+    Rate [rad/s] of the fastest motion that steps must follow, seen from a body that spins.
+
+    `frequency` and `spin` [rad/s] are the largest, `load_rate` [rad/s] that of the loads alone;
+    `proximity` [m]: free bodies may not pass each other unseen at this distance.
+    """
+    rate = frequency + spin
+    model = packed.model
+    velocity = state.linear_velocity[:, packed.layout.slot]
+    spread = float(np.linalg.norm(np.ptp(velocity, axis=1)))
+    if model.links is None:
+        # Free bodies take any step; whoever watches must see them before they have passed.
+        return rate + load_rate + (0.0 if proximity is None else spread / proximity)
+    # Loads, weight and speed turn and stretch the fabric before it can answer.
+    size = 2.0 * model.links.half_width
+    weight = 0.0
+    if model.gravity is not None and model.supports is not None:
+        # Gravity moves a body by its own size past one that is held.
+        weight = math.sqrt(float(np.linalg.norm(model.gravity)) / size)
+    return max(rate, load_rate + weight, spread / size)

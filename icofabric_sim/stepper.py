@@ -13,7 +13,7 @@ import logging
 import math
 
 from icofabric_sim.crew import Crew
-from icofabric_sim.faults import find_fault, too_fast
+from icofabric_sim.faults import find_fault, too_fast, unsafe_step
 from icofabric_sim.integrators.methods import Method
 from icofabric_sim.kernels import monitor
 from icofabric_sim.kernels.flows import keep_accelerations, place_all
@@ -23,7 +23,7 @@ from icofabric_sim.layout import aligned_empty
 from icofabric_sim.ledger import Ledger
 from icofabric_sim.model import PackedScene
 from icofabric_sim.proximity import ProximityWatch
-from icofabric_sim.stability import Frequency, largest_frequency
+from icofabric_sim.stability import fastest_motion, Frequency, largest_frequency
 from icofabric_sim.step_choice import Accuracy, checked_step, LONGEST, rounded_down, SHORTEST
 import numpy as np
 
@@ -377,13 +377,7 @@ class Stepper:
         if not self.fixed or self.step <= self.limit:
             return
         frequency = largest_frequency(self.packed, self.state, locate=True)
-        bodies = ', '.join(str(body) for body in frequency.bodies)
-        self._fail(
-            f'solver.step {self.step!r} s has become unsafe at t = {time:.9g} s: the fabric has '
-            f'stretched or turned so that bodies {bodies} move at up to {frequency.rate:.6g} '
-            f'rad/s, and the stability limit is now {self.limit:.6g} s; start again with a '
-            'smaller step, or with 0 to have it chosen'
-        )
+        self._fail(unsafe_step(self.step, self.limit, frequency, time))
 
     def _fail_here(self, what: str, time: float) -> None:
         """
@@ -489,28 +483,6 @@ class Stepper:
         ledger[monitor.LOW] = SHORTEST * chosen / step if self.accuracy.step >= cap else 0.0
 
     def _fastest(self) -> float:
-        """
-        Rate [rad/s] of the fastest motion to follow, seen from a body that spins.
-        """
-        rate = self.frequency.rate + self.ledger[monitor.SPIN]
-        layout = self.packed.layout
-        velocity = self.state.linear_velocity[:, layout.slot]
-        spread = float(np.linalg.norm(np.ptp(velocity, axis=1)))
-        links = self.model.links
-        if links is None:
-            rate += self.load_rate
-            if self.watch is not None:
-                # Free bodies take any step; the watch must see them before they have passed.
-                rate += spread / self.watch.limit
-            return rate
-        # Loads, weight and speed turn and stretch the fabric before it can answer.
-        size = 2.0 * links.half_width
-        return max(rate, self.load_rate + self._weight_rate(size), spread / size)
-
-    def _weight_rate(self, size: float) -> float:
-        """
-        Rate [rad/s] at which gravity moves a body by its `size` [m] past one that is held.
-        """
-        if self.model.gravity is None or self.model.supports is None:
-            return 0.0
-        return math.sqrt(float(np.linalg.norm(self.model.gravity)) / size)
+        return fastest_motion(
+            self.packed, self.state, self.frequency.rate, self.ledger[monitor.SPIN],
+            self.load_rate, None if self.watch is None else self.watch.limit)
