@@ -14,9 +14,10 @@ from typing import Any
 from icofabric_sim.faults import too_fast
 from icofabric_sim.integrators import pair
 from icofabric_sim.integrators.pair import adaptive_pair, dense_state, DOP8, prepare_dense
+from icofabric_sim.integrators.splitting import NEVER
 from icofabric_sim.kernels import monitor
 from icofabric_sim.kernels.records import Loads, State, Watch
-from icofabric_sim.stepper import FREE_STEP, NEVER, Stepper
+from icofabric_sim.stepper import FREE_STEP, Stepper
 import numpy as np
 
 # The first step after a jump, in radians of the fastest motion; the error then decides.
@@ -176,7 +177,7 @@ class AdaptiveStepper(Stepper):
         """
         return self.end if self.control[pair.LENGTH] > 0.0 else self.time + self.step
 
-    def _choose_step(self, *, probe: bool = False) -> None:
+    def _choose_step(self, *, probe: bool = False, shorter: float = 1.0) -> None:
         """
         Only where the motion begins: later the error decides.
         """
@@ -240,6 +241,12 @@ class AdaptiveStepper(Stepper):
             self.control[pair.TOTAL] -= self.control[pair.RATE] * self.control[pair.LENGTH]
         self.control[pair.LENGTH] = self.control[pair.HAS_LAST] = 0.0
         self._has_dense = False
+
+    def _save(self, time: float | None = None) -> None:
+        # The work of loads at the start of a step is kept by the steps themselves.
+        for target, source in zip(self._saved, self.state):
+            np.copyto(target, source)
+        self._saved_time = self.time if time is None else time
 
     def _return_to_saved(self) -> None:
         super()._return_to_saved()

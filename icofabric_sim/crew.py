@@ -23,7 +23,7 @@ _LOGGER = logging.getLogger('icofabric_sim')
 Result = TypeVar('Result')
 
 # Bodies for each thread from which a second one pays: below, waiting for each other costs more
-# than it saves (benchmarks/scaling.py).
+# than it saves (`icofabric benchmark scaling`).
 BODIES_PER_THREAD = 1_000
 
 

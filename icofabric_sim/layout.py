@@ -34,6 +34,8 @@ _LINE = 64  # bytes
 # Of a Runge-Kutta step and its dense output.
 _SLOPE_COUNT = 16
 _MOST_THREADS = 1024
+# Blocks in which the roughness of the motion is judged; of larger fabrics a part.
+_SAMPLES = 4096
 # Slots for each body with which the first way to lay them out is taken.
 _GOOD = 1.3
 
@@ -124,9 +126,13 @@ class Layout:
             self.gather(state.angular_velocity),
         )
 
-    def room(self, links: Links | None, state: State | None = None) -> Work:
+    def room(
+        self, links: Links | None, state: State | None = None, *, differences: int = 0
+    ) -> Work:
         """
         Arrays for what follows from a state; with `state` also for Runge-Kutta methods.
+
+        `differences`: order of the differences by which the roughness of the motion is judged.
         """
         points = aligned_empty((18 * self.slot_count if links is not None else 0,))
         acceleration = aligned_empty((6, self.slot_count))
@@ -141,7 +147,12 @@ class Layout:
                 for part, source in zip(target, state):
                     part[:] = source
             trail = Trail(slopes, stage, start, np.zeros(_MOST_THREADS))
-        return Work(points, acceleration, trail)
+        rows = 12 if self.cosines else 7
+        samples = min(len(self.blocks.slot), _SAMPLES) if differences else 0
+        difference = aligned_empty((rows, LANES * samples))
+        weights = np.array([
+            (-1.0) ** k * math.comb(differences, k) for k in range(differences + 1)])
+        return Work(points, acceleration, trail, difference, weights)
 
     def like(self, state: State) -> State:
         """

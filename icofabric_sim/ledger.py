@@ -61,7 +61,8 @@ class Ledger:
         Forget the past: the state has jumped.
         """
         self.numbers[[monitor.EARLIER_WORK, monitor.SCALE, monitor.WORST]] = 0.0
-        self.numbers[monitor.LIVELY] = math.inf
+        self.numbers[monitor.LIVELY] = self.numbers[monitor.ROUGH_LIMIT] = math.inf
+        self.numbers[monitor.REGULAR], self.numbers[monitor.ROUGH] = 0.0, -1.0
 
     def open(self, state: State) -> None:
         """

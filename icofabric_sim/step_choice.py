@@ -15,7 +15,7 @@ import math
 from typing import Protocol
 
 from icofabric_sim.integrators.methods import Method
-from icofabric_sim.kernels.monitor import KINETIC, LIVELY
+from icofabric_sim.kernels.monitor import KINETIC, LIVELY, ROUGH, ROUGH_LIMIT
 from icofabric_sim.kernels.records import State
 from icofabric_sim.ledger import Ledger
 import numpy as np
@@ -27,14 +27,20 @@ LONGEST, SHORTEST = 1.25, 0.4
 _SHORTEST_FIXED = 1e-9
 # The measured error rate that is aimed at, and the range in which a step is kept, in parts of the
 # tolerance. Motion changes between two measurements, so the aim leaves room.
-AIM, _LARGEST, _SMALLEST = 0.2, 0.5, 0.02
+AIM, _LARGEST, _SMALLEST = 0.15, 0.4, 0.02
 # Shortest periods until the next measurement, which costs three: twice as many each time, up to
 # this.
 _FIRST_GAP, _LARGEST_GAP = 4, 64
+# The same where inputs come so often that the roughness of the motion cannot be judged.
+_LARGEST_BLIND_GAP = 16
+# Steps of a measurement at most, where a step is far below the fastest period.
+_LARGEST_MEASUREMENT = 2048
 # The first where the step is given.
 _REPORT_GAP = 128
 # A measurement comes early once the kinetic energy is this many times that of the last.
 _LIVELIER = 4.0
+# ... or the motion this many times as rough, and so rough that the tolerance is in question.
+_ROUGHER = 1.5
 _LARGEST_CHANGE = 0.1, 4.0
 _TRIES = 8
 # Rounding of positions, beside the size of the fabric, in one period: no method adds less.
@@ -95,6 +101,7 @@ class Accuracy:
         """
         tolerance, order = self.tolerance, self._line.method.order
         self._begin()
+        before = step
         step = min(step, cap)
         floor = self.floor(fastest)
         error = self.measured(step, fastest)
@@ -112,9 +119,34 @@ class Accuracy:
                 break
             step, error = longer, self.measured(longer, fastest)
             low = 0.25 * AIM
-        self._end(error, step, fastest)
+        rough = self._line.ledger[ROUGH]
+        largest = _LARGEST_GAP if rough >= 0.0 else _LARGEST_BLIND_GAP
+        self._end(error, step, fastest, largest_gap=largest)
+        # Differences grow with the step as the error does.
+        self._expect(rough * (step / before) ** self._line.method.order)
         self.step = math.inf if step >= cap else step
         return step
+
+    def _expect(self, rough: float) -> None:
+        """
+        Note how rough the motion is with the error that was measured; more asks for another.
+        """
+        error = max(self.rate, 1e-3 * AIM * self.tolerance)
+        room = max(_LARGEST * self.tolerance / error, _ROUGHER)
+        # Not known: the next look will find out.
+        self._line.ledger[ROUGH_LIMIT] = room * rough if rough >= 0.0 else 0.0
+
+    def excess(self) -> float | None:
+        """
+        How many times the tolerance the error probably was where a look found rougher motion.
+
+        None where this is the first time that roughness is known.
+        """
+        ledger = self._line.ledger
+        if ledger[ROUGH_LIMIT] == 0.0:
+            self._expect(ledger[ROUGH])
+            return None
+        return _LARGEST * ledger[ROUGH] / ledger[ROUGH_LIMIT]
 
     def postpone(self, step: float, fastest: float) -> None:
         """
@@ -179,7 +211,10 @@ class Accuracy:
         return found * power / (power - 1.0) / (count * step)
 
     def _steps_of_period(self, step: float, fastest: float) -> int:
-        return max(1, math.ceil(2.0 * math.pi / fastest / step)) if fastest > 0.0 else 1
+        if not fastest > 0.0:
+            return 1
+        # Also where the period is beyond counting.
+        return max(1, math.ceil(min(2.0 * math.pi / fastest / step, _LARGEST_MEASUREMENT)))
 
     def _distance(self, first: State, second: State) -> float:
         """

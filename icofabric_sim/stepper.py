@@ -15,6 +15,7 @@ import math
 from icofabric_sim.crew import Crew
 from icofabric_sim.faults import find_fault, too_fast, unsafe_step
 from icofabric_sim.integrators.methods import Method
+from icofabric_sim.integrators.splitting import NEVER
 from icofabric_sim.kernels import monitor
 from icofabric_sim.kernels.flows import keep_accelerations, place_all
 from icofabric_sim.kernels.lanes import LANES
@@ -42,7 +43,9 @@ EXACT_LOOKS = 1
 _CALL_WORK = 8_000_000
 # Where nothing sets a scale (no connectors, no gravity, no loads, no spin) every step is exact.
 FREE_STEP = 2.0**-7
-NEVER = 2**62
+# Order of the differences by which the roughness of the motion is judged: that of the method,
+# but no more steps than this between two looks.
+LARGEST_DIFFERENCE = 6
 
 
 class SimulationError(RuntimeError):
@@ -83,8 +86,12 @@ class Stepper:
         self._on_pause, self.crew = on_pause, crew
         self.packed, self.model, self.method = packed, packed.model, method
         self.state, self.loads = state, loads
+        # Only where the step follows the accuracy.
+        differences = 0
+        if method.symplectic and not fixed_step > 0.0 and packed.model.links is not None:
+            differences = min(method.order, LARGEST_DIFFERENCE)
         self.work = packed.layout.room(
-            packed.model.links, None if method.symplectic else state)
+            packed.model.links, None if method.symplectic else state, differences=differences)
         self.half_edge = half_edge
         self.origin, self.index = origin, 0
         self.step = fixed_step
@@ -100,7 +107,12 @@ class Stepper:
         self._side: tuple[State, np.ndarray] | None = None
         self._since_check = 0
         self.look_interval = max(CHECK_INTERVAL // method.stages, 1)
+        if differences:
+            # Whole windows of the steps by which the roughness of the motion is judged.
+            self.look_interval = -(-self.look_interval // differences) * differences
+        self.ledger[monitor.INVERSE_SIZE] = half_edge**-2
         self._exact_looks = NEVER
+        self._returned_to = -math.inf
         self._present_work = 0.0
         self._measured: tuple[int, float] | None = None
         self._failure: SimulationError | None = None
@@ -164,6 +176,8 @@ class Stepper:
         Replace the loads at the current state.
         """
         self.ledger.keep_work(self.loads)
+        # Nobody goes back to before other loads.
+        self.ledger[monitor.REGULAR] = 0.0
         self.loads = loads
         self.load_rate = load_rate
         self._choose_step()
@@ -323,6 +337,8 @@ class Stepper:
             self.loads, self.state, self.work, step, count, before, self.look_interval, reach)
         if step == self.step:
             self.index += done
+        else:
+            self.ledger[monitor.REGULAR] = 0.0
         self.step_count += done
         saved_at = int(self.ledger[monitor.SAVED_AT])
         if saved_at >= 0:
@@ -331,16 +347,43 @@ class Stepper:
         self.accuracy.looks_left -= looks
         self._exact_looks -= looks
         time = self.time if step == self.step else self.time + step
+        if status & monitor.ROUGHER and not self._settle_roughness(time):
+            return int(done)
         if status:
             self._respond(status, time)
         if self._exact_looks <= 0:
             self._read_rates()
             self._require_safe_step(time)
         if self._since_check == 0 and (
-            self.accuracy.looks_left <= 0 or status & monitor.LIVELIER
+            self.accuracy.looks_left <= 0
+            or status & monitor.LIVELIER
         ):
             self._choose_step(probe=True)
         return int(done)
+
+    def _settle_roughness(self, time: float) -> bool:
+        """
+        The motion became rougher: measure anew, and go back if the error was too large.
+
+        Whether the run goes on from here; else it is back at the last look.
+        """
+        factor = self.accuracy.excess()
+        if factor is None:
+            self._save(time)
+            return True
+        whole = self.ledger[monitor.REGULAR] >= self.look_interval
+        if factor > 1.0 and whole and self._saved_time != self._returned_to:
+            self._return_to_saved()
+            self._returned_to = self._saved_time
+            if self.loads is not None:
+                np.copyto(self.loads.work, self.loads.earlier_work)
+            self.ledger[monitor.REGULAR] = 0.0
+            self._choose_step(probe=True, shorter=factor)
+            return False
+        self._save(time)
+        if time == self.time:
+            self._choose_step(probe=True)
+        return True
 
     def _advance(
         self, loads: Loads | None, state: State, work: Work, step: float, count: int,
@@ -416,10 +459,12 @@ class Stepper:
         place_all(self.model, self.state, self.work, 0, last)
         keep_accelerations(self.model, self.work, 0, last)
 
-    def _save(self) -> None:
+    def _save(self, time: float | None = None) -> None:
         for target, source in zip(self._saved, self.state):
             np.copyto(target, source)
-        self._saved_time = self.time
+        if self.loads is not None:
+            np.copyto(self.loads.earlier_work, self.loads.work)
+        self._saved_time = self.time if time is None else time
 
     def _restore(self) -> None:
         for target, source in zip(self.state, self._saved):
@@ -447,11 +492,12 @@ class Stepper:
             steps = CHECK_INTERVAL / self.method.stages / max(ratio, 1.0)
             self.look_interval = max(int(steps), SHORTEST_INTERVAL)
 
-    def _choose_step(self, *, probe: bool = False) -> None:
+    def _choose_step(self, *, probe: bool = False, shorter: float = 1.0) -> None:
         """
         Choose the step: stable, and as accurate as asked; it is kept while it is about right.
 
-        `probe` measures the accuracy anew; the state must have been saved.
+        `probe` measures the accuracy anew; the state must have been saved. `shorter`: how many
+        times too large the error is believed to be.
         """
         rate = self._fastest()
         if self.fixed:
@@ -463,7 +509,7 @@ class Stepper:
         if not rate < math.inf:
             self._fail(too_fast(self.time))
         chosen = self.method.chosen
-        step = self.step
+        step = self.step * shorter ** (-1.0 / self.method.order)
         if not rate > 0.0:
             step, rate = FREE_STEP, chosen / FREE_STEP
         cap = chosen / rate
@@ -475,6 +521,7 @@ class Stepper:
             step = self.accuracy.choose(step, rounded_down(cap), rate)
         if step != self.step:
             self.origin, self.index, self.step = self.time, 0, step
+            self.ledger[monitor.REGULAR] = 0.0
         # Above the first the exact value is computed again once the bound has grown; near the
         # limit of the method at every look.
         ledger = self.ledger

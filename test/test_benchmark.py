@@ -9,20 +9,9 @@ import math
 from xml.etree import ElementTree
 
 import icofabric_sim as ico
-from icofabric_sim.benchmarking import (
-    own,
-    probe,
-    report,
-    scaling,
-    scaling_report,
-    step_speed,
-    terms,
-    terms_report,
-    work_precision,
-)
+from icofabric_sim.benchmarking import own, report, step_speed, work_precision
 from icofabric_sim.benchmarking.contestants import gather
 from icofabric_sim.benchmarking.curves import Curve, Point, trace
-from icofabric_sim.benchmarking.instructions import count_in_loops
 from icofabric_sim.benchmarking.peers import lammps_peer, mujoco_peer, PEERS, scipy_peer
 from icofabric_sim.benchmarking.reference import reference_motion
 from icofabric_sim.benchmarking.scenes import (
@@ -314,145 +303,6 @@ def test_step_speed_from_end_to_end(tmp_path, monkeypatch):
     path, = report.write_step_speed(result, tmp_path)
     with open(path, newline='') as file:
         assert len(list(csv.DictReader(file))) == len(result.rows)
-
-
-@pytest.fixture(scope='module')
-def bare():
-    return terms._compile(SMALL, terms.Term(terms.BARE, {}))
-
-
-def test_a_bare_scene_holds_nothing_of_absent_terms(bare):
-    held = terms.arrays_of(bare)
-    # Position, orientation, velocity and spin, for the slots and no more.
-    slots = bare.packed.layout.slot_count
-    assert held['stepper.state.position'] == 24 * slots
-    assert held['stepper.state.orientation'] == 32 * slots
-    for word in ('gravity', 'support', 'load', 'watch', 'trail'):
-        assert not [name for name in held if word in name]
-    for term in terms.terms(1)[1:]:
-        more = terms.arrays_of(terms._compile(SMALL, term))
-        assert not set(held) - set(more)
-        if term.threads == 1:
-            assert sum(more.values()) > sum(held.values()), term.label
-        else:
-            assert more == held
-
-
-def test_bare_scene_computes_what_the_springs_only_kernel_does(bare):
-    other = terms.load_springs_only()
-    kernels = [terms._package_kernel(bare.packed), terms._springs_kernel(bare.packed, other)]
-    terms._require_same_motion(bare, kernels)
-    # One kick a step: from velocities half a step earlier the same positions.
-    state, work = terms._fresh(bare.packed, bare.scene)
-    kernels[0](state, work, 50)
-    late, room = terms._fresh(bare.packed, bare.scene)
-    for velocity, kept in ((late.linear_velocity, room.acceleration[:3]),
-                           (late.angular_velocity, room.acceleration[3:])):
-        velocity += 0.5 * terms.STEP * kept
-    terms._leanest_kernel(bare.packed, other)(late, room, 50)
-    assert np.abs(late.position - state.position).max() < 1e-12
-    moved = bare.packed.layout.gather(state.position) - bare.scene.initial.position
-    assert np.abs(moved).max() > 1e-5
-
-
-def test_bare_scene_has_the_instructions_of_springs_alone(bare):
-    counted = terms.count_instructions(bare.packed, bare.scene, terms.load_springs_only())
-    assert [entry.kernel for entry in counted] == ['push', 'drift']
-    for entry in counted:
-        difference = entry.difference()
-        # None where the listing is another processor's.
-        assert difference is None or abs(difference) <= 0.03, entry
-        assert entry.package is None or entry.package > 100
-
-
-def test_instructions_are_counted_within_loops():
-    listing = """
-\t.text
-first:
-\t.cfi_startproc
-\tpushq\t%rbp
-\t.p2align\t4
-.LBB0_1:
-\taddq\t$1, %rax
-.LBB0_2:
-\tvaddpd\t%zmm0, %zmm1, %zmm1
-\tjne\t.LBB0_2
-\tjle\t.LBB0_1
-\tjmp\t.LBB0_4
-\tnop
-.LBB0_4:
-\tdecq\t%rax
-\tjne\t.LBB0_4
-\tretq
-\t.cfi_endproc
-second:
-\t.cfi_startproc
-.LBB1_1:
-\tjmp\t.LBB1_1
-\t.cfi_endproc
-"""
-    assert count_in_loops(listing) == 4 + 2
-    assert count_in_loops(listing.replace('j', 'b')) is None
-
-
-def test_terms_from_end_to_end(tmp_path, monkeypatch):
-    monkeypatch.setattr(terms, '_BLOCK', 0.001)
-    result = terms.measure(rounds=2, size=SMALL)
-    lines = '\n'.join(terms_report.lines(result))
-    for word in ('gravity', 'one side held', 'contact watch', 'push', 'drift', terms.KERNEL):
-        assert word in lines
-    assert result.ratio(result.rows[0]) == Spread(1.0, 1.0, 1.0)
-    assert all(len(row.times) == 2 and min(row.times) > 0.0 for row in result.rows)
-    costs, counts = terms_report.write(result, tmp_path)
-    with open(costs, newline='') as file:
-        assert len(list(csv.DictReader(file))) == len(result.rows)
-    with open(counts, newline='') as file:
-        assert [row['kernel'] for row in csv.DictReader(file)] == ['push', 'drift']
-
-
-def test_terms_without_the_source_tree(tmp_path, monkeypatch):
-    monkeypatch.setattr(terms, '_BLOCK', 0.001)
-    monkeypatch.setattr(terms, 'SPRINGS_ONLY', tmp_path / 'springs_only.py')
-    result = terms.measure(rounds=1, size=SMALL)
-    assert result.instructions == [] and result.row(terms.KERNEL) is None
-    assert any('springs_only.py' in remark for remark in result.remarks)
-    assert 'springs_only.py' in terms_report.lines(result)[-1]
-
-
-def test_sizes_for_scaling():
-    counts = [ico.Scene.from_parameters(scene_parameters(size)).body_count
-              for size in scaling.SIZES[:4]]
-    assert counts == [63, 1_014, 4_631, 10_206]
-    assert scaling.UNIT in scaling.SIZES
-    assert scaling.sizes_up_to(5_000) == list(scaling.SIZES[:3])
-    assert scaling.sizes_up_to(scaling.LARGEST) == list(scaling.SIZES)
-    assert scaling.sizes_up_to(1_000_000)[-1] == (126, 126, 126)
-
-
-def test_scaling_from_end_to_end(tmp_path, monkeypatch):
-    monkeypatch.setattr(scaling, '_BLOCK', 0.001)
-    monkeypatch.setattr(scaling, 'UNIT', (4, 4, 4))
-    result = scaling.measure(rounds=1, sizes=[SMALL, (4, 4, 4)], first_ever=False)
-    first, second = result.rows
-    assert (first.body_count, second.body_count) == (6, 32) and first.threads == 1
-    assert result.relative(second, threads=False) == Spread(1.0, 1.0, 1.0)
-    assert 0.0 < first.wait('compile') and 0.0 < first.wait('compile_first')
-    lines = '\n'.join(scaling_report.lines(result))
-    assert 'gain of threads' in lines and 'peak memory' in lines
-    table, picture = scaling_report.write(result, tmp_path)
-    with open(table, newline='') as file:
-        assert [row['bodies'] for row in csv.DictReader(file)] == ['6', '32']
-    assert picture.read_bytes().startswith(b'\x89PNG')
-
-
-def test_peaks_of_memory_are_those_of_the_process():
-    held = np.ones(2**22)
-    probe.forget_peak()
-    before = probe.resident('VmRSS')
-    more = np.ones(2**22)
-    assert probe.resident('VmHWM') - before >= 0.9 * more.nbytes > 0.5 * held.nbytes
-    with pytest.raises(RuntimeError, match='KeyError'):
-        probe.run('nothing', SMALL)
 
 
 @pytest.mark.parametrize('words, told', [

@@ -25,8 +25,8 @@ class Method(NamedTuple):
     stages: int  # force evaluations for each step
     stability: float  # largest stable product of step and frequency
     chosen: float  # product of step and largest frequency where the step is not given
-    # Error added in a second to motion of 1 a/s or 1 rad/s at step x frequency 1; measured with
-    # benchmarks/work_precision.py.
+    # Error added in a second to motion of 1 a/s or 1 rad/s at step x frequency 1; measured on
+    # the S1 scene of `icofabric benchmark work-precision`.
     error: float
     source: str
     kicks: tuple[float, ...]

@@ -12,6 +12,7 @@ from typing import NamedTuple
 from icofabric_sim.integrators import dop853
 from icofabric_sim.kernels.compiled import compiled
 from icofabric_sim.kernels.lanes import load, store
+from icofabric_sim.kernels.loads import keep_work
 from icofabric_sim.kernels.monitor import examine, MOVED_FAR, moved_far, save, SAVED_AT, UNSOUND
 from icofabric_sim.kernels.records import Loads, Model, State, Team, Trail, Watch, Work
 from icofabric_sim.kernels.slopes import (
@@ -36,7 +37,7 @@ SCALES = 10
 CONTROL_COUNT = 14
 # A step is aimed at this part of the tolerance and refused above all of it; it may become so many
 # times as long at once.
-_AIM, _SHRINK, _GROW = 0.4, 0.2, 4.0
+_AIM, _SHRINK, _GROW = 0.8, 0.2, 4.0
 TOO_SHORT = 64
 
 
@@ -275,17 +276,6 @@ def repeat_power(loads: Loads | None, first: int, last: int) -> None:
         return
     for m in range(loads.start[first], loads.start[last]):
         loads.power[0, m] = loads.power[12, m]
-
-
-@compiled
-def keep_work(loads: Loads | None, first: int, last: int) -> None:
-    """
-    Note the work at the start of a step.
-    """
-    if loads is None:
-        return
-    for m in range(loads.start[first], loads.start[last]):
-        loads.earlier_work[m] = loads.work[m]
 
 
 @compiled

@@ -9,13 +9,29 @@ axis, both exact; the potential flow changes velocities only. See docs/design.md
 
 from icofabric_sim.kernels.compiled import compiled
 from icofabric_sim.kernels.flows import drift, push, push_kept
-from icofabric_sim.kernels.monitor import examine, MOVED_FAR, moved_far, save, SAVED_AT, UNSOUND
+from icofabric_sim.kernels.loads import keep_work
+from icofabric_sim.kernels.monitor import (
+    examine,
+    judge_roughness,
+    MOVED_FAR,
+    moved_far,
+    REGULAR,
+    ROUGHER,
+    ROUGHEST,
+    roughness,
+    sample,
+    save,
+    SAVED_AT,
+    UNSOUND,
+)
 from icofabric_sim.kernels.records import Links, Loads, Model, State, Team, Watch, Work
 from icofabric_sim.kernels.team import own_blocks, tell_all, wait_for_all
 import numpy as np
 
 # Blocks that are drifted and pushed in one go: they stay in the cache in between.
 _TILE = 64
+# An interval that never ends: nobody looks.
+NEVER = 2**62
 # Evaluations between two looks at how far bodies have moved.
 _STRIDE = 8
 
@@ -115,14 +131,41 @@ def splitting(
     stages = min(kicks.shape[0], drifts.shape[0])
     first, last = own_blocks(team, model.blocks.slot.shape[0])
     stride = stride_of(model.links, stages) if watch is not None else check_interval
+    differences = work.weights.shape[0] - 1
     done = 0
     while done < count:
         # As far as somebody looks at the state.
         ahead = min(count - done, check_interval - since_check)
         ahead = min(ahead, stride - since_check % stride)
+        # Step ends are sampled in windows of as many steps as the difference has, one after the
+        # other; only in the last before a look where a step is a single evaluation.
+        sampled = -1
+        if 0 < differences and check_interval < NEVER:
+            sampled = since_check - (check_interval - differences if stages < 4 else 0)
+            if sampled < 0:
+                ahead = min(ahead, -sampled)
+            else:
+                ahead = 1
+                if sampled % differences == 0:
+                    if team.member == 0:
+                        sample(
+                            model.blocks.slot, state.position, state.orientation,
+                            work.difference, work.weights, 0)
+                    wait_for_all(team)
         steps(kicks, drifts, model, loads, state, work, team, h, ahead)
         done += ahead
         since_check += ahead
+        if sampled >= 0:
+            if team.member == 0:
+                number = sampled % differences + 1
+                sample(
+                    model.blocks.slot, state.position, state.orientation, work.difference,
+                    work.weights, number)
+                if number == differences:
+                    ledger[ROUGHEST] = max(ledger[ROUGHEST], roughness(work, ledger))
+            wait_for_all(team)
+        if team.member == 0 and check_interval < NEVER:
+            ledger[REGULAR] += ahead
         examined = since_check >= check_interval
         watched = watch is not None and since_check % stride == 0
         status = 0
@@ -130,14 +173,17 @@ def splitting(
             since_check = 0
             if team.member == 0:
                 status = examine(model, loads, state, work, ledger)
+                status |= judge_roughness(
+                    work, ledger, differences if stages < 4 else check_interval)
         if watched and team.member == 0 and moved_far(model, watch, state.position):
             status |= MOVED_FAR
         if examined or watched:
             status = tell_all(team, status)
-        if examined and status & UNSOUND == 0:
+        if examined and status & (UNSOUND | ROUGHER) == 0:
             if team.member == 0:
                 ledger[SAVED_AT] = done
             save(model, state, saved, first, last)
+            keep_work(loads, first, last)
         if status != 0:
             return status, done, since_check
     return 0, done, since_check

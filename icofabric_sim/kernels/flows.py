@@ -5,7 +5,7 @@ The two flows that every splitting method is made of, for runs of blocks.
 
 `drift`: the kinetic energy alone, free flight and free rotation, exact because the inertia is
 isotropic. `push`: the potential energy alone, which changes velocities only. The list of all terms
-that act on a fabric is `accelerations` and `kick`; a term that is None is not compiled (Numba
+that act on a fabric is `accelerations` and `push`; a term that is None is not compiled (Numba
 prunes such a branch only where the term is an argument of its own).
 """
 
@@ -28,7 +28,10 @@ def drift(
     step = splat(h)
     for block in range(first, last):
         s = model.blocks.slot[block]
-        work_loads(loads, state, block, h)
+        # Called only where there are loads: a call counts the references of all its arrays.
+        if loads is not None:
+            if loads.start[block] < loads.start[block + 1]:
+                work_loads(loads, state, block, h)
         for k in range(3):
             store(state.position, k, s, fma(
                 step, load(state.linear_velocity, k, s), load(state.position, k, s)))
@@ -74,9 +77,15 @@ def push(
     for block in range(first, last):
         s = model.blocks.slot[block]
         a = accelerations(model, work.points, stride, block, s)
-        kick(model, loads, state, a, h, block, s)
+        kick(state, a, h, s)
+        if loads is not None:
+            if loads.start[block] < loads.start[block + 1]:
+                kick_loads(model, loads, state, block, h)
         if again != 0.0:
-            kick(model, loads, state, a, again, block, s)
+            kick(state, a, again, s)
+            if loads is not None:
+                if loads.start[block] < loads.start[block + 1]:
+                    kick_loads(model, loads, state, block, again)
         if keep:
             for k in range(3):
                 store(work.acceleration, k, s, a[k])
@@ -96,7 +105,10 @@ def push_kept(
             load(work.acceleration, 0, s), load(work.acceleration, 1, s),
             load(work.acceleration, 2, s), load(work.acceleration, 3, s),
             load(work.acceleration, 4, s), load(work.acceleration, 5, s))
-        kick(model, loads, state, a, h, block, s)
+        kick(state, a, h, s)
+        if loads is not None:
+            if loads.start[block] < loads.start[block + 1]:
+                kick_loads(model, loads, state, block, h)
 
 
 @compiled
@@ -172,15 +184,12 @@ def add_gravity(
 
 
 @compiled
-def kick(
-    model: Model, loads: Loads | None, state: State, a: Six, h: float, block: int, s: int
-) -> None:
+def kick(state: State, a: Six, h: float, s: int) -> None:
     """
-    Add h times the accelerations, and what the loads add, to the velocities of a block.
+    Add h times the accelerations to the velocities of a block.
     """
     step = splat(h)
     velocity, spin = state.linear_velocity, state.angular_velocity
     for k in range(3):
         store(velocity, k, s, fma(step, a[k], load(velocity, k, s)))
         store(spin, k, s, fma(step, a[k + 3], load(spin, k, s)))
-    kick_loads(model, loads, state, block, h)

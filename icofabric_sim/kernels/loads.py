@@ -99,6 +99,17 @@ def work_loads(loads: Loads | None, state: State, block: int, h: float) -> None:
 
 
 @compiled
+def keep_work(loads: Loads | None, first: int, last: int) -> None:
+    """
+    Note the work so far, to come back to.
+    """
+    if loads is None:
+        return
+    for m in range(loads.start[first], loads.start[last]):
+        loads.earlier_work[m] = loads.work[m]
+
+
+@compiled
 def mean_of_turning(
     f: tuple[float, float, float], o: tuple[float, float, float], h: float
 ) -> tuple[float, float, float]:

@@ -29,7 +29,8 @@ from icofabric_sim.kernels.records import Links, Loads, Model, State, Watch, Wor
 import numpy as np
 
 # Bits of the status that `examine` returns; the rates concern the bound of the largest frequency.
-RATE_HIGH, RATE_LOW, NOT_FINITE, MOVED_FAR, UNBALANCED, LIVELIER = 1, 2, 4, 8, 16, 32
+RATE_HIGH, RATE_LOW, NOT_FINITE, MOVED_FAR, UNBALANCED, LIVELIER, ROUGHER = (
+    1, 2, 4, 8, 16, 32, 128)
 # Not to be saved as a state from which a run can go on.
 UNSOUND = NOT_FINITE | UNBALANCED
 # Places in the ledger. What a look finds: the rate sqrt(bound) + SPIN_WEIGHT x largest spin
@@ -43,7 +44,11 @@ HIGH, LOW, SPIN_WEIGHT, LIVELY = 6, 7, 8, 9
 BASE, BASE_HEIGHT, SCALE, WORST, ERROR, LIMIT = 10, 11, 12, 13, 14, 15
 # Work of loads before the present ones [J], and steps of this call when the state was saved.
 EARLIER_WORK, SAVED_AT = 16, 17
-LEDGER_COUNT = 18
+# How rough the motion was just before the look (-1: not known), ROUGHER where that is above; steps
+# of one length until now; 1 / a^2 [1/m^2].
+# The roughest so far since the last look.
+ROUGH, ROUGH_LIMIT, REGULAR, INVERSE_SIZE, ROUGHEST = 18, 19, 20, 21, 22
+LEDGER_COUNT = 23
 
 
 @compiled
@@ -208,6 +213,82 @@ def examine(
     if ledger[KINETIC] > ledger[LIVELY]:
         status |= LIVELIER
     return status
+
+
+@compiled
+def sample(
+    slot: np.ndarray, position: np.ndarray, orientation: np.ndarray, difference: np.ndarray,
+    weights: np.ndarray, number: int
+) -> None:
+    """
+    Add the positions and orientations at a step end to a difference of high order.
+
+    With weights (-1)^k n! / (k! (n - k)!) the n-th difference of a vibration of frequency w is
+    its amplitude times (w h)^n: what a method of order n errs by, but for a factor that stays.
+    """
+    weight = splat(weights[number])
+    samples = difference.shape[1] // LANES
+    count = slot.shape[0]
+    turn = rows_of(orientation)
+    for i in range(samples):
+        s = slot[i * count // samples]
+        at = LANES * i
+        for k in range(3 + turn.shape[0]):
+            if k < 3:
+                value = load(position, k, s)
+            else:
+                value = load(turn, k - 3, s)
+            value = weight * value
+            if number > 0:
+                value = value + load(difference, k, at)
+            store(difference, k, at, value)
+
+
+@compiled
+def rows_of(orientation: np.ndarray) -> np.ndarray:
+    """
+    Orientations as (4, s) or (9, s).
+    """
+    if orientation.ndim == 3:
+        return orientation.reshape(9, orientation.shape[2])
+    else:
+        return orientation
+
+
+@compiled
+def roughness(work: Work, ledger: np.ndarray) -> float:
+    """
+    The largest difference of a body: of its position over a, or of its orientation in rad.
+    """
+    difference = work.difference
+    largest = splat(0.0)
+    # A small rotation by x changes the quaternion by x / 2, the cosines by sqrt(2) x.
+    turned = splat(4.0 if difference.shape[0] == 7 else 0.5)
+    size = splat(ledger[INVERSE_SIZE])
+    for i in range(difference.shape[1] // LANES):
+        shift, turn = splat(0.0), splat(0.0)
+        for k in range(difference.shape[0]):
+            value = load(difference, k, LANES * i)
+            if k < 3:
+                shift = fma(value, value, shift)
+            else:
+                turn = fma(value, value, turn)
+        largest = maximum(maximum(size * shift, turned * turn), largest)
+    return math.sqrt(largest_lane(largest))
+
+
+@compiled
+def judge_roughness(work: Work, ledger: np.ndarray, interval: int) -> int:
+    """
+    ROUGHER where the motion has become so; needs `interval` steps of one length.
+    """
+    ledger[ROUGH] = -1.0
+    roughest = ledger[ROUGHEST]
+    ledger[ROUGHEST] = 0.0
+    if work.weights.shape[0] < 2 or ledger[REGULAR] < interval:
+        return 0
+    ledger[ROUGH] = roughest
+    return ROUGHER if ledger[ROUGH] > ledger[ROUGH_LIMIT] else 0
 
 
 @compiled

@@ -114,6 +114,10 @@ class Work(NamedTuple):
     points: np.ndarray
     acceleration: np.ndarray  # (6, s) linear [m/s^2], angular [rad/s^2]; loads apart
     trail: 'Trail | None'  # for Runge-Kutta methods
+    # Difference of the last positions and orientations at step ends, (7 or 12, m LANES) for m
+    # blocks spread over the fabric, and the weights that make it, see monitor.sample.
+    difference: np.ndarray
+    weights: np.ndarray
 
 
 class Trail(NamedTuple):

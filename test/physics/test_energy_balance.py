@@ -125,8 +125,7 @@ COARSEST = {'leapfrog': 0.2, 'srkn4': 0.9, 'srkn6': 1.2, 'srkn8': 1.2, 'dop8': 0
 @pytest.mark.parametrize('method', METHODS)
 @pytest.mark.parametrize('name', FABRICS)
 def test_balance_converges_at_the_order_of_the_method(name, method, form):
-    scene = changed(FABRICS[name], {
-        'solver.method': method, 'solver.energy_limit': 10.0, 'contact.mode': 'never'})
+    scene = changed(FABRICS[name], {'solver.method': method, 'solver.energy_limit': 10.0})
     longest = COARSEST[method] / ico.compile_scene(scene).largest_frequency
     if name == 'spinning':
         longest *= 0.5

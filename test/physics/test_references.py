@@ -6,6 +6,7 @@ Simulation against two independent integrations of eqs 45-49.
 
 import math
 
+from analytical import amplification
 from fabrics import changed, FORMS, LOADED, make_scene, RANDOM, SUPPORTED
 import icofabric_sim as ico
 from icofabric_sim.rotation_forms import cosines_from_quaternions, quaternions_from_cosines
@@ -112,6 +113,18 @@ COUNTS = {'srkn4': (20, 28, 40, 56), 'srkn6': (14, 20, 28), 'srkn8': (14, 17, 20
 
 def test_every_method_is_tested_for_its_order():
     assert {'leapfrog', *COUNTS} == set(ico.METHODS)
+
+
+@pytest.mark.parametrize('name', ico.METHODS)
+def test_stated_limit_is_where_an_oscillator_begins_to_grow(name):
+    method = ico.METHODS[name]
+    below = [amplification(method, p) for p in np.linspace(1e-3, 1.0, 4000) * method.stability]
+    # Two equal eigenvalues of the limit itself are found to the root of the rounding only.
+    assert max(below) < 1.0 + 1e-7
+    # Stated to three digits, rounded down.
+    beyond = max(amplification(method, p) for p in np.linspace(1.0, 1.02, 400) * method.stability)
+    assert beyond > 1.0 + 1e-4
+    assert method.chosen < method.stability
 
 
 @pytest.mark.parametrize('form', FORMS)

@@ -1,0 +1,42 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+Which arrays a compiled scene holds.
+"""
+
+from collections.abc import Iterator
+from typing import Any
+
+from icofabric_sim.simulation import Simulation
+import numpy as np
+
+
+def arrays_of(simulation: Simulation) -> dict[str, int]:
+    """
+    Bytes of every array that a compiled scene holds beside the scene itself, by name.
+    """
+    found: dict[str, int] = {}
+    seen = {id(simulation.scene)}
+    for name, array in _walk('', simulation, seen):
+        found[name] = array.nbytes
+    return found
+
+
+def _walk(name: str, value: Any, seen: set[int]) -> Iterator[tuple[str, np.ndarray]]:
+    if id(value) in seen:
+        return
+    seen.add(id(value))
+    if isinstance(value, np.ndarray):
+        yield name, value
+        return
+    parts: list[tuple[str, Any]] = []
+    if hasattr(value, '_fields'):
+        parts = list(zip(value._fields, value))
+    elif isinstance(value, (list, tuple)):
+        parts = [(str(k), part) for k, part in enumerate(value)]
+    elif isinstance(value, dict):
+        parts = [(str(key), part) for key, part in value.items()]
+    elif type(value).__module__.startswith('icofabric_sim'):
+        parts = list(getattr(value, '__dict__', {}).items())
+    for key, part in parts:
+        yield from _walk(f'{name}.{key}'.replace('._', '.').lstrip('.'), part, seen)

@@ -1,0 +1,65 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+Counts the machine instructions that a compiled function spends in its loops.
+"""
+
+from collections.abc import Callable
+import re
+from typing import Any
+
+import numba
+
+_LABEL = re.compile(r'(\.L[\w.$]+):')
+_INSTRUCTION = re.compile(r'\s+[a-z]')
+_JUMP = re.compile(r'\s+j[a-z]+\s+(\.L[\w.$]+)')
+
+
+def recompiled(function: Callable[..., Any]) -> Any:
+    """
+    The same function as the package compiles it, without the disk cache, which keeps no listing.
+    """
+    plain = getattr(function, 'py_func', function)
+    return numba.njit(nogil=True, error_model='numpy')(plain)
+
+
+def loop_instructions(function: Callable[..., Any], *arguments: Any) -> int | None:
+    """
+    Instructions within the loops of `function`, called with `arguments`; what it calls is inlined.
+
+    None where the machine's listing is not understood, or nothing is compiled.
+    """
+    kernel = recompiled(function)
+    kernel(*arguments)
+    if not hasattr(kernel, 'inspect_asm'):
+        return None
+    return count_in_loops(next(iter(kernel.inspect_asm().values())))
+
+
+def count_in_loops(listing: str) -> int | None:
+    """
+    Instructions between the first and the last line of each loop of the first function listed.
+
+    A loop is what a jump backwards encloses; loops that overlap count as one.
+    """
+    instructions, places, loops = 0, {}, []
+    started = False
+    for line in listing.splitlines():
+        if '.cfi_endproc' in line:
+            break
+        started = started or '.cfi_startproc' in line
+        label = _LABEL.match(line)
+        if not started:
+            continue
+        if label is not None:
+            places[label[1]] = instructions
+        elif _INSTRUCTION.match(line) and not line.lstrip().startswith('.'):
+            instructions += 1
+            jump = _JUMP.match(line)
+            if jump is not None and jump[1] in places:
+                loops.append((places[jump[1]], instructions))
+    total, end = 0, 0
+    for first, last in sorted(loops):
+        total += max(last - max(first, end), 0)
+        end = max(end, last)
+    return total or None

@@ -1,0 +1,194 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+What each term of a scene costs, and that one which a scene lacks costs nothing.
+
+The bare scene has springs and nothing else. Beside it runs a kernel that knows nothing else
+(benchmarks/springs_only.py, where the source tree is at hand).
+"""
+
+from collections.abc import Callable
+from functools import partial
+import time
+from typing import Any, NamedTuple
+
+from icofabric_sim.benchmarking import bare_kernels
+from icofabric_sim.benchmarking.bare_kernels import fresh, Instructions, Kernel
+from icofabric_sim.benchmarking.held_arrays import arrays_of
+from icofabric_sim.benchmarking.scenes import scene_parameters, SIZES
+from icofabric_sim.benchmarking.step_speed import STEP
+from icofabric_sim.benchmarking.timing import in_rounds, Spread
+from icofabric_sim.crew import core_count
+from icofabric_sim.scene import Scene
+from icofabric_sim.simulation import compile_scene, Simulation
+import numpy as np
+
+Size = tuple[int, int, int]
+BARE = 'bare scene: springs alone'
+UNWATCHED, KERNEL, LEANEST = (
+    'without looks at the state', 'springs-only kernel', 'springs-only kernel, one kick a step')
+# A block of steps takes about this long [s].
+_BLOCK = 0.15
+_PUSH = {'force': [1e-3, 0.0, 5e-4], 'torque': [0.0, 1e-6, 0.0]}
+
+
+class Term(NamedTuple):
+    """
+    The bare scene with one thing more.
+    """
+
+    label: str
+    parameters: dict[str, Any]
+    rotation: str = 'quaternion'
+    threads: int = 1
+
+
+def terms(body: int) -> list[Term]:
+    """
+    Every term that a scene can have or lack; `body` is the one that a single load acts on.
+    """
+    loads = {'push': {'group': 'pushed', **_PUSH}}
+    return [
+        Term(BARE, {}),
+        Term('gravity', {'gravity': [0.0, 0.0, -9.81]}),
+        Term('one side held', {
+            'groups': {'wall': 'x_min'}, 'supports': {'wall': {'group': 'wall'}}}),
+        Term('load on one body', {'groups': {'pushed': f'ids {body}'}, 'loads': loads}),
+        Term('loads on all bodies', {'groups': {'pushed': 'all'}, 'loads': loads}),
+        Term('turning loads on all bodies', {
+            'groups': {'pushed': 'all'},
+            'loads': {'push': {**loads['push'], 'frame': 'body', 'point': [0.0, 0.0, 1e-3]}}}),
+        Term('contact watch', {'contact': {'mode': 'auto'}}),
+        Term('direction cosines', {}, rotation='direction_cosines'),
+        Term(f'team of {core_count()} threads', {}, threads=0),
+    ]
+
+
+class Cost(NamedTuple):
+    """
+    One row: a term, or a kernel beside the bare scene.
+    """
+
+    label: str
+    body_count: int
+    times: list[float]  # of a step [s], one for each round
+    held: int | None  # bytes of all arrays; None: not a scene
+
+    def per_body(self) -> Spread:
+        """
+        Time for each body and step [ns].
+        """
+        return Spread.of([value * 1e9 / self.body_count for value in self.times])
+
+
+class Terms(NamedTuple):
+    """
+    All figures; the bare scene comes first.
+    """
+
+    rows: list[Cost]
+    bare_arrays: dict[str, int]  # bytes by name
+    instructions: list[Instructions]
+    remarks: list[str]
+    rounds: int
+
+    def row(self, label: str) -> Cost | None:
+        """
+        The row of this name.
+        """
+        return next((row for row in self.rows if row.label == label), None)
+
+    def ratio(self, row: Cost, label: str = BARE) -> Spread | None:
+        """
+        Time of `row` over that of another, round by round.
+        """
+        other = self.row(label)
+        if other is None:
+            return None
+        return Spread.of([one / two for one, two in zip(row.times, other.times)])
+
+
+def measure(
+    *, rounds: int = 5, size: Size = SIZES['S3'],
+    say: Callable[[str], None] = lambda text: None,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> Terms:
+    """
+    Time the bare scene, the same with each term, and the other kernel, in rounds.
+    """
+    bare = _compile(size, Term(BARE, {}))
+    count = bare.scene.body_count
+    rows, tasks, remarks = [], [], []
+    for term in terms(count // 2):
+        say(term.label)
+        simulation = _compile(size, term)
+        steps = _block_length(simulation)
+        label = term.label
+        if term.threads == 0 and simulation.thread_count == 1:
+            remarks.append(f'{label}: one thread is all that pays here')
+        rows.append(Cost(label, count, [], sum(arrays_of(simulation).values())))
+        tasks.append(partial(_block, size, term, steps))
+    kernels, instructions = [], []
+    say('kernels')
+    steps = _block_length(bare)
+    kernels.append((UNWATCHED, bare_kernels.package_kernel(bare.packed)))
+    if bare_kernels.SPRINGS_ONLY.is_file():
+        other = bare_kernels.load_springs_only()
+        kernels.append((KERNEL, bare_kernels.springs_kernel(bare.packed, other)))
+        kernels.append((LEANEST, bare_kernels.leanest_kernel(bare.packed, other)))
+        instructions = bare_kernels.count_instructions(bare.packed, bare.scene, other)
+    else:
+        remarks.append(f'no {bare_kernels.SPRINGS_ONLY.name} beside an installed package: run '
+                       'this in a clone')
+    for label, run in kernels:
+        rows.append(Cost(label, count, [], None))
+        tasks.append(partial(_kernel_block, bare, run, steps))
+    if len(kernels) > 1:
+        bare_kernels.require_same_motion(bare, [run for _, run in kernels[:2]])
+    say(f'{rounds} rounds of {len(tasks)} runs')
+    total = rounds * len(tasks)
+    results = in_rounds(tasks, rounds, lambda done: progress(done, total))
+    timed = [row._replace(times=times) for row, times in zip(rows, results)]
+    return Terms(timed, arrays_of(bare), instructions, remarks, rounds)
+
+
+def _compile(size: Size, term: Term) -> Simulation:
+    parameters = {
+        **scene_parameters(size, {'method': 'leapfrog', 'step': STEP, 'threads': term.threads}),
+        **term.parameters}
+    simulation = compile_scene(Scene.from_parameters(parameters), rotation=term.rotation)
+    simulation.warm_up()
+    return simulation
+
+
+def _block_length(simulation: Simulation) -> int:
+    simulation.advance_steps(20)
+    started = time.perf_counter()
+    simulation.advance_steps(40)
+    return max(20, round(_BLOCK * 40.0 / (time.perf_counter() - started)))
+
+
+def _block(size: Size, term: Term, count: int) -> float:
+    """
+    Time of a step [s]; from the same start each time, as the motion itself can change the cost.
+    """
+    simulation = _compile(size, term)
+    simulation.advance_steps(2)
+    started = time.perf_counter()
+    simulation.advance_steps(count)
+    spent = (time.perf_counter() - started) / count
+    moved = np.abs(simulation.snapshot().position - simulation.scene.position).max()
+    if not (moved > 0.0 and simulation.balance.worst < simulation.balance.limit):
+        raise RuntimeError(f'{term.label}: the bodies do not move as they should')
+    return spent
+
+
+def _kernel_block(bare: Simulation, run: Kernel, count: int) -> float:
+    state, work = fresh(bare.packed, bare.scene)
+    run(state, work, 2)
+    started = time.perf_counter()
+    run(state, work, count)
+    spent = (time.perf_counter() - started) / count
+    if not np.isfinite(state.position).all():
+        raise RuntimeError('the kernels do not move the bodies as they should')
+    return spent
