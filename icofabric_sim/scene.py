@@ -23,8 +23,8 @@ from icofabric_sim.weave import build_weave, estimate_weave, Weave
 from icofabric_sim.weave_geometry import geometry_from_angle, geometry_from_length, WeaveGeometry
 import numpy as np
 
-# Build, run and record together; about 1,000 without a bag (`icofabric benchmark scaling`). A scene
-# that cannot fit is refused early.
+# Build, run and record together; about 1,000 without a bag (`icofabric benchmark scaling`). What
+# cannot fit is refused early.
 BYTES_PER_BODY = 1500
 _FREEDOMS = ('tx', 'ty', 'tz', 'rotation')
 
