@@ -186,7 +186,7 @@ def trace(
 
 def _growth(solver: Solver) -> float:
     if isinstance(solver, StepSolver):
-        return 2.0 if solver.order <= 2 else 2.0**0.5
+        return 2.0 if solver.order <= 2 else 2.0**0.25
     return 1.4
 
 
