@@ -31,19 +31,21 @@ class AdaptiveStepper(Stepper):
     State on the main line, and its steps, each with its own length.
     """
 
-    def _start(self, *, exact: bool = True) -> None:
-        self.control = np.zeros(pair.CONTROL_COUNT)
-        self.control[pair.START] = self.origin
-        self._has_dense = False
-        super()._start(exact=exact)
-
     def __init__(self, *arguments: Any, origin: float, **choices: Any) -> None:
         """
         See `Stepper`.
         """
-        self.control = np.zeros(pair.CONTROL_COUNT)
+        self.control: np.ndarray = np.zeros(pair.CONTROL_COUNT)
         self.control[pair.START] = origin
         super().__init__(*arguments, origin=origin, **choices)
+
+    def _start(self, *, exact: bool = True) -> None:
+        # The sum of errors goes on.
+        total = self.control[pair.TOTAL]
+        self.control = np.zeros(pair.CONTROL_COUNT)
+        self.control[pair.START], self.control[pair.TOTAL] = self.origin, total
+        self._has_dense = False
+        super()._start(exact=exact)
 
     @property
     def time(self) -> float:

@@ -35,9 +35,6 @@ _LOGGER = logging.getLogger('icofabric_sim')
 CHECK_INTERVAL = 64
 # A fixed step near the limit is looked at more often, at most every so many steps.
 SHORTEST_INTERVAL = 8
-# Where the cheap bound does not prove a fixed step safe, the exact frequency is computed every so
-# many looks: the bound may be three times as high, its own growth says nothing.
-EXACT_LOOKS = 1
 # Work for one compiled call, in bodies and connectors: 10 to 50 ms, so that an interrupt is soon
 # heard.
 _CALL_WORK = 8_000_000
@@ -111,7 +108,6 @@ class Stepper:
             # Whole windows of the steps by which the roughness of the motion is judged.
             self.look_interval = -(-self.look_interval // differences) * differences
         self.ledger[monitor.INVERSE_SIZE] = half_edge**-2
-        self._exact_looks = NEVER
         self._returned_to = -math.inf
         self._present_work = 0.0
         self._measured: tuple[int, float] | None = None
@@ -318,8 +314,7 @@ class Stepper:
         return last - self.index
 
     def _run(self, count: int) -> int:
-        looks = min(self.accuracy.looks_left, self._exact_looks)
-        due = max(looks, 1) * self.look_interval - self._since_check
+        due = self.accuracy.looks_left * self.look_interval - self._since_check
         return self._call(self.step, min(count, due, self._call_count()))
 
     def _call_count(self) -> int:
@@ -343,20 +338,16 @@ class Stepper:
         saved_at = int(self.ledger[monitor.SAVED_AT])
         if saved_at >= 0:
             self._saved_time = start + saved_at * step
-        looks = (before + done) // self.look_interval
-        self.accuracy.looks_left -= looks
-        self._exact_looks -= looks
+        self.accuracy.looks_left -= (before + done) // self.look_interval
         time = self.time if step == self.step else self.time + step
-        if status & monitor.ROUGHER and not self._settle_roughness(time):
+        # An unsound state must not be saved: the run ends below.
+        rougher = status & monitor.ROUGHER and not status & monitor.UNSOUND
+        if rougher and not self._settle_roughness(time):
             return int(done)
         if status:
             self._respond(status, time)
-        if self._exact_looks <= 0:
-            self._read_rates()
-            self._require_safe_step(time)
         if self._since_check == 0 and (
-            self.accuracy.looks_left <= 0
-            or status & monitor.LIVELIER
+            self.accuracy.looks_left <= 0 or status & monitor.LIVELIER
         ):
             self._choose_step(probe=True)
         return int(done)
@@ -481,12 +472,10 @@ class Stepper:
         ledger[monitor.HIGH], ledger[monitor.LOW], ledger[monitor.SPIN_WEIGHT] = math.inf, 0.0, 1.0
         monitor.examine(self.model, self.loads, self.state, self.work, ledger.numbers)
         if self.fixed:
-            # Below the limit the bound proves the step safe.
-            bound = ledger[monitor.RATE] - ledger[monitor.SPIN]
-            limit = self.method.stability / self.step
-            ledger[monitor.HIGH] = limit if bound <= limit else math.inf
+            # Below this the bound proves the step safe. Above it the exact value is computed at
+            # every look: the bound may be three times as high, its own growth says nothing.
+            ledger[monitor.HIGH] = self.method.stability / self.step
             ledger[monitor.SPIN_WEIGHT] = 0.0
-            self._exact_looks = NEVER if bound <= limit else EXACT_LOOKS
             # As often in time as with a chosen step, as far as that is affordable.
             ratio = self.step * self.frequency.rate / self.method.chosen
             steps = CHECK_INTERVAL / self.method.stages / max(ratio, 1.0)

@@ -11,20 +11,10 @@ from icofabric_sim.kernels.compiled import compiled
 from icofabric_sim.kernels.flows import accelerations, place_links
 from icofabric_sim.kernels.lanes import fma, lane, LANES, load, maximum, rsqrt, splat, store
 from icofabric_sim.kernels.loads import kick_loads, wrench_of
+from icofabric_sim.kernels.monitor import rows_of
 from icofabric_sim.kernels.records import Loads, Model, State, Work
 from icofabric_sim.kernels.rotations import orthonormalise
 import numpy as np
-
-
-@compiled
-def as_rows(orientation: np.ndarray) -> np.ndarray:
-    """
-    Orientations as (4, s) or (9, s).
-    """
-    if orientation.ndim == 3:
-        return orientation.reshape(9, orientation.shape[2])
-    else:
-        return orientation
 
 
 @compiled
@@ -48,7 +38,7 @@ def find_slopes(
     goes into `loads.power`.
     """
     stride = state.position.shape[1]
-    turn = as_rows(state.orientation).shape[0]
+    turn = rows_of(state.orientation).shape[0]
     linear, angular = slope[3 + turn:6 + turn], slope[6 + turn:9 + turn]
     kicked = State(state.position, state.orientation, linear, angular)
     for block in range(first, last):
@@ -130,9 +120,9 @@ def combine(
     """
     Y + h sum of w_j slope_j of a block, for as many slopes as there are weights.
     """
-    turn = as_rows(source.orientation)
+    turn = rows_of(source.orientation)
     row = combine_rows(source.position, slopes, 0, weights, h, target.position, s)
-    row = combine_rows(turn, slopes, row, weights, h, as_rows(target.orientation), s)
+    row = combine_rows(turn, slopes, row, weights, h, rows_of(target.orientation), s)
     row = combine_rows(source.linear_velocity, slopes, row, weights, h, target.linear_velocity, s)
     combine_rows(source.angular_velocity, slopes, row, weights, h, target.angular_velocity, s)
 
@@ -223,11 +213,11 @@ def interpolate(
     """
     State at the part `x` of a step, by DOP853's interpolation of order 7, of a block.
     """
-    turn = as_rows(start.orientation)
+    turn = rows_of(start.orientation)
     row = interpolate_rows(
         start.position, end.position, slopes, 0, dense, h, x, target.position, s)
     row = interpolate_rows(
-        turn, as_rows(end.orientation), slopes, row, dense, h, x, as_rows(target.orientation), s)
+        turn, rows_of(end.orientation), slopes, row, dense, h, x, rows_of(target.orientation), s)
     row = interpolate_rows(
         start.linear_velocity, end.linear_velocity, slopes, row, dense, h, x,
         target.linear_velocity, s)
