@@ -3,13 +3,13 @@
 """
 Where bodies lie in the arrays of kernels: the slots, and the blocks that are computed together.
 
-The grid points of a weave, x + y + z of one parity, are four interleaved cubic grids, and in each
-of them a connector leads from every body to the same place in another. So with the bodies of each
-grid side by side, the neighbours of neighbouring bodies are neighbours too, and kernels can work
-on whole vectors without gathering.
+In a weave the connectors of an edge lead in the same directions at every body. So where a step
+to the next grid point is everywhere the same number of slots, the neighbours of neighbouring
+bodies are neighbours too, and kernels can work on whole vectors without gathering.
 """
 
 from dataclasses import dataclass
+from itertools import permutations
 import math
 from typing import NamedTuple
 
@@ -274,10 +274,10 @@ def _best_places(grid: np.ndarray) -> _Places:
     """
     candidates = []
     if _is_compact(grid):
-        flat = _flat_places(grid)
-        if _block_count(flat) * LANES <= _GOOD * len(grid):
-            return flat
-        candidates.append(flat)
+        candidates += [_woven_places(grid), _flat_places(grid)]
+        best = min(candidates, key=_block_count)
+        if _block_count(best) * LANES <= _GOOD * len(grid):
+            return best
     candidates += [_row_places(grid, axis) for axis in range(3)]
     return min(candidates, key=_block_count)
 
@@ -302,9 +302,27 @@ def _subgrid(grid: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return (cell[:, 0] & 1) + 2 * (cell[:, 1] & 1), cell >> 1
 
 
+def _woven_places(grid: np.ndarray) -> _Places:
+    # The points of a weave are every second one of a grid, x + y + z of one parity. With rows and
+    # layers of odd length these are every second number too, and half of it is the slot.
+    cell = grid - grid.min(axis=0)
+    extent = cell.max(axis=0) + 1
+
+    def length(order: tuple[int, int, int]) -> tuple[int, int]:
+        fast, middle, slow = order
+        layer = int((extent[fast] | 1) * (extent[middle] | 1))
+        return layer * int(extent[slow]), layer  # short layers keep neighbours close
+
+    fast, middle, slow = min(permutations(range(3)), key=length)
+    row = int(extent[fast]) | 1
+    layer = row * (int(extent[middle]) | 1)
+    slot = (cell[:, slow] * layer + cell[:, middle] * row + cell[:, fast]) >> 1
+    return _Places(slot, slot)
+
+
 def _flat_places(grid: np.ndarray) -> _Places:
-    # All four grids have cells for the whole box, so that a step to a neighbour is the same
-    # number of slots everywhere.
+    # Or as four interleaved cubic grids, which suits fabrics of an even number of rows. All grids have
+    # cells for the whole box, so that a step to a neighbour is the same number of slots everywhere.
     number, cell = _subgrid(grid)
     extent = cell.max(axis=0) + 1
     fast, middle = (0, 1) if extent[0] >= extent[1] else (1, 0)
