@@ -41,6 +41,10 @@ ENERGY = Topic('~/energy', Float64MultiArrayBytes.TYPE, False, 10, True)
 WEAVE = Topic('~/weave', StringBytes.TYPE, True, 1, True)
 CLOCK = Topic('/clock', ClockBytes.TYPE, False, 10, True)
 DIAGNOSTICS = Topic('/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', False, 10, True)
+# What was done to the run beside its inputs (pause, steps, reset, ...), one JSON object each.
+EVENTS = Topic('~/events', StringBytes.TYPE, False, 100, True)
+# Checkpoints, so that a bag can be simulated again from there.
+CHECKPOINT = Topic('~/checkpoint', 'std_msgs/msg/UInt8MultiArray', False, 1, True)
 TOPICS = (POSES, CONNECTORS, STATE, ENERGY, WEAVE, CLOCK, DIAGNOSTICS)
 
 # Label and name in a snapshot of each number in `~/energy` [J].
