@@ -16,6 +16,8 @@ import weakref
 
 from icofabric_sim.kernels.records import Team
 from icofabric_sim.kernels.team import FLAG_COUNT
+from icofabric_sim.model import PackedScene
+from icofabric_sim.sweep import make_sweeps
 from numba.core import config
 import numpy as np
 
@@ -36,41 +38,54 @@ def core_count() -> int:
     return os.cpu_count() or 1
 
 
+def size_for(wanted: int, body_count: int) -> int:
+    """
+    Threads for so many bodies; clamps what is `wanted` to the cores there are, with a warning.
+    """
+    cores = core_count()
+    if wanted > cores:
+        _LOGGER.warning(
+            'solver.threads %d is more than the %d cores of this machine: %d are used; the '
+            'result does not depend on it', wanted, cores, cores)
+    if getattr(config, 'DISABLE_JIT', 0):
+        return 1
+    return min(wanted or cores, cores, max(1, body_count // BODIES_PER_THREAD))
+
+
 class Crew:
     """
     As many threads as `wanted` (0: one for each core), and as the number of bodies is worth.
     """
 
-    def __init__(self, wanted: int, body_count: int) -> None:
+    def __init__(self, wanted: int, packed: PackedScene) -> None:
         """
-        Clamp the number to that of the cores, with a warning; threads start when first needed.
+        Start with nobody but the caller; threads start when they are first needed.
         """
-        cores = core_count()
-        if wanted > cores:
-            _LOGGER.warning(
-                'solver.threads %d is more than the %d cores of this machine: %d are used; the '
-                'result does not depend on it', wanted, cores, cores)
-        useful = max(1, body_count // BODIES_PER_THREAD)
-        self.size = min(wanted or cores, cores, useful)
-        if getattr(config, 'DISABLE_JIT', 0):
-            self.size = 1
+        self.size = size_for(wanted, packed.layout.body_count)
         self._flags = np.zeros(FLAG_COUNT, np.int64)
+        self._sweeps = make_sweeps(packed.layout, packed.model.links, self.size)
         self._pool: ThreadPoolExecutor | None = None
+
+    def team(self, member: int) -> Team:
+        """
+        What kernels know of the crew, in the thread `member`.
+        """
+        return Team(member, self.size, self._flags, self._sweeps[member])
 
     def run(self, work: Callable[[Team], Result]) -> Result:
         """
         Call `work` once in every thread, with its place in the team; returns the first's result.
         """
         if self.size == 1:
-            return work(Team(0, 1, self._flags))
+            return work(self.team(0))
         if self._pool is None:
             self._pool = ThreadPoolExecutor(self.size - 1, thread_name_prefix='icofabric')
             weakref.finalize(self, self._pool.shutdown, wait=False)
         self._flags[:] = 0
         others = [
-            self._pool.submit(work, Team(index, self.size, self._flags))
+            self._pool.submit(work, self.team(index))
             for index in range(1, self.size)]
-        result = work(Team(0, self.size, self._flags))
+        result = work(self.team(0))
         for other in others:
             other.result()
         return result

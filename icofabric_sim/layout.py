@@ -8,7 +8,7 @@ to the next grid point is everywhere the same number of slots, the neighbours of
 bodies are neighbours too, and kernels can work on whole vectors without gathering.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import permutations
 import math
 from typing import NamedTuple
@@ -38,6 +38,8 @@ _MOST_THREADS = 1024
 _SAMPLES = 4096
 # Slots for each body with which the first way to lay them out is taken.
 _GOOD = 1.3
+# Blocks more that shorter ways between neighbours are worth.
+_CLOSER = 1.05
 
 
 class _Places(NamedTuple):
@@ -47,6 +49,7 @@ class _Places(NamedTuple):
 
     slot: np.ndarray  # (n,) int64, from 0
     order: np.ndarray  # (n,) int64: grows along the fabric, equal for bodies computed close by
+    row: np.ndarray  # (n,) int64, across the fabric: of one layer, what is side by side
 
 
 @dataclass(frozen=True)
@@ -59,6 +62,7 @@ class Layout:
     slot_count: int  # length of the arrays
     blocks: Blocks
     cosines: bool  # orientations as direction cosines instead of quaternions
+    rows: np.ndarray  # (2, b) int32, first and last row across the fabric of each block
 
     @property
     def body_count(self) -> int:
@@ -181,7 +185,7 @@ def make_layout(grid: np.ndarray, body_count: int, *, cosines: bool = False) -> 
     loose = body_count - len(grid)
     if loose:
         number = np.arange(loose, dtype=np.int64)
-        parts.append(_Places(number, number))
+        parts.append(_Places(number, number, np.zeros_like(number)))
     slots, orders = [], []
     # One block of room on either side: a vector may begin before the first body or end after the
     # last.
@@ -197,6 +201,12 @@ def make_layout(grid: np.ndarray, body_count: int, *, cosines: bool = False) -> 
     # The block's place in the order is that of its first body.
     rank = np.full(len(first), np.iinfo(np.int64).max)
     np.minimum.at(rank, members, order)
+    rows = np.zeros((2, len(first)), np.int32)
+    if parts:
+        row = np.concatenate([part.row for part in parts])
+        rows[0] = row.max(initial=0)
+        np.minimum.at(rows[0], members, row)
+        np.maximum.at(rows[1], members, row)
     alive = np.zeros(len(first), np.uint8)
     np.bitwise_or.at(alive, members, (1 << (slot % LANES)).astype(np.uint8))
     by_order = np.lexsort((first, rank))
@@ -208,6 +218,7 @@ def make_layout(grid: np.ndarray, body_count: int, *, cosines: bool = False) -> 
         slot_count=slot_count,
         blocks=Blocks(first[by_order].astype(np.int32), alive[by_order], 0),
         cosines=cosines,
+        rows=rows[:, by_order],
     )
 
 
@@ -255,7 +266,7 @@ def make_links(
         reach = max(reach, int(np.abs(own - other).max()))
     links = Links(place, present, stiffness, natural_length, half_width)
     blocks = layout.blocks._replace(reach=reach)
-    return Layout(layout.slot, layout.slot_count, blocks, layout.cosines), links
+    return replace(layout, blocks=blocks), links
 
 
 def _direction(grid: np.ndarray, pair: np.ndarray) -> np.ndarray:
@@ -274,10 +285,12 @@ def _best_places(grid: np.ndarray) -> _Places:
     """
     candidates = []
     if _is_compact(grid):
-        candidates += [_woven_places(grid), _flat_places(grid)]
-        best = min(candidates, key=_block_count)
+        woven, flat = _woven_places(grid), _flat_places(grid)
+        # Neighbours lie closer together in the first.
+        best = woven if _block_count(woven) <= _CLOSER * _block_count(flat) else flat
         if _block_count(best) * LANES <= _GOOD * len(grid):
             return best
+        candidates = [woven, flat]
     candidates += [_row_places(grid, axis) for axis in range(3)]
     return min(candidates, key=_block_count)
 
@@ -308,7 +321,7 @@ def _woven_places(grid: np.ndarray) -> _Places:
     cell = grid - grid.min(axis=0)
     extent = cell.max(axis=0) + 1
 
-    def length(order: tuple[int, int, int]) -> tuple[int, int]:
+    def length(order: tuple[int, ...]) -> tuple[int, int]:
         fast, middle, slow = order
         layer = int((extent[fast] | 1) * (extent[middle] | 1))
         return layer * int(extent[slow]), layer  # short layers keep neighbours close
@@ -317,19 +330,20 @@ def _woven_places(grid: np.ndarray) -> _Places:
     row = int(extent[fast]) | 1
     layer = row * (int(extent[middle]) | 1)
     slot = (cell[:, slow] * layer + cell[:, middle] * row + cell[:, fast]) >> 1
-    return _Places(slot, slot)
+    return _Places(slot, slot, cell[:, middle])
 
 
 def _flat_places(grid: np.ndarray) -> _Places:
-    # Or as four interleaved cubic grids, which suits fabrics of an even number of rows. All grids have
-    # cells for the whole box, so that a step to a neighbour is the same number of slots everywhere.
+    # Or as four interleaved cubic grids, which suits fabrics of an even number of rows. All grids
+    # have cells for the whole box, so that a step to a neighbour is the same number of slots
+    # everywhere.
     number, cell = _subgrid(grid)
     extent = cell.max(axis=0) + 1
     fast, middle = (0, 1) if extent[0] >= extent[1] else (1, 0)
     flat = (cell[:, 2] * extent[middle] + cell[:, middle]) * extent[fast] + cell[:, fast]
     # z's parity follows from x's and y's within one weave.
     room = _rounded_up(int(flat.max()) + 1)
-    return _Places(number * room + flat, flat)
+    return _Places(number * room + flat, flat, cell[:, middle])
 
 
 def _row_places(grid: np.ndarray, axis: int) -> _Places:
@@ -346,7 +360,7 @@ def _row_places(grid: np.ndarray, axis: int) -> _Places:
     blocks = (last - first + LANES) // LANES
     start = np.concatenate([[0], np.cumsum(blocks)[:-1]]) * LANES
     slot = start[member] + cell[:, axis] - first[member]
-    return _Places(slot, slot)
+    return _Places(slot, slot, cell[:, others[0]])
 
 
 def _rounded_up(count: int) -> int:

@@ -111,7 +111,7 @@ class Simulation:
                 energy_limit=scene.parameters['solver.energy_limit'],
                 load_rate=self._load_rate(loads),
                 half_edge=scene.geometry.half_edge,
-                crew=Crew(scene.parameters['solver.threads'], scene.body_count),
+                crew=Crew(scene.parameters['solver.threads'], self.packed),
                 watch=watch,
                 on_pause=self._pause,
             )

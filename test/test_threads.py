@@ -9,6 +9,7 @@ import logging
 from fabrics import changed, LOADED, make_scene, RANDOM, same_state, SUPPORTED
 import icofabric_sim as ico
 from icofabric_sim import crew
+from icofabric_sim.model import pack_scene
 import numpy as np
 import pytest
 
@@ -102,7 +103,7 @@ def test_number_of_threads_is_a_parameter():
 def test_size_of_a_crew(wanted, cores, bodies, size, monkeypatch, caplog):
     monkeypatch.setattr(crew, 'core_count', lambda: cores)
     monkeypatch.setattr(crew, 'BODIES_PER_THREAD', 1_000)
-    assert crew.Crew(wanted, bodies).size == size
+    assert crew.size_for(wanted, bodies) == size
     assert not caplog.records
 
 
@@ -124,7 +125,7 @@ def test_more_threads_than_cores_are_clamped_with_a_warning(monkeypatch, caplog)
 
 def test_an_error_in_one_thread_is_told(forced):
     forced(3)
-    team = crew.Crew(0, 100)
+    team = crew.Crew(0, pack_scene(make_scene((3, 3, 3))))
 
     def work(member):
         if member.member == 2:

@@ -12,10 +12,10 @@ from typing import Any, NamedTuple
 
 from icofabric_sim.benchmarking.instructions import loop_instructions
 from icofabric_sim.benchmarking.step_speed import STEP
+from icofabric_sim.crew import Crew
 from icofabric_sim.integrators.methods import METHODS
 from icofabric_sim.kernels import flows, monitor
-from icofabric_sim.kernels.records import State, Team, Work
-from icofabric_sim.kernels.team import FLAG_COUNT
+from icofabric_sim.kernels.records import State, Work
 from icofabric_sim.model import PackedScene
 from icofabric_sim.scene import Scene
 from icofabric_sim.simulation import Simulation
@@ -66,11 +66,12 @@ def count_instructions(packed: PackedScene, scene: Scene, other: Any) -> list[In
     slot, last = model.blocks.slot, len(model.blocks.slot)
     masses = model.inverse_mass, model.inverse_inertia
     assert model.links is not None
+    order = np.arange(last, dtype=np.uint32)
     return [
         Instructions(
             'push',
             loop_instructions(
-                flows.push, model, None, state, work, 0.0, 0.0, False, 0, last),
+                flows.push, model, None, state, work, 0.0, 0.0, False, order, 0, last),
             loop_instructions(
                 other.push, model.links, slot, *masses, state, work.points, work.acceleration,
                 0.0, 0.0, False, 0, last),
@@ -78,7 +79,7 @@ def count_instructions(packed: PackedScene, scene: Scene, other: Any) -> list[In
                 other.push_once, model.links, slot, *masses, state, work.points, 0.0, 0, last)),
         Instructions(
             'drift',
-            loop_instructions(flows.drift, model, None, state, work, 0.0, 0, last),
+            loop_instructions(flows.drift, model, None, state, work, 0.0, order, 0, last),
             *[loop_instructions(
                 other.drift, model.links.half_width, slot, state, work.points, 0.0, 0,
                 last)] * 2),
@@ -115,7 +116,7 @@ def package_kernel(packed: PackedScene) -> Kernel:
     The package's own, with a look at the state never.
     """
     ledger = np.zeros(monitor.LEDGER_COUNT)
-    team = Team(0, 1, np.zeros(FLAG_COUNT, np.int64))
+    team = Crew(1, packed).team(0)
     advance = METHODS['leapfrog'].advance
 
     def run(state: State, work: Work, count: int) -> None:

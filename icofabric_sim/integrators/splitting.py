@@ -25,11 +25,9 @@ from icofabric_sim.kernels.monitor import (
     UNSOUND,
 )
 from icofabric_sim.kernels.records import Links, Loads, Model, State, Team, Watch, Work
-from icofabric_sim.kernels.team import own_blocks, tell_all, wait_for_all
+from icofabric_sim.kernels.team import own_blocks, tell_all, TILE, wait_for_all
 import numpy as np
 
-# Blocks that are drifted and pushed in one go: they stay in the cache in between.
-_TILE = 64
 # An interval that never ends: nobody looks.
 NEVER = 2**62
 # Evaluations between two looks at how far bodies have moved.
@@ -44,14 +42,14 @@ def steps(
     """
     Take `count` steps of length `h`; see `splitting`.
 
-    A block can be pushed once all blocks within `reach` have drifted, so both run over the fabric
-    in one sweep and each body comes from memory once. Where a thread's blocks border on another's,
-    these drift first. All in one function: every call of a compiled function with so many arrays
-    counts their references, which a small fabric would feel.
+    A block can be pushed once its neighbours have drifted, so both run over the fabric in one
+    sweep (see sweep.py) and each body comes from memory once. Where a thread's blocks border on
+    another's, these drift first. All in one function: every call of a compiled function with so
+    many arrays counts their references, which a small fabric would feel.
     """
     first, last = own_blocks(team, model.blocks.slot.shape[0])
-    reach = model.blocks.reach
-    near = min(first + reach, last)
+    sweep = team.sweep
+    count_own = last - first
     kick_first = kicks.shape[0] > drifts.shape[0]
     stages = min(kicks.shape[0], drifts.shape[0])
     if kick_first:
@@ -68,22 +66,23 @@ def steps(
             keep = evaluation + 1 == count * stages
             if index + 1 == stages and not keep:
                 again = kicks[0] * h
-        drift(model, loads, state, work, whole, first, near)
-        ahead, edge = near, last
+        drifted = 0
         if team.size > 1:
-            edge = max(last - reach, near)
-            drift(model, loads, state, work, whole, edge, last)
+            drift(model, loads, state, work, whole, sweep.drifts, 0, sweep.border)
+            drifted = sweep.border
             wait_for_all(team)
-        for start in range(first, last, _TILE):
-            end = min(start + _TILE, last)
-            goal = min(end + reach, edge)
-            if goal > ahead:
-                drift(model, loads, state, work, whole, ahead, goal)
-                ahead = goal
-            push(model, loads, state, work, kick, again, keep, start, end)
+        for tile in range(sweep.ahead.shape[0]):
+            goal = sweep.ahead[tile]
+            drift(model, loads, state, work, whole, sweep.drifts, drifted, goal)
+            drifted = goal
+            start = tile * TILE
+            push(
+                model, loads, state, work, kick, again, keep, sweep.pushes, start,
+                min(start + TILE, count_own))
         wait_for_all(team)
         if not kick_first and index + 1 == stages:
-            drift(model, loads, state, work, drifts[stages] * h, first, last)
+            drift(
+                model, loads, state, work, drifts[stages] * h, sweep.drifts, 0, count_own)
             wait_for_all(team)
 
 

@@ -20,13 +20,17 @@ import numpy as np
 
 @compiled
 def drift(
-    model: Model, loads: Loads | None, state: State, work: Work, h: float, first: int, last: int
+    model: Model, loads: Loads | None, state: State, work: Work, h: float, order: np.ndarray,
+    first: int, last: int
 ) -> None:
     """
-    Flow of the kinetic energy over `h`, for blocks first to last; places the attachment points.
+    Flow of the kinetic energy over `h`; places the attachment points.
+
+    For blocks order[first] to order[last - 1].
     """
     step = splat(h)
-    for block in range(first, last):
+    for turn in range(first, last):
+        block = order[turn]
         s = model.blocks.slot[block]
         # Called only where there are loads: a call counts the references of all its arrays.
         if loads is not None:
@@ -65,16 +69,17 @@ def place_all(model: Model, state: State, work: Work, first: int, last: int) -> 
 @compiled
 def push(
     model: Model, loads: Loads | None, state: State, work: Work, h: float, again: float,
-    keep: bool, first: int, last: int
+    keep: bool, order: np.ndarray, first: int, last: int
 ) -> None:
     """
     Flow of the potential energy over `h`, and over `again` where that is not 0.
 
     The second is the first kick of the next step, which shares its forces. `keep` stores the
-    accelerations, for a kick that comes later. Blocks first to last.
+    accelerations, for a kick that comes later. For blocks order[first] to order[last - 1].
     """
     stride = state.position.shape[1]
-    for block in range(first, last):
+    for turn in range(first, last):
+        block = order[turn]
         s = model.blocks.slot[block]
         a = accelerations(model, work.points, stride, block, s)
         kick(state, a, h, s)

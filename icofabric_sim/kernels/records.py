@@ -140,6 +140,17 @@ class Watch(NamedTuple):
     reach: float  # [m]
 
 
+class Sweep(NamedTuple):
+    """
+    In which order a thread goes over its blocks, see sweep.py.
+    """
+
+    drifts: np.ndarray  # (b,) uint32, its blocks as they drift
+    pushes: np.ndarray  # (b,) uint32, the same blocks as they are pushed
+    ahead: np.ndarray  # (t,) int32, how many have to drift before each tile is pushed
+    border: int  # how many drift before other threads push
+
+
 class Team(NamedTuple):
     """
     Threads that share a call; each takes a run of blocks.
@@ -148,3 +159,4 @@ class Team(NamedTuple):
     member: int
     size: int
     flags: np.ndarray  # int64, see kernels/team.py
+    sweep: Sweep

@@ -22,6 +22,8 @@ _intrinsic: Any = intrinsic
 # Places in Team.flags, one cache line apart.
 _ARRIVED, _ROUND, _SHARED = 0, 8, 16
 FLAG_COUNT = 24
+# Blocks that are drifted and pushed in one go: they stay in the cache in between.
+TILE = 64
 # Looks at the flag before the processor is offered to others.
 _PATIENCE = 4000
 

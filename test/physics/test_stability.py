@@ -10,11 +10,10 @@ from analytical import quaternion_product, rotation_quaternion
 from fabrics import changed, make_scene, packed_state, RANDOM
 import icofabric_sim as ico
 from icofabric_sim import stability
+from icofabric_sim.crew import Crew
 from icofabric_sim.integrators.methods import METHODS
 from icofabric_sim.kernels import monitor
 from icofabric_sim.kernels.flows import keep_accelerations, place_all
-from icofabric_sim.kernels.records import Team
-from icofabric_sim.kernels.team import FLAG_COUNT
 from icofabric_sim.model import pack_scene
 from icofabric_sim.stability import hessian_product, largest_frequency
 import numpy as np
@@ -221,8 +220,8 @@ def raw_run(scene, step, count, method='leapfrog'):
     place_all(model, state, work, 0, len(model.blocks.slot))
     keep_accelerations(model, work, 0, len(model.blocks.slot))
     METHODS[method].advance(
-        model, None, state, layout.like(state), work, Team(0, 1, np.zeros(FLAG_COUNT, np.int64)),
-        step, count, 0, count + 1, None, np.zeros(monitor.LEDGER_COUNT))
+        model, None, state, layout.like(state), work, Crew(1, packed).team(0), step,
+        count, 0, count + 1, None, np.zeros(monitor.LEDGER_COUNT))
     return np.abs(state.linear_velocity).max()
 
 
