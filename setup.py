@@ -38,6 +38,7 @@ setup(
     entry_points={
         'console_scripts': [
             'fabric_node = icofabric_sim.ros.fabric_node:main',
+            'replay_node = icofabric_sim.ros.replay_node:main',
             'icofabric = icofabric_sim.commands.main:main',
         ],
     },

@@ -1,15 +1,17 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
 """
-Cost of one message from a snapshot to the middleware: our bytes beside building rclpy's objects.
+Cost of messages: our bytes beside building rclpy's objects, and what a listener costs the node.
 
-python benchmarks/publish_cost.py [--rounds 5]
+python benchmarks/publish_cost.py [--rounds 5] [--only messages|listeners]
 
-Needs rclpy. The publisher has no subscriber, so the middleware's part is the hand-over alone.
+Needs rclpy. In the first part the publisher has no subscriber, so that the middleware's part is
+the hand-over alone; in the second a node, a raw subscriber and this process check each other.
 """
 
 import argparse
 from collections.abc import Callable
+import os
 import statistics
 import time
 
@@ -18,6 +20,7 @@ import icofabric_sim as ico
 from icofabric_sim.messages import decode_pose_array
 from icofabric_sim.outputs import Outputs
 from icofabric_sim.snapshot import Snapshot
+from live_delivery import CASES, measure, report
 from machine import describe_machine
 import rclpy
 from rclpy.publisher import Publisher
@@ -81,11 +84,7 @@ def compare(size: tuple[int, int, int], poses: Publisher, lines: Publisher, roun
               f'{long / quick:8.0f}')
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[1])
-    parser.add_argument('--rounds', type=int, default=5)
-    rounds = parser.parse_args().rounds
-    print(describe_machine())
+def compare_ways(rounds: int) -> None:
     rclpy.init()
     node = rclpy.create_node('publish_cost')
     poses = node.create_publisher(PoseArray, 'poses', 10)
@@ -96,6 +95,22 @@ def main() -> None:
         compare(size, poses, lines, rounds)
     node.destroy_node()
     rclpy.try_shutdown()
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[1])
+    parser.add_argument('--rounds', type=int, default=5)
+    parser.add_argument('--only', choices=('messages', 'listeners'))
+    arguments = parser.parse_args()
+    # Alone with the processes that are started from here.
+    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    os.environ.setdefault('ROS_DOMAIN_ID', str(os.getpid() % 102))
+    print(describe_machine())
+    if arguments.only != 'listeners':
+        compare_ways(arguments.rounds)
+    if arguments.only != 'messages':
+        for case in CASES:
+            print('\n'.join(report(case, measure(case))), flush=True)
 
 
 if __name__ == '__main__':

@@ -12,6 +12,7 @@ from importlib import import_module
 from typing import Any, TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from icofabric_sim.checkpoint import Checkpoint
     from icofabric_sim.growth import Growth, measure_growth
     from icofabric_sim.integrators.methods import METHODS
     from icofabric_sim.parameters import ParameterError
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 __version__ = '0.1.0'
 
 _HOMES = {
+    'Checkpoint': 'checkpoint',
     'Growth': 'growth',
     'METHODS': 'integrators.methods',
     'ParameterError': 'parameters',
@@ -37,6 +39,7 @@ _HOMES = {
 }
 
 __all__ = [
+    'Checkpoint',
     'Growth',
     'METHODS',
     'ParameterError',

@@ -12,18 +12,24 @@ import math
 from typing import Any
 
 from icofabric_sim.faults import too_fast
-from icofabric_sim.integrators import pair
+from icofabric_sim.integrators import dop853, pair
 from icofabric_sim.integrators.pair import adaptive_pair, dense_state, DOP8, prepare_dense
 from icofabric_sim.integrators.splitting import NEVER
 from icofabric_sim.kernels import monitor
-from icofabric_sim.kernels.records import Loads, State, Watch
-from icofabric_sim.stepper import FREE_STEP, Stepper
+from icofabric_sim.kernels.records import Loads, State, Trail, Watch
+from icofabric_sim.memory import Memory
+from icofabric_sim.stepper import Stepper
+from icofabric_sim.watched_line import FREE_STEP
 import numpy as np
 
 # The first step after a jump, in radians of the fastest motion; the error then decides.
 _FIRST_STEP = 0.5
 # The shortest, in parts of that.
 _SHORTEST_PART = 1e-9
+# Slopes of a step that states within it need, but for those that dense output adds to them.
+_SLOPES = [
+    k for k in range(len(dop853.STAGES) + 1)
+    if any(len(row) > k and row[k] for row in (*dop853.DENSE_STAGES, *dop853.DENSE))]
 
 
 class AdaptiveStepper(Stepper):
@@ -55,11 +61,24 @@ class AdaptiveStepper(Stepper):
         return float(self.control[pair.START])
 
     @property
+    def _trail(self) -> Trail:
+        trail = self.work.trail
+        assert trail is not None
+        return trail
+
+    @property
     def end(self) -> float:
         """
         Time [s] at which it ends; the same where none is in progress.
         """
         return float(self.control[pair.START] + self.control[pair.LENGTH])
+
+    def forget(self) -> None:
+        """
+        Count steps and errors from zero again: a run begins that has no past.
+        """
+        super().forget()
+        self.control[pair.TOTAL] = 0.0
 
     def rebase(self, time: float) -> None:
         """
@@ -77,16 +96,30 @@ class AdaptiveStepper(Stepper):
         self.control[pair.HAS_LAST] = 0.0
         self.control[pair.NEXT] = min(self.control[pair.NEXT], self._first_step())
 
+    def warm_up(self) -> None:
+        """
+        Make every kernel that a step needs ready, without taking one.
+        """
+        before, loads = self.memory(), self.loads
+        try:
+            super().warm_up()
+        finally:
+            self.recall(Memory(before), loads)
+
     def advance(self, time: float) -> None:
         """
-        Take steps until one ends after `time`.
+        Take steps until one ends after `time`; none from a state that is set for just that time.
+
+        So a look at a state does not begin a step that an input at the same time would change.
         """
         if self._failure is not None:
             raise self._failure
-        while self.end <= time:
+        while self.end < time or (self.end == time and self.control[pair.LENGTH] > 0.0):
             if self.watch is not None:
                 self.watch.announce()
-            self._take(time, self._call_count())
+            # Not beyond a look, which saves the state: its time is that of the call's end.
+            due = self.look_interval - self._since_check
+            self._take(time, min(due, self._call_count()))
             self._on_pause()
 
     def advance_steps(self, count: int, *, until: float = math.inf) -> int:
@@ -123,8 +156,7 @@ class AdaptiveStepper(Stepper):
         self._present_work = self._work_within(rest, length)
         if self._failure is not None or not length > 0.0:
             return self.state
-        trail = self.work.trail
-        assert trail is not None
+        trail = self._trail
         if not rest > 0.0:
             return trail.start
         if not self._has_dense:
@@ -154,10 +186,12 @@ class AdaptiveStepper(Stepper):
         if not length > 0.0 or not rest > 0.0:
             return math.fsum(before if length > 0.0 else after)
         x = rest / length
-        first, last = length * self.loads.power[0], length * self.loads.power[12]
-        rise = after - before
-        parts = before + x * (first + x * (3.0 * rise - 2.0 * first - last) + x * x * (
-            first + last - 2.0 * rise))
+        # Where numbers run away the next look ends the run.
+        with np.errstate(over='ignore', invalid='ignore'):
+            first, last = length * self.loads.power[0], length * self.loads.power[12]
+            rise = after - before
+            parts = before + x * (first + x * (3.0 * rise - 2.0 * first - last) + x * x * (
+                first + last - 2.0 * rise))
         return math.fsum(parts)
 
     def error_rate(self) -> float:
@@ -178,6 +212,47 @@ class AdaptiveStepper(Stepper):
         Time [s] at which the step in progress ends.
         """
         return self.end if self.control[pair.LENGTH] > 0.0 else self.time + self.step
+
+    def memory(self) -> dict[str, Any]:
+        """
+        All that the steps to come depend on, body by body.
+        """
+        memory, gather = super().memory(), self.packed.layout.gather
+        memory['control'] = self.control.copy()
+        # Where the last call was to lead says nothing of the next.
+        memory['control'][pair.GOAL] = 0.0
+        if self.control[pair.LENGTH] > 0.0:
+            trail = self._trail
+            memory['start'] = self._by_body(trail.start)
+            memory['slopes'] = gather(trail.slopes[_SLOPES])
+            if 'loads' in memory and self.loads is not None:
+                rows = self._rows_by_body(self.loads)
+                memory['loads']['power'] = self.loads.power[:, rows][[0, 12]]
+        return memory
+
+    def recall(self, memory: Memory, loads: Loads | None) -> None:
+        """
+        Go on from there, with the `loads` that acted then.
+        """
+        control = memory.array('control', (pair.CONTROL_COUNT,)).copy()
+        if not (np.isfinite(control).all() and control.min() >= 0.0):
+            raise ValueError('control holds a negative number or one that is not finite')
+        self.control, self._has_dense = control, False
+        super().recall(memory, loads)
+        if self._failure is None and not (control[pair.NEXT] > 0.0 < control[pair.SHORTEST]):
+            raise ValueError('control has no length for the next step')
+        if control[pair.LENGTH] > 0.0:
+            trail, layout = self._trail, self.packed.layout
+            self._take_back(trail.start, memory.part('start'))
+            shape = (layout.body_count, len(_SLOPES), trail.slopes.shape[1])
+            slopes = memory.array('slopes', shape)
+            trail.slopes[:] = 0.0
+            for k, number in enumerate(_SLOPES):
+                trail.slopes[number][:, layout.slot] = slopes[:, k].T
+            if loads is not None and len(loads.slot):
+                rows = self._rows_by_body(loads)
+                power = memory.part('loads').array('power', (2, len(rows)))
+                loads.power[0, rows], loads.power[12, rows] = power
 
     def _choose_step(self, *, probe: bool = False, shorter: float = 1.0) -> None:
         """
@@ -209,6 +284,7 @@ class AdaptiveStepper(Stepper):
         """
         control = self.control
         control[pair.GOAL] = goal
+        before = int(control[pair.LENGTH] > 0.0)
         self._has_dense = False
         reach = math.inf if self.watch is None else self.watch.reach
         watch = None if self.watch is None else Watch(self.watch.reference, reach)
@@ -217,8 +293,9 @@ class AdaptiveStepper(Stepper):
             lambda team: adaptive_pair(
                 DOP8, self.model, self.loads, self.state, self._saved, self.work, team, control,
                 count, self._since_check, self.look_interval, watch, self.ledger.numbers))
-        self.step_count += done
-        self.step = float(control[pair.LENGTH])
+        # The step in progress does not count yet.
+        self.step_count += int(done) + before - int(control[pair.LENGTH] > 0.0)
+        self.step = float(control[pair.LENGTH]) or self.step
         if self.ledger[monitor.SAVED_AT] == done:
             self._saved_time = self.end
         if status & pair.TOO_SHORT:
@@ -233,14 +310,15 @@ class AdaptiveStepper(Stepper):
         """
         Go back to where the step in progress began.
         """
-        trail = self.work.trail
-        assert trail is not None
+        trail = self._trail
         if self.control[pair.LENGTH] > 0.0:
             for target, source in zip(self.state, trail.start):
                 np.copyto(target, source)
             if self.loads is not None:
                 np.copyto(self.loads.work, self.loads.earlier_work)
             self.control[pair.TOTAL] -= self.control[pair.RATE] * self.control[pair.LENGTH]
+            if self._saved_time > self.time:
+                self._save()
         self.control[pair.LENGTH] = self.control[pair.HAS_LAST] = 0.0
         self._has_dense = False
 

@@ -93,6 +93,9 @@ class BagSummary:
                 f'{scene.body_count:,} bodies, {scene.connector_count:,} connectors'))
         rows += self._origin()
         rows += self._input_rows()
+        if 'messages_dropped' in self.custom:
+            rows.append(('left out', f'{self.custom["messages_dropped"]} messages: the disk was '
+                         'too slow; inputs are complete'))
         for label, frame in (('first poses', self.first), ('last poses', self.last)):
             if frame is not None:
                 low, high = frame.position.min(axis=0), frame.position.max(axis=0)
@@ -187,6 +190,8 @@ class BagSummary:
         return rows
 
     def _ending(self) -> str:
+        if 'recording_stopped' in self.custom:
+            return f'the recording stopped before the run did: {self.custom["recording_stopped"]}'
         if self.custom and not self.finished:
             return 'the recorder was killed: this is what was saved of the run'
         if self.custom.get('interrupted') == 'true':

@@ -4,24 +4,32 @@
 Outputs of a run: what is due, what is wanted, built once and sent to every sink.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
+import json
 import time as wall
-from typing import Protocol
+from typing import Any, Protocol, runtime_checkable, TYPE_CHECKING
 
 from icofabric_sim import outputs as topics
+from icofabric_sim.messages import StringBytes, UInt8MultiArrayBytes
 from icofabric_sim.outputs import Outputs, Topic
 from icofabric_sim.parameters import Parameters
 from icofabric_sim.run_records import Status
-from icofabric_sim.schedule import Schedule
+from icofabric_sim.schedule import Schedule, seconds
 from icofabric_sim.simulation import Simulation
+import numpy as np
+
+if TYPE_CHECKING:
+    from icofabric_sim.checkpoint import Checkpoint
 
 # Wall time between two reports on /diagnostics [s].
 _REPORT_INTERVAL = 1.0
-_MOVING = (topics.CLOCK, topics.POSES, topics.CONNECTORS, topics.STATE, topics.ENERGY)
+_MOVING = (
+    topics.CLOCK, topics.POSES, topics.CONNECTORS, topics.ICOSAHEDRA, topics.STATE, topics.ENERGY)
 _RATES = {
     topics.CLOCK: 'clock_rate',
     topics.POSES: 'publish_rate',
     topics.CONNECTORS: 'marker_rate',
+    topics.ICOSAHEDRA: 'marker_rate',
     topics.STATE: 'publish_rate',
     topics.ENERGY: 'publish_rate',
 }
@@ -57,9 +65,26 @@ class Sink(Protocol):
         self, simulation: Simulation, parameters: Parameters, ended: Status
     ) -> None:
         """
-        Hear that the simulated time starts again at 0, with `simulation`.
+        Hear that the simulated time has jumped: to 0, or to a checkpoint; a bag ends here.
 
-        `parameters` are those in force, `ended` is how the run stood before the jump.
+        `simulation` goes on from there with the `parameters` in force, `ended` is how the run
+        stood before the jump.
+        """
+
+
+@runtime_checkable
+class Recorder(Sink, Protocol):
+    """
+    A sink that keeps messages, and can be told to begin and to end.
+    """
+
+    def switch(
+        self, on: bool, simulation: Simulation, parameters: Parameters, status: Status
+    ) -> str:
+        """
+        Begin to record, or end it; returns the path of the record, or a sentence.
+
+        `parameters` are those in force, `status` is how the run stands.
         """
 
 
@@ -105,30 +130,76 @@ class Broadcast:
             if self._receivers(topic)
         ]
 
-    def start(self, now: int, *, cleared: bool = False) -> None:
+    def start(
+        self, now: int, *, cleared: bool = False, whole: bool = True,
+        only: Sequence[Sink] | None = None,
+    ) -> None:
         """
-        Tell everyone about the scene and its present state.
+        Tell everyone, or `only` some sinks, about the scene and its present state.
 
-        `cleared` removes the markers of an earlier scene.
+        `cleared` removes the markers of an earlier scene. A record gets a checkpoint first, unless
+        what it holds is the `whole` run: then its scene says how it begins.
         """
-        self.describe(now)
+        self.describe_scene(now, only)
+        if not whole:
+            self.checkpoint(now, only)
         if cleared:
-            receivers = self._receivers(topics.CONNECTORS)
-            if receivers:
-                self._send(topics.CONNECTORS, now, [self._outputs.cleared(now)], receivers)
-        self.emit(now)
+            for topic in (topics.CONNECTORS, topics.ICOSAHEDRA):
+                receivers = self._receivers(topic, only)
+                if receivers:
+                    self._send(topic, now, [self._outputs.cleared(now, topic)], receivers)
+        self.emit(now, only=only)
+
+    def describe_scene(self, now: int, only: Sequence[Sink] | None = None) -> None:
+        """
+        Tell what the scene was built from, and then what is in force where that differs.
+
+        A run can only be repeated from the first: even the duration has a part in the choice of
+        the method.
+        """
+        built = self.simulation.scene.parameters
+        self._describe(now, built, only)
+        if dict(built) != dict(self._parameters):
+            self._describe(now, self._parameters, only)
 
     def describe(self, now: int) -> None:
         """
         Tell everyone the parameters in force.
         """
-        receivers = self._receivers(topics.WEAVE)
-        if receivers:
-            self._send(topics.WEAVE, now, [self._outputs.weave(self._parameters)], receivers)
+        self._describe(now, self._parameters, None)
 
-    def time_jumped_back(self, ended: Status) -> None:
+    def event(self, now: int, event: str, **facts: Any) -> None:
         """
-        Have the sinks begin anew: simulated time starts again, where it was `ended`.
+        Tell everyone what was done to the run beside its inputs, with the facts that belong to it.
+        """
+        receivers = self._receivers(topics.EVENTS)
+        if receivers:
+            text = json.dumps(
+                {'event': event, 'time': seconds(now), **facts}, default=_plain)
+            self._send(topics.EVENTS, now, [StringBytes(text).to_bytes()], receivers)
+
+    def checkpoint(
+        self, now: int, only: Sequence[Sink] | None = None, *, taken: 'Checkpoint | None' = None
+    ) -> None:
+        """
+        Record a checkpoint, or the one that was `taken` now; it is too large to be published.
+        """
+        receivers = [
+            sink for sink in self._receivers(topics.CHECKPOINT, only) if sink.is_bag]
+        if receivers:
+            checkpoint = taken or self.simulation.checkpoint()
+            data = UInt8MultiArrayBytes(checkpoint.to_bytes()).to_bytes()
+            self._send(topics.CHECKPOINT, now, [data], receivers)
+
+    def recorders(self) -> list[Recorder]:
+        """
+        The sinks that can be told to begin and to end.
+        """
+        return [sink for sink in self.sinks if isinstance(sink, Recorder)]
+
+    def time_jumped(self, ended: Status) -> None:
+        """
+        Have the sinks begin anew: simulated time has jumped, and the run was `ended` before.
         """
         for sink in self.sinks:
             sink.time_jumped_back(self.simulation, self._parameters, ended)
@@ -142,13 +213,14 @@ class Broadcast:
         )
 
     def emit(
-        self, now: int, chosen: Iterable[Topic] = _MOVING, *, live_only: bool = False
+        self, now: int, chosen: Iterable[Topic] = _MOVING, *, live_only: bool = False,
+        only: Sequence[Sink] | None = None,
     ) -> None:
         """
         Build and send the messages of the present time that anyone wants; the clock goes first.
         """
         for topic in chosen:
-            receivers = self._receivers(topic, live_only=live_only)
+            receivers = self._receivers(topic, only, live_only=live_only)
             if receivers:
                 self._send(topic, now, self._build(topic, now), receivers)
 
@@ -172,7 +244,7 @@ class Broadcast:
         for sink in self.sinks:
             sink.send_input(topic, type_name, now, data)
 
-    def _build(self, topic: Topic, now: int) -> list[bytes]:
+    def _build(self, topic: Topic, now: int) -> Iterable[bytes]:
         if topic is topics.CLOCK:
             return [self._outputs.clock(now)]
         snapshot = self.simulation.snapshot()
@@ -182,16 +254,38 @@ class Broadcast:
             return [self._outputs.state(snapshot)]
         if topic is topics.ENERGY:
             return [self._outputs.energy(snapshot)]
+        if topic is topics.ICOSAHEDRA:
+            return self._outputs.icosahedra(snapshot, now)
         return self._outputs.connectors(snapshot, now)
 
-    def _receivers(self, topic: Topic, *, live_only: bool = False) -> list[Sink]:
+    def _describe(
+        self, now: int, parameters: Parameters, only: Sequence[Sink] | None
+    ) -> None:
+        receivers = self._receivers(topics.WEAVE, only)
+        if receivers:
+            self._send(topics.WEAVE, now, [self._outputs.weave(parameters)], receivers)
+
+    def _receivers(
+        self, topic: Topic, only: Sequence[Sink] | None = None, *, live_only: bool = False
+    ) -> list[Sink]:
         if topic is topics.CLOCK and not self._clock_wanted:
             return []
         return [
-            sink for sink in self.sinks if not (live_only and sink.is_bag) and sink.wants(topic)
+            sink for sink in (self.sinks if only is None else only)
+            if not (live_only and sink.is_bag) and sink.wants(topic)
         ]
 
-    def _send(self, topic: Topic, now: int, messages: list[bytes], receivers: list[Sink]) -> None:
+    def _send(
+        self, topic: Topic, now: int, messages: Iterable[bytes], receivers: list[Sink]
+    ) -> None:
         for data in messages:
             for sink in receivers:
                 sink.send(topic, now, data)
+            del data  # the next one may be as large
+
+
+def _plain(value: Any) -> Any:
+    """
+    Numbers that JSON does not know, as those it does.
+    """
+    return np.asarray(value).tolist()

@@ -16,12 +16,11 @@ from icofabric_sim.fabric_polygons import (
     Bounds,
     fabric_polygons,
     FREE_COLOR,
-    held_bodies,
     HELD_COLOR,
     LARGEST_SHELL_COUNT,
     View,
 )
-from icofabric_sim.outputs import STRAIN_CLASSES
+from icofabric_sim.markers import held_bodies, STRAIN_CLASSES
 from icofabric_sim.scene import Scene
 import numpy as np
 

@@ -12,14 +12,13 @@ import math
 from typing import NamedTuple
 
 from icofabric_sim.icosahedron import circumscribed_radius, face_geometry, outer_triangles
-from icofabric_sim.outputs import STRAIN_CLASSES
+from icofabric_sim.markers import held_bodies, SHELL_CLASSES, STRAIN_CLASSES
 from icofabric_sim.rotation_forms import cosines_from_quaternions
 from icofabric_sim.scene import Scene
 import numpy as np
 
 BACKGROUND = np.array([1.0, 1.0, 1.0])
-FREE_COLOR = np.array([0.95, 0.88, 0.70])
-HELD_COLOR = np.array([0.42, 0.47, 0.55])
+FREE_COLOR, HELD_COLOR = (np.array(entry.color[:3]) for entry in SHELL_CLASSES)
 # Above this many bodies a shell is drawn as a disc: its faces would be a pixel or two wide.
 LARGEST_SHELL_COUNT = 10_000
 # From the viewer's upper left; the rest of the light comes from everywhere.
@@ -95,20 +94,11 @@ def connector_ends(scene: Scene, position: np.ndarray, orientation: np.ndarray) 
 
 def strain_classes(scene: Scene, ends: np.ndarray) -> np.ndarray:
     """
-    Number of the class in `outputs.STRAIN_CLASSES` of each connector.
+    Number of the class in `markers.STRAIN_CLASSES` of each connector.
     """
     length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
     strain = length / scene.connectors.natural_length - 1.0
     return np.searchsorted([entry.above for entry in STRAIN_CLASSES[1:]], strain, side='left')
-
-
-def held_bodies(scene: Scene) -> np.ndarray:
-    """
-    Whether a support holds the place of each body, (n,) bool.
-    """
-    if scene.supports is None:
-        return np.zeros(scene.body_count, dtype=bool)
-    return np.asarray(scene.supports.translation.all(axis=1))
 
 
 def fabric_polygons(

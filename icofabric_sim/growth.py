@@ -134,6 +134,17 @@ class Companion:
                     simulation.advance_to(self.simulation.time)
             self._compare()
 
+    def act(self, act: Callable[[Simulation], object]) -> None:
+        """
+        Have an input act here too, that acts on the run where it stands and was looked at last.
+        """
+        if self._ended:
+            return
+        with self._aside():
+            for simulation in (self._reference, self._displaced):
+                if simulation is not self.simulation:
+                    act(simulation)
+
     def result(self) -> Growth:
         """
         What was found so far.

@@ -7,10 +7,11 @@ The numbers are one array that kernels write (kernels/monitor.py); here they get
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from icofabric_sim.kernels import monitor
 from icofabric_sim.kernels.records import Loads, State
+from icofabric_sim.memory import Memory
 from icofabric_sim.model import PackedScene
 import numpy as np
 
@@ -62,7 +63,8 @@ class Ledger:
         """
         self.numbers[[monitor.EARLIER_WORK, monitor.SCALE, monitor.WORST]] = 0.0
         self.numbers[monitor.LIVELY] = self.numbers[monitor.ROUGH_LIMIT] = math.inf
-        self.numbers[monitor.REGULAR], self.numbers[monitor.ROUGH] = 0.0, -1.0
+        self.numbers[[monitor.REGULAR, monitor.ROUGHEST]] = 0.0
+        self.numbers[monitor.ROUGH] = -1.0
 
     def open(self, state: State) -> None:
         """
@@ -83,6 +85,23 @@ class Ledger:
         """
         if loads is not None:
             self.numbers[monitor.EARLIER_WORK] += math.fsum(loads.work)
+
+    def memory(self) -> dict[str, Any]:
+        """
+        All numbers, but for what a call of kernels says of itself.
+        """
+        numbers = self.numbers.copy()
+        numbers[monitor.SAVED_AT] = -1.0
+        return {'numbers': numbers}
+
+    def recall(self, memory: Memory) -> None:
+        """
+        Go on from there; limit and size are those of the scene.
+        """
+        kept = [monitor.LIMIT, monitor.INVERSE_SIZE]
+        numbers = memory.array('numbers', self.numbers.shape).copy()
+        numbers[kept] = self.numbers[kept]
+        np.copyto(self.numbers, numbers)
 
     @property
     def balance(self) -> EnergyBalance:

@@ -4,8 +4,11 @@
 Messages of a running fabric: which topics there are, and their bytes from snapshots.
 """
 
+from collections.abc import Iterator
+from functools import cached_property, partial
 from typing import NamedTuple
 
+from icofabric_sim.markers import ConnectorMarkers, ShellMarkers, STRAIN_CLASSES, StrainClass
 from icofabric_sim.messages import (
     ClockBytes,
     Float64MultiArrayBytes,
@@ -20,6 +23,11 @@ from icofabric_sim.parameters import Parameters
 from icofabric_sim.scene import Scene
 from icofabric_sim.snapshot import Snapshot
 import numpy as np
+
+__all__ = [
+    'CHECKPOINT', 'CLOCK', 'CONNECTORS', 'DIAGNOSTICS', 'ENERGIES', 'ENERGY', 'EVENTS',
+    'ICOSAHEDRA', 'Outputs', 'POSES', 'STATE', 'STRAIN_CLASSES', 'StrainClass', 'Topic', 'TOPICS',
+    'WEAVE']
 
 
 class Topic(NamedTuple):
@@ -37,6 +45,8 @@ class Topic(NamedTuple):
 POSES = Topic('~/poses', PoseArrayBytes.TYPE, False, 10, True)
 CONNECTORS = Topic('~/connectors', MarkerBytes.TYPE, False, 20, True)
 STATE = Topic('~/state', Float64MultiArrayBytes.TYPE, False, 10, False)
+# Large: 1,440 bytes for each body. They follow from the poses, so that no bag needs them.
+ICOSAHEDRA = Topic('~/icosahedra', MarkerBytes.TYPE, False, 8, False)
 ENERGY = Topic('~/energy', Float64MultiArrayBytes.TYPE, False, 10, True)
 WEAVE = Topic('~/weave', StringBytes.TYPE, True, 1, True)
 CLOCK = Topic('/clock', ClockBytes.TYPE, False, 10, True)
@@ -45,33 +55,12 @@ DIAGNOSTICS = Topic('/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', False
 EVENTS = Topic('~/events', StringBytes.TYPE, False, 100, True)
 # Checkpoints, so that a bag can be simulated again from there.
 CHECKPOINT = Topic('~/checkpoint', 'std_msgs/msg/UInt8MultiArray', False, 1, True)
-TOPICS = (POSES, CONNECTORS, STATE, ENERGY, WEAVE, CLOCK, DIAGNOSTICS)
+TOPICS = (POSES, CONNECTORS, ICOSAHEDRA, STATE, ENERGY, WEAVE, CLOCK, DIAGNOSTICS, EVENTS)
 
 # Label and name in a snapshot of each number in `~/energy` [J].
 ENERGIES = {
     label: label.replace(' ', '_') for label in (
         'kinetic', 'connectors', 'gravity', 'contact', 'work in', 'dissipated', 'balance error')}
-
-
-class StrainClass(NamedTuple):
-    """
-    Connectors of one colour; bounds of the strain (l - D) / D above which it begins.
-    """
-
-    above: float
-    name: str
-    color: tuple[float, float, float, float]
-
-
-# Few lists instead of a colour for each point: 24 bytes for a point instead of 40. Blue is pushed
-# together, red is pulled.
-STRAIN_CLASSES = (
-    StrainClass(-np.inf, 'compressed by more than 5 %', (0.13, 0.27, 0.80, 1.0)),
-    StrainClass(-0.05, 'compressed by 0.5 % to 5 %', (0.40, 0.65, 0.95, 1.0)),
-    StrainClass(-0.005, 'within 0.5 % of the natural length', (0.75, 0.75, 0.75, 1.0)),
-    StrainClass(0.005, 'stretched by 0.5 % to 5 %', (0.98, 0.65, 0.35, 1.0)),
-    StrainClass(0.05, 'stretched by more than 5 %', (0.85, 0.12, 0.10, 1.0)),
-)
 
 
 class Outputs:
@@ -81,47 +70,40 @@ class Outputs:
 
     def __init__(self, scene: Scene) -> None:
         """
-        Lay out nothing yet: each message is laid out when it is first wanted.
+        Lay out nothing large: every message is built where it stays, when it is wanted.
         """
         self.scene = scene
         self.frame_id = scene.parameters['frame_id']
-        self._poses: PoseArrayBytes | None = None
-        self._state: Float64MultiArrayBytes | None = None
+        self._poses = PoseArrayBytes(self.frame_id, scene.body_count)
+        self._state = Float64MultiArrayBytes(
+            ('body', 'position orientation_xyzw linear_velocity angular_velocity'),
+            (scene.body_count, 13),
+        )
         self._energy = Float64MultiArrayBytes((', '.join(ENERGIES),), (len(ENERGIES),))
-        self._lines: list[MarkerBytes] = []
-        self._shown: set[int] = set()
+        self._connectors = ConnectorMarkers(scene)
         self._clock = ClockBytes()
+
+    @cached_property
+    def _shells(self) -> ShellMarkers:
+        return ShellMarkers(self.scene)
 
     def poses(self, snapshot: Snapshot, nanoseconds: int) -> bytes:
         """
         `~/poses`: bodies in order.
         """
-        if self._poses is None:
-            self._poses = PoseArrayBytes(self.frame_id, self.scene.body_count)
-        self._poses.values[:, :3] = snapshot.position
-        self._poses.values[:, 3:] = snapshot.orientation
-        return self._poses.stamped(nanoseconds)
+        return self._poses.filled(
+            nanoseconds, partial(_write_columns, [snapshot.position, snapshot.orientation]))
 
     def state(self, snapshot: Snapshot) -> bytes:
         """
         `~/state`: [n, 13] position, orientation x y z w, velocity, angular velocity (world).
         """
-        if self._state is None:
-            self._state = Float64MultiArrayBytes(
-                ('body', 'position orientation_xyzw linear_velocity angular_velocity'),
-                (self.scene.body_count, 13),
-            )
-        np.concatenate(
-            [
-                snapshot.position,
-                snapshot.orientation,
-                snapshot.linear_velocity,
-                snapshot.angular_velocity,
-            ],
-            axis=1,
-            out=self._state.values,
-        )
-        return self._state.to_bytes()
+        return self._state.filled(partial(_write_columns, [
+            snapshot.position,
+            snapshot.orientation,
+            snapshot.linear_velocity,
+            snapshot.angular_velocity,
+        ]))
 
     def energy(self, snapshot: Snapshot) -> bytes:
         """
@@ -130,48 +112,30 @@ class Outputs:
         self._energy.values[:] = [snapshot.energy[name] for name in ENERGIES.values()]
         return self._energy.to_bytes()
 
-    def connectors(self, snapshot: Snapshot, nanoseconds: int) -> list[bytes]:
+    def connectors(self, snapshot: Snapshot, nanoseconds: int) -> Iterator[bytes]:
         """
-        `~/connectors`: one line list for each strain class that has connectors.
+        `~/connectors`: a line list for each strain class, or its removal where it is empty.
 
-        A list whose class has become empty is deleted.
+        Each is laid out when it is asked for.
         """
-        if not self._lines:
-            width = 0.08 * self.scene.shell.half_edge
-            self._lines = [
-                MarkerBytes(
-                    self.frame_id,
-                    'connectors',
-                    number,
-                    MarkerType.LINE_LIST,
-                    color=entry.color,
-                    scale=(width, 0.0, 0.0),
-                )
-                for number, entry in enumerate(STRAIN_CLASSES)
-            ]
-        ends = snapshot.connector_ends
-        strain = snapshot.connector_length / self.scene.connectors.natural_length - 1.0
-        bounds = [entry.above for entry in STRAIN_CLASSES[1:]]
-        number_of = np.searchsorted(bounds, strain, side='left')
-        messages = []
-        for number, marker in enumerate(self._lines):
-            chosen = ends[number_of == number].reshape(-1, 3)
-            if len(chosen):
-                marker.point_count = len(chosen)
-                marker.points[:] = chosen
-                messages.append(marker.stamped(nanoseconds))
-                self._shown.add(number)
-            elif number in self._shown:
-                messages.append(marker.stamped(nanoseconds, action=MarkerAction.DELETE))
-                self._shown.remove(number)
-        return messages
+        return self._connectors.messages(snapshot, nanoseconds)
 
-    def cleared(self, nanoseconds: int) -> bytes:
+    def icosahedra(self, snapshot: Snapshot, nanoseconds: int) -> Iterator[bytes]:
         """
-        `~/connectors`: remove all markers of an earlier weave.
+        `~/icosahedra`: the shells, one triangle list for each colour, several for many bodies.
+
+        Each is laid out when it is asked for.
         """
-        self._shown.clear()
-        marker = MarkerBytes(self.frame_id, 'connectors', 0, MarkerType.LINE_LIST)
+        return self._shells.messages(snapshot, nanoseconds)
+
+    def cleared(self, nanoseconds: int, topic: Topic = CONNECTORS) -> bytes:
+        """
+        `~/connectors` or `~/icosahedra`: remove all markers of an earlier weave.
+
+        In the namespace of the topic: Foxglove removes those of one, RViz all.
+        """
+        namespace = topic.name.removeprefix('~/')
+        marker = MarkerBytes(self.frame_id, namespace, 0, MarkerType.LINE_LIST)
         return marker.stamped(nanoseconds, action=MarkerAction.DELETEALL)
 
     def weave(self, parameters: Parameters) -> bytes:
@@ -180,10 +144,20 @@ class Outputs:
 
         They are those of the scene, but for rates and the like that may have changed since.
         """
-        return StringBytes(dump_parameters(dict(parameters))).to_bytes()
+        return StringBytes(dump_parameters(parameters.complete())).to_bytes()
 
     def clock(self, nanoseconds: int) -> bytes:
         """
         `/clock`.
         """
         return self._clock.stamped(nanoseconds)
+
+
+def _write_columns(parts: list[np.ndarray], values: np.ndarray) -> None:
+    """
+    Write arrays (n, k) side by side.
+    """
+    column = 0
+    for part in parts:
+        values[:, column:column + part.shape[1]] = part
+        column += part.shape[1]

@@ -1,12 +1,13 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
 """
-Keeps simulated time in step with wall time, and measures how well that goes.
+Keeps simulated time in step with wall time, and measures how well that goes and why.
 """
 
 from collections import deque
 import math
 import time as wall
+from typing import NamedTuple
 
 from icofabric_sim.schedule import NANOSECONDS
 
@@ -14,6 +15,21 @@ from icofabric_sim.schedule import NANOSECONDS
 _LARGEST_LAG = 0.1
 # The factor is reported over about this much wall time [s].
 _WINDOW = 2.0
+# A thread that gets less of the processor than this part of the time in which it wants to work
+# shares it with others.
+_SHARED = 0.75
+
+
+class Mark(NamedTuple):
+    """
+    How far everything was at one moment; seconds since the start, but for `time`.
+    """
+
+    wall: float
+    time: int  # simulated [ns]
+    computed: float  # in the steps
+    waited: float  # for the wanted pace
+    processor: float  # that this thread got
 
 
 class Pace:
@@ -27,7 +43,9 @@ class Pace:
         """
         self._factor = factor
         self._speed = 0.0  # simulated nanoseconds for each second of computing
-        self._marks: deque[tuple[float, int]] = deque()
+        self._computed, self._waited = 0.0, 0.0
+        self._waits_since: float | None = None
+        self._marks: deque[Mark] = deque()
         self.restart(0)
 
     def set_factor(self, factor: float, now: int) -> None:
@@ -42,8 +60,10 @@ class Pace:
         Count from here: simulated time stood still, or jumped to `now` [ns].
         """
         self._start_wall, self._start_time = wall.monotonic(), now
-        self._marks.clear()
-        self._marks.append((self._start_wall, now))
+        self._waits_since = None
+        mark = self._mark(self._start_wall, now)
+        # Never empty: other threads read the marks.
+        self._marks = deque([mark])
 
     def forget_speed(self) -> None:
         """
@@ -55,6 +75,7 @@ class Pace:
         """
         Note that `simulated` nanoseconds took `seconds` to compute.
         """
+        self._computed += seconds
         if seconds > 0.0 and simulated > 0:
             speed = simulated / seconds
             self._speed = speed if self._speed == 0.0 else 0.8 * self._speed + 0.2 * speed
@@ -73,23 +94,51 @@ class Pace:
     def delay(self, now: int) -> float:
         """
         Wall time [s] to wait at simulated time `now` [ns] for the wanted pace.
+
+        To be asked again after the wait, which ends with that.
         """
         clock = wall.monotonic()
-        if clock - self._marks[-1][0] > 0.05:
-            self._marks.append((clock, now))
-            while clock - self._marks[0][0] > _WINDOW and len(self._marks) > 2:
+        if self._waits_since is not None:
+            self._waited += clock - self._waits_since
+            self._waits_since = None
+        if clock - self._marks[-1].wall > 0.05:
+            self._marks.append(self._mark(clock, now))
+            while clock - self._marks[0].wall > _WINDOW and len(self._marks) > 2:
                 self._marks.popleft()
         if not self._factor > 0.0:
             return 0.0
         ahead = (now - self._start_time) / NANOSECONDS / self._factor - (clock - self._start_wall)
         if ahead < -_LARGEST_LAG:
             self._start_wall, self._start_time = clock, now
+        if ahead > 0.0:
+            self._waits_since = clock
         return max(ahead, 0.0)
 
     def factor(self, now: int) -> float:
         """
         Achieved ratio over the last while.
         """
-        since, start = self._marks[0]
-        passed = wall.monotonic() - since
-        return (now - start) / NANOSECONDS / passed if passed > 0.0 else 0.0
+        first = self._marks[0]
+        passed = wall.monotonic() - first.wall
+        return (now - first.time) / NANOSECONDS / passed if passed > 0.0 else 0.0
+
+    def cause(self) -> str:
+        """
+        Say what the wall time of the last while went into: why a run is no faster than it is.
+        """
+        marks = self._marks
+        first, last = marks[0], marks[-1]
+        passed = last.wall - first.wall
+        busy = passed - (last.waited - first.waited)
+        if not busy > 0.0:
+            return 'nothing was computed'
+        steps = (last.computed - first.computed) / passed
+        rest = max(busy / passed - steps, 0.0)
+        text = f'{steps:.0%} of the time goes into the steps, {rest:.0%} into messages and changes'
+        got = (last.processor - first.processor) / busy
+        if got < _SHARED:
+            text += f'; the processor is shared: this thread got {got:.0%} of one'
+        return text
+
+    def _mark(self, clock: float, now: int) -> Mark:
+        return Mark(clock, now, self._computed, self._waited, wall.thread_time())

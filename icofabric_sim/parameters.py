@@ -82,6 +82,17 @@ class Parameters(Mapping[str, Value]):
         """
         return {name: value for name, value in self.table.items() if name in self.explicit}
 
+    def complete(self) -> dict[str, Value]:
+        """
+        All values, as a file can hold them: without defaults that others overrule.
+
+        A thickness beside an inner edge would be refused when the file is read.
+        """
+        overruled = set()
+        if self.table['shell.inner_edge_length'] > 0.0:  # type: ignore[operator]
+            overruled = {'shell.thickness'} - self.explicit
+        return {name: value for name, value in self.table.items() if name not in overruled}
+
     def with_changes(self, changes: Mapping[str, Any]) -> 'Parameters':
         """
         Apply a set of `changes` at once; raises ParameterError and leaves this object as it is.

@@ -2,6 +2,22 @@
 # Licensed under the Apache License, Version 2.0; see LICENSE.
 """
 Wrenches that wait for their stamp, and the count of those that never acted.
+
+Who sent a wrench is not known and does not matter: of several senders on one channel, or on one
+body, the wrench that acts last rules alone until another one acts, or until the hold time of the
+channel has passed. Those of one stamp act in the order in which they were received. When a sender
+is gone its last wrench stays, and what it had sent ahead still acts; a `loads.NAME.hold` is the
+way to have a wrench end with its sender. Nothing is kept for those who come later: whoever listens
+to a channel hears what is sent from then on.
+
+What waits when the run is changed from outside:
+
+- a pause: it waits on, and acts at its stamp, in the first step after the pause at the earliest;
+- another weave: what still has its body or its channel waits on, the rest is dropped;
+- a reset, or a checkpoint that is restored: all of it is dropped, as what acts is forgotten then;
+- a failure, or the end of the run: all of it is dropped.
+
+What was dropped is counted and said.
 """
 
 from collections.abc import Callable
@@ -10,14 +26,18 @@ import logging
 import math
 import time as wall
 
+from icofabric_sim.inputs import Key
 from icofabric_sim.messages import WrenchStampedBytes
 from icofabric_sim.run_records import WrenchInput
+from icofabric_sim.scene import Scene
 from icofabric_sim.schedule import NANOSECONDS, seconds
 from icofabric_sim.simulation import Simulation
 
 _LOGGER = logging.getLogger('icofabric_sim')
 # Wall time between two warnings of dropped wrenches [s].
 _DROP_INTERVAL = 1.0
+# Wrenches that wait at most: while time stands still those stamped ahead would fill the memory.
+LARGEST_QUEUE = 100_000
 
 
 class PendingInputs:
@@ -35,6 +55,12 @@ class PendingInputs:
         self._horizon_warned = False
         self._last_drop = -math.inf
 
+    def __len__(self) -> int:
+        """
+        Count those that wait.
+        """
+        return len(self._queue)
+
     @property
     def next_time(self) -> int | None:
         """
@@ -46,6 +72,9 @@ class PendingInputs:
         """
         Queue a wrench received at `now` [ns]; a stamp more than `horizon` [s] ahead acts at once.
         """
+        if len(self._queue) >= LARGEST_QUEUE:
+            self.drop(received, f'{LARGEST_QUEUE:,} wrenches wait for their stamp already')
+            return
         at = received.stamp
         if at > now + round(horizon * NANOSECONDS):
             if not self._horizon_warned:
@@ -74,8 +103,9 @@ class PendingInputs:
         """
         while self._queue and self._queue[0][0] <= now:
             _, _, received = heapq.heappop(self._queue)
-            key, scene = received.key, simulation.scene
-            if not (key < scene.body_count if isinstance(key, int) else key in scene.loads):
+            key = received.key
+            if not knows(simulation.scene, key):
+                # Received after the weave changed, from one who does not know it yet.
                 self.drop(received, 'the weave changed before it acted')
                 continue
             record(received.topic, WrenchStampedBytes.TYPE, now, received.data)
@@ -93,16 +123,27 @@ class PendingInputs:
             self._last_drop = wall.monotonic()
             _LOGGER.warning('a wrench on %s was dropped: %s', received.topic, reason)
 
-    def drop_all(self, reason: str) -> None:
+    def drop_all(self, reason: str) -> int:
         """
-        Count those that wait and will not act any more; says once how many.
+        Count those that wait and will not act any more; says once how many, and returns it.
         """
-        count = len(self._queue)
+        return self._drop_where(lambda received: True, reason)
+
+    def drop_unknown(self, scene: Scene, reason: str) -> int:
+        """
+        The same for those whose channel or body is not part of `scene`.
+        """
+        return self._drop_where(lambda received: not knows(scene, received.key), reason)
+
+    def _drop_where(self, is_lost: Callable[[WrenchInput], bool], reason: str) -> int:
+        lost = [entry for entry in self._queue if is_lost(entry[2])]
+        count = len(lost)
         if not count:
-            return
-        topics = ', '.join(sorted({received.topic for _, _, received in self._queue}))
-        first = seconds(self._queue[0][0])
-        self._queue.clear()
+            return 0
+        topics = ', '.join(sorted({received.topic for _, _, received in lost}))
+        first = seconds(min(lost)[0])
+        # A sorted list is a heap.
+        self._queue = sorted(entry for entry in self._queue if not is_lost(entry[2]))
         self.dropped += count
         _LOGGER.warning(
             '%d waiting wrench%s dropped (%s; the first for t = %.9g s): %s',
@@ -112,3 +153,18 @@ class PendingInputs:
             first,
             reason,
         )
+        return count
+
+
+def knows(scene: Scene, key: Key) -> bool:
+    """
+    Whether a scene has the channel or the body of a wrench.
+    """
+    return key < scene.body_count if isinstance(key, int) else key in scene.loads
+
+
+def describe_key(key: Key) -> str:
+    """
+    A channel or a body in words.
+    """
+    return f'body {key}' if isinstance(key, int) else f'loads.{key}'

@@ -7,9 +7,10 @@ Until contact is built this is a warning, once.
 """
 
 import logging
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from icofabric_sim.layout import Layout
+from icofabric_sim.memory import as_number, Memory
 import numpy as np
 from scipy.spatial import cKDTree
 
@@ -81,6 +82,12 @@ class ProximityWatch:
             return
         self.reach = 0.25 * (smallest - self.limit)
 
+    def forget(self) -> None:
+        """
+        Look as if nothing had come close yet.
+        """
+        self.found, self._announced = None, False
+
     def announce(self) -> None:
         """
         Warn of what was found, once.
@@ -88,6 +95,48 @@ class ProximityWatch:
         if self.found is not None and not self._announced:
             self._announced = True
             _LOGGER.warning('%s', self.found)
+
+    def rebase(self, time: float) -> None:
+        """
+        Begin at another `time` [s]: nothing has moved yet.
+        """
+        if self.found is not None:
+            self.found = self.found._replace(time=time)
+
+    def memory(self) -> dict[str, Any]:
+        """
+        Where bodies were looked at, and what was found and said.
+        """
+        memory: dict[str, Any] = {'reach': self.reach, 'announced': self._announced}
+        if self.found is not None:
+            memory['found'] = [*self.found]
+        if self.reach < np.inf:
+            memory['reference'] = self._layout.gather(self.reference)
+        return memory
+
+    def recall(self, memory: Memory) -> None:
+        """
+        Go on from there.
+        """
+        self.reach = memory.number('reach', 0.0, finite=False)
+        self._announced = memory.flag('announced')
+        self.found = self._judged(memory.entries('found')) if 'found' in memory else None
+        self.reference[:] = 0.0
+        if self.reach < np.inf:
+            self.reference[:, self._layout.slot] = memory.array(
+                'reference', (self._layout.body_count, 3)).T
+
+    def _judged(self, entry: list[Any]) -> Proximity:
+        """
+        What was found, from a list of numbers.
+        """
+        if len(entry) == 5:
+            time, first, second, distance, _ = entry
+            bodies = range(self._layout.body_count)
+            pair = all(type(body) is int and body in bodies for body in (first, second))
+            if pair and None not in (as_number(time), as_number(distance)):
+                return Proximity(float(time), first, second, float(distance), self.limit)
+        raise ValueError('watch.found is no time, pair of bodies and distance')
 
     def take_over(self, found: Proximity | None) -> None:
         """

@@ -1,13 +1,14 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
 """
-Reading a recorded run back: its scene, poses over time, markers and inputs.
+Reading a recorded run back: its scene, poses over time, markers, inputs and events.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+import json
 from pathlib import Path
 from types import TracebackType
-from typing import NamedTuple, Self, TypeVar
+from typing import Any, NamedTuple, Self, TypeVar
 
 from icofabric_sim.bag import BagError, BagReader, BagTopic
 from icofabric_sim.messages import (
@@ -22,7 +23,7 @@ from icofabric_sim.messages import (
     WrenchStampedBytes,
 )
 from icofabric_sim.parameter_sections import ParameterSet
-from icofabric_sim.parameters import make_parameters
+from icofabric_sim.parameters import make_parameters, Parameters
 from icofabric_sim.scene import Scene
 from icofabric_sim.schedule import seconds
 import numpy as np
@@ -73,26 +74,54 @@ class RecordedInput(NamedTuple):
         return not (self.force.any() or self.torque.any())
 
 
+class RecordedEvent(NamedTuple):
+    """
+    What was done to the run beside its inputs, see `Broadcast.event`.
+    """
+
+    nanoseconds: int
+    name: str
+    facts: Mapping[str, Any]
+
+    @property
+    def time(self) -> float:
+        """
+        Simulated time [s] at which it happened.
+        """
+        return seconds(self.nanoseconds)
+
+
 class RecordedRun:
     """
     A bag of one fabric, open from the construction to `close`.
     """
 
-    def __init__(self, path: str | Path) -> None:
+    def __init__(self, path: str | Path, node: str = '') -> None:
         """
         Open a bag folder or file; BagError says what is wrong with it.
+
+        `node` is the name of the fabric's node; '': the first of those that recorded poses.
         """
         self._reader = BagReader(path)
         self.path = self._reader.path
         self.topics: dict[str, BagTopic] = self._reader.topics
-        self.custom = self._reader.custom
-        names = [
-            name
+        # All nodes that recorded poses.
+        self.nodes = sorted(
+            name.removesuffix('/poses')
             for name, topic in self.topics.items()
             if name.endswith('/poses') and topic.type_name == PoseArrayBytes.TYPE
-        ]
-        # Of several fabrics in one bag the first is read.
-        self.node = min(names)[: -len('/poses')] if names else ''
+        )
+        self.node = node or (self.nodes[0] if self.nodes else '')
+        if node and not any(name.startswith(f'{node}/') for name in self.topics):
+            self.close()
+            raise BagError(
+                f'{self.path} holds no topics of {node!r}; its fabrics: '
+                f'{", ".join(self.nodes) or "none"}'
+            )
+        # What the recorder says; of several fabrics each has said its own.
+        self.custom = (
+            self._reader.custom_on(f'{self.node}/recording') if len(self.nodes) > 1 else {}
+        ) or self._reader.custom
         self._scenes: dict[int, Scene] = {}
 
     @property
@@ -128,7 +157,7 @@ class RecordedRun:
             if time == previous or (wanted is not None and time not in wanted):
                 continue
             previous = time
-            values = np.array(self._decoded(decode_pose_array, data).values)
+            values = np.array(self.decoded(decode_pose_array, data).values)
             yield PoseFrame(time, values[:, :3], values[:, 3:])
 
     def markers(self, time: int) -> list[MarkerPoints]:
@@ -137,7 +166,7 @@ class RecordedRun:
         """
         shown: dict[int, MarkerPoints] = {}
         for _, _, data in self._reader.messages([f'{self.node}/connectors'], stop=time + 1):
-            marker = self._decoded(decode_marker_points, data)
+            marker = self.decoded(decode_marker_points, data)
             if marker.action == MarkerAction.DELETEALL:
                 shown.clear()
             elif marker.action == MarkerAction.DELETE:
@@ -153,17 +182,55 @@ class RecordedRun:
         names = [
             name
             for name, topic in self.topics.items()
-            if topic.type_name == WrenchStampedBytes.TYPE
+            if topic.type_name == WrenchStampedBytes.TYPE and name.startswith(f'{self.node}/')
         ]
         result = []
         for name, time, data in self._reader.messages(names):
-            wrench = self._decoded(decode_wrench_stamped, data)
+            wrench = self.decoded(decode_wrench_stamped, data)
             result.append(
                 RecordedInput(
                     time, name, wrench.frame_id, np.array(wrench.first), np.array(wrench.second)
                 )
             )
         return result
+
+    def events(self) -> Iterator[RecordedEvent]:
+        """
+        What was done to the run beside its inputs, in order of time.
+        """
+        for _, time, data in self._reader.messages([f'{self.node}/events']):
+            yield self.event(time, data)
+
+    def event(self, time: int, data: bytes) -> RecordedEvent:
+        """
+        The event that a message of `time` [ns] tells.
+        """
+        try:
+            facts = json.loads(self.decoded(decode_string, data))
+            return RecordedEvent(time, str(facts.pop('event')), facts)
+        except (ValueError, KeyError, AttributeError, TypeError) as error:
+            raise BagError(
+                f'{self.path} holds an event at t = {seconds(time):.9g} s that is none: {error!r}'
+            ) from error
+
+    def times_of(self, name: str) -> list[int]:
+        """
+        Times [ns] of all messages of the private topic `name` ('~/...').
+        """
+        resolved = self.node + name.removeprefix('~')
+        return [time for _, time, _ in self._reader.messages([resolved])]
+
+    def messages(
+        self, *, start: int | None = None, stop: int | None = None
+    ) -> Iterator[tuple[str, int, bytes]]:
+        """
+        Yield (topic, time [ns], message) of this fabric and /clock, start <= time < stop.
+
+        In order of time, and then as they were written; the fabric's own topics are named '~/...'.
+        """
+        own = [name for name in self.topics if name.startswith(f'{self.node}/')]
+        for name, time, data in self._reader.messages([*own, '/clock'], start=start, stop=stop):
+            yield name if name == '/clock' else f'~{name.removeprefix(self.node)}', time, data
 
     def scene_texts(self) -> list[tuple[int, str]]:
         """
@@ -173,7 +240,7 @@ class RecordedRun:
         texts = []
         if name in self.topics and self.topics[name].type_name == StringBytes.TYPE:
             texts = [
-                (time, self._decoded(decode_string, data))
+                (time, self.decoded(decode_string, data))
                 for _, time, data in self._reader.messages([name])
             ]
         if not texts and self.custom.get('scene'):
@@ -193,16 +260,28 @@ class RecordedRun:
         before = [number for number, (start, _) in enumerate(texts) if start <= time]
         number = before[-1] if before else 0
         if number not in self._scenes:
-            parameters = ParameterSet('/icofabric')
-            try:
-                parameters.add_file(texts[number][1].encode(), 'its scene')
-                self._scenes[number] = Scene.from_parameters(
-                    make_parameters(parameters.parameters()))
-            except ValueError as error:
-                raise BagError(
-                    f'{self.path} holds a scene that this version cannot build: {error}'
-                ) from error
+            self._scenes[number] = self.build(self.parameters_of(texts[number][1]))
         return self._scenes[number]
+
+    def parameters_of(self, text: str) -> Parameters:
+        """
+        The parameters that a parameter file holds; BagError where they cannot be taken.
+        """
+        parameters = ParameterSet('/icofabric')
+        try:
+            parameters.add_file(text.encode(), 'its scene')
+            return make_parameters(parameters.parameters())
+        except ValueError as error:
+            raise self._unknown_scene(error) from error
+
+    def build(self, parameters: Parameters) -> Scene:
+        """
+        The scene of recorded parameters; BagError where this version cannot build it.
+        """
+        try:
+            return Scene.from_parameters(parameters)
+        except ValueError as error:
+            raise self._unknown_scene(error) from error
 
     def close(self) -> None:
         """
@@ -221,7 +300,13 @@ class RecordedRun:
     ) -> None:
         self.close()
 
-    def _decoded(self, decode: Callable[[bytes], _Message], data: bytes) -> _Message:
+    def _unknown_scene(self, error: ValueError) -> BagError:
+        return BagError(f'{self.path} holds a scene that this version cannot build: {error}')
+
+    def decoded(self, decode: Callable[[bytes], _Message], data: bytes) -> _Message:
+        """
+        A message as `decode` reads it; BagError where it is malformed.
+        """
         try:
             return decode(data)
         except ValueError as error:

@@ -5,21 +5,32 @@ The bag of a run: which topics go in, under which names, and what it says about 
 """
 
 from collections.abc import Callable
+import functools
 from importlib import metadata
 import json
+import os
 from pathlib import Path
 import platform
-from typing import Any
+import time
 
-from icofabric_sim.bag import BagError, BagRecorder, next_free_path
+from icofabric_sim.bag import BagError, BagRecorder, next_free_path, RecorderStatistics
 from icofabric_sim.growth import Growth
-from icofabric_sim.outputs import Topic, TOPICS
+from icofabric_sim.messages import decode_string
+from icofabric_sim.outputs import CHECKPOINT, EVENTS, Topic, TOPICS, WEAVE
 from icofabric_sim.parameter_text import dump_parameters
 from icofabric_sim.parameters import Parameters
 from icofabric_sim.run_records import Status
+from icofabric_sim.schedule import nanoseconds_not_before
 from icofabric_sim.simulation import Simulation
 
 _LIBRARIES = ('numpy', 'scipy', 'numba', 'llvmlite', 'rosbags')
+# What a run cannot be repeated without is never dropped.
+_ESSENTIAL = (CHECKPOINT, EVENTS, WEAVE)
+# How long a live run waits for its disk when a bag is opened or closed [s]; then it goes on, and
+# the disk may follow.
+_PATIENCE = 0.5
+# Wall time between two warnings that messages are dropped [s].
+_WARNING_INTERVAL = 10.0
 
 
 def describe_run(
@@ -34,7 +45,7 @@ def describe_run(
     from icofabric_sim import __version__
 
     return {
-        'scene': dump_parameters(dict(in_force)),
+        'scene': dump_parameters(in_force.complete()),
         'version': __version__,
         'method': simulation.method_name,
         'method_reason': simulation.method_reason,
@@ -42,9 +53,17 @@ def describe_run(
         'threads': str(simulation.thread_count),
         'step': repr(simulation.step),
         'processor': host_processor(),
-        'libraries': json.dumps({name: metadata.version(name) for name in _LIBRARIES}),
+        'libraries': library_versions(),
         'python': platform.python_version(),
     }
+
+
+@functools.cache
+def library_versions() -> str:
+    """
+    Versions of the libraries that the bits of a run depend on, and of what wrote it: JSON.
+    """
+    return json.dumps({name: metadata.version(name) for name in _LIBRARIES})
 
 
 def summarise_run(status: Status) -> dict[str, str]:
@@ -85,7 +104,10 @@ def host_processor() -> str:
 
 class BagSink:
     """
-    A bag as a sink of the runner.
+    Bags as a sink of the runner: one after the other, as recording is switched off and on.
+
+    Called from the thread of the simulation, which no disk ever stops: an error ends the bag, is
+    told once to `on_error`, and the run goes on; recording can be switched on again.
     """
 
     def __init__(
@@ -93,37 +115,38 @@ class BagSink:
         path: str | Path,
         simulation: Simulation,
         *,
-        storage: str,
         live: bool,
+        storage: str | None = None,
+        parameters: Parameters | None = None,
         name: str = '/icofabric',
         on_error: Callable[[BagError], None] | None = None,
+        on_warning: Callable[[str], None] | None = None,
         summarise: Callable[[Status], dict[str, str]] = summarise_run,
     ) -> None:
         """
         Open the bag; raises BagError (a ValueError) naming `record.path` where that fails.
 
-        A `live` run drops and counts messages when the disk is too slow; otherwise the run waits
-        for the disk. `summarise` makes the last words of a bag that a jump of time ends.
+        Without a path nothing is recorded until `switch`. `parameters` are those in force, where
+        they are not the scene's. Path and storage that are not theirs hold for all bags; the rest
+        is in their `record.*`.
+
+        A `live` run drops and counts messages when the disk is too slow, and says so to
+        `on_warning`; otherwise the run waits for the disk. `summarise` makes the last words of a
+        bag that a jump of time or a switch ends.
         """
         self._summarise = summarise
-        self.base = Path(path)
+        parameters = parameters or simulation.scene.parameters
+        self._path = '' if str(path) == parameters['record.path'] else str(path)
+        self._storage = '' if storage in (None, parameters['record.storage']) else storage
         self.name = name
-        self._options: dict[str, Any] = {
-            'storage': storage,
-            'overflow': 'drop' if live else 'wait',
-            'on_error': on_error,
-        }
-        self.recorder = self._open(self.base, describe_run(simulation))
-
-    def _open(self, path: Path, custom: dict[str, str]) -> BagRecorder:
-        recorder = BagRecorder(path, custom=custom, **self._options)
-        for topic in TOPICS:
-            if topic.recorded:
-                recorder.add_topic(
-                    self.resolve(topic.name), topic.type, latched=topic.latched, depth=topic.depth
-                )
-        self._inputs: set[str] = set()
-        return recorder
+        self._live, self._on_error, self._on_warning = live, on_error, on_warning
+        self.recorder: BagRecorder | None = None  # of the present bag, else of the last one
+        self.is_recording = False
+        self._closing: list[BagRecorder] = []  # whose disk has not finished yet
+        self._earlier = 0  # messages that earlier bags dropped or lost
+        self._warned = -_WARNING_INTERVAL
+        if str(path):
+            self._open(Path(path), simulation, parameters, patience=None)
 
     @property
     def is_bag(self) -> bool:
@@ -131,6 +154,37 @@ class BagSink:
         Whether messages are kept.
         """
         return True
+
+    @property
+    def path(self) -> Path | None:
+        """
+        Folder of the present bag, or of the last one; None: there was none.
+        """
+        return None if self.recorder is None else self.recorder.path
+
+    @property
+    def error(self) -> BagError | None:
+        """
+        Why the present bag, or the last one, has ended early.
+        """
+        return None if self.recorder is None else self.recorder.error
+
+    @property
+    def statistics(self) -> RecorderStatistics:
+        """
+        What became of the messages of the present bag, or of the last one.
+        """
+        if self.recorder is None:
+            return RecorderStatistics(0, 0, 0, 0, 0, 0, 0.0)
+        return self.recorder.statistics
+
+    @property
+    def dropped(self) -> int:
+        """
+        Messages that are in no bag although they should be, of all bags together.
+        """
+        statistics = self.statistics
+        return self._earlier + statistics.dropped + statistics.lost
 
     def resolve(self, name: str) -> str:
         """
@@ -142,22 +196,56 @@ class BagSink:
         """
         Whether the topic goes into the bag.
         """
-        return topic.recorded and self.recorder.error is None
+        return topic.recorded and self._taking() is not None
 
     def send(self, topic: Topic, nanoseconds: int, data: bytes) -> None:
         """
-        Record an output; a scene is never dropped.
+        Record an output; a scene, an event or a checkpoint is never dropped.
         """
-        self.recorder.write(self.resolve(topic.name), nanoseconds, data, essential=topic.latched)
+        recorder = self._taking()
+        if recorder is None:
+            return
+        self._add(recorder, topic)
+        if topic is WEAVE:
+            # For the later files of a split bag.
+            recorder.set_heading('scene', decode_string(data))
+        essential = topic in _ESSENTIAL
+        if not recorder.write(
+            self.resolve(topic.name), nanoseconds, data, essential=essential
+        ):
+            self._warn(recorder)
 
     def send_input(self, topic: str, type_name: str, nanoseconds: int, data: bytes) -> None:
         """
         Record an input at the time it acts; never dropped.
         """
-        if topic not in self._inputs:
-            self._inputs.add(topic)
-            self.recorder.add_topic(topic, type_name, latched=False, depth=100)
-        self.recorder.write(topic, nanoseconds, data, essential=True)
+        recorder = self._taking()
+        if recorder is not None:
+            recorder.add_topic(topic, type_name, latched=False, depth=100)
+            recorder.write(topic, nanoseconds, data, essential=True)
+
+    def switch(
+        self, on: bool, simulation: Simulation, parameters: Parameters, status: Status
+    ) -> str:
+        """
+        Open the next bag (PATH, PATH_1, ...), after closing the present one, or close it only.
+
+        Returns what was done; BagError says why a bag cannot be opened and what to set. It begins
+        with what is known of the run; the scene and the state are the caller's to send.
+        """
+        base = self._path or str(parameters['record.path'])
+        if on and not base:
+            raise BagError(
+                'record.path is empty: there is no folder to record to; set it first (ros2 param '
+                f'set {self.name} record.path runs/mine), or start with -p record.path:=runs/mine')
+        closed = self._close_present(self._summarise(status)) if self.is_recording else ''
+        if not on:
+            return closed or 'nothing was being recorded'
+        self._open(Path(base), simulation, parameters, patience=_PATIENCE, status=status)
+        said = f'recording to {self.path}'
+        if self.recorder is not None and not self.recorder.survives_kill:
+            said += ', whole only once it is closed (mcap survives a kill)'
+        return f'{said}; {closed}' if closed else said
 
     def time_jumped_back(
         self, simulation: Simulation, parameters: Parameters, ended: Status
@@ -167,20 +255,111 @@ class BagSink:
 
         Where that is not possible the run goes on without one, as after any error of the disk.
         """
-        self.close(summary=self._summarise(ended))
+        if not self.is_recording:
+            return
+        self._close_present(self._summarise(ended))
+        base = self._path or str(parameters['record.path'])
         try:
-            self.recorder = self._open(
-                next_free_path(self.base), describe_run(simulation, parameters)
-            )
+            if not base:
+                raise BagError('record.path is empty: the bag ends where time has jumped')
+            self._open(Path(base), simulation, parameters, patience=_PATIENCE)
         except BagError as error:
-            self.recorder.error = error
-            if self._options['on_error'] is not None:
-                self._options['on_error'](error)
+            if self._on_error is not None:
+                self._on_error(error)
 
     def close(self, *, summary: dict[str, str] | None = None) -> None:
         """
         Write what is queued and close the bag, with a `summary` in its custom data.
         """
-        for key, value in (summary or {}).items():
-            self.recorder.set_custom(key, value)
-        self.recorder.close()
+        if self.is_recording:
+            self._close_present(summary or {}, patience=None)
+        for recorder in self._closing:
+            recorder.close()
+        self._closing.clear()
+
+    def _taking(self) -> BagRecorder | None:
+        """
+        The recorder, while it takes messages.
+        """
+        recorder = self.recorder
+        return recorder if self.is_recording and recorder and recorder.error is None else None
+
+    def _open(
+        self, base: Path, simulation: Simulation, parameters: Parameters, *,
+        patience: float | None, status: Status | None = None,
+    ) -> None:
+        """
+        Open the first bag as `base`, and every other beside it.
+        """
+        start = nanoseconds_not_before(simulation.time) if status is None else status.time
+        path = base if patience is None else next_free_path(base)
+        while True:
+            try:
+                recorder = BagRecorder(
+                    path,
+                    storage=self._storage or str(parameters['record.storage']),
+                    compression=str(parameters['record.compression']),
+                    split_size=int(parameters['record.split_size']),
+                    split_duration=float(parameters['record.split_duration']),
+                    overflow='drop' if self._live else 'wait',
+                    custom=describe_run(simulation, parameters),
+                    custom_topic=self.resolve('~/recording'),
+                    start=start,
+                    patience=patience if self._live else None,
+                    on_error=self._on_error,
+                )
+                break
+            except BagError:
+                # Somebody else may have taken the name meanwhile.
+                if patience is None or not os.path.lexists(path):
+                    raise
+                path = next_free_path(base)
+        if self.recorder is not None:
+            self._earlier = self.dropped
+        self.recorder, self.is_recording = recorder, True
+        for topic in TOPICS:
+            if topic.recorded:
+                self._add(recorder, topic)
+
+    def _add(self, recorder: BagRecorder, topic: Topic) -> None:
+        recorder.add_topic(
+            self.resolve(topic.name), topic.type, latched=topic.latched, depth=topic.depth)
+
+    def _close_present(
+        self, summary: dict[str, str], *, patience: float | None = _PATIENCE
+    ) -> str:
+        """
+        Close the bag; a live run waits no longer than the `patience` for it. Says what was done.
+        """
+        recorder = self.recorder
+        assert recorder is not None
+        self.is_recording = False
+        for key, value in summary.items():
+            recorder.set_custom(key, value)
+        statistics = recorder.statistics
+        if statistics.dropped:
+            recorder.set_custom('messages_dropped', str(statistics.dropped))
+        finished = recorder.close(patience if self._live else None)
+        self._closing = [item for item in self._closing if not item.close(0.0)]
+        if not finished:
+            self._closing.append(recorder)
+            return f'{recorder.path} is still being written: its disk is slow'
+        if recorder.error is not None:
+            return str(recorder.error)
+        return f'{recorder.path} is closed'
+
+    def _warn(self, recorder: BagRecorder) -> None:
+        """
+        Say that messages are dropped, now and then.
+        """
+        if (
+            recorder.error is not None or self._on_warning is None
+            or time.monotonic() - self._warned < _WARNING_INTERVAL
+        ):
+            return
+        self._warned = time.monotonic()
+        statistics = recorder.statistics
+        self._on_warning(
+            f'the disk of {recorder.path} is too slow: {statistics.dropped} messages are not in '
+            f'the bag so far, and it lags {statistics.lag:.2g} s behind; the simulation goes on, '
+            'and inputs are kept')

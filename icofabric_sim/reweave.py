@@ -2,20 +2,29 @@
 # Licensed under the Apache License, Version 2.0; see LICENSE.
 """
 Changes of a running scene: built aside in a thread of their own, swapped in between two steps.
+
+What a change does to the run follows from the parameters before and after it, and from nothing
+else: so a record that holds them can be simulated again. Rates, pace, duration and recording are
+the runner's own. Everything else is a fabric built anew that goes on from the state of the old
+one, bit for bit, and at its time; only a change of `weave.*`, `shell.*` or `bodies.*`, which means
+other bodies, begins at rest. Wrenches go on where the new scene has their channel or their body
+(by number), also those whose hold time runs; the others end, by name.
 """
 
 from collections.abc import Callable
 import threading
 
 from icofabric_sim.parameters import Parameters
+from icofabric_sim.pending import describe_key, knows
 from icofabric_sim.scene import Scene
 from icofabric_sim.simulation import compile_scene, Simulation
 
 # Parameters that concern the runner alone: the fabric is not touched.
 _RUNNER_NAMES = frozenset({
     'publish_rate', 'marker_rate', 'clock_rate', 'real_time_factor', 'duration', 'step_count',
-    'input_horizon', 'reset_time',
+    'input_horizon', 'reset_time', 'publish_clock', 'start_paused',
 })
+_RUNNER_PREFIXES = ('record.', 'checkpoint.')
 # A change of these restarts the motion: there are other bodies.
 _WEAVE_PREFIXES = ('weave.', 'shell.', 'bodies.')
 
@@ -31,15 +40,16 @@ def concerns_runner_only(before: Parameters, after: Parameters) -> bool:
     """
     Whether rates, pace or duration are all that changes.
     """
-    return changed_names(before, after) <= _RUNNER_NAMES
+    return all(map(_is_runners, changed_names(before, after)))
 
 
 def with_rates(current: Parameters, wanted: Parameters) -> Parameters:
     """
     The `current` set with the rates, pace and duration of the `wanted` one.
     """
-    names = changed_names(current, wanted) & _RUNNER_NAMES
-    return current.with_changes({name: wanted[name] for name in names}) if names else current
+    names = filter(_is_runners, changed_names(current, wanted))
+    changes = {name: wanted[name] for name in names}
+    return current.with_changes(changes) if changes else current
 
 
 def restarts_motion(before: Parameters, after: Parameters) -> bool:
@@ -47,6 +57,17 @@ def restarts_motion(before: Parameters, after: Parameters) -> bool:
     Whether the change from one set to the other weaves the fabric anew.
     """
     return any(name.startswith(_WEAVE_PREFIXES) for name in changed_names(before, after))
+
+
+def lost_wrenches(before: Simulation, scene: Scene) -> list[str]:
+    """
+    Names of the wrenches acting in `before` that `scene` has no channel or no body for.
+    """
+    return [describe_key(key) for key in before.active_loads if not knows(scene, key)]
+
+
+def _is_runners(name: str) -> bool:
+    return name in _RUNNER_NAMES or name.startswith(_RUNNER_PREFIXES)
 
 
 class Reweaver:
@@ -62,7 +83,8 @@ class Reweaver:
         """
         `post` brings a call into the runner's thread, where `on_ready` hears of each result.
 
-        The result is the simulation, or None and the reason.
+        The result is the simulation, or None and the reason, after the parameters wanted by then:
+        their rates may be newer than those in the scene that was built.
         """
         self._post = post
         self._on_ready = on_ready

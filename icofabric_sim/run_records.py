@@ -4,10 +4,12 @@
 What goes into a running simulation, and what it reports.
 """
 
+import math
 from typing import Any, NamedTuple
 
-from icofabric_sim.inputs import Key
+from icofabric_sim.inputs import Inputs, Key
 from icofabric_sim.simulation import Simulation
+import numpy as np
 
 
 class WrenchInput(NamedTuple):
@@ -56,6 +58,12 @@ class Status(NamedTuple):
     errors: Errors | None  # None: not measured
     balance_error: float  # present error of the energy balance, in parts of the largest energy
     balance_worst: float  # the largest so far
+    energy_limit: float = math.inf  # what it may be before the run stops
+    loads_waiting: int = 0  # wrenches whose stamp lies ahead
+    contacts: int = 0  # not built yet
+    breaks: int = 0  # not built yet
+    cause: str = ''  # why the run is no faster than it is
+    lag: float = 0.0  # longest time that a request waited since the last report [s]
 
 
 def figures(simulation: Simulation) -> dict[str, Any]:
@@ -75,6 +83,7 @@ def figures(simulation: Simulation) -> dict[str, Any]:
         'tolerance': simulation.scene.parameters['solver.tolerance'],
         'balance_error': balance.error / balance.scale if balance.scale > 0.0 else 0.0,
         'balance_worst': balance.worst,
+        'energy_limit': simulation.scene.parameters['solver.energy_limit'],
     }
 
 
@@ -87,3 +96,16 @@ def cheap_errors(simulation: Simulation) -> Errors | None:
     if simulation.scene.parameters['solver.step'] > 0.0:
         return None
     return Errors(simulation.error_rate, simulation.error_estimate)
+
+
+def begins_anew(simulation: Simulation) -> bool:
+    """
+    Whether a simulation stands where building its scene has put it: nothing was done to it yet.
+    """
+    if simulation.time != 0.0 or simulation.waiting_loads:
+        return False
+    state, first = simulation.snapshot(), simulation.scene.initial
+    acting, steady = simulation.active_loads, Inputs(simulation.scene).active
+    return acting.keys() == steady.keys() and all(
+        wrench.same(steady[key]) for key, wrench in acting.items()
+    ) and all(np.array_equal(getattr(state, name), getattr(first, name)) for name in first._fields)

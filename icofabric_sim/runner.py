@@ -5,38 +5,30 @@ Runs a simulation in time: inputs at their moment, outputs on their grid, at the
 
 One runner serves the node (its own thread, live topics and bag) and `icofabric run` (no graph, bag
 only). Simulated time between two calls of the simulation is always a whole number of nanoseconds,
-so every input acts at a time that a bag can hold, and a run repeats to the last bit.
+so every input acts at a time that a bag can hold, and a run repeats to the last bit. What else is
+done to a run (pause, steps, reset, another weave, ...) is told as an event, and recorded like the
+inputs: before any state that it changed.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import Future
-from contextlib import suppress
-import logging
-import math
-from queue import SimpleQueue
-import threading
+from pathlib import Path
 import time as wall
 from typing import Any
 
-from icofabric_sim.broadcast import Broadcast, Sink
-from icofabric_sim.pace import Pace
+from icofabric_sim.broadcast import Sink
 from icofabric_sim.parameters import Parameters
-from icofabric_sim.pending import PendingInputs
-from icofabric_sim.reweave import concerns_runner_only, restarts_motion, Reweaver, with_rates
-from icofabric_sim.run_records import cheap_errors, Errors, figures, Status, WrenchInput
-from icofabric_sim.schedule import NANOSECONDS, nanoseconds_not_before, seconds
-from icofabric_sim.simulation import Interrupted, Simulation, SimulationError
-from icofabric_sim.stepping import StepRequest, StepRequests
+from icofabric_sim.run_changes import ChangingRun
+from icofabric_sim.run_records import begins_anew, Status, WrenchInput
+from icofabric_sim.schedule import seconds
+from icofabric_sim.simulation import Simulation
+from icofabric_sim.stepping import StepRequest
 
-_LOGGER = logging.getLogger('icofabric_sim')
-# Wall time of one call into the simulation [s]: how late an immediate input, a pause or a stop
-# is heard.
-RESPONSE = 0.01
 # Wall time between repeated live messages while the simulated time stands still [s].
 _IDLE_REFRESH = 0.5
 
 
-class Runner:
+class Runner(ChangingRun):
     """
     Drives one simulation after another; all methods but `run` may be called from any thread.
     """
@@ -46,44 +38,21 @@ class Runner:
         simulation: Simulation,
         sinks: list[Sink],
         *,
+        parameters: Parameters | None = None,
         on_rebuilt: Callable[[Parameters, str], None] = lambda parameters, reason: None,
         report: Callable[[Status], bytes] | None = None,
     ) -> None:
         """
-        Start at time 0, paused where the scene says so.
+        Start where the simulation stands, mostly at time 0, paused where the scene says so.
 
+        `parameters` are in force where rates and the like differ from those of the scene.
         `on_rebuilt` hears of each change of the scene: the parameters that were wanted, and why
         they could not be had ('' where they could). `report` lays out /diagnostics.
         """
-        self.simulation = simulation
-        self.parameters = simulation.scene.parameters
-        self.now = 0
-        self.paused = bool(self.parameters['start_paused'])
-        self.failure = ''
-        self.on_rebuilt = on_rebuilt
-        self._broadcast = Broadcast(
-            sinks, simulation, None if report is None else lambda: report(self._fresh_status())
-        )
-        self._commands: SimpleQueue[tuple[Callable[[], Any], Future[Any]]] = SimpleQueue()
-        self._wake = threading.Event()
-        self._stopping = False
-        self._pending = PendingInputs()
-        self._steps = StepRequests()
-        self._pace = Pace(self.parameters['real_time_factor'])
-        self._reweaver = Reweaver(self.post, self._swap)
+        super().__init__(simulation, sinks, parameters, report, on_rebuilt)
         self._last_refresh = 0.0
-        self._errors: Errors | None = None
 
     # Called from any thread.
-
-    def post(self, command: Callable[[], Any]) -> 'Future[Any]':
-        """
-        Have `command` run between two steps; its result comes with the future.
-        """
-        future: Future[Any] = Future()
-        self._commands.put((command, future))
-        self._wake.set()
-        return future
 
     def receive(self, received: WrenchInput) -> None:
         """
@@ -99,31 +68,69 @@ class Runner:
         def act() -> int:
             self._steps.end('ended by a pause' if paused else 'time runs on')
             self.paused = paused
+            self._broadcast.event(self.now, 'pause' if paused else 'resume')
             self._pace.restart(self.now)
             return self.now
 
         return self.post(act)
 
-    def take_steps(self) -> 'Future[Any]':
+    def take_steps(self, request: StepRequest | None = None) -> 'Future[Any]':
         """
         Take `step_count` solver steps while paused, and publish the state they lead to.
 
         The result is its time [ns]; a pause, a reset or the end of `run` ends them early, with a
         RuntimeError that says how many were taken.
         """
-        request = StepRequest(self.parameters['step_count'])
+        request = request or StepRequest(self.parameters['step_count'])
         self.post(lambda: self._begin_steps(request))
         return request.future
 
-    def reset(self) -> 'Future[Any]':
+    def reset(self, *, time_reset: bool | None = None) -> 'Future[Any]':
         """
         Back to the initial state, and to time 0 where `reset_time` says so; results in that time.
+
+        Wrenches that were received are forgotten, those that wait are dropped.
         """
-        return self.post(self._reset)
+        return self.post(lambda: self._reset(time_reset))
+
+    def save_checkpoint(self, path: str | Path) -> 'Future[Any]':
+        """
+        Save the run as it is between two steps, to go on from later; results in the path.
+
+        The file is written beside the run. Wrenches that wait for their stamp are not in it.
+        """
+        saved: Future[Any] = Future()
+        self.post(lambda: self._save(Path(path), saved))
+        return saved
+
+    def restore_checkpoint(self, path: str | Path) -> 'Future[Any]':
+        """
+        Go on from a checkpoint of the same scene; results in its time [ns].
+
+        Time jumps there: a bag ends, and the next one begins with the checkpoint. Wrenches that
+        wait are dropped. Where it is not a checkpoint of this scene and version a ValueError says
+        so, and nothing changes.
+        """
+        return self.post(lambda: self._restore(Path(path)))
+
+    def set_recording(self, on: bool) -> 'Future[Any]':
+        """
+        Begin a new bag from the present state on, or end the present one; results in its path.
+        """
+        return self.post(lambda: self._set_recording(on))
+
+    def set_body_state(self, body: int, parts: Mapping[str, Any]) -> 'Future[Any]':
+        """
+        Put one body elsewhere, see entities.py; results in the time [ns] at which that was.
+        """
+        return self.post(lambda: self._set_body_state(body, parts))
 
     def change(self, parameters: Parameters) -> 'Future[Any]':
         """
         Take other parameters; a changed fabric is built aside and swapped in between two steps.
+
+        Wrenches that act or wait go on where the new fabric has their channel or body, see
+        reweave.py; the others are named in a warning and an event.
         """
         return self.post(lambda: self._change(parameters))
 
@@ -133,36 +140,6 @@ class Runner:
         """
         self._stopping = True
         self._wake.set()
-
-    def status(self) -> Status:
-        """
-        Present figures; each is read on its own, those of the accuracy at the last report.
-        """
-        return Status(
-            time=self.now,
-            paused=self.paused,
-            finished=self.finished,
-            failure=self.failure,
-            factor=self._pace.factor(self.now),
-            wanted_factor=self.parameters['real_time_factor'],
-            dropped=self.dropped,
-            errors=self._errors,
-            **figures(self.simulation),
-        )
-
-    @property
-    def dropped(self) -> int:
-        """
-        Wrenches that were received and never acted.
-        """
-        return self._pending.dropped
-
-    @property
-    def finished(self) -> bool:
-        """
-        Whether the `duration` of the scene has passed.
-        """
-        return 0 < self._end() <= self.now
 
     # Called from the thread of `run` only.
 
@@ -176,7 +153,8 @@ class Runner:
         simulated time, is kept in `failure`, and ends the run where `until_finished`.
         """
         self._watch_for_stop()
-        self._broadcast.start(self.now)
+        self._stand_on_nanoseconds()
+        self._broadcast.start(self.now, whole=begins_anew(self.simulation))
         self._pace.restart(self.now)
         try:
             while self._turn(until_finished):
@@ -217,45 +195,6 @@ class Runner:
             self._advance(self._next_target())
         return True
 
-    def _advance(self, target: int) -> None:
-        started = wall.perf_counter()
-        before = self.now
-        try:
-            self.simulation.advance_to(seconds(target))
-            self.now = target
-            self._pace.learn(target - before, wall.perf_counter() - started)
-            self._act_pending()
-            self._broadcast.due(self.now)
-        except SimulationError as error:
-            self._fail(str(error))
-        except Interrupted:
-            self._catch_up()
-
-    def _next_target(self) -> int:
-        times = [self.now + self._pace.chunk(RESPONSE, self.simulation.step)]
-        times += self._broadcast.next_times(self.now)
-        if self._pending.next_time is not None:
-            times.append(self._pending.next_time)
-        if self._end() > self.now:
-            times.append(self._end())
-        return max(min(times), self.now)
-
-    def _run_commands(self) -> None:
-        # Those only that are there now: who sends without end must not stop time.
-        for _ in range(self._commands.qsize()):
-            command, future = self._commands.get_nowait()
-            try:
-                future.set_result(command())
-            except SimulationError as error:
-                self._fail(str(error))
-                future.set_exception(error)
-            except Interrupted:
-                self._catch_up()
-                future.set_exception(RuntimeError('the run has ended'))
-            except Exception as error:  # noqa: BLE001 - the one who asked gets it, the run goes on
-                _LOGGER.error('%s', error)
-                future.set_exception(error)
-
     def _refresh(self) -> None:
         """
         Repeat the present state now and then, for live listeners only.
@@ -266,134 +205,3 @@ class Runner:
         if wall.monotonic() - self._last_refresh > _IDLE_REFRESH:
             self._last_refresh = wall.monotonic()
             self._broadcast.emit(self.now, live_only=True)
-
-    def _queue_input(self, received: WrenchInput) -> None:
-        if self.failure:
-            self._pending.drop(received, 'the simulation has stopped')
-            return
-        self._pending.add(received, self.now, self.parameters['input_horizon'])
-        self._act_pending()
-
-    def _act_pending(self) -> None:
-        self._pending.act(self.now, self.simulation, self._broadcast.input)
-
-    def _begin_steps(self, request: StepRequest) -> None:
-        if self.failure:
-            request.future.set_exception(RuntimeError(self.failure))
-        elif not self.paused:
-            request.future.set_exception(RuntimeError(
-                'steps are taken only while paused: call ~/pause with data: true first'))
-        else:
-            self._steps.add(request)
-
-    def _take_steps(self, request: StepRequest) -> None:
-        """
-        Take steps for a moment; the rest follows once commands had their turn.
-        """
-        simulation, end = self.simulation, wall.perf_counter() + RESPONSE
-        try:
-            while not request.done:
-                before, due = simulation.step_count, self._pending.next_time
-                if due is not None and seconds(due) < simulation.next_step_time:
-                    self.now = max(self.now, due)
-                    simulation.advance_to(seconds(self.now))
-                    self._act_pending()
-                else:
-                    simulation.advance_steps(1)
-                request.taken += simulation.step_count - before
-                if wall.perf_counter() > end:
-                    break
-            self._catch_up()
-            # What comes in between two portions acts at a whole number of nanoseconds too.
-            simulation.advance_to(seconds(self.now))
-            if request.done:
-                self._pace.restart(self.now)
-                self._broadcast.emit(self.now)
-                self._steps.finish(self.now)
-        except SimulationError as error:
-            self._fail(str(error))
-        except Interrupted:
-            self._catch_up()
-
-    def _reset(self) -> int:
-        self._steps.end('ended by a reset')
-        self._pending.drop_all('a reset came before')
-        ended = self._fresh_status()
-        if self.parameters['reset_time']:
-            self.simulation.reset_time()
-            self.now = 0
-            self._broadcast.time_jumped_back(ended)
-        else:
-            self.simulation.reset()
-            self._catch_up()
-        self.failure = ''
-        self._pace.restart(self.now)
-        self._broadcast.start(self.now, cleared=True)
-        return self.now
-
-    def _change(self, parameters: Parameters) -> None:
-        # Rates, pace and duration act at once, also while another fabric is being built.
-        before = self._reweaver.wanted or self.parameters
-        rates = with_rates(self.parameters, parameters)
-        if rates is not self.parameters:
-            self._take_rates(rates)
-            self._broadcast.describe(self.now)
-        if concerns_runner_only(before, parameters):
-            self._reweaver.amend(parameters)
-        else:
-            _LOGGER.info('building the changed fabric beside the running one')
-            self._reweaver.want(parameters)
-
-    def _take_rates(self, parameters: Parameters) -> None:
-        self.parameters = parameters
-        self._broadcast.set_rates(parameters)
-        self._pace.set_factor(parameters['real_time_factor'], self.now)
-
-    def _swap(self, parameters: Parameters, simulation: Simulation | None, reason: str) -> None:
-        if simulation is not None:
-            try:
-                simulation.take_over(
-                    self.simulation,
-                    keep_motion=not restarts_motion(self.parameters, parameters))
-            except (SimulationError, ValueError) as error:
-                simulation, reason = None, str(error)
-        if simulation is None:
-            _LOGGER.error('the change could not be built, the old fabric runs on: %s', reason)
-            self.on_rebuilt(parameters, reason)
-            return
-        self.simulation, self.failure = simulation, ''
-        self._watch_for_stop()
-        self._pace.forget_speed()
-        self._broadcast.set_scene(simulation)
-        self._take_rates(parameters)
-        self._broadcast.start(self.now, cleared=True)
-        _LOGGER.info('the changed fabric is in place at t = %.9g s: %d bodies, step %.3g s',
-                     seconds(self.now), simulation.scene.body_count, simulation.step)
-        self.on_rebuilt(parameters, '')
-
-    def _fresh_status(self) -> Status:
-        self._errors = cheap_errors(self.simulation)
-        return self.status()
-
-    def _end(self) -> int:
-        duration = self.parameters['duration']
-        return max(1, round(duration * NANOSECONDS)) if duration > 0.0 else 0
-
-    def _watch_for_stop(self) -> None:
-        self.simulation.should_stop = lambda: self._stopping
-
-    def _catch_up(self) -> None:
-        """
-        Take the time that the simulation has reached by steps, or before something broke it off.
-        """
-        self.now = max(self.now, nanoseconds_not_before(self.simulation.time))
-
-    def _fail(self, reason: str) -> None:
-        self._catch_up()
-        self.failure = reason
-        _LOGGER.error('the simulation has stopped: %s', reason)
-        self._steps.end(reason)
-        self._pending.drop_all('the simulation has stopped')
-        with suppress(SimulationError, Interrupted):
-            if math.isfinite(self.simulation.snapshot().position.sum()):
-                self._broadcast.emit(self.now)

@@ -317,12 +317,42 @@ STATIC: tuple[Specification, ...] = (
         'checkpoint.path',
         '',
         '',
-        "folder of checkpoints; '': beside the bag",
-        'start',
-        **_NOT_BUILT,
+        'folder of checkpoints, which are numbered, or one file NAME.checkpoint that always holds '
+        "the last one; '': the folder PATH_checkpoints beside the bag PATH",
     ),
-    _s('record.path', '', '', "folder of the bag; '': nothing is recorded", 'start'),
-    _s('record.storage', 'mcap', '', 'storage of the bag', 'start', choices=('mcap', 'sqlite3')),
+    _s(
+        'record.path',
+        '',
+        '',
+        "folder of the bag, followed by PATH_1 and so on each time that recording is switched on; "
+        "'': nothing is recorded. Like all of record.*, a change acts on the next bag",
+    ),
+    _s('record.storage', 'mcap', '', 'storage of the bag', choices=('mcap', 'sqlite3')),
+    _s(
+        'record.split_size',
+        0,
+        '',
+        'bytes in a file after which the bag goes on in the next; 0: never',
+        minimum=0,
+        maximum=10**15,
+        smallest=1024,
+    ),
+    _s(
+        'record.split_duration',
+        0.0,
+        's',
+        'simulated time in a file after which the bag goes on in the next; 0: never',
+        minimum=0.0,
+        maximum=_LONGEST,
+        smallest=1e-3,
+    ),
+    _s(
+        'record.compression',
+        'none',
+        '',
+        'none, or zstd: chunks of mcap, messages of sqlite3',
+        choices=('none', 'zstd'),
+    ),
 )
 
 # Families: FAMILY.NAME.FIELD, any number of NAMEs. An empty field is FAMILY.NAME itself.

@@ -4,33 +4,30 @@
 A compiled scene that advances in time.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
+import logging
 import math
 import operator
 
-from icofabric_sim.adaptive_stepper import AdaptiveStepper
-from icofabric_sim.crew import Crew
-from icofabric_sim.faults import too_fast
-from icofabric_sim.icosahedron import inscribed_radius
+from icofabric_sim.checkpoint import Checkpoint
+from icofabric_sim.course import Course
+from icofabric_sim.given_state import complete_state
 from icofabric_sim.initial import hold_still, InitialState
-from icofabric_sim.inputs import Inputs, Key, Wrench
-from icofabric_sim.integrators.automatic import choose_method
-from icofabric_sim.integrators.methods import METHODS
+from icofabric_sim.inputs import Key, Vector, Wrench
 from icofabric_sim.interrupts import DeferredInterrupt
 from icofabric_sim.kernels import monitor
-from icofabric_sim.kernels.records import Loads
 from icofabric_sim.ledger import EnergyBalance
-from icofabric_sim.model import expected_liveliness, load_rate, pack_scene
-from icofabric_sim.proximity import Proximity, ProximityWatch
+from icofabric_sim.main_line import SimulationError
+from icofabric_sim.memory import Memory
+from icofabric_sim.model import pack_scene
+from icofabric_sim.proximity import Proximity
 from icofabric_sim.scene import Scene
 from icofabric_sim.snapshot import Snapshot
-from icofabric_sim.stability import largest_frequency
-from icofabric_sim.stepper import SimulationError, Stepper
 import numpy as np
 
 __all__ = ['compile_scene', 'Interrupted', 'Simulation', 'SimulationError']
 
-Vector = Sequence[float] | np.ndarray
+_LOGGER = logging.getLogger('icofabric_sim')
 
 
 def compile_scene(
@@ -68,63 +65,25 @@ class Simulation:
             raise ValueError(
                 f"rotation must be 'quaternion' or 'direction_cosines', got {rotation!r}"
             )
-        self.scene = scene
+        self.scene, self.rotation = scene, rotation
         self.packed = pack_scene(scene, cosines=rotation == 'direction_cosines')
-        self._body_wrenches = body_wrenches
-        self._time = 0.0
-        self._inputs = Inputs(scene)
-        self._size = scene.geometry.cube_width
-        self._stale_loads = False
         self._deferred = DeferredInterrupt()
         # Asked every 25 to 50 ms of computing; True ends the advance with Interrupted.
         self.should_stop: Callable[[], bool] | None = None
-        watch = None
-        if scene.parameters['contact.mode'] != 'never':
-            watch = ProximityWatch(
-                2.0 * inscribed_radius(scene.geometry.half_edge), self.packed.layout)
-        loads = self._loads()
-        state = self.packed.layout.pack(scene.initial)
-        frequency = largest_frequency(self.packed, state)
-        if not frequency.rate < math.inf:
-            raise ValueError(f'this scene cannot start: {too_fast(self._time)}')
+        self._course = Course(
+            scene, self.packed, body_wrenches=body_wrenches, on_pause=self._pause)
+        self._stepper, self._inputs = self._course.stepper, self._course.inputs
         # Name of the method in METHODS, and why it was chosen.
-        self.method_name = scene.parameters['solver.method']
-        self.method_reason = 'given as solver.method'
-        if self.method_name == 'auto':
-            fixed = scene.parameters['solver.step']
-            self.method_name, self.method_reason = choose_method(
-                scene.parameters['solver.tolerance'],
-                expected_liveliness(scene, self.packed.model, loads, frequency.rate),
-                fixed_ratio=fixed * frequency.rate if fixed > 0.0 else None)
-        try:
-            method = METHODS[self.method_name]
-            adaptive = method.adaptive and not scene.parameters['solver.step'] > 0.0
-            self._stepper = (AdaptiveStepper if adaptive else Stepper)(
-                self.packed,
-                method,
-                state,
-                loads,
-                frequency,
-                origin=self._time,
-                fixed_step=scene.parameters['solver.step'],
-                tolerance=scene.parameters['solver.tolerance'],
-                energy_limit=scene.parameters['solver.energy_limit'],
-                load_rate=self._load_rate(loads),
-                half_edge=scene.geometry.half_edge,
-                crew=Crew(scene.parameters['solver.threads'], self.packed),
-                watch=watch,
-                on_pause=self._pause,
-            )
-        except SimulationError as error:
-            raise ValueError(f'this scene cannot start: {error}') from error
+        self.method_name, self.method_reason = self._course.method
         self._cached: Snapshot | None = None
+        self._cached_at = 0
 
     @property
     def time(self) -> float:
         """
         Simulated time [s] that was asked for last.
         """
-        return self._time
+        return self._course.time
 
     @property
     def step(self) -> float:
@@ -197,18 +156,25 @@ class Simulation:
         """
         return dict(self._inputs.active)
 
+    @property
+    def waiting_loads(self) -> int:
+        """
+        Wrenches that are to begin or to end at a later time.
+        """
+        return len(self._inputs.queue)
+
     def advance_to(self, time: float) -> None:
         """
         Advance to `time` [s]; in pieces it gives the same bits as in one go.
         """
-        if not self._time <= time < math.inf:
+        if not self.time <= time < math.inf:
             raise ValueError(
-                f'cannot advance to {time!r} s from {self._time!r} s: times must be finite and '
+                f'cannot advance to {time!r} s from {self.time!r} s: times must be finite and '
                 'not in the past; reset_time() goes back to the start'
             )
+        time = float(time)
         with self._deferred:
-            self._handle_events(time)
-            self._reach(time)
+            self._course.advance(time)
 
     def advance_steps(self, count: int) -> None:
         """
@@ -220,33 +186,21 @@ class Simulation:
         goal = self.step_count + count
         with self._deferred:
             while self.step_count < goal:
-                queue = self._inputs.queue
-                due = queue[0].time if queue else math.inf
-                self._settle_loads()
-                try:
-                    done = self._stepper.advance_steps(goal - self.step_count, until=due)
-                    self._pause()
-                except SimulationError:
-                    self._time = -math.inf  # the last good state may be older
-                    raise
-                finally:
-                    self._time = max(self._time, self._stepper.time)
-                    self._cached = None
-                if done == 0:
-                    self._handle_events(due)
+                self._course.take_step(goal - self.step_count, self._pause)
 
     def snapshot(self) -> Snapshot:
         """
         Copy of the state at the present time.
         """
-        if self._cached is None:
-            state = self.packed.layout.unpack(self._stepper.state_at(self._time))
+        if self._cached is None or self._cached_at != self._course.changes:
+            state = self.packed.layout.unpack(self._stepper.state_at(self.time))
             for array in state:
                 array.flags.writeable = False
             self._cached = Snapshot(
-                self._time, *state, self.scene.connector_count, self.packed,
+                self.time, *state, self.scene.connector_count, self.packed,
                 {'work_in': self._stepper.work_at_state(),
                  'start': self._stepper.ledger[monitor.BASE]})
+            self._cached_at = self._course.changes
         return self._cached
 
     def apply_wrench(
@@ -263,12 +217,7 @@ class Simulation:
         Frame, point, share and hold time are the channel's (`loads.NAME.*`). Returns the time from
         which it acts.
         """
-        if channel not in self.scene.loads:
-            known = ', '.join(self.scene.loads) or 'none'
-            raise ValueError(
-                f'there is no load channel {channel!r}; known: {known}. Define it with '
-                f'loads.{channel}.group'
-            )
+        self._inputs.require_channel(channel)
         return self._apply(channel, force, torque, time)
 
     def apply_body_wrench(
@@ -285,11 +234,7 @@ class Simulation:
         Held until replaced; zero clears. Returns the time from which it acts.
         """
         body = operator.index(body)
-        if not 0 <= body < self.scene.body_count:
-            raise ValueError(
-                f'there is no body {body}; bodies are 0 to {self.scene.body_count - 1}'
-            )
-        self._body_wrenches = True
+        self._inputs.require_body(body)
         return self._apply(body, force, torque, time)
 
     def set_state(
@@ -303,37 +248,24 @@ class Simulation:
         """
         Replace parts of the state at the present time; (n, 3) and (n, 4), world frame, SI units.
         """
-        now = self.snapshot()
-        count = self.scene.body_count
-        values = []
-        for name, given, width in (
-            ('position', position, 3),
-            ('orientation', orientation, 4),
-            ('linear_velocity', linear_velocity, 3),
-            ('angular_velocity', angular_velocity, 3),
-        ):
-            array = np.array(getattr(now, name) if given is None else given, dtype=float)
-            if array.shape != (count, width):
-                raise ValueError(
-                    f'{name} must have the shape ({count}, {width}), got {array.shape}'
-                )
-            if not np.isfinite(array).all():
-                body = int(np.flatnonzero(~np.isfinite(array).all(axis=1))[0])
-                raise ValueError(f'{name} of body {body} is not finite: {array[body]}')
-            values.append(array)
-        length = np.linalg.norm(values[1], axis=1, keepdims=True)
-        if not (abs(length - 1.0) <= 1e-3).all():
-            body = int(np.argmax(abs(length - 1.0)))
-            raise ValueError(
-                f'orientation of body {body} is not a unit quaternion: {values[1][body]}'
-            )
-        values[1] = np.where(abs(length - 1.0) <= 4e-16, values[1], values[1] / length)
-        self._jump(hold_still(InitialState(*values), self.scene.supports))
+        state = complete_state(self.snapshot(), {
+            'position': position, 'orientation': orientation, 'linear_velocity': linear_velocity,
+            'angular_velocity': angular_velocity})
+        self._jump(hold_still(state, self.scene.supports))
 
-    def reset(self) -> None:
+    def reset(self, *, time: float | None = None) -> None:
         """
-        Go back to the initial state; the time runs on, and all received wrenches are forgotten.
+        Go back to the initial state; all received wrenches are forgotten.
+
+        The time runs on, from a later `time` [s] where one is given: after a failure the present
+        one is that of the last good state.
         """
+        if time is not None:
+            if not self.time <= time < math.inf:
+                raise ValueError(
+                    f'a reset cannot be at {time!r} s: the time is {self.time!r} s; '
+                    'reset_time() goes back to the start')
+            self._course.time = float(time)
         self._inputs.reset()
         self._jump(self.scene.initial)
 
@@ -341,7 +273,8 @@ class Simulation:
         """
         Go back to the initial state and to time 0.
         """
-        self._time = 0.0
+        self._course.time = 0.0
+        self._course.stepper.forget()
         self.reset()
 
     def take_over(self, previous: 'Simulation', *, keep_motion: bool) -> None:
@@ -356,25 +289,54 @@ class Simulation:
                 f'the motion of {previous.scene.body_count} bodies cannot go on with '
                 f'{self.scene.body_count}'
             )
-        self._time = previous.time
         self._inputs.adopt(previous._inputs)
         if keep_motion:
             if self._stepper.watch is not None:
                 # The same motion: what was said once is not said again.
                 self._stepper.watch.take_over(previous.proximity)
+            self._course.time = previous.time
             self._jump(_as_initial(previous.snapshot(), self.scene))
         else:
-            self._stepper.rebase(self._time)
-            self._stale_loads = True
-            self._settle_loads()
-            self._cached = None
+            self._course.begin_at(previous.time)
 
     def warm_up(self) -> None:
         """
         Make every kernel that a step needs ready, without taking one.
         """
-        self._settle_loads()
-        self._stepper.state_at(self._stepper.time + 0.5 * self._stepper.step)
+        self._course.settle_loads()
+        self._stepper.warm_up()
+
+    def checkpoint(self) -> Checkpoint:
+        """
+        All that the run continues from; the run itself does not notice.
+        """
+        with self._deferred:
+            return Checkpoint.of(self, self._course.memory())
+
+    def restore(self, checkpoint: Checkpoint) -> None:
+        """
+        Go on from a checkpoint of the same scene, at its time, to the bits of the run it is of.
+
+        That run may have had another number of threads, and other rates or a bag. ValueError says
+        what does not fit or is damaged; then nothing has changed. Where its processor or libraries
+        were others the last bits of what follows may be too, which is logged as a warning.
+        """
+        checkpoint.require_fit(self)
+        with self._deferred:
+            before, time = self._course.memory(), self.time
+            try:
+                self._course.recall(checkpoint.memory(), checkpoint.time)
+            except BaseException as error:
+                self._course.recall(Memory(before), time)
+                if not isinstance(error, ValueError):
+                    raise
+                raise ValueError(
+                    f'the checkpoint is damaged, nothing was restored: {error}') from error
+        unlike = checkpoint.unlike_machine()
+        if unlike:
+            _LOGGER.warning(
+                'the checkpoint of t = %.9g s was made on another machine, so the last bits of '
+                'this run may differ from those of its own: %s', self.time, unlike)
 
     @property
     def next_step_time(self) -> float:
@@ -384,90 +346,22 @@ class Simulation:
         return self._stepper.next_step_time
 
     def _apply(self, key: Key, force: Vector, torque: Vector, time: float | None) -> float:
-        wrench = Wrench(
-            *(_vector(name, value) for name, value in (('force', force), ('torque', torque)))
-        )
-        at = self._time if time is None else float(time)
-        if not self._time <= at < math.inf:
-            raise ValueError(f'a wrench cannot act at {at!r} s: the time is {self._time!r} s')
-        self._inputs.schedule(at, key, wrench)
-        if at == self._time:
-            with self._deferred:
-                self._handle_events(at)
+        wrench = Wrench.checked(force, torque)
+        at = self.time if time is None else float(time)
+        if not self.time <= at < math.inf:
+            raise ValueError(f'a wrench cannot act at {at!r} s: the time is {self.time!r} s')
+        with self._deferred:
+            self._course.apply(key, wrench, at)
         return at
 
-    def _handle_events(self, until: float) -> None:
-        queue = self._inputs.queue
-        while queue and queue[0].time <= until:
-            # Reached before it is taken out: an interrupt on the way loses nothing.
-            time = queue[0].time
-            self._reach(time)
-            event = self._inputs.take()
-            if self._inputs.apply(event):
-                self._settle_loads_before(time)
-                self._stepper.cut(time)
-                self._stale_loads = True
-                self._cached = None
-
-    def _reach(self, time: float) -> None:
-        try:
-            self._settle_loads_before(time)
-            self._stepper.advance(time)
-        except SimulationError:
-            # The last good state may be older than what was seen of the run.
-            self._time = self._stepper.time
-            self._cached = None
-            raise
-        except BaseException:
-            self._time = max(self._time, self._stepper.time)
-            self._cached = None
-            raise
-        if time != self._time:
-            self._time = time
-            self._cached = None
-
     def _jump(self, state: InitialState) -> None:
-        self._cached = None
-        self._stale_loads = False
-        loads = self._loads()
         with self._deferred:
-            self._stepper.jump(
-                self._time, self.packed.layout.pack(state), loads, self._load_rate(loads))
+            self._course.jump(state)
 
     def _pause(self) -> None:
         self._deferred.check()
         if self.should_stop is not None and self.should_stop():
             raise Interrupted
-
-    def _settle_loads_before(self, time: float) -> None:
-        if time > self._stepper.time:
-            self._settle_loads()
-
-    def _settle_loads(self) -> None:
-        """
-        Tell the stepper what acts now: once, however many wrenches have changed at this time.
-        """
-        if self._stale_loads:
-            loads = self._loads()
-            self._stale_loads = False
-            self._stepper.set_loads(loads, self._load_rate(loads))
-
-    def _load_rate(self, loads: Loads | None) -> float:
-        return load_rate(loads, self.packed.model, self._size)
-
-    def _loads(self) -> Loads | None:
-        if not (self.scene.loads or self._body_wrenches):
-            return None
-        name = self.scene.parameters['solver.method']
-        symplectic = name == 'auto' or METHODS[name].symplectic
-        return self._inputs.pack(self.packed.layout, stages=0 if symplectic else 16)
-
-
-def _vector(name: str, value: Vector) -> np.ndarray:
-    vector = np.array(value, dtype=float)
-    if vector.shape != (3,) or not np.isfinite(vector).all():
-        raise ValueError(f'{name} must be three finite numbers, got {value!r}')
-    return vector
 
 
 def _as_initial(snapshot: Snapshot, scene: Scene) -> InitialState:

@@ -8,8 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
-from icofabric_sim.kernels.connectors import connector_ends
-from icofabric_sim.kernels.rotations import fill_arms
+from icofabric_sim.kernels.outlines import fill_lengths, fill_lines
 from icofabric_sim.model import PackedScene
 import numpy as np
 
@@ -51,10 +50,9 @@ class Snapshot:
         connectors = self.packed.connectors
         if connectors is None:
             return np.zeros((0, 2, 3))
-        arms = np.empty((len(self.position), 3, 3))
-        fill_arms(self.orientation, connectors.half_width, arms)
         ends = np.empty((len(connectors.first), 2, 3))
-        connector_ends(connectors, self.position, arms, ends)
+        every = np.zeros(len(ends), np.uint8)
+        fill_lines(connectors, *self._frozen(), every, 0, ends.reshape(-1, 3))
         return ends
 
     @cached_property
@@ -62,8 +60,12 @@ class Snapshot:
         """
         Lengths [m] of the connectors, (c,).
         """
-        ends = self.connector_ends
-        return np.sqrt(((ends[:, 1] - ends[:, 0]) ** 2).sum(axis=1))
+        connectors = self.packed.connectors
+        if connectors is None:
+            return np.zeros(0)
+        length = np.empty(len(connectors.first))
+        fill_lengths(connectors, *self._frozen(), length)
+        return length
 
     @cached_property
     def energy(self) -> dict[str, float]:
@@ -85,10 +87,20 @@ class Snapshot:
         connectors = self.packed.connectors
         if connectors is not None:
             stretch = self.connector_length - connectors.natural_length
-            energy['connectors'] = 0.5 * connectors.stiffness * float((stretch**2).sum())
+            np.square(stretch, out=stretch)
+            energy['connectors'] = 0.5 * connectors.stiffness * float(stretch.sum())
         if model.gravity is not None:
             energy['gravity'] = -mass * float((self.position @ model.gravity).sum())
         energy['total'] = sum(energy.values())
         energy['work_in'], energy['dissipated'] = self.ledger['work_in'], 0.0
         energy['balance_error'] = energy['total'] - self.ledger['work_in'] - self.ledger['start']
         return energy
+
+    def _frozen(self) -> tuple[np.ndarray, np.ndarray]:
+        """
+        Places and orientations as the kernels were compiled for: not to be written to.
+        """
+        views = self.position.view(), self.orientation.view()
+        for view in views:
+            view.flags.writeable = False
+        return views

@@ -12,12 +12,13 @@ never on time that passes outside.
 
 from collections.abc import Callable
 import math
-from typing import Protocol
+from typing import Any, Protocol
 
 from icofabric_sim.integrators.methods import Method
 from icofabric_sim.kernels.monitor import KINETIC, LIVELY, ROUGH, ROUGH_LIMIT
 from icofabric_sim.kernels.records import State
 from icofabric_sim.ledger import Ledger
+from icofabric_sim.memory import Memory
 from icofabric_sim.model import PackedScene
 import numpy as np
 
@@ -96,6 +97,42 @@ class Accuracy:
         self._gap = _FIRST_GAP
         self.looks_left = 1
         self._since = self._line.time
+
+    def rebase(self, time: float) -> None:
+        """
+        Begin at another `time` [s]: nothing has moved yet.
+        """
+        self._since = time
+
+    def memory(self) -> dict[str, Any]:
+        """
+        What was measured, and when it will be again.
+        """
+        return {
+            'total': self.total,
+            'step': self.step,
+            'rate': self.rate,
+            'load_rate': self.load_rate,
+            'is_new': self.is_new,
+            'is_measured': self.is_measured,
+            'gap': self._gap,
+            # None are left only where the run has ended.
+            'looks_left': max(self.looks_left, 1),
+            'since': self._since,
+        }
+
+    def recall(self, memory: Memory) -> None:
+        """
+        Go on from there.
+        """
+        self.total = memory.number('total', 0.0, finite=False)
+        self.step = memory.number('step', math.ulp(0.0), finite=False)
+        self.rate = memory.number('rate', 0.0, finite=False)
+        self.load_rate = memory.number('load_rate', 0.0, finite=False)
+        self.is_new, self.is_measured = memory.flag('is_new'), memory.flag('is_measured')
+        self._gap = memory.count('gap', 1)
+        self.looks_left = memory.count('looks_left', 1)
+        self._since = memory.number('since')
 
     def choose(self, step: float, cap: float, fastest: float) -> float:
         """

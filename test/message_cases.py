@@ -28,7 +28,7 @@ def plain(message: Any) -> Any:
                  if not field.name.isupper() and field.name != '__msgtype__']
     elif isinstance(message, bytes) and len(message) == 1:
         return message[0]
-    elif isinstance(message, str | int | float | bool):
+    elif isinstance(message, str | int | float | bool | np.integer):
         return message
     else:
         return [plain(item) for item in message]
@@ -140,6 +140,10 @@ def cases() -> list[Case]:
     found += [('String-' + text, messages.StringBytes.TYPE,
                messages.StringBytes(text).to_bytes(), {'data': text})
               for text in [*FRAME_IDS, 'a: [1, 2]\n' * 1000]]
+    found += [(f'UInt8MultiArray-{len(data)}', messages.UInt8MultiArrayBytes.TYPE,
+               messages.UInt8MultiArrayBytes(data).to_bytes(),
+               {'layout': {'dim': [], 'data_offset': 0}, 'data': list(data)})
+              for data in (b'', b'\0', bytes(range(256)))]
     found += [(f'Clock-{nanoseconds}', messages.ClockBytes.TYPE,
                messages.ClockBytes().stamped(nanoseconds), {'clock': stamp(nanoseconds)})
               for nanoseconds in STAMPS]

@@ -61,6 +61,13 @@ def write_scene(path, sections):
     return path
 
 
+def type_of(topic):
+    """
+    Type of a topic of a fabric, in whatever namespace.
+    """
+    return TYPES.get(topic) or TYPES['/icofabric' + topic.partition('/icofabric')[2]]
+
+
 def ros_class(type_name):
     package, kind, name = type_name.split('/')
     return getattr(import_module(f'{package}.{kind}'), name)
@@ -90,11 +97,14 @@ class NodeProcess:
     `fabric_node` in a process of its own; its log goes to a file.
     """
 
+    MODULE = 'icofabric_sim.ros.fabric_node'
+    READY = ' bodies, '  # stands in its log once it runs
+
     def __init__(self, log_path, *arguments, parameters=None, scene=None, offset=0):
         """
         Start with `parameters` (name: value) over the file `scene`, and more command line.
         """
-        command = [sys.executable, '-m', 'icofabric_sim.ros.fabric_node', '--ros-args']
+        command = [sys.executable, '-m', self.MODULE, '--ros-args']
         if scene is not None:
             command += ['--params-file', str(scene)]
         for name, value in (parameters or {}).items():
@@ -163,7 +173,7 @@ class Client:
         if node is not None:
             # Participants that announce themselves to one that is there find each other at once;
             # otherwise seconds may pass until the next announcement.
-            self.wait_for(lambda: node.lines(' bodies, '), 'a node that runs')
+            self.wait_for(lambda: node.lines(node.READY), 'a node that runs')
         self.context = rclpy.Context()
         self.context.init(domain_id=domain(offset))
         self.node = rclpy.create_node(
@@ -204,13 +214,13 @@ class Client:
         Start to keep the messages of `topic`, decoded; returns the list that grows.
         """
         topic = topic.replace('~', '/icofabric')
-        decode, kept = DECODERS[TYPES[topic]], self.received[topic]
+        decode, kept = DECODERS[type_of(topic)], self.received[topic]
         if topic not in self._subscriptions:
             durability = DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE
             quality = QoSProfile(
                 depth=depth, reliability=ReliabilityPolicy.RELIABLE, durability=durability)
             self._subscriptions[topic] = self.node.create_subscription(
-                ros_class(TYPES[topic]), topic, lambda data: kept.append(decode(data)), quality,
+                ros_class(type_of(topic)), topic, lambda data: kept.append(decode(data)), quality,
                 raw=True)
         return kept
 

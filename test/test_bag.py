@@ -15,8 +15,9 @@ import threading
 import time
 
 from icofabric_sim import messages
-from icofabric_sim.bag import BagError, BagReader, BagRecorder, next_free_path
-from icofabric_sim.bag.storage import BagFile
+from icofabric_sim.bag import BagError, BagReader, BagRecorder, next_free_path, recover_bag
+from icofabric_sim.bag.bag_file import BagFile
+from icofabric_sim.bag.mcap_storage import McapFile
 import numpy as np
 import pytest
 import yaml
@@ -105,7 +106,7 @@ def test_round_trip(tmp_path: Path, storage: str) -> None:
 def test_bare_storage_file_is_read(tmp_path: Path, storage: str) -> None:
     records = example_messages(5)
     record(tmp_path / 'bag', records, storage=storage, custom=CUSTOM)
-    file = tmp_path / 'bag' / ('bag.mcap' if storage == 'mcap' else 'bag.db3')
+    file = tmp_path / 'bag' / ('bag_0.mcap' if storage == 'mcap' else 'bag_0.db3')
     with BagReader(file) as reader:
         assert reader.custom == CUSTOM
         assert list(reader.messages())[1:] == records
@@ -145,7 +146,7 @@ def test_independent_mcap_reader_decodes_everything(tmp_path: Path) -> None:
     from mcap_ros2.decoder import DecoderFactory
     records = example_messages()
     record(tmp_path / 'bag', records, custom=CUSTOM)
-    with (tmp_path / 'bag' / 'bag.mcap').open('rb') as file:
+    with (tmp_path / 'bag' / 'bag_0.mcap').open('rb') as file:
         reader = make_reader(file, decoder_factories=[DecoderFactory()])
         assert reader.get_header().profile == 'ros2'
         decoded = list(reader.iter_decoded_messages())
@@ -238,7 +239,7 @@ def test_custom_data_set_later(tmp_path: Path) -> None:
         with pytest.raises(TypeError, match='custom data must be text'):
             recorder.set_custom('count', 3)  # type: ignore[arg-type]
     expected = {**CUSTOM, 'verdict': 'whole', 'version': '0.2.0'}
-    for path in (tmp_path / 'bag', tmp_path / 'bag' / 'bag.mcap'):
+    for path in (tmp_path / 'bag', tmp_path / 'bag' / 'bag_0.mcap'):
         with BagReader(path) as reader:
             assert reader.custom == expected
             assert [item[1] for item in reader.messages()] == [5_000, 7_000, 7_000, 7_000]
@@ -357,19 +358,39 @@ def test_drop_refuses_counts_and_keeps_what_is_essential(
         assert (statistics.dropped, statistics.lost, statistics.written) == (5, 0, 0)
         assert (statistics.queued, statistics.queued_bytes) == (20, 20_000)
         assert statistics.lag > 0.0
-        # The reserve of the essential ones is full now: the next one waits.
-        waiter = threading.Thread(
-            target=recorder.write, args=('/wrench', 10, bytes(1000)), kwargs={'essential': True})
-        waiter.start()
-        waiter.join(0.1)
-        assert waiter.is_alive() and recorder.statistics.queued == 20
+        assert recorder.error is None
         allowed.set()
-        waiter.join(60)
         recorder.close()
     with BagReader(tmp_path / 'bag') as reader:
         assert reader.topics['/poses'].message_count == 10
-        assert [item[1] for item in reader.messages(['/wrench'])] == list(range(11))
+        assert [item[1] for item in reader.messages(['/wrench'])] == list(range(10))
     assert recorder.statistics.lag == 0.0
+
+
+def test_drop_never_waits_not_even_for_what_is_essential(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """
+    A bag without an input could not be repeated; so it ends before, and is whole.
+    """
+    errors: list[BagError] = []
+    with held_disk(monkeypatch) as allowed:
+        recorder = BagRecorder(
+            tmp_path / 'bag', overflow='drop', queue_bytes=10_000, on_error=errors.append)
+        recorder.add_topic('/wrench', messages.WrenchStampedBytes.TYPE)
+        kept = [recorder.write('/wrench', index, bytes(1000), essential=True)
+                for index in range(25)]
+        assert kept == [True] * 20 + [False] * 5
+        assert errors == [recorder.error]
+        assert 'the disk is too slow, /wrench finds no room' in str(recorder.error)
+        allowed.set()
+        recorder.close()
+    statistics = recorder.statistics
+    # One may have been in the writer's hands.
+    assert statistics.written in (0, 1) and statistics.lost == 25 - statistics.written
+    assert (statistics.queued, statistics.queued_bytes) == (0, 0)
+    with BagReader(tmp_path / 'bag') as reader:
+        assert [item[1] for item in reader.messages()] == list(range(statistics.written))
 
 
 def test_wait_loses_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -410,7 +431,7 @@ def test_a_waiting_writer_is_released_by_an_error(
         def full(*_: object) -> None:
             raise OSError(28, 'No space left on device')
 
-        monkeypatch.setattr('rosbags.rosbag2.Writer.write', full)
+        monkeypatch.setattr(McapFile, 'write', full)
         allowed.set()
         writer.join(60)
         recorder.close()
@@ -483,10 +504,71 @@ def test_unreadable_bags_are_refused_with_the_reason(tmp_path: Path) -> None:
 
 def test_a_damaged_chunk_is_a_clear_error(tmp_path: Path) -> None:
     record(tmp_path / 'bag', example_messages(3))
-    file = tmp_path / 'bag' / 'bag.mcap'
+    file = tmp_path / 'bag' / 'bag_0.mcap'
     data = bytearray(file.read_bytes())
     place = data.index(messages.PoseArrayBytes.TYPE.encode())  # in the first schema of the chunk
     data[place - 14:place - 6] = b'\xff' * 8
     file.write_bytes(data)
     with BagReader(tmp_path / 'bag') as reader, pytest.raises(BagError, match='is damaged'):
         list(reader.messages())
+
+
+def test_hostile_metadata_are_refused_or_harmless(tmp_path: Path) -> None:
+    record(tmp_path / 'bag', example_messages(2), custom=CUSTOM)
+    file = tmp_path / 'bag' / 'metadata.yaml'
+    whole = yaml.safe_load(file.read_text('utf-8'))
+
+    def read(**changes: object) -> BagReader:
+        file.write_text(yaml.safe_dump({'rosbag2_bagfile_information': {
+            **whole['rosbag2_bagfile_information'], **changes}}))
+        return BagReader(tmp_path / 'bag')
+
+    for changes in (
+        {'version': 'nine'}, {'message_count': []}, {'starting_time': 3}, {'duration': {}},
+        {'topics_with_message_count': [1]}, {'topics_with_message_count': {'a': 'b'}},
+        {'relative_file_paths': 7}, {'relative_file_paths': ['/etc/passwd']},
+        {'relative_file_paths': ['../bag/metadata']}, {'files': [{'path': 3}]},
+        {'storage_identifier': []}, {'compression_mode': 'message', 'compression_format': 'xz'},
+        {'custom_data': [1, 2]},
+    ):
+        with pytest.raises(BagError):
+            read(**changes).close()
+    # A tree that is larger than any memory once it is written out.
+    text = 'a0: &a0 [x, x]\n' + ''.join(
+        f'a{k + 1}: &a{k + 1} [*a{k}, *a{k}]\n' for k in range(60))
+    bomb = yaml.safe_load(text)
+    with read(custom_data={'scene': 'mine', 'bomb': bomb['a60']}) as reader:
+        assert reader.custom == {'scene': 'mine'}
+        assert len(list(reader.messages())) == 14
+    for content in (
+        '!!python/object/apply:os.system ["touch stolen"]', 'a: [', '', '- 1', '\0', 60 * '[',
+    ):
+        file.write_text(content)
+        with pytest.raises(BagError, match='cannot read .*metadata.yaml'):
+            BagReader(tmp_path / 'bag')
+
+
+def test_random_damage_is_an_error_and_nothing_else(tmp_path: Path) -> None:
+    generator = np.random.default_rng(11)
+    for storage, name in (('mcap', 'bag_0.mcap'), ('sqlite3', 'bag_0.db3')):
+        path = tmp_path / storage / 'bag'
+        record(path, example_messages(5), storage=storage, custom=CUSTOM)
+        whole = (path / name).read_bytes()
+        refused = 0
+        for number in range(60):
+            data = bytearray(whole)
+            for place in generator.integers(0, len(data), 1 + number % 5):
+                data[place] = generator.integers(256)
+            target = tmp_path / name
+            target.write_bytes(data)
+            try:
+                with BagReader(target) as reader:
+                    for _ in reader.messages():
+                        pass
+                    assert isinstance(reader.custom, dict)
+            except BagError:
+                refused += 1
+            destination = tmp_path / f'{storage}_{number}'
+            with contextlib.suppress(BagError):
+                recover_bag(target, destination)
+        assert refused > 0

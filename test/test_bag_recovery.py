@@ -6,17 +6,20 @@ Recordings that end badly: killed, interrupted, out of disk, cut short; and what
 from __future__ import annotations
 
 from pathlib import Path
+import shutil
 import signal
+import sqlite3
 import subprocess
 import sys
 import time
+from typing import Any
 
 from icofabric_sim import messages
 from icofabric_sim.bag import BagError, BagReader, BagRecorder, recover_bag, recover_mcap
 import pytest
 
 STORAGES = pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
-FILES = {'mcap': 'bag.mcap', 'sqlite3': 'bag.db3'}
+FILES = {'mcap': 'bag_0.mcap', 'sqlite3': 'bag_0.db3'}
 
 # Writes small messages whose time is the wall time, so that a reader sees how late the last is.
 WRITING = """
@@ -145,20 +148,25 @@ def test_a_full_disk_is_told_once_and_what_was_written_is_saved(
     assert errors == ''
     assert f'recording to {tmp_path / "bag"} stopped: ' in output
     assert ('File too large' if storage == 'mcap' else 'disk') in output
-    assert f'make room or choose another record.path; `icofabric recover {tmp_path}' in output
-    with pytest.raises(BagError, match='was not finished'):
-        BagReader(tmp_path / 'bag')
-    report = recover_bag(tmp_path / 'bag', tmp_path / 'whole')
-    assert report.custom == {'scene': 'large'}
-    with BagReader(tmp_path / 'whole') as reader:
+    assert 'make room or choose another record.path; what was recorded until then is a whole' in (
+        output)
+    with BagReader(tmp_path / 'bag') as reader:
+        stopped = reader.custom['recording_stopped']
+        assert reader.custom == {'scene': 'large', 'recording_stopped': stopped}
+        assert f'stopped: {stopped}; make room' in output
         found = list(reader.messages(['/text']))
+    assert sum(item.stat().st_size for item in (tmp_path / 'bag').iterdir()) > 2_000_000
+    assert sorted(item.suffix for item in (tmp_path / 'bag').iterdir()) == sorted([
+        '.yaml', '.mcap' if storage == 'mcap' else '.db3'])
     assert len(found) > 100
     for count, (_, nanoseconds, data) in enumerate(found):
         assert nanoseconds == count
         assert messages.decode_string(data) == str(count) * 2000
 
 
-def example_bag(path: Path, storage: str = 'mcap', *, chunks: int = 3) -> list:
+def example_bag(
+    path: Path, storage: str = 'mcap', *, chunks: int = 3, **options: Any,
+) -> list:
     """
     Record a bag of some chunks, and return its messages.
     """
@@ -167,7 +175,7 @@ def example_bag(path: Path, storage: str = 'mcap', *, chunks: int = 3) -> list:
     for index in range(4 * chunks):
         records.append(('/poses', index, poses.stamped(index)))
         records.append(('/clock', index, messages.ClockBytes().stamped(index)))
-    with BagRecorder(path, storage=storage, custom={'version': '1'}) as recorder:
+    with BagRecorder(path, storage=storage, custom={'version': '1'}, **options) as recorder:
         recorder.add_topic('/weave', messages.StringBytes.TYPE, latched=True)
         recorder.add_topic('/poses', messages.PoseArrayBytes.TYPE, depth=3)
         recorder.add_topic('/clock', messages.ClockBytes.TYPE)
@@ -198,7 +206,7 @@ def test_recovering_a_whole_bag_copies_it(tmp_path: Path, storage: str) -> None:
 
 def test_cut_short_anywhere_the_start_is_saved(tmp_path: Path) -> None:
     records = example_bag(tmp_path / 'bag')
-    file = tmp_path / 'bag' / 'bag.mcap'
+    file = tmp_path / 'bag' / 'bag_0.mcap'
     data = file.read_bytes()
     counts = []
     for index, size in enumerate(range(0, len(data), len(data) // 12)):
@@ -246,13 +254,88 @@ def test_what_cannot_be_recovered(tmp_path: Path) -> None:
     assert not (tmp_path / 'whole').exists()
 
 
-def test_a_missing_mcap_package_is_named(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    example_bag(tmp_path / 'bag', chunks=1)
-    monkeypatch.setitem(sys.modules, 'mcap.stream_reader', None)
-    with pytest.raises(BagError, match='needs the Python package mcap'):
-        recover_bag(tmp_path / 'bag', tmp_path / 'whole')
+def test_a_damaged_chunk_is_left_out(tmp_path: Path) -> None:
+    """
+    The sum over each chunk tells; what comes after it is still saved.
+    """
+    records = example_bag(tmp_path / 'bag', chunks=4)
+    file = tmp_path / 'bag' / 'bag_0.mcap'
+    data = bytearray(file.read_bytes())
+    data[len(data) // 2] ^= 1
+    file.write_bytes(data)
+    with BagReader(tmp_path / 'bag') as reader, pytest.raises(BagError, match='is damaged'):
+        list(reader.messages())
+    report = recover_bag(tmp_path / 'bag', tmp_path / 'whole')
+    assert 'bag_0.mcap: the chunk at byte' in report.damage and 'left out' in report.damage
+    with BagReader(tmp_path / 'whole') as reader:
+        found = list(reader.messages())
+    kept = iter(records)
+    assert all(any(item == other for other in kept) for item in found)  # in order
+    assert found[-1] == records[-1] and 0.5 * len(records) < len(found) < len(records)
+
+
+@pytest.mark.parametrize('compression', ['none', 'zstd'])
+def test_a_broken_transaction_is_undone_in_a_copy(tmp_path: Path, compression: str) -> None:
+    """
+    As after a kill in the middle of writing: SQLite would roll it back in the source itself.
+    """
+    records = example_bag(tmp_path / 'bag', 'sqlite3', compression=compression)
+    (tmp_path / 'bag' / 'metadata.yaml').unlink()
+    killed = tmp_path / 'killed'
+    killed.mkdir()
+    database = sqlite3.connect(tmp_path / 'bag' / 'bag_0.db3', isolation_level=None)
+    database.execute('PRAGMA cache_size = 2')  # so that pages reach the file before the commit
+    database.execute('BEGIN')
+    database.execute('DELETE FROM messages WHERE id > 5')
+    database.executemany(
+        'INSERT INTO messages (topic_id, timestamp, data) VALUES (1, 99, ?)',
+        [(bytes(5000),)] * 50)
+    for item in (tmp_path / 'bag').iterdir():
+        shutil.copy(item, killed / item.name)
+    database.close()
+    before = {item.name: item.read_bytes() for item in killed.iterdir()}
+    assert set(before) == {'bag_0.db3', 'bag_0.db3-journal'}
+    with pytest.raises(BagError, match='was not finished'):
+        BagReader(killed)
+    with pytest.raises(BagError, match='was not finished'):
+        BagReader(killed / 'bag_0.db3')
+    recover_bag(killed, tmp_path / 'whole')
+    with BagReader(tmp_path / 'whole') as reader:
+        assert list(reader.messages()) == records
+    assert {item.name: item.read_bytes() for item in killed.iterdir()} == before
+    assert sorted(item.name for item in tmp_path.iterdir()) == ['bag', 'killed', 'whole']
+
+
+def test_a_killed_bag_of_several_files(tmp_path: Path) -> None:
+    """
+    Those before the last are whole already.
+    """
+    records = example_bag(tmp_path / 'bag', chunks=6, split_size=2_000_000)
+    files = sorted((tmp_path / 'bag').glob('*.mcap'))
+    assert len(files) >= 3
+    last = files[-1].read_bytes()
+    files[-1].write_bytes(last[:len(last) // 2])
+    (tmp_path / 'bag' / 'metadata.yaml').unlink()
+    with pytest.raises(BagError, match='was not finished'):
+        BagReader(tmp_path / 'bag')
+    with BagReader(files[1]) as reader:
+        assert reader.message_count > 0
+    report = recover_bag(tmp_path / 'bag', tmp_path / 'whole')
+    assert report.damage.startswith(f'{files[-1].name} ends early')
+    assert report.custom == {'version': '1'}
+    with BagReader(tmp_path / 'whole') as reader:
+        found = list(reader.messages())
+    assert found == records[:len(found)] and len(found) > 0.6 * len(records)
+
+
+@STORAGES
+def test_a_bag_that_lacks_only_its_metadata(tmp_path: Path, storage: str) -> None:
+    records = example_bag(tmp_path / 'bag', storage)
+    (tmp_path / 'bag' / 'metadata.yaml').unlink()
+    report = recover_bag(tmp_path / 'bag', tmp_path / 'whole')
+    assert report.damage == ''
+    with BagReader(tmp_path / 'whole') as reader:
+        assert list(reader.messages()) == records
 
 
 def test_types_that_are_not_ours_are_kept(tmp_path: Path) -> None:

@@ -144,7 +144,6 @@ REFUSED = {
     'infinity in a list': (parameter('gravity', [0.0, 0.0, float('inf')]), ['finite', 'inf']),
     'not built': (parameter('drag.linear', 0.5), ['not built yet', '0.0']),
     'read only': (parameter('frame_id', 'map'), ['fixed once the node runs']),
-    'record path': (parameter('record.path', '/tmp/x'), ['fixed once the node runs']),
     'too thick': (parameter('shell.thickness', 0.5), ['eq 41']),
     'too short': (parameter('weave.connector_length', 0.001), ['eq 54']),
     'too steep': (parameter('weave.connector_angle', 1.0), ['1.0']),

@@ -25,6 +25,7 @@ DECODERS = {
     messages.ClockBytes.TYPE: messages.decode_clock,
     messages.StringBytes.TYPE: messages.decode_string,
     messages.Float64MultiArrayBytes.TYPE: messages.decode_float64_multi_array,
+    messages.UInt8MultiArrayBytes.TYPE: messages.decode_uint8_multi_array,
     messages.DiagnosticArrayBytes.TYPE: messages.decode_diagnostic_array,
 }
 ONE_OF_EACH = {case[1]: case for case in CASES}
@@ -63,6 +64,8 @@ def check_decoded(type_name: str, decoded: Any, expected: dict) -> None:
         assert decoded == nanoseconds(expected['clock'])
     elif type_name == messages.StringBytes.TYPE:
         assert decoded == expected['data']
+    elif type_name == messages.UInt8MultiArrayBytes.TYPE:
+        assert list(decoded) == expected['data']
     elif type_name == messages.Float64MultiArrayBytes.TYPE:
         dimensions = expected['layout']['dim']
         assert list(decoded.labels) == [item['label'] for item in dimensions]
@@ -231,3 +234,47 @@ def test_array_whose_layout_does_not_fit_is_refused() -> None:
     data[size_at] = 5
     with pytest.raises(ValueError, match=r'do not fill shape \[5\]'):
         messages.decode_float64_multi_array(bytes(data))
+
+
+@pytest.mark.parametrize('count', [0, 1, 7])
+def test_filled_messages_are_the_bytes_of_those_that_are_kept(count: int) -> None:
+    values = np.random.default_rng(count).normal(size=(count, 7))
+
+    def write(numbers: np.ndarray) -> None:
+        numbers[:] = values.reshape(numbers.shape)
+
+    poses = messages.PoseArrayBytes('fabric', count)
+    filled = poses.filled(5, write)
+    poses.values[:] = values
+    assert type(filled) is bytes and filled == poses.stamped(5)
+    array = messages.Float64MultiArrayBytes(['rows', 'columns'], [count, 7])
+    filled = array.filled(write)
+    array.values[:] = values
+    assert type(filled) is bytes and filled == array.to_bytes()
+    marker = messages.MarkerBytes(
+        'fabric', 'c', 1, messages.MarkerType.TRIANGLE_LIST, color=(0.5, 0.25, 0.0, 1.0))
+    points = np.random.default_rng(count).normal(size=(3 * count, 3))
+
+    def write_points(numbers: np.ndarray) -> None:
+        numbers[:] = points
+
+    filled = marker.filled(7, 3 * count, write_points)
+    assert marker.point_count == 0
+    marker.point_count = 3 * count
+    marker.points[:] = points
+    assert type(filled) is bytes and filled == marker.stamped(7)
+
+
+def test_a_filled_message_does_not_change_any_more() -> None:
+    kept = []
+    poses = messages.PoseArrayBytes('world', 2)
+    data = poses.filled(0, kept.append)  # which is asked not to keep it
+    kept[0][:] = 1.0
+    assert not messages.decode_pose_array(data).values.any()
+    assert poses.values.tolist() == [[0, 0, 0, 0, 0, 0, 1]] * 2
+
+
+def test_filled_markers_hold_whole_items() -> None:
+    marker = messages.MarkerBytes('world', 'c', 1, messages.MarkerType.LINE_LIST)
+    with pytest.raises(ValueError, match='a multiple of 2 points, got 3'):
+        marker.filled(0, 3, lambda points: None)

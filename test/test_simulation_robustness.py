@@ -9,7 +9,9 @@ import logging
 import subprocess
 import sys
 
+from fabrics import loaded_fabric, make_scene, RANDOM, STATE
 import icofabric_sim as ico
+from icofabric_sim.kernels import monitor
 from icofabric_sim.simulation import Interrupted
 import numpy as np
 import pytest
@@ -227,3 +229,146 @@ def test_received_wrenches_outlive_a_change_and_steady_loads_follow_the_scene():
     new.take_over(old, keep_motion=True)
     assert new.active_loads['push'].force.tolist() == [0.0, 0.0, 1.0]
     assert new.active_loads['pull'].force.tolist() == [2.0, 0.0, 0.0]
+
+
+@pytest.mark.parametrize('method', ico.METHODS)
+def test_looking_at_a_state_does_not_delay_the_inputs_of_that_time(method):
+    changes = {'solver.method': method, 'solver.tolerance': 1e-3}
+    quiet, watched = (ico.compile_scene(loaded_fabric(changes)) for _ in range(2))
+    watched.snapshot()
+    for time in (0.0, 0.004, 0.0091):
+        for simulation in (quiet, watched):
+            simulation.advance_to(time)
+            for force in ((0.0, 1.0, 0.0), (2.0, 1.0, 0.0)):
+                simulation.apply_wrench('two', force)
+                if simulation is watched:
+                    simulation.snapshot()
+    for simulation in (quiet, watched):
+        simulation.advance_to(0.015)
+    assert same_bits(quiet, watched)
+    assert quiet.step_count == watched.step_count
+    assert quiet.error_estimate == watched.error_estimate
+    assert abs(quiet.snapshot().energy['work_in']) > 1e-3
+
+
+@pytest.mark.parametrize('method', ico.METHODS)
+def test_warming_up_takes_no_step(method):
+    scene = loaded_fabric({'solver.method': method, 'loads.tip.force': [1.0, 0.0, 0.0]})
+    cold, warm = ico.compile_scene(scene), ico.compile_scene(scene)
+    warm.warm_up()
+    assert warm.step_count == 0
+    assert warm.checkpoint().to_bytes() == cold.checkpoint().to_bytes()
+    old = ico.compile_scene(scene)
+    old.apply_wrench('two', (0.0, 1.0, 0.0))
+    old.advance_to(0.01)
+    # Wrenches that go over act from the first step on.
+    for simulation in (cold, warm):
+        simulation.take_over(old, keep_motion=False)
+        simulation.advance_to(0.02)
+    assert same_bits(cold, warm)
+
+
+def test_adaptive_steps_are_counted_as_they_end():
+    simulation = ico.compile_scene(loaded_fabric({'solver.method': 'dop8'}))
+    times = []
+    for count in range(1, 6):
+        simulation.advance_steps(1)
+        assert simulation.step_count == count
+        times.append(simulation.time)
+    assert times == sorted(set(times))
+    other = ico.compile_scene(loaded_fabric({'solver.method': 'dop8'}))
+    other.advance_steps(5)
+    assert other.step_count == 5 and other.time == times[-1]
+    third = ico.compile_scene(loaded_fabric({'solver.method': 'dop8'}))
+    third.advance_to(times[-1])
+    assert third.step_count == 5
+
+
+def test_a_fabric_woven_anew_owes_no_errors_for_the_time_before():
+    def run(start):
+        simulation = make()
+        if start:
+            old = make()
+            old.advance_to(start)
+            simulation.take_over(old, keep_motion=False)
+        simulation.advance_to(start + 0.3)
+        return simulation
+
+    assert run(50.0).error_estimate == pytest.approx(run(0.0).error_estimate, rel=1e-6)
+
+
+def test_what_overlaps_in_a_fabric_woven_anew_does_so_from_then_on():
+    crowded = {'contact': {'mode': 'auto'},
+               'bodies': {'near': {'position': [0.001, 0.0, 0.001]}}}
+    old, new = make(), make(**crowded)
+    old.advance_to(2.5)
+    new.take_over(old, keep_motion=False)
+    assert new.proximity.time == 2.5
+
+
+# A pull that folds the fabric up, and makes its motion rougher and rougher.
+FOLDED = {
+    'contact.mode': 'never', 'solver.tolerance': 1e-4, 'weave.variant': 1,
+    'groups.pushed': 'x_max', 'loads.l.group': 'pushed', 'loads.l.frame': 'body',
+    'loads.l.force': [-2.0, -0.5, -0.3], 'loads.l.point': [0.01, -0.022, 0.002]}
+
+
+@pytest.mark.parametrize('method', ico.METHODS)
+def test_a_run_whose_time_is_reset_remembers_nothing(method):
+    scene = loaded_fabric({
+        'solver.method': method, 'solver.tolerance': 1e-3, 'contact.mode': 'auto'})
+    fresh, again = ico.compile_scene(scene), ico.compile_scene(scene)
+    start, count = fresh.checkpoint(), 0
+    # Stopped at steps of every number since the last look.
+    for number in range(30):
+        again.apply_wrench('two', (0.0, 3.0, 0.0), time=again.time + 0.002)
+        again.advance_to(again.time + 0.005)
+        again.advance_steps(number + 1)
+        count += again.step_count
+        again.reset_time()
+        assert again.checkpoint().difference(start) == ''
+    assert count > 500
+
+
+def test_a_run_whose_time_is_reset_does_not_know_where_the_first_went_back():
+    fresh, again = (ico.compile_scene(make_scene((2, 4, 2), FOLDED)) for _ in range(2))
+    start = fresh.checkpoint()
+    fresh.advance_to(0.73)
+    again.advance_to(0.73)
+    assert np.isfinite(fresh._stepper._returned_to)  # it did go back
+    again.reset_time()
+    assert again.checkpoint().difference(start) == ''
+    again.advance_to(0.73)
+    assert again.checkpoint().to_bytes() == fresh.checkpoint().to_bytes()
+
+
+def test_an_unsound_state_is_never_kept_for_its_rougher_motion(monkeypatch):
+    """
+    A look that finds both must end the run at the last sound look, not at this one.
+    """
+    scene = make_scene((3, 3, 3), {'contact.mode': 'never', 'solver.tolerance': 1e-4}, **RANDOM)
+    simulation, same = ico.compile_scene(scene), ico.compile_scene(scene)
+    simulation.advance_to(0.02)
+    stepper = simulation._stepper
+    seen = []
+    respond = stepper._respond
+
+    def note(status, time):
+        seen.append((status, time))
+        respond(status, time)
+
+    monkeypatch.setattr(stepper, '_respond', note)
+    # The next look finds any motion too rough, and any balance wrong.
+    stepper.ledger[monitor.ROUGH_LIMIT], stepper.ledger[monitor.LIMIT] = 1e-300, 1e-300
+    kept = stepper._saved_time
+    with pytest.raises(ico.SimulationError, match='does not balance') as caught:
+        simulation.advance_to(1.0)
+    status, time = seen[-1]
+    assert status & monitor.ROUGHER and status & monitor.UNBALANCED
+    assert simulation.time == kept < time
+    assert f'the last good state, of t = {kept:.9g} s, is kept' in str(caught.value)
+    # It is the state of that time, which a sound run passes.
+    same.advance_to(kept)
+    assert same_bits(simulation, same) and kept > 0.0
+    for name in STATE:
+        assert np.isfinite(getattr(simulation.snapshot(), name)).all()

@@ -10,8 +10,7 @@ import threading
 import time
 from typing import Literal, NamedTuple
 
-from icofabric_sim.bag.storage import Definition
-from rosbags.interfaces import Qos
+from icofabric_sim.bag.storage import TopicEntry
 
 
 class RecorderStatistics(NamedTuple):
@@ -28,15 +27,13 @@ class RecorderStatistics(NamedTuple):
     lag: float  # [s] since the oldest message that still waits was handed over
 
 
-class NewTopic(NamedTuple):
+class Heading(NamedTuple):
     """
-    A topic to be added before the messages that follow.
+    What the files that begin after this say of themselves: one entry of their custom data.
     """
 
-    name: str
-    type_name: str
-    described: Definition
-    qos: Qos
+    key: str
+    value: str
 
 
 class Message(NamedTuple):
@@ -55,7 +52,7 @@ class End(NamedTuple):
     """
 
 
-Item = NewTopic | Message | End
+Item = TopicEntry | Heading | Message | End
 
 
 class Handover:
@@ -79,21 +76,29 @@ class Handover:
         self._written = self._written_bytes = self._dropped = self._lost = 0
         self._queued_bytes = 0
 
-    def put_topic(self, topic: NewTopic) -> None:
+    def put_notice(self, notice: TopicEntry | Heading) -> None:
+        """
+        Append what is no message and takes no room.
+        """
         with self._lock:
             if not self._stopped:
-                self._items.append(topic)
+                self._items.append(notice)
                 self._filled.notify()
 
     def put(self, topic: str, nanoseconds: int, data: bytes, *, essential: bool) -> bool:
         """
         Append a message, after waiting where the rules say so; False when it was refused.
+
+        TimeoutError: what must not be dropped finds no room, and waiting is not allowed.
         """
         limit = 2 * self._capacity if essential else self._capacity
         with self._lock:
             # A message larger than the queue passes when nothing else waits.
             while not self._stopped and 0 < self._queued_bytes > limit - len(data):
-                if self._overflow == 'drop' and not essential:
+                if self._overflow == 'drop' and essential:
+                    self._lost += 1
+                    raise TimeoutError
+                if self._overflow == 'drop':
                     self._dropped += 1
                     return False
                 self._drained.wait()
@@ -140,17 +145,29 @@ class Handover:
                 self._filled.notify()
                 self._drained.notify_all()
 
-    def fail(self) -> None:
+    def give_up(self, *, written: int | None = None) -> None:
         """
-        Take no more messages, and give up those that are queued.
+        Take no more messages, and give up those that wait.
+
+        From the writing thread, `written` is how many have reached the file after all; without
+        it the message that thread has in hand may still do so.
         """
         with self._lock:
             self._stopped = True
-            self._lost += len(self._arrivals)
-            self._in_hand = None
+            self._lost += sum(isinstance(item, Message) for item in self._items)
+            if written is not None:
+                self._lost += self._written + (self._in_hand is not None) - written
+                self._written = written
+                self._in_hand = None
             self._items.clear()
-            self._arrivals.clear()
-            self._queued_bytes = 0
+            if self._in_hand is None:
+                self._arrivals.clear()
+                self._queued_bytes = 0
+            else:
+                self._arrivals = deque([self._arrivals[0]])
+                self._queued_bytes = len(self._in_hand.data)
+            self._items.append(End())
+            self._filled.notify()
             self._drained.notify_all()
 
     @property

@@ -6,17 +6,21 @@ Reading a recorded run: its topics, its messages in time order, and what it says
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator
-import contextlib
+import heapq
 from pathlib import Path
 from types import TracebackType
 from typing import NamedTuple, Self
 
-from icofabric_sim.bag.storage import BagError, decode_custom
-from rosbags.interfaces import ConnectionExtRosbag2, QosDurability
-from rosbags.rosbag2 import Reader
+from icofabric_sim.bag.metadata import FILE_NAME, MetadataFile, read_metadata
+from icofabric_sim.bag.parts import Part
+from icofabric_sim.bag.storage import BagError, decode_custom, merge_custom, STORAGES
+from rosbags.interfaces import Qos, QosDurability
 
 _MCAP_MAGIC = b'\x89MCAP0\r\n'
 _SQLITE3_MAGIC = b'SQLite format 3\0'
+_SUFFIXES = tuple(STORAGES.values())
+# Files of a bag that are kept open; of bags with more, each is opened when its turn comes.
+_KEPT_OPEN = 16
 
 
 class BagTopic(NamedTuple):
@@ -34,6 +38,9 @@ class BagTopic(NamedTuple):
 class BagReader:
     """
     Reads a bag folder, or a bare .mcap or .db3 file; open from its construction to `close`.
+
+    Messages come one by one from the files, which are opened when their turn comes: a bag may be
+    larger than the memory, and have more files than a process may open.
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -42,60 +49,68 @@ class BagReader:
         """
         self.path = Path(path).expanduser()
         check_finished(self.path)
-        try:
-            self._reader = Reader(self.path)
-            self._reader.open()
-        except Exception as error:  # rosbags lets many kinds through when a file is malformed
-            raise BagError(f'cannot read {self.path} as a bag: {error}') from error
+        self._open_parts: dict[Path, Part] = {}
+        self._custom: dict[str, str] = {}
+        self._mode = ''
+        self._closed = False
         self.topics: dict[str, BagTopic] = {}
-        for connection in self._reader.connections:
-            known = self.topics.get(connection.topic)
-            if known is not None and known.type_name != connection.msgtype:
+        if self.path.is_dir():
+            stored = read_metadata(self.path)
+            self._files, self._mode, self._custom = (
+                stored.files, stored.compression_mode, stored.custom)
+            self.message_count = stored.message_count
+            self._span = stored.first, stored.last
+            for described in stored.topics:
+                self._add(*described)
+        else:
+            self._files = [MetadataFile(self.path, None, None)]
+            part = self._part(self.path)
+            try:
+                tally, topics = part.tally(), part.topics
+            except Exception as error:
                 self.close()
-                raise BagError(
-                    f'{self.path} holds {connection.topic} both as {known.type_name} and as '
-                    f'{connection.msgtype}; only one type to a topic can be read')
-            profiles = (connection.ext.offered_qos_profiles
-                        if isinstance(connection.ext, ConnectionExtRosbag2) else [])
-            self.topics[connection.topic] = BagTopic(
-                connection.msgtype,
-                connection.msgcount + (known.message_count if known is not None else 0),
-                any(item.durability is QosDurability.TRANSIENT_LOCAL for item in profiles),
-                max((item.depth for item in profiles), default=0),
-                connection.digest)
-
-    @property
-    def message_count(self) -> int:
-        return self._reader.message_count
+                raise BagError(f'cannot read {self.path} as a bag: {error}') from error
+            self.message_count = tally.message_count
+            self._span = (tally.first, tally.last) if tally.message_count else (0, 0)
+            for topic in topics:
+                self._add(topic.name, topic.type_name, tally.counts.get(topic.name, 0),
+                          topic.digest, topic.qos)
 
     @property
     def start_time(self) -> int:
         """
         Time of the first message [ns]; 0 in an empty bag.
         """
-        return self._reader.start_time if self.message_count else 0
+        return self._span[0]
 
     @property
     def end_time(self) -> int:
         """
         Time of the last message [ns]; 0 in an empty bag.
         """
-        return self._reader.end_time - 1 if self.message_count else 0
+        return self._span[1]
 
     @property
     def custom(self) -> dict[str, str]:
         """
         The custom data: from the metadata, else from the messages that repeat it.
         """
-        stored = self._reader.storage.metadata.custom
-        if stored:
-            return dict(stored)
+        if self._custom:
+            return dict(self._custom)
         for topic, _, data in self.messages():
             if decode_custom(self.topics[topic].type_name, data) is None:
                 break
-            return merge_custom(
-                (self.topics[topic].type_name, item) for _, _, item in self.messages([topic]))
+            return self.custom_on(topic)
         return {}
+
+    def custom_on(self, topic: str) -> dict[str, str]:
+        """
+        The custom data in the messages of one topic: in a bag of several fabrics each has its own.
+        """
+        if topic not in self.topics:
+            return {}
+        return merge_custom(
+            (self.topics[topic].type_name, item) for _, _, item in self.messages([topic]))
 
     def messages(
         self, topics: Collection[str] | None = None, *,
@@ -107,13 +122,19 @@ class BagReader:
         Messages of one time come in the order in which they were written. A topic that the bag
         does not hold yields nothing.
         """
-        connections = [
-            item for item in self._reader.connections if topics is None or item.topic in topics]
-        if not connections:
-            return  # rosbags would take none for all
+        wanted = {name for name in self.topics if topics is None or name in topics}
+        if not wanted:
+            return
         try:
-            for connection, nanoseconds, data in self._reader.messages(connections, start, stop):
-                yield connection.topic, nanoseconds, bytes(data)
+            for group in _overlapping(self._files):
+                if _outside(group, start, stop):
+                    continue
+                streams = [self._read(file.path, wanted, start, stop) for file in group]
+                # Messages of one time come from the earlier file first.
+                yield from (streams[0] if len(streams) == 1 else
+                            heapq.merge(*streams, key=lambda message: message[1]))
+        except BagError:
+            raise
         except Exception as error:
             raise BagError(
                 f'{self.path} is damaged: {error}; for MCAP, `icofabric recover {self.path}` '
@@ -123,9 +144,9 @@ class BagReader:
         """
         Let go of the files; a second call changes nothing.
         """
-        if self._reader.is_open:
-            with contextlib.suppress(Exception):
-                self._reader.close()
+        self._closed = True
+        while self._open_parts:
+            self._open_parts.popitem()[1].close()
 
     def __enter__(self) -> Self:
         return self
@@ -136,15 +157,73 @@ class BagReader:
     ) -> None:
         self.close()
 
+    def _add(
+        self, name: str, type_name: str, message_count: int, digest: str, qos: list[Qos],
+    ) -> None:
+        known = self.topics.get(name)
+        if known is not None and known.type_name != type_name:
+            self.close()
+            raise BagError(
+                f'{self.path} holds {name} both as {known.type_name} and as {type_name}; only one '
+                'type to a topic can be read')
+        self.topics[name] = BagTopic(
+            type_name,
+            message_count + (known.message_count if known is not None else 0),
+            any(item.durability is QosDurability.TRANSIENT_LOCAL for item in qos),
+            max((item.depth for item in qos), default=0),
+            digest)
 
-def merge_custom(messages: Iterator[tuple[str, bytes]]) -> dict[str, str]:
+    def _part(self, path: Path) -> Part:
+        part = self._open_parts.get(path)
+        if self._closed:
+            raise BagError(f'{self.path} has been closed')
+        if part is None:
+            try:
+                part = Part(path, compression_mode=self._mode)
+            except BagError:
+                raise
+            except Exception as error:  # rosbags lets many kinds through when a file is malformed
+                raise BagError(f'cannot read {path} as a bag: {error}') from error
+            if len(self._files) <= _KEPT_OPEN:
+                self._open_parts[path] = part
+        return part
+
+    def _read(
+        self, path: Path, wanted: set[str], start: int | None, stop: int | None,
+    ) -> Iterator[tuple[str, int, bytes]]:
+        part = self._part(path)
+        try:
+            yield from part.messages(wanted, start, stop)
+        finally:
+            if path not in self._open_parts:
+                part.close()
+
+
+def _overlapping(files: list[MetadataFile]) -> Iterator[list[MetadataFile]]:
     """
-    Put together the custom data that messages of one topic hold, the later over the earlier.
+    Group files whose times overlap: those of another recorder may, by a message or two.
     """
-    custom: dict[str, str] = {}
-    for type_name, data in messages:
-        custom.update(decode_custom(type_name, data) or {})
-    return custom
+    group: list[MetadataFile] = []
+    latest = -1
+    for file in files:
+        if group and (file.first is None or file.first >= latest):
+            yield group
+            group, latest = [], -1
+        group.append(file)
+        if file.last is not None:
+            latest = max(latest, file.last)
+    if group:
+        yield group
+
+
+def _outside(group: list[MetadataFile], start: int | None, stop: int | None) -> bool:
+    """
+    Whether none of the files can hold a message of the wanted times.
+    """
+    return all(
+        file.first is not None and file.last is not None and (
+            (start is not None and file.last < start) or (stop is not None and file.first >= stop))
+        for file in group)
 
 
 def storage_files(path: Path) -> list[Path]:
@@ -152,7 +231,7 @@ def storage_files(path: Path) -> list[Path]:
     Return the .mcap and .db3 files of a bag, in the order in which they were recorded.
     """
     if path.is_dir():
-        found = [item for item in path.iterdir() if item.suffix in ('.mcap', '.db3')]
+        found = [item for item in path.iterdir() if item.suffix in _SUFFIXES]
         return sorted(found, key=lambda item: (len(item.name), item.name))
     return [path]
 
@@ -164,12 +243,13 @@ def check_finished(path: Path) -> None:
     if not path.exists():
         raise BagError(f'{path} does not exist')
     try:
+        described = path.is_dir() and (path / FILE_NAME).exists()
         files = storage_files(path)
-        if not files or not path.is_dir() and path.suffix not in ('.mcap', '.db3'):
+        if not described and not files or not path.is_dir() and path.suffix not in _SUFFIXES:
             raise BagError(
                 f'{path} is not a bag: it must be a folder that rosbag2 recorded, or one of the '
                 '.mcap or .db3 files in it')
-        unfinished = path.is_dir() and not (path / 'metadata.yaml').exists()
+        unfinished = path.is_dir() and not described
         for file in files:
             with file.open('rb') as opened:
                 start = opened.read(16)

@@ -14,19 +14,21 @@ import time
 from types import TracebackType
 from typing import Literal, Self, SupportsIndex
 
-from icofabric_sim.bag.handover import End, Handover, Message, NewTopic, RecorderStatistics
+from icofabric_sim.bag.bag_file import BagFile
+from icofabric_sim.bag.handover import End, Handover, Heading, Message, RecorderStatistics
 from icofabric_sim.bag.storage import (
     absolute_path,
     BagError,
-    BagFile,
     definition,
     encode_custom,
+    PART,
     quality_of_service,
+    TopicEntry,
 )
 from icofabric_sim.messages import StringBytes
 
 # [s] of wall time: a killed recording may lose a second, and the writing takes part of it.
-FLUSH_INTERVAL = 0.5
+FLUSH_INTERVAL = 0.25
 QUEUE_BYTES = 128 * 2**20
 CUSTOM_TOPIC = '/icofabric/recording'
 
@@ -38,13 +40,15 @@ class BagRecorder:
     The queue between is bounded in bytes. When it is full, `overflow='wait'` makes `write` wait
     (a run without a deadline loses nothing), `overflow='drop'` refuses the message and counts it
     (a live simulation is not slowed by its disk). Essential messages are never dropped: they may
-    fill the queue a second time over, and wait only then.
+    fill the queue a second time over; then `write` waits, or, under 'drop', the recording ends.
 
     An error of the disk ends the recording, never the caller: it is kept in `error`, told once to
-    `on_error` (from the writing thread), and messages after it are counted as lost.
+    `on_error` (mostly from the writing thread), and messages after it are counted as lost. What
+    was recorded before stays a whole bag where the disk still takes the few bytes of its end.
 
     Custom data goes to the metadata when the bag is closed, and at once into a message of JSON on
-    `custom_topic`, the first of the bag: a bag that is killed has no metadata.
+    `custom_topic`, the first of the bag: a bag that is killed has no metadata. Each further file
+    of a split bag begins with them too, so that each can be read by itself.
     """
 
     def __init__(
@@ -54,14 +58,21 @@ class BagRecorder:
         custom: Mapping[str, str] | None = None,
         custom_topic: str = CUSTOM_TOPIC,
         start: SupportsIndex = 0,
+        compression: str = 'none',
+        split_size: int = 0,
+        split_duration: float = 0.0,
         queue_bytes: int = QUEUE_BYTES,
         flush_interval: float = FLUSH_INTERVAL,
+        patience: float | None = None,
         on_error: Callable[[BagError], None] | None = None,
     ) -> None:
         """
         Open a new bag; where that is not possible, BagError names `record.path` and the reason.
 
-        `start` is the simulated time [ns] at which the first custom data is written.
+        `start` is the simulated time [ns] at which the first custom data is written. A file that
+        has `split_size` [bytes], or spans more than `split_duration` [s], is followed by a next
+        one; 0: never. A disk that does not answer within the `patience` [s] is not waited for:
+        the error then comes, if any, as one of the recording; None: it is waited for.
         """
         if overflow not in ('wait', 'drop'):
             raise ValueError(f'overflow must be wait or drop, got {overflow!r}')
@@ -69,12 +80,15 @@ class BagRecorder:
             raise ValueError(f'queue_bytes must be positive, got {queue_bytes!r}')
         if not flush_interval > 0.0:
             raise ValueError(f'flush_interval must be positive, got {flush_interval!r} s')
+        if not split_size >= 0:
+            raise ValueError(f'split_size must not be negative, got {split_size!r} bytes')
+        if not split_duration >= 0.0:
+            raise ValueError(f'split_duration must not be negative, got {split_duration!r} s')
         custom = dict(custom or {})
         _check_custom(custom)
         self.path = absolute_path(path)
         self.storage = storage
         self.error: BagError | None = None
-        self.survives_kill = False  # whether what was flushed can always be recovered
         self._custom = custom
         self._custom_topic = custom_topic
         self._flush_interval = flush_interval
@@ -82,18 +96,29 @@ class BagRecorder:
         self._latest = operator.index(start)
         self._types: dict[str, str] = {}
         self._handover = Handover(queue_bytes, overflow)
+        self._failing = threading.Lock()
         self._opened = threading.Event()
+        self._awaited = True
         # A daemon, so that a program that ends without closing does not hang; atexit closes it.
         self._thread = threading.Thread(
-            target=self._run, name=f'recorder of {self.path.name}', daemon=True)
+            target=self._run, name=f'recorder of {self.path.name}', daemon=True,
+            args=(compression, split_size, round(split_duration * 1e9), custom))
         self._thread.start()
-        self._opened.wait()
-        if self.error is not None:
-            self._thread.join()
-            raise self.error
+        self._opened.wait(patience)
+        with self._failing:
+            self._awaited = False
+            if self.error is not None:
+                raise self.error
         atexit.register(self.close)
         if custom:
             self._announce(custom)
+
+    @property
+    def survives_kill(self) -> bool:
+        """
+        Whether what was flushed can always be recovered when the process is killed.
+        """
+        return self.storage == 'mcap'
 
     def add_topic(
         self, topic: str, type_name: str, *, latched: bool = False, depth: int | None = None,
@@ -106,11 +131,14 @@ class BagRecorder:
         if depth is not None and not depth > 0:
             raise ValueError(f'depth of {topic} must be positive, got {depth!r}')
         described = definition(type_name)
-        known = self._types.setdefault(topic, type_name)
-        if known != type_name:
+        known = self._types.get(topic)
+        if known == type_name:
+            return
+        if known is not None:
             raise ValueError(f'{topic} was added as {known}, it cannot also be {type_name}')
+        self._types[topic] = type_name
         qos = quality_of_service(latched=latched, depth=depth or (1 if latched else 10))
-        self._handover.put_topic(NewTopic(topic, type_name, described, qos))
+        self._handover.put_notice(TopicEntry(topic, type_name, described, [qos]))
 
     def write(
         self, topic: str, nanoseconds: SupportsIndex, data: bytes, *, essential: bool = False,
@@ -127,7 +155,15 @@ class BagRecorder:
         if topic not in self._types:
             raise ValueError(f'{topic} must be added before its first message')
         self._latest = max(self._latest, nanoseconds)
-        return self._handover.put(topic, nanoseconds, data, essential=essential)
+        try:
+            return self._handover.put(topic, nanoseconds, data, essential=essential)
+        except TimeoutError:
+            self._handover.give_up()
+            self._fail(BagError(
+                f'recording to {self.path} stopped: the disk is too slow, {topic} finds no room '
+                'in the queue and must not be left out; choose a faster disk, lower rates or '
+                'fewer outputs'))
+            return False
 
     def set_custom(self, key: str, value: str) -> None:
         """
@@ -135,20 +171,34 @@ class BagRecorder:
         """
         _check_custom({key: value})
         self._custom = {**self._custom, key: value}  # the writing thread may read the old one
+        self._handover.put_notice(Heading(key, value))
         self._announce({key: value})
+
+    def set_heading(self, key: str, value: str) -> None:
+        """
+        Set what the later files of a split bag say of themselves, and only they.
+        """
+        _check_custom({key: value})
+        self._handover.put_notice(Heading(key, value))
 
     @property
     def statistics(self) -> RecorderStatistics:
         return self._handover.statistics
 
-    def close(self) -> None:
+    def close(self, patience: float | None = None) -> bool:
         """
         Write what is queued and finish the bag; a second call changes nothing.
+
+        False where that takes longer than the `patience` [s]: it goes on, and may be awaited by
+        another call.
         """
         self._handover.end()
         if threading.current_thread() is not self._thread:  # `on_error` may close too
-            self._thread.join()
+            self._thread.join(patience)
+            if self._thread.is_alive():
+                return False
             atexit.unregister(self.close)
+        return True
 
     def __enter__(self) -> Self:
         return self
@@ -163,52 +213,90 @@ class BagRecorder:
         self.add_topic(self._custom_topic, StringBytes.TYPE, latched=True)
         self.write(self._custom_topic, self._latest, encode_custom(custom), essential=True)
 
-    def _run(self) -> None:
+    def _run(
+        self, compression: str, split_size: int, split_duration: int, custom: dict[str, str],
+    ) -> None:
         """
         Open, fill and close the bag: all in this thread, as SQLite demands.
         """
         try:
-            file = BagFile(self.path, self.storage)
-            self.survives_kill = file.survives_kill
+            file = BagFile(
+                self.path, self.storage, compression=compression, split_size=split_size,
+                split_duration=split_duration, custom=custom)
         except BagError as error:
-            self.error = error
-            return
-        finally:
+            with self._failing:
+                if self._awaited:
+                    self.error = error  # raised by the constructor
+            if self.error is None:
+                self._handover.give_up(written=0)
+                self._fail(error)
             self._opened.set()
+            return
+        self._opened.set()
+        writing = _Writing(file, self._custom_topic, dict(custom))
         try:
-            self._write_all(file)
+            self._write_all(writing)
             file.close(self._custom)
         except Exception as error:
             # Whatever it is, the simulation goes on and must hear of it.
-            file.abandon()
-            self._fail(error)
+            said = (error.strerror if isinstance(error, OSError) else str(error)) or repr(error)
+            whole = file.salvage({**self._custom, 'recording_stopped': said})
+            self._handover.give_up(written=max(0, file.message_count - writing.extra))
+            self._fail(self._explain(error, said, whole))
 
-    def _write_all(self, file: BagFile) -> None:
-        known: set[str] = set()
+    def _write_all(self, writing: _Writing) -> None:
         flush_due: float | None = None  # None while all that was written is on the disk
         while not isinstance(item := self._handover.take(flush_due), End):
             if isinstance(item, Message):
-                file.write(item.topic, item.nanoseconds, item.data)
+                writing.write(item)
                 if flush_due is None:
                     flush_due = time.monotonic() + self._flush_interval
-            elif item is not None and item.name not in known:
-                known.add(item.name)
-                file.add_topic(item.name, item.type_name, item.described, [item.qos])
+            elif isinstance(item, TopicEntry):
+                writing.file.add_topic(item)
+            elif item is not None:
+                writing.heading[item.key] = item.value
             if flush_due is not None and time.monotonic() >= flush_due:
-                file.flush()
+                writing.file.flush()
                 flush_due = None
 
-    def _fail(self, reason: Exception) -> None:
+    def _explain(self, reason: Exception, said: str, whole: bool) -> BagError:
         way_out = 'make room or choose another record.path'
         if self.statistics.written:
-            way_out += f'; `icofabric recover {self.path}` saves what was recorded until then'
-        text = reason.strerror if isinstance(reason, OSError) else str(reason)
-        error = BagError(f'recording to {self.path} stopped: {text or repr(reason)}; {way_out}')
+            way_out += ('; what was recorded until then is a whole bag' if whole else
+                        f'; `icofabric recover {self.path}` saves what was recorded until then')
+        error = BagError(f'recording to {self.path} stopped: {said}; {way_out}')
         error.__cause__ = reason
-        self.error = error
-        self._handover.fail()
+        return error
+
+    def _fail(self, error: BagError) -> None:
+        with self._failing:
+            if self.error is not None:
+                return  # told once is enough
+            self.error = error
         if self._on_error is not None:
             self._on_error(error)
+
+
+class _Writing:
+    """
+    The bag as the writing thread fills it, file after file.
+    """
+
+    def __init__(self, file: BagFile, custom_topic: str, heading: dict[str, str]) -> None:
+        self.file, self.heading = file, heading
+        self.extra = 0  # messages that nobody handed over
+        self._custom_topic = custom_topic
+        self._part = 0
+
+    def write(self, message: Message) -> None:
+        if self.file.must_split(message.nanoseconds):
+            self.file.split()
+            self._part += 1
+            if self.heading:
+                said = encode_custom({**self.heading, PART: str(self._part)})
+                self.file.write(self._custom_topic, message.nanoseconds, said)
+                self.extra += 1
+        self.file.write(message.topic, message.nanoseconds, message.data)
 
 
 def _check_custom(custom: Mapping[str, str]) -> None:

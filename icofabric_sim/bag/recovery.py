@@ -10,18 +10,23 @@ import contextlib
 from pathlib import Path
 import shutil
 import sqlite3
+import tempfile
 from typing import NamedTuple
 
-from icofabric_sim.bag.reader import merge_custom, storage_files
+from icofabric_sim.bag.bag_file import BagFile
+from icofabric_sim.bag.mcap_scan import Damage, McapScan, ScannedMessage, ScannedTopic
+from icofabric_sim.bag.reader import storage_files
+from icofabric_sim.bag.sqlite3_storage import Sqlite3Reader
 from icofabric_sim.bag.storage import (
     absolute_path,
     BagError,
-    BagFile,
     decode_custom,
     foreign_definition,
+    merge_custom,
     parse_qualities_of_service,
+    STORAGES,
+    TopicEntry,
 )
-from rosbags.interfaces import Qos
 
 _PROGRESS_EVERY = 256  # messages
 
@@ -45,26 +50,6 @@ class RecoveryReport(NamedTuple):
         return sum(self.topics.values())
 
 
-class _Topic(NamedTuple):
-    name: str
-    type_name: str
-    definition: str
-    qos: list[Qos]
-
-
-class _Found(NamedTuple):
-    topic: _Topic
-    nanoseconds: int
-    data: bytes
-    progress: float  # part of the file that was read, 0 to 1
-
-
-class _Damage(Exception):
-    """
-    The place up to which a file can be read.
-    """
-
-
 def recover_bag(
     source: str | Path, destination: str | Path, *,
     on_progress: Callable[[float], None] | None = None,
@@ -73,29 +58,27 @@ def recover_bag(
     Copy every readable message of a bag, or of a bare file of it, into a new bag that is whole.
 
     MCAP yields all up to the last closed chunk, SQLite all up to the last commit. The storage,
-    the topics with their QoS, the order and the custom data stay as they were. `on_progress` is
-    told the part done, 0 to 1. The source is not written to, but that SQLite rolls an unfinished
-    transaction back, as for every reader.
+    the compression, the files of a split bag, the topics with their QoS, the order and the custom
+    data stay as they were. `on_progress` is told the part done, 0 to 1. The source is not
+    changed.
     """
     source, destination = Path(source).expanduser(), absolute_path(destination)
     if not source.exists():
         raise BagError(f'{source} does not exist')
     files = storage_files(source)
-    storages = {'.mcap': 'mcap', '.db3': 'sqlite3'}
+    storages = {suffix: storage for storage, suffix in STORAGES.items()}
     if not files or not all(file.suffix in storages for file in files):
         raise BagError(f'{source} holds no .mcap or .db3 file to recover')
     writer = _Copy(destination, storages[files[0].suffix])
-    damage = ''
+    damages: list[str] = []
     try:
         for index, file in enumerate(files):
-            read = _read_mcap if file.suffix == '.mcap' else _read_sqlite3
-            try:
-                for count, found in enumerate(read(file)):
-                    writer.write(found)
-                    if on_progress is not None and count % _PROGRESS_EVERY == 0:
-                        on_progress((index + found.progress) / len(files))
-            except _Damage as error:
-                damage = f'{file.name} ends early: {error}'
+            writer.begin_file()
+            for count, (part, message) in enumerate(_read(file, writer, damages)):
+                writer.write(message)
+                if on_progress is not None and count % _PROGRESS_EVERY == 0:
+                    on_progress((index + part) / len(files))
+        damage = '; '.join(damages)
         if not writer.counts:
             raise BagError(
                 f'nothing can be recovered from {source}: no message was complete on the disk'
@@ -103,8 +86,9 @@ def recover_bag(
         report = writer.finish(damage)
     except BaseException as error:
         writer.discard()
-        if isinstance(error, OSError):
-            raise BagError(f'cannot write {destination}: {error.strerror}') from error
+        if isinstance(error, OSError | sqlite3.Error):
+            text = error.strerror if isinstance(error, OSError) else str(error)
+            raise BagError(f'cannot write {destination}: {text}') from error
         raise
     if on_progress is not None:
         on_progress(1.0)
@@ -125,33 +109,47 @@ class _Copy:
 
     def __init__(self, path: Path, storage: str) -> None:
         self.path, self.storage = path, storage
+        self.compressed = False  # whether the messages read now come from compressed ones
         self.counts: dict[str, int] = {}
         self._file: BagFile | None = None
         self._types: dict[str, str] = {}
         self._times: tuple[int, int] | None = None
         self._custom: dict[str, str] = {}
         self._custom_topic: str | None = None
+        self._split_due = False
 
-    def write(self, found: _Found) -> None:
-        topic, nanoseconds = found.topic, found.nanoseconds
+    def begin_file(self) -> None:
+        """
+        Have the next message begin a file of its own, as in the source.
+        """
+        self._split_due = self._file is not None
+
+    def write(self, message: ScannedMessage) -> None:
+        topic, nanoseconds = message.topic, message.nanoseconds
         if self._file is None:
-            self._file = BagFile(self.path, self.storage)
-            if decode_custom(topic.type_name, found.data) is not None:
+            self._file = BagFile(
+                self.path, self.storage, compression='zstd' if self.compressed else 'none')
+            if decode_custom(topic.type_name, message.data) is not None:
                 self._custom_topic = topic.name
         known = self._types.setdefault(topic.name, topic.type_name)
         if known != topic.type_name:
             raise BagError(f'{topic.name} is both {known} and {topic.type_name}')
+        if self._split_due:
+            self._split_due = False
+            self._file.split()
         if topic.name not in self.counts:
             self.counts[topic.name] = 0
-            self._file.add_topic(
+            described = foreign_definition(topic.type_name, topic.definition)
+            self._file.add_topic(TopicEntry(
                 topic.name, topic.type_name,
-                foreign_definition(topic.type_name, topic.definition), topic.qos)
-        self._file.write(topic.name, nanoseconds, found.data)
+                described._replace(digest=topic.digest) if topic.digest else described,
+                parse_qualities_of_service(topic.qos)))
+        self._file.write(topic.name, nanoseconds, message.data)
         self.counts[topic.name] += 1
         first, last = self._times or (nanoseconds, nanoseconds)
         self._times = min(first, nanoseconds), max(last, nanoseconds)
         if topic.name == self._custom_topic:
-            self._custom.update(merge_custom(iter([(topic.type_name, found.data)])))
+            self._custom = merge_custom([(topic.type_name, message.data)], self._custom)
 
     def finish(self, damage: str) -> RecoveryReport:
         assert self._file is not None and self._times is not None
@@ -165,61 +163,61 @@ class _Copy:
             shutil.rmtree(self.path, ignore_errors=True)
 
 
-def _read_mcap(path: Path) -> Iterator[_Found]:
-    # Only this needs the package, and rosbags' own reader refuses a file without its end.
-    try:
-        from mcap.exceptions import EndOfFile
-        from mcap.records import Channel, Message, Schema
-        from mcap.stream_reader import StreamReader
-    except ImportError as error:
-        raise BagError(
-            f'recovering {path} needs the Python package mcap: `pip install mcap`') from error
+_Read = Iterator[tuple[float, ScannedMessage]]  # with the part of the file that was read, 0 to 1
 
-    schemas: dict[int, Schema] = {}
-    topics: dict[int, _Topic] = {}
+
+def _read(path: Path, writer: _Copy, damages: list[str]) -> _Read:
+    """
+    Yield what can be read of a file, and note what cannot.
+    """
+    read = _read_mcap if path.suffix == '.mcap' else _read_sqlite3
+    try:
+        yield from read(path, writer, damages)
+    except Damage as error:
+        damages.append(f'{path.name} ends early: {error}')
+
+
+def _read_mcap(path: Path, writer: _Copy, damages: list[str]) -> _Read:
     size = max(1, path.stat().st_size)
-    with path.open('rb') as file:
-        records = iter(StreamReader(file, validate_crcs=True).records)
-        while True:
-            try:
-                record = next(records, None)
-                if isinstance(record, Schema):
-                    schemas[record.id] = record
-                elif isinstance(record, Channel):
-                    schema = schemas[record.schema_id]
-                    topics[record.id] = _Topic(
-                        record.topic, schema.name, schema.data.decode(),
-                        parse_qualities_of_service(
-                            record.metadata.get('offered_qos_profiles', '')))
-                found = (_Found(topics[record.channel_id], record.log_time, record.data,
-                                file.tell() / size)
-                         if isinstance(record, Message) else None)
-            except EndOfFile:
-                raise _Damage(f'its last chunk was not complete at byte {size}') from None
-            except Exception as error:  # whatever the parser makes of damaged bytes
-                raise _Damage(f'unreadable at about byte {file.tell()} ({error!r})') from error
-            if record is None:
-                return
-            if found is not None:
-                yield found
+    scan = McapScan(path, on_damage=lambda text: damages.append(f'{path.name}: {text}'))
+    for message in scan.messages():
+        writer.compressed = scan.compressed
+        yield message.offset / size, message
 
 
-def _read_sqlite3(path: Path) -> Iterator[_Found]:
-    try:
-        with contextlib.closing(sqlite3.connect(path)) as database:
-            total = database.execute('SELECT count(*) FROM messages').fetchone()[0]
-            definitions = dict(database.execute(
-                'SELECT topic_type, encoded_message_definition FROM message_definitions'))
+def _read_sqlite3(path: Path, writer: _Copy, damages: list[str]) -> _Read:
+    with contextlib.ExitStack() as stack:
+        try:
+            file = stack.enter_context(contextlib.closing(_open_sqlite3(path, writer.path, stack)))
+            writer.compressed = file.compressed
+            count = max(1, file.tally().message_count)
             topics = {
-                key: _Topic(name, type_name, definitions.get(type_name, ''),
-                            parse_qualities_of_service(profiles))
-                for key, name, type_name, profiles in database.execute(
-                    'SELECT id, name, type, offered_qos_profiles FROM topics')}
-            rows = database.execute('SELECT topic_id, timestamp, data FROM messages ORDER BY id')
-            for index, (key, nanoseconds, data) in enumerate(rows):
-                yield _Found(topics[key], nanoseconds, data, (index + 1) / total)
-            finished = database.execute('SELECT count(*) FROM metadata').fetchone()[0]
-    except (sqlite3.Error, KeyError) as error:
-        raise _Damage(str(error)) from error
+                topic.name: ScannedTopic(
+                    topic.name, topic.type_name, topic.definition, topic.profiles, topic.digest)
+                for topic in file.topics}
+            for number, (name, nanoseconds, data) in enumerate(
+                    file.messages(None, None, None, by_time=False)):
+                yield number / count, ScannedMessage(topics[name], nanoseconds, bytes(data), 0)
+            finished = file.is_finished()
+        except OSError:
+            raise
+        except Exception as error:  # whatever damaged pages lead to
+            raise Damage(str(error)) from error
     if not finished:
-        raise _Damage('it was not closed, and what was not committed is not in it')
+        raise Damage('it was not closed, and what was not committed is not in it')
+
+
+def _open_sqlite3(path: Path, beside: Path, stack: contextlib.ExitStack) -> Sqlite3Reader:
+    """
+    Open a file; where a transaction was broken off, a copy of it, for SQLite to make good.
+    """
+    companions = [Path(f'{path}{ending}') for ending in ('-journal', '-wal')]
+    if not any(item.exists() and item.stat().st_size for item in companions):
+        return Sqlite3Reader(path)
+    beside.parent.mkdir(parents=True, exist_ok=True)
+    folder = Path(stack.enter_context(
+        tempfile.TemporaryDirectory(prefix=f'.{beside.name}-', dir=beside.parent)))
+    for item in (path, *companions):
+        if item.exists():
+            shutil.copy(item, folder / item.name)
+    return Sqlite3Reader(folder / path.name, unfinished=True)

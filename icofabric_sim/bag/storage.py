@@ -1,25 +1,20 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
 """
-One bag being written: the only place that knows how rosbags does it.
-
-A bag written through `with rosbags.rosbag2.Writer(...)` is thrown away by any exception, and one
-that is killed loses what the writer still held. So it is opened and closed by hand here, and
-`BagFile.flush` brings what was written to the file, which rosbags itself does only after 1 MiB.
+What a bag is made of: message types, qualities of service, custom data, folders.
 """
 from __future__ import annotations
 
-from collections.abc import Sequence
-import contextlib
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
 import functools
 import json
 import os
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 from icofabric_sim.messages import decode_string, StringBytes
 from rosbags.interfaces import (
-    Connection,
     Qos,
     QosDurability,
     QosHistory,
@@ -27,19 +22,22 @@ from rosbags.interfaces import (
     QosReliability,
     QosTime,
 )
-from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.rosbag2.metadata import parse_qos
-from rosbags.rosbag2.storage_mcap import McapWriter
-from rosbags.rosbag2.storage_sqlite3 import Sqlite3Writer
 from rosbags.typesys import get_types_from_idl, get_types_from_msg, get_typestore, Stores
 from rosbags.typesys.store import Typestore
+import yaml
 
-STORAGES = {'mcap': StoragePlugin.MCAP, 'sqlite3': StoragePlugin.SQLITE3}
+STORAGES = {'mcap': '.mcap', 'sqlite3': '.db3'}  # and how their files end
+COMPRESSIONS = ('none', 'zstd')
 
 UNKNOWN_HASH = 'RIHS01_' + 64 * '0'
 
 # What rosbag2 writes for a duration that was never set (rmw/time.h, RMW_DURATION_INFINITE).
 _NO_LIMIT = QosTime(9223372036, 854775807)
+# Key in the custom data of which file of a split bag they begin, but for the first.
+PART = 'part'
+# Level of zstd: the positions of bodies hardly shrink, so the quickest is the best.
+ZSTD_LEVEL = 1
 
 
 class BagError(ValueError):
@@ -55,6 +53,102 @@ class Definition(NamedTuple):
 
     text: str
     digest: str
+
+    @property
+    def encoding(self) -> str:
+        """
+        Name that rosbag2 gives to the language of the text.
+        """
+        return 'ros2idl' if self.text.startswith(_IDL_START) else 'ros2msg'
+
+
+class TopicEntry(NamedTuple):
+    """
+    A topic of a bag that is being written.
+    """
+
+    name: str
+    type_name: str
+    definition: Definition
+    qos: Sequence[Qos]
+
+
+@dataclass
+class Tally:
+    """
+    Number of messages of each topic, and the span of their times [ns].
+    """
+
+    counts: dict[str, int] = field(default_factory=dict)
+    first: int = 2**63 - 1
+    last: int = 0
+
+    def add(self, topic: str, nanoseconds: int) -> None:
+        self.counts[topic] = self.counts.get(topic, 0) + 1
+        self.first = min(self.first, nanoseconds)
+        self.last = max(self.last, nanoseconds)
+
+    def merge(self, other: Tally) -> None:
+        for topic, count in other.counts.items():
+            self.counts[topic] = self.counts.get(topic, 0) + count
+        self.first = min(self.first, other.first)
+        self.last = max(self.last, other.last)
+
+    @property
+    def message_count(self) -> int:
+        return sum(self.counts.values())
+
+    @property
+    def duration(self) -> int:
+        """
+        Nanoseconds between the first and the last message.
+        """
+        return max(0, self.last - self.first)
+
+
+class StorageFile(Protocol):
+    """
+    One file of a bag being written; all calls from the thread that made it, as SQLite demands.
+    """
+
+    path: Path
+    tally: Tally  # of what would be recovered if the process were killed now
+
+    @property
+    def size(self) -> int:
+        """
+        Bytes so far, those that still wait included where it is known how many that will be.
+        """
+
+    def add_topic(self, topic: TopicEntry) -> None:
+        """
+        Make a topic known before its first message.
+        """
+
+    def write(self, topic: str, nanoseconds: int, data: bytes) -> None:
+        """
+        Append a message.
+        """
+
+    def flush(self) -> None:
+        """
+        Give everything written so far to the system.
+        """
+
+    def roll_back(self) -> None:
+        """
+        Forget what was written since the last flush that worked.
+        """
+
+    def finish(self, metadata: str) -> None:
+        """
+        Make the file whole, with the metadata of its bag, and close it; after `flush`.
+        """
+
+    def abandon(self) -> None:
+        """
+        Let go of a file that cannot be written any more.
+        """
 
 
 @functools.cache
@@ -77,13 +171,16 @@ def definition(type_name: str) -> Definition:
     return Definition(text, store.hash_rihs01(type_name))
 
 
+_IDL_START = '=' * 80 + '\nIDL: '
+
+
 def foreign_definition(type_name: str, text: str) -> Definition:
     """
     Return the definition of any message type from the text that another bag holds of it.
     """
     store = Typestore()
     try:
-        if text.startswith('=' * 80 + '\nIDL: '):
+        if text.startswith(_IDL_START):
             store.register(get_types_from_idl(text))
         else:
             store.register(get_types_from_msg(text, type_name))
@@ -108,14 +205,51 @@ def quality_of_service(*, latched: bool, depth: int) -> Qos:
         avoid_ros_namespace_conventions=False)
 
 
-def parse_qualities_of_service(text: str) -> list[Qos]:
+def qos_entries(profiles: Sequence[Qos]) -> list[dict[str, Any]]:
     """
-    Read the profiles that a storage file holds of a topic; none where they are unreadable.
+    Lay out profiles as version 9 of rosbag2's metadata has them: policies by their names.
+    """
+    def time(value: QosTime) -> dict[str, int]:
+        return {'sec': value.sec, 'nsec': value.nsec}
+
+    return [{
+        'history': item.history.name.lower(),
+        'depth': item.depth,
+        'reliability': item.reliability.name.lower(),
+        'durability': item.durability.name.lower(),
+        'deadline': time(item.deadline),
+        'lifespan': time(item.lifespan),
+        'liveliness': item.liveliness.name.lower(),
+        'liveliness_lease_duration': time(item.liveliness_lease_duration),
+        'avoid_ros_namespace_conventions': item.avoid_ros_namespace_conventions,
+    } for item in profiles]
+
+
+def parse_qualities_of_service(stored: Any) -> list[Qos]:
+    """
+    Read the profiles that a bag holds of a topic; none where they are unreadable.
     """
     try:
-        return parse_qos(text)
+        return parse_qos(stored)
     except Exception:  # noqa: BLE001 - whatever a foreign writer left there, messages matter more
         return []
+
+
+def to_yaml(content: Any) -> str:
+    """
+    Write YAML that every reader of rosbag2's own takes.
+    """
+    dumper = getattr(yaml, 'CSafeDumper', yaml.SafeDumper)
+    text: str = yaml.dump(
+        content, Dumper=dumper, sort_keys=False, allow_unicode=True, default_flow_style=False)
+    return text
+
+
+def from_yaml(text: str | bytes) -> Any:
+    """
+    Read YAML; no object but plain ones is ever made of it.
+    """
+    return yaml.load(text, Loader=getattr(yaml, 'CSafeLoader', yaml.SafeLoader))
 
 
 def encode_custom(custom: dict[str, str]) -> bytes:
@@ -133,10 +267,26 @@ def decode_custom(type_name: str, data: bytes) -> dict[str, str] | None:
         return None
     try:
         custom = json.loads(decode_string(data))
-    except ValueError:
+    except (ValueError, RecursionError):
         return None
     if not isinstance(custom, dict) or not all(isinstance(item, str) for item in custom.values()):
         return None
+    return custom
+
+
+def merge_custom(
+    messages: Iterable[tuple[str, bytes]], known: dict[str, str] | None = None,
+) -> dict[str, str]:
+    """
+    Put together the custom data that messages of one topic hold, the later over the earlier.
+
+    Those at the begin of a further file repeat what is known, and say what holds there.
+    """
+    custom = dict(known or {})
+    for type_name, data in messages:
+        said = decode_custom(type_name, data) or {}
+        if not (custom and PART in said):
+            custom.update(said)
     return custom
 
 
@@ -159,84 +309,3 @@ def next_free_path(path: str | Path) -> Path:
         number += 1
         candidate = first.with_name(f'{first.name}_{number}')
     return candidate
-
-
-class BagFile:
-    """
-    One new bag; every call must come from the thread that made it, as SQLite demands.
-    """
-
-    def __init__(self, path: Path, storage: str) -> None:
-        """
-        Make the folder and open the bag in it; refuse to touch what exists.
-        """
-        if storage not in STORAGES:
-            raise BagError(f'record.storage: {storage!r} is not one of {", ".join(STORAGES)}')
-        if os.path.lexists(path):
-            raise BagError(
-                f'record.path: {path} exists and is never overwritten; '
-                'choose another folder or remove it')
-        self._topics: dict[str, Connection] = {}
-        try:
-            self._writer = Writer(path, version=9, storage_plugin=STORAGES[storage])
-            self._writer.open()
-        except Exception as error:  # of the system, of SQLite, of rosbags
-            with contextlib.suppress(OSError):
-                path.rmdir()  # an empty folder would only be in the way next time
-            text = error.strerror if isinstance(error, OSError) else str(error)
-            raise BagError(
-                f'record.path: cannot write a bag to {path}: {text}; '
-                'choose a folder where you may write') from error
-
-    @property
-    def survives_kill(self) -> bool:
-        """
-        Whether what was flushed can be recovered when the process is killed.
-        """
-        storage = self._writer.storage
-        return isinstance(storage, McapWriter) and all(
-            hasattr(storage, name) for name in ('chunk', 'close_chunk', 'bio'))
-
-    def add_topic(
-        self, topic: str, type_name: str, described: Definition, qos: Sequence[Qos],
-    ) -> None:
-        self._topics[topic] = self._writer.add_connection(
-            topic, type_name, msgdef=described.text, rihs01=described.digest,
-            offered_qos_profiles=qos)
-
-    def write(self, topic: str, nanoseconds: int, data: bytes) -> None:
-        self._writer.write(self._topics[topic], nanoseconds, data)
-
-    def flush(self) -> None:
-        """
-        Bring everything written so far to the file.
-
-        rosbags offers no such call, so this reaches into its storage classes; written for 0.11.9,
-        which the requirements pin. Should another version name its parts differently, bags are
-        written as before, only not flushed, and `survives_kill` says so. A chunk without messages
-        is kept back: it would carry the times of none.
-        """
-        storage = self._writer.storage
-        if isinstance(storage, McapWriter):
-            if self.survives_kill:
-                if storage.chunk.msgs:
-                    storage.close_chunk()
-                storage.bio.flush()
-        elif isinstance(storage, Sqlite3Writer) and hasattr(storage, 'conn'):
-            # A full disk then costs the last moments, not the whole bag.
-            storage.conn.commit()
-
-    def close(self, custom: dict[str, str]) -> None:
-        """
-        Finish the bag, with its metadata.
-        """
-        for key, value in custom.items():
-            self._writer.set_custom_data(key, value)
-        self._writer.close()
-
-    def abandon(self) -> None:
-        """
-        Let go of a bag that cannot be written any more.
-        """
-        with contextlib.suppress(Exception):
-            self._writer.abort()

@@ -129,8 +129,8 @@ def _record(size: Size) -> Any:
         runner = Runner(simulation, [bag])
         runner.run(until_finished=True)
         bag.close()
-        if runner.failure or bag.recorder.error is not None:
-            raise RuntimeError(runner.failure or str(bag.recorder.error))
+        if runner.failure or bag.error is not None:
+            raise RuntimeError(runner.failure or str(bag.error))
     return simulation
 
 

@@ -19,6 +19,7 @@ from icofabric_sim.commands.terminal import FileSaysNo, InputError
 # Verb, and what it does; the module has the same name.
 VERBS = {
     'run': 'simulate a scene as fast as possible and record it to a bag',
+    'verify': 'simulate a recorded run again and compare, bit by bit',
     'info': 'describe a scene or a recorded run',
     'render': 'draw a recorded run to pictures',
     'benchmark': 'measure speed and accuracy beside other tools',

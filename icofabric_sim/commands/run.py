@@ -123,8 +123,7 @@ class _Run:
         status = runner.status()
         # What was interrupted after its last step is not interrupted.
         interrupted = self.interrupted and not (status.finished or status.failure)
-        lost = '' if self.bag is None or self.bag.recorder.error is None else (
-            str(self.bag.recorder.error))
+        lost = '' if self.bag is None or self.bag.error is None else str(self.bag.error)
         print('\n'.join(run_summary(
             self.name, self.simulation, self.monitor, status, wall - aside, aside,
             errors=self.errors, growth=self.growth,

@@ -19,7 +19,7 @@ from icofabric_sim.kernels.lanes import (
     Vector,
     where,
 )
-from icofabric_sim.kernels.records import Connectors, Links
+from icofabric_sim.kernels.records import Links
 import numpy as np
 
 # A squared length below this is taken for it: the pull of a spring of no length has no direction
@@ -86,21 +86,3 @@ def edge_pull(
         factor = where(bits(links.present[block, link]), factor, zero)
         fx, fy, fz = fma(factor, ux, fx), fma(factor, uy, fy), fma(factor, uz, fz)
     return fx, fy, fz
-
-
-@compiled
-def connector_ends(
-    connectors: Connectors, position: np.ndarray, arms: np.ndarray, ends: np.ndarray
-) -> None:
-    """
-    World positions [m] of both ends of every connector, `ends` (c, 2, 3).
-
-    Bodies first: `position` (n, 3), `arms` (n, 3, 3).
-    """
-    for c in range(connectors.first.shape[0]):
-        for side in range(2):
-            b = connectors.first[c] if side == 0 else connectors.second[c]
-            edge = connectors.first_edge[c] if side == 0 else connectors.second_edge[c]
-            sign = 1.0 - 2.0 * (edge & 1)
-            for k in range(3):
-                ends[c, side, k] = position[b, k] + sign * arms[b, edge >> 1, k]

@@ -209,26 +209,3 @@ def place_points(
         store_at(points, at + 3 * stride, x - ax)
         store_at(points, at + 4 * stride, y - ay)
         store_at(points, at + 5 * stride, z - az)
-
-
-@compiled
-def fill_arms(orientation: np.ndarray, half_width: float, arms: np.ndarray) -> None:
-    """
-    Arms from the centres to the midpoints of the up, north and west edges [m], world frame.
-
-    Bodies first: `orientation` (n, 4), `arms` (n, 3, 3): arms[b, edge >> 1] belongs to the edge
-    pair (up, down), (north, south), (west, east), that is to the body axes z, x, y; the second
-    edge of a pair has the opposite arm.
-    """
-    h = half_width
-    for b in range(orientation.shape[0]):
-        x, y, z, w = orientation[b, 0], orientation[b, 1], orientation[b, 2], orientation[b, 3]
-        arms[b, 0, 0] = h * 2.0 * (x * z + w * y)
-        arms[b, 0, 1] = h * 2.0 * (y * z - w * x)
-        arms[b, 0, 2] = h * (1.0 - 2.0 * (x * x + y * y))
-        arms[b, 1, 0] = h * (1.0 - 2.0 * (y * y + z * z))
-        arms[b, 1, 1] = h * 2.0 * (x * y + w * z)
-        arms[b, 1, 2] = h * 2.0 * (x * z - w * y)
-        arms[b, 2, 0] = h * 2.0 * (x * y - w * z)
-        arms[b, 2, 1] = h * (1.0 - 2.0 * (x * x + z * z))
-        arms[b, 2, 2] = h * 2.0 * (y * z + w * x)

@@ -7,7 +7,11 @@ Building a message from objects costs a hundred times more than the step it repo
 here writes the unchanging parts of its message once and exposes the numbers as an array. What a
 publisher sends and what a bag stores are the same bytes.
 """
-from icofabric_sim.messages.arrays import Float64MultiArrayBytes, StringBytes
+from icofabric_sim.messages.arrays import (
+    Float64MultiArrayBytes,
+    StringBytes,
+    UInt8MultiArrayBytes,
+)
 from icofabric_sim.messages.decode import (
     decode_clock,
     decode_diagnostic_array,
@@ -16,6 +20,7 @@ from icofabric_sim.messages.decode import (
     decode_pose_array,
     decode_string,
     decode_twist_stamped,
+    decode_uint8_multi_array,
     decode_wrench_stamped,
     LabelledArray,
     MarkerPoints,
@@ -47,6 +52,7 @@ __all__ = [
     'decode_pose_array',
     'decode_string',
     'decode_twist_stamped',
+    'decode_uint8_multi_array',
     'decode_wrench_stamped',
     'DiagnosticArrayBytes',
     'DiagnosticStatus',
@@ -64,6 +70,7 @@ __all__ = [
     'StampedPair',
     'StringBytes',
     'TwistStampedBytes',
+    'UInt8MultiArrayBytes',
     'WARN',
     'WrenchStampedBytes',
 ]

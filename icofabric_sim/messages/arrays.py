@@ -1,15 +1,17 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
 """
-Messages of std_msgs: text, and arrays of numbers with a label for each dimension.
+Messages of std_msgs: text, bytes, and arrays of numbers with a label for each dimension.
 """
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 import math
 from typing import ClassVar
 
 from icofabric_sim.messages.cdr import aligned_buffer, CdrBuilder
+from icofabric_sim.messages.draft import Draft, Fill
 import numpy as np
 from numpy.typing import NDArray
 
@@ -30,11 +32,29 @@ class StringBytes:
         return self._message
 
 
+class UInt8MultiArrayBytes:
+    """
+    A std_msgs/UInt8MultiArray: a row of bytes, without labels.
+    """
+
+    TYPE: ClassVar[str] = 'std_msgs/msg/UInt8MultiArray'
+
+    def __init__(self, data: bytes) -> None:
+        if not len(data) < 2**32:
+            raise ValueError(f'a ROS sequence holds less than 2^32 bytes, got {len(data)}')
+        layout = CdrBuilder()
+        layout.numbers('I', 0, 0, len(data))  # no dimensions, data_offset
+        self._message = bytes(layout.data) + data
+
+    def to_bytes(self) -> bytes:
+        return self._message
+
+
 class Float64MultiArrayBytes:
     """
     A std_msgs/Float64MultiArray of fixed shape, row by row, one label for each dimension.
 
-    `values` is a view into the message in that shape.
+    `values` is a view, in that shape, into the message that is kept.
     """
 
     TYPE: ClassVar[str] = 'std_msgs/msg/Float64MultiArray'
@@ -56,10 +76,34 @@ class Float64MultiArrayBytes:
         layout.numbers('I', count)
         if count:
             layout.align(8)
-        start = layout.size
-        self._message = aligned_buffer(start + 8 * count)
-        self._message[:start] = np.frombuffer(layout.data, np.uint8)
-        self.values: NDArray[np.float64] = self._message[start:].view('<f8').reshape(tuple(shape))
+        self._head = bytes(layout.data)
+        self._shape = tuple(shape)
+
+    @cached_property
+    def _message(self) -> NDArray[np.uint8]:
+        """
+        The message that is kept, and copied each time; made when it is first needed.
+        """
+        start = len(self._head)
+        message = aligned_buffer(start + 8 * math.prod(self._shape))
+        message[:start] = np.frombuffer(self._head, np.uint8)
+        return message
+
+    @property
+    def values(self) -> NDArray[np.float64]:
+        return self._message[len(self._head):].view('<f8').reshape(self._shape)
 
     def to_bytes(self) -> bytes:
         return self._message.tobytes()
+
+    def filled(self, fill: Fill) -> bytes:
+        """
+        Return a message whose numbers, shaped as `values`, `fill` writes.
+
+        It is laid out once, where it stays, and `values` is not touched.
+        """
+        start = len(self._head)
+        draft = Draft(start + 8 * math.prod(self._shape))
+        draft.put(0, self._head)
+        draft.fill(start, self._shape, fill)
+        return draft.finish()

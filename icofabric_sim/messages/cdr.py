@@ -175,6 +175,13 @@ class CdrReader:
         values.flags.writeable = False
         return values
 
+    def take(self, size: int) -> bytes:
+        """
+        Read `size` bytes as they are.
+        """
+        start = self._take(size, 1)
+        return bytes(self._view[start:start + size])
+
     def skip(self, size: int) -> None:
         self._take(size, 1)
 

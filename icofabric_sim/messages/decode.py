@@ -11,7 +11,11 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from icofabric_sim.messages.arrays import Float64MultiArrayBytes, StringBytes
+from icofabric_sim.messages.arrays import (
+    Float64MultiArrayBytes,
+    StringBytes,
+    UInt8MultiArrayBytes,
+)
 from icofabric_sim.messages.cdr import CdrReader
 from icofabric_sim.messages.diagnostics import DiagnosticArrayBytes, DiagnosticStatus
 from icofabric_sim.messages.marker import MarkerBytes
@@ -126,6 +130,21 @@ def decode_string(data: Buffer) -> str:
     text = reader.string()
     reader.finish()
     return text
+
+
+def decode_uint8_multi_array(data: Buffer) -> bytes:
+    """
+    Return the bytes, whatever shape they are said to have.
+    """
+    reader = CdrReader(data, UInt8MultiArrayBytes.TYPE)
+    for _ in range(reader.count(12)):
+        reader.string()
+        reader.integer('I')  # size
+        reader.integer('I')  # stride
+    offset = reader.integer('I')
+    values = reader.take(reader.count(1))
+    reader.finish()
+    return values[offset:]
 
 
 def decode_float64_multi_array(data: Buffer) -> LabelledArray:

@@ -12,6 +12,7 @@ import struct
 from typing import ClassVar, SupportsIndex
 
 from icofabric_sim.messages.cdr import aligned_buffer, CdrBuilder, split_nanoseconds
+from icofabric_sim.messages.draft import Draft, Fill
 import numpy as np
 from numpy.typing import NDArray
 
@@ -42,9 +43,10 @@ class MarkerBytes:
     """
     One marker with a fixed namespace and id, in the axes of its frame, shown until replaced.
 
-    `point_count` sets how many points the next message holds; `points` is a view of them. Room is
-    kept when the count falls and doubled when it outgrows the room; a view taken before that is
-    then no longer part of the message, and the points in it are not kept.
+    `point_count` sets how many points the message that is kept holds; `points` is a view of them.
+    Room is kept when the count falls and doubled when it outgrows the room; a view taken before
+    that is then no longer part of the message, and the points in it are not kept. `filled` makes
+    a message of its own each time.
     """
 
     TYPE: ClassVar[str] = 'visualization_msgs/msg/Marker'
@@ -120,10 +122,7 @@ class MarkerBytes:
 
     @point_count.setter
     def point_count(self, count: int) -> None:
-        step = _POINTS_PER_ITEM[self.marker_type]
-        if not 0 <= count < 2**32 or count % step:
-            raise ValueError(
-                f'a {self.marker_type.name} holds a multiple of {step} points, got {count!r}')
+        self._check(count)
         if count > len(self._points):
             self._reserve(
                 max(count, 2 * len(self._points)), self._buffer[:self._points_offset])
@@ -165,8 +164,35 @@ class MarkerBytes:
         DELETE removes the marker of this namespace and id, DELETEALL every marker of the topic.
         """
         count = self._count if action == MarkerAction.ADD else 0
+        end = self._stamp(nanoseconds, action, count)
+        return b''.join((self._memory[:end + 24 * count], self._rest))
+
+    def filled(self, nanoseconds: SupportsIndex, count: int, fill: Fill) -> bytes:
+        """
+        Return a message with this stamp [ns] of `count` points, which `fill` writes (count, 3).
+
+        It is laid out once, where it stays; `points` and `point_count` are not touched.
+        """
+        self._check(count)
+        start = self._stamp(nanoseconds, MarkerAction.ADD, count)
+        end = start + 24 * count
+        draft = Draft(end + len(self._rest))
+        draft.put(0, self._memory[:start])
+        draft.put(end, self._rest)
+        draft.fill(start, (count, 3), fill)
+        return draft.finish()
+
+    def _check(self, count: int) -> None:
+        step = _POINTS_PER_ITEM[self.marker_type]
+        if not 0 <= count < 2**32 or count % step:
+            raise ValueError(
+                f'a {self.marker_type.name} holds a multiple of {step} points, got {count!r}')
+
+    def _stamp(self, nanoseconds: SupportsIndex, action: MarkerAction, count: int) -> int:
+        """
+        Complete what comes before the points; return where it ends.
+        """
         struct.pack_into('<II', self._memory, 4, *split_nanoseconds(nanoseconds))
         struct.pack_into('<i', self._memory, self._action_offset, action)
         struct.pack_into('<I', self._memory, self._count_offset, count)
-        end = self._points_offset + 24 * count if count else self._head_size
-        return b''.join((self._memory[:end], self._rest))
+        return self._points_offset if count else self._head_size

@@ -5,6 +5,9 @@ Messages of numbers under a stamp: poses, wrenches, twists, and the clock.
 """
 from __future__ import annotations
 
+from collections.abc import Sequence
+from functools import cached_property
+import math
 import struct
 from typing import ClassVar, SupportsIndex
 
@@ -14,6 +17,7 @@ from icofabric_sim.messages.cdr import (
     LITTLE_ENDIAN_HEADER,
     split_nanoseconds,
 )
+from icofabric_sim.messages.draft import Draft, Fill
 import numpy as np
 from numpy.typing import NDArray
 
@@ -23,24 +27,43 @@ class _StampedNumbers:
     A header followed by float64 numbers; `count_written` puts their rows before them.
     """
 
-    def __init__(self, frame_id: str, rows: int, columns: int, *, count_written: bool) -> None:
+    def __init__(
+        self, frame_id: str, rows: int, columns: int, *, count_written: bool,
+        first: Sequence[float] = (0.0,),
+    ) -> None:
+        """
+        Lay out the head; each row of the message that is kept reads `first` at first.
+        """
         layout = CdrBuilder()
         layout.header(frame_id)
         if count_written:
             layout.numbers('I', rows)
         if rows:
             layout.align(8)
-        start = layout.size
-        self._message = aligned_buffer(start + 8 * rows * columns)
-        self._message[:start] = np.frombuffer(layout.data, np.uint8)
-        self._stamp = self._message[4:12].view('<u4')
-        self._numbers = self._message[start:].view('<f8').reshape(rows, columns)
+        self._head = bytes(layout.data)
+        self._shape = (rows, columns)
+        self._first = first
+
+    @cached_property
+    def _message(self) -> NDArray[np.uint8]:
+        """
+        The message that is kept, and copied each time; made when it is first needed.
+        """
+        start = len(self._head)
+        message = aligned_buffer(start + 8 * math.prod(self._shape))
+        message[:start] = np.frombuffer(self._head, np.uint8)
+        message[start:].view('<f8').reshape(self._shape)[:] = self._first
+        return message
+
+    @property
+    def _numbers(self) -> NDArray[np.float64]:
+        return self._message[len(self._head):].view('<f8').reshape(self._shape)
 
     def stamped(self, nanoseconds: SupportsIndex) -> bytes:
         """
         Return the message with this stamp, integer nanoseconds of simulated time.
         """
-        self._stamp[:] = split_nanoseconds(nanoseconds)
+        self._message[4:12].view('<u4')[:] = split_nanoseconds(nanoseconds)
         return self._message.tobytes()
 
 
@@ -48,7 +71,7 @@ class PoseArrayBytes(_StampedNumbers):
     """
     A geometry_msgs/PoseArray of a fixed number of bodies.
 
-    `values` (n, 7) is a view into the message: position [m], orientation x, y, z, w.
+    `values` (n, 7) is a view into the message that is kept: position [m], orientation x, y, z, w.
     """
 
     TYPE: ClassVar[str] = 'geometry_msgs/msg/PoseArray'
@@ -56,9 +79,25 @@ class PoseArrayBytes(_StampedNumbers):
     def __init__(self, frame_id: str, body_count: int) -> None:
         if not 0 <= body_count < 2**32:
             raise ValueError(f'body_count must lie in 0 to 2^32 - 1, got {body_count!r}')
-        super().__init__(frame_id, body_count, 7, count_written=True)
-        self.values: NDArray[np.float64] = self._numbers
-        self.values[:, 6] = 1.0
+        super().__init__(
+            frame_id, body_count, 7, count_written=True, first=(0, 0, 0, 0, 0, 0, 1))
+
+    @property
+    def values(self) -> NDArray[np.float64]:
+        return self._numbers
+
+    def filled(self, nanoseconds: SupportsIndex, fill: Fill) -> bytes:
+        """
+        Return a message with this stamp [ns] whose numbers, shaped as `values`, `fill` writes.
+
+        It is laid out once, where it stays, and `values` is not touched.
+        """
+        start = len(self._head)
+        draft = Draft(start + 8 * math.prod(self._shape))
+        draft.put(0, self._head)
+        draft.put(4, struct.pack('<II', *split_nanoseconds(nanoseconds)))
+        draft.fill(start, self._shape, fill)
+        return draft.finish()
 
 
 class WrenchStampedBytes(_StampedNumbers):

@@ -4,7 +4,7 @@
 Publishers of the node as a sink of the runner.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import partial
 from importlib import import_module
 import threading
@@ -23,6 +23,13 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 # How long the last messages may take to be delivered [s].
 _LAST_WORDS = 0.3
+# Subscribers are asked to confirm messages about once for every full queue of the publisher, and
+# between two answers there is no moment at which everything is confirmed. So looking, which costs
+# a tenth of a millisecond, begins after so many messages at least.
+_FEW = 10
+# Without any such moment for this long [s] a subscriber may be stuck. That is the case where none
+# comes within the second time either, for which publishing then waits, once in that long.
+_SUSPICIOUS, _PROBE = 3.0, 0.02
 
 
 def quality(topic: Topic) -> QoSProfile:
@@ -43,21 +50,40 @@ def message_class(type_name: str) -> Any:
     return getattr(import_module(f'{package}.msg'), name)
 
 
+class _Outlet:
+    """
+    A publisher, and how many messages it sent since all subscribers had confirmed all of them.
+    """
+
+    def __init__(self, publisher: Publisher, depth: int) -> None:
+        self.publisher = publisher
+        self.depth = max(depth, _FEW)
+        self.unconfirmed = 0
+        self.confirmed_at, self.probed_at = 0.0, 0.0
+        self.is_stuck = False
+
+
 class LiveSink:
     """
     Publishes bytes as they are; a topic without subscribers is not wanted.
+
+    Publishing never waits for a subscriber: the queue of a reliable publisher keeps its last
+    messages, and one that is full loses the oldest, which is counted.
     """
 
-    def __init__(self, node: Node) -> None:
+    def __init__(self, node: Node, topics: Iterable[Topic] = TOPICS) -> None:
         """
         Create the publishers of `node`.
         """
-        self._publishers: dict[str, Publisher] = {
-            topic.name: node.create_publisher(
-                message_class(topic.type), topic.name, quality(topic)
+        self._outlets = {
+            topic.name: _Outlet(
+                node.create_publisher(message_class(topic.type), topic.name, quality(topic)),
+                topic.depth,
             )
-            for topic in TOPICS
+            for topic in topics
         }
+        # Messages overwritten before every subscriber had them.
+        self.not_taken = 0
         self._context = node.context
         self._closed = False
         self._lock = threading.Lock()
@@ -74,20 +100,45 @@ class LiveSink:
         Whether anyone listens; a latched message waits for those who come later.
         """
         with self._lock:
-            if self._closed:
+            outlet = self._outlets.get(topic.name)
+            if self._closed or outlet is None:
                 return False
             if topic.latched:
                 return True
-            return bool(self._guarded(self._publishers[topic.name].get_subscription_count))
+            return bool(self._guarded(outlet.publisher.get_subscription_count))
 
     def send(self, topic: Topic, nanoseconds: int, data: bytes) -> None:
         """
         Publish.
         """
         with self._lock:
-            if not self._closed:
-                publisher = self._publishers[topic.name]
-                self._guarded(lambda: publisher.publish(data))
+            if self._closed:
+                return
+            outlet = self._outlets[topic.name]
+            if outlet.unconfirmed == 0:
+                outlet.confirmed_at = time.monotonic()
+            self._look(outlet)
+            self._guarded(lambda: outlet.publisher.publish(data))
+            outlet.unconfirmed += 1
+
+    def _look(self, outlet: _Outlet) -> None:
+        """
+        Count what the next message displaces while a subscriber is stuck.
+        """
+        if outlet.unconfirmed < outlet.depth:
+            return
+        now, wait = time.monotonic(), 0.0
+        if now - outlet.confirmed_at > _SUSPICIOUS:
+            if now - outlet.probed_at > _SUSPICIOUS:
+                outlet.probed_at, wait = now, _PROBE
+            elif outlet.unconfirmed % 7:  # most are not looked at, and in no fixed rhythm
+                self.not_taken += outlet.is_stuck
+                return
+        if self._guarded(lambda: outlet.publisher.wait_for_all_acked(Duration(seconds=wait))):
+            outlet.unconfirmed, outlet.is_stuck = 0, False
+        elif wait:
+            outlet.is_stuck = True
+        self.not_taken += outlet.is_stuck
 
     def _guarded(self, call: Callable[[], Any]) -> Any:
         """
@@ -119,7 +170,7 @@ class LiveSink:
         """
         with self._lock:
             deadline = time.monotonic() + _LAST_WORDS
-            for publisher in self._publishers.values():
+            for outlet in self._outlets.values():
                 rest = Duration(seconds=max(deadline - time.monotonic(), 0.0))
-                self._guarded(partial(publisher.wait_for_all_acked, rest))
+                self._guarded(partial(outlet.publisher.wait_for_all_acked, rest))
             self._closed = True

@@ -13,9 +13,9 @@ from analytical import quaternion_product, rotation_quaternion
 from fabrics import FORMS, LOADED, make_scene, packed_state, RANDOM, wrenches
 import icofabric_sim as ico
 from icofabric_sim.kernels.compiled import compiled
-from icofabric_sim.kernels.connectors import connector_ends
 from icofabric_sim.kernels.lanes import lane, LANES, splat
-from icofabric_sim.kernels.rotations import fill_arms, half_angle_factors, orthonormalise, to_world
+from icofabric_sim.kernels.outlines import fill_lines
+from icofabric_sim.kernels.rotations import half_angle_factors, orthonormalise, to_world
 from icofabric_sim.model import pack_scene
 from icofabric_sim.rotation_forms import cosines_from_quaternions
 from icofabric_sim.stability import hessian_product
@@ -194,10 +194,10 @@ def test_connector_of_no_length_pulls_in_no_direction():
 
 def test_connector_ends_are_where_the_reference_puts_them():
     scene, position, orientation = configuration(2)
-    arms = np.empty((scene.body_count, 3, 3))
-    fill_arms(orientation, 0.5 * scene.geometry.cube_width, arms)
     ends = np.empty((scene.connector_count, 2, 3))
-    connector_ends(pack_scene(scene).connectors, position, arms, ends)
+    every = np.zeros(scene.connector_count, np.uint8)
+    fill_lines(
+        pack_scene(scene).connectors, position, orientation, every, 0, ends.reshape(-1, 3))
     bodies, axes = scene.connectors.bodies, axes_of(orientation)
     expected = position[bodies] + np.einsum(
         'cej,ceji->cei', scene.connectors.points_body, axes[bodies]

@@ -1,0 +1,195 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+One bag being written: a folder, its files one after the other, and the metadata at the end.
+"""
+from __future__ import annotations
+
+import contextlib
+import os
+from pathlib import Path
+
+from icofabric_sim.bag.mcap_storage import McapFile
+from icofabric_sim.bag.metadata import describe_bag, distribution, write_metadata
+from icofabric_sim.bag.sqlite3_storage import SMALLEST_SPLIT, Sqlite3File
+from icofabric_sim.bag.storage import (
+    BagError,
+    COMPRESSIONS,
+    StorageFile,
+    STORAGES,
+    Tally,
+    to_yaml,
+    TopicEntry,
+)
+
+
+class BagFile:
+    """
+    One new bag; every call must come from the thread that made it, as SQLite demands.
+    """
+
+    def __init__(
+        self, path: Path, storage: str, *,
+        compression: str = 'none',
+        split_size: int = 0,
+        split_duration: int = 0,
+        custom: dict[str, str] | None = None,
+    ) -> None:
+        """
+        Make the folder and open the first file in it; refuse to touch what exists.
+
+        `split_size` [bytes] and `split_duration` [ns] say when `must_split`; 0: never. `custom`
+        is what is known of it now, for readers of a bag that was killed.
+        """
+        if storage not in STORAGES:
+            raise BagError(f'record.storage: {storage!r} is not one of {", ".join(STORAGES)}')
+        if compression not in COMPRESSIONS:
+            raise BagError(
+                f'record.compression: {compression!r} is not one of {", ".join(COMPRESSIONS)}')
+        if storage == 'sqlite3' and 0 < split_size < SMALLEST_SPLIT:
+            raise BagError(
+                f'record.split_size: with sqlite3 it must be 0 or at least {SMALLEST_SPLIT} '
+                f'bytes, got {split_size}: an empty file is nearly as large')
+        if os.path.lexists(path):
+            raise BagError(
+                f'record.path: {path} exists and is never overwritten; '
+                'choose another folder or remove it')
+        self.path = path
+        self._storage, self._compression = storage, compression
+        self._split_size, self._split_duration = split_size, split_duration
+        self._custom = dict(custom or {})
+        self._topics: list[TopicEntry] = []
+        self._finished: list[tuple[str, Tally]] = []
+        self._current: StorageFile | None = None
+        self._current_first: int | None = None  # time of its first message [ns]
+        made = False
+        try:
+            path.mkdir(parents=True)
+            made = True
+            self._open_next()
+        except Exception as error:  # of the system, of SQLite
+            if made:
+                with contextlib.suppress(OSError):
+                    path.rmdir()  # an empty folder would only be in the way next time
+            text = error.strerror if isinstance(error, OSError) else str(error)
+            raise BagError(
+                f'record.path: cannot write a bag to {path}: {text}; '
+                'choose a folder where you may write') from error
+
+    def add_topic(self, topic: TopicEntry) -> None:
+        self._topics.append(topic)
+        self._file.add_topic(topic)
+
+    def must_split(self, nanoseconds: int) -> bool:
+        """
+        Whether a message of this time belongs into the next file, by the rules of rosbag2.
+        """
+        first = self._current_first
+        if first is None:
+            return False
+        return (0 < self._split_size <= self._file.size
+                or 0 < self._split_duration < nanoseconds - first)
+
+    def split(self) -> None:
+        """
+        Finish the present file and begin the next, with the same topics.
+        """
+        self._finish_current()
+        self._open_next()
+        for topic in self._topics:
+            self._file.add_topic(topic)
+
+    def write(self, topic: str, nanoseconds: int, data: bytes) -> None:
+        if self._current_first is None:
+            self._current_first = nanoseconds
+        self._file.write(topic, nanoseconds, data)
+
+    def flush(self) -> None:
+        """
+        Bring everything written so far to the file.
+        """
+        self._file.flush()
+        _check_there(self._file)
+
+    @property
+    def message_count(self) -> int:
+        """
+        Messages that are in the files, those that still wait not counted.
+        """
+        count = sum(tally.message_count for _, tally in self._finished)
+        return count + (self._current.tally.message_count if self._current is not None else 0)
+
+    def close(self, custom: dict[str, str]) -> None:
+        """
+        Finish the bag, with its metadata.
+        """
+        self._custom = dict(custom)
+        self._finish_current()
+        write_metadata(self.path, self._describe(self._finished))
+
+    def salvage(self, custom: dict[str, str]) -> bool:
+        """
+        After an error make a whole bag of what is in the files; False where that fails too.
+        """
+        try:
+            if self._current is not None:
+                try:
+                    self._current.flush()
+                except Exception:  # noqa: BLE001 - then without what waited
+                    self._current.roll_back()
+            self.close(custom)
+        except Exception:  # noqa: BLE001 - most likely the same again; what is there stays there
+            self.abandon()
+            return False
+        return True
+
+    def abandon(self) -> None:
+        """
+        Let go of a bag that cannot be written any more.
+        """
+        current, self._current = self._current, None
+        if current is not None:
+            current.abandon()
+            self._finished.append((current.path.name, current.tally))
+
+    @property
+    def _file(self) -> StorageFile:
+        if self._current is None:
+            raise BagError(f'{self.path} is not open for writing')
+        return self._current
+
+    def _open_next(self) -> None:
+        name = f'{self.path.name}_{len(self._finished)}{STORAGES[self._storage]}'
+        path = self.path / name
+        described = to_yaml(self._describe([(name, Tally())]))
+        self._current_first = None
+        if self._storage == 'mcap':
+            self._current = McapFile(path, compression=self._compression, metadata=described)
+        else:
+            self._current = Sqlite3File(
+                path, compression=self._compression, metadata=described,
+                distribution=distribution())
+
+    def _finish_current(self) -> None:
+        current = self._current
+        if current is None:
+            return
+        current.flush()
+        _check_there(current)
+        entry = current.path.name, current.tally
+        # A file tells of itself alone: the others may be many.
+        current.finish(to_yaml(self._describe([entry])))
+        self._finished.append(entry)
+        self._current = None
+
+    def _describe(self, files: list[tuple[str, Tally]]) -> dict[str, object]:
+        return describe_bag(
+            self._storage, self._compression, files, self._topics, self._custom)
+
+
+def _check_there(file: StorageFile) -> None:
+    """
+    Notice what the system does not tell: whoever writes to a removed file hears of no error.
+    """
+    if not os.path.lexists(file.path):
+        raise BagError(f'{file.path} was removed')

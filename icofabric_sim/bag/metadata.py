@@ -1,0 +1,191 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+The metadata of a bag, version 9 as Jazzy writes it; older ones are read too.
+"""
+from __future__ import annotations
+
+from collections.abc import Sequence
+import os
+from pathlib import Path, PurePath
+from typing import Any, NamedTuple
+
+from icofabric_sim.bag.storage import (
+    BagError,
+    from_yaml,
+    parse_qualities_of_service,
+    qos_entries,
+    STORAGES,
+    Tally,
+    to_yaml,
+    TopicEntry,
+)
+from rosbags.interfaces import Qos
+
+FILE_NAME = 'metadata.yaml'
+_VERSION = 9
+_ROOT = 'rosbag2_bagfile_information'
+
+
+def distribution() -> str:
+    """
+    Name of the ROS distribution that a bag is said to be recorded with.
+    """
+    return os.environ.get('ROS_DISTRO') or 'jazzy'
+
+
+def describe_bag(
+    storage: str, compression: str, files: Sequence[tuple[str, Tally]],
+    topics: Sequence[TopicEntry], custom: dict[str, str],
+) -> dict[str, Any]:
+    """
+    Lay out the metadata of a bag with `files`, names and contents in the order of recording.
+    """
+    total = Tally()
+    for _, tally in files:
+        total.merge(tally)
+    # What rosbag2 calls compression are its own wrappings; chunks of MCAP say it themselves.
+    wrapped = compression == 'zstd' and storage == 'sqlite3'
+    return {
+        'version': _VERSION,
+        'storage_identifier': storage,
+        'duration': {'nanoseconds': total.duration},
+        'starting_time': {'nanoseconds_since_epoch': total.first},
+        'message_count': total.message_count,
+        'topics_with_message_count': [{
+            'topic_metadata': {
+                'name': topic.name,
+                'type': topic.type_name,
+                'serialization_format': 'cdr',
+                'offered_qos_profiles': qos_entries(topic.qos),
+                'type_description_hash': topic.definition.digest,
+            },
+            'message_count': total.counts.get(topic.name, 0),
+        } for topic in topics],
+        'compression_format': 'zstd' if wrapped else '',
+        'compression_mode': 'MESSAGE' if wrapped else '',
+        'relative_file_paths': [name for name, _ in files],
+        'files': [{
+            'path': name,
+            'starting_time': {'nanoseconds_since_epoch': tally.first},
+            'duration': {'nanoseconds': tally.duration},
+            'message_count': tally.message_count,
+        } for name, tally in files],
+        'custom_data': custom or None,
+        'ros_distro': distribution(),
+    }
+
+
+def write_metadata(folder: Path, described: dict[str, Any]) -> None:
+    """
+    Put the metadata into the folder of a bag, whole or not at all.
+    """
+    temporary = folder / f'{FILE_NAME}.tmp'
+    temporary.write_text(to_yaml({_ROOT: described}), 'utf-8')
+    temporary.replace(folder / FILE_NAME)
+
+
+class MetadataTopic(NamedTuple):
+    """
+    A topic as the metadata describe it.
+    """
+
+    name: str
+    type_name: str
+    message_count: int
+    digest: str
+    qos: list[Qos]
+
+
+class MetadataFile(NamedTuple):
+    """
+    A file of a bag, and the times of its first and last message [ns] where they are known.
+    """
+
+    path: Path
+    first: int | None
+    last: int | None
+
+
+class Metadata(NamedTuple):
+    """
+    What the metadata of a bag say.
+    """
+
+    topics: list[MetadataTopic]
+    files: list[MetadataFile]
+    message_count: int
+    first: int
+    last: int
+    compression_mode: str  # '', 'message' or 'file'
+    custom: dict[str, str]
+
+
+def read_metadata(folder: Path) -> Metadata:
+    """
+    Read the metadata of a bag; BagError says what is wrong with them.
+    """
+    path = folder / FILE_NAME
+    try:
+        root = from_yaml(path.read_bytes())
+        return _parse(folder, root[_ROOT])
+    except BagError:
+        raise
+    except OSError as error:
+        raise BagError(f'cannot read {path}: {error.strerror}') from error
+    except Exception as error:  # of YAML, or whatever a malformed tree leads to
+        raise BagError(f'cannot read {path} as the metadata of a bag: {error!r}') from error
+
+
+def _parse(folder: Path, stored: dict[str, Any]) -> Metadata:
+    version = int(stored['version'])
+    if version > _VERSION:
+        raise BagError(f'cannot read {folder}: version {version} of rosbag2 is newer than known')
+    if stored['storage_identifier'] not in STORAGES:
+        raise BagError(
+            f'cannot read {folder}: storage {stored["storage_identifier"]!r} is none of '
+            f'{", ".join(STORAGES)}')
+    mode = str(stored.get('compression_mode') or '').lower()
+    if mode == 'none':
+        mode = ''
+    if mode and stored.get('compression_format') != 'zstd':
+        raise BagError(
+            f'cannot read {folder}: compression {stored.get("compression_format")!r} is not zstd')
+    topics = []
+    for entry in stored['topics_with_message_count']:
+        topic = entry['topic_metadata']
+        if topic['serialization_format'] != 'cdr':
+            raise BagError(f'cannot read {folder}: {topic["name"]} is '
+                           f'{topic["serialization_format"]!r}, not cdr')
+        topics.append(MetadataTopic(
+            str(topic['name']), str(topic['type']), int(entry['message_count']),
+            str(topic.get('type_description_hash') or ''),
+            parse_qualities_of_service(topic.get('offered_qos_profiles'))))
+    count = int(stored['message_count'])
+    first = int(stored['starting_time']['nanoseconds_since_epoch'])
+    custom = stored.get('custom_data') or {}
+    return Metadata(
+        topics, _files(folder, stored), count, first if count else 0,
+        first + int(stored['duration']['nanoseconds']) if count else 0, mode,
+        # Text of a nested tree could be larger than any memory.
+        {str(key): str(value) for key, value in custom.items()
+         if isinstance(value, str | int | float)})
+
+
+def _files(folder: Path, stored: dict[str, Any]) -> list[MetadataFile]:
+    spans = {}
+    for entry in stored.get('files') or []:
+        if entry['message_count']:
+            first = int(entry['starting_time']['nanoseconds_since_epoch'])
+            last = first + int(entry['duration']['nanoseconds'])
+            spans[PurePath(entry['path']).name] = first, last
+    result = []
+    for name in stored['relative_file_paths']:
+        # Old versions repeat the name of the folder; none may lead out of it.
+        base = PurePath(name).name
+        path = folder / base
+        if not path.is_file():
+            raise BagError(f'{folder} lacks its file {base}; `icofabric recover {folder}` makes a '
+                           'whole bag of the others')
+        result.append(MetadataFile(path, *spans.get(base, (None, None))))
+    return result

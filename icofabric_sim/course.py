@@ -1,0 +1,223 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+The course of a run: steps, and the wrenches that act on the way, in order of time.
+"""
+
+from collections.abc import Callable
+import math
+from typing import Any
+
+from icofabric_sim.adaptive_stepper import AdaptiveStepper
+from icofabric_sim.crew import Crew
+from icofabric_sim.faults import too_fast
+from icofabric_sim.icosahedron import inscribed_radius
+from icofabric_sim.initial import InitialState
+from icofabric_sim.inputs import Inputs, Key, Wrench
+from icofabric_sim.integrators.automatic import Choice, choose_method
+from icofabric_sim.integrators.methods import METHODS
+from icofabric_sim.kernels.records import Loads
+from icofabric_sim.main_line import SimulationError
+from icofabric_sim.memory import Memory
+from icofabric_sim.model import expected_liveliness, load_rate, PackedScene
+from icofabric_sim.proximity import ProximityWatch
+from icofabric_sim.scene import Scene
+from icofabric_sim.stability import largest_frequency
+from icofabric_sim.stepper import Stepper
+
+
+class Course:
+    """
+    Where a run stands, what acts on it, and what will.
+    """
+
+    def __init__(
+        self, scene: Scene, packed: PackedScene, *, body_wrenches: bool,
+        on_pause: Callable[[], None]
+    ) -> None:
+        """
+        Stand at the start of the `scene`; see `compile_scene` and `Stepper`.
+        """
+        self._scene, self._packed, self._body_wrenches = scene, packed, body_wrenches
+        self.time = 0.0  # [s] that was asked for last
+        self.inputs = Inputs(scene)
+        # Grows with whatever changes the state that is seen.
+        self.changes = 0
+        self._stale_loads = False
+        parameters = scene.parameters
+        watch = None
+        if parameters['contact.mode'] != 'never':
+            watch = ProximityWatch(
+                2.0 * inscribed_radius(scene.geometry.half_edge), packed.layout)
+        loads = self._loads()
+        state = packed.layout.pack(scene.initial)
+        frequency = largest_frequency(packed, state)
+        if not frequency.rate < math.inf:
+            raise ValueError(f'this scene cannot start: {too_fast(self.time)}')
+        # Name of the method in METHODS, and why it was chosen.
+        self.method = Choice(parameters['solver.method'], 'given as solver.method')
+        fixed = parameters['solver.step']
+        if self.method.name == 'auto':
+            self.method = choose_method(
+                parameters['solver.tolerance'],
+                expected_liveliness(scene, packed.model, loads, frequency.rate),
+                fixed_ratio=fixed * frequency.rate if fixed > 0.0 else None)
+        method = METHODS[self.method.name]
+        try:
+            self.stepper = (AdaptiveStepper if method.adaptive and not fixed > 0.0 else Stepper)(
+                packed,
+                method,
+                state,
+                loads,
+                frequency,
+                origin=self.time,
+                fixed_step=fixed,
+                tolerance=parameters['solver.tolerance'],
+                energy_limit=parameters['solver.energy_limit'],
+                load_rate=self._load_rate(loads),
+                half_edge=scene.geometry.half_edge,
+                crew=Crew(parameters['solver.threads'], packed),
+                watch=watch,
+                on_pause=on_pause,
+            )
+        except SimulationError as error:
+            raise ValueError(f'this scene cannot start: {error}') from error
+
+    def advance(self, time: float) -> None:
+        """
+        Go on to `time` [s], with all wrenches that begin or end by then.
+        """
+        self._handle_events(time)
+        self._reach(time)
+
+    def take_step(self, most: int, pause: Callable[[], None]) -> None:
+        """
+        Take at least one step and at most so many; an input that acts ends a step, which counts.
+        """
+        queue = self.inputs.queue
+        due = queue[0].time if queue else math.inf
+        self.settle_loads()
+        try:
+            done = self.stepper.advance_steps(most, until=due)
+            pause()
+        except SimulationError:
+            self.time = -math.inf  # the last good state may be older
+            raise
+        finally:
+            self.time = max(self.time, self.stepper.time)
+            self.changes += 1
+        if done == 0:
+            self._handle_events(due)
+
+    def apply(self, key: Key, wrench: Wrench, time: float) -> None:
+        """
+        Let a wrench act from `time` [s] on, now or later.
+        """
+        if isinstance(key, int):
+            self._body_wrenches = True
+        self.inputs.schedule(time, key, wrench)
+        if time == self.time:
+            self._handle_events(time)
+
+    def jump(self, state: InitialState) -> None:
+        """
+        Go on from another state at the present time.
+        """
+        self.changes += 1
+        self._stale_loads = False
+        loads = self._loads()
+        self.stepper.jump(
+            self.time, self._packed.layout.pack(state), loads, self._load_rate(loads))
+
+    def begin_at(self, time: float) -> None:
+        """
+        Move a course that has not begun to another `time` [s]; what acts may have changed.
+        """
+        self.time = time
+        self.changes += 1
+        self.stepper.rebase(time)
+        self._stale_loads = True
+        self.settle_loads()
+
+    def settle_loads(self) -> None:
+        """
+        Tell the stepper what acts now: once, however many wrenches have changed at this time.
+        """
+        if self._stale_loads:
+            loads = self._loads()
+            self._stale_loads = False
+            self.stepper.set_loads(loads, self._load_rate(loads))
+
+    def memory(self) -> dict[str, Any]:
+        """
+        All that what is to come depends on, but for the time.
+        """
+        return {
+            'stale_loads': self._stale_loads,
+            'inputs': self.inputs.memory(),
+            'stepper': self.stepper.memory(),
+        }
+
+    def recall(self, memory: Memory, time: float) -> None:
+        """
+        Go on from there at `time` [s]; where it raises ValueError, only another recall helps.
+        """
+        self.changes += 1
+        self.inputs.recall(memory.part('inputs'), time)
+        # A wrench on a body has loads prepared for all that follows, here or there.
+        self._body_wrenches = self._body_wrenches or self.inputs.concern_bodies
+        self._stale_loads = memory.flag('stale_loads')
+        self.stepper.recall(memory.part('stepper'), self._loads(again=True))
+        if not self.stepper.time <= time <= self.stepper.next_step_time:
+            raise ValueError(
+                f'its time {time!r} s is not in the step in progress, '
+                f'{self.stepper.time!r} to {self.stepper.next_step_time!r} s')
+        self.time = time
+
+    def _handle_events(self, until: float) -> None:
+        queue = self.inputs.queue
+        while queue and queue[0].time <= until:
+            # Reached before it is taken out: an interrupt on the way loses nothing.
+            time = queue[0].time
+            self._reach(time)
+            event = self.inputs.take()
+            if self.inputs.apply(event):
+                self._settle_loads_before(time)
+                self.stepper.cut(time)
+                self._stale_loads = True
+                self.changes += 1
+
+    def _reach(self, time: float) -> None:
+        try:
+            self._settle_loads_before(time)
+            self.stepper.advance(time)
+        except SimulationError:
+            # The last good state may be older than what was seen of the run.
+            self.time = self.stepper.time
+            self.changes += 1
+            raise
+        except BaseException:
+            self.time = max(self.time, self.stepper.time)
+            self.changes += 1
+            raise
+        if time != self.time:
+            self.time = time
+            self.changes += 1
+
+    def _settle_loads_before(self, time: float) -> None:
+        if time > self.stepper.time:
+            self.settle_loads()
+
+    def _load_rate(self, loads: Loads | None) -> float:
+        return load_rate(loads, self._packed.model, self._scene.geometry.cube_width)
+
+    def _loads(self, *, again: bool = False) -> Loads | None:
+        """
+        What acts now, for the kernels; `again`: what they had last.
+        """
+        if not (self._scene.loads or self._body_wrenches):
+            return None
+        name = self._scene.parameters['solver.method']
+        symplectic = name == 'auto' or METHODS[name].symplectic
+        pack = self.inputs.pack_again if again else self.inputs.pack
+        return pack(self._packed.layout, stages=0 if symplectic else 16)

@@ -1,0 +1,132 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+Where connectors begin and end and where shells have their corners, for messages and figures.
+
+Bodies first: `position` (n, 3) [m], `orientation` (n, 4) unit quaternions x y z w. Points go
+straight to where they will stay, which need not be aligned in memory; nothing is stored on the
+way.
+"""
+
+import math
+
+from icofabric_sim.kernels.compiled import compiled
+from icofabric_sim.kernels.records import Connectors
+import numpy as np
+
+
+@compiled
+def edge_point(
+    position: np.ndarray, orientation: np.ndarray, half_width: float, b: int, edge: int
+) -> tuple[float, float, float]:
+    """
+    World position [m] of the midpoint of an edge of body `b` (eq 49).
+
+    Edge codes: up, down, north, south, west, east, on the body axes z, x, y.
+    """
+    x, y, z, w = orientation[b, 0], orientation[b, 1], orientation[b, 2], orientation[b, 3]
+    h = half_width
+    axis = edge >> 1
+    if axis == 0:
+        ax = h * 2.0 * (x * z + w * y)
+        ay = h * 2.0 * (y * z - w * x)
+        az = h * (1.0 - 2.0 * (x * x + y * y))
+    elif axis == 1:
+        ax = h * (1.0 - 2.0 * (y * y + z * z))
+        ay = h * 2.0 * (x * y + w * z)
+        az = h * 2.0 * (x * z - w * y)
+    else:
+        ax = h * 2.0 * (x * y - w * z)
+        ay = h * (1.0 - 2.0 * (x * x + z * z))
+        az = h * 2.0 * (y * z + w * x)
+    sign = 1.0 - 2.0 * (edge & 1)
+    return position[b, 0] + sign * ax, position[b, 1] + sign * ay, position[b, 2] + sign * az
+
+
+@compiled
+def fill_lengths(
+    connectors: Connectors, position: np.ndarray, orientation: np.ndarray, lengths: np.ndarray
+) -> None:
+    """
+    Lengths [m] of all connectors, `lengths` (c,).
+    """
+    h = connectors.half_width
+    for c in range(connectors.first.shape[0]):
+        x0, y0, z0 = edge_point(
+            position, orientation, h, connectors.first[c], connectors.first_edge[c])
+        x1, y1, z1 = edge_point(
+            position, orientation, h, connectors.second[c], connectors.second_edge[c])
+        dx, dy, dz = x1 - x0, y1 - y0, z1 - z0
+        lengths[c] = math.sqrt(dx * dx + dy * dy + dz * dz)
+
+
+@compiled
+def classify(
+    lengths: np.ndarray, natural_length: float, bounds: np.ndarray, classes: np.ndarray,
+    counts: np.ndarray
+) -> None:
+    """
+    Class of the strain of every connector: how many `bounds` it exceeds; and how many of each.
+
+    `classes` (c,) uint8, `counts` of one more than the bounds. What is not a number exceeds all.
+    """
+    counts[:] = 0
+    for c in range(lengths.shape[0]):
+        strain = lengths[c] / natural_length - 1.0
+        number = 0
+        for k in range(bounds.shape[0]):
+            if not strain <= bounds[k]:
+                number += 1
+        classes[c] = number
+        counts[number] += 1
+
+
+@compiled
+def fill_lines(
+    connectors: Connectors, position: np.ndarray, orientation: np.ndarray, classes: np.ndarray,
+    wanted: int, points: np.ndarray
+) -> None:
+    """
+    Both ends [m] of every connector of the class `wanted`, in order: `points` (2 m, 3).
+    """
+    h = connectors.half_width
+    row = 0
+    for c in range(classes.shape[0]):
+        if classes[c] == wanted:
+            x, y, z = edge_point(
+                position, orientation, h, connectors.first[c], connectors.first_edge[c])
+            points[row, 0], points[row, 1], points[row, 2] = x, y, z
+            x, y, z = edge_point(
+                position, orientation, h, connectors.second[c], connectors.second_edge[c])
+            points[row + 1, 0], points[row + 1, 1], points[row + 1, 2] = x, y, z
+            row += 2
+
+
+@compiled
+def fill_shells(
+    bodies: np.ndarray, position: np.ndarray, orientation: np.ndarray, vertices: np.ndarray,
+    corners: np.ndarray, points: np.ndarray
+) -> None:
+    """
+    Corners [m] of the faces of some bodies, in order: `points` (m k, 3).
+
+    `vertices` (v, 3) [m] in body axes; `corners` (k,) their numbers, three for each face.
+    """
+    world = np.empty(vertices.shape)
+    count = corners.shape[0]
+    for row in range(bodies.shape[0]):
+        b = bodies[row]
+        x, y, z, w = orientation[b, 0], orientation[b, 1], orientation[b, 2], orientation[b, 3]
+        for v in range(vertices.shape[0]):
+            vx, vy, vz = vertices[v, 0], vertices[v, 1], vertices[v, 2]
+            # Twice the cross product of the quaternion's axis with the vector (eq 26).
+            tx = 2.0 * (y * vz - z * vy)
+            ty = 2.0 * (z * vx - x * vz)
+            tz = 2.0 * (x * vy - y * vx)
+            world[v, 0] = position[b, 0] + vx + w * tx + y * tz - z * ty
+            world[v, 1] = position[b, 1] + vy + w * ty + z * tx - x * tz
+            world[v, 2] = position[b, 2] + vz + w * tz + x * ty - y * tx
+        for k in range(count):
+            v = corners[k]
+            at = row * count + k
+            points[at, 0], points[at, 1], points[at, 2] = world[v, 0], world[v, 1], world[v, 2]

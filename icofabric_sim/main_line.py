@@ -1,0 +1,249 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+The state on the main line of steps: states beside it, and a good one to come back to.
+
+Nothing here decides which steps are taken; see `stepper.py`.
+"""
+
+from collections.abc import Callable
+import math
+from typing import Any
+
+from icofabric_sim.crew import Crew
+from icofabric_sim.integrators.methods import Method
+from icofabric_sim.integrators.splitting import NEVER
+from icofabric_sim.kernels import monitor
+from icofabric_sim.kernels.flows import keep_accelerations, place_all
+from icofabric_sim.kernels.records import Loads, State, Watch, Work
+from icofabric_sim.layout import aligned_empty
+from icofabric_sim.ledger import Ledger
+from icofabric_sim.memory import Memory
+from icofabric_sim.model import PackedScene
+from icofabric_sim.proximity import ProximityWatch
+import numpy as np
+
+
+class SimulationError(RuntimeError):
+    """
+    The run cannot go on; time, bodies and reason are in the message, the last good state is kept.
+    """
+
+
+class MainLine:
+    """
+    A state that moves in steps, what is looked at on the way, and the last good state.
+    """
+
+    def __init__(
+        self,
+        packed: PackedScene,
+        method: Method,
+        state: State,
+        loads: Loads | None,
+        *,
+        origin: float,
+        fixed_step: float,
+        differences: int,
+        energy_limit: float,
+        half_edge: float,
+        crew: Crew,
+        watch: ProximityWatch | None,
+    ) -> None:
+        """
+        Stand with `state` at time `origin` [s]; `fixed_step` 0: chosen.
+
+        `differences`: order of the differences by which the roughness of the motion is judged.
+        """
+        self.packed, self.model, self.method = packed, packed.model, method
+        self.state, self.loads = state, loads
+        self.crew, self.watch = crew, watch
+        self.work = packed.layout.room(
+            packed.model.links, None if method.symplectic else state, differences=differences)
+        self.origin, self.index = origin, 0
+        self.step, self.fixed = fixed_step, fixed_step > 0.0
+        self.step_count = 0
+        self.half_edge = half_edge
+        self.ledger = Ledger(packed, energy_limit)
+        self.ledger[monitor.INVERSE_SIZE] = half_edge**-2
+        self._saved = packed.layout.like(state)
+        self._saved_time = origin
+        self._side: tuple[State, np.ndarray] | None = None
+        self._present_work = 0.0
+        self._failure: SimulationError | None = None
+
+    @property
+    def time(self) -> float:
+        """
+        Time [s] of the state on the main line.
+        """
+        return self._time_of(self.index)
+
+    def _time_of(self, index: int) -> float:
+        return self.origin + index * self.step if index else self.origin
+
+    def work_at_state(self) -> float:
+        """
+        Work [J] of all loads up to the state that was shown last.
+        """
+        return self.ledger[monitor.EARLIER_WORK] + self._present_work
+
+    def run_aside(self, step: float, count: int, loads: Loads | None = None) -> State:
+        """
+        Where `count` steps of length `step` lead; the main line stays where it is.
+        """
+        if self._side is None:
+            self._side = (
+                self.packed.layout.like(self.state), aligned_empty(self.work.acceleration.shape))
+        state, acceleration = self._side
+        for target, source in zip(state, self.state):
+            np.copyto(target, source)
+        np.copyto(acceleration, self.work.acceleration)
+        loads = loads or self._scratch_loads()
+        work = self.work._replace(acceleration=acceleration)
+        self._advance(loads, state, work, step, count, 0, NEVER, math.inf)
+        return state
+
+    def run_and_return(self, step: float, count: int, look: Callable[[State], None]) -> None:
+        """
+        Take steps, show the state that they lead to, and come back; the state must be saved.
+        """
+        loads = self._scratch_loads()
+        self._advance(loads, self.state, self.work, step, count, 0, NEVER, math.inf)
+        look(self.state)
+        self._restore()
+
+    def memory(self) -> dict[str, Any]:
+        """
+        All that the steps to come depend on, body by body.
+        """
+        memory: dict[str, Any] = {
+            'origin': self.origin,
+            'index': self.index,
+            'step': self.step,
+            'step_count': self.step_count,
+            'saved_time': self._saved_time,
+            'state': self._by_body(self.state),
+            'saved': self._by_body(self._saved),
+            'ledger': self.ledger.memory(),
+        }
+        if self._failure is not None:
+            memory['failure'] = str(self._failure)
+        if self._keeps_accelerations:
+            memory['acceleration'] = self.packed.layout.gather(self.work.acceleration)
+        if self.loads is not None and len(self.loads.slot):
+            rows = self._rows_by_body(self.loads)
+            memory['loads'] = {
+                'work': self.loads.work[rows], 'earlier_work': self.loads.earlier_work[rows]}
+        if self.watch is not None:
+            memory['watch'] = self.watch.memory()
+        return memory
+
+    def recall(self, memory: Memory, loads: Loads | None) -> None:
+        """
+        Go on from there, with the `loads` that acted then.
+        """
+        layout = self.packed.layout
+        self.origin = memory.number('origin', 0.0)
+        self._failure = SimulationError(memory.text('failure')) if 'failure' in memory else None
+        self.index, self.step_count = memory.count('index'), memory.count('step_count')
+        step = memory.number('step', 0.0)
+        if self.fixed and step != self.step:
+            raise ValueError(f'step must be solver.step {self.step!r} s, got {step!r} s')
+        self.step = step
+        # A run that has ended may have failed to find one.
+        if self._failure is None and not self.time + step > self.time:
+            raise ValueError(f'step {step!r} s leads nowhere from t = {self.time!r} s')
+        self._saved_time = memory.number('saved_time', 0.0)
+        for name, state in (('state', self.state), ('saved', self._saved)):
+            self._take_back(state, memory.part(name))
+        self.ledger.recall(memory.part('ledger'))
+        self._refresh()
+        if self._keeps_accelerations:
+            self.work.acceleration[:, layout.slot] = memory.array(
+                'acceleration', (layout.body_count, 6)).T
+        self.loads = loads
+        if loads is not None and len(loads.slot):
+            part, rows = memory.part('loads'), self._rows_by_body(loads)
+            loads.work[rows] = part.array('work', rows.shape)
+            loads.earlier_work[rows] = part.array('earlier_work', rows.shape)
+        if self.watch is not None:
+            self.watch.recall(memory.part('watch'))
+
+    @property
+    def _keeps_accelerations(self) -> bool:
+        """
+        Whether a step begins with a kick, for which its forces are known from the one before.
+        """
+        return len(self.method.kicks) > len(self.method.drifts)
+
+    def _by_body(self, state: State) -> dict[str, Any]:
+        return {
+            name: self.packed.layout.gather(values) for name, values in state._asdict().items()}
+
+    def _take_back(self, state: State, memory: Memory) -> None:
+        """
+        Write a remembered state; slots without a body are at rest at the origin, as at the start.
+        """
+        layout = self.packed.layout
+        for name, target in state._asdict().items():
+            rows = target.shape[:-1]
+            values = memory.array(name, (layout.body_count, *rows))
+            empty = np.zeros(rows)
+            if name == 'orientation':
+                empty = np.eye(3) if layout.cosines else np.array([0.0, 0.0, 0.0, 1.0])
+            target[:] = empty[..., None]
+            target[..., layout.slot] = np.moveaxis(values, 0, -1)
+
+    def _rows_by_body(self, loads: Loads) -> np.ndarray:
+        """
+        Rows of the loads in the order of their bodies, whatever the layout.
+        """
+        body = np.zeros(self.packed.layout.slot_count, np.int64)
+        body[self.packed.layout.slot] = np.arange(self.packed.layout.body_count)
+        return np.argsort(body[loads.slot], kind='stable')
+
+    def _note_work(self, *parts: Loads | None) -> None:
+        self._present_work = sum(math.fsum(part.work) for part in parts if part is not None)
+
+    def _scratch_loads(self) -> Loads | None:
+        """
+        The same loads, with room of their own for what they do.
+        """
+        if self.loads is None:
+            return None
+        return self.loads._replace(work=np.zeros_like(self.loads.work))
+
+    def _advance(
+        self, loads: Loads | None, state: State, work: Work, step: float, count: int,
+        since_check: int, interval: int, reach: float,
+    ) -> tuple[int, int, int]:
+        watch = None if self.watch is None else Watch(self.watch.reference, reach)
+        return self.crew.run(
+            lambda team: self.method.advance(
+                self.model, loads, state, self._saved, work, team, step, count, since_check,
+                interval, watch, self.ledger.numbers))
+
+    def _refresh(self) -> None:
+        """
+        Accelerations of the state as it is.
+        """
+        last = len(self.model.blocks.slot)
+        place_all(self.model, self.state, self.work, 0, last)
+        keep_accelerations(self.model, self.work, 0, last)
+
+    def _save(self, time: float | None = None) -> None:
+        for target, source in zip(self._saved, self.state):
+            np.copyto(target, source)
+        if self.loads is not None:
+            np.copyto(self.loads.earlier_work, self.loads.work)
+        self._saved_time = self.time if time is None else time
+
+    def _restore(self) -> None:
+        for target, source in zip(self.state, self._saved):
+            np.copyto(target, source)
+        self._refresh()
+
+    def _return_to_saved(self) -> None:
+        self._restore()
+        self.origin, self.index = self._saved_time, 0

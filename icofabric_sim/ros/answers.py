@@ -1,0 +1,106 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+Between the executor's thread and others: work handed over, and answers that take a while.
+"""
+
+from collections import deque
+from collections.abc import Callable
+from concurrent.futures import Future
+from functools import partial
+import threading
+from typing import Any
+
+from rclpy.node import Node
+from rclpy.task import Future as Promise
+
+# Requests that may wait for their answer at once: a thousand clients are none of a simulator's.
+MOST = 100
+
+
+class Answers:
+    """
+    Requests that wait for another thread, without holding up whatever else the node hears.
+
+    All methods but `hand_over` are for the executor's thread.
+    """
+
+    def __init__(self, node: Node) -> None:
+        """
+        Serve `node`.
+        """
+        self._context = node.context
+        self._handed: deque[Callable[[], None]] = deque()
+        # It ends the executor's wait for work that other threads hand over.
+        self._guard = node.create_guard_condition(self._run_handed)
+        self._waiting: set[Promise] = set()
+        self._ended = ''
+
+    def __len__(self) -> int:
+        """
+        Count the requests that wait.
+        """
+        return len(self._waiting)
+
+    def hand_over(self, work: Callable[[], None]) -> None:
+        """
+        Have `work` done in the executor's thread, from any other.
+        """
+        self._handed.append(work)
+        if self._context.ok():
+            self._guard.trigger()
+
+    async def of(self, begin: 'Callable[[], Future[Any]]', *, at_once: bool = False) -> Any:
+        """
+        Begin something and return its result, while other callbacks run.
+
+        RuntimeError, and nothing begun, where too many wait already, but for what is done `at_once`
+        and may end the others' waiting. RuntimeError too where the node ends before it is done.
+        """
+        if len(self._waiting) >= MOST and not at_once:
+            raise RuntimeError(f'not begun: {MOST} requests wait for their answer already')
+        if self._ended:
+            raise RuntimeError(self._ended)
+        future = begin()
+        if not future.done():
+            promise = Promise()
+            self._waiting.add(promise)
+            future.add_done_callback(lambda _: self.hand_over(partial(promise.set_result, None)))
+            try:
+                await promise
+            finally:
+                self._waiting.discard(promise)
+            if not future.done():
+                raise RuntimeError(self._ended)
+        return future.result()
+
+    def end(self, reason: str) -> None:
+        """
+        Let everyone who still waits know why there will be no other answer.
+        """
+        self._ended = reason
+        self._run_handed()
+        for promise in list(self._waiting):
+            promise.set_result(None)
+
+    def _run_handed(self) -> None:
+        while self._handed:
+            self._handed.popleft()()
+
+
+def begin_aside(work: Callable[[], Any]) -> 'Future[Any]':
+    """
+    Begin `work` in a thread of its own; the result comes with the future.
+    """
+    future: Future[Any] = Future()
+
+    def run() -> None:
+        try:
+            result = work()
+        except Exception as error:  # noqa: BLE001 - the one who asked gets it
+            future.set_exception(error)
+        else:
+            future.set_result(result)
+
+    threading.Thread(target=run, name='aside', daemon=True).start()
+    return future

@@ -1,0 +1,48 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+Looks for others who publish /clock too: a graph can follow one clock only.
+"""
+
+from icofabric_sim.outputs import CLOCK
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+
+_INTERVAL = 1.0  # [s] of wall time
+
+
+class ClockWatch:
+    """
+    Says once for each other publisher of /clock that it is one, and keeps it in `note`.
+    """
+
+    def __init__(self, node: Node) -> None:
+        """
+        Watch for `node`, which publishes /clock itself.
+        """
+        self._node = node
+        self._own = node.get_fully_qualified_name()
+        self._told: set[str] = set()
+        self.note = ''
+        # A steady clock: with use_sim_time the node's own stands still while time is paused.
+        node.create_timer(_INTERVAL, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def _look(self) -> None:
+        others = self._others()
+        self.note = ''
+        if others:
+            self.note = (
+                f'/clock is published by {", ".join(others)} too: nodes that follow it hear two '
+                'times; set publish_clock to false for all but one')
+        if set(others) - self._told:
+            self._node.get_logger().warning(self.note)
+        self._told = set(others)
+
+    def _others(self) -> list[str]:
+        names = sorted(
+            f'{info.node_namespace.rstrip("/")}/{info.node_name}'
+            for info in self._node.get_publishers_info_by_topic(CLOCK.name)
+        )
+        if self._own in names:
+            names.remove(self._own)  # once: another node may have the same name
+        return names

@@ -1,0 +1,243 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+The simulation node: a runner, which has a thread of its own, and its translation for the graph.
+"""
+
+from collections.abc import Callable
+import gc
+import threading
+import time
+from typing import Any
+
+from icofabric_sim.bag import BagError
+from icofabric_sim.health import (
+    HealthReport,
+    NOT_TAKEN,
+    RECORDER_DROPPED,
+    RECORDER_LAG,
+    WRENCHES_DROPPED,
+)
+from icofabric_sim.outputs import CLOCK, TOPICS
+from icofabric_sim.parameters import find_specification, Parameters
+from icofabric_sim.recording import BagSink, summarise_run
+from icofabric_sim.ros.answers import Answers
+from icofabric_sim.ros.clock_watch import ClockWatch
+from icofabric_sim.ros.live_sink import LiveSink
+from icofabric_sim.ros.parameter_service import GuardedParameterService
+from icofabric_sim.ros.process import Server
+from icofabric_sim.ros.ros_parameters import describe, is_foreign, ParameterGate
+from icofabric_sim.ros.standard_services import offer_standard_services
+from icofabric_sim.ros.start import StopSignals
+from icofabric_sim.ros.verbs import Verbs
+from icofabric_sim.ros.wrench_topics import WrenchTopics
+from icofabric_sim.run_records import Status
+from icofabric_sim.runner import Runner
+from icofabric_sim.scene import Scene
+from icofabric_sim.simulation import compile_scene, Simulation
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+# How long the last answers may take [s].
+_LAST_ANSWERS = 0.2
+
+
+class FabricNode(Node):
+    """
+    Translates between the graph and a runner; no physics here.
+    """
+
+    def __init__(
+        self,
+        parameters: Parameters,
+        *,
+        simulation: Simulation | None = None,
+        on_built: Callable[[], None] = lambda: None,
+    ) -> None:
+        """
+        Build the scene of the judged `parameters`; raises ValueError where that is not possible.
+
+        With `simulation` go on from where it stands instead. `on_built` is called before anything
+        begins that must be ended in order, e.g. a bag.
+        """
+        super().__init__(
+            'icofabric', allow_undeclared_parameters=True, start_parameter_services=False
+        )
+        self._gate: ParameterGate | None = None
+        if simulation is None:
+            simulation = compile_scene(Scene.from_parameters(parameters), body_wrenches=True)
+            simulation.warm_up()
+        on_built()
+        self.stop_wanted = False
+        self._faults: dict[str, str] = {}
+        self._report = HealthReport(self.get_fully_qualified_name())
+        publishes_clock = parameters['publish_clock']
+        self.live = LiveSink(
+            self, [topic for topic in TOPICS if publishes_clock or topic is not CLOCK])
+        self.bag = self._open_bag(parameters, simulation)
+        self.runner = Runner(
+            simulation,
+            [self.bag, self.live],
+            parameters=parameters,
+            on_rebuilt=self._rebuilt,
+            report=self._diagnose,
+        )
+        self._clock_watch = ClockWatch(self) if publishes_clock else None
+        self._declare(parameters)
+        self._gate = ParameterGate(
+            parameters, self._changed, lambda: self.runner.simulation.stability_limit
+        )
+        self._parameter_service = GuardedParameterService(self)
+        self._wrenches = WrenchTopics(self, self.runner, simulation.scene)
+        self.answers = Answers(self)
+        self._verbs = Verbs(self, self.runner, self.answers)
+        self._standard = offer_standard_services(self, self.runner, self.answers, self._quit)
+        self._thread = threading.Thread(target=self._simulate, name='simulation', daemon=True)
+
+    def start(self) -> None:
+        """
+        Let simulated time run.
+        """
+        self._thread.start()
+
+    def is_done(self) -> bool:
+        """
+        Whether the run of a scene with a duration has come to its end, or a client wants the end.
+        """
+        return self.stop_wanted or not self._thread.is_alive()
+
+    def close(self) -> None:
+        """
+        Stop the simulation and close the bag; may be called twice.
+        """
+        self.runner.stop()
+        if self._thread.is_alive():
+            self._thread.join()
+        self.answers.end('the node has ended')
+        self.live.close()
+        self.bag.close(summary=self._summarise(self.runner.status()))
+
+    def set_parameters_atomically(self, parameter_list: list[Parameter]) -> Any:
+        """
+        Judge a change before rclpy sees it; both parameter services come through here.
+        """
+        if self._gate is None:
+            return super().set_parameters_atomically(parameter_list)
+        return self._gate.set_atomically(parameter_list, super().set_parameters_atomically)
+
+    def _open_bag(self, parameters: Parameters, simulation: Simulation) -> BagSink:
+        bag = BagSink(
+            parameters['record.path'],
+            simulation,
+            live=True,
+            name=self.get_fully_qualified_name(),
+            storage=parameters['record.storage'],
+            parameters=parameters,
+            on_error=self._bag_failed,
+            on_warning=self.get_logger().warning,
+            summarise=self._summarise,
+        )
+        if bag.recorder is not None and not bag.recorder.survives_kill:
+            self.get_logger().warning(
+                f'a bag in {parameters["record.storage"]} is whole only once it is closed: if '
+                'this process is killed, what was recorded can be lost; with record.storage: '
+                'mcap that is the last second at most'
+            )
+        return bag
+
+    def _declare(self, parameters: Parameters) -> None:
+        """
+        Have the node hold just these parameters of the scene: named ones come and go.
+        """
+        for name, value in parameters.items():
+            if not self.has_parameter(name):
+                self.declare_parameter(
+                    name, value, describe(name, find_specification(name)), ignore_override=True
+                )
+        for name in self.list_parameters([], 0).names:
+            if name not in parameters and not is_foreign(name):
+                self.undeclare_parameter(name)
+
+    def _changed(self, parameters: Parameters) -> None:
+        self._declare(parameters)
+        self._faults.pop('rejected change', None)
+        self.runner.change(parameters)
+
+    def _rebuilt(self, wanted: Parameters, reason: str) -> None:
+        self.answers.hand_over(lambda: self._follow(wanted, reason))
+
+    def _follow(self, wanted: Parameters, reason: str) -> None:
+        """
+        Have the node say what is in force, after a change to `wanted` that worked or did not.
+        """
+        self._wrenches.set_scene(self.runner.simulation.scene)
+        if not reason or self._gate is None:
+            return
+        self._faults['rejected change'] = f'the last change could not be built: {reason}'
+        if self._gate.accepted is not wanted:
+            return  # a later change is on its way, and decides
+        self._gate.accepted = in_force = self.runner.parameters
+        for name in wanted:
+            if wanted[name] != in_force.get(name, wanted[name]):
+                super().set_parameters_atomically([Parameter(name, value=in_force[name])])
+        self._declare(in_force)
+
+    def _summarise(self, status: Status) -> dict[str, str]:
+        return summarise_run(status._replace(dropped=self._wrenches.dropped + status.dropped))
+
+    def _simulate(self) -> None:
+        until_finished = self.runner.parameters['duration'] > 0.0
+        try:
+            self.runner.run(until_finished=until_finished)
+        except Exception as error:  # noqa: BLE001 - the node must say it, and close the bag
+            reason = f'the simulation thread has ended: {error!r}'
+            self.get_logger().fatal(reason)
+            self.runner.failure = self.runner.failure or reason
+        self.answers.hand_over(lambda: None)
+
+    def _quit(self) -> None:
+        self.stop_wanted = True
+
+    def _bag_failed(self, error: BagError) -> None:
+        self._faults['recording'] = str(error)
+        self.get_logger().error(f'{error}; the simulation goes on without a bag')
+
+    def _diagnose(self, status: Status) -> bytes:
+        figures = {
+            WRENCHES_DROPPED: str(self._wrenches.dropped + status.dropped),
+            NOT_TAKEN: str(self.live.not_taken),
+        }
+        if self.bag.path is not None:
+            figures[RECORDER_LAG] = f'{self.bag.statistics.lag:.3f}'
+            figures[RECORDER_DROPPED] = str(self.bag.dropped)
+        figures['recording'] = str(self.bag.path) if self.bag.is_recording else 'no'
+        if self.bag.is_recording and self.bag.error is None:
+            self._faults.pop('recording', None)
+        note = '' if self._clock_watch is None else self._clock_watch.note
+        return self._report.bytes(
+            status, dict(self._faults), figures, {'clock': note} if note else {})
+
+
+def run_node(node: FabricNode, signals: StopSignals) -> int:
+    """
+    Run a node until it is done or stopped; returns the exit status.
+    """
+    simulation = node.runner.simulation
+    node.get_logger().info(
+        f'{simulation.scene.body_count} bodies, {simulation.scene.connector_count} connectors, '
+        f'{simulation.method_name}, step {simulation.step:.3g} s'
+    )
+    server = Server(node)
+    # What was imported stays: looking through it for garbage would hold everything up.
+    gc.freeze()
+    node.start()
+    try:
+        server.serve(lambda: signals.received or node.is_done())
+    finally:
+        node.close()
+    # Who still waits for an answer hears that there will be none.
+    deadline = time.monotonic() + _LAST_ANSWERS
+    server.serve(lambda: not node.answers or time.monotonic() > deadline)
+    node.destroy_node()
+    gc.freeze()  # the end of the process, which looks once more, takes half a second otherwise
+    return 1 if node.runner.failure else 0

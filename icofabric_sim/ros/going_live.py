@@ -1,0 +1,87 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+From a replay to a simulation: the recorded run is rebuilt up to a moment, and goes on from there.
+"""
+
+from collections.abc import Mapping
+from concurrent.futures import Future
+from pathlib import Path
+import threading
+from typing import Any, TYPE_CHECKING
+
+from icofabric_sim.ros.start import StopSignals
+
+if TYPE_CHECKING:
+    from icofabric_sim.parameters import Parameters
+    from icofabric_sim.simulation import Simulation
+
+# Where to, and whose clock it is, was the recorded run's own business.
+_OWN = ('record.path', 'record.storage', 'publish_clock')
+
+
+class GoingLive:
+    """
+    One recorded run on its way to a running simulation.
+    """
+
+    def __init__(self, path: Path, fabric: str, paused: bool) -> None:
+        """
+        Take the run of `fabric` in the bag `path`; `paused` says how the simulation will start.
+        """
+        self._path, self._fabric, self._paused = path, fabric, paused
+        self._simulation: 'Simulation | None' = None
+        self._parameters: 'Parameters | None' = None
+        self.reached = 0  # [ns] of recorded time, while it is built
+        self.abandoned = False  # true ends the building
+
+    def build(self, time: int) -> 'Future[None]':
+        """
+        Simulate the recorded run again up to `time` [ns], in a thread of its own.
+        """
+        future: Future[None] = Future()
+
+        def work() -> None:
+            try:
+                self._build(time)
+            except BaseException as error:  # noqa: BLE001 - the one who asked gets it
+                future.set_exception(error)
+            else:
+                future.set_result(None)
+
+        threading.Thread(target=work, name='rebuilding', daemon=True).start()
+        return future
+
+    def _build(self, time: int) -> None:
+        # Imported here: they bring the compiler, and a replay has no need of it.
+        from icofabric_sim.recorded_run import RecordedRun
+        from icofabric_sim.resimulation import resimulate_to
+
+        with RecordedRun(self._path, self._fabric) as run:
+            simulation = resimulate_to(run, time, on_time=self._note)
+            texts = [text for since, text in run.scene_texts() if since <= time]
+            self._parameters = run.parameters_of(texts[-1])
+        simulation.warm_up()
+        self._simulation = simulation
+
+    def _note(self, time: int) -> None:
+        if self.abandoned:
+            raise RuntimeError('the replay has ended')
+        self.reached = time
+
+    def run(self, options: Mapping[str, Any], rate: float, signals: StopSignals) -> int:
+        """
+        Run the simulation as the node that the replay was, until stopped; returns the exit status.
+
+        It keeps the pace that the replay had, its `rate`.
+        """
+        from icofabric_sim.ros.fabric import FabricNode, run_node
+
+        assert self._simulation is not None and self._parameters is not None
+        parameters = self._parameters.with_changes({
+            **{name: options[name] for name in _OWN},
+            'duration': 0.0,  # the recorded one may be over
+            'real_time_factor': rate,
+            'start_paused': self._paused,
+        })
+        return run_node(FabricNode(parameters, simulation=self._simulation), signals)

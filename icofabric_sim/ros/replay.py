@@ -1,0 +1,324 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+The replay node: a player, which has a thread of its own, and its translation for the graph.
+"""
+
+from collections.abc import Callable, Mapping
+from concurrent.futures import Future
+import gc
+from importlib import import_module
+import os
+import threading
+import time
+from typing import Any
+
+from icofabric_sim import outputs
+from icofabric_sim.bag.storage import absolute_path
+from icofabric_sim.outputs import Topic
+from icofabric_sim.replay import Player, ReplayStatus
+from icofabric_sim.replay_parameters import (
+    begin_of,
+    judge_option,
+    judge_seek,
+    OPTIONS,
+    ReplayParameterError,
+)
+from icofabric_sim.replay_report import ReplayReport
+from icofabric_sim.replay_source import ReplaySource
+from icofabric_sim.ros.answers import Answers
+from icofabric_sim.ros.clock_watch import ClockWatch
+from icofabric_sim.ros.going_live import GoingLive
+from icofabric_sim.ros.live_sink import LiveSink, message_class
+from icofabric_sim.ros.parameter_service import GuardedParameterService
+from icofabric_sim.ros.process import Server
+from icofabric_sim.ros.ros_parameters import is_foreign
+from icofabric_sim.ros.start import StopSignals
+from icofabric_sim.schedule import NANOSECONDS, seconds
+from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor, SetParametersResult
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.exceptions import InvalidTopicNameException
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.validate_topic_name import validate_topic_name
+from std_srvs.srv import SetBool, Trigger
+
+# How long the end may wait for a bag that is slow to read, and for the last answers [s].
+_PATIENCE, _LAST_ANSWERS = 0.5, 0.2
+
+
+class ReplayNode(Node):
+    """
+    Translates between the graph and a player, which has a thread of its own.
+    """
+
+    _player: Player | None = None
+
+    def __init__(self, options: Mapping[str, Any], source: ReplaySource) -> None:
+        """
+        Play `source` with the judged `options`; raises ValueError where these do not fit it.
+        """
+        begin = begin_of(options, source.start, source.end)
+        super().__init__('icofabric', start_parameter_services=False)
+        self.source = source
+        self._declare(options)
+        self._leave_out_unknown()
+        topics = {topic.name: topic for topic in source.topics.values()}
+        topics[outputs.DIAGNOSTICS.name] = outputs.DIAGNOSTICS
+        if options['publish_clock']:
+            topics[outputs.CLOCK.name] = outputs.CLOCK
+        self._live = LiveSink(self, topics.values())
+        self._report = ReplayReport(self.get_fully_qualified_name(), source)
+        self._player = self.player = Player(
+            source,
+            self._live,
+            begin=begin,
+            rate=options['rate'],
+            loop=options['loop'],
+            stay=options['stay'],
+            paused=options['start_paused'],
+            publish_clock=options['publish_clock'],
+            clock_rate=options['clock_rate'],
+            report=self._diagnose,
+        )
+        self._clock_watch = ClockWatch(self) if options['publish_clock'] else None
+        self._parameter_service = GuardedParameterService(self)
+        self.going_live: GoingLive | None = None
+        self.gives_way = False  # to the simulation that is ready
+        # While a request waits for its answer, others are heard.
+        group = ReentrantCallbackGroup()
+        self.create_service(SetBool, '~/pause', self._pause, callback_group=group)
+        self.create_service(Trigger, '~/reset', self._reset, callback_group=group)
+        self.create_service(Trigger, '~/step', self._step, callback_group=group)
+        self.create_service(Trigger, '~/continue', self._continue, callback_group=group)
+        seek = _seek_class()
+        if seek is not None:
+            self.create_service(seek, '~/seek', self._seek, callback_group=group)
+        self.answers = Answers(self)
+        self._thread = threading.Thread(target=self._play, name='replay', daemon=True)
+
+    def start(self) -> None:
+        """
+        Begin to play.
+        """
+        self._thread.start()
+
+    def is_over(self) -> bool:
+        """
+        Whether the replay has come to its end, or gives way to a simulation.
+        """
+        return self.gives_way or not self._thread.is_alive()
+
+    def close(self) -> None:
+        """
+        Stop playing and let go of the bag; may be called twice.
+        """
+        self.player.stop()
+        if self.going_live is not None:
+            self.going_live.abandoned = True
+        if self._thread.is_alive():
+            self._thread.join(_PATIENCE)
+        self.answers.end('the replay has ended')
+        self._live.close()
+        if not self._thread.is_alive():
+            self.source.close()
+
+    def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
+        """
+        Judge a change before rclpy sees it; both parameter services come through here.
+        """
+        if self._player is None:
+            return super().set_parameters_atomically(parameter_list)
+        try:
+            changes = {
+                parameter.name: self._judge(parameter)
+                for parameter in parameter_list if not is_foreign(parameter.name)}
+        except ReplayParameterError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        result = super().set_parameters_atomically([
+            Parameter(parameter.name, value=changes[parameter.name])
+            if parameter.name in changes else parameter for parameter in parameter_list])
+        if result.successful:
+            for name, value in changes.items():
+                self._apply(name, value)
+        return result
+
+    def _judge(self, parameter: Parameter) -> Any:
+        name = parameter.name
+        value = judge_option(name, parameter.value)
+        if not OPTIONS[name].live:
+            raise ReplayParameterError(
+                f'{name} is fixed once the node runs; start it with the other value')
+        if name == 'seek':
+            judge_seek(value, self.source.start, self.source.end)
+        return value
+
+    def _apply(self, name: str, value: Any) -> None:
+        player = self.player
+        if name == 'rate':
+            player.set_rate(value)
+        elif name == 'seek':
+            player.seek(judge_seek(value, self.source.start, self.source.end))
+        else:
+            setattr(player, name, value)
+
+    def _declare(self, options: Mapping[str, Any]) -> None:
+        for name, option in OPTIONS.items():
+            descriptor = ParameterDescriptor(
+                name=name, description=option.description, read_only=not option.live)
+            if option.minimum is not None and option.maximum is not None:
+                descriptor.floating_point_range = [FloatingPointRange(
+                    from_value=option.minimum, to_value=option.maximum, step=0.0)]
+            self.declare_parameter(name, options[name], descriptor, ignore_override=True)
+
+    def _leave_out_unknown(self) -> None:
+        for name, topic in list(self.source.topics.items()):
+            reason = _why_not(topic)
+            if reason:
+                self.source.leave_out(name)
+                self.get_logger().warning(f'{name} is not played: {reason}')
+
+    def _diagnose(self, status: ReplayStatus) -> bytes:
+        notes = {'messages not taken': str(self._live.not_taken)}
+        if self.going_live is not None:
+            notes['simulated again up to [s]'] = f'{seconds(self.going_live.reached):.9f}'
+        warning = '' if self._clock_watch is None else self._clock_watch.note
+        return self._report.message(status, notes, warning)
+
+    def _play(self) -> None:
+        try:
+            self.player.run()
+        except Exception as error:  # noqa: BLE001 - the node must say it
+            self.player.failure = f'the replay has ended: {error!r}'
+            self.get_logger().fatal(self.player.failure)
+        self.answers.hand_over(lambda: None)  # so that its end is seen at once
+
+    async def _pause(
+        self, request: SetBool.Request, response: SetBool.Response
+    ) -> SetBool.Response:
+        word = 'paused' if request.data else 'running'
+        return await self._answer(
+            lambda: self.player.set_paused(request.data), response, word)
+
+    async def _reset(
+        self, request: Trigger.Request, response: Trigger.Response
+    ) -> Trigger.Response:
+        return await self._answer(self.player.reset, response, 'back at the start')
+
+    async def _step(
+        self, request: Trigger.Request, response: Trigger.Response
+    ) -> Trigger.Response:
+        return await self._answer(self.player.step, response, 'one frame on')
+
+    async def _seek(self, request: Any, response: Any) -> Any:
+        time = request.time.sec * NANOSECONDS + request.time.nanosec
+        try:
+            await self.answers.of(lambda: self.player.seek(time))
+            response.success = True
+        except Exception as error:  # noqa: BLE001 - whatever it is, the node goes on
+            self.get_logger().error(str(error))  # the service has no room for a reason
+            response.success = False
+        return response
+
+    async def _continue(
+        self, request: Trigger.Request, response: Trigger.Response
+    ) -> Trigger.Response:
+        """
+        Simulate from the present recorded moment on, once the run is rebuilt up to there.
+        """
+        if self.going_live is not None:
+            response.success, response.message = False, 'the simulation is being built already'
+            return response
+        path = str(self.get_parameter('record.path').value)
+        if path and os.path.lexists(absolute_path(path)):
+            response.success = False
+            response.message = (
+                f'record.path: {path} exists and is never overwritten; start again with another')
+            return response
+        was_paused = self.player.paused
+        self.going_live = going = GoingLive(self.source.path, self.source.fabric, was_paused)
+        try:
+            time = await self.answers.of(lambda: self.player.set_paused(True))
+            await self.answers.of(lambda: going.build(time))
+        except Exception as error:  # noqa: BLE001 - the client gets the reason
+            self.going_live = None
+            if not was_paused:
+                self.player.set_paused(False)
+            response.success, response.message = False, f'this run cannot go on: {error}'
+        else:
+            self.gives_way = response.success = True
+            response.message = f'goes on as a simulation, t = {seconds(time):.9f} s'
+        return response
+
+    async def _answer(
+        self, begin: 'Callable[[], Future[int]]', response: Any, word: str
+    ) -> Any:
+        try:
+            time = await self.answers.of(begin)
+        except Exception as error:  # noqa: BLE001 - the client gets the reason
+            response.success, response.message = False, str(error)
+        else:
+            response.success, response.message = True, f'{word}, t = {seconds(time):.9f} s'
+        return response
+
+
+def _why_not(topic: Topic) -> str:
+    """
+    Why a recorded topic cannot be published; '': it can.
+    """
+    try:
+        validate_topic_name(topic.name)
+        message_class(topic.type)
+    except InvalidTopicNameException as error:
+        return f'not a topic name: {error}'
+    except (ImportError, AttributeError, ValueError):
+        return f'its type {topic.type} is not installed here'
+    return ''
+
+
+def _seek_class() -> Any:
+    """
+    The standard service type to seek; None where it is not installed.
+    """
+    try:
+        return import_module('rosbag2_interfaces.srv').Seek
+    except ImportError:
+        return None
+
+
+def run_replay(node: ReplayNode, options: Mapping[str, Any], signals: StopSignals) -> int:
+    """
+    Run a replay until it is over or stopped, and what it goes on as; returns the exit status.
+    """
+    _introduce(node)
+    server = Server(node)
+    gc.freeze()  # looking through what was imported for garbage would hold everything up
+    node.start()
+    try:
+        server.serve(lambda: signals.received or node.is_over())
+    finally:
+        node.close()
+    # Who still waits for an answer hears that there will be none.
+    deadline = time.monotonic() + _LAST_ANSWERS
+    server.serve(lambda: not node.answers or time.monotonic() > deadline)
+    node.destroy_node()
+    gc.freeze()  # the end of the process looks once more
+    if signals.received or not node.gives_way or node.going_live is None:
+        return 1 if node.player.failure else 0
+    return node.going_live.run(options, node.player.rate, signals)
+
+
+def _introduce(node: ReplayNode) -> None:
+    source, logger = node.source, node.get_logger()
+    logger.info(
+        f'playing {source.path}: {len(source.topics)} topics of {source.fabric}, '
+        f't = {seconds(source.start):.9g} s to {seconds(source.end):.9g} s')
+    others = [name for name in source.fabrics if name != source.fabric]
+    if others:
+        logger.warning(
+            f'this bag holds {len(others)} more: {", ".join(others)}; the parameter fabric names '
+            'the one to play')
+    elif source.left_out:
+        logger.info(
+            f'not played, being no topics of {source.fabric}: {", ".join(source.left_out)}; '
+            '`ros2 bag play` plays all')

@@ -1,0 +1,89 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+The executable that plays a recorded run: `ros2 run icofabric_sim replay_node BAG`.
+
+Everything that takes time to import is imported once signals are heard.
+"""
+
+from pathlib import Path
+import sys
+
+from icofabric_sim import __version__
+from icofabric_sim.ros.start import arguments_of_its_own, StopSignals
+
+_USAGE = """usage: replay_node BAG [--ros-args -p name:=value ...]
+docs/replay.md says what it can do; its parameters:
+"""
+
+
+def main(argv: list[str] | None = None) -> int:
+    """
+    Entry point of `replay_node`.
+
+    Exit status: 0 done, also by SIGINT or SIGTERM; 1 the bag is damaged or unfinished, or the
+    simulation that it went on as failed; 2 bad input; 130 interrupted before it played.
+    """
+    signals = StopSignals()
+    arguments = sys.argv if argv is None else argv
+    if set(arguments[1:]) & {'-h', '--help', '--version'}:
+        print(f'replay_node of icofabric_sim {__version__}: plays recorded fabric\n{_usage()}')
+        return 0
+    from icofabric_sim.commands.terminal import FileSaysNo, InputError
+    import rclpy
+    from rclpy.impl.implementation_singleton import rclpy_implementation
+
+    try:
+        return _run(arguments, signals)
+    except FileSaysNo as error:
+        print(f'replay_node: {error}', file=sys.stderr)
+        return 1
+    except (InputError, ValueError, rclpy_implementation.RCLError) as error:
+        from icofabric_sim.ros.process import plain_reason
+
+        print(f'replay_node: {plain_reason(error)}', file=sys.stderr)
+        return 2
+    finally:
+        signals.ignore()
+        rclpy.try_shutdown()
+
+
+def _run(arguments: list[str], signals: StopSignals) -> int:
+    # Before ROS starts, whose errors name no parameter.
+    own = arguments_of_its_own(arguments[1:])
+    if len(own) > 1 or own and own[0].startswith('-'):
+        raise ValueError(
+            f'{" ".join(own)!r}: one bag is all that replay_node takes beside --ros-args; '
+            'replay_node --help shows its parameters')
+    from icofabric_sim.commands.bags import bag_errors
+    from icofabric_sim.parameter_file import check_ros_arguments
+    from icofabric_sim.replay_parameters import begin_of, judge_options
+
+    options = judge_options(check_ros_arguments(arguments[1:]), own[0] if own else None)
+    from icofabric_sim.replay_source import ReplaySource
+
+    path = Path(options['bag']).expanduser()
+    with bag_errors(path):
+        source = ReplaySource(path, fabric=options['fabric'], inputs=options['inputs'])
+    begin_of(options, source.start, source.end)
+    from icofabric_sim.ros.process import log_to_ros, start_ros
+    from icofabric_sim.ros.replay import ReplayNode, run_replay
+
+    start_ros(arguments)
+    log_to_ros()
+    node = ReplayNode(options, source)
+    signals.only_note()
+    return run_replay(node, options, signals)
+
+
+def _usage() -> str:
+    from icofabric_sim.replay_parameters import OPTIONS
+
+    width = max(map(len, OPTIONS))
+    return _USAGE + '\n'.join(
+        f'  {name:{width}}  {option.description} (default {option.default!r})'
+        for name, option in OPTIONS.items())
+
+
+if __name__ == '__main__':
+    sys.exit(main())

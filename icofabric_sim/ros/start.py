@@ -1,0 +1,68 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+The start of a node's process: its signals and its command line.
+
+Imports next to nothing, so that a signal is heard from the start.
+"""
+
+import os
+import signal
+from types import FrameType
+
+INTERRUPTED = 130  # exit status
+_STOPPING = (signal.SIGINT, signal.SIGTERM)
+
+
+class StopSignals:
+    """
+    SIGINT and SIGTERM end the node in order, once.
+
+    rclpy's own handlers end the context under a node that still has things to say, and a second
+    Ctrl-C (a launch sends one after the user's) would end the process with its bag still open.
+    """
+
+    def __init__(self) -> None:
+        """
+        Take the signals over; one that was ignored at the start of the process stays ignored.
+        """
+        self.received = False
+        self._ends_at_once = True
+        for number in _STOPPING:
+            if signal.getsignal(number) is not signal.SIG_IGN:
+                signal.signal(number, self._receive)
+
+    def only_note(self) -> None:
+        """
+        From now on a signal is only noted in `received`: there is something to end in order.
+        """
+        self._ends_at_once = False
+
+    def ignore(self) -> None:
+        """
+        From now on a signal does nothing: the process ends anyway, with its own exit status.
+        """
+        for number in _STOPPING:
+            signal.signal(number, signal.SIG_IGN)
+
+    def _receive(self, number: int, frame: FrameType | None) -> None:
+        self.received = True
+        if self._ends_at_once:
+            # An exception would not do: in the middle of an import or a compilation it ends up as
+            # an error of any kind, or is ignored in a finaliser.
+            os._exit(INTERRUPTED)
+
+
+def arguments_of_its_own(arguments: list[str]) -> list[str]:
+    """
+    What stands outside of `--ros-args ... --`, and is no renaming in the old form.
+    """
+    own, for_ros = [], False
+    for argument in arguments:
+        if argument == '--ros-args':
+            for_ros = True
+        elif for_ros and argument == '--':
+            for_ros = False
+        elif not for_ros and ':=' not in argument:
+            own.append(argument)
+    return own

@@ -1,0 +1,117 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+Services of the fabric in std_srvs: pause, reset, step, record, checkpoints.
+"""
+
+from collections.abc import Callable
+from concurrent.futures import Future
+from pathlib import Path
+from typing import Any
+
+from icofabric_sim.checkpoint_files import path_to_restore, path_to_save
+from icofabric_sim.ros.answers import Answers
+from icofabric_sim.runner import Runner
+from icofabric_sim.schedule import seconds
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.node import Node
+from std_srvs.srv import SetBool, Trigger
+
+# Makes a sentence of the result of what was asked for.
+Words = Callable[[Any], str]
+
+
+class Verbs:
+    """
+    Answers once it is done, with `success: true`, or with the reason why it is not.
+    """
+
+    def __init__(self, node: Node, runner: Runner, answers: Answers) -> None:
+        """
+        Offer the services of `node`; `runner` does what they ask for.
+        """
+        self._runner, self._answers = runner, answers
+        self._being_saved: set[Path] = set()
+        # One that waits for its answer must not keep others of the node waiting.
+        group = ReentrantCallbackGroup()
+        for kind, name, callback in (
+            (SetBool, '~/pause', self._pause),
+            (Trigger, '~/reset', self._reset),
+            (Trigger, '~/step', self._step),
+            (SetBool, '~/record', self._record),
+            (Trigger, '~/save_checkpoint', self._save),
+            (Trigger, '~/restore_checkpoint', self._restore),
+        ):
+            node.create_service(kind, name, callback, callback_group=group)
+
+    async def _pause(
+        self, request: SetBool.Request, response: SetBool.Response
+    ) -> SetBool.Response:
+        word = 'paused' if request.data else 'running'
+        return await self._answer(
+            response, lambda: self._runner.set_paused(request.data), _at(word), at_once=True)
+
+    async def _reset(
+        self, request: Trigger.Request, response: Trigger.Response
+    ) -> Trigger.Response:
+        return await self._answer(
+            response, self._runner.reset, _at('back at the initial state'), at_once=True)
+
+    async def _step(
+        self, request: Trigger.Request, response: Trigger.Response
+    ) -> Trigger.Response:
+        count = self._runner.parameters['step_count']
+        return await self._answer(
+            response, self._runner.take_steps, _at(f'{count} solver steps taken'))
+
+    async def _record(
+        self, request: SetBool.Request, response: SetBool.Response
+    ) -> SetBool.Response:
+        return await self._answer(
+            response, lambda: self._runner.set_recording(request.data), str)
+
+    async def _save(
+        self, request: Trigger.Request, response: Trigger.Response
+    ) -> Trigger.Response:
+        def begin() -> 'Future[Any]':
+            path = path_to_save(self._runner.parameters, self._being_saved)
+            self._being_saved.add(path)
+            future = self._runner.save_checkpoint(path)
+            future.add_done_callback(lambda _: self._being_saved.discard(path))
+            return future
+
+        return await self._answer(response, begin, lambda path: f'saved as {path}')
+
+    async def _restore(
+        self, request: Trigger.Request, response: Trigger.Response
+    ) -> Trigger.Response:
+        runner, path = self._runner, None
+
+        def begin() -> 'Future[Any]':
+            nonlocal path
+            path = path_to_restore(runner.parameters)
+            return runner.restore_checkpoint(path)
+
+        return await self._answer(
+            response, begin, lambda time: f'goes on from {path}, t = {seconds(time):.9f} s')
+
+    async def _answer(
+        self,
+        response: Any,
+        begin: 'Callable[[], Future[Any]]',
+        words: Words,
+        *,
+        at_once: bool = False,
+    ) -> Any:
+        try:
+            result = await self._answers.of(begin, at_once=at_once)
+        except Exception as error:  # noqa: BLE001 - the client gets the reason
+            response.success = False
+            response.message = str(error) or type(error).__name__
+        else:
+            response.success, response.message = True, words(result)
+        return response
+
+
+def _at(word: str) -> Words:
+    return lambda time: f'{word}, t = {seconds(time):.9f} s'
