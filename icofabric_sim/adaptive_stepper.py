@@ -249,7 +249,7 @@ class AdaptiveStepper(Stepper):
             trail.slopes[:] = 0.0
             for k, number in enumerate(_SLOPES):
                 trail.slopes[number][:, layout.slot] = slopes[:, k].T
-            if loads is not None and len(loads.slot):
+            if loads is not None and len(loads.wrench):
                 rows = self._rows_by_body(loads)
                 power = memory.part('loads').array('power', (2, len(rows)))
                 loads.power[0, rows], loads.power[12, rows] = power

@@ -61,7 +61,8 @@ class Course:
             self.method = choose_method(
                 parameters['solver.tolerance'],
                 expected_liveliness(scene, packed.model, loads, frequency.rate),
-                fixed_ratio=fixed * frequency.rate if fixed > 0.0 else None)
+                fixed_ratio=fixed * frequency.rate if fixed > 0.0 else None,
+                kinked=scene.connectors.laws.kinked)
         method = METHODS[self.method.name]
         try:
             self.stepper = (AdaptiveStepper if method.adaptive and not fixed > 0.0 else Stepper)(

@@ -16,8 +16,8 @@ def too_fast(time: float) -> str:
     Say that no step can follow the motion at `time` [s].
     """
     return (
-        f'the motion at t = {time:.9g} s is too fast for any step: its rate is no longer finite; '
-        'look for a huge stiffness, load, spin or stretch')
+        f'the motion at t = {time:.9g} s is too fast for any step; look for a huge stiffness, load, '
+        'spin or stretch')
 
 
 def unsafe_step(step: float, limit: float, frequency: Frequency, time: float) -> str:
@@ -53,6 +53,6 @@ def find_fault(packed: PackedScene, state: State) -> str:
         mine = np.flatnonzero((connectors.first == body) | (connectors.second == body))
         if not len(mine):
             return name
-        strain = np.abs(length[mine] - connectors.natural_length)
+        strain = np.abs(length - connectors.natural_length)[mine]
         strain[~np.isfinite(strain)] = np.inf
         return f'{name}, at connector {int(mine[np.argmax(strain)])}'

@@ -13,6 +13,7 @@ from itertools import permutations
 import math
 from typing import NamedTuple
 
+from icofabric_sim.connector_laws import ConnectorLaws
 from icofabric_sim.initial import InitialState
 from icofabric_sim.kernels.lanes import LANES
 from icofabric_sim.kernels.records import (
@@ -23,6 +24,7 @@ from icofabric_sim.kernels.records import (
     LINKS_PER_EDGE,
     State,
     Trail,
+    Variety,
     Work,
 )
 from icofabric_sim.rotation_forms import cosines_from_quaternions, quaternions_from_cosines
@@ -224,7 +226,7 @@ def make_layout(grid: np.ndarray, body_count: int, *, cosines: bool = False) -> 
 
 def make_links(
     layout: Layout, grid: np.ndarray, bodies: np.ndarray, edges: np.ndarray, *,
-    stiffness: float, natural_length: float, half_width: float
+    laws: ConnectorLaws, half_width: float
 ) -> tuple[Layout, Links]:
     """
     Tables of connectors, (c, 2) bodies and edge codes, by block; and the layout with their reach.
@@ -251,8 +253,9 @@ def make_links(
     for edge, seen in enumerate(directions):
         for number, direction in enumerate(sorted(seen)):
             side[edge, direction + 50] = number
-    reach = 0
-    for pair, codes in pieces:
+    reach, start = 0, 0
+    variety = None if laws.plain else _no_laws(layout)
+    for number, (pair, codes) in enumerate(pieces):
         own, other = block[pair[:, 0]], block[pair[:, 1]]
         edge = codes[:, 0].astype(np.int64)
         link = LINKS_PER_EDGE * edge + side[edge, _direction(grid, pair) + 50]
@@ -264,9 +267,27 @@ def make_links(
             raise ValueError('connectors of one block lead to places that are not side by side')
         np.bitwise_or.at(present, (own, link), (1 << lane).astype(np.uint8))
         reach = max(reach, int(np.abs(own - other).max()))
-    links = Links(place, present, stiffness, natural_length, half_width)
+        if variety is not None:
+            for rows, values in zip(variety, laws):
+                rows[link, layout.slot[pair[:, 0]]] = values[start:start + len(pair)] if len(
+                    values) > 1 else values
+        # Each piece comes twice, seen from either end.
+        start += len(pair) * (number % 2)
+    links = Links(
+        place, present, float(max(laws.extension.max(), laws.compression.max())),
+        float(laws.natural_length.max()), half_width, variety)
     blocks = layout.blocks._replace(reach=reach)
     return replace(layout, blocks=blocks), links
+
+
+def _no_laws(layout: Layout) -> Variety:
+    """
+    Room for the laws of the connectors at each body; ordinary numbers where there is none.
+    """
+    rows = [aligned_empty((LINK_COUNT, layout.slot_count)) for _ in range(3)]
+    for array in rows:
+        array[:] = 0.0
+    return Variety(*rows)
 
 
 def _direction(grid: np.ndarray, pair: np.ndarray) -> np.ndarray:

@@ -128,7 +128,8 @@ class Ledger:
         scale, packed = 0.0, self._packed
         if packed.connectors is not None:
             connectors = packed.connectors
-            scale += connectors.stiffness * len(connectors.first) * connectors.natural_length**2
+            scale += len(connectors.first) * float(
+                (connectors.extension * connectors.natural_length**2).max())
         if packed.model.gravity is not None:
             extent = float(np.abs(state.position).max())
             weight = float(np.linalg.norm(packed.model.gravity)) / packed.model.inverse_mass

@@ -15,11 +15,12 @@ from icofabric_sim.integrators.methods import Method
 from icofabric_sim.integrators.splitting import NEVER
 from icofabric_sim.kernels import monitor
 from icofabric_sim.kernels.flows import keep_accelerations, place_all
+from icofabric_sim.kernels.lanes import LANES
 from icofabric_sim.kernels.records import Loads, State, Watch, Work
 from icofabric_sim.layout import aligned_empty
 from icofabric_sim.ledger import Ledger
 from icofabric_sim.memory import Memory
-from icofabric_sim.model import PackedScene
+from icofabric_sim.model import acting_lanes, PackedScene
 from icofabric_sim.proximity import ProximityWatch
 import numpy as np
 
@@ -131,7 +132,7 @@ class MainLine:
             memory['failure'] = str(self._failure)
         if self._keeps_accelerations:
             memory['acceleration'] = self.packed.layout.gather(self.work.acceleration)
-        if self.loads is not None and len(self.loads.slot):
+        if self.loads is not None and len(self.loads.wrench):
             rows = self._rows_by_body(self.loads)
             memory['loads'] = {
                 'work': self.loads.work[rows], 'earlier_work': self.loads.earlier_work[rows]}
@@ -163,7 +164,7 @@ class MainLine:
             self.work.acceleration[:, layout.slot] = memory.array(
                 'acceleration', (layout.body_count, 6)).T
         self.loads = loads
-        if loads is not None and len(loads.slot):
+        if loads is not None and len(loads.wrench):
             part, rows = memory.part('loads'), self._rows_by_body(loads)
             loads.work[rows] = part.array('work', rows.shape)
             loads.earlier_work[rows] = part.array('earlier_work', rows.shape)
@@ -197,11 +198,17 @@ class MainLine:
 
     def _rows_by_body(self, loads: Loads) -> np.ndarray:
         """
-        Rows of the loads in the order of their bodies, whatever the layout.
+        Places of the wrenches on bodies among the work of the loads, by body and then by wrench.
+
+        Whatever the layout: lanes on which a wrench does not act are left out.
         """
-        body = np.zeros(self.packed.layout.slot_count, np.int64)
-        body[self.packed.layout.slot] = np.arange(self.packed.layout.body_count)
-        return np.argsort(body[loads.slot], kind='stable')
+        layout = self.packed.layout
+        body = np.zeros(layout.slot_count, np.int64)
+        body[layout.slot] = np.arange(layout.body_count)
+        row, lane = acting_lanes(loads)
+        block = np.repeat(layout.blocks.slot, np.diff(loads.start))
+        order = np.lexsort((loads.wrench[row], body[block[row] + lane]))
+        return (LANES * row + lane)[order]
 
     def _note_work(self, *parts: Loads | None) -> None:
         self._present_work = sum(math.fsum(part.work) for part in parts if part is not None)

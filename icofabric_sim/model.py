@@ -7,9 +7,10 @@ Packs a scene into the constants that kernels take.
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+from icofabric_sim.kernels.lanes import LANES
 from icofabric_sim.kernels.records import Connectors, Loads, Model
 from icofabric_sim.kernels.records import Supports as PackedSupports
-from icofabric_sim.layout import Layout, make_layout, make_links
+from icofabric_sim.layout import aligned_empty, Layout, make_layout, make_links
 from icofabric_sim.scene import Scene
 import numpy as np
 
@@ -36,13 +37,11 @@ def pack_scene(scene: Scene, *, cosines: bool = False) -> PackedScene:
     connectors = links = supports = None
     if scene.connector_count:
         bodies, edges = scene.connectors.bodies, scene.connectors.edges
-        law = {
-            'stiffness': scene.connectors.stiffness,
-            'natural_length': scene.connectors.natural_length,
-            'half_width': 0.5 * scene.geometry.cube_width,
-        }
-        connectors = Connectors(bodies[:, 0], bodies[:, 1], edges[:, 0], edges[:, 1], **law)
-        layout, links = make_links(layout, grid, bodies, edges, **law)
+        laws, half_width = scene.connectors.laws, 0.5 * scene.geometry.cube_width
+        connectors = Connectors(
+            bodies[:, 0], bodies[:, 1], edges[:, 0], edges[:, 1], *laws, half_width)
+        layout, links = make_links(
+            layout, grid, bodies, edges, laws=laws, half_width=half_width)
     if scene.supports is not None:
         supports = PackedSupports(
             layout.spread(np.where(scene.supports.translation, 0.0, 1.0 / mass)),
@@ -66,36 +65,56 @@ def pack_loads(
     stages: int = 0,
 ) -> Loads:
     """
-    One row for each body of each (bodies, in body axes, force, torque, point).
+    Wrenches as (bodies, in body axes, force, torque, point): a row for every block they act on.
 
     In the order of the blocks; those of one block in the order given. `stages`: slopes of a
     Runge-Kutta step.
     """
     parts = list(rows)
-    counts = [len(part[0]) for part in parts]
-
-    def spread(column: int) -> np.ndarray:
-        if not parts:
-            return np.zeros((0, 3))
-        return np.repeat(np.array([part[column] for part in parts], dtype=float), counts, axis=0)
-
-    bodies = np.concatenate([np.zeros(0, np.int32), *(part[0] for part in parts)]).astype(np.int32)
-    block = layout.block_of(bodies)
+    count = len(layout.blocks.slot)
+    blocks, wrenches = [np.zeros(0, np.int32)], [np.zeros(0, np.int32)]
+    lanes = [np.zeros(0, np.uint8)]
+    for number, (bodies, *_) in enumerate(parts):
+        block, bits = layout.block_of(bodies), np.zeros(count, np.uint8)
+        np.bitwise_or.at(bits, block, (1 << layout.slot[bodies] % LANES).astype(np.uint8))
+        own = np.flatnonzero(bits).astype(np.int32)
+        blocks.append(own)
+        lanes.append(bits[own])
+        wrenches.append(np.full(len(own), number, np.int32))
+    block = np.concatenate(blocks)
     order = np.argsort(block, kind='stable')
-    start = np.zeros(len(layout.blocks.slot) + 1, np.int32)
-    np.cumsum(np.bincount(block, minlength=len(layout.blocks.slot)), out=start[1:])
-    in_body_axes = np.repeat(np.array([part[1] for part in parts], dtype=bool), counts)
+    start = np.zeros(count + 1, np.int32)
+    np.cumsum(np.bincount(block, minlength=count), out=start[1:])
+
+    def column(number: int) -> np.ndarray:
+        return np.array([part[number] for part in parts], dtype=float).reshape(-1, 3)
+
+    def room(*rows: int) -> np.ndarray:
+        array = aligned_empty((*rows, LANES * len(block)))
+        array[:] = 0.0
+        return array
+
     return Loads(
         start=start,
-        slot=layout.slot[bodies][order],
-        in_body_axes=in_body_axes[order],
-        force=spread(2)[order],
-        torque=spread(3)[order],
-        point=spread(4)[order],
-        work=np.zeros(len(bodies)),
-        earlier_work=np.zeros(len(bodies)),
-        power=np.zeros((stages, len(bodies))),
+        wrench=np.concatenate(wrenches)[order],
+        lanes=np.concatenate(lanes)[order],
+        turning=np.array([255 if part[1] else 0 for part in parts], dtype=np.uint8),
+        force=column(2),
+        torque=column(3),
+        point=column(4),
+        work=room(),
+        earlier_work=room(),
+        power=room(stages),
     )
+
+
+def acting_lanes(loads: Loads) -> tuple[np.ndarray, np.ndarray]:
+    """
+    Row and lane of every body that a wrench acts on.
+    """
+    row, lane = np.nonzero(
+        np.unpackbits(loads.lanes[:, None], axis=1, count=LANES, bitorder='little'))
+    return row, lane
 
 
 def load_rate(loads: Loads | None, model: Model, size: float) -> float:
@@ -104,14 +123,16 @@ def load_rate(loads: Loads | None, model: Model, size: float) -> float:
 
     Infinite where the loads are too large for numbers.
     """
-    if loads is None or not len(loads.slot):
+    if loads is None or not len(loads.wrench):
         return 0.0
     with np.errstate(over='ignore', invalid='ignore'):
         force = np.linalg.norm(loads.force, axis=1)
         moment = np.linalg.norm(loads.torque, axis=1)
         moment += np.linalg.norm(loads.point, axis=1) * force
         square = force * (model.inverse_mass / size) + moment * model.inverse_inertia
-        largest = np.bincount(loads.slot, square).max()
+        block = np.repeat(np.arange(len(loads.start) - 1), np.diff(loads.start))
+        row, lane = acting_lanes(loads)
+        largest = np.bincount(LANES * block[row] + lane, square[loads.wrench[row]]).max()
     return float(np.sqrt(largest)) if largest < np.inf else np.inf
 
 

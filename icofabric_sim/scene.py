@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from icofabric_sim import initial, selectors
+from icofabric_sim.connector_laws import between, ConnectorLaws, make_laws
 from icofabric_sim.icosahedron import edge_midpoints
 from icofabric_sim.parameter_file import load_parameter_file
 from icofabric_sim.parameter_text import flatten_parameters
@@ -38,8 +39,21 @@ class SceneConnectors:
     bodies: np.ndarray  # (c, 2) int32
     edges: np.ndarray  # (c, 2) int8 codes, see icosahedron.NAMED_EDGES
     half_edge: float  # a [m]
-    stiffness: float  # k [N/m]
-    natural_length: float  # D [m]
+    laws: ConnectorLaws
+
+    @property
+    def stiffness(self) -> float | np.ndarray:
+        """
+        Stiffness k [N/m] of all, or k_e of each, (c,).
+        """
+        return _of_all(self.laws.extension)
+
+    @property
+    def natural_length(self) -> float | np.ndarray:
+        """
+        Natural length D [m] of all, or of each, (c,).
+        """
+        return _of_all(self.laws.natural_length)
 
     def __len__(self) -> int:
         """
@@ -141,8 +155,7 @@ class Scene:
                 weave.connector_bodies,
                 weave.connector_edges,
                 geometry.half_edge,
-                checked['connector.stiffness'],
-                checked['connector.natural_length'] or geometry.connector_length,
+                make_laws(checked, geometry.connector_length, groups, weave.connector_bodies),
             ),
             groups=groups,
             supports=supports,
@@ -163,6 +176,10 @@ class Scene:
         Count the connectors.
         """
         return len(self.connectors)
+
+
+def _of_all(values: np.ndarray) -> float | np.ndarray:
+    return float(values[0]) if len(values) == 1 else values
 
 
 def load_scene(path: str | Path) -> Scene:
@@ -206,6 +223,8 @@ def check_parameters(parameters: Parameters) -> tuple[Shell, WeaveGeometry]:
                 f'groups.{name}: {name!r} is a word of the selectors; choose another name',
             )
         selectors.check_syntax(f'groups.{name}', parameters[f'groups.{name}'])
+    for name in parameters.names('connector_groups'):
+        between(parameters, name)
     for family in ('supports', 'loads', 'initial'):
         for name in parameters.names(family):
             _check_group(parameters, f'{family}.{name}.group')

@@ -133,13 +133,21 @@ def _loose(scene: Scene) -> str:
 
 
 def _springs(scene: Scene) -> str:
-    connectors = scene.connectors
-    text = (
-        f'stiffness {connectors.stiffness:.6g} N/m, natural length '
-        f'{connectors.natural_length:.6g} m'
-    )
-    strain = scene.geometry.connector_length / connectors.natural_length - 1.0
-    return text if strain == 0.0 else f'{text} (woven at a strain of {100.0 * strain:+.3g} %)'
+    laws, length = scene.connectors.laws, scene.geometry.connector_length
+    if laws.plain:
+        text = f'stiffness {_range(laws.extension)} N/m'
+    else:
+        text = (
+            f'stiffness {_range(laws.extension)} N/m in extension, '
+            f'{_range(laws.compression)} N/m in compression')
+    text += f', natural length {_range(laws.natural_length)} m'
+    strain = length / laws.natural_length - 1.0
+    return f'{text} (woven at a strain of {_range(100.0 * strain)} %)' if strain.any() else text
+
+
+def _range(values: np.ndarray) -> str:
+    low, high = float(values.min()), float(values.max())
+    return f'{low:.6g}' if low == high else f'{low:.6g} to {high:.6g}'
 
 
 def _several(label: str, texts: Iterable[str]) -> list[Row]:

@@ -158,15 +158,13 @@ STATIC: tuple[Specification, ...] = (
         'connector.stiffness_extension',
         -1.0,
         'N/m',
-        'k_e; negative: connector.stiffness',
-        **_NOT_BUILT,
+        'k_e, above the natural length (eq 2); negative: connector.stiffness',
     ),
     _s(
         'connector.stiffness_compression',
         -1.0,
         'N/m',
-        'k_c; negative: connector.stiffness',
-        **_NOT_BUILT,
+        'k_c, below the natural length (eq 2); negative: connector.stiffness; 0: slack',
     ),
     _s('connector.natural_length', 0.0, 'm', 'natural length D; 0: D = L', minimum=0.0),
     _s('connector.break_length_extension', 0.0, 'm', 'L_e; 0: never breaks', **_NOT_BUILT),
@@ -367,6 +365,13 @@ FAMILIES: dict[str, tuple[Specification, ...]] = {
             required=True,
         ),
     ),
+    'connector_groups': (
+        _s('between', '', '', 'two groups, whose bodies the connectors join', required=True),
+        _s('stiffness', -1.0, 'N/m', 'k in both directions; negative: as for all'),
+        _s('stiffness_extension', -1.0, 'N/m', 'k_e; negative: stiffness'),
+        _s('stiffness_compression', -1.0, 'N/m', 'k_c; negative: stiffness'),
+        _s('natural_length', 0.0, 'm', 'D; 0: as for all', minimum=0.0),
+    ),
     'supports': (
         _s('group', '', '', 'group that is held', required=True),
         _s('fix', 'all', '', 'held freedoms: tx ty tz rotation, or all'),
@@ -405,6 +410,6 @@ FAMILIES: dict[str, tuple[Specification, ...]] = {
 }
 
 # Families of the contract whose effect is not built yet: refused by name, whatever their fields.
-UNBUILT_FAMILIES = ('connector_groups', 'drives', 'anchors', 'tractions', 'planes')
+UNBUILT_FAMILIES = ('drives', 'anchors', 'tractions', 'planes')
 
 BY_NAME: dict[str, Specification] = {entry.name: entry for entry in STATIC}

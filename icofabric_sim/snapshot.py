@@ -87,8 +87,13 @@ class Snapshot:
         connectors = self.packed.connectors
         if connectors is not None:
             stretch = self.connector_length - connectors.natural_length
-            np.square(stretch, out=stretch)
-            energy['connectors'] = 0.5 * connectors.stiffness * float(stretch.sum())
+            if len(connectors.extension) == 1 and (
+                    connectors.extension[0] == connectors.compression[0]):
+                np.square(stretch, out=stretch)
+                energy['connectors'] = 0.5 * float(connectors.extension[0]) * float(stretch.sum())
+            else:
+                slope = np.where(stretch > 0.0, connectors.extension, connectors.compression)
+                energy['connectors'] = 0.5 * float((slope * stretch**2).sum())
         if model.gravity is not None:
             energy['gravity'] = -mass * float((self.position @ model.gravity).sum())
         energy['total'] = sum(energy.values())

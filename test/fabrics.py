@@ -10,7 +10,7 @@ import icofabric_sim as ico
 from icofabric_sim.initial import InitialState
 from icofabric_sim.inputs import Inputs
 from icofabric_sim.kernels.flows import keep_accelerations, place_all
-from icofabric_sim.kernels.loads import kick_loads
+from icofabric_sim.kernels.loads import kick_load
 from icofabric_sim.model import pack_scene
 import numpy as np
 
@@ -128,7 +128,8 @@ def wrenches(scene, position, orientation, *, cosines=False, loaded=False):
         # From rest, in one second, velocities are accelerations.
         loads = Inputs(scene).pack(layout)
         for block in range(last):
-            kick_loads(model, loads, state, block, 1.0)
+            for row in range(loads.start[block], loads.start[block + 1]):
+                kick_load(model, loads, state, row, int(model.blocks.slot[block]), 1.0)
     acceleration = layout.gather(work.acceleration)
     return Wrenches(
         scene.shell.mass * (acceleration[:, :3] + layout.gather(state.linear_velocity)),

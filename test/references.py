@@ -62,11 +62,15 @@ def resultants(scene, position, axes):
 
     force += scene.shell.mass * np.array(scene.parameters['gravity'])
     connectors = scene.connectors
-    for (first, second), (point1, point2) in zip(connectors.bodies, connectors.points_body):
+    laws = [np.broadcast_to(values, len(connectors)) for values in connectors.laws]
+    for (first, second), (point1, point2), *law in zip(
+            connectors.bodies, connectors.points_body, *laws):
         r1 = position[first] + point1 @ axes[first]
         r2 = position[second] + point2 @ axes[second]
         length = np.sqrt((r2 - r1) @ (r2 - r1))
-        pull = connectors.stiffness * (length - connectors.natural_length) * (r2 - r1) / length
+        extension, compression, natural = law
+        k = extension if length > natural else compression
+        pull = k * (length - natural) * (r2 - r1) / length
         act(first, r1, pull)
         act(second, r2, -pull)
     for load in scene.loads.values():

@@ -13,6 +13,7 @@ import pytest
 # One complete member of each family, so that a single field can be changed.
 MEMBERS = {
     'groups': {'groups.m': 'all'},
+    'connector_groups': {'connector_groups.m.between': 'all all'},
     'supports': {'supports.m.group': 'all'},
     'loads': {'loads.m.group': 'all'},
     'initial': {'initial.m.group': 'all'},
@@ -66,6 +67,8 @@ def test_defaults_are_the_contract():
 def test_every_default_is_accepted_and_described(name, entry):
     if entry.name == 'group' or name == 'groups.m':
         value = 'all'
+    elif entry.name == 'between':
+        value = 'all all'
     elif entry.required:
         value = [9.0, 9.0, 9.0]
     else:

@@ -53,6 +53,10 @@ def terms(body: int) -> list[Term]:
         Term('gravity', {'gravity': [0.0, 0.0, -9.81]}),
         Term('one side held', {
             'groups': {'wall': 'x_min'}, 'supports': {'wall': {'group': 'wall'}}}),
+        Term('two stiffnesses', {'connector': {'stiffness_compression': 100.0}}),
+        Term('connectors with laws of their own', {
+            'groups': {'wall': 'x_min'},
+            'connector_groups': {'soft': {'between': 'wall all', 'stiffness': 100.0}}}),
         Term('load on one body', {'groups': {'pushed': f'ids {body}'}, 'loads': loads}),
         Term('loads on all bodies', {'groups': {'pushed': 'all'}, 'loads': loads}),
         Term('turning loads on all bodies', {

@@ -26,17 +26,23 @@ class Choice(NamedTuple):
 
 
 def choose_method(
-    tolerance: float, liveliness: float, *, fixed_ratio: float | None = None
+    tolerance: float, liveliness: float, *, fixed_ratio: float | None = None,
+    kinked: bool = False
 ) -> Choice:
     """
     The method with the least work for the error that may be added in a second.
 
     `liveliness` [1/s]: speeds over a, or spins, that are expected; `fixed_ratio`: a given step
-    times the largest frequency, which leaves only the method to be chosen.
+    times the largest frequency, which leaves only the method to be chosen; `kinked`: some forces
+    have a slope that jumps.
     """
     candidates = {name: method for name, method in METHODS.items() if method.symplectic}
     if fixed_ratio is not None:
         return _for_fixed_step(candidates, tolerance, liveliness, fixed_ratio)
+    if kinked:
+        return Choice(
+            'dop8', 'connectors pull otherwise than they push, and only steps that adapt see '
+            'where their slope jumps: with steps of one length all methods fall to about order 2')
     work = {
         name: method.stages / _allowed_ratio(method, tolerance, liveliness)
         for name, method in candidates.items()}

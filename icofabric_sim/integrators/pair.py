@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from icofabric_sim.integrators import dop853
 from icofabric_sim.kernels.compiled import compiled
-from icofabric_sim.kernels.lanes import load, store
+from icofabric_sim.kernels.lanes import LANES, load, store
 from icofabric_sim.kernels.loads import keep_work
 from icofabric_sim.kernels.monitor import examine, MOVED_FAR, moved_far, save, SAVED_AT, UNSOUND
 from icofabric_sim.kernels.records import Loads, Model, State, Team, Trail, Watch, Work
@@ -276,8 +276,8 @@ def repeat_power(loads: Loads | None, first: int, last: int) -> None:
     """
     if loads is None:
         return
-    for m in range(loads.start[first], loads.start[last]):
-        loads.power[0, m] = loads.power[12, m]
+    for m in range(LANES * loads.start[first], LANES * loads.start[last], LANES):
+        store(loads.power, 0, m, load(loads.power, 12, m))
 
 
 @compiled

@@ -12,6 +12,7 @@ from icofabric_sim.kernels.compiled import compiled
 from icofabric_sim.kernels.lanes import (
     bits,
     fma,
+    load,
     load_at,
     maximum,
     rsqrt,
@@ -19,7 +20,7 @@ from icofabric_sim.kernels.lanes import (
     Vector,
     where,
 )
-from icofabric_sim.kernels.records import Links
+from icofabric_sim.kernels.records import Links, Variety
 import numpy as np
 
 # A squared length below this is taken for it: the pull of a spring of no length has no direction
@@ -50,9 +51,9 @@ def add_connectors(
         pz, mx = load_at(points, at + 2 * stride), load_at(points, at + 3 * stride)
         my, mz = load_at(points, at + 4 * stride), load_at(points, at + 5 * stride)
         ax, ay, az = edge_pull(
-            links, points, stride, block, 4 * pair, stiffness, minus_rest, px, py, pz)
+            links, points, stride, block, s, 4 * pair, stiffness, minus_rest, px, py, pz)
         bx, by, bz = edge_pull(
-            links, points, stride, block, 4 * pair + 2, stiffness, minus_rest, mx, my, mz)
+            links, points, stride, block, s, 4 * pair + 2, stiffness, minus_rest, mx, my, mz)
         fx, fy, fz = fx + (ax + bx), fy + (ay + by), fz + (az + bz)
         # Both arms lie on one axis of the body: arm x (pull at the first - pull at the second),
         # with twice the arm here.
@@ -67,8 +68,8 @@ def add_connectors(
 
 @compiled
 def edge_pull(
-    links: Links, points: np.ndarray, stride: int, block: int, first_link: int, stiffness: Vector,
-    minus_rest: Vector, px: Vector, py: Vector, pz: Vector
+    links: Links, points: np.ndarray, stride: int, block: int, s: int, first_link: int,
+    stiffness: Vector, minus_rest: Vector, px: Vector, py: Vector, pz: Vector
 ) -> tuple[Vector, Vector, Vector]:
     """
     Pull [N] of the two connectors at one edge, whose points are p.
@@ -81,8 +82,36 @@ def edge_pull(
         uy = load_at(points, place + stride) - py
         uz = load_at(points, place + 2 * stride) - pz
         square = maximum(fma(ux, ux, fma(uy, uy, uz * uz)), splat(_SMALLEST))
-        # k (l - D) / l
-        factor = fma(minus_rest, rsqrt(square), stiffness)
+        factor = pull_factor(links.variety, link, s, square, stiffness, minus_rest)
         factor = where(bits(links.present[block, link]), factor, zero)
         fx, fy, fz = fma(factor, ux, fx), fma(factor, uy, fy), fma(factor, uz, fz)
     return fx, fy, fz
+
+
+@compiled
+def pull_factor(
+    variety: Variety | None, link: int, s: int, square: Vector, stiffness: Vector,
+    minus_rest: Vector
+) -> Vector:
+    """
+    Tension over length, k (l - D) / l [N/m], of a connector of squared length `square`.
+
+    With k_e above the natural length and k_c below (eq 2, where at D either will do).
+    """
+    if variety is None:
+        return fma(minus_rest, rsqrt(square), stiffness)
+    else:
+        k, rest = slope_of(variety, link, s, square)
+        return fma(splat(0.0) - k * rest, rsqrt(square), k)
+
+
+@compiled
+def slope_of(variety: Variety, link: int, s: int, square: Vector) -> tuple[Vector, Vector]:
+    """
+    Slope of the tension, k_e or k_c [N/m], and natural length [m] of a connector with its own law.
+    """
+    rest = load(variety.natural_length, link, s)
+    k = where(
+        square > rest * rest, load(variety.extension, link, s),
+        load(variety.compression, link, s))
+    return k, rest

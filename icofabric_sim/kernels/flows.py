@@ -12,7 +12,7 @@ prunes such a branch only where the term is an argument of its own).
 from icofabric_sim.kernels.compiled import compiled
 from icofabric_sim.kernels.connectors import add_connectors, Six
 from icofabric_sim.kernels.lanes import bits, fma, load, splat, store, where
-from icofabric_sim.kernels.loads import kick_loads, work_loads
+from icofabric_sim.kernels.loads import kick_load, work_load
 from icofabric_sim.kernels.records import Links, Loads, Model, State, Supports, Work
 from icofabric_sim.kernels.rotations import place_points, rotate
 import numpy as np
@@ -32,10 +32,9 @@ def drift(
     for turn in range(first, last):
         block = order[turn]
         s = model.blocks.slot[block]
-        # Called only where there are loads: a call counts the references of all its arrays.
         if loads is not None:
-            if loads.start[block] < loads.start[block + 1]:
-                work_loads(loads, state, block, h)
+            for m in range(loads.start[block], loads.start[block + 1]):
+                work_load(loads, state, m, s, h)
         for k in range(3):
             store(state.position, k, s, fma(
                 step, load(state.linear_velocity, k, s), load(state.position, k, s)))
@@ -84,13 +83,13 @@ def push(
         a = accelerations(model, work.points, stride, block, s)
         kick(state, a, h, s)
         if loads is not None:
-            if loads.start[block] < loads.start[block + 1]:
-                kick_loads(model, loads, state, block, h)
+            for m in range(loads.start[block], loads.start[block + 1]):
+                kick_load(model, loads, state, m, s, h)
         if again != 0.0:
             kick(state, a, again, s)
             if loads is not None:
-                if loads.start[block] < loads.start[block + 1]:
-                    kick_loads(model, loads, state, block, again)
+                for m in range(loads.start[block], loads.start[block + 1]):
+                    kick_load(model, loads, state, m, s, again)
         if keep:
             for k in range(3):
                 store(work.acceleration, k, s, a[k])
@@ -112,8 +111,8 @@ def push_kept(
             load(work.acceleration, 4, s), load(work.acceleration, 5, s))
         kick(state, a, h, s)
         if loads is not None:
-            if loads.start[block] < loads.start[block + 1]:
-                kick_loads(model, loads, state, block, h)
+            for m in range(loads.start[block], loads.start[block + 1]):
+                kick_load(model, loads, state, m, s, h)
 
 
 @compiled

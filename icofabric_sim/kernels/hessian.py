@@ -10,7 +10,7 @@ or forces and torques; in the recurrences both are scaled by the roots of mass a
 import math
 
 from icofabric_sim.kernels.compiled import compiled
-from icofabric_sim.kernels.connectors import Six
+from icofabric_sim.kernels.connectors import Six, slope_of
 from icofabric_sim.kernels.lanes import (
     bits,
     fma,
@@ -26,7 +26,7 @@ from icofabric_sim.kernels.lanes import (
     where,
 )
 from icofabric_sim.kernels.monitor import sum_of_lanes
-from icofabric_sim.kernels.records import Links, Model, Supports
+from icofabric_sim.kernels.records import Links, Model, Supports, Variety
 import numpy as np
 
 _SMALLEST = 1e-300
@@ -134,13 +134,14 @@ def second_derivative(
             # A connector of no length has no direction, and no part in this.
             square = maximum(fma(ux, ux, fma(uy, uy, uz * uz)), splat(_SMALLEST))
             inverse = where(there, where(square > splat(_SMALLEST), rsqrt(square), zero), zero)
-            pull = stiffness * fma(square, inverse, minus_rest)
+            k, pull = slope_and_pull(
+                links.variety, link, s, square, inverse, stiffness, minus_rest)
             pull = where(inverse > zero, pull, zero)
             nx, ny, nz = ux * inverse, uy * inverse, uz * inverse
             along = fma(nx, vx, fma(ny, vy, nz * vz))
             across = pull * inverse
             # k along n + f/l (du - along n); n is 0 where there is no connector.
-            more = (stiffness - across) * along
+            more = (k - across) * along
             gx, gy, gz = fma(more, nx, across * vx), fma(more, ny, across * vy), fma(
                 more, nz, across * vz)
             fx, fy, fz = fx - gx, fy - gy, fz - gz
@@ -151,6 +152,23 @@ def second_derivative(
             my = my - (sz * gx - sx * gz) - pull * (ny * st + sy * nt - ns * ty)
             mz = mz - (sx * gy - sy * gx) - pull * (nz * st + sz * nt - ns * tz)
     return fx, fy, fz, mx, my, mz
+
+
+@compiled
+def slope_and_pull(
+    variety: Variety | None, link: int, s: int, square: Vector, inverse: Vector,
+    stiffness: Vector, minus_rest: Vector
+) -> tuple[Vector, Vector]:
+    """
+    Slope of the tension [N/m] and tension [N] of a connector of squared length `square`.
+    """
+    if variety is None:
+        return stiffness, stiffness * fma(square, inverse, minus_rest)
+    else:
+        k, rest = slope_of(variety, link, s, square)
+        # The larger of k_e and k_c: a step has to be stable on either side of the natural length.
+        most = maximum(load(variety.extension, link, s), load(variety.compression, link, s))
+        return most, k * (square * inverse - rest)
 
 
 @compiled

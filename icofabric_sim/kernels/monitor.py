@@ -9,6 +9,7 @@ Is it finite, is the step still safe, does the energy balance, has a body moved 
 import math
 
 from icofabric_sim.kernels.compiled import compiled
+from icofabric_sim.kernels.connectors import slope_of
 from icofabric_sim.kernels.lanes import (
     any_lane,
     bits,
@@ -21,11 +22,12 @@ from icofabric_sim.kernels.lanes import (
     maximum,
     rsqrt,
     splat,
+    sqrt,
     store,
     Vector,
     where,
 )
-from icofabric_sim.kernels.records import Links, Loads, Model, State, Watch, Work
+from icofabric_sim.kernels.records import Links, Loads, Model, State, Variety, Watch, Work
 import numpy as np
 
 # Bits of the status that `examine` returns; the rates concern the bound of the largest frequency.
@@ -126,12 +128,14 @@ def block_bound(
                 uz = load_at(points, place + 2 * stride) - pz
                 squared = maximum(fma(ux, ux, fma(uy, uy, uz * uz)), splat(1e-300))
                 inverse = where(there, rsqrt(squared), zero)
-                stretch = where(there, fma(squared, inverse, minus_rest), zero)
-                energy = fma(stretch, stretch, energy)
-                pull = stiffness * stretch
+                stretch, pull, root_k = bound_parts(
+                    links.variety, link, s, squared, inverse, stiffness, minus_rest)
+                stretch, pull = where(there, stretch, zero), where(there, pull, zero)
+                energy = energy_part(links.variety, stretch, pull, energy)
                 tension = fma(maximum(pull, zero), inverse, tension)
                 pulls = pulls + fabs(pull)
-                nx, ny, nz = ux * inverse, uy * inverse, uz * inverse
+                weight = inverse * root_k
+                nx, ny, nz = ux * weight, uy * weight, uz * weight
                 r0, r1, r2 = nx * splat(root_m), ny * splat(root_m), nz * splat(root_m)
                 r3, r4, r5 = sy * nz - sz * ny, sz * nx - sx * nz, sx * ny - sy * nx
                 b00, b01, b02 = fma(r0, r0, b00), fma(r0, r1, b01), fma(r0, r2, b02)
@@ -149,10 +153,45 @@ def block_bound(
         upper = maximum(upper, b02 + b12 + b22 + b23 + b24 + b25)
         lower = maximum(b03 + b13 + b23 + b33 + b34 + b35, b04 + b14 + b24 + b34 + b44 + b45)
         lower = maximum(lower, b05 + b15 + b25 + b35 + b45 + b55)
-        twice = splat(2.0 * links.stiffness)
+        # Where connectors have their own laws, the roots of their stiffnesses are in the sums.
+        twice = splat(2.0 * links.stiffness if links.variety is None else 2.0)
         upper = fma(twice, upper, spread * tension)
         lower = fma(twice, lower, fma(spread, tension, moment * pulls))
-        return maximum(upper, lower), energy * splat(0.25 * links.stiffness)
+        share = 0.25 * links.stiffness if links.variety is None else 0.25
+        return maximum(upper, lower), energy * splat(share)
+
+
+@compiled
+def bound_parts(
+    variety: Variety | None, link: int, s: int, squared: Vector, inverse: Vector,
+    stiffness: Vector, minus_rest: Vector
+) -> tuple[Vector, Vector, Vector]:
+    """
+    Stretch [m], tension [N] and root of the largest slope of a connector, 1 where all are alike.
+
+    The larger of k_e and k_c counts: between two looks a connector may come from one to the other.
+    """
+    if variety is None:
+        stretch = fma(squared, inverse, minus_rest)
+        return stretch, stiffness * stretch, splat(1.0)
+    else:
+        k, rest = slope_of(variety, link, s, squared)
+        stretch = squared * inverse - rest
+        most = maximum(load(variety.extension, link, s), load(variety.compression, link, s))
+        return stretch, k * stretch, sqrt(most)
+
+
+@compiled
+def energy_part(
+    variety: Variety | None, stretch: Vector, pull: Vector, energy: Vector
+) -> Vector:
+    """
+    Add the energy of a connector, but for a common factor.
+    """
+    if variety is None:
+        return fma(stretch, stretch, energy)
+    else:
+        return fma(stretch, pull, energy)
 
 
 @compiled

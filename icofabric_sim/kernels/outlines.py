@@ -62,17 +62,18 @@ def fill_lengths(
 
 @compiled
 def classify(
-    lengths: np.ndarray, natural_length: float, bounds: np.ndarray, classes: np.ndarray,
+    lengths: np.ndarray, natural_length: np.ndarray, bounds: np.ndarray, classes: np.ndarray,
     counts: np.ndarray
 ) -> None:
     """
     Class of the strain of every connector: how many `bounds` it exceeds; and how many of each.
 
-    `classes` (c,) uint8, `counts` of one more than the bounds. What is not a number exceeds all.
+    `natural_length` (c,), or (1,) for all; `classes` (c,) uint8, `counts` of one more than the
+    bounds. What is not a number exceeds all.
     """
     counts[:] = 0
     for c in range(lengths.shape[0]):
-        strain = lengths[c] / natural_length - 1.0
+        strain = lengths[c] / natural_length[c if c < natural_length.shape[0] else 0] - 1.0
         number = 0
         for k in range(bounds.shape[0]):
             if not strain <= bounds[k]:

@@ -19,15 +19,16 @@ LINK_COUNT = EDGE_COUNT * LINKS_PER_EDGE
 
 class Connectors(NamedTuple):
     """
-    Springs between edge midpoints, one by one; the index arrays have shape (c,).
+    Springs between edge midpoints, one by one; the arrays have shape (c,), or (1,) for all alike.
     """
 
     first: np.ndarray  # int32, the lower body
     second: np.ndarray  # int32
     first_edge: np.ndarray  # int8 edge codes 0-5
     second_edge: np.ndarray
-    stiffness: float  # k [N/m]
-    natural_length: float  # D [m]
+    extension: np.ndarray  # k_e [N/m]
+    compression: np.ndarray  # k_c [N/m]
+    natural_length: np.ndarray  # D [m]
     half_width: float  # centre to edge midpoint, w / 2 [m]
 
 
@@ -41,6 +42,16 @@ class Blocks(NamedTuple):
     reach: int  # connectors lead to blocks at most this much earlier or later
 
 
+class Variety(NamedTuple):
+    """
+    Laws of the connectors at each body, where they are not one symmetric law; (12, s) each.
+    """
+
+    extension: np.ndarray  # k_e [N/m]
+    compression: np.ndarray  # k_c [N/m]
+    natural_length: np.ndarray  # D [m]
+
+
 class Links(NamedTuple):
     """
     The same springs seen from each body: two at each of its six edges.
@@ -50,9 +61,10 @@ class Links(NamedTuple):
 
     place: np.ndarray  # (b, 12) int32, where the x of lane 0's partner is in the flat points
     present: np.ndarray  # (b, 12) uint8, bit l: lane l has this connector
-    stiffness: float  # k [N/m]
-    natural_length: float  # D [m]
+    stiffness: float  # k [N/m]; of many laws the largest
+    natural_length: float  # D [m]; of many laws the longest
     half_width: float  # centre to edge midpoint, w / 2 [m]
+    variety: Variety | None  # laws of their own
 
 
 class Supports(NamedTuple):
@@ -66,18 +78,20 @@ class Supports(NamedTuple):
 
 class Loads(NamedTuple):
     """
-    Wrenches on single bodies, one row each, in the order of the blocks.
+    Wrenches, each on any number of bodies: a row for every block that it acts on.
     """
 
     start: np.ndarray  # (b + 1,) int32: rows start[b] to start[b + 1] act on block b
-    slot: np.ndarray  # (m,) int32
-    in_body_axes: np.ndarray  # (m,) bool: force and torque turn with the body
-    force: np.ndarray  # (m, 3) [N]
-    torque: np.ndarray  # (m, 3) [N m]
-    point: np.ndarray  # (m, 3) [m], body axes, from the centre
-    work: np.ndarray  # (m,) [J] done so far, written by the drift
-    earlier_work: np.ndarray  # (m,) [J] the same when the step in progress began
-    power: np.ndarray  # (16, m) [W] at the stages of a Runge-Kutta step; no rows for others
+    wrench: np.ndarray  # (m,) int32, which of the w wrenches
+    lanes: np.ndarray  # (m,) uint8, bit l: it acts on lane l
+    turning: np.ndarray  # (w,) uint8, all bits: force and torque turn with the bodies, or none
+    force: np.ndarray  # (w, 3) [N]
+    torque: np.ndarray  # (w, 3) [N m]
+    point: np.ndarray  # (w, 3) [m], body axes, from the centre
+    work: np.ndarray  # (m LANES,) [J] done so far, written by the drift
+    earlier_work: np.ndarray  # (m LANES,) [J] the same when the step in progress began
+    # (16, m LANES) [W] at the stages of a Runge-Kutta step; no rows for others
+    power: np.ndarray
 
 
 class Model(NamedTuple):

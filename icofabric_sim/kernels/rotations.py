@@ -55,6 +55,30 @@ def to_world(
 
 
 @compiled
+def turn_to_world(
+    orientation: np.ndarray, s: int, x: Vector, y: Vector, z: Vector
+) -> tuple[Vector, Vector, Vector]:
+    """
+    World components of vectors given on the axes of the bodies of a block (eq 26).
+    """
+    if orientation.ndim == 2:
+        qx, qy = load(orientation, 0, s), load(orientation, 1, s)
+        qz, qw = load(orientation, 2, s), load(orientation, 3, s)
+        two = splat(2.0)
+        tx, ty, tz = qy * z - qz * y, qz * x - qx * z, qx * y - qy * x
+        tx, ty, tz = two * tx, two * ty, two * tz
+        return (
+            x + fma(qw, tx, qy * tz - qz * ty), y + fma(qw, ty, qz * tx - qx * tz),
+            z + fma(qw, tz, qx * ty - qy * tx))
+    else:
+        east, north, up = orientation[0], orientation[1], orientation[2]
+        return (
+            fma(x, load(east, 0, s), fma(y, load(north, 0, s), z * load(up, 0, s))),
+            fma(x, load(east, 1, s), fma(y, load(north, 1, s), z * load(up, 1, s))),
+            fma(x, load(east, 2, s), fma(y, load(north, 2, s), z * load(up, 2, s))))
+
+
+@compiled
 def half_angle_factors(h: float, ox: Vector, oy: Vector, oz: Vector) -> tuple[Vector, Vector]:
     """
     cos(|omega| h / 2) and sin(|omega| h / 2) / |omega|, smooth at zero.

@@ -9,8 +9,21 @@ the velocity, 3 of the spin.
 
 from icofabric_sim.kernels.compiled import compiled
 from icofabric_sim.kernels.flows import accelerations, place_links
-from icofabric_sim.kernels.lanes import fma, lane, LANES, load, maximum, rsqrt, splat, store
-from icofabric_sim.kernels.loads import kick_loads, wrench_of
+from icofabric_sim.kernels.lanes import (
+    bits,
+    fma,
+    lane,
+    LANES,
+    load,
+    load_at,
+    maximum,
+    rsqrt,
+    splat,
+    store,
+    store_at,
+    where,
+)
+from icofabric_sim.kernels.loads import kick_load, wrench_of
 from icofabric_sim.kernels.monitor import rows_of
 from icofabric_sim.kernels.records import Loads, Model, State, Work
 from icofabric_sim.kernels.rotations import orthonormalise
@@ -50,8 +63,10 @@ def find_slopes(
         for k in range(3):
             store(linear, k, s, a[k])
             store(angular, k, s, a[k + 3])
-        kick_loads(model, loads, kicked, block, 1.0)
-        note_power(loads, state, block, index)
+        if loads is not None:
+            for m in range(loads.start[block], loads.start[block + 1]):
+                kick_load(model, loads, kicked, m, s, 1.0)
+                note_power(loads, state, m, s, index)
 
 
 @compiled
@@ -83,20 +98,17 @@ def turn_slopes(
 
 
 @compiled
-def note_power(loads: Loads | None, state: State, block: int, index: int) -> None:
+def note_power(loads: Loads, state: State, m: int, s: int, index: int) -> None:
     """
-    Power [W] of every wrench on a block.
+    Power [W] of row `m` of the loads on a block.
     """
-    if loads is None:
-        return
-    for m in range(loads.start[block], loads.start[block + 1]):
-        s = loads.slot[m]
-        force, torque = wrench_of(loads, state.orientation, m, s)
-        power = 0.0
-        for k in range(3):
-            power += force[k] * state.linear_velocity[k, s]
-            power += torque[k] * state.angular_velocity[k, s]
-        loads.power[index, m] = power
+    force, torque = wrench_of(loads, state.orientation, loads.wrench[m], s)
+    velocity, spin = state.linear_velocity, state.angular_velocity
+    power = fma(force[0], load(velocity, 0, s), fma(
+        force[1], load(velocity, 1, s), force[2] * load(velocity, 2, s)))
+    power = fma(torque[0], load(spin, 0, s), fma(
+        torque[1], load(spin, 1, s), fma(torque[2], load(spin, 2, s), power)))
+    store(loads.power, index, LANES * m, where(bits(loads.lanes[m]), power, splat(0.0)))
 
 
 @compiled
@@ -106,11 +118,11 @@ def add_work(loads: Loads | None, h: float, weights: np.ndarray, first: int, las
     """
     if loads is None:
         return
-    for m in range(loads.start[first], loads.start[last]):
-        total = 0.0
+    for m in range(LANES * loads.start[first], LANES * loads.start[last], LANES):
+        total = splat(0.0)
         for j in range(weights.shape[0]):
-            total += weights[j] * loads.power[j, m]
-        loads.work[m] += h * total
+            total = fma(splat(weights[j]), load(loads.power, j, m), total)
+        store_at(loads.work, m, fma(splat(h), total, load_at(loads.work, m)))
 
 
 @compiled

@@ -12,7 +12,7 @@ from fabrics import changed, FORMS, LOADED, make_scene, packed_state, RANDOM, SU
 import icofabric_sim as ico
 from icofabric_sim.integrators.methods import METHODS
 from icofabric_sim.kernels import monitor
-from icofabric_sim.kernels.loads import work_loads
+from icofabric_sim.kernels.loads import work_load
 from icofabric_sim.model import pack_loads, pack_scene
 from icofabric_sim.ready_scenes import ready_scenes
 import numpy as np
@@ -37,7 +37,7 @@ def work_of_drift(form, in_body_axes, spin, velocity, h, seed=0):
         packed, generator.standard_normal((1, 3)), orientation, velocity[None], spin[None])
     loads = pack_loads(
         [(np.zeros(1, np.int32), in_body_axes, force, torque, point)], packed.layout)
-    work_loads(loads, state, 0, h)
+    work_load(loads, state, 0, int(packed.layout.blocks.slot[0]), h)
     powers = []
     for x in NODES:
         axes = axes_of(free_rotation(orientation, spin[None], x * h))[0]
@@ -46,7 +46,7 @@ def work_of_drift(form, in_body_axes, spin, velocity, h, seed=0):
     size = h * (np.linalg.norm(force) * (
         np.linalg.norm(velocity) + np.linalg.norm(point) * np.linalg.norm(spin))
         + np.linalg.norm(torque) * np.linalg.norm(spin))
-    return float(loads.work[0]), h * float(WEIGHTS @ powers), size
+    return float(loads.work[0].sum()), h * float(WEIGHTS @ powers), size
 
 
 @pytest.mark.parametrize('form', FORMS)

@@ -1,0 +1,128 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+How strongly connectors pull and push: one law for all, or groups of connectors with their own.
+"""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+from icofabric_sim.parameters import ParameterError, Parameters
+import numpy as np
+
+# Properties of a group that say nothing at these values: those of `connector.*` hold.
+_UNSAID = {
+    'stiffness': -1.0, 'stiffness_extension': -1.0, 'stiffness_compression': -1.0,
+    'natural_length': 0.0}
+
+
+class ConnectorLaws(NamedTuple):
+    """
+    Eq 2 for every connector; arrays of shape (c,), or (1,) where all are alike.
+    """
+
+    extension: np.ndarray  # k_e [N/m], above the natural length
+    compression: np.ndarray  # k_c [N/m], below it
+    natural_length: np.ndarray  # D [m]
+
+    @property
+    def plain(self) -> bool:
+        """
+        Whether all connectors are the same symmetric spring (eq 1).
+        """
+        return len(self.extension) == 1 and bool(self.extension[0] == self.compression[0])
+
+    @property
+    def kinked(self) -> bool:
+        """
+        Whether the slope of a tension jumps at the natural length.
+        """
+        return bool((self.extension != self.compression).any())
+
+
+def make_laws(
+    parameters: Parameters, length: float, groups: Mapping[str, np.ndarray], bodies: np.ndarray
+) -> ConnectorLaws:
+    """
+    Laws of the connectors between `bodies` (c, 2); `length` [m] is the woven one, L.
+
+    A connector belongs to `connector_groups.NAME` where one of its bodies is in the first of the
+    two groups and the other in the second. Of several groups the last in order of names counts.
+    """
+    general = _law(parameters, 'connector', length, None)
+    laws = ConnectorLaws(*(np.array([value]) for value in general))
+    names = parameters.names('connector_groups')
+    if not names:
+        return laws
+    laws = ConnectorLaws(*(np.full(len(bodies), value) for value in general))
+    for name in names:
+        first, second = between(parameters, name)
+        chosen = connectors_between(groups[first], groups[second], bodies)
+        if not chosen.any():
+            raise ParameterError(
+                f'connector_groups.{name}.between',
+                f'connector_groups.{name}.between {first!r} {second!r}: no connector leads from '
+                'one to the other; name two groups that are joined')
+        own = _law(parameters, f'connector_groups.{name}', length, general)
+        for array, value in zip(laws, own):
+            array[chosen] = value
+    return laws
+
+
+def between(parameters: Parameters, name: str) -> tuple[str, str]:
+    """
+    The two groups that `connector_groups.NAME.between` names.
+    """
+    key = f'connector_groups.{name}.between'
+    words = parameters[key].split()
+    if len(words) != 2:
+        raise ParameterError(
+            key, f'{key} must name two groups, separated by a space, got {parameters[key]!r}; '
+            "for connectors within one group name it twice, and 'all' for any body")
+    for word in words:
+        if word != 'all' and f'groups.{word}' not in parameters:
+            known = ', '.join(['all', *parameters.names('groups')])
+            raise ParameterError(
+                key, f'{key}: there is no group {word!r}; known: {known}. '
+                f'Define it with groups.{word}')
+    return words[0], words[1]
+
+
+def connectors_between(first: np.ndarray, second: np.ndarray, bodies: np.ndarray) -> np.ndarray:
+    """
+    Which connectors lead from a body of the one group to one of the other, (c,) bool.
+    """
+    count = int(bodies.max(initial=-1)) + 1
+    sides = []
+    for group in (first, second):
+        member = np.zeros(count, bool)
+        member[group[group < count]] = True
+        sides.append(member[bodies])
+    (a, b), (c, d) = sides[0].T, sides[1].T
+    return (a & d) | (b & c)
+
+
+def _law(
+    parameters: Parameters, prefix: str, length: float, general: tuple[float, ...] | None
+) -> tuple[float, float, float]:
+    """
+    Stiffness in extension and in compression and natural length; unsaid ones are the general's.
+    """
+    def said(name: str) -> Any:
+        value = parameters[f'{prefix}.{name}']
+        unsaid = value < 0.0 if _UNSAID[name] < 0.0 else value == 0.0
+        return None if unsaid else value
+
+    stiffness, rest = said('stiffness'), said('natural_length')
+    values = []
+    for place, name in enumerate(('stiffness_extension', 'stiffness_compression')):
+        value = said(name)
+        if value is None:
+            value = stiffness
+        if value is None:
+            assert general is not None
+            value = general[place]
+        values.append(value)
+    if rest is None:
+        rest = length if general is None else general[2]
+    return values[0], values[1], rest
