@@ -10,6 +10,8 @@ import math
 from pathlib import Path
 
 from icofabric_sim.bag import BagTopic
+from icofabric_sim.event_text import digest_events, event_rows, EventDigest
+from icofabric_sim.outputs import CHECKPOINT
 from icofabric_sim.recorded_run import PoseFrame, RecordedInput, RecordedRun
 from icofabric_sim.scene import Scene
 from icofabric_sim.scene_summary import as_lines, Row, times, vector
@@ -27,6 +29,7 @@ class BagSummary:
     """
 
     path: Path
+    node: str
     size: int  # [bytes]
     topics: dict[str, BagTopic]
     start: int  # [ns]
@@ -34,6 +37,8 @@ class BagSummary:
     custom: dict[str, str]
     scene: Scene | None
     inputs: tuple[RecordedInput, ...]
+    events: EventDigest
+    checkpoints: tuple[int, ...]  # times [ns] of those in the bag itself
     first: PoseFrame | None
     last: PoseFrame | None
 
@@ -93,6 +98,10 @@ class BagSummary:
                 f'{scene.body_count:,} bodies, {scene.connector_count:,} connectors'))
         rows += self._origin()
         rows += self._input_rows()
+        if f'{self.node}/events' in self.topics:
+            rows += event_rows(self.events)
+        if self.checkpoints:
+            rows.append(('checkpoints', self._checkpoint_text()))
         if 'messages_dropped' in self.custom:
             rows.append(('left out', f'{self.custom["messages_dropped"]} messages: the disk was '
                          'too slow; inputs are complete'))
@@ -189,6 +198,11 @@ class BagSummary:
             rows.append(('', f'... and {len(self.inputs) - _LARGEST_LIST:,} more'))
         return rows
 
+    def _checkpoint_text(self) -> str:
+        said = [f't = {seconds(time):.9g} s' for time in self.checkpoints[:_LARGEST_LIST]]
+        more = len(self.checkpoints) - len(said)
+        return ', '.join(said) + (f' and {more:,} more' if more else '') + ' (in the bag)'
+
     def _ending(self) -> str:
         if 'recording_stopped' in self.custom:
             return f'the recording stopped before the run did: {self.custom["recording_stopped"]}'
@@ -214,6 +228,7 @@ def summarise_bag(path: str | Path) -> BagSummary:
         files = run.path.rglob('*') if run.path.is_dir() else [run.path]
         return BagSummary(
             path=run.path,
+            node=run.node,
             size=sum(file.stat().st_size for file in files if file.is_file()),
             topics=dict(run.topics),
             start=run.start,
@@ -221,6 +236,8 @@ def summarise_bag(path: str | Path) -> BagSummary:
             custom=run.custom,
             scene=scene,
             inputs=tuple(run.inputs()),
+            events=digest_events(run.events()),
+            checkpoints=tuple(run.times_of(CHECKPOINT.name)),
             first=first,
             last=last,
         )

@@ -16,8 +16,8 @@ def too_fast(time: float) -> str:
     Say that no step can follow the motion at `time` [s].
     """
     return (
-        f'the motion at t = {time:.9g} s is too fast for any step; look for a huge stiffness, load, '
-        'spin or stretch')
+        f'the motion at t = {time:.9g} s is too fast for any step; look for a huge stiffness, '
+        'load, spin or stretch')
 
 
 def unsafe_step(step: float, limit: float, frequency: Frequency, time: float) -> str:

@@ -31,6 +31,8 @@ CHECK_INTERVAL = 64
 SHORTEST_INTERVAL = 8
 # Where nothing sets a scale (no connectors, no gravity, no loads, no spin) every step is exact.
 FREE_STEP = 2.0**-7
+# Below it a step is lost in the time [s] that it is added to, and no run comes to an end.
+SHORTEST_STEP = 1e-15
 # Order of the differences by which the roughness of the motion is judged: that of the method,
 # but no more steps than this between two looks.
 LARGEST_DIFFERENCE = 6
@@ -346,6 +348,8 @@ class WatchedLine(MainLine):
             if not probe:
                 self._save()
             step = self.accuracy.choose(step, rounded_down(cap), rate)
+        if not step > SHORTEST_STEP:
+            self._fail(too_fast(self.time))
         if step != self.step:
             self.origin, self.index, self.step = self.time, 0, step
             self.ledger[monitor.REGULAR] = 0.0

@@ -7,11 +7,13 @@ Recorded runs read back: poses, markers and inputs against a direct simulation, 
 from pathlib import Path
 import re
 
+from driven_runs import Drive, lively_scene
 from icofabric_sim.bag import BagError, BagRecorder, recover_bag
 from icofabric_sim.bag_summary import summarise_bag
+from icofabric_sim.event_text import describe_event, digest_events, event_rows
 from icofabric_sim.messages import ClockBytes, PoseArrayBytes, StringBytes
 from icofabric_sim.outputs import STRAIN_CLASSES
-from icofabric_sim.recorded_run import active_inputs, RecordedRun
+from icofabric_sim.recorded_run import active_inputs, RecordedEvent, RecordedRun
 from icofabric_sim.schedule import seconds
 from icofabric_sim.simulation import compile_scene
 import numpy as np
@@ -142,6 +144,55 @@ def test_failure_and_overlap_of_the_run_are_in_the_summary(tmp_path: Path) -> No
     assert summary.failure == custom['failure'] and summary.proximity == custom['proximity']
     assert summary.first is None and summary.largest_displacement == (0.0, -1)
     assert all(value in '\n'.join(summary.lines()) for value in custom.values())
+
+
+def test_what_was_done_to_the_run_is_in_the_summary(tmp_path: Path) -> None:
+    Drive(tmp_path / 'bag', lively_scene(step_count=5), [
+        (20, lambda drive: drive.pause_and_step()),
+        (40, lambda drive: drive.save()),
+        (60, lambda drive: drive.change(connector__stiffness=300.0)),
+        (80, lambda drive: drive.push(13, (0.1, 0.0, 0.0))),
+        (90, lambda drive: drive.change(weave__size=[2, 2, 2])),
+        (99, lambda drive: drive.reset()),
+    ]).run()
+    text = '\n'.join(summarise_bag(tmp_path / 'bag').lines())
+    for words in (
+        '2 re-weaves, 1 reset, 4 pauses, 1 call of ~/step, 1 checkpoint saved',
+        '5 solver steps taken', 't = 0.06 s  goes on with: connector.stiffness',
+        't = 0.09 s  woven anew: weave.size; wrenches ended: body 13',
+        f'a checkpoint was saved to {tmp_path}', 'checkpoints  t = 0.04 s (in the bag)',
+    ):
+        assert words in text, words
+
+
+def test_events_of_another_version_are_told_as_far_as_they_are_known() -> None:
+    def told(name: str, **facts: object) -> str:
+        return describe_event(RecordedEvent(10**9, name, facts))
+
+    assert told('new_thing', speed=3) == 'new_thing'
+    assert told('reset', time_reset=True, dropped=3) == (
+        'reset to the initial state and to time 0 (3 waiting wrenches dropped)')
+    assert told('reweave', changed=['a', 'b', 'c', 'd', 'e', 'f'], lost=3) == (
+        'goes on with: a, b, c, d and 2 more')
+    assert 'None' in told('failed') and 'x.checkpoint' in told(
+        'checkpoint_restored', path='x.checkpoint', of=0.5)
+    assert told('state_set', body=3) == 'body 3 was put elsewhere'
+    assert [told('record', on=on) for on in (True, False)] == ['recording on', 'recording off']
+    rows = event_rows(digest_events(RecordedEvent(k, 'step', {}) for k in range(1000)))
+    assert rows[0] == ('events', '1,000 calls of ~/step') and len(rows) < 20
+    assert rows[-1] == ('', '... and 988 more')
+
+
+def test_event_that_is_none_is_a_bag_error(tmp_path: Path) -> None:
+    for number, text in enumerate(('[1]', 'not json', '{"speed": 3}')):
+        with BagRecorder(tmp_path / str(number)) as recorder:
+            recorder.add_topic('/icofabric/poses', PoseArrayBytes.TYPE)
+            recorder.add_topic('/icofabric/events', StringBytes.TYPE)
+            recorder.write('/icofabric/poses', 5, PoseArrayBytes('world', 1).stamped(5))
+            recorder.write('/icofabric/events', 5, StringBytes(text).to_bytes())
+        with RecordedRun(tmp_path / str(number)) as run:
+            with pytest.raises(BagError, match='an event at t = 5e-09 s that is none'):
+                list(run.events())
 
 
 def test_damaged_bag_is_refused_and_its_recovered_copy_is_not(bag: Path, tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ from icofabric_sim import reweave
 from icofabric_sim.reweave import (
     changed_names,
     concerns_runner_only,
+    lost_wrenches,
     restarts_motion,
     Reweaver,
     with_rates,
@@ -25,6 +26,7 @@ BASE = ico.Scene.from_parameters({
     ({}, True, False),
     ({'publish_rate': 30.0, 'real_time_factor': 2.0}, True, False),
     ({'duration': 4.0, 'step_count': 3, 'reset_time': True, 'input_horizon': 2.0}, True, False),
+    ({'record.path': 'x', 'record.split_size': 4096, 'publish_clock': False}, True, False),
     ({'publish_rate': 30.0, 'gravity': [0.0, 0.0, -1.0]}, False, False),
     ({'connector.stiffness': 1.0}, False, False),
     ({'solver.step': 1e-5}, False, False),
@@ -141,6 +143,19 @@ def test_rates_are_taken_alone_out_of_a_larger_change():
     taken = with_rates(BASE, wanted)
     assert changed_names(BASE, taken) == {'publish_rate', 'duration'}
     assert taken['publish_rate'] == 7.0 and taken['shell.density'] == BASE['shell.density']
+
+
+def test_wrenches_without_a_place_are_named():
+    simulation = ico.compile_scene(ico.Scene.from_parameters(BASE))
+    last = simulation.scene.body_count - 1
+    simulation.apply_wrench('tip', (0.0, 0.0, 1.0))
+    for body in (0, last):
+        simulation.apply_body_wrench(body, (0.0, 0.0, 1.0))
+    smaller = ico.Scene.from_parameters(BASE.with_changes({'weave.size': [2, 2, 1]}))
+    assert lost_wrenches(simulation, smaller) == [f'body {last}']
+    assert lost_wrenches(simulation, simulation.scene) == []
+    given = {name: value for name, value in BASE.given().items() if not name.startswith('loads')}
+    assert lost_wrenches(simulation, ico.Scene.from_parameters(given)) == ['loads.tip']
 
 
 def test_amending_nothing_builds_nothing(builds):

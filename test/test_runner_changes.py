@@ -207,5 +207,6 @@ def test_wrench_that_waits_for_a_body_that_is_gone_is_dropped(caplog):
         runner.set_paused(False)
         beside.wait_for(lambda: runner.finished)
     assert runner.dropped == 1 and sink.messages == []
-    assert any('/wrench was dropped: the weave changed' in record.getMessage()
-               for record in caplog.records)
+    [warning] = [record.getMessage() for record in caplog.records]
+    assert warning.startswith('1 waiting wrench was dropped (/wrench; the first for t = 0.01 s): ')
+    assert 'the weave changed before' in warning

@@ -7,10 +7,10 @@ Wrenches from topics: judged at the edge, then handed to the runner or dropped w
 from collections.abc import Callable
 import math
 import re
-import time
 from typing import Any
 
 from geometry_msgs.msg import WrenchStamped
+from icofabric_sim.complaints import Complaints
 from icofabric_sim.inputs import Key
 from icofabric_sim.messages import decode_wrench_stamped
 from icofabric_sim.run_records import WrenchInput
@@ -20,10 +20,16 @@ import numpy as np
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
-# Loads are reliable, and deep enough for a burst while one step is computed.
-_QUALITY = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)
+# Loads are reliable, and deep enough for a burst while the node does something else.
+_QUALITY = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
+# So many more are taken out of the queue at once: one turn of the executor for each message would
+# be too slow for ten thousand a second.
+_BURST = 200
 _KIND_LENGTH = 16
 _BODY = re.compile(r'icosahedron_(0|[1-9][0-9]{0,9})')
+# A wrench that moves a body by its own size, or turns it, at a larger rate [1/s] takes steps below
+# a nanosecond to follow: one such message would bring the simulation to a standstill.
+_LARGEST_RATE = 1e8
 
 
 class Dropped(ValueError):
@@ -43,7 +49,7 @@ class WrenchTopics:
         """
         self._node, self._runner = node, runner
         self._channels: dict[str, Any] = {}
-        self._warned: dict[str, float] = {}
+        self._complaints = Complaints(node.get_logger().warning)
         self.dropped = 0
         self._frame_id = scene.parameters['frame_id']
         self.set_scene(scene)
@@ -61,14 +67,27 @@ class WrenchTopics:
 
     def _subscribe(self, topic: str, find_key: Callable[[str], Key]) -> Any:
         resolved = self._node.resolve_topic_name(topic)
+        # A record names channels as they are here, however the topic was renamed outside.
+        recorded = self._node.get_fully_qualified_name() + topic.removeprefix('~')
 
-        def receive(data: bytes) -> None:
+        def take(data: bytes) -> None:
             try:
-                self._runner.receive(self._judge(data, resolved, find_key))
+                self._runner.receive(self._judge(data, recorded, find_key))
             except ValueError as error:
                 self._drop(resolved, str(error))
 
-        return self._node.create_subscription(WrenchStamped, topic, receive, _QUALITY, raw=True)
+        def receive(data: bytes) -> None:
+            take(data)
+            with subscription.handle:
+                for _ in range(_BURST):
+                    more = subscription.handle.take_message(WrenchStamped, True)
+                    if more is None:
+                        break
+                    take(more[0])
+
+        subscription = self._node.create_subscription(
+            WrenchStamped, topic, receive, _QUALITY, raw=True)
+        return subscription
 
     def _judge(self, data: bytes, topic: str, find_key: Callable[[str], Key]) -> WrenchInput:
         wrench = decode_wrench_stamped(data)
@@ -78,7 +97,27 @@ class WrenchTopics:
             raise Dropped(
                 f'it is not finite (force {force.tolist()} N, torque {torque.tolist()} N m)'
             )
+        if not self._rate(key, force, torque) <= _LARGEST_RATE:
+            raise Dropped(
+                f'it is too large to follow (force {force.tolist()} N, torque {torque.tolist()} '
+                f'N m on {"a body" if isinstance(key, int) else "bodies"} of '
+                f'{self._scene.shell.mass:.3g} kg)'
+            )
         return WrenchInput(topic, key, wrench.nanoseconds, force, torque, bytes(data))
+
+    def _rate(self, key: Key, force: np.ndarray, torque: np.ndarray) -> float:
+        """
+        How fast [1/s] a wrench alone would move a body by its size, or turn it.
+        """
+        scene, push, turn = self._scene, math.hypot(*force), math.hypot(*torque)
+        shell = scene.shell
+        if not isinstance(key, int):
+            channel = scene.loads[key]
+            turn += math.hypot(*channel.point) * push
+            if channel.total:
+                push, turn = push / len(channel.bodies), turn / len(channel.bodies)
+        square = push / (shell.mass * scene.geometry.cube_width) + turn / shell.inertia
+        return math.sqrt(square)
 
     def _body_key(self, frame_id: str) -> Key:
         match = _BODY.fullmatch(frame_id)
@@ -110,10 +149,6 @@ class WrenchTopics:
 
     def _drop(self, topic: str, reason: str) -> None:
         self.dropped += 1
-        # Ten thousand bad messages a second must not become ten thousand lines: one a second for
-        # each topic and kind of reason, which its first words tell.
-        kind, now = f'{topic} {reason[:_KIND_LENGTH]}', time.monotonic()
-        if now - self._warned.get(kind, -math.inf) < 1.0:
-            return
-        self._warned[kind] = now
-        self._node.get_logger().warning(f'a wrench on {topic} was dropped: {reason}')
+        # The first words tell the kind of reason.
+        self._complaints.add(
+            f'{topic} {reason[:_KIND_LENGTH]}', f'a wrench on {topic} was dropped: {reason}')
