@@ -22,6 +22,9 @@ from icofabric_sim.stepper import Stepper
 from icofabric_sim.watched_line import FREE_STEP
 import numpy as np
 
+# Where a tolerance leaves more than this for each radian of the fastest motion, steps are so long
+# that the estimate of their error may be too small by three times; it is then kept smaller.
+_LOOSE, _LOOSE_AIM = 1e-6, 0.3
 # The first step after a jump, in radians of the fastest motion; the error then decides.
 _FIRST_STEP = 0.5
 # The shortest, in parts of that.
@@ -262,7 +265,8 @@ class AdaptiveStepper(Stepper):
         control, rate = self.control, self._fastest()
         if control[pair.NEXT] == 0.0:
             control[pair.NEXT] = first
-        control[pair.TOLERANCE] = self.accuracy.tolerance
+        tolerance = self.accuracy.tolerance
+        control[pair.TOLERANCE] = tolerance * (_LOOSE_AIM if tolerance > _LOOSE * rate else 1.0)
         control[pair.SHORTEST] = first * _SHORTEST_PART
         size = self.half_edge**-2
         fastest = max(rate, 1.0 / FREE_STEP) ** -2

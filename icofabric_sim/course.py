@@ -19,7 +19,12 @@ from icofabric_sim.integrators.methods import METHODS
 from icofabric_sim.kernels.records import Loads
 from icofabric_sim.main_line import SimulationError
 from icofabric_sim.memory import Memory
-from icofabric_sim.model import expected_liveliness, load_rate, PackedScene
+from icofabric_sim.model import (
+    expected_liveliness,
+    expected_strain,
+    load_rate,
+    PackedScene,
+)
 from icofabric_sim.proximity import ProximityWatch
 from icofabric_sim.scene import Scene
 from icofabric_sim.stability import largest_frequency
@@ -49,20 +54,24 @@ class Course:
         if parameters['contact.mode'] != 'never':
             watch = ProximityWatch(
                 2.0 * inscribed_radius(scene.geometry.half_edge), packed.layout)
+        # Name of the method in METHODS, and why it was chosen.
+        self.method = Choice(parameters['solver.method'], 'given as solver.method')
         loads = self._loads()
         state = packed.layout.pack(scene.initial)
         frequency = largest_frequency(packed, state)
         if not frequency.rate < math.inf:
             raise ValueError(f'this scene cannot start: {too_fast(self.time)}')
-        # Name of the method in METHODS, and why it was chosen.
-        self.method = Choice(parameters['solver.method'], 'given as solver.method')
         fixed = parameters['solver.step']
         if self.method.name == 'auto':
+            liveliness = expected_liveliness(scene, packed.model, loads, frequency.rate)
             self.method = choose_method(
                 parameters['solver.tolerance'],
-                expected_liveliness(scene, packed.model, loads, frequency.rate),
+                liveliness,
                 fixed_ratio=fixed * frequency.rate if fixed > 0.0 else None,
-                kinked=scene.connectors.laws.kinked)
+                kinked=scene.connectors.laws.kinked,
+                strain=expected_strain(scene, liveliness, frequency.rate))
+            # With the room that this method needs.
+            loads = self._loads()
         method = METHODS[self.method.name]
         try:
             self.stepper = (AdaptiveStepper if method.adaptive and not fixed > 0.0 else Stepper)(
@@ -218,7 +227,7 @@ class Course:
         """
         if not (self._scene.loads or self._body_wrenches):
             return None
-        name = self._scene.parameters['solver.method']
-        symplectic = name == 'auto' or METHODS[name].symplectic
+        # While the method is being chosen: rows without room for Runge-Kutta stages.
+        symplectic = self.method.name == 'auto' or METHODS[self.method.name].symplectic
         pack = self.inputs.pack_again if again else self.inputs.pack
         return pack(self._packed.layout, stages=0 if symplectic else 16)

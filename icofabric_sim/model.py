@@ -14,6 +14,9 @@ from icofabric_sim.layout import aligned_empty, Layout, make_layout, make_links
 from icofabric_sim.scene import Scene
 import numpy as np
 
+# Runge-Kutta methods hold 1.7 kB more for each body: larger fabrics are not offered them.
+_LARGEST_WILD = 50_000
+
 
 @dataclass(frozen=True)
 class PackedScene:
@@ -160,3 +163,15 @@ def expected_liveliness(
     # A displaced start lets go of energy within a period.
     displaced = np.abs(initial.position - scene.position).max() / half_edge * frequency
     return max(speed, spin, growth, float(min(displaced, frequency)))
+
+
+def expected_strain(scene: Scene, liveliness: float, frequency: float) -> float:
+    """
+    Part of their length that connectors change by while the fastest vibration turns by a radian.
+
+    Of a fabric in motion of `liveliness` a/s; 0 where it is too large for what follows from it.
+    """
+    if not (frequency > 0.0 and 0 < scene.body_count <= _LARGEST_WILD):
+        return 0.0
+    length = float(scene.connectors.laws.natural_length.min())
+    return liveliness * scene.geometry.half_edge / (length * frequency)

@@ -120,7 +120,7 @@ def measured(scene, generator, periods):
 
 def check(scene, generator, periods, *, passing=0.0):
     """
-    Both sides of the promise; it may be broken in `passing` of the moments, and not by far.
+    Both sides of the promise; with a given method it may be broken in `passing` of the moments.
     """
     result = measured(scene, generator, periods)
     ratios, run = result.ratios, result.run
@@ -143,11 +143,11 @@ def test_ready_scenes(path, tolerance):
     check(scene, np.random.default_rng(1), 250)
 
 
-@pytest.mark.parametrize('seed', range(35))
+@pytest.mark.parametrize('seed', range(50))
 def test_random_scenes(seed):
-    # In about one scene of six connectors collapse or bodies flip within a period, faster than the
-    # step can follow: there the promise was broken at up to 7 of 20 moments, by up to 53 times.
-    check(*random_scene(seed), 100, passing=0.4)
+    # In about one scene of three connectors collapse or bodies flip within a period, faster than
+    # steps of one length can follow: there the method is chosen to be the one whose steps adapt.
+    check(*random_scene(seed), 100)
 
 
 @pytest.mark.parametrize('method, seeds', [
@@ -179,7 +179,8 @@ def test_tolerance_is_for_each_unit_of_time(scale):
         simulation = ico.compile_scene(make_scene((3, 3, 3), {
             'connector.stiffness': 500.0 / scale**2, 'contact.mode': 'never',
             'initial_random.velocity_sigma': 0.2 / scale,
-            'initial_random.spin_sigma': 20.0 / scale, 'solver.tolerance': 1e-5 / scale}))
+            'initial_random.spin_sigma': 20.0 / scale, 'solver.tolerance': 1e-5 / scale,
+            'solver.method': 'srkn6'}))
         simulation.advance_to(0.05 * scale)
         return simulation.method_name, simulation.step / scale, simulation.step_count
 
@@ -188,7 +189,8 @@ def test_tolerance_is_for_each_unit_of_time(scale):
 
 @pytest.mark.parametrize('seed', [24, 27])
 def test_pieces_give_the_same_bits_where_a_run_goes_back(seed):
-    scene = changed(random_scene(seed)[0], {'contact.mode': 'never'})
+    scene = changed(
+        random_scene(seed)[0], {'contact.mode': 'never', 'solver.method': 'srkn6'})
     whole, pieces = ico.compile_scene(scene), ico.compile_scene(scene)
     end = 60.0 * 2.0 * np.pi / whole.largest_frequency
     whole.advance_to(end)
