@@ -136,7 +136,8 @@ def test_data_files(data_files):
     share = 'share/icofabric_sim'
     assert data_files['share/ament_index/resource_index/packages'] == ['resource/icofabric_sim']
     assert data_files[share] == ['package.xml']
-    assert data_files[f'{share}/launch'] == ['launch/simulate.launch.py']
+    assert data_files[f'{share}/launch'] == [
+        f'launch/{name}.launch.py' for name in ('compare', 'replay', 'simulate')]
     assert data_files[f'{share}/rviz'] == ['rviz/icofabric.rviz']
     present = sorted(f'config/{path.name}' for path in (ROOT / 'config').glob('*.*'))
     assert data_files[f'{share}/config'] == present

@@ -1,0 +1,102 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+Simulates two fabrics side by side: /left/icofabric and /right/icofabric.
+
+    ros2 launch icofabric_sim compare.launch.py left_variant:=0 right_variant:=1
+
+Both take the same scene unless told otherwise. The left one publishes /clock, and the right one
+follows the same pace by itself. `distance` [m] puts the frame of the right one (right_world)
+beside world, so that a viewer shows both.
+"""
+from pathlib import Path
+
+from ament_index_python.packages import get_package_share_directory
+from launch import LaunchDescription
+from launch.actions import DeclareLaunchArgument, OpaqueFunction
+from launch.substitutions import LaunchConfiguration
+from launch_ros.actions import Node
+from launch_ros.parameter_descriptions import ParameterValue
+
+SIDES = ('left', 'right')
+# Argument after the name of the side, parameter that it sets, its type.
+OVERRIDES = (
+    ('kind', 'weave.kind', str),
+    ('variant', 'weave.variant', int),
+    ('stiffness', 'connector.stiffness', float),
+    ('record', 'record.path', str),
+)
+
+
+def generate_launch_description():
+    arguments = [
+        DeclareLaunchArgument(
+            'scene', default_value='hanging_slab',
+            description='of both: ready scene (a name in config/) or path of a parameter file'),
+        DeclareLaunchArgument(
+            'real_time_factor', default_value='',
+            description='wanted pace of both, 0: as fast as possible'),
+        DeclareLaunchArgument(
+            'distance', default_value='0.5',
+            description='from world to right_world along x [m]; needs tf2_ros unless 0'),
+    ]
+    for side in SIDES:
+        arguments += [
+            DeclareLaunchArgument(
+                f'{side}_scene', default_value='', description=f'scene of the {side} one alone'),
+            *[DeclareLaunchArgument(
+                f'{side}_{name}', default_value='', description=f'{parameter} of the {side} one')
+              for name, parameter, _ in OVERRIDES]]
+    return LaunchDescription([*arguments, OpaqueFunction(function=start_nodes)])
+
+
+def find_scene(share, scene):
+    """
+    Return the path of a scene's parameter file: a ready scene's name goes before a path.
+    """
+    ready = {path.stem: path for path in sorted((share / 'config').glob('*.yaml'))}
+    path = ready.get(scene, Path(scene).expanduser())
+    if not path.is_file():
+        raise RuntimeError(
+            f'{scene!r} is neither a ready scene ({", ".join(ready)}) nor a file; '
+            f'give one of these names or the path of a parameter file')
+    return path.resolve()
+
+
+def start_nodes(context):
+    share = Path(get_package_share_directory('icofabric_sim'))
+
+    def given(argument):
+        return LaunchConfiguration(argument).perform(context)
+
+    nodes = []
+    for side in SIDES:
+        own = {
+            parameter: ParameterValue(LaunchConfiguration(f'{side}_{name}'), value_type=kind)
+            for name, parameter, kind in OVERRIDES if given(f'{side}_{name}')}
+        if given('real_time_factor'):
+            own['real_time_factor'] = ParameterValue(
+                LaunchConfiguration('real_time_factor'), value_type=float)
+        if side == 'right':
+            # Exactly one clock; and a frame of its own, which stands beside the other.
+            own |= {'publish_clock': False, 'frame_id': 'right_world'}
+        nodes.append(Node(
+            package='icofabric_sim',
+            executable='fabric_node',
+            name='icofabric',
+            namespace=side,
+            parameters=[
+                str(find_scene(share, given(f'{side}_scene') or given('scene'))),
+                *([own] if own else [])],
+            output='screen',
+            emulate_tty=True,
+            # The end of a long recording takes time to write.
+            sigterm_timeout='30', sigkill_timeout='30'))
+    if float(given('distance')) != 0.0:
+        nodes.append(Node(
+            package='tf2_ros',
+            executable='static_transform_publisher',
+            name='right_world',
+            arguments=['--x', given('distance'), '--frame-id', 'world', '--child-frame-id',
+                       'right_world']))
+    return nodes
