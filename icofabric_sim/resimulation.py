@@ -240,8 +240,6 @@ class Resimulation:
             self._guarded(lambda: self.simulation.reset(time=seconds(event.nanoseconds)))
             self.counts['resets'] += 1
             self._on_jump(False)
-        elif event.name == 'state_set':
-            self._set_body_state(event)
         elif event.name == 'failed':
             self._fail(event)
         elif event.name == 'state_set':
@@ -249,25 +247,12 @@ class Resimulation:
         elif event.name in ('pause', 'step'):
             self.counts[f'{event.name}s'] += 1
 
-    def _set_body_state(self, event: RecordedEvent) -> None:
-        self.reach(event.nanoseconds)
-        try:
-            body = int(event.facts['body'])
-            parts = {name: event.facts[name] for name in STATE_PARTS if name in event.facts}
-            self._guarded(
-                lambda: set_body_state(self.simulation, body, checked_parts(parts)))
-        except (IndexError, KeyError, TypeError, ValueError) as error:
-            raise Departure(
-                event.nanoseconds, f'the recorded state of a body fits none: {error}') from error
-        self.counts['states set'] += 1
-        self._on_jump(False)
-
     def _set_state(self, event: RecordedEvent) -> None:
         self.reach(event.nanoseconds)
         parts = {name: event.facts[name] for name in STATE_PARTS if name in event.facts}
         try:
-            set_body_state(self.simulation, int(event.facts['body']), parts)
-        except (ValueError, KeyError, SimulationError) as error:
+            set_body_state(self.simulation, int(event.facts['body']), checked_parts(parts))
+        except (IndexError, KeyError, TypeError, ValueError, SimulationError) as error:
             raise Departure(
                 event.nanoseconds, f'a recorded body cannot be put there: {error}') from error
         self.counts['states set'] += 1

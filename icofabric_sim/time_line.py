@@ -30,6 +30,8 @@ _LOGGER = logging.getLogger('icofabric_sim')
 # Wall time of one call into the simulation [s]: how late an immediate input, a pause or a stop
 # is heard.
 RESPONSE = 0.01
+# Of a call that takes longer than that, because the motion has become faster meanwhile [s].
+_PATIENCE = 0.1
 
 
 class TimeLine:
@@ -60,6 +62,7 @@ class TimeLine:
         self._lag = 0.0
         self._wake = threading.Event()
         self._stopping = False
+        self._patient_until = math.inf
         self._pending = PendingInputs()
         self._steps = StepRequests()
         self._pace = Pace(self.parameters['real_time_factor'])
@@ -111,7 +114,10 @@ class TimeLine:
         started = wall.perf_counter()
         before = self.now
         try:
-            self.simulation.advance_to(seconds(target))
+            if not self._reaches(target):
+                self._catch_up()
+                target = self.now
+                self.simulation.advance_to(seconds(target))
             self.now = target
             self._pace.learn(target - before, wall.perf_counter() - started)
             self._act_pending()
@@ -120,6 +126,22 @@ class TimeLine:
             self._fail(str(error), target)
         except Interrupted:
             self._catch_up()
+
+    def _reaches(self, target: int) -> bool:
+        """
+        Advance to `target` [ns]; False where that is broken off on the way, at the end of a step.
+
+        A wrench may make the motion a thousand times faster than it was when the target was
+        chosen: what waits for its turn must not wait for all of that.
+        """
+        self._patient_until = wall.monotonic() + _PATIENCE
+        try:
+            self.simulation.advance_to(seconds(target))
+        except Interrupted:
+            return False
+        finally:
+            self._patient_until = math.inf
+        return True
 
     def _next_target(self) -> int:
         times = [self.now + self._pace.chunk(RESPONSE, self.simulation.step)]
@@ -228,7 +250,8 @@ class TimeLine:
         return max(1, round(duration * NANOSECONDS)) if duration > 0.0 else 0
 
     def _watch_for_stop(self) -> None:
-        self.simulation.should_stop = lambda: self._stopping
+        self.simulation.should_stop = (
+            lambda: self._stopping or wall.monotonic() > self._patient_until)
 
     def _stand_on_nanoseconds(self) -> None:
         """

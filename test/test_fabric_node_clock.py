@@ -130,7 +130,8 @@ def test_clock_ticks_are_whole_nanoseconds_without_drift(tmp_path):
     At a rate that no binary fraction holds, none is missed or repeated.
     """
     scene = write_scene(tmp_path / 'scene.yaml', SCENE)
-    parameters = {'clock_rate': 333.3, 'real_time_factor': 0.5, 'start_paused': 'true', 'duration': 1.5}
+    parameters = {'clock_rate': 333.3, 'real_time_factor': 0.5, 'start_paused': 'true',
+                  'duration': 1.5}
     with NodeProcess(tmp_path / 'log', scene=scene, parameters=parameters, offset=1) as node, \
             Client(node, offset=1) as client:
         ticks = client.listen('/clock')

@@ -237,6 +237,8 @@ BAD = {
     'huge body': ('~/wrench', {'frame': 'icosahedron_99999999999'}, ['frame_id', '_99999999999']),
     'no body': ('~/wrench', {'frame': ''}, ['frame_id', "''", 'icosahedron_K']),
     'another digit': ('~/wrench', {'frame': 'icosahedron_\u0663'}, ['frame_id', '\u0663']),
+    'endless frame': ('~/wrench', {'frame': 'x' * 200_000},
+                      ['frame_id', "'" + 'x' * 100 + "...'"]),
     'NaN force': ('~/wrench', {'force': (NAN, 0, 0), 'frame': 'icosahedron_0'}, ['not finite']),
     'infinite torque': ('~/loads/each', {'torque': (0, INF, 0)}, ['not finite', 'inf']),
     'world frame': ('~/loads/each', {'frame': 'map'}, ["'map'", 'loads.each.frame', "'world'"]),

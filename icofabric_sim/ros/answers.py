@@ -54,8 +54,8 @@ class Answers:
         """
         Begin something and return its result, while other callbacks run.
 
-        RuntimeError, and nothing begun, where too many wait already, but for what is done `at_once`
-        and may end the others' waiting. RuntimeError too where the node ends before it is done.
+        RuntimeError, and nothing begun, where too many wait already; but not for what is done
+        `at_once`, and may end their waiting. RuntimeError too where the node ends before.
         """
         if len(self._waiting) >= MOST and not at_once:
             raise RuntimeError(f'not begun: {MOST} requests wait for their answer already')

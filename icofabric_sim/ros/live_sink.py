@@ -24,12 +24,13 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 # How long the last messages may take to be delivered [s].
 _LAST_WORDS = 0.3
 # Subscribers are asked to confirm messages about once for every full queue of the publisher, and
-# between two answers there is no moment at which everything is confirmed. So looking, which costs
-# a tenth of a millisecond, begins after so many messages at least.
+# every three seconds. A healthy one does so before the next message, unless that follows within
+# this time [s]; so a moment comes at which everything is confirmed.
+_ANSWER = 0.01
+# Without such a moment for this long [s], in so many looks, a subscriber is stuck.
+_STUCK_AFTER, _STUCK_LOOKS = 5.0, 20
+# A look costs a tenth of a millisecond; it is left out below so many messages.
 _FEW = 10
-# Without any such moment for this long [s] a subscriber may be stuck. That is the case where none
-# comes within the second time either, for which publishing then waits, once in that long.
-_SUSPICIOUS, _PROBE = 3.0, 0.02
 
 
 def quality(topic: Topic) -> QoSProfile:
@@ -58,9 +59,8 @@ class _Outlet:
     def __init__(self, publisher: Publisher, depth: int) -> None:
         self.publisher = publisher
         self.depth = max(depth, _FEW)
-        self.unconfirmed = 0
-        self.confirmed_at, self.probed_at = 0.0, 0.0
-        self.is_stuck = False
+        self.unconfirmed, self.looks = 0, 0  # looks that found no such moment
+        self.waits_since, self.sent_at = 0.0, 0.0
 
 
 class LiveSink:
@@ -115,8 +115,6 @@ class LiveSink:
             if self._closed:
                 return
             outlet = self._outlets[topic.name]
-            if outlet.unconfirmed == 0:
-                outlet.confirmed_at = time.monotonic()
             self._look(outlet)
             self._guarded(lambda: outlet.publisher.publish(data))
             outlet.unconfirmed += 1
@@ -125,20 +123,16 @@ class LiveSink:
         """
         Count what the next message displaces while a subscriber is stuck.
         """
-        if outlet.unconfirmed < outlet.depth:
-            return
-        now, wait = time.monotonic(), 0.0
-        if now - outlet.confirmed_at > _SUSPICIOUS:
-            if now - outlet.probed_at > _SUSPICIOUS:
-                outlet.probed_at, wait = now, _PROBE
-            elif outlet.unconfirmed % 7:  # most are not looked at, and in no fixed rhythm
-                self.not_taken += outlet.is_stuck
-                return
-        if self._guarded(lambda: outlet.publisher.wait_for_all_acked(Duration(seconds=wait))):
-            outlet.unconfirmed, outlet.is_stuck = 0, False
-        elif wait:
-            outlet.is_stuck = True
-        self.not_taken += outlet.is_stuck
+        now = time.monotonic()
+        passed, outlet.sent_at = now - outlet.sent_at, now
+        if outlet.unconfirmed >= outlet.depth and passed > _ANSWER:
+            if self._guarded(lambda: outlet.publisher.wait_for_all_acked(Duration())):
+                outlet.unconfirmed, outlet.looks = 0, 0
+            else:
+                outlet.looks += 1
+                outlet.waits_since = now if outlet.looks == 1 else outlet.waits_since
+        if outlet.looks > _STUCK_LOOKS and now - outlet.waits_since > _STUCK_AFTER:
+            self.not_taken += 1
 
     def _guarded(self, call: Callable[[], Any]) -> Any:
         """

@@ -26,10 +26,18 @@ _QUALITY = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
 # be too slow for ten thousand a second.
 _BURST = 200
 _KIND_LENGTH = 16
+_LONGEST_SHOWN = 100
 _BODY = re.compile(r'icosahedron_(0|[1-9][0-9]{0,9})')
 # A wrench that moves a body by its own size, or turns it, at a larger rate [1/s] takes steps below
 # a nanosecond to follow: one such message would bring the simulation to a standstill.
 _LARGEST_RATE = 1e8
+
+
+def shown(text: str) -> str:
+    """
+    A text that somebody sent, as a log may hold it.
+    """
+    return repr(text if len(text) <= _LONGEST_SHOWN else f'{text[:_LONGEST_SHOWN]}...')
 
 
 class Dropped(ValueError):
@@ -123,7 +131,7 @@ class WrenchTopics:
         match = _BODY.fullmatch(frame_id)
         if match is None:
             raise Dropped(
-                f"its header.frame_id is {frame_id!r}, and must be 'icosahedron_K' with the "
+                f"its header.frame_id is {shown(frame_id)}, and must be 'icosahedron_K' with the "
                 'number K of the body'
             )
         count = self._scene.body_count
@@ -140,8 +148,8 @@ class WrenchTopics:
             if frame_id not in allowed:
                 axes = 'body' if channel.in_body_axes else 'world'
                 raise Dropped(
-                    f'its header.frame_id is {frame_id!r}; loads.{name}.frame is {axes}, so it '
-                    f'must be {allowed[0]!r} or {allowed[1]!r}'
+                    f'its header.frame_id is {shown(frame_id)}; loads.{name}.frame is {axes}, '
+                    f'so it must be {allowed[0]!r} or {allowed[1]!r}'
                 )
             return name
 
