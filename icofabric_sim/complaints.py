@@ -9,10 +9,21 @@ import time
 
 # Wall time between two lines of one kind [s]: at first, and at most.
 FIRST_INTERVAL, LONGEST_INTERVAL = 1.0, 60.0
+LONGEST_LINE = 1000  # characters
 # A line that stands for more than this many makes the next one wait twice as long.
 _FEW = 10
 # Kinds that are kept apart: whoever makes up new ones shall not fill the memory.
 _MOST_KINDS = 1000
+
+
+def shortened(text: str) -> str:
+    """
+    A line for a log or an answer, which quotes what somebody sent, without its middle if long.
+    """
+    if len(text) <= LONGEST_LINE:
+        return text
+    half = LONGEST_LINE // 2
+    return f'{text[:half]} [...{len(text) - 2 * half} characters...] {text[-half:]}'
 
 
 class _Kind:

@@ -151,8 +151,8 @@ def set_body_state(simulation: Simulation, body: int, parts: Mapping[str, Any]) 
     for name, values in parts.items():
         arrays[name] = np.array(getattr(snapshot, name))
         arrays[name][body] = values
-    simulation.set_state(**arrays)
     with np.errstate(over='ignore', invalid='ignore'):
+        simulation.set_state(**arrays)
         energy = sum(simulation.snapshot().energy.values())
     if not math.isfinite(energy):
         raise ValueError(f'the energy of body {body} would not be a finite number')

@@ -9,11 +9,11 @@ It is made from parameters, and complete before it is compiled.
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-import os
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from icofabric_sim import initial, selectors
+from icofabric_sim.available_memory import available_memory
 from icofabric_sim.connector_laws import between, ConnectorLaws, make_laws
 from icofabric_sim.icosahedron import edge_midpoints
 from icofabric_sim.parameter_file import load_parameter_file
@@ -27,6 +27,7 @@ import numpy as np
 # Build, run and record together; about 1,000 without a bag (`icofabric benchmark scaling`). What
 # cannot fit is refused early.
 BYTES_PER_BODY = 1500
+_SMALL = 2**27  # bytes that need no look at what is free
 _FREEDOMS = ('tx', 'ty', 'tz', 'rotation')
 
 
@@ -206,16 +207,7 @@ def check_parameters(parameters: Parameters) -> tuple[Shell, WeaveGeometry]:
     """
     shell = _shell(parameters)
     geometry = _geometry(parameters, shell.half_edge)
-    bodies = _estimate(parameters, geometry)
-    need = bodies * BYTES_PER_BODY
-    memory = os.sysconf('SC_PAGE_SIZE') * os.sysconf('SC_PHYS_PAGES')
-    if need > memory:
-        raise ParameterError(
-            'weave.size',
-            f'weave.size {parameters["weave.size"]} means {bodies:,} bodies, about '
-            f'{need / 2**30:.0f} GiB, but this machine has {memory / 2**30:.0f} GiB; '
-            'choose a smaller weave.size or weave.box',
-        )
+    _require_memory(parameters, _estimate(parameters, geometry))
     for name in parameters.names('groups'):
         if name in ('all', 'not', 'and', 'or'):
             raise ParameterError(
@@ -233,6 +225,18 @@ def check_parameters(parameters: Parameters) -> tuple[Shell, WeaveGeometry]:
     for name in parameters.names('bodies'):
         initial.unit_quaternion(f'bodies.{name}.orientation', parameters)
     return shell, geometry
+
+
+def _require_memory(parameters: Parameters, bodies: int) -> None:
+    need = bodies * BYTES_PER_BODY
+    if need < _SMALL or need <= (left := available_memory()):
+        return
+    name = 'weave.box' if any(parameters['weave.box']) else 'weave.size'
+    raise ParameterError(
+        name,
+        f'{name} {parameters[name]} means {bodies:,} bodies, about {need / 2**30:.3g} GiB of '
+        f'memory, but {left / 2**30:.3g} GiB are free here; choose a smaller one',
+    )
 
 
 def estimate_bodies(parameters: Parameters) -> int:

@@ -158,7 +158,11 @@ class Accuracy:
             longer = min(rounded_down(step * change), cap)
             if longer == step:
                 break
-            step, error = longer, self.measured(longer, fastest)
+            found = self.measured(longer, fastest)
+            if longer < step and error <= found < math.inf:
+                # So short that rounding rules: it adds the same to every step, however short.
+                break
+            step, error = longer, found
             low = 0.25 * AIM
         rough = self._line.ledger[ROUGH]
         largest = _LARGEST_GAP if rough >= 0.0 else _LARGEST_BLIND_GAP

@@ -3,7 +3,7 @@
 """
 Simulates two fabrics side by side: /left/icofabric and /right/icofabric.
 
-    ros2 launch icofabric_sim compare.launch.py left_variant:=0 right_variant:=1
+    ros2 launch icofabric_sim compare.launch.py left_variant:=0 right_variant:=1 rviz:=true
 
 Both take the same scene unless told otherwise. The left one publishes /clock, and the right one
 follows the same pace by itself. `distance` [m] puts the frame of the right one (right_world)
@@ -14,6 +14,7 @@ from pathlib import Path
 from ament_index_python.packages import get_package_share_directory
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
+from launch.conditions import IfCondition
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
@@ -39,6 +40,8 @@ def generate_launch_description():
         DeclareLaunchArgument(
             'distance', default_value='0.5',
             description='from world to right_world along x [m]; needs tf2_ros unless 0'),
+        DeclareLaunchArgument(
+            'rviz', default_value='false', description='true: show both in RViz'),
     ]
     for side in SIDES:
         arguments += [
@@ -99,4 +102,12 @@ def start_nodes(context):
             name='right_world',
             arguments=['--x', given('distance'), '--frame-id', 'world', '--child-frame-id',
                        'right_world']))
-    return nodes
+    view = Node(
+        package='rviz2',
+        executable='rviz2',
+        name='rviz',
+        arguments=['-d', str(share / 'rviz' / 'compare.rviz')],
+        parameters=[{'use_sim_time': True}],
+        condition=IfCondition(LaunchConfiguration('rviz')))
+    # A missing RViz ends the launch before the fabrics start.
+    return [view, *nodes]

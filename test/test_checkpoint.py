@@ -178,7 +178,7 @@ def test_state_and_checkpoint_do_not_depend_on_who_looked_before(method, step):
 
 
 def test_goes_back_for_rougher_motion_as_the_run_it_is_of():
-    scene = make_scene((2, 4, 2), FOLDED)
+    scene = make_scene((2, 4, 2), {**FOLDED, 'solver.method': 'srkn6'})
     whole, pieces = ico.compile_scene(scene), ico.compile_scene(scene)
     end = 0.73
     whole.advance_to(end)
@@ -491,7 +491,7 @@ def test_another_processor_or_library_is_accepted_with_a_warning(caplog):
 
 
 def test_differences_are_told_in_words():
-    run = ico.compile_scene(everything())
+    run = ico.compile_scene(everything(solver__method='srkn6'))
     run.advance_to(0.01)
     first = run.checkpoint()
 

@@ -309,7 +309,8 @@ def test_failure_exits_with_1_and_keeps_the_record(call: Callable[..., Result]) 
     # Spinning bodies stretch the fabric until the given step is too long for it.
     result = call(
         'run', 'free_slab', *SMALL, '--duration', '3', '--record', 'bag', '-p',
-        'initial_random.velocity_sigma:=10.0', '-p', f'solver.step:={_just_stable_step()!r}')
+        'initial_random.velocity_sigma:=10.0', '-p', 'solver.method:=srkn6', '-p',
+        f'solver.step:={_just_stable_step()!r}')
     assert result.status == 1, result.out + result.err
     assert 'has become unsafe at t = ' in result.err and 'bodies' in result.err
     assert 'smaller step' in result.err
@@ -322,7 +323,8 @@ def test_failure_exits_with_1_and_keeps_the_record(call: Callable[..., Result]) 
 def _just_stable_step() -> float:
     parameters = load_parameter_file(find_scene('free_slab'))
     scene = Scene.from_parameters({
-        **parameters, 'weave.size': [3, 3, 3], 'initial_random.velocity_sigma': 10.0})
+        **parameters, 'weave.size': [3, 3, 3], 'initial_random.velocity_sigma': 10.0,
+        'solver.method': 'srkn6'})
     return 0.999 * compile_scene(scene).stability_limit
 
 

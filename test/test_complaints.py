@@ -4,7 +4,7 @@
 Complaints: each kind is heard at once, a flood rarely, and nothing is uncounted.
 """
 from icofabric_sim import complaints
-from icofabric_sim.complaints import Complaints
+from icofabric_sim.complaints import Complaints, LONGEST_LINE, shortened
 import pytest
 
 
@@ -63,3 +63,10 @@ def test_kinds_without_end_take_no_memory(clock):
     for number in range(5000):
         heard.add(f'kind {number}', 'new')
     assert len(heard._kinds) <= 1000
+
+
+def test_long_lines_lose_their_middle():
+    assert shortened('all of it') == 'all of it'
+    text = shortened('begin ' + 'x' * 10**6 + ' end')
+    assert text.startswith('begin xxx') and text.endswith('xxx end')
+    assert '[...999010 characters...]' in text and len(text) < LONGEST_LINE + 50

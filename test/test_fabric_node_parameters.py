@@ -149,6 +149,8 @@ REFUSED = {
     'too steep': (parameter('weave.connector_angle', 1.0), ['1.0']),
     'beyond the limit': (parameter('solver.step', 1.0), ['stability limit']),
     'too many bodies': (parameter('weave.size', [30000, 30000, 30000]), []),
+    'a billion bodies': (parameter('weave.size', [1260, 1260, 1260]), ['1000188000 bodies']),
+    'endless text': (parameter('weave.kind', 'x' * 10**6), ['characters...']),
     'no such group': (parameter('loads.tip.group', 'nobody'), ["'nobody'", 'tip']),
     'bad selector': (parameter('groups.tip', 'x_middle'), ['x_middle']),
     'empty selection': (parameter('groups.tip', 'level 99'), ['level 99']),

@@ -214,8 +214,8 @@ def test_too_many_requests_are_refused(client):
 
 def test_end_of_the_node_is_told_to_those_who_wait(tmp_path):
     scene = write_scene(tmp_path / 'scene.yaml', SCENE)
-    with NodeProcess(tmp_path / 'log', scene=scene, parameters={'step_count': 10**6}) as node, \
-            Client(node) as client:
+    with NodeProcess(tmp_path / 'log', scene=scene, parameters={'step_count': 10**6},
+                     offset=1) as node, Client(node, offset=1) as client:
         future = client.begin('~/step', 'std_srvs/srv/Trigger')
         client.wait_for(lambda: float(client.health().values['steps']) > 0, 'steps')
         began = time.monotonic()

@@ -12,6 +12,7 @@ from types import ModuleType
 from icofabric_sim.parameters import find_specification, make_parameters
 from icofabric_sim.replay_parameters import OPTIONS
 import pytest
+import yaml
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -150,4 +151,10 @@ def test_compare(launched):
     assert 'publish_clock' not in parameters_of(left)
     (beside,) = [node for node in nodes if node[0]['package'] == 'tf2_ros']
     assert 'right_world' in beside[0]['arguments']
-    assert len(launched('compare', distance='0')) == 2
+    assert len(fabrics(launched('compare', distance='0'))) == 2
+    # RViz, if asked for, shows the topics that they publish.
+    (view,) = [node for node in nodes if node[0]['package'] == 'rviz2']
+    shown = yaml.safe_load(Path(view[0]['arguments'][1]).read_text())['Visualization Manager']
+    topics = {display['Topic']['Value'] for display in shown['Displays'] if 'Topic' in display}
+    assert topics == {f'/{side}/icofabric/{name}' for side in ('left', 'right')
+                      for name in ('poses', 'connectors', 'icosahedra')}

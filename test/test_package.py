@@ -138,7 +138,7 @@ def test_data_files(data_files):
     assert data_files[share] == ['package.xml']
     assert data_files[f'{share}/launch'] == [
         f'launch/{name}.launch.py' for name in ('compare', 'replay', 'simulate')]
-    assert data_files[f'{share}/rviz'] == ['rviz/icofabric.rviz']
+    assert data_files[f'{share}/rviz'] == ['rviz/compare.rviz', 'rviz/icofabric.rviz']
     present = sorted(f'config/{path.name}' for path in (ROOT / 'config').glob('*.*'))
     assert data_files[f'{share}/config'] == present
     assert 'config/hanging_slab.yaml' in present

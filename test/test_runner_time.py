@@ -5,6 +5,7 @@ Simulated time under pressure: floods, failures, long steps, and what is asked f
 """
 import time
 
+from icofabric_sim import time_line
 from icofabric_sim.outputs import POSES
 from icofabric_sim.pace import Pace
 from icofabric_sim.parameters import make_parameters, ParameterError
@@ -106,7 +107,9 @@ def test_infinite_load_is_forgotten_by_a_reset():
 
 
 def failing_runner(**changes):
-    settings = {'weave__size': [3, 3, 3], 'initial_random__velocity_sigma': 3.0, **changes}
+    settings = {
+        'weave__size': [3, 3, 3], 'initial_random__velocity_sigma': 3.0,
+        'solver__method': 'srkn6', **changes}
     step = np.nextafter(make_runner(**settings).simulation.stability_limit, 0.0)
     return make_runner(ListSink(POSES), solver__step=float(step), **settings)
 
@@ -225,3 +228,26 @@ def test_wrenches_that_a_reset_forgets_are_counted(caplog):
     assert runner.dropped == 1 and sink.messages == []
     [warning] = messages_of(caplog, 'dropped')
     assert warning.startswith('1 waiting wrench was dropped') and 'reset' in warning
+
+
+@pytest.mark.parametrize('method', ['leapfrog', 'srkn6', 'dop8'])
+def test_calls_that_are_broken_off_change_no_bit(method, monkeypatch):
+    ends = []
+    for patience in (1e9, 0.0):
+        monkeypatch.setattr(time_line, '_PATIENCE', patience)
+        sink = ListSink(POSES)
+        # Fast enough for some hundred steps between two outputs, so for calls that take a while.
+        runner = make_runner(
+            sink, solver__method=method, initial_random__spin_sigma=50.0, duration=0.5,
+            publish_rate=4.0, connector__stiffness=2e5)
+        push(runner, stamp=123_456_789)
+        broken = []
+        reaches = runner._reaches
+        monkeypatch.setattr(
+            runner, '_reaches', lambda target, reaches=reaches, broken=broken: (
+                broken.append(reaches(target)) or broken[-1]))
+        run(runner)
+        assert runner.now == 500_000_000 and not runner.failure
+        ends.append((sink.of(POSES), False in broken))
+    assert ends[0][0] == ends[1][0] and len(ends[0][0]) == 3
+    assert [broken for _, broken in ends] == [False, True]

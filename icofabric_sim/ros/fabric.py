@@ -25,7 +25,7 @@ from icofabric_sim.ros.answers import Answers
 from icofabric_sim.ros.clock_watch import ClockWatch
 from icofabric_sim.ros.live_sink import LiveSink
 from icofabric_sim.ros.parameter_service import GuardedParameterService
-from icofabric_sim.ros.process import Server
+from icofabric_sim.ros.process import log_to_ros, Server
 from icofabric_sim.ros.ros_parameters import describe, is_foreign, ParameterGate
 from icofabric_sim.ros.standard_services import offer_standard_services
 from icofabric_sim.ros.start import StopSignals
@@ -64,6 +64,7 @@ class FabricNode(Node):
             'icofabric', allow_undeclared_parameters=True, start_parameter_services=False
         )
         self._gate: ParameterGate | None = None
+        log_to_ros(self.get_logger())
         if simulation is None:
             simulation = compile_scene(Scene.from_parameters(parameters), body_wrenches=True)
             simulation.warm_up()

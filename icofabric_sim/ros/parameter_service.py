@@ -7,6 +7,7 @@ The standard parameter services, with an answer to every request.
 from collections.abc import Iterable
 from typing import Any
 
+from icofabric_sim.complaints import shortened
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.parameter import Parameter
@@ -41,4 +42,4 @@ class GuardedParameterService(ParameterService):
 
 
 def _refusal(reason: str) -> SetParametersResult:
-    return SetParametersResult(successful=False, reason=reason)
+    return SetParametersResult(successful=False, reason=shortened(reason))

@@ -8,10 +8,11 @@ from collections.abc import Callable
 import logging
 import re
 
-from icofabric_sim.complaints import Complaints
+from icofabric_sim.complaints import Complaints, shortened
 from icofabric_sim.ros.start import arguments_of_its_own, INTERRUPTED, StopSignals
 import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.impl.rcutils_logger import RcutilsLogger
 from rclpy.logging import get_logger
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
@@ -49,17 +50,24 @@ def plain_reason(error: BaseException) -> str:
     """
     if type(error).__name__ == 'UnknownROSArgsError':
         return f'unknown ROS arguments: {error}'
-    return ' '.join(_RCL_PLACE.sub('', str(error)).split())
+    return shortened(' '.join(_RCL_PLACE.sub('', str(error)).split()))
 
 
 class RosLogHandler(logging.Handler):
     """
-    Lines of the ROS-free part go to the node's log.
+    Lines of the ROS-free part go to a node's log.
     """
+
+    def __init__(self, logger: RcutilsLogger) -> None:
+        """
+        Hand on to `logger`.
+        """
+        super().__init__()
+        self._logger = logger
 
     def emit(self, record: logging.LogRecord) -> None:
         # A line for each severity: rclpy holds every call site to the first one it sees there.
-        logger, text = get_logger('icofabric'), record.getMessage()
+        logger, text = self._logger, record.getMessage()
         if record.levelno >= logging.ERROR:
             logger.error(text)
         elif record.levelno >= logging.WARNING:
@@ -68,12 +76,14 @@ class RosLogHandler(logging.Handler):
             logger.info(text)
 
 
-def log_to_ros() -> None:
+def log_to_ros(logger: RcutilsLogger | None = None) -> None:
     """
-    Send the log of the ROS-free part to ROS.
+    Send the log of the ROS-free part to ROS, under the name of a node once there is one.
     """
     log = logging.getLogger('icofabric_sim')
-    log.addHandler(RosLogHandler())
+    for handler in [item for item in log.handlers if isinstance(item, RosLogHandler)]:
+        log.removeHandler(handler)
+    log.addHandler(RosLogHandler(logger or get_logger('icofabric')))
     log.setLevel(logging.INFO)
     log.propagate = False
 

@@ -8,6 +8,7 @@ from array import array
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
+from icofabric_sim.complaints import shortened
 from icofabric_sim.parameters import (
     find_specification,
     judge,
@@ -190,4 +191,4 @@ def _refusal(wanted: list[Parameter], reason: str) -> SetParametersResult:
     names = [parameter.name for parameter in wanted]
     if not any(name and name in reason for name in names):
         reason = f'{", ".join(names)}: {reason}'
-    return SetParametersResult(successful=False, reason=reason)
+    return SetParametersResult(successful=False, reason=shortened(reason))
