@@ -165,7 +165,7 @@ class AdaptiveStepper(Stepper):
         if not self._has_dense:
             loads = self._scratch_loads()
             self.crew.run(lambda team: prepare_dense(
-                DOP8, self.model, loads, self.work, team, trail, length))
+                DOP8, self.model, loads, self.work, team, trail, self.time, length))
             self._has_dense = True
         if self._side is None:
             # Slots without a body are never written.

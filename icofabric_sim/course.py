@@ -19,6 +19,7 @@ from icofabric_sim.integrators.methods import METHODS
 from icofabric_sim.kernels.records import Loads
 from icofabric_sim.main_line import SimulationError
 from icofabric_sim.memory import Memory
+from icofabric_sim.method_needs import required_method
 from icofabric_sim.model import (
     expected_liveliness,
     expected_strain,
@@ -62,7 +63,11 @@ class Course:
         if not frequency.rate < math.inf:
             raise ValueError(f'this scene cannot start: {too_fast(self.time)}')
         fixed = parameters['solver.step']
-        if self.method.name == 'auto':
+        required = required_method(scene)
+        if self.method.name == 'auto' and required is not None:
+            self.method = required
+            loads = self._loads()
+        elif self.method.name == 'auto':
             liveliness = expected_liveliness(scene, packed.model, loads, frequency.rate)
             self.method = choose_method(
                 parameters['solver.tolerance'],

@@ -102,7 +102,7 @@ class MainLine:
         np.copyto(acceleration, self.work.acceleration)
         loads = loads or self._scratch_loads()
         work = self.work._replace(acceleration=acceleration)
-        self._advance(loads, state, work, step, count, 0, NEVER, math.inf)
+        self._advance(loads, state, work, self.time, 0, step, count, 0, NEVER, math.inf)
         return state
 
     def run_and_return(self, step: float, count: int, look: Callable[[State], None]) -> None:
@@ -110,7 +110,8 @@ class MainLine:
         Take steps, show the state that they lead to, and come back; the state must be saved.
         """
         loads = self._scratch_loads()
-        self._advance(loads, self.state, self.work, step, count, 0, NEVER, math.inf)
+        self._advance(
+            loads, self.state, self.work, self.time, 0, step, count, 0, NEVER, math.inf)
         look(self.state)
         self._restore()
 
@@ -222,14 +223,14 @@ class MainLine:
         return self.loads._replace(work=np.zeros_like(self.loads.work))
 
     def _advance(
-        self, loads: Loads | None, state: State, work: Work, step: float, count: int,
-        since_check: int, interval: int, reach: float,
+        self, loads: Loads | None, state: State, work: Work, origin: float, index: int,
+        step: float, count: int, since_check: int, interval: int, reach: float,
     ) -> tuple[int, int, int]:
         watch = None if self.watch is None else Watch(self.watch.reference, reach)
         return self.crew.run(
             lambda team: self.method.advance(
-                self.model, loads, state, self._saved, work, team, step, count, since_check,
-                interval, watch, self.ledger.numbers))
+                self.model, loads, state, self._saved, work, team, origin, index, step, count,
+                since_check, interval, watch, self.ledger.numbers))
 
     def _refresh(self) -> None:
         """
@@ -237,7 +238,7 @@ class MainLine:
         """
         last = len(self.model.blocks.slot)
         place_all(self.model, self.state, self.work, 0, last)
-        keep_accelerations(self.model, self.work, 0, last)
+        keep_accelerations(self.model, self.state, self.work, self.time, 0, last)
 
     def _save(self, time: float | None = None) -> None:
         for target, source in zip(self._saved, self.state):

@@ -135,8 +135,11 @@ class Stepper(WatchedLine):
         reach = math.inf if self.watch is None else self.watch.reach
         start, self.ledger[monitor.SAVED_AT] = self.index, -1.0
         before = self._since_check
+        # A step of another length is cut to end at an input.
+        origin, index = (self.origin, self.index) if step == self.step else (self.time, 0)
         status, done, self._since_check = self._advance(
-            self.loads, self.state, self.work, step, count, before, self.look_interval, reach)
+            self.loads, self.state, self.work, origin, index, step, count, before,
+            self.look_interval, reach)
         saved_at = int(self.ledger[monitor.SAVED_AT])
         if step == self.step:
             self.index += done

@@ -123,7 +123,7 @@ def wrenches(scene, position, orientation, *, cosines=False, loaded=False):
     state, work = packed_state(packed, position, orientation), layout.room(model.links)
     last = len(model.blocks.slot)
     place_all(model, state, work, 0, last)
-    keep_accelerations(model, work, 0, last)
+    keep_accelerations(model, state, work, 0.0, 0, last)
     if loaded:
         # From rest, in one second, velocities are accelerations.
         loads = Inputs(scene).pack(layout)

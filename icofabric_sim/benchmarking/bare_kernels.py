@@ -71,7 +71,7 @@ def count_instructions(packed: PackedScene, scene: Scene, other: Any) -> list[In
         Instructions(
             'push',
             loop_instructions(
-                flows.push, model, None, state, work, 0.0, 0.0, False, order, 0, last),
+                flows.push, model, None, state, work, 0.0, 0.0, 0.0, False, order, 0, last),
             loop_instructions(
                 other.push, model.links, slot, *masses, state, work.points, work.acceleration,
                 0.0, 0.0, False, 0, last),
@@ -79,7 +79,7 @@ def count_instructions(packed: PackedScene, scene: Scene, other: Any) -> list[In
                 other.push_once, model.links, slot, *masses, state, work.points, 0.0, 0, last)),
         Instructions(
             'drift',
-            loop_instructions(flows.drift, model, None, state, work, 0.0, order, 0, last),
+            loop_instructions(flows.drift, model, None, state, work, 0.0, 0.0, order, 0, last),
             *[loop_instructions(
                 other.drift, model.links.half_width, slot, state, work.points, 0.0, 0,
                 last)] * 2),
@@ -93,7 +93,7 @@ def fresh(packed: PackedScene, scene: Scene) -> tuple[State, Work]:
     state, work = packed.layout.pack(scene.initial), packed.layout.room(packed.model.links)
     last = len(packed.model.blocks.slot)
     flows.place_all(packed.model, state, work, 0, last)
-    flows.keep_accelerations(packed.model, work, 0, last)
+    flows.keep_accelerations(packed.model, state, work, 0.0, 0, last)
     return state, work
 
 

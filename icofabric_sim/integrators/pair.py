@@ -7,6 +7,7 @@ Not symplectic, but right also where forces depend on velocities, and its error 
 step.
 """
 
+import math
 from typing import NamedTuple
 
 from icofabric_sim.integrators import dop853
@@ -48,6 +49,7 @@ class Pair(NamedTuple):
     Weights of a pair, see dop853.py.
     """
 
+    nodes: np.ndarray  # when the stages are, in parts of the step; those of dense output last
     stages: tuple[np.ndarray, ...]
     step: np.ndarray
     error_5: np.ndarray
@@ -56,7 +58,10 @@ class Pair(NamedTuple):
     dense: np.ndarray
 
 
+# What depends on time is computed at the sums of the weights; slope 12 is the end of the step.
+_ROWS = (*dop853.STAGES, (1.0,), *dop853.DENSE_STAGES)
 DOP8 = Pair(
+    nodes=np.array([math.fsum(row) for row in _ROWS]),
     stages=tuple(np.array(row) for row in dop853.STAGES[1:]),
     step=np.array(dop853.STEP),
     error_5=np.array(dop853.ERROR_5),
@@ -77,30 +82,34 @@ def some(trail: Trail | None) -> Trail:
 @compiled
 def slope_at(
     model: Model, loads: Loads | None, state: State, work: Work, trail: Trail, index: int,
-    team: Team, first: int, last: int
+    team: Team, time: float, first: int, last: int
 ) -> None:
     """
-    Slope number `index` at a state, all bodies.
+    Slope number `index` at a state and a `time` [s], all bodies.
     """
     place_blocks(model, state, work, first, last)
     wait_for_all(team)
-    find_slopes(model, loads, state, work, trail.slopes[index], index, first, last)
+    find_slopes(model, loads, state, work, time, trail.slopes[index], index, first, last)
     wait_for_all(team)
 
 
 @compiled
 def try_step(
     pair: Pair, model: Model, loads: Loads | None, state: State, work: Work, trail: Trail,
-    team: Team, h: float, first: int, last: int
+    team: Team, time: float, h: float, first: int, last: int
 ) -> None:
     """
-    The other slopes of a step from `state`, whose own is in place, and its end into trail.stage.
+    The other slopes of a step from `state` at `time` [s], whose own is in place.
+
+    Its end goes into trail.stage.
     """
     index = 1
     for weights in pair.stages:
         for block in range(first, last):
             combine(state, trail.slopes, weights, h, trail.stage, model.blocks.slot[block])
-        slope_at(model, loads, trail.stage, work, trail, index, team, first, last)
+        slope_at(
+            model, loads, trail.stage, work, trail, index, team, time + pair.nodes[index] * h,
+            first, last)
         index += 1
     for block in range(first, last):
         s = model.blocks.slot[block]
@@ -111,22 +120,25 @@ def try_step(
 @compiled
 def fixed_pair(
     pair: Pair, model: Model, loads: Loads | None, state: State, saved: State, work: Work,
-    team: Team, h: float, count: int, since_check: int, check_interval: int,
-    watch: Watch | None, ledger: np.ndarray
+    team: Team, origin: float, index: int, h: float, count: int, since_check: int,
+    check_interval: int, watch: Watch | None, ledger: np.ndarray
 ) -> tuple[int, int, int]:
     """
-    Take up to `count` steps of length `h`, as `splitting` does.
+    Take up to `count` steps of length `h` from origin + index h [s] on, as `splitting` does.
     """
     first, last = own_blocks(team, model.blocks.slot.shape[0])
     trail = some(work.trail)
-    slope_at(model, loads, state, work, trail, 0, team, first, last)
+    slope_at(model, loads, state, work, trail, 0, team, origin + index * h, first, last)
     done = 0
     while done < count:
-        try_step(pair, model, loads, state, work, trail, team, h, first, last)
+        try_step(
+            pair, model, loads, state, work, trail, team, origin + (index + done) * h, h, first,
+            last)
         save(model, trail.stage, state, first, last)
         add_work(loads, h, pair.step, first, last)
-        slope_at(model, loads, state, work, trail, 0, team, first, last)
         done += 1
+        slope_at(
+            model, loads, state, work, trail, 0, team, origin + (index + done) * h, first, last)
         since_check += 1
         status, since_check = look(
             model, loads, state, saved, work, team, since_check, check_interval, watch, ledger,
@@ -211,10 +223,11 @@ def adaptive_pair(
         if has_last:
             repeat_slope(model, loads, trail, first, last)
         else:
-            slope_at(model, loads, state, work, trail, 0, team, first, last)
+            slope_at(model, loads, state, work, trail, 0, team, start + length, first, last)
         accepted = False
         while not accepted:
-            try_step(pair, model, loads, state, work, trail, team, h, first, last)
+            try_step(
+                pair, model, loads, state, work, trail, team, start + length, h, first, last)
             # Per unit of time, so the length of the step cancels.
             error = largest_error(pair, model, trail, control, turn_rows, team, first, last)
             change = _SHRINK
@@ -240,7 +253,7 @@ def adaptive_pair(
                     accepted = True
             h = max(h * change, shortest)
         if status == 0:
-            slope_at(model, loads, state, work, trail, 12, team, first, last)
+            slope_at(model, loads, state, work, trail, 12, team, start + length, first, last)
             has_last = True
             done += 1
             since_check += 1
@@ -282,17 +295,20 @@ def repeat_power(loads: Loads | None, first: int, last: int) -> None:
 
 @compiled
 def prepare_dense(
-    pair: Pair, model: Model, loads: Loads | None, work: Work, team: Team, trail: Trail, h: float
+    pair: Pair, model: Model, loads: Loads | None, work: Work, team: Team, trail: Trail,
+    time: float, h: float
 ) -> None:
     """
-    Three more slopes of the step in progress, for `dense_state`.
+    Three more slopes of the step in progress, which begins at `time` [s], for `dense_state`.
     """
     first, last = own_blocks(team, model.blocks.slot.shape[0])
     index = 13
     for weights in pair.dense_stages:
         for block in range(first, last):
             combine(trail.start, trail.slopes, weights, h, trail.stage, model.blocks.slot[block])
-        slope_at(model, loads, trail.stage, work, trail, index, team, first, last)
+        slope_at(
+            model, loads, trail.stage, work, trail, index, team, time + pair.nodes[index] * h,
+            first, last)
         index += 1
 
 

@@ -37,10 +37,10 @@ _STRIDE = 8
 @compiled
 def steps(
     kicks: np.ndarray, drifts: np.ndarray, model: Model, loads: Loads | None, state: State,
-    work: Work, team: Team, h: float, count: int
+    work: Work, team: Team, origin: float, index: int, h: float, count: int
 ) -> None:
     """
-    Take `count` steps of length `h`; see `splitting`.
+    Take `count` steps of length `h`, the first from origin + index h on; see `splitting`.
 
     A block can be pushed once its neighbours have drifted, so both run over the fabric in one
     sweep (see sweep.py) and each body comes from memory once. Where a thread's blocks border on
@@ -53,36 +53,44 @@ def steps(
     kick_first = kicks.shape[0] > drifts.shape[0]
     stages = min(kicks.shape[0], drifts.shape[0])
     if kick_first:
-        push_kept(model, loads, state, work, kicks[0] * h, first, last)
+        push_kept(model, loads, state, work, origin + index * h, kicks[0] * h, first, last)
+    now = 0.0
     for evaluation in range(count * stages):
-        index = evaluation % stages
-        whole = drifts[index] * h
-        kick = kicks[index] * h
+        stage = evaluation % stages
+        # The times of a step do not depend on the call that it is a part of.
+        step = index + evaluation // stages
+        if stage == 0:
+            now = origin + step * h
+        whole = drifts[stage] * h
+        after = now + whole
+        if kick_first and stage + 1 == stages:
+            after = origin + (step + 1) * h
+        kick = kicks[stage] * h
         again = 0.0
         keep = False
         if kick_first:
-            kick = kicks[index + 1] * h
+            kick = kicks[stage + 1] * h
             # The last kick of a step and the first of the next share their forces.
             keep = evaluation + 1 == count * stages
-            if index + 1 == stages and not keep:
+            if stage + 1 == stages and not keep:
                 again = kicks[0] * h
         drifted = 0
         if team.size > 1:
-            drift(model, loads, state, work, whole, sweep.drifts, 0, sweep.border)
+            drift(model, loads, state, work, now, whole, sweep.drifts, 0, sweep.border)
             drifted = sweep.border
             wait_for_all(team)
         for tile in range(sweep.ahead.shape[0]):
             goal = sweep.ahead[tile]
-            drift(model, loads, state, work, whole, sweep.drifts, drifted, goal)
+            drift(model, loads, state, work, now, whole, sweep.drifts, drifted, goal)
             drifted = goal
-            start = tile * TILE
             push(
-                model, loads, state, work, kick, again, keep, sweep.pushes, start,
-                min(start + TILE, count_own))
+                model, loads, state, work, after, kick, again, keep, sweep.pushes, TILE * tile,
+                min(TILE * tile + TILE, count_own))
         wait_for_all(team)
-        if not kick_first and index + 1 == stages:
+        now = after
+        if not kick_first and stage + 1 == stages:
             drift(
-                model, loads, state, work, drifts[stages] * h, sweep.drifts, 0, count_own)
+                model, loads, state, work, now, drifts[stages] * h, sweep.drifts, 0, count_own)
             wait_for_all(team)
 
 
@@ -109,6 +117,8 @@ def splitting(
     saved: State,
     work: Work,
     team: Team,
+    origin: float,
+    index: int,
     h: float,
     count: int,
     since_check: int,
@@ -119,6 +129,7 @@ def splitting(
     """
     Take up to `count` steps of length `h`: kick, drift, ..., kick or drift, kick, ..., drift.
 
+    The first begins at origin + index h [s].
     `kicks` and `drifts` are the parts of the step that each flow takes; the longer of the two
     begins and ends a step. One evaluation of the forces for each stage: where kicks begin, the
     last of a step and the first of the next share theirs, and `work` must hold the accelerations
@@ -151,7 +162,7 @@ def splitting(
                             model.blocks.slot, state.position, state.orientation,
                             work.difference, work.weights, 0)
                     wait_for_all(team)
-        steps(kicks, drifts, model, loads, state, work, team, h, ahead)
+        steps(kicks, drifts, model, loads, state, work, team, origin, index + done, h, ahead)
         done += ahead
         since_check += ahead
         if sampled >= 0:

@@ -20,11 +20,11 @@ import numpy as np
 
 @compiled
 def drift(
-    model: Model, loads: Loads | None, state: State, work: Work, h: float, order: np.ndarray,
-    first: int, last: int
+    model: Model, loads: Loads | None, state: State, work: Work, time: float, h: float,
+    order: np.ndarray, first: int, last: int
 ) -> None:
     """
-    Flow of the kinetic energy over `h`; places the attachment points.
+    Flow of the kinetic energy over `h` from `time` [s] on; places the attachment points.
 
     For blocks order[first] to order[last - 1].
     """
@@ -67,20 +67,19 @@ def place_all(model: Model, state: State, work: Work, first: int, last: int) -> 
 
 @compiled
 def push(
-    model: Model, loads: Loads | None, state: State, work: Work, h: float, again: float,
-    keep: bool, order: np.ndarray, first: int, last: int
+    model: Model, loads: Loads | None, state: State, work: Work, time: float, h: float,
+    again: float, keep: bool, order: np.ndarray, first: int, last: int
 ) -> None:
     """
-    Flow of the potential energy over `h`, and over `again` where that is not 0.
+    Flow of the potential energy at `time` [s] over `h`, and over `again` where that is not 0.
 
     The second is the first kick of the next step, which shares its forces. `keep` stores the
     accelerations, for a kick that comes later. For blocks order[first] to order[last - 1].
     """
-    stride = state.position.shape[1]
     for turn in range(first, last):
         block = order[turn]
         s = model.blocks.slot[block]
-        a = accelerations(model, work.points, stride, block, s)
+        a = accelerations(model, state, work.points, time, block, s)
         kick(state, a, h, s)
         if loads is not None:
             for m in range(loads.start[block], loads.start[block + 1]):
@@ -98,10 +97,11 @@ def push(
 
 @compiled
 def push_kept(
-    model: Model, loads: Loads | None, state: State, work: Work, h: float, first: int, last: int
+    model: Model, loads: Loads | None, state: State, work: Work, time: float, h: float, first: int,
+    last: int
 ) -> None:
     """
-    Flow of the potential energy over `h` with accelerations that were kept.
+    Flow of the potential energy at `time` [s] over `h` with accelerations that were kept.
     """
     for block in range(first, last):
         s = model.blocks.slot[block]
@@ -116,14 +116,15 @@ def push_kept(
 
 
 @compiled
-def keep_accelerations(model: Model, work: Work, first: int, last: int) -> None:
+def keep_accelerations(
+    model: Model, state: State, work: Work, time: float, first: int, last: int
+) -> None:
     """
-    Store the accelerations of blocks first to last; their points are in place.
+    Store the accelerations of blocks first to last at `time` [s]; their points are in place.
     """
-    stride = work.acceleration.shape[1]
     for block in range(first, last):
         s = model.blocks.slot[block]
-        a = accelerations(model, work.points, stride, block, s)
+        a = accelerations(model, state, work.points, time, block, s)
         for k in range(3):
             store(work.acceleration, k, s, a[k])
             store(work.acceleration, k + 3, s, a[k + 3])
@@ -131,14 +132,16 @@ def keep_accelerations(model: Model, work: Work, first: int, last: int) -> None:
 
 @compiled
 def accelerations(
-    model: Model, points: np.ndarray, stride: int, block: int, s: int
+    model: Model, state: State, points: np.ndarray, time: float, block: int, s: int
 ) -> Six:
     """
-    Linear [m/s^2] and angular [rad/s^2] acceleration of a block (eq 45), loads apart.
+    Linear [m/s^2] and angular [rad/s^2] acceleration of a block at `time` [s] (eq 45).
+
+    Of what follows from positions and orientations; loads apart. Velocities are not read here.
 
     The gyroscopic term vanishes. Gravity is an acceleration and needs no detour over the mass.
     """
-    force = add_connectors(model.links, points, stride, block, s)
+    force = add_connectors(model.links, points, state.position.shape[1], block, s)
     return add_gravity(
         model.gravity, model.supports, model.blocks.alive[block], s,
         accelerate(model.supports, model.inverse_mass, model.inverse_inertia, force, s))

@@ -41,16 +41,15 @@ def place_blocks(model: Model, state: State, work: Work, first: int, last: int) 
 
 @compiled
 def find_slopes(
-    model: Model, loads: Loads | None, state: State, work: Work, slope: np.ndarray, index: int,
-    first: int, last: int
+    model: Model, loads: Loads | None, state: State, work: Work, time: float, slope: np.ndarray,
+    index: int, first: int, last: int
 ) -> None:
     """
-    Slope number `index` at `state`, whose points are in place, for blocks first to last.
+    Slope number `index` at `state` and `time` [s], for blocks first to last; points are in place.
 
     dq/dt = omega q / 2 (eq 22) or de_i/dt = omega x e_i (eq 19), and eq 45. The power of the loads
     goes into `loads.power`.
     """
-    stride = state.position.shape[1]
     turn = rows_of(state.orientation).shape[0]
     linear, angular = slope[3 + turn:6 + turn], slope[6 + turn:9 + turn]
     kicked = State(state.position, state.orientation, linear, angular)
@@ -59,7 +58,7 @@ def find_slopes(
         for k in range(3):
             store(slope, k, s, load(state.linear_velocity, k, s))
         turn_slopes(state.orientation, state.angular_velocity, slope, s)
-        a = accelerations(model, work.points, stride, block, s)
+        a = accelerations(model, state, work.points, time, block, s)
         for k in range(3):
             store(linear, k, s, a[k])
             store(angular, k, s, a[k + 3])
@@ -272,12 +271,12 @@ def rates_of_rows(
     result: np.ndarray
 ) -> None:
     """
-    Slopes without loads, body by body, (13 n,), of numbers body by body.
+    Slopes at time 0 without loads, body by body, (13 n,), of numbers body by body.
     """
     last = model.blocks.slot.shape[0]
     read_rows(y, slot, state)
     place_blocks(model, state, work, 0, last)
-    find_slopes(model, None, state, work, slope, 0, 0, last)
+    find_slopes(model, None, state, work, 0.0, slope, 0, 0, last)
     copy_rows(slope, slot, result)
 
 

@@ -218,10 +218,10 @@ def raw_run(scene, step, count, method='leapfrog'):
     state = layout.pack(scene.initial)
     work = layout.room(model.links, None if METHODS[method].symplectic else state)
     place_all(model, state, work, 0, len(model.blocks.slot))
-    keep_accelerations(model, work, 0, len(model.blocks.slot))
+    keep_accelerations(model, state, work, 0.0, 0, len(model.blocks.slot))
     METHODS[method].advance(
-        model, None, state, layout.like(state), work, Crew(1, packed).team(0), step,
-        count, 0, count + 1, None, np.zeros(monitor.LEDGER_COUNT))
+        model, None, state, layout.like(state), work, Crew(1, packed).team(0), 0.0,
+        0, step, count, 0, count + 1, None, np.zeros(monitor.LEDGER_COUNT))
     return np.abs(state.linear_velocity).max()
 
 

