@@ -19,6 +19,7 @@ from icofabric_sim.icosahedron import edge_midpoints
 from icofabric_sim.parameter_file import load_parameter_file
 from icofabric_sim.parameter_text import flatten_parameters
 from icofabric_sim.parameters import make_parameters, ParameterError, Parameters
+from icofabric_sim.region import make_region
 from icofabric_sim.shell import Shell
 from icofabric_sim.weave import build_weave, estimate_weave, Weave
 from icofabric_sim.weave_geometry import geometry_from_angle, geometry_from_length, WeaveGeometry
@@ -134,7 +135,7 @@ class Scene:
                 f'shell.edge_length {own_shell.edge_length!r} m disagrees with the given shell, '
                 f'whose edge is {shell.edge_length!r} m; set it to that',
             )
-        weave = build_weave(**_weave_choices(checked, geometry))
+        weave = build_weave(**weave_choices(checked, geometry))
         loose = checked.names('bodies')
         position = np.vstack(
             [weave.position] + [[checked[f'bodies.{name}.position']] for name in loose]
@@ -232,6 +233,8 @@ def _require_memory(parameters: Parameters, bodies: int) -> None:
     if need < _SMALL or need <= (left := available_memory()):
         return
     name = 'weave.box' if any(parameters['weave.box']) else 'weave.size'
+    if parameters['weave.region']:
+        name = 'weave.region'
     raise ParameterError(
         name,
         f'{name} {parameters[name]} means {bodies:,} bodies, about {need / 2**30:.3g} GiB of '
@@ -247,7 +250,7 @@ def estimate_bodies(parameters: Parameters) -> int:
 
 
 def _estimate(parameters: Parameters, geometry: WeaveGeometry) -> int:
-    woven = estimate_weave(**_weave_choices(parameters, geometry)).bodies
+    woven = estimate_weave(**weave_choices(parameters, geometry)).bodies
     return woven + len(parameters.names('bodies'))
 
 
@@ -290,11 +293,15 @@ def _geometry(parameters: Parameters, half_edge: float) -> WeaveGeometry:
     return geometry
 
 
-def _weave_choices(parameters: Parameters, geometry: WeaveGeometry) -> dict[str, Any]:
+def weave_choices(parameters: Parameters, geometry: WeaveGeometry) -> dict[str, Any]:
+    """
+    Arguments of `build_weave` and `estimate_weave`.
+    """
     box = parameters['weave.box']
     return {
         'geometry': geometry,
         'box': box if any(box) else None,
+        'region': make_region(parameters['weave.region']),
         **{
             name: parameters[f'weave.{name}']
             for name in ('kind', 'variant', 'size', 'azimuth', 'boundary', 'connected')

@@ -7,7 +7,7 @@ A scene in words: shell, weave, bodies, what holds them and what acts on them.
 from collections.abc import Iterable, Sequence
 import math
 
-from icofabric_sim.scene import BYTES_PER_BODY, Scene
+from icofabric_sim.scene import BYTES_PER_BODY, Scene, weave_choices
 from icofabric_sim.weave import estimate_weave
 from icofabric_sim.weave_geometry import slab_depth
 import numpy as np
@@ -98,18 +98,7 @@ def _bytes(count: float) -> str:
 
 
 def _weaving(scene: Scene) -> int:
-    parameters = scene.parameters
-    box = parameters['weave.box']
-    return estimate_weave(
-        parameters['weave.kind'],
-        parameters['weave.variant'],
-        parameters['weave.size'],
-        scene.geometry,
-        box=box if any(box) else None,
-        azimuth=parameters['weave.azimuth'],
-        boundary=parameters['weave.boundary'],
-        connected=parameters['weave.connected'],
-    ).memory
+    return estimate_weave(**weave_choices(scene.parameters, scene.geometry)).memory
 
 
 def _times(numbers: Sequence[int]) -> str:
@@ -117,7 +106,7 @@ def _times(numbers: Sequence[int]) -> str:
 
 
 def _depths(scene: Scene) -> str:
-    if scene.weave.kind == 'orthogonal':
+    if scene.weave.kind == 'orthogonal' and not scene.parameters['weave.region']:
         depth = slab_depth(scene.weave.size, scene.geometry)
         return ' x '.join(f'{value:.6g}' for value in depth) + ' m, over the circumscribing cubes'
     woven = scene.weave.position

@@ -142,7 +142,15 @@ STATIC: tuple[Specification, ...] = (
         'weave',
         choices=('upright', 'fabric'),
     ),
-    _s('weave.region', '', '', 'cut the weave to a region', 'weave', **_NOT_BUILT),
+    _s(
+        'weave.region',
+        '',
+        '',
+        'cuts the weave: sphere R, cylinder R H (upright), box X Y Z, all in m, or the path of '
+        'a closed mesh (.stl, .obj; in m). Its middle is that of the fabric of weave.size or '
+        'weave.box; bodies whose centres lie inside stay',
+        'weave',
+    ),
     _s('weave.connected', True, '', 'false: bodies at their places without connectors', 'weave'),
     _s(
         'weave.connector_length',

@@ -11,6 +11,8 @@ from dataclasses import dataclass
 import math
 from typing import Final, get_args, Literal, NamedTuple, Sequence
 
+from icofabric_sim.region import NAME as REGION
+from icofabric_sim.region import Region
 from icofabric_sim.weave_connect import connect_grid, Fastest, no_connectors
 from icofabric_sim.weave_geometry import (
     checked_box,
@@ -20,7 +22,13 @@ from icofabric_sim.weave_geometry import (
     WeaveGeometry,
 )
 from icofabric_sim.weave_index import checked_size, checked_variant, is_turned, slab_count
-from icofabric_sim.weave_lattice import slab_grid, turned_box_grid, turned_points
+from icofabric_sim.weave_lattice import (
+    part_bounds,
+    part_grid,
+    slab_grid,
+    turned_box_grid,
+    turned_points,
+)
 from icofabric_sim.weave_tables import connector_count as table_count
 import numpy as np
 
@@ -109,7 +117,8 @@ def body_orientation(kind: Kind, variant: int, azimuth: float = 0.0) -> np.ndarr
 def build_weave(
         kind: Kind, variant: int, size: Sequence[int], geometry: WeaveGeometry, *,
         box: Sequence[float] | None = None, azimuth: float = 0.0,
-        boundary: Boundary = 'upright', connected: bool = True) -> Weave:
+        boundary: Boundary = 'upright', region: Region | None = None, connected: bool = True
+        ) -> Weave:
     """
     Weave a fabric of `size` grid positions, or the one that fits `box` [m] best.
 
@@ -118,21 +127,30 @@ def build_weave(
     bodies of a turned fabric whose centres lie in the region that the cells of the orthogonal
     slab fill, from -W/2 to (N - 1/2) W (with `box`: from -W/2 on, and as large as the box), in
     which the corner of the variant (icosahedron or gap) sits in the middle. `azimuth` and
-    `boundary` concern bias only.
+    `boundary` concern bias only. Of either, with a `region` about the middle of those cells, only
+    the bodies whose centres lie in it, in the order of the grid: by z, then y, then x.
     """
     kind, variant, boundary = _checked_choices(kind, variant, boundary)
     size, extent = _resolved_size(kind, boundary, size, geometry, box)
-    _refuse_unnumbered(size)
     rotation = rotation_matrix(fabric_orientation(kind, azimuth))
     upright = kind == 'bias' and boundary == 'upright'
+    low, high = _bounds(size, rotation, geometry, region)
+    _refuse_unnumbered(size, low, high)
+    origin = np.zeros(3)
     if upright:
-        grid = turned_box_grid(variant, rotation, 0.5 * extent)
+        grid = turned_box_grid(variant, rotation, _half_extent(extent, geometry, region))
         origin = 0.5 * (extent - 1.0) * geometry.pitch
+        if region is not None:
+            grid = grid[region.contains(geometry.pitch * turned_points(rotation, grid))]
+    elif region is not None:
+        middle = 0.5 * (np.array(size) - 1.0)
+        grid = part_grid(variant, low, high, lambda points: region.contains(
+            geometry.pitch * turned_points(rotation, points - middle)))
     else:
         grid = slab_grid(variant, size)
-        origin = np.zeros(3)
-    _refuse_empty(len(grid), kind, variant, size)
-    fastest: Fastest = 'y' if is_turned(variant) and not upright else 'x'
+    _refuse_empty(len(grid), kind, variant, size, region)
+    cut = upright or region is not None
+    fastest: Fastest = 'y' if is_turned(variant) and not cut else 'x'
     connectors = connect_grid(grid, variant, fastest=fastest) if connected else no_connectors()
     position = turned_points(rotation, grid) if kind == 'bias' else grid.astype(np.float64)
     position *= geometry.pitch
@@ -145,28 +163,35 @@ def build_weave(
 def estimate_weave(
         kind: Kind, variant: int, size: Sequence[int], geometry: WeaveGeometry, *,
         box: Sequence[float] | None = None, azimuth: float = 0.0,
-        boundary: Boundary = 'upright', connected: bool = True) -> WeaveEstimate:
+        boundary: Boundary = 'upright', region: Region | None = None, connected: bool = True
+        ) -> WeaveEstimate:
     """
     Estimate bodies, connectors and memory of `build_weave`, and raise what it would raise.
 
     Takes milliseconds and little memory for any size. The counts are exact, but for an upright
-    bias weave with a side of more than 32 places, where they are those of its volume.
+    bias weave with a side of more than 32 places, where they are those of its volume, and for one
+    cut to a region, where they are those of the box around it, and never too small.
     """
     kind, variant, boundary = _checked_choices(kind, variant, boundary)
     size, extent = _resolved_size(kind, boundary, size, geometry, box)
-    _refuse_unnumbered(size)
+    rotation = rotation_matrix(fabric_orientation(kind, azimuth))
+    low, high = _bounds(size, rotation, geometry, region)
+    _refuse_unnumbered(size, low, high)
     bodies, connectors = slab_count(variant, size), table_count(variant, size)
     if kind == 'bias' and boundary == 'upright':
+        extent = 2.0 * _half_extent(extent, geometry, region)
         # The middle part of the box. Where it is empty, so is the box, unless that is very thin.
         part = np.minimum(extent, _SAMPLE_PLACES)
-        rotation = rotation_matrix(fabric_orientation(kind, azimuth))
         grid = turned_box_grid(variant, rotation, 0.5 * part)
         bodies, connectors = len(grid), len(connect_grid(grid, variant).bodies)
         if bool(np.any(part < extent)) and (bodies or float(extent.min()) < 1.0):
             # Half the grid points, and 12 connectors with two ends each at every body.
             bodies = math.ceil(0.5 * math.prod(extent.tolist()))
             connectors = 6 * bodies
-    _refuse_empty(bodies, kind, variant, size)
+    elif region is not None:
+        bodies = -(-math.prod((high - low + 1).tolist()) // 2)
+        connectors = 6 * bodies
+    _refuse_empty(bodies, kind, variant, size, region)
     if not connected:
         connectors = 0
     return WeaveEstimate(
@@ -200,16 +225,41 @@ def _resolved_size(
     return size, np.array(size, np.float64)
 
 
-def _refuse_unnumbered(size: tuple[int, int, int]) -> None:
+def _bounds(
+        size: tuple[int, int, int], rotation: np.ndarray, geometry: WeaveGeometry,
+        region: Region | None) -> tuple[np.ndarray, np.ndarray]:
+    # First and last grid places of a slab that can be in the region.
+    if region is None:
+        return np.zeros(3, np.int64), np.array(size, np.int64) - 1
+    return part_bounds(size, np.abs(rotation.T) @ (region.half_extent / geometry.pitch))
+
+
+def _half_extent(
+        extent: np.ndarray, geometry: WeaveGeometry, region: Region | None) -> np.ndarray:
+    # Of the upright box of a bias fabric, which has its middle where the region has it.
+    if region is None:
+        return 0.5 * extent
+    return np.minimum(0.5 * extent, region.half_extent / geometry.pitch)
+
+
+def _refuse_unnumbered(
+        size: tuple[int, int, int], low: np.ndarray, high: np.ndarray) -> None:
     # Variant 0 has the most; for an upright bias box this is about right, and far beyond memory.
-    bodies, connectors = slab_count(0, size), table_count(0, size)
+    part = [max(1, int(count)) for count in high - low + 1]
+    bodies, connectors = slab_count(0, part), table_count(0, part)
     if max(*size, bodies, connectors) > COUNT_LIMIT:
         raise ValueError(
             f'weave.size is {list(size)}: that makes about {bodies} bodies and {connectors} '
             f'connectors; places, bodies and connectors are numbered up to {COUNT_LIMIT}')
 
 
-def _refuse_empty(bodies: int, kind: Kind, variant: int, size: tuple[int, int, int]) -> None:
+def _refuse_empty(
+        bodies: int, kind: Kind, variant: int, size: tuple[int, int, int],
+        region: Region | None) -> None:
+    if bodies == 0 and region is not None:
+        raise ValueError(
+            f'{REGION}: no icosahedron of a weave of kind {kind}, variant {variant} and size '
+            f'{list(size)} has its centre in it; give a larger region or another variant')
     if bodies == 0:
         raise ValueError(
             f'weave.size is {list(size)}: a weave of kind {kind}, variant {variant}, has no '

@@ -6,6 +6,7 @@ Grid points of a fabric: a slab along its own axes, or a box cut out of a turned
 Every function returns int32 points (N, 3) in the order that `connect_grid` expects.
 """
 
+from collections.abc import Callable, Sequence
 import math
 
 from icofabric_sim.weave_geometry import ROUNDING
@@ -20,6 +21,7 @@ import numpy as np
 
 # Rounding room of the intervals below [grid places]; `_inside` then decides.
 _ROOM = 1e-3
+_PIECE = 1 << 18  # bounds temporary arrays
 
 
 def slab_grid(variant: int, size: tuple[int, int, int]) -> np.ndarray:
@@ -28,13 +30,50 @@ def slab_grid(variant: int, size: tuple[int, int, int]) -> np.ndarray:
     """
     size = checked_size(size)
     grid = np.empty((slab_count(variant, size), 3), np.int32)
-    piece = 1 << 18  # bounds the 64 bit intermediates
-    for start in range(0, len(grid), piece):
-        alpha = np.arange(start, min(start + piece, len(grid)), dtype=np.int64)
+    for start in range(0, len(grid), _PIECE):
+        alpha = np.arange(start, min(start + _PIECE, len(grid)), dtype=np.int64)
         indices = indices_from_alpha(variant, size, alpha)
         grid[alpha[0]:alpha[-1] + 1] = centre_rule(
             variant, indices[:, 0], indices[:, 1], indices[:, 2])
     return grid
+
+
+def part_bounds(
+        size: Sequence[int], reach: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """
+    First and last grid places of a slab at most `reach` (3,) places from its middle, int64 (3,).
+
+    Where the last is before the first there is none.
+    """
+    last = np.array(size, np.float64) - 1.0
+    reach = reach * (1.0 + ROUNDING) + _ROOM
+    low = np.ceil(np.maximum(0.5 * last - reach, 0.0))
+    high = np.floor(np.minimum(0.5 * last + reach, last))
+    return low.astype(np.int64), np.maximum(high, low - 1.0).astype(np.int64)
+
+
+def part_grid(
+        variant: int, low: np.ndarray, high: np.ndarray,
+        chosen: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+    """
+    Grid points with an icosahedron from `low` to `high` (3,) that are `chosen`.
+
+    Order: by z, then y, then x. Takes little more memory than what is chosen.
+    """
+    if np.any(high < low):
+        return np.empty((0, 3), np.int32)
+    rows, lines = int(high[1] - low[1]) + 1, int(high[2] - low[2]) + 1
+    length = int(high[0] - low[0]) + 1
+    piece = max(1, _PIECE // length)
+    kept = [np.empty((0, 3), np.int32)]
+    for start in range(0, rows * lines, piece):
+        line = np.arange(start, min(start + piece, rows * lines), dtype=np.int64)
+        y, z = low[1] + line % rows, low[2] + line // rows
+        first = low[0] + (low[0] + y + z + gap_parity(variant)) % 2
+        x, y, z = _expanded(first, np.full(len(line), high[0]), 2, y, z)
+        points = np.stack((x, y, z), axis=1).astype(np.int32)
+        kept.append(points[chosen(points)])
+    return np.concatenate(kept)
 
 
 def turned_box_grid(variant: int, rotation: np.ndarray, half_extent: np.ndarray) -> np.ndarray:
