@@ -68,7 +68,8 @@ class Course:
             self.method = required
             loads = self._loads()
         elif self.method.name == 'auto':
-            liveliness = expected_liveliness(scene, packed.model, loads, frequency.rate)
+            strongest = self.inputs.pack_strongest(packed.layout)
+            liveliness = expected_liveliness(scene, packed.model, strongest, frequency.rate)
             self.method = choose_method(
                 parameters['solver.tolerance'],
                 liveliness,
@@ -109,8 +110,7 @@ class Course:
         """
         Take at least one step and at most so many; an input that acts ends a step, which counts.
         """
-        queue = self.inputs.queue
-        due = queue[0].time if queue else math.inf
+        due = self.inputs.next_time
         self.settle_loads()
         try:
             done = self.stepper.advance_steps(most, until=due)
@@ -190,13 +190,10 @@ class Course:
         self.time = time
 
     def _handle_events(self, until: float) -> None:
-        queue = self.inputs.queue
-        while queue and queue[0].time <= until:
-            # Reached before it is taken out: an interrupt on the way loses nothing.
-            time = queue[0].time
+        # Reached before it is taken out: an interrupt on the way loses nothing.
+        while (time := self.inputs.next_time) <= until:
             self._reach(time)
-            event = self.inputs.take()
-            if self.inputs.apply(event):
+            if self.inputs.apply_next():
                 self._settle_loads_before(time)
                 self.stepper.cut(time)
                 self._stale_loads = True
@@ -230,7 +227,7 @@ class Course:
         """
         What acts now, for the kernels; `again`: what they had last.
         """
-        if not (self._scene.loads or self._body_wrenches):
+        if not (self._scene.loads or self._scene.tractions or self._body_wrenches):
             return None
         # While the method is being chosen: rows without room for Runge-Kutta stages.
         symplectic = self.method.name == 'auto' or METHODS[self.method.name].symplectic

@@ -4,61 +4,24 @@
 External wrenches in time: what acts now, and what is to come.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 import heapq
 import math
-from typing import Any, NamedTuple, Self
+from typing import Any
 
 from icofabric_sim.kernels.records import Loads
 from icofabric_sim.layout import Layout
 from icofabric_sim.memory import as_number, Memory
-from icofabric_sim.model import pack_loads
+from icofabric_sim.model import pack_loads, WrenchRow
+from icofabric_sim.profiles import Piece, STEADY
 from icofabric_sim.scene import Scene
+from icofabric_sim.timetable import Timetable
+from icofabric_sim.wrench import Event, Key, Vector, Wrench
 import numpy as np
 
+__all__ = ['Event', 'Inputs', 'Key', 'Vector', 'Wrench']
+
 _ZERO = np.zeros(3)
-Key = str | int  # a channel by name, or a body by number
-Vector = Sequence[float] | np.ndarray
-
-
-class Wrench(NamedTuple):
-    """
-    A force and a torque on the axes of their channel.
-    """
-
-    force: np.ndarray  # (3,) [N]
-    torque: np.ndarray  # (3,) [N m]
-
-    @classmethod
-    def checked(cls, force: Vector, torque: Vector) -> Self:
-        """
-        Make a wrench of numbers from outside; ValueError says what is wrong with them.
-        """
-        return cls(_vector('force', force), _vector('torque', torque))
-
-    def is_zero(self) -> bool:
-        """
-        Whether it does nothing.
-        """
-        return not (self.force.any() or self.torque.any())
-
-    def same(self, other: 'Wrench') -> bool:
-        """
-        Whether both have the same values.
-        """
-        return bool((self.force == other.force).all() and (self.torque == other.torque).all())
-
-
-class Event(NamedTuple):
-    """
-    A wrench that begins, or (`wrench` None) the end of its hold time.
-    """
-
-    time: float
-    rank: int  # at one time, holds end before wrenches begin
-    sequence: int
-    key: Key
-    wrench: Wrench | None
 
 
 class Inputs:
@@ -68,7 +31,7 @@ class Inputs:
 
     def __init__(self, scene: Scene) -> None:
         """
-        Start with the scene's own steady loads.
+        Start with the scene's own loads.
         """
         self.scene = scene
         self.active: dict[Key, Wrench] = {}
@@ -77,21 +40,65 @@ class Inputs:
         self.queue: list[Event] = []
         # What the loads are made of that were packed last.
         self.packed: dict[Key, Wrench] = {}
+        # Which pieces of the profiles they followed.
+        self._packed_pieces: dict[str, int] = {}
         self._sequence = 0
-        self.reset()
+        profiles = {
+            **{name: channel.profile for name, channel in scene.loads.items()},
+            **{_traction(name): part.profile for name, part in scene.tractions.items()}}
+        self.timetable = Timetable(profiles)
+        self._varying = any(not profile.is_plain for profile in profiles.values()) or any(
+            wrench.normal.any() for part in scene.tractions.values() for wrench in part.wrenches)
+        self.reset(0.0)
 
-    def reset(self) -> None:
+    def reset(self, time: float) -> None:
         """
-        Forget all that was received.
+        Forget all that was received; what the scene does itself begins anew at `time` [s].
         """
         self.queue.clear()
         self.expiry.clear()
         self.received.clear()
-        self.active = {
-            name: Wrench(channel.force, channel.torque)
-            for name, channel in self.scene.loads.items()
-            if channel.force.any() or channel.torque.any()
-        }
+        self.active.clear()
+        self._begin(time, time)
+
+    def _begin(self, epoch: float, now: float) -> None:
+        """
+        Let the scene's own loads act where nothing was received in their place.
+        """
+        self.timetable.begin(epoch, now)
+        for name in self.scene.loads:
+            self._follow(name)
+
+    def _follow(self, name: str) -> bool:
+        """
+        Put the scene's own load on a channel, or take it off; whether that changes anything.
+        """
+        channel = self.scene.loads[name]
+        if name in self.received or not (channel.force.any() or channel.torque.any()):
+            return False
+        if self.timetable.piece(name).is_zero:
+            self.active.pop(name, None)
+        else:
+            self.active[name] = Wrench(channel.force, channel.torque)
+        return True
+
+    @property
+    def next_time(self) -> float:
+        """
+        Time [s] at which something changes next; infinite where nothing will.
+        """
+        due = self.queue[0].time if self.queue else math.inf
+        return min(due, self.timetable.next_time)
+
+    def apply_next(self) -> bool:
+        """
+        Let that happen; returns whether anything changed for the bodies.
+        """
+        if self.timetable.next_time > self.next_time:
+            return self.apply(self.take())
+        changes = [
+            name not in self.scene.loads or self._follow(name) for name in self.timetable.turn()]
+        return any(changes)
 
     def require_channel(self, name: str) -> None:
         """
@@ -113,16 +120,20 @@ class Inputs:
                 f'there is no body {body}; bodies are 0 to {self.scene.body_count - 1}'
             )
 
-    def adopt(self, other: 'Inputs') -> None:
+    def adopt(self, other: 'Inputs', now: float, *, anew: bool) -> None:
         """
-        Take over what still makes sense from the inputs of an earlier scene.
+        Take over what still makes sense from the inputs of an earlier scene, at time `now` [s].
+
+        `anew`: what the scene does itself begins now; else it goes on.
         """
 
         def known(key: Key) -> bool:
             return key < self.scene.body_count if isinstance(key, int) else key in self.scene.loads
 
-        # What was received goes on, also that it was cleared; other steady loads are the scene's.
+        # What was received goes on, also that it was cleared; other loads are the scene's.
         self.received = {key for key in other.received if known(key)}
+        self.active.clear()
+        self._begin(now if anew else other.timetable.epoch, now)
         for key in self.received:
             if key in other.active:
                 self.active[key] = other.active[key]
@@ -169,30 +180,51 @@ class Inputs:
         Rows for the kernels of what acts now.
         """
         self.packed = dict(self.active)
+        self._packed_pieces = {
+            name: number for name, number in self.timetable.numbers.items()
+            if name not in self.received}
         return self.pack_again(layout, stages=stages)
 
     def pack_again(self, layout: Layout, *, stages: int = 0) -> Loads:
         """
-        The rows that were packed last: channels by name, then single bodies by number.
+        The rows that were packed last: channels by name, single bodies by number, tractions.
         """
         rows = []
         for key in _in_order(self.packed):
-            wrench = self.packed[key]
-            if isinstance(key, int):
-                rows.append((np.array([key], np.int32), True, wrench.force, wrench.torque, _ZERO))
-                continue
-            channel = self.scene.loads[key]
-            part = len(channel.bodies) if channel.total else 1
-            rows.append(
-                (
-                    channel.bodies,
-                    channel.in_body_axes,
-                    wrench.force / part,
-                    wrench.torque / part,
-                    channel.point,
-                )
-            )
-        return pack_loads(rows, layout, stages=stages)
+            piece = self._piece(key) if key in self._packed_pieces else STEADY.pieces[0]
+            rows.append(self._row(key, self.packed[key], piece))
+        for name, part in self.scene.tractions.items():
+            piece = self._piece(_traction(name))
+            if not piece.is_zero:
+                rows += [WrenchRow(*wrench[:-1], piece, wrench.normal) for wrench in part.wrenches]
+        return pack_loads(rows, layout, stages=stages, varying=self._varying)
+
+    def pack_strongest(self, layout: Layout) -> Loads:
+        """
+        Rows of all that the scene does itself, each at its strongest, as if at one time.
+        """
+        rows = [
+            self._row(name, Wrench(channel.force, channel.torque), channel.profile.strongest)
+            for name, channel in self.scene.loads.items()]
+        for part in self.scene.tractions.values():
+            strongest = part.profile.strongest
+            rows += [WrenchRow(*wrench[:-1], strongest, wrench.normal) for wrench in part.wrenches]
+        return pack_loads(rows, layout, varying=self._varying)
+
+    def _piece(self, name: Any) -> Piece:
+        """
+        The piece of a profile that ruled when the loads were packed last.
+        """
+        return self.timetable.piece(name, self._packed_pieces.get(name))
+
+    def _row(self, key: Key, wrench: Wrench, piece: Piece) -> WrenchRow:
+        if isinstance(key, int):
+            return WrenchRow(np.array([key], np.int32), True, *wrench, piece=piece)
+        channel = self.scene.loads[key]
+        part = len(channel.bodies) if channel.total else 1
+        return WrenchRow(
+            channel.bodies, channel.in_body_axes, wrench.force / part, wrench.torque / part,
+            channel.point, piece)
 
     def take(self) -> Event:
         """
@@ -213,12 +245,16 @@ class Inputs:
             'expiry': [[key, self.expiry[key]] for key in _in_order(self.expiry)],
             'received': _in_order(dict.fromkeys(self.received)),
             'queue': queue,
+            'timetable': self.timetable.memory(),
+            'packed_pieces': [list(item) for item in sorted(self._packed_pieces.items())],
         }
 
     def recall(self, memory: Memory, now: float) -> None:
         """
         Go on from there; nothing is to come before `now` [s].
         """
+        self.timetable.recall(memory.part('timetable'), now)
+        pieces = self.timetable.known_numbers(memory.entries('packed_pieces'))
         active, packed = (self._wrenches(memory.entries(name)) for name in ('active', 'packed'))
         expiry: dict[Key, float] = {}
         for entry in memory.entries('expiry'):
@@ -234,6 +270,7 @@ class Inputs:
             queue.append(Event(_moment(time, now), rank, number, self._known(key), wrench))
         heapq.heapify(queue)
         self.active, self.packed, self.expiry = active, packed, expiry
+        self._packed_pieces = pieces
         self.received, self.queue, self._sequence = received, queue, len(queue)
 
     @property
@@ -261,6 +298,13 @@ class Inputs:
         return key
 
 
+def _traction(name: str) -> str:
+    """
+    What a traction is called among the profiles: no channel has a dot in its name.
+    """
+    return f'tractions.{name}'
+
+
 def _in_order(keys: Mapping[Key, Any]) -> list[Key]:
     return sorted(keys, key=lambda key: (isinstance(key, int), key))
 
@@ -284,13 +328,3 @@ def _moment(time: Any, now: float) -> float:
     if number is None or not now <= number < math.inf:
         raise ValueError(f'inputs hold a time before {now!r} s, or none: {time!r:.40}')
     return number
-
-
-def _vector(name: str, value: Vector) -> np.ndarray:
-    try:
-        vector = np.array(value, dtype=float)
-    except (TypeError, ValueError, OverflowError):
-        vector = np.zeros(0)
-    if vector.shape != (3,) or not np.isfinite(vector).all():
-        raise ValueError(f'{name} must be three finite numbers, got {value!r:.200}')
-    return vector

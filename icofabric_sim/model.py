@@ -6,16 +6,35 @@ Packs a scene into the constants that kernels take.
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from icofabric_sim.kernels.lanes import LANES
-from icofabric_sim.kernels.records import Connectors, Loads, Model
+from icofabric_sim.kernels.records import Connectors, Loads, Model, Varying
 from icofabric_sim.kernels.records import Supports as PackedSupports
 from icofabric_sim.layout import aligned_empty, Layout, make_layout, make_links
+from icofabric_sim.profiles import Piece, STEADY
 from icofabric_sim.scene import Scene
 import numpy as np
 
 # Runge-Kutta methods hold 1.7 kB more for each body: larger fabrics are not offered them.
 _LARGEST_WILD = 50_000
+
+
+_ZERO = np.zeros(3)
+
+
+class WrenchRow(NamedTuple):
+    """
+    A wrench on some bodies, and what it is multiplied by.
+    """
+
+    bodies: np.ndarray  # (m,) int32
+    in_body_axes: bool
+    force: np.ndarray  # (3,) [N]
+    torque: np.ndarray  # (3,) [N m]
+    point: np.ndarray = _ZERO  # (3,) [m], body axes
+    piece: Piece = STEADY.pieces[0]  # at times of the run
+    normal: np.ndarray = _ZERO  # (3,) body axes: only the part of the force along it acts
 
 
 @dataclass(frozen=True)
@@ -62,24 +81,25 @@ def pack_scene(scene: Scene, *, cosines: bool = False) -> PackedScene:
 
 
 def pack_loads(
-    rows: Iterable[tuple[np.ndarray, bool, np.ndarray, np.ndarray, np.ndarray]],
+    rows: Iterable[WrenchRow],
     layout: Layout,
     *,
     stages: int = 0,
+    varying: bool = False,
 ) -> Loads:
     """
-    Wrenches as (bodies, in body axes, force, torque, point): a row for every block they act on.
+    Wrenches for the kernels: a row for every block they act on.
 
     In the order of the blocks; those of one block in the order given. `stages`: slopes of a
-    Runge-Kutta step.
+    Runge-Kutta step; `varying`: with factors that are neither 0 nor 1, or with normals.
     """
     parts = list(rows)
     count = len(layout.blocks.slot)
     blocks, wrenches = [np.zeros(0, np.int32)], [np.zeros(0, np.int32)]
     lanes = [np.zeros(0, np.uint8)]
-    for number, (bodies, *_) in enumerate(parts):
-        block, bits = layout.block_of(bodies), np.zeros(count, np.uint8)
-        np.bitwise_or.at(bits, block, (1 << layout.slot[bodies] % LANES).astype(np.uint8))
+    for number, part in enumerate(parts):
+        block, bits = layout.block_of(part.bodies), np.zeros(count, np.uint8)
+        np.bitwise_or.at(bits, block, (1 << layout.slot[part.bodies] % LANES).astype(np.uint8))
         own = np.flatnonzero(bits).astype(np.int32)
         blocks.append(own)
         lanes.append(bits[own])
@@ -89,8 +109,8 @@ def pack_loads(
     start = np.zeros(count + 1, np.int32)
     np.cumsum(np.bincount(block, minlength=count), out=start[1:])
 
-    def column(number: int) -> np.ndarray:
-        return np.array([part[number] for part in parts], dtype=float).reshape(-1, 3)
+    def column(field: str) -> np.ndarray:
+        return np.array([getattr(part, field) for part in parts], dtype=float).reshape(-1, 3)
 
     def room(*rows: int) -> np.ndarray:
         array = aligned_empty((*rows, LANES * len(block)))
@@ -101,14 +121,21 @@ def pack_loads(
         start=start,
         wrench=np.concatenate(wrenches)[order],
         lanes=np.concatenate(lanes)[order],
-        turning=np.array([255 if part[1] else 0 for part in parts], dtype=np.uint8),
-        force=column(2),
-        torque=column(3),
-        point=column(4),
+        turning=np.array([255 if part.in_body_axes else 0 for part in parts], dtype=np.uint8),
+        force=column('force'),
+        torque=column('torque'),
+        point=column('point'),
         work=room(),
         earlier_work=room(),
         power=room(stages),
+        varying=_varying(parts, column('normal')) if varying else None,
     )
+
+
+def _varying(parts: list[WrenchRow], normal: np.ndarray) -> Varying:
+    pieces = np.array([part.piece for part in parts], dtype=float).reshape(-1, len(Piece._fields))
+    start, value, slope, height, rate, peak = np.ascontiguousarray(pieces.T)
+    return Varying(start, value, slope, height, rate, peak, normal)
 
 
 def acting_lanes(loads: Loads) -> tuple[np.ndarray, np.ndarray]:
@@ -133,10 +160,16 @@ def load_rate(loads: Loads | None, model: Model, size: float) -> float:
         moment = np.linalg.norm(loads.torque, axis=1)
         moment += np.linalg.norm(loads.point, axis=1) * force
         square = force * (model.inverse_mass / size) + moment * model.inverse_inertia
+        if loads.varying is not None:
+            square *= loads.varying.peak
         block = np.repeat(np.arange(len(loads.start) - 1), np.diff(loads.start))
         row, lane = acting_lanes(loads)
         largest = np.bincount(LANES * block[row] + lane, square[loads.wrench[row]]).max()
-    return float(np.sqrt(largest)) if largest < np.inf else np.inf
+    if not largest < np.inf:
+        return np.inf
+    # A step must also follow the factor itself.
+    own = 0.0 if loads.varying is None else float(loads.varying.rate.max())
+    return max(float(np.sqrt(largest)), own)
 
 
 def expected_liveliness(

@@ -13,7 +13,7 @@ def ready_scenes() -> dict[str, Path]:
     """
     Name and parameter file of every ready scene, by name; empty where none is installed.
     """
-    for folder in _folders():
+    for folder in scene_folders():
         found = {path.stem: path for path in sorted(folder.glob('*.yaml'))}
         if found:
             return found
@@ -40,7 +40,7 @@ def find_scene(scene: str) -> Path:
     return path
 
 
-def _folders() -> list[Path]:
+def scene_folders() -> list[Path]:
     """
     Places to look in, the source tree first.
 

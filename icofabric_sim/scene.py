@@ -15,12 +15,16 @@ from typing import Any, NamedTuple
 from icofabric_sim import initial, selectors
 from icofabric_sim.available_memory import available_memory
 from icofabric_sim.connector_laws import between, ConnectorLaws, make_laws
+from icofabric_sim.faces import check_faces
 from icofabric_sim.icosahedron import edge_midpoints
+from icofabric_sim.load_channels import LoadChannel, make_channels
 from icofabric_sim.parameter_file import load_parameter_file
 from icofabric_sim.parameter_text import flatten_parameters
 from icofabric_sim.parameters import make_parameters, ParameterError, Parameters
+from icofabric_sim.profiles import check_profile
 from icofabric_sim.region import make_region
 from icofabric_sim.shell import Shell
+from icofabric_sim.tractions import make_traction, polynomial, Traction
 from icofabric_sim.weave import build_weave, estimate_weave, Weave
 from icofabric_sim.weave_geometry import geometry_from_angle, geometry_from_length, WeaveGeometry
 import numpy as np
@@ -80,23 +84,6 @@ class Supports(NamedTuple):
     rotation: np.ndarray  # (n,) bool
 
 
-class LoadChannel(NamedTuple):
-    """
-    A wrench channel `loads.NAME`.
-
-    `force` and `torque` act from the start until a wrench replaces them.
-    """
-
-    name: str
-    bodies: np.ndarray  # int32 body numbers
-    in_body_axes: bool
-    point: np.ndarray  # (3,) [m], body axes, from the centre
-    hold: float  # [s], 0: until replaced
-    total: bool  # the wrench is shared out among the bodies
-    force: np.ndarray  # (3,) [N]
-    torque: np.ndarray  # (3,) [N m]
-
-
 @dataclass(frozen=True)
 class Scene:
     """
@@ -113,6 +100,7 @@ class Scene:
     groups: Mapping[str, np.ndarray]
     supports: Supports | None
     loads: Mapping[str, LoadChannel]
+    tractions: Mapping[str, Traction]
     initial: initial.InitialState
 
     @classmethod
@@ -161,7 +149,12 @@ class Scene:
             ),
             groups=groups,
             supports=supports,
-            loads=_loads(checked, groups),
+            loads=make_channels(checked, groups),
+            tractions={
+                name: make_traction(
+                    checked, name, groups[checked[f'tractions.{name}.group']], position,
+                    orientation, geometry)
+                for name in checked.names('tractions')},
             initial=initial.make_initial_state(checked, position, orientation, groups, supports),
         )
 
@@ -218,11 +211,18 @@ def check_parameters(parameters: Parameters) -> tuple[Shell, WeaveGeometry]:
         selectors.check_syntax(f'groups.{name}', parameters[f'groups.{name}'])
     for name in parameters.names('connector_groups'):
         between(parameters, name)
-    for family in ('supports', 'loads', 'initial'):
+    for family in ('supports', 'loads', 'tractions', 'initial'):
         for name in parameters.names(family):
             _check_group(parameters, f'{family}.{name}.group')
     for name in parameters.names('supports'):
         _fixed(parameters, name)
+    for family in ('loads', 'tractions'):
+        for name in parameters.names(family):
+            check_profile(parameters, f'{family}.{name}')
+    for name in parameters.names('tractions'):
+        check_faces(f'tractions.{name}.faces', parameters[f'tractions.{name}.faces'])
+        key = f'tractions.{name}.variation'
+        polynomial(key, parameters[key])
     for name in parameters.names('bodies'):
         initial.unit_quaternion(f'bodies.{name}.orientation', parameters)
     return shell, geometry
@@ -354,23 +354,3 @@ def _supports(
             supports.translation[bodies, axis] |= word in fixed
         supports.rotation[bodies] |= 'rotation' in fixed
     return supports
-
-
-def _loads(parameters: Parameters, groups: Mapping[str, np.ndarray]) -> dict[str, LoadChannel]:
-    loads = {}
-    for name in parameters.names('loads'):
-
-        def field(key: str, name: str = name) -> Any:
-            return parameters[f'loads.{name}.{key}']
-
-        loads[name] = LoadChannel(
-            name=name,
-            bodies=groups[field('group')],
-            in_body_axes=field('frame') == 'body',
-            point=np.array(field('point')),
-            hold=field('hold'),
-            total=field('share') == 'total',
-            force=np.array(field('force')),
-            torque=np.array(field('torque')),
-        )
-    return loads

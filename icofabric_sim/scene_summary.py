@@ -80,6 +80,8 @@ def describe_scene(scene: Scene) -> list[Row]:
         for name in parameters.names('supports')
     ))  # fmt: skip
     rows += _several('loads', (_load(scene, name) for name in scene.loads))
+    if scene.tractions:
+        rows += _several('tractions', (_traction(scene, name) for name in scene.tractions))
     rows += _several('initial', (
         f'{name}: {_group(scene, f"initial.{name}")}{_initial(scene, name)}'
         for name in parameters.names('initial')
@@ -155,8 +157,33 @@ def _load(scene: Scene, name: str) -> str:
     share = 'shared out' if load.total else 'on each body'
     text = f'{name}: ~/loads/{name} on {_group(scene, f"loads.{name}")}, {frame}, {share}'
     if load.force.any() or load.torque.any():
-        text += f'; from the start {vector(load.force, "N")}, {vector(load.torque, "N m")}'
+        text += (
+            f'; {_profile(scene, f"loads.{name}")} {vector(load.force, "N")}, '
+            f'{vector(load.torque, "N m")}')
     return text
+
+
+def _profile(scene: Scene, prefix: str) -> str:
+    kind, start, duration = (
+        scene.parameters[f'{prefix}.{field}'] for field in ('profile', 'start', 'duration'))
+    begin = f'from {start:g} s on' if start > 0.0 else 'from the start'
+    text = begin if kind == 'steady' else f'{begin} as {kind}'
+    return f'{text}, for {duration:g} s,' if duration > 0.0 else text
+
+
+def _traction(scene: Scene, name: str) -> str:
+    prefix = f'tractions.{name}'
+    pressure, shear, faces, direction = (
+        scene.parameters[f'{prefix}.{field}']
+        for field in ('pressure', 'shear', 'faces', 'direction'))
+    text = f'{name}: on {_group(scene, prefix)}, faces {faces}, {pressure:g} Pa'
+    if any(shear):
+        text += f', shear {vector(np.array(shear), "Pa")}'
+    if scene.parameters[f'{prefix}.variation'].strip():
+        text += ', varying over each face'
+    if scene.parameters[f'{prefix}.frictionless']:
+        text += ', frictionless'
+    return f'{text}, {direction}; {_profile(scene, prefix)}'
 
 
 def _initial(scene: Scene, name: str) -> str:

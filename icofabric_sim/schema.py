@@ -361,6 +361,25 @@ STATIC: tuple[Specification, ...] = (
     ),
 )
 
+_PROFILE = (
+    _s(
+        'profile',
+        'steady',
+        '',
+        'factor in time: steady, ramp (0 to 1, then held), half_sine (a pulse), or table FILE, a '
+        'CSV of time [s] and factor, straight in between, the last one held',
+    ),
+    _s('start', 0.0, 's', 'when it begins, after the motion began', minimum=0.0, maximum=_LONGEST),
+    _s(
+        'duration',
+        0.0,
+        's',
+        'of the ramp, the pulse, or the steady load; 0: steady for ever',
+        minimum=0.0,
+        maximum=_LONGEST,
+    ),
+)
+
 # Families: FAMILY.NAME.FIELD, any number of NAMEs. An empty field is FAMILY.NAME itself.
 FAMILIES: dict[str, tuple[Specification, ...]] = {
     'groups': (
@@ -396,11 +415,43 @@ FAMILIES: dict[str, tuple[Specification, ...]] = {
             'every body gets the wrench, or its n-th part',
             choices=('each', 'total'),
         ),
-        _s('force', _ZERO3, 'N', 'steady force of the scene itself'),
-        _s('torque', _ZERO3, 'N m', 'steady torque of the scene itself'),
-        _s('profile', 'steady', '', 'profile in time', **_NOT_BUILT),
-        _s('start', 0.0, 's', 'start of the profile', **_NOT_BUILT),
-        _s('duration', 0.0, 's', 'duration of the profile', **_NOT_BUILT),
+        _s('force', _ZERO3, 'N', 'force of the scene itself'),
+        _s('torque', _ZERO3, 'N m', 'torque of the scene itself'),
+        *_PROFILE,
+    ),
+    'tractions': (
+        _s('group', '', '', 'group that the surface forces act on', required=True),
+        _s(
+            'faces',
+            'exterior',
+            '',
+            'selector of faces: numbers K K ... (1 to 20), toward X Y Z, within ANGLE X Y Z, '
+            'exterior, all; joined by and, or, not',
+        ),
+        _s('pressure', 0.0, 'Pa', 'against the outward normal'),
+        _s(
+            'shear',
+            [0.0, 0.0],
+            'Pa',
+            "along the face's first side, from its first corner to its second, and across "
+            '(normal x that side)',
+        ),
+        _s(
+            'variation',
+            '',
+            '',
+            'coefficients of 1, l2, l3, l2^2, l2 l3, l3^2, ...: a polynomial in the face '
+            "coordinates (eq 35) that multiplies pressure and shear; '': 1",
+        ),
+        _s(
+            'direction',
+            'follower',
+            '',
+            'turns with the body, or keeps the world direction that it has as woven',
+            choices=('follower', 'fixed'),
+        ),
+        _s('frictionless', False, '', 'only the part along the normal of a face acts'),
+        *_PROFILE,
     ),
     'initial': (
         _s('group', '', '', 'group that starts away from rest', required=True),
@@ -418,6 +469,6 @@ FAMILIES: dict[str, tuple[Specification, ...]] = {
 }
 
 # Families of the contract whose effect is not built yet: refused by name, whatever their fields.
-UNBUILT_FAMILIES = ('drives', 'anchors', 'tractions', 'planes')
+UNBUILT_FAMILIES = ('drives', 'anchors', 'planes')
 
 BY_NAME: dict[str, Specification] = {entry.name: entry for entry in STATIC}

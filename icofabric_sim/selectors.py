@@ -39,7 +39,7 @@ def select(name: str, text: str, bodies: Bodies) -> np.ndarray:
     words = text.split()
     if not words:
         raise ParameterError(name, f'{name} is an empty selector; {_HELP}')
-    parser = _Parser(name, text, words, bodies)
+    parser = Parser(name, text, words, bodies)
     mask = parser.any_of()
     if parser.at < len(words):
         parser.fail(f'{words[parser.at]!r} is not expected there')
@@ -59,7 +59,7 @@ def check_syntax(name: str, text: str) -> None:
     words = text.split()
     if not words:
         raise ParameterError(name, f'{name} is an empty selector; {_HELP}')
-    parser = _Parser(name, text, words, None)
+    parser = Parser(name, text, words, None)
     parser.any_of()
     if parser.at < len(words):
         parser.fail(f'{words[parser.at]!r} is not expected there')
@@ -75,10 +75,12 @@ def _extent(bodies: Bodies) -> str:
     )
 
 
-class _Parser:
+class Parser:
     """
     Recursive descent: any_of > all_of > one; `not` binds closest, `or` loosest.
     """
+
+    help = _HELP
 
     def __init__(self, name: str, text: str, words: list[str], bodies: Bodies | None) -> None:
         self.name, self.text, self.words, self.bodies = name, text, words, bodies
@@ -86,7 +88,7 @@ class _Parser:
 
     def fail(self, why: str) -> NoReturn:
         raise ParameterError(
-            self.name, f'{self.name}: cannot read the selector {self.text!r}: {why}; {_HELP}'
+            self.name, f'{self.name}: cannot read the selector {self.text!r}: {why}; {self.help}'
         )
 
     def next_is(self, word: str) -> bool:
@@ -119,8 +121,12 @@ class _Parser:
             self.fail('it ends too early')
         word = self.words[self.at]
         self.at += 1
-        if word == 'all':
-            return self.true()
+        return self.true() if word == 'all' else self.atom(word)
+
+    def atom(self, word: str) -> np.ndarray:
+        """
+        What a word that is none of the common ones selects, with the words after it.
+        """
         if word in _EXTREMES:
             return self.extreme(*_EXTREMES[word])
         if word in _GRID:
@@ -176,7 +182,7 @@ class _Parser:
             except ValueError:
                 self.fail(f'{word!r} is not a number')
         if len(values) < count or not np.isfinite(values).all():
-            self.fail(f'{count} finite numbers [m] are needed')
+            self.fail(f'{count} finite numbers are needed')
         self.at += count
         return values
 

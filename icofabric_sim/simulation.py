@@ -266,7 +266,7 @@ class Simulation:
                     f'a reset cannot be at {time!r} s: the time is {self.time!r} s; '
                     'reset_time() goes back to the start')
             self._course.time = float(time)
-        self._inputs.reset()
+        self._inputs.reset(self._course.time)
         self._jump(self.scene.initial)
 
     def reset_time(self) -> None:
@@ -289,7 +289,7 @@ class Simulation:
                 f'the motion of {previous.scene.body_count} bodies cannot go on with '
                 f'{self.scene.body_count}'
             )
-        self._inputs.adopt(previous._inputs)
+        self._inputs.adopt(previous._inputs, previous.time, anew=not keep_motion)
         if keep_motion:
             if self._stepper.watch is not None:
                 # The same motion: what was said once is not said again.

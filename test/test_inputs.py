@@ -279,13 +279,13 @@ def test_inputs_go_over_to_a_changed_scene():
             {'groups.tip': 'ids 0', 'loads.tip.group': 'tip', 'loads.tip.force': [2.0, 0.0, 0.0]},
         )
     )
-    smaller.adopt(inputs)
+    smaller.adopt(inputs, 0.0, anew=False)
     # Neither the channel 'two' nor body 5 exist any more; the scene's own load is the new one.
     assert set(smaller.active) == {'tip'}
     assert smaller.active['tip'].force[0] == 2.0
     assert [event.key for event in smaller.queue] == [1]
     again = Inputs(changed(scene, {'gravity': [0.0, 0.0, -1.0]}))
-    again.adopt(inputs)
+    again.adopt(inputs, 0.0, anew=False)
     assert set(again.active) == {'tip', 'two', 5}
 
 
@@ -295,5 +295,5 @@ def test_cleared_load_stays_cleared_in_a_changed_scene():
     simulation.apply_wrench('tip')
     assert not simulation.active_loads
     again = Inputs(changed(scene, {'gravity': [0.0, 0.0, -1.0]}))
-    again.adopt(simulation._inputs)
+    again.adopt(simulation._inputs, 0.0, anew=False)
     assert not again.active

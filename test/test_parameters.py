@@ -16,6 +16,7 @@ MEMBERS = {
     'connector_groups': {'connector_groups.m.between': 'all all'},
     'supports': {'supports.m.group': 'all'},
     'loads': {'loads.m.group': 'all'},
+    'tractions': {'tractions.m.group': 'all'},
     'initial': {'initial.m.group': 'all'},
     'bodies': {'bodies.m.position': [9.0, 9.0, 9.0]},
 }

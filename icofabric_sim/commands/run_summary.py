@@ -154,8 +154,9 @@ def _balance(simulation: Simulation) -> str:
 
 
 def _loads_act(simulation: Simulation) -> bool:
-    return any(
-        load.force.any() or load.torque.any() for load in simulation.scene.loads.values())
+    scene = simulation.scene
+    return bool(scene.tractions) or any(
+        load.force.any() or load.torque.any() for load in scene.loads.values())
 
 
 def _momenta(simulation: Simulation, monitor: RunMonitor) -> list[Row]:

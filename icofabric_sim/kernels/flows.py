@@ -34,7 +34,7 @@ def drift(
         s = model.blocks.slot[block]
         if loads is not None:
             for m in range(loads.start[block], loads.start[block + 1]):
-                work_load(loads, state, m, s, h)
+                work_load(loads, state, m, s, time, h)
         for k in range(3):
             store(state.position, k, s, fma(
                 step, load(state.linear_velocity, k, s), load(state.position, k, s)))
@@ -83,12 +83,12 @@ def push(
         kick(state, a, h, s)
         if loads is not None:
             for m in range(loads.start[block], loads.start[block + 1]):
-                kick_load(model, loads, state, m, s, h)
+                kick_load(model, loads, state, m, s, time, h)
         if again != 0.0:
             kick(state, a, again, s)
             if loads is not None:
                 for m in range(loads.start[block], loads.start[block + 1]):
-                    kick_load(model, loads, state, m, s, again)
+                    kick_load(model, loads, state, m, s, time, again)
         if keep:
             for k in range(3):
                 store(work.acceleration, k, s, a[k])
@@ -112,7 +112,7 @@ def push_kept(
         kick(state, a, h, s)
         if loads is not None:
             for m in range(loads.start[block], loads.start[block + 1]):
-                kick_load(model, loads, state, m, s, h)
+                kick_load(model, loads, state, m, s, time, h)
 
 
 @compiled

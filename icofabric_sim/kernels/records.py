@@ -76,6 +76,23 @@ class Supports(NamedTuple):
     inverse_inertia: np.ndarray  # (1, s) [1/(kg m^2)]
 
 
+class Varying(NamedTuple):
+    """
+    What changes the wrenches of a scene in time, or with the orientation of their bodies.
+
+    A wrench is multiplied by s(t) = value + slope (t - start) + height sin(rate (t - start)).
+    """
+
+    start: np.ndarray  # (w,) [s]
+    value: np.ndarray  # (w,)
+    slope: np.ndarray  # (w,) [1/s]
+    height: np.ndarray  # (w,)
+    rate: np.ndarray  # (w,) [rad/s]
+    peak: np.ndarray  # (w,) the largest |s|; not for kernels
+    # (w, 3) body axes: of the force only the part along it acts; zero: all of it.
+    normal: np.ndarray
+
+
 class Loads(NamedTuple):
     """
     Wrenches, each on any number of bodies: a row for every block that it acts on.
@@ -92,6 +109,7 @@ class Loads(NamedTuple):
     earlier_work: np.ndarray  # (m LANES,) [J] the same when the step in progress began
     # (16, m LANES) [W] at the stages of a Runge-Kutta step; no rows for others
     power: np.ndarray
+    varying: Varying | None
 
 
 class Model(NamedTuple):

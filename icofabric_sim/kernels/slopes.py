@@ -23,7 +23,7 @@ from icofabric_sim.kernels.lanes import (
     store_at,
     where,
 )
-from icofabric_sim.kernels.loads import kick_load, wrench_of
+from icofabric_sim.kernels.loads import factor_of, kick_load, wrench_of
 from icofabric_sim.kernels.monitor import rows_of
 from icofabric_sim.kernels.records import Loads, Model, State, Work
 from icofabric_sim.kernels.rotations import orthonormalise
@@ -64,8 +64,8 @@ def find_slopes(
             store(angular, k, s, a[k + 3])
         if loads is not None:
             for m in range(loads.start[block], loads.start[block + 1]):
-                kick_load(model, loads, kicked, m, s, 1.0)
-                note_power(loads, state, m, s, index)
+                kick_load(model, loads, kicked, m, s, time, 1.0)
+                note_power(loads, state, m, s, time, index)
 
 
 @compiled
@@ -97,9 +97,11 @@ def turn_slopes(
 
 
 @compiled
-def note_power(loads: Loads, state: State, m: int, s: int, index: int) -> None:
+def note_power(
+    loads: Loads, state: State, m: int, s: int, time: float, index: int
+) -> None:
     """
-    Power [W] of row `m` of the loads on a block.
+    Power [W] of row `m` of the loads on a block at `time` [s].
     """
     force, torque = wrench_of(loads, state.orientation, loads.wrench[m], s)
     velocity, spin = state.linear_velocity, state.angular_velocity
@@ -107,6 +109,7 @@ def note_power(loads: Loads, state: State, m: int, s: int, index: int) -> None:
         force[1], load(velocity, 1, s), force[2] * load(velocity, 2, s)))
     power = fma(torque[0], load(spin, 0, s), fma(
         torque[1], load(spin, 1, s), fma(torque[2], load(spin, 2, s), power)))
+    power = splat(factor_of(loads.varying, loads.wrench[m], time)) * power
     store(loads.power, index, LANES * m, where(bits(loads.lanes[m]), power, splat(0.0)))
 
 

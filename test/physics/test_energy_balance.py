@@ -13,7 +13,7 @@ import icofabric_sim as ico
 from icofabric_sim.integrators.methods import METHODS
 from icofabric_sim.kernels import monitor
 from icofabric_sim.kernels.loads import work_load
-from icofabric_sim.model import pack_loads, pack_scene
+from icofabric_sim.model import pack_loads, pack_scene, WrenchRow
 from icofabric_sim.ready_scenes import ready_scenes
 import numpy as np
 import pytest
@@ -36,8 +36,8 @@ def work_of_drift(form, in_body_axes, spin, velocity, h, seed=0):
     state = packed_state(
         packed, generator.standard_normal((1, 3)), orientation, velocity[None], spin[None])
     loads = pack_loads(
-        [(np.zeros(1, np.int32), in_body_axes, force, torque, point)], packed.layout)
-    work_load(loads, state, 0, int(packed.layout.blocks.slot[0]), h)
+        [WrenchRow(np.zeros(1, np.int32), in_body_axes, force, torque, point)], packed.layout)
+    work_load(loads, state, 0, int(packed.layout.blocks.slot[0]), 0.0, h)
     powers = []
     for x in NODES:
         axes = axes_of(free_rotation(orientation, spin[None], x * h))[0]

@@ -1,0 +1,63 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+A wrench from outside, and the moment at which it begins or ends.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple, Self
+
+import numpy as np
+
+Key = str | int  # a channel by name, or a body by number
+Vector = Sequence[float] | np.ndarray
+
+
+class Wrench(NamedTuple):
+    """
+    A force and a torque on the axes of their channel.
+    """
+
+    force: np.ndarray  # (3,) [N]
+    torque: np.ndarray  # (3,) [N m]
+
+    @classmethod
+    def checked(cls, force: Vector, torque: Vector) -> Self:
+        """
+        Make a wrench of numbers from outside; ValueError says what is wrong with them.
+        """
+        return cls(_vector('force', force), _vector('torque', torque))
+
+    def is_zero(self) -> bool:
+        """
+        Whether it does nothing.
+        """
+        return not (self.force.any() or self.torque.any())
+
+    def same(self, other: 'Wrench') -> bool:
+        """
+        Whether both have the same values.
+        """
+        return bool((self.force == other.force).all() and (self.torque == other.torque).all())
+
+
+class Event(NamedTuple):
+    """
+    A wrench that begins, or (`wrench` None) the end of its hold time.
+    """
+
+    time: float
+    rank: int  # at one time, holds end before wrenches begin
+    sequence: int
+    key: Key
+    wrench: Wrench | None
+
+
+def _vector(name: str, value: Vector) -> np.ndarray:
+    try:
+        vector = np.array(value, dtype=float)
+    except (TypeError, ValueError, OverflowError):
+        vector = np.zeros(0)
+    if vector.shape != (3,) or not np.isfinite(vector).all():
+        raise ValueError(f'{name} must be three finite numbers, got {value!r:.200}')
+    return vector
