@@ -69,6 +69,28 @@ def make_laws(
     return laws
 
 
+def spread_over(
+    parameters: Parameters, name: str, groups: Mapping[str, np.ndarray], bodies: np.ndarray
+) -> np.ndarray:
+    """
+    Value of `connector.NAME` for every connector, (c,), or (1,) where no group has its own.
+
+    `connector_groups.*.NAME` counts where it is not negative.
+    """
+    value = parameters[f'connector.{name}']
+    said = {
+        group: parameters[f'connector_groups.{group}.{name}']
+        for group in parameters.names('connector_groups')}
+    said = {group: own for group, own in said.items() if not own < 0.0}
+    if not said:
+        return np.array([value])
+    values = np.full(len(bodies), value)
+    for group, own in said.items():
+        first, second = between(parameters, group)
+        values[connectors_between(groups[first], groups[second], bodies)] = own
+    return values
+
+
 def between(parameters: Parameters, name: str) -> tuple[str, str]:
     """
     The two groups that `connector_groups.NAME.between` names.

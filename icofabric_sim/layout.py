@@ -233,7 +233,9 @@ def make_links(
 
     Raises ValueError where connectors do not have the same direction at all bodies of a block.
     """
-    place = np.repeat(layout.blocks.slot[:, None], LINK_COUNT, axis=1)
+    # Where nothing is connected: the block's own edge across, which can be read.
+    across = np.repeat(np.arange(EDGE_COUNT) ^ 1, LINKS_PER_EDGE)
+    place = (layout.blocks.slot[:, None] + 3 * layout.slot_count * across).astype(np.int32)
     present = np.zeros(place.shape, np.uint8)
     block = layout.block_of(np.arange(layout.body_count, dtype=np.int32))
     if 18 * layout.slot_count > np.iinfo(np.int32).max:

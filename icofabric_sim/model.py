@@ -8,8 +8,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from icofabric_sim.connector_moments import pack_moments
 from icofabric_sim.kernels.lanes import LANES
-from icofabric_sim.kernels.records import Connectors, Loads, Model, Varying
+from icofabric_sim.kernels.records import Connectors, Loads, Model, Moments, Varying
 from icofabric_sim.kernels.records import Supports as PackedSupports
 from icofabric_sim.layout import aligned_empty, Layout, make_layout, make_links
 from icofabric_sim.profiles import Piece, STEADY
@@ -46,6 +47,7 @@ class PackedScene:
     model: Model
     layout: Layout
     connectors: Connectors | None
+    moments: Moments | None
 
 
 def pack_scene(scene: Scene, *, cosines: bool = False) -> PackedScene:
@@ -69,15 +71,18 @@ def pack_scene(scene: Scene, *, cosines: bool = False) -> PackedScene:
             layout.spread(np.where(scene.supports.translation, 0.0, 1.0 / mass)),
             layout.spread(np.where(scene.supports.rotation, 0.0, 1.0 / inertia)[:, None]),
         )
+    resisting = pack_moments(scene, layout, links)
     model = Model(
         inverse_mass=1.0 / mass,
         inverse_inertia=1.0 / inertia,
         gravity=gravity if gravity.any() else None,
         blocks=layout.blocks,
         links=links,
+        bending=resisting.bending,
+        twisting=resisting.twisting,
         supports=supports,
     )
-    return PackedScene(model, layout, connectors)
+    return PackedScene(model, layout, connectors, resisting.moments)
 
 
 def pack_loads(

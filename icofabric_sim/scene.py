@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 from icofabric_sim import initial, selectors
 from icofabric_sim.available_memory import available_memory
-from icofabric_sim.connector_laws import between, ConnectorLaws, make_laws
+from icofabric_sim.connector_laws import between, ConnectorLaws, make_laws, spread_over
 from icofabric_sim.faces import check_faces
 from icofabric_sim.icosahedron import edge_midpoints
 from icofabric_sim.load_channels import LoadChannel, make_channels
@@ -46,6 +46,8 @@ class SceneConnectors:
     edges: np.ndarray  # (c, 2) int8 codes, see icosahedron.NAMED_EDGES
     half_edge: float  # a [m]
     laws: ConnectorLaws
+    bending_stiffness: np.ndarray  # [N m/rad], (c,), or (1,) where all are alike
+    twisting_stiffness: np.ndarray
 
     @property
     def stiffness(self) -> float | np.ndarray:
@@ -146,6 +148,8 @@ class Scene:
                 weave.connector_edges,
                 geometry.half_edge,
                 make_laws(checked, geometry.connector_length, groups, weave.connector_bodies),
+                *(spread_over(checked, name, groups, weave.connector_bodies)
+                  for name in ('bending_stiffness', 'twisting_stiffness')),
             ),
             groups=groups,
             supports=supports,

@@ -133,7 +133,13 @@ def _springs(scene: Scene) -> str:
             f'{_range(laws.compression)} N/m in compression')
     text += f', natural length {_range(laws.natural_length)} m'
     strain = length / laws.natural_length - 1.0
-    return f'{text} (woven at a strain of {_range(100.0 * strain)} %)' if strain.any() else text
+    if strain.any():
+        text += f' (woven at a strain of {_range(100.0 * strain)} %)'
+    for name in ('bending', 'twisting'):
+        stiffness = getattr(scene.connectors, f'{name}_stiffness')
+        if stiffness.any():
+            text += f', against {name} {_range(stiffness)} N m/rad'
+    return text
 
 
 def _range(values: np.ndarray) -> str:

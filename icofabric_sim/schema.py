@@ -182,15 +182,15 @@ STATIC: tuple[Specification, ...] = (
         'connector.bending_stiffness',
         0.0,
         'N m/rad',
-        'restores the angle of attachment',
-        **_NOT_BUILT,
+        'restores the angle of attachment at each end, kappa_b (1 - cos)',
+        minimum=0.0,
     ),
     _s(
         'connector.twisting_stiffness',
         0.0,
         'N m/rad',
-        'restores the relative orientation',
-        **_NOT_BUILT,
+        'restores the relative orientation of the two bodies, kappa_t (1 - cos)',
+        minimum=0.0,
     ),
     _s('connector.obstruction', 'warn', '', 'a connector that enters its own shell', **_NOT_BUILT),
     _s(
@@ -398,6 +398,8 @@ FAMILIES: dict[str, tuple[Specification, ...]] = {
         _s('stiffness_extension', -1.0, 'N/m', 'k_e; negative: stiffness'),
         _s('stiffness_compression', -1.0, 'N/m', 'k_c; negative: stiffness'),
         _s('natural_length', 0.0, 'm', 'D; 0: as for all', minimum=0.0),
+        _s('bending_stiffness', -1.0, 'N m/rad', 'kappa_b; negative: as for all'),
+        _s('twisting_stiffness', -1.0, 'N m/rad', 'kappa_t; negative: as for all'),
     ),
     'supports': (
         _s('group', '', '', 'group that is held', required=True),

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
+from icofabric_sim.kernels.moments import moment_energy
 from icofabric_sim.kernels.outlines import fill_lengths, fill_lines
 from icofabric_sim.model import PackedScene
 import numpy as np
@@ -94,6 +95,9 @@ class Snapshot:
             else:
                 slope = np.where(stretch > 0.0, connectors.extension, connectors.compression)
                 energy['connectors'] = 0.5 * float((slope * stretch**2).sum())
+        if self.packed.moments is not None:
+            energy['connectors'] += moment_energy(
+                self.packed.moments, *self._frozen(), self.connector_ends)
         if model.gravity is not None:
             energy['gravity'] = -mass * float((self.position @ model.gravity).sum())
         energy['total'] = sum(energy.values())

@@ -54,7 +54,9 @@ def largest_frequency(
     bound is returned once they agree. `locate` also finds the bodies.
     """
     model, layout = packed.model, packed.layout
-    if model.links is None or not model.links.stiffness > 0.0:
+    if model.links is None or not (
+            model.links.stiffness > 0.0 or model.bending is not None
+            or model.twisting is not None):
         return Frequency(0.0, (), 0)
     count = layout.body_count
     start = start_vector(packed)
@@ -62,7 +64,7 @@ def largest_frequency(
         return Frequency(0.0, (), 0)
     work = layout.room(model.links)
     place_all(model, state, work, 0, len(layout.blocks.slot))
-    upper = frequency_bound(model, work)
+    upper = frequency_bound(model, state, work)
     if not math.isfinite(upper):
         # Numbers too large to multiply: nothing is safe.
         return Frequency(math.inf, (), 0)
@@ -70,6 +72,7 @@ def largest_frequency(
     every = _ITERATIONS if count <= _SMALL else _LARGE_ITERATIONS
     # Slots without a body are read too: they must hold numbers.
     moved, product = np.zeros_like(work.points), work.acceleration
+    turns = np.zeros((3, layout.slot_count))
     current: np.ndarray | None = start
     previous = np.zeros_like(start)
     largest = min(LARGEST_ITERATION_COUNT, 6 * count)
@@ -78,8 +81,8 @@ def largest_frequency(
     while done < largest:
         last = min(done + every, largest)
         lanczos_steps(
-            model, work.points, moved, previous, current, product, diagonal, off, done, last, None,
-            weights)
+            model, state, work.points, moved, turns, previous, current, product, diagonal, off,
+            done, last, None, weights)
         done = last
         ended = np.flatnonzero(~(off[:done] > 0.0))
         size = int(ended[0]) + 1 if len(ended) else done
@@ -97,8 +100,8 @@ def largest_frequency(
         current, previous = start_vector(packed), np.zeros_like(previous)
         assert current is not None
         lanczos_steps(
-            model, work.points, moved, previous, current, product, diagonal, off, 0, len(weights),
-            shape, weights)
+            model, state, work.points, moved, turns, previous, current, product, diagonal, off, 0,
+            len(weights), shape, weights)
         share = layout.gather(shape**2).sum(axis=1)
         bodies = tuple(int(b) for b in np.argsort(-share, kind='stable')[:4] if share[b] > 0.0)
     return Frequency(float(np.sqrt(max(value, 0.0))), bodies, done)
@@ -118,7 +121,8 @@ def hessian_product(
     vector = layout.spread(np.hstack([shift, turn]))
     product = np.zeros_like(vector)
     hessian_times(
-        model, work.points, np.zeros_like(work.points), 1.0, 1.0, None, vector, product)
+        model, state, work.points, np.zeros_like(work.points), np.zeros((3, layout.slot_count)),
+        1.0, 1.0, None, vector, product)
     result = layout.gather(product)
     return result[:, :3], result[:, 3:]
 

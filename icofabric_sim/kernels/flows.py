@@ -13,6 +13,7 @@ from icofabric_sim.kernels.compiled import compiled
 from icofabric_sim.kernels.connectors import add_connectors, Six
 from icofabric_sim.kernels.lanes import bits, fma, load, splat, store, where
 from icofabric_sim.kernels.loads import kick_load, work_load
+from icofabric_sim.kernels.moments import add_bending, add_twisting
 from icofabric_sim.kernels.records import Links, Loads, Model, State, Supports, Work
 from icofabric_sim.kernels.rotations import place_points, rotate
 import numpy as np
@@ -142,6 +143,9 @@ def accelerations(
     The gyroscopic term vanishes. Gravity is an acceleration and needs no detour over the mass.
     """
     force = add_connectors(model.links, points, state.position.shape[1], block, s)
+    force = add_bending(
+        model.bending, model.links, state.position, state.orientation, points, block, s, force)
+    force = add_twisting(model.twisting, model.links, state.orientation, block, s, force)
     return add_gravity(
         model.gravity, model.supports, model.blocks.alive[block], s,
         accelerate(model.supports, model.inverse_mass, model.inverse_inertia, force, s))

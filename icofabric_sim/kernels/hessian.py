@@ -25,8 +25,9 @@ from icofabric_sim.kernels.lanes import (
     Vector,
     where,
 )
+from icofabric_sim.kernels.moment_hessian import add_bending_product, add_twisting_product
 from icofabric_sim.kernels.monitor import sum_of_lanes
-from icofabric_sim.kernels.records import Links, Model, Supports, Variety
+from icofabric_sim.kernels.records import Links, Model, State, Supports, Variety
 import numpy as np
 
 _SMALLEST = 1e-300
@@ -173,25 +174,32 @@ def slope_and_pull(
 
 @compiled
 def hessian_times(
-    model: Model, points: np.ndarray, moved: np.ndarray, root_m: float, root_i: float,
-    supports: Supports | None, vector: np.ndarray, product: np.ndarray
+    model: Model, state: State, points: np.ndarray, moved: np.ndarray, turns: np.ndarray,
+    root_m: float, root_i: float, supports: Supports | None, vector: np.ndarray,
+    product: np.ndarray
 ) -> None:
     """
     M^-1/2 H M^-1/2 times a vector, (6, s) both; roots 1 and no supports: H itself.
 
-    `moved` is room for as many numbers as `points`.
+    `moved` is room for as many numbers as `points`, `turns` (3, s) for rotation vectors.
     """
     stride = vector.shape[1]
     count = model.blocks.slot.shape[0]
     for block in range(count):
         s = model.blocks.slot[block]
-        move_points(
-            points, stride, scaled_motion(supports, root_m, root_i, vector, s), moved, s)
+        motion = scaled_motion(supports, root_m, root_i, vector, s)
+        move_points(points, stride, motion, moved, s)
+        for k in range(3):
+            store(turns, k, s, motion[k + 3])
     for block in range(count):
         s = model.blocks.slot[block]
         motion = scaled_motion(supports, root_m, root_i, vector, s)
-        a, b, c, d, e, f = second_derivative(
-            model.links, points, moved, stride, motion, block, s)
+        total = second_derivative(model.links, points, moved, stride, motion, block, s)
+        total = add_bending_product(
+            model.bending, model.links, state.position, state.orientation, points, moved, turns,
+            block, s, total)
+        a, b, c, d, e, f = add_twisting_product(
+            model.twisting, model.links, state.orientation, turns, block, s, total)
         mx, my, mz, inertia = inverse_roots(supports, root_m, root_i, s)
         store(product, 0, s, a * mx)
         store(product, 1, s, b * my)
@@ -203,9 +211,9 @@ def hessian_times(
 
 @compiled
 def lanczos_steps(
-    model: Model, points: np.ndarray, moved: np.ndarray, previous: np.ndarray,
-    current: np.ndarray, product: np.ndarray, diagonal: np.ndarray, off: np.ndarray, first: int,
-    last: int, shape: np.ndarray | None, weights: np.ndarray
+    model: Model, state: State, points: np.ndarray, moved: np.ndarray, turns: np.ndarray,
+    previous: np.ndarray, current: np.ndarray, product: np.ndarray, diagonal: np.ndarray,
+    off: np.ndarray, first: int, last: int, shape: np.ndarray | None, weights: np.ndarray
 ) -> None:
     """
     Steps first to last of the three-term recurrence for M^-1/2 H M^-1/2.
@@ -218,7 +226,7 @@ def lanczos_steps(
     for step in range(first, last):
         add_shape(shape, weights, step, current)
         hessian_times(
-            model, points, moved, root_m, root_i, model.supports, current, product)
+            model, state, points, moved, turns, root_m, root_i, model.supports, current, product)
         alpha = dot(model, current, product)
         beta = off[step - 1] if step > 0 else 0.0
         square = subtract(model, alpha, current, beta, previous, product)

@@ -27,6 +27,7 @@ from icofabric_sim.kernels.lanes import (
     Vector,
     where,
 )
+from icofabric_sim.kernels.moment_bounds import bending_look, twisting_look
 from icofabric_sim.kernels.records import Links, Loads, Model, State, Variety, Watch, Work
 import numpy as np
 
@@ -195,16 +196,33 @@ def energy_part(
 
 
 @compiled
-def frequency_bound(model: Model, work: Work) -> float:
+def bound_and_energy(
+    model: Model, state: State, work: Work, block: int, s: int
+) -> tuple[Vector, Vector]:
+    """
+    Bound of the squared frequency [1/s^2] of each body of a block, and its stored energy [J].
+
+    Of a sum of energies: the sum of their bounds.
+    """
+    bound, energy = block_bound(
+        model.links, model.inverse_mass, model.inverse_inertia, work.points,
+        state.position.shape[1], block, s)
+    more, bent = bending_look(
+        model.bending, model.links, model.inverse_mass, model.inverse_inertia, state.position,
+        state.orientation, work.points, block, s)
+    most, twisted = twisting_look(
+        model.twisting, model.links, model.inverse_inertia, state.orientation, block, s)
+    return bound + more + most, energy + bent + twisted
+
+
+@compiled
+def frequency_bound(model: Model, state: State, work: Work) -> float:
     """
     Upper bound of the largest squared frequency [1/s^2] of the fabric, see `block_bound`.
     """
-    stride = work.acceleration.shape[1]
     largest = splat(0.0)
     for block in range(model.blocks.slot.shape[0]):
-        bound, _ = block_bound(
-            model.links, model.inverse_mass, model.inverse_inertia, work.points, stride, block,
-            model.blocks.slot[block])
+        bound, _ = bound_and_energy(model, state, work, block, model.blocks.slot[block])
         largest = maximum(bound, largest)
     return largest_lane(largest)
 
@@ -216,13 +234,11 @@ def examine(
     """
     Status bits of the state, and its figures into `ledger`; its attachment points are in place.
     """
-    stride = state.position.shape[1]
     zero = splat(0.0)
     largest, spin, linear, angular, stored, height = zero, zero, zero, zero, zero, zero
     for block in range(model.blocks.slot.shape[0]):
         s = model.blocks.slot[block]
-        bound, energy = block_bound(
-            model.links, model.inverse_mass, model.inverse_inertia, work.points, stride, block, s)
+        bound, energy = bound_and_energy(model, state, work, block, s)
         largest = maximum(bound, largest)
         stored = stored + energy
         square = zero

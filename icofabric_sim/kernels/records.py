@@ -67,6 +67,36 @@ class Links(NamedTuple):
     variety: Variety | None  # laws of their own
 
 
+class Bending(NamedTuple):
+    """
+    What resists a change of the angle between connectors and bodies, see kernels/moments.py.
+    """
+
+    stiffness: float  # kappa_b [N m/rad]; of many the largest
+    direction: np.ndarray  # (12, 3) where connectors point in the weave, unit vectors, body axes
+    variety: np.ndarray | None  # (12, s) [N m/rad] where not all are alike
+
+
+class Twisting(NamedTuple):
+    """
+    What resists rotations of two connected bodies against each other.
+    """
+
+    stiffness: float  # kappa_t [N m/rad]; of many the largest
+    variety: np.ndarray | None  # (12, s) [N m/rad] where not all are alike
+
+
+class Moments(NamedTuple):
+    """
+    The same connector by connector; stiffnesses have shape (c,), or (1,) for all alike.
+    """
+
+    bodies: np.ndarray  # (c, 2) int32
+    bending: np.ndarray  # [N m/rad]
+    twisting: np.ndarray  # [N m/rad]
+    direction: np.ndarray  # (c, 3) in the weave, from the first end, unit vectors, body axes
+
+
 class Supports(NamedTuple):
     """
     Inverse masses with held freedoms set to zero.
@@ -122,6 +152,8 @@ class Model(NamedTuple):
     gravity: np.ndarray | None  # (3,) [m/s^2]
     blocks: Blocks
     links: Links | None
+    bending: Bending | None
+    twisting: Twisting | None
     supports: Supports | None
 
 

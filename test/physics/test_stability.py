@@ -183,7 +183,7 @@ def test_bound_is_above_the_frequency_in_200_random_configurations():
         work = packed.layout.room(packed.model.links)
         state = packed_state(packed, position, orientation)
         place_all(packed.model, state, work, 0, len(packed.model.blocks.slot))
-        bound = monitor.frequency_bound(packed.model, work)
+        bound = monitor.frequency_bound(packed.model, state, work)
         ratios[amplitude].append(np.sqrt(bound) / exact_rate(scene, position, orientation))
     for amplitude, values in ratios.items():
         print(f'amplitude {amplitude}: bound / frequency {min(values):.3f} to {max(values):.3f}')

@@ -1,0 +1,90 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+Packs what connectors do beside pulling: moments against bending and twisting.
+"""
+
+from typing import NamedTuple
+
+from icofabric_sim.kernels.lanes import LANES
+from icofabric_sim.kernels.records import Bending, LINK_COUNT, Links, Moments, Twisting
+from icofabric_sim.layout import aligned_empty, Layout
+from icofabric_sim.scene import Scene
+from icofabric_sim.weave import fabric_orientation, rotation_matrix
+import numpy as np
+
+
+class PackedMoments(NamedTuple):
+    """
+    For the kernels of motion, and connector by connector; None where there are none.
+    """
+
+    bending: Bending | None
+    twisting: Twisting | None
+    moments: Moments | None
+
+
+def pack_moments(scene: Scene, layout: Layout, links: Links | None) -> PackedMoments:
+    """
+    Stiffnesses against moments, and the directions in which connectors leave woven bodies.
+    """
+    connectors = scene.connectors
+    kappa_b, kappa_t = connectors.bending_stiffness, connectors.twisting_stiffness
+    if links is None or not (kappa_b.any() or kappa_t.any()):
+        return PackedMoments(None, None, None)
+    ends = [_links_of(scene, layout, links, end) for end in range(2)]
+    moments = Moments(connectors.bodies, kappa_b, kappa_t, woven_directions(scene))
+    bending = twisting = None
+    if kappa_b.any():
+        direction = np.zeros((LINK_COUNT, 3))
+        for sign, link in zip((1.0, -1.0), ends):
+            # All bodies of a weave have the same orientation: one connector tells of all.
+            number, connector = np.unique(link, return_index=True)
+            direction[number] = sign * moments.direction[connector]
+        bending = Bending(
+            float(kappa_b.max()), direction, _variety(scene, layout, ends, kappa_b))
+    if kappa_t.any():
+        twisting = Twisting(float(kappa_t.max()), _variety(scene, layout, ends, kappa_t))
+    return PackedMoments(bending, twisting, moments)
+
+
+def woven_directions(scene: Scene) -> np.ndarray:
+    """
+    Unit vectors (c, 3) along the woven connectors from their first ends, in body axes.
+    """
+    weave, connectors = scene.weave, scene.connectors
+    first, second = connectors.bodies.T
+    fabric = rotation_matrix(fabric_orientation(weave.kind, scene.parameters['weave.azimuth']))
+    # From the fabric's axes to those that all bodies have in common.
+    to_body = rotation_matrix(weave.orientation).T @ fabric
+    span = ((weave.grid[second] - weave.grid[first]) * scene.geometry.pitch) @ to_body.T
+    span += connectors.points_body[:, 1] - connectors.points_body[:, 0]
+    return span / np.linalg.norm(span, axis=1, keepdims=True)
+
+
+def _links_of(scene: Scene, layout: Layout, links: Links, end: int) -> np.ndarray:
+    """
+    Link of each connector, (c,), at one of its ends: whose place is that of the other end.
+    """
+    own, other = scene.connectors.bodies[:, end], scene.connectors.bodies[:, 1 - end]
+    edge = scene.connectors.edges.astype(np.int64)
+    lane = layout.slot[own] % LANES
+    place = 3 * layout.slot_count * edge[:, 1 - end] + layout.slot[other] - lane
+    block, link = layout.block_of(own), 2 * edge[:, end]
+    here = (links.place[block, link] == place) & (links.present[block, link] >> lane & 1 == 1)
+    return np.where(here, link, link + 1)
+
+
+def _variety(
+    scene: Scene, layout: Layout, ends: list[np.ndarray], values: np.ndarray
+) -> np.ndarray | None:
+    """
+    Values of the connectors at each body, (12, s); None where all are alike.
+    """
+    if len(values) == 1:
+        return None
+    rows = aligned_empty((LINK_COUNT, layout.slot_count))
+    rows[:] = 0.0
+    for end, link in enumerate(ends):
+        rows[link, layout.slot[scene.connectors.bodies[:, end]]] = values
+    return rows

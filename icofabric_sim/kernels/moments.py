@@ -1,0 +1,244 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+Connectors that also resist bending at their ends, and twisting of their two bodies.
+
+Bending: kappa_b (1 - n . d) at each end, d the unit vector of the connector and n where it
+pointed in the woven fabric, fixed in the body. Twisting: kappa_t (1 - cos phi), phi the angle of
+the rotation of one body against the other since then, 1 - cos phi = (3 - tr Q) / 2. Both are
+smooth for any rotation but where a connector has no length, and like springs computed from either
+end with opposite forces.
+"""
+
+from icofabric_sim.kernels.compiled import compiled
+from icofabric_sim.kernels.connectors import Six
+from icofabric_sim.kernels.lanes import (
+    bits,
+    fma,
+    load,
+    load_at,
+    rsqrt,
+    splat,
+    Vector,
+    where,
+)
+from icofabric_sim.kernels.records import Bending, Links, Moments, Twisting
+import numpy as np
+
+# Squared lengths up to this have no direction, and nothing bends.
+_SMALLEST = 1e-300
+
+Three = tuple[Vector, Vector, Vector]
+# World components of the body axes x, y and z.
+Nine = tuple[Vector, Vector, Vector, Vector, Vector, Vector, Vector, Vector, Vector]
+
+
+@compiled
+def axes_of_lanes(orientation: np.ndarray, s: int) -> Nine:
+    """
+    World components of the body axes (eqs 16 and 26) of the block at slot `s`.
+    """
+    if orientation.ndim == 2:
+        x, y = load(orientation, 0, s), load(orientation, 1, s)
+        z, w = load(orientation, 2, s), load(orientation, 3, s)
+        one, two = splat(1.0), splat(2.0)
+        return (
+            one - two * fma(y, y, z * z), two * fma(x, y, w * z), two * (x * z - w * y),
+            two * (x * y - w * z), one - two * fma(x, x, z * z), two * fma(y, z, w * x),
+            two * fma(x, z, w * y), two * (y * z - w * x), one - two * fma(x, x, y * y))
+    else:
+        east, north, up = orientation[0], orientation[1], orientation[2]
+        return (
+            load(east, 0, s), load(east, 1, s), load(east, 2, s),
+            load(north, 0, s), load(north, 1, s), load(north, 2, s),
+            load(up, 0, s), load(up, 1, s), load(up, 2, s))
+
+
+@compiled
+def on_axes(axes: Nine, x: Vector, y: Vector, z: Vector) -> Three:
+    """
+    World components of a vector given on body axes.
+    """
+    return (
+        fma(x, axes[0], fma(y, axes[3], z * axes[6])),
+        fma(x, axes[1], fma(y, axes[4], z * axes[7])),
+        fma(x, axes[2], fma(y, axes[5], z * axes[8])))
+
+
+@compiled
+def partner_slot(links: Links, stride: int, block: int, link: int) -> int:
+    """
+    Slot of lane 0's partner: connectors end at the edge across from the one where they begin.
+    """
+    slot: int = links.place[block, link] - 3 * ((link >> 1) ^ 1) * stride
+    return slot
+
+
+@compiled
+def stiffness_of(
+    uniform: float, variety: np.ndarray | None, present: int, link: int, s: int
+) -> Vector:
+    """
+    Stiffness [N m/rad] of a connector against a moment, 0 where there is none.
+    """
+    if variety is None:
+        return where(bits(present), splat(uniform), splat(0.0))
+    else:
+        return where(bits(present), load(variety, link, s), splat(0.0))
+
+
+@compiled
+def woven_directions(
+    bending: Bending, own: Nine, other: Nine, link: int
+) -> tuple[Vector, Vector, Vector, Vector, Vector, Vector]:
+    """
+    Where a connector pointed in the woven fabric, turned with its own body and with the other.
+    """
+    x, y = splat(bending.direction[link, 0]), splat(bending.direction[link, 1])
+    z = splat(bending.direction[link, 2])
+    nx, ny, nz = on_axes(own, x, y, z)
+    mx, my, mz = on_axes(other, x, y, z)
+    return nx, ny, nz, mx, my, mz
+
+
+@compiled
+def add_bending(
+    bending: Bending | None, links: Links, position: np.ndarray, orientation: np.ndarray,
+    points: np.ndarray, block: int, s: int, wrench: Six
+) -> Six:
+    """
+    Add what resists bending to the force [N] and torque about the centre [N m] of a block.
+
+    With u = r_2 - r_1, d = u / l, P = 1 - d d^T and n, m the woven direction turned with the own
+    body and the other, the energy kappa (2 - (n + m) . d) has the force -kappa / l P (n + m) at
+    the own end, and beside its moment the torque kappa n x d. Differences to d are taken first:
+    close to the woven state nothing cancels.
+    """
+    if bending is None:
+        return wrench
+    else:
+        fx, fy, fz, tx, ty, tz = wrench
+        zero, one = splat(0.0), splat(1.0)
+        stride = position.shape[1]
+        cx, cy, cz = load(position, 0, s), load(position, 1, s), load(position, 2, s)
+        own = axes_of_lanes(orientation, s)
+        for edge in range(6):
+            at = 3 * edge * stride + s
+            px, py = load_at(points, at), load_at(points, at + stride)
+            pz = load_at(points, at + 2 * stride)
+            qx, qy, qz = zero, zero, zero
+            for link in range(2 * edge, 2 * edge + 2):
+                place = links.place[block, link]
+                kappa = stiffness_of(
+                    bending.stiffness, bending.variety, links.present[block, link], link, s)
+                ux = load_at(points, place) - px
+                uy = load_at(points, place + stride) - py
+                uz = load_at(points, place + 2 * stride) - pz
+                square = fma(ux, ux, fma(uy, uy, uz * uz))
+                there = square > splat(_SMALLEST)
+                inverse = where(there, rsqrt(where(there, square, one)), zero)
+                dx, dy, dz = ux * inverse, uy * inverse, uz * inverse
+                other = axes_of_lanes(orientation, partner_slot(links, stride, block, link))
+                nx, ny, nz, mx, my, mz = woven_directions(bending, own, other, link)
+                nx, ny, nz = nx - dx, ny - dy, nz - dz
+                mx, my, mz = nx + (mx - dx), ny + (my - dy), nz + (mz - dz)
+                along = fma(mx, dx, fma(my, dy, mz * dz))
+                factor = kappa * inverse
+                qx = qx + factor * (along * dx - mx)
+                qy = qy + factor * (along * dy - my)
+                qz = qz + factor * (along * dz - mz)
+                kappa = where(there, kappa, zero)
+                tx = fma(kappa, ny * dz - nz * dy, tx)
+                ty = fma(kappa, nz * dx - nx * dz, ty)
+                tz = fma(kappa, nx * dy - ny * dx, tz)
+            fx, fy, fz = fx + qx, fy + qy, fz + qz
+            px, py, pz = px - cx, py - cy, pz - cz
+            tx = fma(py, qz, tx - pz * qy)
+            ty = fma(pz, qx, ty - px * qz)
+            tz = fma(px, qy, tz - py * qx)
+        return fx, fy, fz, tx, ty, tz
+
+
+@compiled
+def add_twisting(
+    twisting: Twisting | None, links: Links, orientation: np.ndarray, block: int, s: int,
+    wrench: Six
+) -> Six:
+    """
+    Add what resists twisting to the torques [N m] of a block: kappa sin(phi) about its axis.
+
+    With e_i and g_i the axes of the own body and the other, Q = sum g_i e_i^T and sin(phi) times
+    its axis is sum e_i x g_i / 2.
+    """
+    if twisting is None:
+        return wrench
+    else:
+        fx, fy, fz, tx, ty, tz = wrench
+        half = splat(0.5)
+        stride = orientation.shape[orientation.ndim - 1]
+        e = axes_of_lanes(orientation, s)
+        for link in range(12):
+            kappa = half * stiffness_of(
+                twisting.stiffness, twisting.variety, links.present[block, link], link, s)
+            g = axes_of_lanes(orientation, partner_slot(links, stride, block, link))
+            # Without fused operations: from the other end it is exactly the opposite.
+            x = e[1] * g[2] - e[2] * g[1] + (e[4] * g[5] - e[5] * g[4]) + (
+                e[7] * g[8] - e[8] * g[7])
+            y = e[2] * g[0] - e[0] * g[2] + (e[5] * g[3] - e[3] * g[5]) + (
+                e[8] * g[6] - e[6] * g[8])
+            z = e[0] * g[1] - e[1] * g[0] + (e[3] * g[4] - e[4] * g[3]) + (
+                e[6] * g[7] - e[7] * g[6])
+            tx, ty, tz = fma(kappa, x, tx), fma(kappa, y, ty), fma(kappa, z, tz)
+        return fx, fy, fz, tx, ty, tz
+
+
+@compiled
+def apart(e: Nine, g: Nine) -> Vector:
+    """
+    1 - cos phi between the axes of two bodies: sum |g_i - e_i|^2 / 4, without cancellation.
+    """
+    total = splat(0.0)
+    for k in range(9):
+        total = fma(g[k] - e[k], g[k] - e[k], total)
+    return splat(0.25) * total
+
+
+@compiled
+def moment_energy(
+    moments: Moments, position: np.ndarray, orientation: np.ndarray, ends: np.ndarray
+) -> float:
+    """
+    Energy [J] of bending and twisting of all connectors; bodies first.
+
+    `position` (n, 3), unit quaternions (n, 4), `ends` (c, 2, 3) [m].
+    """
+    total = 0.0
+    axes = np.empty((2, 3, 3))
+    for c in range(ends.shape[0]):
+        for end in range(2):
+            b = moments.bodies[c, end]
+            x, y = orientation[b, 0], orientation[b, 1]
+            z, w = orientation[b, 2], orientation[b, 3]
+            axes[end, 0, 0] = 1.0 - 2.0 * (y * y + z * z)
+            axes[end, 0, 1], axes[end, 0, 2] = 2.0 * (x * y + w * z), 2.0 * (x * z - w * y)
+            axes[end, 1, 0], axes[end, 1, 2] = 2.0 * (x * y - w * z), 2.0 * (y * z + w * x)
+            axes[end, 1, 1] = 1.0 - 2.0 * (x * x + z * z)
+            axes[end, 2, 0], axes[end, 2, 1] = 2.0 * (x * z + w * y), 2.0 * (y * z - w * x)
+            axes[end, 2, 2] = 1.0 - 2.0 * (x * x + y * y)
+        square = 0.0
+        for k in range(3):
+            square += (ends[c, 1, k] - ends[c, 0, k]) ** 2
+        bent, twisted = 0.0, 0.0
+        for k in range(3):
+            d = (ends[c, 1, k] - ends[c, 0, k]) / np.sqrt(max(square, _SMALLEST))
+            for end in range(2):
+                n = 0.0
+                for i in range(3):
+                    n += moments.direction[c, i] * axes[end, i, k]
+                bent += 0.5 * (n - d) ** 2
+            for i in range(3):
+                twisted += 0.25 * (axes[1, i, k] - axes[0, i, k]) ** 2
+        bending = moments.bending[c if c < moments.bending.shape[0] else 0]
+        twisting = moments.twisting[c if c < moments.twisting.shape[0] else 0]
+        total += bending * bent + twisting * twisted
+    return total
