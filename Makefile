@@ -37,7 +37,12 @@ lint:
 	$(call stage,types (mypy),.venv/bin/mypy)
 
 test: lint
+ifneq ($(ARGS),)
 	$(call stage,tests (pytest),.venv/bin/python -m pytest $(ARGS))
+else
+	$(call stage,tests side by side (pytest),.venv/bin/python -m pytest -m 'not graph' -n auto)
+	$(call stage,tests of nodes (pytest),.venv/bin/python -m pytest -m graph)
+endif
 
 clean:
 	rm -rf .venv build install log dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .coverage

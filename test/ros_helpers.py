@@ -46,11 +46,41 @@ DECODERS = {
 TYPES = {topic.name.replace('~', '/icofabric'): topic.type for topic in TOPICS}
 
 
+def _free_domain():
+    """
+    First of three domains that no process on this machine uses.
+    """
+    # Ports of a domain begin at 7400 + 250 times its number.
+    used = {
+        (int(line.split()[1].rpartition(':')[2], 16) - 7400) // 250
+        for line in Path('/proc/net/udp').read_text().splitlines()[1:]}
+    first = os.getpid() % 100
+    return next(
+        number for number in (*range(first, 100), *range(first))
+        if used.isdisjoint(range(number, number + 4)))
+
+
+_DOMAIN = _free_domain()
+
+
 def domain(offset=0):
     """
     Domain of this test process, so that runs side by side do not hear each other.
     """
-    return (os.getpid() + offset) % 102
+    return (_DOMAIN + offset) % 102
+
+
+def next_line(process, limit=PATIENCE):
+    """
+    Next line that a process prints; fails where none comes.
+    """
+    lines = []
+    reader = threading.Thread(target=lambda: lines.append(process.stdout.readline()), daemon=True)
+    reader.start()
+    reader.join(limit)
+    if not lines:
+        pytest.fail(f'{process.args} printed nothing within {limit} s')
+    return lines[0]
 
 
 def write_scene(path, sections):

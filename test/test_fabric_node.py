@@ -7,12 +7,12 @@ from fractions import Fraction
 
 import icofabric_sim as ico
 from icofabric_sim.messages import OK
-from icofabric_sim.outputs import STRAIN_CLASSES
+from icofabric_sim.outputs import STRAIN_CLASSES, TOPICS
 import numpy as np
 import pytest
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
-from ros_helpers import Client, NodeProcess, TYPES, write_scene
+from ros_helpers import Client, NodeProcess, write_scene
 
 STEP = 0.0002  # s
 # Falls and swings at one end; slower than real time, so that a busy machine keeps the pace too.
@@ -57,7 +57,8 @@ def paused(client):
 
 
 def test_types_and_quality_of_topics(client):
-    for topic, type_name in TYPES.items():
+    for name, type_name, *_ in TOPICS:
+        topic = name.replace('~', '/icofabric')
         found = client.wait_for(
             lambda topic=topic: client.node.get_publishers_info_by_topic(topic), topic)
         assert [info.topic_type for info in found] == [type_name]

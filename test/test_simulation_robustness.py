@@ -41,6 +41,8 @@ INTERRUPTED_RUN = """
 import hashlib, os, signal, sys, threading, time
 import icofabric_sim as ico
 
+# A test run in the background would hand on that SIGINT is ignored.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 simulation = ico.compile_scene(ico.Scene.from_parameters(eval(sys.argv[1])))
 simulation.warm_up()
 count, sent = 0, threading.Event()

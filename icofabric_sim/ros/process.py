@@ -9,6 +9,7 @@ import logging
 import re
 
 from icofabric_sim.complaints import Complaints, shortened
+from icofabric_sim.ros.shared_memory import SharedMemory
 from icofabric_sim.ros.start import arguments_of_its_own, INTERRUPTED, StopSignals
 import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
@@ -32,12 +33,16 @@ __all__ = [
 _SPIN_WAIT = 0.1
 # Where rcl reports an error from: of no use to a user.
 _RCL_PLACE = re.compile(r', at /[^,]*\.c:[0-9]+')
+# Asked for before the first node, which reads the request.
+_shared_memory: SharedMemory | None = None
 
 
 def start_ros(arguments: list[str]) -> None:
     """
     Begin with ROS; a command line that it does not take is a ValueError.
     """
+    global _shared_memory
+    _shared_memory = SharedMemory()
     try:
         rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:
@@ -97,6 +102,8 @@ class Server:
         """
         Make ready to serve `node`.
         """
+        if _shared_memory is not None:
+            _shared_memory.close()
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(node)
         self._complaints = Complaints(node.get_logger().error)
