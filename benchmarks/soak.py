@@ -3,7 +3,8 @@
 """
 Long and hard runs of the node over Fast DDS: whether it stays what docs/reliability.md promises.
 
-python benchmarks/soak.py [--part soak|verify60|kills|latency|slow-subscriber|all] [--minutes 30]
+python benchmarks/soak.py [--part NAME] [--minutes 30]; parts: soak, verify60, kills, latency,
+slow-subscriber, dying-subscribers, all.
 
 Each part is a `fabric_node` in a process of its own, driven from this one. The table says what is
 judged, and is written as CSV (--csv). Exit status 1 where one of the limits is not kept.
@@ -50,6 +51,7 @@ MARKERS = f'{NODE}/connectors', 'visualization_msgs/msg/Marker'
 MEMORY, MEMORY_FLOOR = 5.0, 8.0
 DRIFT = 0.01  # of the real-time factor, between the halves of a run
 START, STOP = 1.5, 1.0  # [s]
+GAP = 1.0  # without messages, for healthy subscribers [s]
 _KEPT = 0.95  # of the real-time factor, with a subscriber that is stopped
 TEN_MINUTES = 600.0
 
@@ -307,6 +309,46 @@ def slow_subscriber(setting: Setting) -> None:
     _judge_end(table, process, status, took)
 
 
+def dying_subscribers(setting: Setting) -> None:
+    """
+    Reliable subscribers that are killed as they read, one after the other, beside a healthy one.
+    """
+    table, arguments = setting.table, setting.arguments
+    table.begin('dying-subscribers', f'1,014 bodies, {arguments.kills} subscribers')
+    scene = {
+        'weave': {'size': [13, 13, 12]}, 'contact': {'mode': 'never'},
+        'initial_random': {'velocity_sigma': 0.001},
+        'solver': {'method': 'leapfrog', 'step': 4e-4}, 'real_time_factor': 0.5}
+    topics = [word for topic in (POSES, MARKERS) for word in topic]
+    with FabricProcess(
+        setting.folder, scene, setting.domain
+    ) as process, Graph(setting.domain) as graph:
+        process.wait_until_ready()
+        watch = Watch(graph, process)
+        _factor(watch, 1.0)
+        first = len(watch.ticks)
+        for _ in range(arguments.kills):
+            with subprocess.Popen(
+                [sys.executable, str(ROOT / 'benchmarks' / 'listener.py'), *topics],
+                stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+                env=environment(setting.domain),
+            ) as listener:
+                assert listener.stdin is not None and listener.stdout is not None
+                print('listen', file=listener.stdin, flush=True)
+                listener.stdout.readline()
+                time.sleep(1.0)
+                listener.kill()
+        time.sleep(3.0)
+        walls = [wall for wall, _ in watch.ticks[first:]]
+        gaps = sorted(late - early for early, late in zip(walls, walls[1:]))
+        status, took = process.stop()
+        watch.end()
+    table.add('longest time between two ticks, heard by the other one', _text(gaps[-1]),
+              f'{GAP:g} s', gaps[-1] <= GAP, wall=True)
+    table.add('  of 1,000 the longest', _text(gaps[-1 - len(gaps) // 1000]))
+    _judge_end(table, process, status, took)
+
+
 def _factor(watch: Watch, wanted: float) -> float:
     """
     Simulated over wall time for a while, once what began before is over.
@@ -408,7 +450,7 @@ def _both(times: list[float]) -> str:
 
 PARTS: dict[str, Callable[[Setting], None]] = {
     'soak': soak, 'verify60': verify60, 'kills': kills, 'latency': latency,
-    'slow-subscriber': slow_subscriber}
+    'slow-subscriber': slow_subscriber, 'dying-subscribers': dying_subscribers}
 
 
 def main() -> int:

@@ -28,9 +28,9 @@ _BURST = 200
 _KIND_LENGTH = 16
 _LONGEST_SHOWN = 100
 _BODY = re.compile(r'icosahedron_(0|[1-9][0-9]{0,9})')
-# A wrench that moves a body by its own size, or turns it, at a larger rate [1/s] takes steps below
-# a nanosecond to follow: one such message would bring the simulation to a standstill.
-_LARGEST_RATE = 1e8
+# A wrench that moves a body by its own size, or turns it, at a larger rate [1/s] takes steps of
+# less than a microsecond to follow: one such message would bring the simulation to a standstill.
+_LARGEST_RATE = 1e6
 
 
 def shown(text: str) -> str:
