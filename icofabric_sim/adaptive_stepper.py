@@ -13,7 +13,13 @@ from typing import Any
 
 from icofabric_sim.faults import too_fast
 from icofabric_sim.integrators import dop853, pair
-from icofabric_sim.integrators.pair import adaptive_pair, dense_state, DOP8, prepare_dense
+from icofabric_sim.integrators.pair import (
+    adaptive_pair,
+    dense_state,
+    dense_sum,
+    DOP8,
+    prepare_dense,
+)
 from icofabric_sim.integrators.splitting import NEVER
 from icofabric_sim.kernels import monitor
 from icofabric_sim.kernels.records import Loads, State, Trail, Watch
@@ -156,17 +162,19 @@ class AdaptiveStepper(Stepper):
         if self._failure is None:
             self.advance(time)
         rest, length = time - self.time, float(self.control[pair.LENGTH])
-        self._present_work = self._work_within(rest, length)
-        if self._failure is not None or not length > 0.0:
-            return self.state
         trail = self._trail
-        if not rest > 0.0:
-            return trail.start
-        if not self._has_dense:
+        inside = self._failure is None and rest > 0.0 and length > 0.0
+        if inside and not self._has_dense:
             loads = self._scratch_loads()
             self.crew.run(lambda team: prepare_dense(
                 DOP8, self.model, loads, self.work, team, trail, self.time, length))
             self._has_dense = True
+        self._present_work = self._work_within(rest, length)
+        self._present_spent = self._spent_within(rest, length)
+        if self._failure is not None or not length > 0.0:
+            return self.state
+        if not rest > 0.0:
+            return trail.start
         if self._side is None:
             # Slots without a body are never written.
             self._side = (self.packed.layout.like(self.state), np.zeros((6, 0)))
@@ -180,22 +188,33 @@ class AdaptiveStepper(Stepper):
     def _work_within(self, rest: float, length: float) -> float:
         """
         Work [J] of the present loads up to `rest` [s] into the step in progress.
-
-        Within a step by the cubic through its ends and the powers there.
         """
         if self.loads is None:
             return 0.0
-        before, after = self.loads.earlier_work, self.loads.work
-        if not length > 0.0 or not rest > 0.0:
-            return math.fsum(before if length > 0.0 else after)
-        x = rest / length
-        # Where numbers run away the next look ends the run.
-        with np.errstate(over='ignore', invalid='ignore'):
-            first, last = length * self.loads.power[0], length * self.loads.power[12]
-            rise = after - before
-            parts = before + x * (first + x * (3.0 * rise - 2.0 * first - last) + x * x * (
-                first + last - 2.0 * rise))
-        return math.fsum(parts)
+        return self._flow_within(
+            self.loads.power, self.loads.earlier_work, self.loads.work, rest, length)
+
+    def _spent_within(self, rest: float, length: float) -> float:
+        """
+        Energy [J] spent up to there.
+        """
+        meter = self.work.spent
+        if meter is None:
+            return 0.0
+        return self._flow_within(meter.power, meter.done[1], meter.done[0], rest, length)
+
+    def _flow_within(
+        self, power: np.ndarray, before: np.ndarray, after: np.ndarray, rest: float, length: float
+    ) -> float:
+        """
+        Energy [J] that flowed with `power` (16, m), by the dense output that states come from.
+        """
+        if self._failure is not None or not length > 0.0:
+            return _total(after)
+        if not rest > 0.0:
+            return _total(before)
+        rates = np.array([_total(row) for row in power])
+        return dense_sum(DOP8, rates, _total(before), _total(after), length, rest / length)
 
     def error_rate(self) -> float:
         """
@@ -230,7 +249,9 @@ class AdaptiveStepper(Stepper):
             memory['slopes'] = gather(trail.slopes[_SLOPES])
             if 'loads' in memory and self.loads is not None:
                 rows = self._rows_by_body(self.loads)
-                memory['loads']['power'] = self.loads.power[:, rows][[0, 12]]
+                memory['loads']['power'] = self.loads.power[:, rows][_SLOPES]
+            if self.work.spent is not None:
+                memory['power'] = gather(self.work.spent.power[_SLOPES])
         return memory
 
     def recall(self, memory: Memory, loads: Loads | None) -> None:
@@ -254,8 +275,13 @@ class AdaptiveStepper(Stepper):
                 trail.slopes[number][:, layout.slot] = slopes[:, k].T
             if loads is not None and len(loads.wrench):
                 rows = self._rows_by_body(loads)
-                power = memory.part('loads').array('power', (2, len(rows)))
-                loads.power[0, rows], loads.power[12, rows] = power
+                power = memory.part('loads').array('power', (len(_SLOPES), len(rows)))
+                for number, values in zip(_SLOPES, power):
+                    loads.power[number, rows] = values
+            if self.work.spent is not None:
+                power = memory.array('power', (layout.body_count, len(_SLOPES)))
+                for number, values in zip(_SLOPES, power.T):
+                    self.work.spent.power[number, layout.slot] = values
 
     def _choose_step(self, *, probe: bool = False, shorter: float = 1.0) -> None:
         """
@@ -320,6 +346,8 @@ class AdaptiveStepper(Stepper):
                 np.copyto(target, source)
             if self.loads is not None:
                 np.copyto(self.loads.work, self.loads.earlier_work)
+            if self.work.spent is not None:
+                np.copyto(self.work.spent.done[0], self.work.spent.done[1])
             self.control[pair.TOTAL] -= self.control[pair.RATE] * self.control[pair.LENGTH]
             if self._saved_time > self.time:
                 self._save()
@@ -335,3 +363,8 @@ class AdaptiveStepper(Stepper):
     def _return_to_saved(self) -> None:
         super()._return_to_saved()
         self.control[pair.START], self.control[pair.LENGTH] = self._saved_time, 0.0
+
+
+def _total(values: np.ndarray) -> float:
+    # Where numbers run away the next look ends the run.
+    return math.fsum(values) if np.isfinite(values).all() else math.nan

@@ -63,7 +63,9 @@ class Crew:
         """
         self.size = size_for(wanted, packed.layout.body_count)
         self._flags = np.zeros(FLAG_COUNT, np.int64)
-        self._sweeps = make_sweeps(packed.layout, packed.model.links, self.size)
+        self._sweeps = make_sweeps(
+            packed.layout, packed.model.links, self.size,
+            together=packed.model.coulomb is not None)
         self._pool: ThreadPoolExecutor | None = None
 
     def team(self, member: int) -> Team:

@@ -22,6 +22,7 @@ from icofabric_sim.kernels.records import (
     LINK_COUNT,
     Links,
     LINKS_PER_EDGE,
+    Meter,
     State,
     Trail,
     Variety,
@@ -133,12 +134,14 @@ class Layout:
         )
 
     def room(
-        self, links: Links | None, state: State | None = None, *, differences: int = 0
+        self, links: Links | None, state: State | None = None, *, differences: int = 0,
+        damped: bool = False, metered: bool = False
     ) -> Work:
         """
         Arrays for what follows from a state; with `state` also for Runge-Kutta methods.
 
         `differences`: order of the differences by which the roughness of the motion is judged.
+        `damped`: with velocities of the attachment points; `metered`: with what is spent.
         """
         points = aligned_empty((18 * self.slot_count if links is not None else 0,))
         acceleration = aligned_empty((6, self.slot_count))
@@ -158,7 +161,19 @@ class Layout:
         difference = aligned_empty((rows, LANES * samples))
         weights = np.array([
             (-1.0) ** k * math.comb(differences, k) for k in range(differences + 1)])
-        return Work(points, acceleration, trail, difference, weights)
+        speeds = aligned_empty(points.shape if damped else (0,))
+        speeds[:] = 0.0
+        spent = self.meter() if metered else None
+        return Work(points, acceleration, trail, difference, weights, speeds, spent)
+
+    def meter(self) -> Meter:
+        """
+        Nothing has flowed yet.
+        """
+        power, done = aligned_empty((_SLOPE_COUNT, self.slot_count)), aligned_empty(
+            (2, self.slot_count))
+        power[:] = done[:] = 0.0
+        return Meter(power, done)
 
     def like(self, state: State) -> State:
         """

@@ -22,7 +22,7 @@ _REST = 1e-12
 
 class EnergyBalance(NamedTuple):
     """
-    All energy less the work done, compared with what it was at the start.
+    All energy, less the work done and with what was spent, beside what it was at the start.
     """
 
     error: float  # [J], when looked at last
@@ -74,7 +74,7 @@ class Ledger:
         numbers[monitor.BASE_HEIGHT] = numbers[monitor.HEIGHT]
         numbers[monitor.BASE] = (
             numbers[monitor.KINETIC] + numbers[monitor.STORED] + numbers[monitor.HEIGHT]
-            - numbers[monitor.WORK])
+            - numbers[monitor.WORK] + numbers[monitor.SPENT])
         numbers[monitor.SCALE] = self._smallest_scale(state)
         numbers[monitor.WORST] = numbers[monitor.ERROR] = 0.0
         monitor.balance(numbers)
@@ -130,6 +130,8 @@ class Ledger:
             connectors = packed.connectors
             scale += len(connectors.first) * float(
                 (connectors.extension * connectors.natural_length**2).max())
+        if packed.model.dipole is not None:
+            scale += packed.layout.body_count * packed.model.dipole.largest
         if packed.model.gravity is not None:
             extent = float(np.abs(state.position).max())
             weight = float(np.linalg.norm(packed.model.gravity)) / packed.model.inverse_mass

@@ -16,6 +16,7 @@ from icofabric_sim.integrators.splitting import NEVER
 from icofabric_sim.kernels import monitor
 from icofabric_sim.kernels.flows import keep_accelerations, place_all
 from icofabric_sim.kernels.lanes import LANES
+from icofabric_sim.kernels.meters import flowed
 from icofabric_sim.kernels.records import Loads, State, Watch, Work
 from icofabric_sim.layout import aligned_empty
 from icofabric_sim.ledger import Ledger
@@ -60,7 +61,8 @@ class MainLine:
         self.state, self.loads = state, loads
         self.crew, self.watch = crew, watch
         self.work = packed.layout.room(
-            packed.model.links, None if method.symplectic else state, differences=differences)
+            packed.model.links, None if method.symplectic else state, differences=differences,
+            damped=packed.model.damping is not None, metered=packed.spends)
         self.origin, self.index = origin, 0
         self.step, self.fixed = fixed_step, fixed_step > 0.0
         self.step_count = 0
@@ -70,7 +72,8 @@ class MainLine:
         self._saved = packed.layout.like(state)
         self._saved_time = origin
         self._side: tuple[State, np.ndarray] | None = None
-        self._present_work = 0.0
+        self._spent_aside = 0.0  # [J] by the last run aside
+        self._present_work = self._present_spent = 0.0
         self._failure: SimulationError | None = None
 
     @property
@@ -89,6 +92,12 @@ class MainLine:
         """
         return self.ledger[monitor.EARLIER_WORK] + self._present_work
 
+    def spent_at_state(self) -> float:
+        """
+        Energy [J] spent up to the state that was shown last.
+        """
+        return self._present_spent
+
     def run_aside(self, step: float, count: int, loads: Loads | None = None) -> State:
         """
         Where `count` steps of length `step` lead; the main line stays where it is.
@@ -101,8 +110,9 @@ class MainLine:
             np.copyto(target, source)
         np.copyto(acceleration, self.work.acceleration)
         loads = loads or self._scratch_loads()
-        work = self.work._replace(acceleration=acceleration)
+        work = self._scratch_work()._replace(acceleration=acceleration)
         self._advance(loads, state, work, self.time, 0, step, count, 0, NEVER, math.inf)
+        self._spent_aside = flowed(work.spent)
         return state
 
     def run_and_return(self, step: float, count: int, look: Callable[[State], None]) -> None:
@@ -111,7 +121,7 @@ class MainLine:
         """
         loads = self._scratch_loads()
         self._advance(
-            loads, self.state, self.work, self.time, 0, step, count, 0, NEVER, math.inf)
+            loads, self.state, self._scratch_work(), self.time, 0, step, count, 0, NEVER, math.inf)
         look(self.state)
         self._restore()
 
@@ -137,6 +147,8 @@ class MainLine:
             rows = self._rows_by_body(self.loads)
             memory['loads'] = {
                 'work': self.loads.work[rows], 'earlier_work': self.loads.earlier_work[rows]}
+        if self.work.spent is not None:
+            memory['spent'] = self.packed.layout.gather(self.work.spent.done)
         if self.watch is not None:
             memory['watch'] = self.watch.memory()
         return memory
@@ -169,6 +181,8 @@ class MainLine:
             part, rows = memory.part('loads'), self._rows_by_body(loads)
             loads.work[rows] = part.array('work', rows.shape)
             loads.earlier_work[rows] = part.array('earlier_work', rows.shape)
+        if self.work.spent is not None:
+            self.work.spent.done[:, layout.slot] = memory.array('spent', (layout.body_count, 2)).T
         if self.watch is not None:
             self.watch.recall(memory.part('watch'))
 
@@ -221,6 +235,14 @@ class MainLine:
         if self.loads is None:
             return None
         return self.loads._replace(work=np.zeros_like(self.loads.work))
+
+    def _scratch_work(self) -> Work:
+        """
+        The same room, with meters of its own.
+        """
+        if self.work.spent is None:
+            return self.work
+        return self.work._replace(spent=self.packed.layout.meter())
 
     def _advance(
         self, loads: Loads | None, state: State, work: Work, origin: float, index: int,

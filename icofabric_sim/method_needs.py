@@ -35,4 +35,13 @@ def _reason(scene: Scene) -> str:
     Name the first term that needs it, if any.
     """
     # Forces that depend on velocities and events within a step are named here.
+    parameters = scene.parameters
+    if scene.connector_count and scene.connectors.damping.any():
+        return 'connectors are damped, by forces that depend on velocities'
+    for name in ('drag.linear', 'drag.angular'):
+        if parameters[name] > 0.0:
+            return f'{name} is a force that depends on velocities'
+    charged = parameters['charge.per_body'] != 0.0 or any(parameters['charge.dipole'])
+    if charged and any(parameters['field.magnetic']):
+        return 'field.magnetic acts on charges by their velocities'
     return ''

@@ -9,8 +9,17 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from icofabric_sim.connector_moments import pack_moments
+from icofabric_sim.damping import pack_damping
 from icofabric_sim.kernels.lanes import LANES
-from icofabric_sim.kernels.records import Connectors, Loads, Model, Moments, Varying
+from icofabric_sim.kernels.records import (
+    Connectors,
+    Drag,
+    LINK_COUNT,
+    Loads,
+    Model,
+    Moments,
+    Varying,
+)
 from icofabric_sim.kernels.records import Supports as PackedSupports
 from icofabric_sim.layout import aligned_empty, Layout, make_layout, make_links
 from icofabric_sim.profiles import Piece, STEADY
@@ -48,6 +57,17 @@ class PackedScene:
     layout: Layout
     connectors: Connectors | None
     moments: Moments | None
+    gravity: np.ndarray  # (3,) [m/s^2]
+    field_force: np.ndarray  # (3,) [N] of a uniform electric field on every body
+    # Largest rate [1/s] at which forces that depend on velocities change these.
+    velocity_rate: float
+
+    @property
+    def spends(self) -> bool:
+        """
+        Whether forces take energy from the motion.
+        """
+        return self.model.damping is not None or self.model.drag is not None
 
 
 def pack_scene(scene: Scene, *, cosines: bool = False) -> PackedScene:
@@ -55,10 +75,12 @@ def pack_scene(scene: Scene, *, cosines: bool = False) -> PackedScene:
     Constants of the scene; a term that the scene lacks is None.
     """
     mass, inertia = scene.shell.mass, scene.shell.inertia
-    gravity = np.array(scene.parameters['gravity'])
+    gravity, electric = np.array(scene.parameters['gravity']), scene.electric
+    # On equal charges a uniform field is an acceleration like gravity.
+    fall = gravity + electric.force / mass
     grid = scene.weave.grid
     layout = make_layout(grid, scene.body_count, cosines=cosines)
-    connectors = links = supports = None
+    connectors = links = supports = damping = None
     if scene.connector_count:
         bodies, edges = scene.connectors.bodies, scene.connectors.edges
         laws, half_width = scene.connectors.laws, 0.5 * scene.geometry.cube_width
@@ -66,6 +88,8 @@ def pack_scene(scene: Scene, *, cosines: bool = False) -> PackedScene:
             bodies[:, 0], bodies[:, 1], edges[:, 0], edges[:, 1], *laws, half_width)
         layout, links = make_links(
             layout, grid, bodies, edges, laws=laws, half_width=half_width)
+        damping = pack_damping(scene.connectors.damping, layout, links, bodies, edges)
+    drag = Drag(scene.parameters['drag.linear'], scene.parameters['drag.angular'])
     if scene.supports is not None:
         supports = PackedSupports(
             layout.spread(np.where(scene.supports.translation, 0.0, 1.0 / mass)),
@@ -75,14 +99,44 @@ def pack_scene(scene: Scene, *, cosines: bool = False) -> PackedScene:
     model = Model(
         inverse_mass=1.0 / mass,
         inverse_inertia=1.0 / inertia,
-        gravity=gravity if gravity.any() else None,
+        gravity=fall if fall.any() else None,
         blocks=layout.blocks,
         links=links,
         bending=resisting.bending,
         twisting=resisting.twisting,
         supports=supports,
+        damping=damping,
+        drag=drag if any(drag) else None,
+        magnet=electric.pack_magnet(mass, inertia),
+        dipole=electric.pack_dipole(),
+        coulomb=electric.pack_coulomb(layout),
     )
-    return PackedScene(model, layout, connectors, resisting.moments)
+    return PackedScene(
+        model, layout, connectors, resisting.moments, gravity, electric.force,
+        velocity_rate(model))
+
+
+def velocity_rate(model: Model) -> float:
+    """
+    Bound [1/s] of the rates at which damping, drag and magnetic field change velocities.
+
+    The power of damping is the sum of c (n . du)^2 over the connectors, where du = du_2 - du_1 is
+    the relative velocity of their ends and (n . du)^2 <= 2 (n . du_1)^2 + 2 (n . du_2)^2, and
+    (n . du_i)^2 <= (1/M + s^2/Lambda) times twice the kinetic energy of its body, which has up to
+    12 connectors at the distance s from its centre.
+    """
+    rate, mass, inertia = 0.0, model.inverse_mass, model.inverse_inertia
+    if model.damping is not None and model.links is not None:
+        square = model.links.half_width**2
+        rate += 2 * LINK_COUNT * model.damping.coefficient * (mass + square * inertia)
+    if model.drag is not None:
+        rate += max(model.drag.linear * mass, model.drag.angular * inertia)
+    if model.magnet is not None:
+        magnet = model.magnet
+        own = max(abs(magnet.charge) * mass, abs(magnet.second) * inertia)
+        own += float(np.linalg.norm(magnet.moment)) * (mass * inertia) ** 0.5
+        rate += own * float(np.linalg.norm(magnet.field))
+    return rate
 
 
 def pack_loads(

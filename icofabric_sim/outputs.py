@@ -60,7 +60,8 @@ TOPICS = (POSES, CONNECTORS, ICOSAHEDRA, STATE, ENERGY, WEAVE, CLOCK, DIAGNOSTIC
 # Label and name in a snapshot of each number in `~/energy` [J].
 ENERGIES = {
     label: label.replace(' ', '_') for label in (
-        'kinetic', 'connectors', 'gravity', 'contact', 'work in', 'dissipated', 'balance error')}
+        'kinetic', 'connectors', 'gravity', 'contact', 'work in', 'dissipated', 'balance error',
+        'field')}
 
 
 class Outputs:

@@ -24,7 +24,7 @@ def compile_rates(scene: Scene) -> Rates:
     packed = pack_scene(scene)
     model, layout = packed.model, packed.layout
     state = layout.pack(scene.initial)
-    work = layout.room(model.links)
+    work = layout.room(model.links, damped=model.damping is not None)
     slope = np.zeros((13, layout.slot_count))
 
     def rates(time: float, y: np.ndarray) -> np.ndarray:

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 from icofabric_sim import initial, selectors
 from icofabric_sim.available_memory import available_memory
 from icofabric_sim.connector_laws import between, ConnectorLaws, make_laws, spread_over
+from icofabric_sim.electric import Electric, make_electric
 from icofabric_sim.faces import check_faces
 from icofabric_sim.icosahedron import edge_midpoints
 from icofabric_sim.load_channels import LoadChannel, make_channels
@@ -48,6 +49,7 @@ class SceneConnectors:
     laws: ConnectorLaws
     bending_stiffness: np.ndarray  # [N m/rad], (c,), or (1,) where all are alike
     twisting_stiffness: np.ndarray
+    damping: np.ndarray  # (c,) or (1,) [N s/m]
 
     @property
     def stiffness(self) -> float | np.ndarray:
@@ -104,6 +106,7 @@ class Scene:
     loads: Mapping[str, LoadChannel]
     tractions: Mapping[str, Traction]
     initial: initial.InitialState
+    electric: Electric
 
     @classmethod
     def from_parameters(
@@ -149,7 +152,7 @@ class Scene:
                 geometry.half_edge,
                 make_laws(checked, geometry.connector_length, groups, weave.connector_bodies),
                 *(spread_over(checked, name, groups, weave.connector_bodies)
-                  for name in ('bending_stiffness', 'twisting_stiffness')),
+                  for name in ('bending_stiffness', 'twisting_stiffness', 'damping')),
             ),
             groups=groups,
             supports=supports,
@@ -160,6 +163,7 @@ class Scene:
                     orientation, geometry)
                 for name in checked.names('tractions')},
             initial=initial.make_initial_state(checked, position, orientation, groups, supports),
+            electric=make_electric(checked, len(position)),
         )
 
     @property
@@ -205,7 +209,10 @@ def check_parameters(parameters: Parameters) -> tuple[Shell, WeaveGeometry]:
     """
     shell = _shell(parameters)
     geometry = _geometry(parameters, shell.half_edge)
-    _require_memory(parameters, _estimate(parameters, geometry))
+    bodies = _estimate(parameters, geometry)
+    _require_memory(parameters, bodies)
+    if not parameters['weave.region']:
+        make_electric(parameters, bodies)
     for name in parameters.names('groups'):
         if name in ('all', 'not', 'and', 'or'):
             raise ParameterError(

@@ -199,6 +199,7 @@ class Simulation:
             self._cached = Snapshot(
                 self.time, *state, self.scene.connector_count, self.packed,
                 {'work_in': self._stepper.work_at_state(),
+                 'spent': self._stepper.spent_at_state(),
                  'start': self._stepper.ledger[monitor.BASE]})
             self._cached_at = self._course.changes
         return self._cached

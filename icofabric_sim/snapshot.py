@@ -8,6 +8,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
+from icofabric_sim.initial import InitialState
+from icofabric_sim.kernels.fields import field_energy
 from icofabric_sim.kernels.moments import moment_energy
 from icofabric_sim.kernels.outlines import fill_lengths, fill_lines
 from icofabric_sim.model import PackedScene
@@ -27,7 +29,8 @@ class Snapshot:
     angular_velocity: np.ndarray  # (n, 3) [rad/s]
     connector_count: int
     packed: PackedScene
-    ledger: Mapping[str, float]  # [J] work in, and energy less work at the start
+    # [J] work in, what was spent, and energy less work at the start
+    ledger: Mapping[str, float]
 
     @cached_property
     def intact(self) -> np.ndarray:
@@ -71,10 +74,12 @@ class Snapshot:
     @cached_property
     def energy(self) -> dict[str, float]:
         """
-        Energies [J]: kinetic, connectors, gravity (zero at the origin), contact; and their sum.
+        Energies [J]: kinetic, connectors, gravity (zero at the origin), contact, field; their sum.
 
-        Beside them `work_in` by loads, what is `dissipated`, and the `balance_error`: the sum,
-        less the work done, beside what it was at the start.
+        `field` is that of charges (zero at the origin) and dipoles (zero along it) in the electric
+        field, and of charges on each other. Beside them `work_in` by loads, what is `dissipated`,
+        and the `balance_error`: the sum, less the work done and with what is dissipated, beside
+        what it was at the start.
         """
         model = self.packed.model
         mass, inertia = 1.0 / model.inverse_mass, 1.0 / model.inverse_inertia
@@ -84,6 +89,7 @@ class Snapshot:
             'connectors': 0.0,
             'gravity': 0.0,
             'contact': 0.0,
+            'field': self._field_energy(),
         }
         connectors = self.packed.connectors
         if connectors is not None:
@@ -98,11 +104,21 @@ class Snapshot:
         if self.packed.moments is not None:
             energy['connectors'] += moment_energy(
                 self.packed.moments, *self._frozen(), self.connector_ends)
-        if model.gravity is not None:
-            energy['gravity'] = -mass * float((self.position @ model.gravity).sum())
+        if self.packed.gravity.any():
+            energy['gravity'] = -mass * float((self.position @ self.packed.gravity).sum())
         energy['total'] = sum(energy.values())
-        energy['work_in'], energy['dissipated'] = self.ledger['work_in'], 0.0
-        energy['balance_error'] = energy['total'] - self.ledger['work_in'] - self.ledger['start']
+        energy['work_in'], energy['dissipated'] = self.ledger['work_in'], self.ledger['spent']
+        energy['balance_error'] = (
+            energy['total'] - energy['work_in'] + energy['dissipated'] - self.ledger['start'])
+        return energy
+
+    def _field_energy(self) -> float:
+        packed, energy = self.packed, 0.0
+        if packed.field_force.any():
+            energy -= float((self.position @ packed.field_force).sum())
+        if packed.model.dipole is not None or packed.model.coulomb is not None:
+            energy += field_energy(packed.model, packed.layout.pack(InitialState(
+                self.position, self.orientation, self.linear_velocity, self.angular_velocity)))
         return energy
 
     def _frozen(self) -> tuple[np.ndarray, np.ndarray]:

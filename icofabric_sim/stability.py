@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from icofabric_sim.kernels.flows import place_all
 from icofabric_sim.kernels.hessian import hessian_times, lanczos_steps
-from icofabric_sim.kernels.monitor import frequency_bound
+from icofabric_sim.kernels.monitor import field_bound, frequency_bound
 from icofabric_sim.kernels.records import State
 from icofabric_sim.layout import aligned_empty
 from icofabric_sim.model import PackedScene
@@ -51,21 +51,25 @@ def largest_frequency(
     Hessian of the connector energy (kernels/hessian.py), M the masses and inertias. From
     three-term recurrences: two vectors are kept, not a basis. The Ritz value approaches from
     below, and an eigenvalue lies within the residual of it; the nearer of that and of the proved
-    bound is returned once they agree. `locate` also finds the bodies.
+    bound is returned once they agree. `locate` also finds the bodies. What electric fields add is
+    bounded: the largest eigenvalue of a sum is at most the sum of the largest.
     """
     model, layout = packed.model, packed.layout
-    if model.links is None or not (
-            model.links.stiffness > 0.0 or model.bending is not None
-            or model.twisting is not None):
-        return Frequency(0.0, (), 0)
-    count = layout.body_count
     start = start_vector(packed)
     if start is None:
         return Frequency(0.0, (), 0)
+    more = 0.0
+    if model.dipole is not None or model.coulomb is not None:
+        more = field_bound(model, state)
+    if model.links is None or not (
+            model.links.stiffness > 0.0 or model.bending is not None
+            or model.twisting is not None):
+        return Frequency(math.sqrt(more), (), 0)
+    count = layout.body_count
     work = layout.room(model.links)
     place_all(model, state, work, 0, len(layout.blocks.slot))
-    upper = frequency_bound(model, state, work)
-    if not math.isfinite(upper):
+    upper = frequency_bound(model._replace(dipole=None, coulomb=None), state, work)
+    if not math.isfinite(upper + more):
         # Numbers too large to multiply: nothing is safe.
         return Frequency(math.inf, (), 0)
     accuracy = ACCURACY if count <= _SMALL else _LARGE_ACCURACY
@@ -104,7 +108,7 @@ def largest_frequency(
             len(weights), shape, weights)
         share = layout.gather(shape**2).sum(axis=1)
         bodies = tuple(int(b) for b in np.argsort(-share, kind='stable')[:4] if share[b] > 0.0)
-    return Frequency(float(np.sqrt(max(value, 0.0))), bodies, done)
+    return Frequency(float(np.sqrt(max(value, 0.0) + more)), bodies, done)
 
 
 def hessian_product(
@@ -157,7 +161,7 @@ def fastest_motion(
     `frequency` and `spin` [rad/s] are the largest, `load_rate` [rad/s] that of the loads alone;
     `proximity` [m]: free bodies may not pass each other unseen at this distance.
     """
-    rate = frequency + spin
+    rate = frequency + spin + packed.velocity_rate
     model = packed.model
     velocity = state.linear_velocity[:, packed.layout.slot]
     spread = float(np.linalg.norm(np.ptp(velocity, axis=1)))

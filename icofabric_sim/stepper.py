@@ -14,6 +14,7 @@ from typing import Any
 
 from icofabric_sim.kernels import monitor
 from icofabric_sim.kernels.lanes import LANES
+from icofabric_sim.kernels.meters import flowed
 from icofabric_sim.kernels.records import State
 from icofabric_sim.watched_line import WatchedLine
 
@@ -105,11 +106,13 @@ class Stepper(WatchedLine):
             self.advance(time)
         rest = time - self.time
         self._note_work(self.loads)
+        self._present_spent = flowed(self.work.spent)
         if self._failure is not None or not rest > 0.0:
             return self.state
         loads = self._scratch_loads()
         state = self.run_aside(rest, 1, loads)
         self._note_work(self.loads, loads)
+        self._present_spent += self._spent_aside
         return state
 
     def _steps_until(self, time: float) -> int:

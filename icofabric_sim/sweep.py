@@ -29,18 +29,28 @@ _FIRST_LANE = np.array([max(0, (byte & -byte).bit_length() - 1) for byte in rang
 _LAST_LANE = np.array([max(0, byte.bit_length() - 1) for byte in range(256)])
 
 
-def make_sweeps(layout: Layout, links: Links | None, size: int) -> list[Sweep]:
+def make_sweeps(
+    layout: Layout, links: Links | None, size: int, *, together: bool = False
+) -> list[Sweep]:
     """
     The order for each of `size` threads, which own equal runs of blocks.
+
+    `together`: forces need the places of all bodies, so all drift before one is pushed.
     """
     count = len(layout.blocks.slot)
     owners = np.repeat(
         np.arange(size), np.diff([count * member // size for member in range(size + 1)]))
     panels = -(-layout.blocks.reach * LANES // _PANEL)
     width = max(1, -(-(int(layout.rows.max(initial=0)) + 1) // max(1, panels)))
-    return [
+    sweeps = [
         _make_sweep(layout, links, np.flatnonzero(owners == member), width)
         for member in range(size)]
+    if not together:
+        return sweeps
+    return [
+        sweep._replace(
+            ahead=np.full_like(sweep.ahead, len(sweep.drifts)), border=len(sweep.drifts))
+        for sweep in sweeps]
 
 
 def _make_sweep(layout: Layout, links: Links | None, own: np.ndarray, width: int) -> Sweep:

@@ -84,7 +84,7 @@ class WatchedLine(MainLine):
         self._returned_to = -math.inf
         self._measured: tuple[int, float] | None = None
         if self.fixed:
-            checked_step(fixed_step, self.limit, frequency.rate)
+            checked_step(fixed_step, self.limit, frequency.rate + packed.velocity_rate)
         else:
             self.accuracy.require_possible(frequency.rate)
         self._start(exact=False)
@@ -94,7 +94,7 @@ class WatchedLine(MainLine):
         """
         Stability limit of the step [s] in the configuration looked at last.
         """
-        rate = self.frequency.rate
+        rate = self.frequency.rate + self.packed.velocity_rate
         return self.method.stability / rate if rate > 0.0 else math.inf
 
     def _start(self, *, exact: bool = True) -> None:
@@ -102,6 +102,8 @@ class WatchedLine(MainLine):
         Compute the accelerations, the frequency and the step anew: the state has jumped.
         """
         self._refresh()
+        if self.work.spent is not None:
+            self.work.spent.done[:] = 0.0
         if self.watch is not None:
             self.watch.look(self.time, self.state.position)
         self.ledger.restart()
@@ -314,7 +316,7 @@ class WatchedLine(MainLine):
         if self.fixed:
             # Below this the bound proves the step safe. Above it the exact value is computed at
             # every look: the bound may be three times as high, its own growth says nothing.
-            ledger[monitor.HIGH] = self.method.stability / self.step
+            ledger[monitor.HIGH] = self.method.stability / self.step - self.packed.velocity_rate
             ledger[monitor.SPIN_WEIGHT] = 0.0
             # As often in time as with a chosen step, as far as that is affordable.
             ratio = self.step * self.frequency.rate / self.method.chosen

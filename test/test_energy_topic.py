@@ -12,7 +12,7 @@ import pytest
 from runner_helpers import ListSink, make_runner, run, SCENE
 
 # As the contract has them.
-LABEL = 'kinetic, connectors, gravity, contact, work in, dissipated, balance error'
+LABEL = 'kinetic, connectors, gravity, contact, work in, dissipated, balance error, field'
 CHANGES = {'initial_random.velocity_sigma': 0.1, 'gravity': [0.0, 0.0, -9.81]}
 
 
@@ -21,7 +21,7 @@ def test_labels_name_the_numbers():
     scene = ico.Scene.from_parameters({**SCENE, 'duration': 0.0})
     snapshot = ico.compile_scene(scene).snapshot()
     message = decode_float64_multi_array(Outputs(scene).energy(snapshot))
-    assert list(message.labels) == [LABEL] and message.values.shape == (7,)
+    assert list(message.labels) == [LABEL] and message.values.shape == (8,)
     assert set(ENERGIES.values()) | {'total'} == set(snapshot.energy)
 
 
@@ -38,7 +38,7 @@ def test_numbers_are_those_of_the_snapshot_with_every_pose():
         values = dict(zip(ENERGIES, decode_float64_multi_array(data).values))
         assert values == {label: energy[name] for label, name in ENERGIES.items()}
         assert energy['total'] == pytest.approx(sum(
-            values[label] for label in ('kinetic', 'connectors', 'gravity', 'contact')))
+            values[label] for label in ('kinetic', 'connectors', 'gravity', 'contact', 'field')))
         assert values['contact'] == values['dissipated'] == 0.0
     assert values['kinetic'] > 0.0 < values['connectors'] and values['gravity'] != 0.0
 

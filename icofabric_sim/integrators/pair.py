@@ -14,6 +14,7 @@ from icofabric_sim.integrators import dop853
 from icofabric_sim.kernels.compiled import compiled
 from icofabric_sim.kernels.lanes import LANES, load, store
 from icofabric_sim.kernels.loads import keep_work
+from icofabric_sim.kernels.meters import add_flow, repeat_flow
 from icofabric_sim.kernels.monitor import examine, MOVED_FAR, moved_far, save, SAVED_AT, UNSOUND
 from icofabric_sim.kernels.records import Loads, Model, State, Team, Trail, Watch, Work
 from icofabric_sim.kernels.slopes import (
@@ -136,6 +137,7 @@ def fixed_pair(
             last)
         save(model, trail.stage, state, first, last)
         add_work(loads, h, pair.step, first, last)
+        add_flow(work.spent, model.blocks.slot, h, pair.step, first, last)
         done += 1
         slope_at(
             model, loads, state, work, trail, 0, team, origin + (index + done) * h, first, last)
@@ -221,7 +223,7 @@ def adaptive_pair(
     done, status = 0, 0
     while done < count and start + length <= goal and status == 0:
         if has_last:
-            repeat_slope(model, loads, trail, first, last)
+            repeat_slope(model, loads, work, trail, first, last)
         else:
             slope_at(model, loads, state, work, trail, 0, team, start + length, first, last)
         accepted = False
@@ -243,6 +245,7 @@ def adaptive_pair(
                 save(model, trail.stage, state, first, last)
                 keep_work(loads, first, last)
                 add_work(loads, h, pair.step, first, last)
+                add_flow(work.spent, model.blocks.slot, h, pair.step, first, last)
                 start, length = start + length, h
                 total += error * h
                 rate = error
@@ -270,7 +273,7 @@ def adaptive_pair(
 
 @compiled
 def repeat_slope(
-    model: Model, loads: Loads | None, trail: Trail, first: int, last: int
+    model: Model, loads: Loads | None, work: Work, trail: Trail, first: int, last: int
 ) -> None:
     """
     The last slope of a step is the first of the next.
@@ -280,6 +283,7 @@ def repeat_slope(
         for k in range(trail.slopes.shape[1]):
             store(trail.slopes[0], k, s, load(trail.slopes[12], k, s))
     repeat_power(loads, first, last)
+    repeat_flow(work.spent, model.blocks.slot, first, last)
 
 
 @compiled
@@ -324,3 +328,19 @@ def dense_state(
     for block in range(first, last):
         interpolate(
             trail.start, state, trail.slopes, pair.dense, h, x, target, model.blocks.slot[block])
+
+
+def dense_sum(
+    pair: Pair, rates: np.ndarray, before: float, after: float, h: float, x: float
+) -> float:
+    """
+    What a step of length `h` adds up from `rates` (16,) by its part `x`, as `dense_state` does.
+    """
+    rise, first, last = after - before, h * float(rates[0]), h * float(rates[12])
+    total = 0.0
+    for i in range(len(pair.dense) - 1, -1, -1):
+        part = h * float(pair.dense[i] @ rates[:pair.dense.shape[1]])
+        total = (total + part) * (x if i % 2 == 1 else 1.0 - x)
+    total = (total + (rise + rise - first - last)) * x
+    total = (total + (first - rise)) * (1.0 - x)
+    return before + (total + rise) * x

@@ -11,6 +11,7 @@ prunes such a branch only where the term is an argument of its own).
 
 from icofabric_sim.kernels.compiled import compiled
 from icofabric_sim.kernels.connectors import add_connectors, Six
+from icofabric_sim.kernels.fields import add_coulomb, add_dipole
 from icofabric_sim.kernels.lanes import bits, fma, load, splat, store, where
 from icofabric_sim.kernels.loads import kick_load, work_load
 from icofabric_sim.kernels.moments import add_bending, add_twisting
@@ -146,6 +147,8 @@ def accelerations(
     force = add_bending(
         model.bending, model.links, state.position, state.orientation, points, block, s, force)
     force = add_twisting(model.twisting, model.links, state.orientation, block, s, force)
+    force = add_dipole(model.dipole, state.orientation, model.blocks.alive[block], s, force)
+    force = add_coulomb(model.coulomb, state.position, model.blocks.alive[block], s, force)
     return add_gravity(
         model.gravity, model.supports, model.blocks.alive[block], s,
         accelerate(model.supports, model.inverse_mass, model.inverse_inertia, force, s))

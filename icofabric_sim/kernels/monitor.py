@@ -10,6 +10,7 @@ import math
 
 from icofabric_sim.kernels.compiled import compiled
 from icofabric_sim.kernels.connectors import slope_of
+from icofabric_sim.kernels.fields import field_parts
 from icofabric_sim.kernels.lanes import (
     any_lane,
     bits,
@@ -27,6 +28,7 @@ from icofabric_sim.kernels.lanes import (
     Vector,
     where,
 )
+from icofabric_sim.kernels.meters import flowed
 from icofabric_sim.kernels.moment_bounds import bending_look, twisting_look
 from icofabric_sim.kernels.records import Links, Loads, Model, State, Variety, Watch, Work
 import numpy as np
@@ -42,8 +44,9 @@ RATE, SPIN, KINETIC, STORED, HEIGHT, WORK = 0, 1, 2, 3, 4, 5
 # What is asked of it: RATE_HIGH above, RATE_LOW below, LIVELIER where the kinetic energy [J] is
 # above.
 HIGH, LOW, SPIN_WEIGHT, LIVELY = 6, 7, 8, 9
-# The balance: energy less work at the start, height at the start [J], the largest energy seen or
-# work done [J], the largest error beside that, and the present and largest allowed part of it.
+# The balance: energy less work and with what was spent at the start, height at the start [J],
+# the largest energy seen or work done [J], the largest error beside that, and the present and
+# largest allowed part of it.
 BASE, BASE_HEIGHT, SCALE, WORST, ERROR, LIMIT = 10, 11, 12, 13, 14, 15
 # Work of loads before the present ones [J], and steps of this call when the state was saved.
 EARLIER_WORK, SAVED_AT = 16, 17
@@ -51,7 +54,9 @@ EARLIER_WORK, SAVED_AT = 16, 17
 # of one length until now; 1 / a^2 [1/m^2].
 # The roughest so far since the last look.
 ROUGH, ROUGH_LIMIT, REGULAR, INVERSE_SIZE, ROUGHEST = 18, 19, 20, 21, 22
-LEDGER_COUNT = 23
+# What forces that depend on velocities have taken from the motion [J].
+SPENT = 23
+LEDGER_COUNT = 24
 
 
 @compiled
@@ -212,7 +217,9 @@ def bound_and_energy(
         state.orientation, work.points, block, s)
     most, twisted = twisting_look(
         model.twisting, model.links, model.inverse_inertia, state.orientation, block, s)
-    return bound + more + most, energy + bent + twisted
+    field, potential = field_parts(
+        model.dipole, model.coulomb, model, state, model.blocks.alive[block], s)
+    return bound + more + most + field, energy + bent + twisted + potential
 
 
 @compiled
@@ -223,6 +230,20 @@ def frequency_bound(model: Model, state: State, work: Work) -> float:
     largest = splat(0.0)
     for block in range(model.blocks.slot.shape[0]):
         bound, _ = bound_and_energy(model, state, work, block, model.blocks.slot[block])
+        largest = maximum(bound, largest)
+    return largest_lane(largest)
+
+
+@compiled
+def field_bound(model: Model, state: State) -> float:
+    """
+    What electric fields add to that at most [1/s^2].
+    """
+    largest = splat(0.0)
+    for block in range(model.blocks.slot.shape[0]):
+        bound, _ = field_parts(
+            model.dipole, model.coulomb, model, state, model.blocks.alive[block],
+            model.blocks.slot[block])
         largest = maximum(bound, largest)
     return largest_lane(largest)
 
@@ -260,6 +281,7 @@ def examine(
     ledger[HEIGHT] = -mass * sum_of_lanes(height)
     ledger[WORK] = ledger[EARLIER_WORK]
     ledger[WORK] += work_done(loads)
+    ledger[SPENT] = flowed(work.spent)
     status = balance(ledger)
     if not ledger[RATE] <= ledger[HIGH]:
         status |= RATE_HIGH
@@ -372,15 +394,15 @@ def work_done(loads: Loads | None) -> float:
 @compiled
 def balance(ledger: np.ndarray) -> int:
     """
-    Compare all energy less the work done with what it was at the start.
+    Compare all energy, less the work done and with what was spent, with what it was at the start.
     """
     energy = ledger[KINETIC] + ledger[STORED]
     total = energy + ledger[HEIGHT]
-    if not math.isfinite(total + ledger[WORK]):
+    if not math.isfinite(total + ledger[WORK] + ledger[SPENT]):
         return NOT_FINITE
     fallen = abs(ledger[HEIGHT] - ledger[BASE_HEIGHT])
     ledger[SCALE] = max(ledger[SCALE], energy, fallen, abs(ledger[WORK]))
-    ledger[ERROR] = total - ledger[WORK] - ledger[BASE]
+    ledger[ERROR] = total - ledger[WORK] + ledger[SPENT] - ledger[BASE]
     if ledger[SCALE] > 0.0:
         ledger[WORST] = max(ledger[WORST], abs(ledger[ERROR]) / ledger[SCALE])
         if abs(ledger[ERROR]) > ledger[LIMIT] * ledger[SCALE]:

@@ -142,6 +142,63 @@ class Loads(NamedTuple):
     varying: Varying | None
 
 
+class Damping(NamedTuple):
+    """
+    Damping along the connectors.
+    """
+
+    coefficient: float  # c [N s/m]; of many the largest
+    own: np.ndarray | None  # (12, s) [N s/m] of the connectors at each body, where not all alike
+
+
+class Drag(NamedTuple):
+    """
+    Drag on every body.
+    """
+
+    linear: float  # gamma [N s/m]
+    angular: float  # gamma' [N m s/rad]
+
+
+class Magnet(NamedTuple):
+    """
+    A uniform magnetic field, and the charges that move in it.
+    """
+
+    field: np.ndarray  # (3,) B [T]
+    charge: float  # q [C]
+    moment: np.ndarray  # (3,) dipole [C m], body axes
+    second: float  # s = q Lambda / (2 M) [C m^2]
+
+
+class Dipole(NamedTuple):
+    """
+    A uniform electric field, and the dipoles that turn in it.
+    """
+
+    field: np.ndarray  # (3,) E [V/m]
+    moment: np.ndarray  # (3,) p [C m], body axes
+    largest: float  # |p| |E| [J]
+
+
+class Coulomb(NamedTuple):
+    """
+    Equal charges at the centres of all bodies.
+    """
+
+    strength: float  # kappa = q^2 / (4 pi eps_0) [J m]
+    slots: np.ndarray  # (n,) int32, the slots of the bodies
+
+
+class Meter(NamedTuple):
+    """
+    Energy that flows at the bodies, integrated with the weights of a Runge-Kutta method.
+    """
+
+    power: np.ndarray  # (16, s) [W] at the stages
+    done: np.ndarray  # (2, s) [J] so far, and when the step in progress began
+
+
 class Model(NamedTuple):
     """
     Constants of a compiled scene.
@@ -149,12 +206,17 @@ class Model(NamedTuple):
 
     inverse_mass: float  # [1/kg]
     inverse_inertia: float  # [1/(kg m^2)]
-    gravity: np.ndarray | None  # (3,) [m/s^2]
+    gravity: np.ndarray | None  # (3,) [m/s^2], with what a uniform electric field does to charges
     blocks: Blocks
     links: Links | None
     bending: Bending | None
     twisting: Twisting | None
     supports: Supports | None
+    damping: Damping | None = None
+    drag: Drag | None = None
+    magnet: Magnet | None = None
+    dipole: Dipole | None = None
+    coulomb: Coulomb | None = None
 
 
 class State(NamedTuple):
@@ -182,6 +244,9 @@ class Work(NamedTuple):
     # blocks spread over the fabric, and the weights that make it, see monitor.sample.
     difference: np.ndarray
     weights: np.ndarray
+    # Velocities of the attachment points [m/s], laid out like them; nothing without damping.
+    speeds: np.ndarray
+    spent: Meter | None  # by forces that take energy from the motion
 
 
 class Trail(NamedTuple):

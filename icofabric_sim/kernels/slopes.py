@@ -24,19 +24,23 @@ from icofabric_sim.kernels.lanes import (
     where,
 )
 from icofabric_sim.kernels.loads import factor_of, kick_load, wrench_of
+from icofabric_sim.kernels.meters import note_flow
 from icofabric_sim.kernels.monitor import rows_of
 from icofabric_sim.kernels.records import Loads, Model, State, Work
 from icofabric_sim.kernels.rotations import orthonormalise
+from icofabric_sim.kernels.viscous import add_damping, add_drag, add_magnetic, place_speeds
 import numpy as np
 
 
 @compiled
 def place_blocks(model: Model, state: State, work: Work, first: int, last: int) -> None:
     """
-    Attachment points of blocks first to last.
+    Attachment points of blocks first to last, and their velocities where these are asked for.
     """
     for block in range(first, last):
-        place_links(model.links, state, work, model.blocks.slot[block])
+        s = model.blocks.slot[block]
+        place_links(model.links, state, work, s)
+        place_speeds(model.damping, state, work.points, work.speeds, s)
 
 
 @compiled
@@ -48,7 +52,7 @@ def find_slopes(
     Slope number `index` at `state` and `time` [s], for blocks first to last; points are in place.
 
     dq/dt = omega q / 2 (eq 22) or de_i/dt = omega x e_i (eq 19), and eq 45. The power of the loads
-    goes into `loads.power`.
+    goes into `loads.power`, what is spent into `work.spent`.
     """
     turn = rows_of(state.orientation).shape[0]
     linear, angular = slope[3 + turn:6 + turn], slope[6 + turn:9 + turn]
@@ -62,6 +66,12 @@ def find_slopes(
         for k in range(3):
             store(linear, k, s, a[k])
             store(angular, k, s, a[k + 3])
+        spent = add_damping(
+            model.damping, model.links, model, state, work.points, work.speeds, linear, angular,
+            block, s)
+        spent = add_drag(model.drag, model, state, linear, angular, s, spent)
+        add_magnetic(model.magnet, model, state, linear, angular, s)
+        note_flow(work.spent, index, s, spent)
         if loads is not None:
             for m in range(loads.start[block], loads.start[block + 1]):
                 kick_load(model, loads, kicked, m, s, time, 1.0)

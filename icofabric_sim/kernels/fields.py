@@ -1,0 +1,174 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+Forces of electric fields on charged shells: a uniform field on dipoles, and charges on each other.
+
+A uniform field on the charges is an acceleration like gravity and is packed with it.
+"""
+
+from icofabric_sim.kernels.compiled import compiled
+from icofabric_sim.kernels.connectors import Six
+from icofabric_sim.kernels.lanes import (
+    bits,
+    fma,
+    lane,
+    LANES,
+    load,
+    maximum,
+    rsqrt,
+    splat,
+    Vector,
+    where,
+)
+from icofabric_sim.kernels.records import Coulomb, Dipole, Model, State
+from icofabric_sim.kernels.rotations import turn_to_world
+import numpy as np
+
+_SMALLEST = 1e-300
+
+
+@compiled
+def add_dipole(
+    dipole: Dipole | None, orientation: np.ndarray, alive: int, s: int, force: Six
+) -> Six:
+    """
+    Add the torque p x E of a uniform field on a dipole that turns with the body.
+    """
+    if dipole is None:
+        return force
+    else:
+        fx, fy, fz, tx, ty, tz = force
+        there, zero = bits(alive), splat(0.0)
+        ex, ey, ez = splat(dipole.field[0]), splat(dipole.field[1]), splat(dipole.field[2])
+        px, py, pz = turn_to_world(
+            orientation, s, splat(dipole.moment[0]), splat(dipole.moment[1]),
+            splat(dipole.moment[2]))
+        return (
+            fx, fy, fz, tx + where(there, py * ez - pz * ey, zero),
+            ty + where(there, pz * ex - px * ez, zero), tz + where(there, px * ey - py * ex, zero))
+
+
+@compiled
+def add_coulomb(
+    coulomb: Coulomb | None, position: np.ndarray, alive: int, s: int, force: Six
+) -> Six:
+    """
+    Add the repulsion kappa (x - x_j) / r^3 of all other charges, kappa = q^2 / (4 pi eps_0).
+
+    The sum goes over all pairs, from either end with exactly opposite results. Two charges in the
+    same place have no direction, and no force.
+    """
+    if coulomb is None:
+        return force
+    else:
+        fx, fy, fz, tx, ty, tz = force
+        zero, smallest = splat(0.0), splat(_SMALLEST)
+        ax, ay, az = zero, zero, zero
+        x, y, z = load(position, 0, s), load(position, 1, s), load(position, 2, s)
+        for i in range(coulomb.slots.shape[0]):
+            j = coulomb.slots[i]
+            ux, uy = x - splat(position[0, j]), y - splat(position[1, j])
+            uz = z - splat(position[2, j])
+            square = fma(ux, ux, fma(uy, uy, uz * uz))
+            inverse = where(square > smallest, rsqrt(maximum(square, smallest)), zero)
+            cube = inverse * inverse * inverse
+            ax, ay, az = fma(cube, ux, ax), fma(cube, uy, ay), fma(cube, uz, az)
+        kappa = where(bits(alive), splat(coulomb.strength), zero)
+        return fma(kappa, ax, fx), fma(kappa, ay, fy), fma(kappa, az, fz), tx, ty, tz
+
+
+@compiled
+def field_parts(
+    dipole: Dipole | None, coulomb: Coulomb | None, model: Model, state: State, alive: int, s: int
+) -> tuple[Vector, Vector]:
+    """
+    Bound of what fields add to the squared frequency [1/s^2] of a block, and their energy [J].
+
+    A dipole's energy varies with a small turn dtheta by (p . E) dtheta^2 - (p . dtheta)
+    (E . dtheta), at most |p| |E| dtheta^2. That of two charges, kappa / r, varies with their
+    relative motion du by at most 2 kappa / r^3 du^2, and du^2 <= 2 dx_1^2 + 2 dx_2^2: for each
+    body the sum of 4 kappa / r^3 over all others. Both forms are block-diagonal and add to that
+    of the connectors (kernels/monitor.py), and eigenvalues of a sum are at most their sum.
+    """
+    energy, there = dipole_energy(dipole, state.orientation, s), bits(alive)
+    bound = dipole_bound(dipole, model.inverse_inertia)
+    sums, cubes = coulomb_sums(coulomb, state.position, s)
+    strength = coulomb_strength(coulomb)
+    energy = fma(splat(0.5 * strength), sums, energy)
+    bound = fma(splat(4.0 * strength * model.inverse_mass), cubes, bound)
+    return where(there, bound, splat(0.0)), where(there, energy, splat(0.0))
+
+
+@compiled
+def dipole_energy(dipole: Dipole | None, orientation: np.ndarray, s: int) -> Vector:
+    """
+    Energies |p| |E| - p . E [J] of a block: none where the dipole points along the field.
+    """
+    if dipole is None:
+        return splat(0.0)
+    else:
+        px, py, pz = turn_to_world(
+            orientation, s, splat(dipole.moment[0]), splat(dipole.moment[1]),
+            splat(dipole.moment[2]))
+        return splat(dipole.largest) - fma(splat(dipole.field[0]), px, fma(
+            splat(dipole.field[1]), py, splat(dipole.field[2]) * pz))
+
+
+@compiled
+def dipole_bound(dipole: Dipole | None, inverse_inertia: float) -> Vector:
+    """
+    Bound |p| |E| / Lambda of the squared frequency of dipoles [1/s^2].
+    """
+    if dipole is None:
+        return splat(0.0)
+    else:
+        return splat(dipole.largest * inverse_inertia)
+
+
+@compiled
+def coulomb_strength(coulomb: Coulomb | None) -> float:
+    """
+    Energy of two charges times their distance [J m].
+    """
+    if coulomb is None:
+        return 0.0
+    else:
+        return coulomb.strength
+
+
+@compiled
+def coulomb_sums(
+    coulomb: Coulomb | None, position: np.ndarray, s: int
+) -> tuple[Vector, Vector]:
+    """
+    Sums of 1 / r [1/m] and 1 / r^3 [1/m^3] over all other charges for each body of a block.
+    """
+    zero = splat(0.0)
+    sums, cubes = zero, zero
+    if coulomb is None:
+        return sums, cubes
+    smallest = splat(_SMALLEST)
+    x, y, z = load(position, 0, s), load(position, 1, s), load(position, 2, s)
+    for i in range(coulomb.slots.shape[0]):
+        j = coulomb.slots[i]
+        ux, uy = x - splat(position[0, j]), y - splat(position[1, j])
+        uz = z - splat(position[2, j])
+        square = fma(ux, ux, fma(uy, uy, uz * uz))
+        inverse = where(square > smallest, rsqrt(maximum(square, smallest)), zero)
+        sums, cubes = sums + inverse, fma(inverse * inverse, inverse, cubes)
+    return sums, cubes
+
+
+@compiled
+def field_energy(model: Model, state: State) -> float:
+    """
+    Energy [J] of all dipoles in the field and of all charges on each other.
+    """
+    total = 0.0
+    for block in range(model.blocks.slot.shape[0]):
+        _, energy = field_parts(
+            model.dipole, model.coulomb, model, state, model.blocks.alive[block],
+            model.blocks.slot[block])
+        for i in range(LANES):
+            total += lane(energy, i)
+    return total

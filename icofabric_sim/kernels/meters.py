@@ -1,0 +1,66 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+Energies that flow into or out of the bodies, summed up from their powers at Runge-Kutta stages.
+"""
+
+from icofabric_sim.kernels.compiled import compiled
+from icofabric_sim.kernels.lanes import fma, load, splat, store, Vector
+from icofabric_sim.kernels.records import Meter
+import numpy as np
+
+
+@compiled
+def note_flow(meter: Meter | None, index: int, s: int, power: Vector) -> None:
+    """
+    Power [W] of a block at a stage.
+    """
+    if meter is None:
+        return
+    store(meter.power, index, s, power)
+
+
+@compiled
+def add_flow(
+    meter: Meter | None, slot: np.ndarray, h: float, weights: np.ndarray, first: int, last: int
+) -> None:
+    """
+    Add what flowed in a step [J], the weighted sum of its powers, for blocks first to last.
+
+    It is kept as the step's start has it, too.
+    """
+    if meter is None:
+        return
+    step = splat(h)
+    for block in range(first, last):
+        s = slot[block]
+        total, before = splat(0.0), load(meter.done, 0, s)
+        for j in range(weights.shape[0]):
+            total = fma(splat(weights[j]), load(meter.power, j, s), total)
+        store(meter.done, 1, s, before)
+        store(meter.done, 0, s, fma(step, total, before))
+
+
+@compiled
+def repeat_flow(meter: Meter | None, slot: np.ndarray, first: int, last: int) -> None:
+    """
+    The powers at the end of a step are those at the start of the next.
+    """
+    if meter is None:
+        return
+    for block in range(first, last):
+        s = slot[block]
+        store(meter.power, 0, s, load(meter.power, 12, s))
+
+
+@compiled
+def flowed(meter: Meter | None) -> float:
+    """
+    All that flowed so far [J].
+    """
+    total = 0.0
+    if meter is None:
+        return total
+    for s in range(meter.done.shape[1]):
+        total += meter.done[0, s]
+    return total
