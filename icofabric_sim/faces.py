@@ -13,7 +13,6 @@ from icofabric_sim.parameters import ParameterError
 from icofabric_sim.rotation_forms import cosines_from_quaternions
 from icofabric_sim.selectors import Parser
 import numpy as np
-from scipy.spatial import cKDTree
 
 _COUNT = 20
 # Faces whose angles to a direction differ by less than this are equally near [rad].
@@ -131,6 +130,9 @@ class _FaceParser(Parser):
         axes = cosines_from_quaternions(shells.orientation[shells.chosen])
         places = shells.position[shells.chosen, None] + shells.pitch * np.einsum(
             'pi,nij->npj', _NEIGHBOURS, axes)
+        # Takes a quarter of a second to import.
+        from scipy.spatial import cKDTree
+
         distance, _ = cKDTree(shells.position).query(places.reshape(-1, 3))
         empty = (distance > 0.5 * shells.pitch).reshape(len(axes), -1)
         cosine = face_geometry(shells.half_edge).normals @ _NEIGHBOURS.T / math.sqrt(2.0)

@@ -12,9 +12,10 @@ from typing import Any, NamedTuple
 from icofabric_sim.layout import Layout
 from icofabric_sim.memory import as_number, Memory
 import numpy as np
-from scipy.spatial import cKDTree
 
 _LOGGER = logging.getLogger('icofabric_sim')
+# Bodies of which all pairs are looked at.
+_FEW = 200
 
 
 class Proximity(NamedTuple):
@@ -38,6 +39,27 @@ class Proximity(NamedTuple):
             f'({self.limit:.6g} m): their shells overlap, and contact is '
             'not computed in this version'
         )
+
+
+def closest_pair(position: np.ndarray) -> tuple[float, tuple[int, int]]:
+    """
+    Smallest distance [m] between two of the points (n, 3), and which two.
+    """
+    count = len(position)
+    if count <= _FEW:
+        shift = position[:, None] - position
+        square = np.einsum('ijk,ijk->ij', shift, shift)
+        square[np.arange(count), np.arange(count)] = np.inf
+        body, nearest = divmod(int(np.argmin(square)), count)
+        return float(np.sqrt(square[body, nearest])), (body, nearest)
+    # Takes a quarter of a second to import, which the start of a small scene would feel.
+    from scipy.spatial import cKDTree
+
+    distance, neighbour = cKDTree(position).query(position, k=2)
+    # The nearest point of a body is itself, unless centres coincide.
+    body = int(np.argmin(distance[:, 1]))
+    nearest = int(neighbour[body, 1] if neighbour[body, 0] == body else neighbour[body, 0])
+    return float(distance[body, 1]), (min(body, nearest), max(body, nearest))
 
 
 class ProximityWatch:
@@ -68,15 +90,8 @@ class ProximityWatch:
         if self.found is not None or self._layout.body_count < 2:
             self.reach = np.inf
             return
-        position = self._layout.gather(position)
-        distance, neighbour = cKDTree(position).query(position, k=2)
-        # The nearest point of a body is itself, unless centres coincide.
-        own = neighbour[:, 0] == np.arange(len(position))
-        nearest = np.where(own, neighbour[:, 1], neighbour[:, 0])
-        body = int(np.argmin(distance[:, 1]))
-        smallest = float(distance[body, 1])
+        smallest, pair = closest_pair(self._layout.gather(position))
         if smallest < self.limit:
-            pair = sorted((body, int(nearest[body])))
             self.found = Proximity(time, pair[0], pair[1], smallest, self.limit)
             self.reach = np.inf
             return

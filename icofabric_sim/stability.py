@@ -11,10 +11,10 @@ from icofabric_sim.kernels.flows import place_all
 from icofabric_sim.kernels.hessian import hessian_times, lanczos_steps
 from icofabric_sim.kernels.monitor import field_bound, frequency_bound
 from icofabric_sim.kernels.records import State
+from icofabric_sim.kernels.tridiagonal import largest_eigenvalue
 from icofabric_sim.layout import aligned_empty
 from icofabric_sim.model import PackedScene
 import numpy as np
-from scipy.linalg import eigh_tridiagonal
 
 # Relative accuracy of the squared frequency at which the Lanczos iteration stops. A slightly
 # larger one that the start hardly contains may hide within the residual: at 1e-3 the frequency
@@ -92,9 +92,8 @@ def largest_frequency(
         size = int(ended[0]) + 1 if len(ended) else done
         if not np.isfinite(diagonal[:size]).all():
             return Frequency(math.inf, (), done)
-        values, vectors = eigh_tridiagonal(
-            diagonal[:size], off[:size - 1], select='i', select_range=(size - 1, size - 1))
-        ritz, weights = float(values[0]), vectors[:, 0]
+        weights = np.empty(size)
+        ritz = largest_eigenvalue(diagonal[:size], off[:size - 1], weights)
         value = min(ritz + off[size - 1] * abs(float(weights[-1])), max(upper, ritz))
         if value - ritz <= accuracy * abs(ritz) or len(ended):
             break

@@ -14,6 +14,7 @@ from icofabric_sim.crew import Crew
 from icofabric_sim.integrators.methods import METHODS
 from icofabric_sim.kernels import monitor
 from icofabric_sim.kernels.flows import keep_accelerations, place_all
+from icofabric_sim.kernels.tridiagonal import largest_eigenvalue
 from icofabric_sim.model import pack_scene
 from icofabric_sim.stability import hessian_product, largest_frequency
 import numpy as np
@@ -391,3 +392,24 @@ def test_random_fabric_has_the_limit_of_its_state():
     exact = exact_rate(simulation.scene, s.position, s.orientation)
     assert simulation.largest_frequency == pytest.approx(exact, rel=2e-4)
     assert simulation.largest_frequency != before
+
+
+@pytest.mark.parametrize('seed', range(40))
+def test_largest_eigenvalue_of_tridiagonal_matrices(seed):
+    """
+    Beside LAPACK's; also where many eigenvalues are equal, or couplings are tiny.
+    """
+    generator = np.random.default_rng(seed)
+    size, scale = int(generator.integers(1, 120)), 10.0 ** generator.uniform(-9.0, 15.0)
+    diagonal = scale * generator.uniform(0.0, 2.0, size)
+    if seed % 4 == 0:
+        diagonal[:] = scale
+    off = scale * generator.uniform(1e-13 if seed % 3 == 0 else 0.1, 1.0, size - 1)
+    vector = np.empty(size)
+    value = largest_eigenvalue(diagonal, off, vector)
+    expected = scipy.linalg.eigh_tridiagonal(
+        diagonal, off, eigvals_only=True, select='i', select_range=(size - 1, size - 1))
+    assert value == pytest.approx(expected[0], rel=2e-15)
+    matrix = np.diag(diagonal) + np.diag(off, 1) + np.diag(off, -1)
+    np.testing.assert_allclose(matrix @ vector, value * vector, atol=4e-15 * scale)
+    assert np.linalg.norm(vector) == pytest.approx(1.0, rel=1e-14)
