@@ -83,6 +83,8 @@ def soak(setting: Setting) -> None:
         for topic in (POSES, MARKERS):
             graph.listen(topic, lambda data: heard.__setitem__(0, heard[0] + 1))
         driver = Driver(graph, watch, random.Random(arguments.seed))
+        if arguments.minutes > 1.0:
+            driver.fill_queues()
         end = time.monotonic() + 60.0 * arguments.minutes
         driver.drive(lambda: time.monotonic() > end)
         dropped = driver.finish()

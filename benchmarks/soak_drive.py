@@ -35,6 +35,8 @@ _LAST_BODY = 20  # some weaves have fewer
 _SWITCH_ON = 0.1
 # Messages of a burst may be sent again by the middleware: as many reports are waited for.
 _LATE = 4
+LONGEST_FRAME = 10_000  # characters
+_FILLINGS, _FILLING = 5, 5000
 # Wall time between two deeds [s].
 _REST = (0.01, 0.15)
 
@@ -146,7 +148,7 @@ class Driver:
             bytes(broken),
             bytes(text),
             wrench('moon'),
-            wrench('x' * 10_000),
+            wrench('x' * LONGEST_FRAME),
             wrench('icosahedron_999999999'),
             wrench('icosahedron_-1'),
             wrench('icosahedron_0', (float('nan'), 0.0, 0.0)),
@@ -166,9 +168,22 @@ class Driver:
         """
         Thousands of them at once.
         """
+        self._burst([self.nonsense() for _ in range(20)], self.generator.randint(2000, 5000))
+
+    def fill_queues(self) -> None:
+        """
+        The longest message, until the queues have held it everywhere.
+
+        The middleware keeps for each of the 1,000 places of a queue as much memory as its longest
+        message took: what grows later is something else.
+        """
+        longest = wrench('x' * LONGEST_FRAME)
+        for topic in (_WRENCH_TOPIC, f'{NODE}/loads/tip'):
+            for _ in range(_FILLINGS):
+                self._burst([(topic, longest)], _FILLING)
+
+    def _burst(self, messages: list[tuple[str, bytes]], count: int) -> None:
         before = self.settle()
-        messages = [self.nonsense() for _ in range(20)]
-        count = self.generator.randint(2000, 5000)
         for number in range(count):
             self._send(*messages[number % len(messages)])
         arrived = self.settle(_LATE) - before
