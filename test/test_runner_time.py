@@ -239,7 +239,7 @@ def test_calls_that_are_broken_off_change_no_bit(method, monkeypatch):
         # Fast enough for some hundred steps between two outputs, so for calls that take a while.
         runner = make_runner(
             sink, solver__method=method, initial_random__spin_sigma=50.0, duration=0.5,
-            publish_rate=4.0, connector__stiffness=2e5)
+            publish_rate=4.0, connector__stiffness=2e5, solver__tolerance=1e-3)
         push(runner, stamp=123_456_789)
         broken = []
         reaches = runner._reaches
