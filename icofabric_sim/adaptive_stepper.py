@@ -35,6 +35,8 @@ _LOOSE, _LOOSE_AIM = 1e-6, 0.3
 _FIRST_STEP = 0.5
 # The shortest, in parts of that.
 _SHORTEST_PART = 1e-9
+# No limit of a length [s], and no wish for an accuracy: as large as a checkpoint may hold.
+ANY = 1e300
 # Slopes of a step that states within it need, but for those that dense output adds to them.
 _SLOPES = [
     k for k in range(len(dop853.STAGES) + 1)
@@ -163,26 +165,41 @@ class AdaptiveStepper(Stepper):
             self.advance(time)
         rest, length = time - self.time, float(self.control[pair.LENGTH])
         trail = self._trail
-        inside = self._failure is None and rest > 0.0 and length > 0.0
-        if inside and not self._has_dense:
-            loads = self._scratch_loads()
-            self.crew.run(lambda team: prepare_dense(
-                DOP8, self.model, loads, self.work, team, trail, self.time, length))
-            self._has_dense = True
+        if self._failure is None and rest > 0.0 and length > 0.0:
+            self._prepare_dense()
         self._present_work = self._work_within(rest, length)
         self._present_spent = self._spent_within(rest, length)
         if self._failure is not None or not length > 0.0:
             return self.state
         if not rest > 0.0:
             return trail.start
+        return self._dense(rest / length)
+
+    def _prepare_dense(self) -> None:
+        """
+        Have the slopes that states within the step in progress need.
+        """
+        trail, length = self._trail, float(self.control[pair.LENGTH])
+        if not self._has_dense:
+            loads = self._scratch_loads()
+            self.crew.run(lambda team: prepare_dense(
+                DOP8, self.model, loads, self.work, team, trail, self.time, length))
+            self._has_dense = True
+
+    def _dense(self, part: float) -> State:
+        """
+        State at a part of the step in progress.
+        """
+        self._prepare_dense()
+        trail, length = self._trail, float(self.control[pair.LENGTH])
         if self._side is None:
             # Slots without a body are never written.
             self._side = (self.packed.layout.like(self.state), np.zeros((6, 0)))
-            for part, source in zip(self._side[0], self.state):
-                np.copyto(part, source)
+            for row, source in zip(self._side[0], self.state):
+                np.copyto(row, source)
         target = self._side[0]
         self.crew.run(lambda team: dense_state(
-            DOP8, self.model, self.state, team, trail, length, rest / length, target))
+            DOP8, self.model, self.state, team, trail, length, part, target))
         return target
 
     def _work_within(self, rest: float, length: float) -> float:
@@ -293,7 +310,7 @@ class AdaptiveStepper(Stepper):
             control[pair.NEXT] = first
         tolerance = self.accuracy.tolerance
         control[pair.TOLERANCE] = tolerance * (_LOOSE_AIM if tolerance > _LOOSE * rate else 1.0)
-        control[pair.SHORTEST] = first * _SHORTEST_PART
+        control[pair.SHORTEST], control[pair.LONGEST] = first * _SHORTEST_PART, ANY
         size = self.half_edge**-2
         fastest = max(rate, 1.0 / FREE_STEP) ** -2
         control[pair.SCALES:] = size, 4.0 if self.state.orientation.ndim == 2 else 0.5, (
@@ -308,9 +325,9 @@ class AdaptiveStepper(Stepper):
             self._fail(too_fast(self.time))
         return _FIRST_STEP / rate if rate > 0.0 else FREE_STEP
 
-    def _take(self, goal: float, count: int) -> None:
+    def _take(self, goal: float, count: int) -> int:
         """
-        Take up to `count` steps until one ends after `goal`.
+        Take up to `count` steps until one ends after `goal`; returns the status of the last.
         """
         control = self.control
         control[pair.GOAL] = goal
@@ -335,6 +352,7 @@ class AdaptiveStepper(Stepper):
                 'too much; allow a larger tolerance')
         if status:
             self._respond(status, self.end)
+        return int(status)
 
     def _give_up_step(self) -> None:
         """

@@ -41,6 +41,7 @@ class BagSummary:
     checkpoints: tuple[int, ...]  # times [ns] of those in the bag itself
     first: PoseFrame | None
     last: PoseFrame | None
+    breaks: np.ndarray | None  # (m, 2) connector and time [s]; None: not recorded
 
     @property
     def proximity(self) -> str:
@@ -114,6 +115,7 @@ class BagSummary:
         distance, body = self.largest_displacement
         if body >= 0:
             rows.append(('moved', f'by up to {distance:.4g} m between them (body {body})'))
+        rows += self._broken()
         rows.append(('overlap', self.proximity or ('none' if self.finished else 'not known')))
         rows.append(('end', self.failure or self._ending()))
         return rows
@@ -135,6 +137,19 @@ class BagSummary:
                 text += f', {(topic.message_count - 1) / span:.4g} Hz'
             rows.append(('' if rows else 'topics', f'{text} ({topic.type_name})'))
         return rows
+
+    def _broken(self) -> list[Row]:
+        """
+        What broke, where anything can.
+        """
+        can = self.scene is not None and self.scene.connectors.limits is not None
+        if self.breaks is None or not (can or len(self.breaks)):
+            return []
+        if not len(self.breaks):
+            return [('broken', 'none')]
+        (first, begin), (_, end) = self.breaks[0], self.breaks[-1]
+        return [('broken', f'{len(self.breaks):,} connectors, from t = {begin:.6g} s (connector '
+                           f'{first:.0f}) to t = {end:.6g} s')]
 
     def _origin(self) -> list[Row]:
         custom = self.custom
@@ -240,6 +255,7 @@ def summarise_bag(path: str | Path) -> BagSummary:
             checkpoints=tuple(run.times_of(CHECKPOINT.name)),
             first=first,
             last=last,
+            breaks=next((breaks for _, breaks in reversed(run.breaks())), None),
         )
 
 

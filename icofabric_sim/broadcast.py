@@ -24,7 +24,8 @@ if TYPE_CHECKING:
 # Wall time between two reports on /diagnostics [s].
 _REPORT_INTERVAL = 1.0
 _MOVING = (
-    topics.CLOCK, topics.POSES, topics.CONNECTORS, topics.ICOSAHEDRA, topics.STATE, topics.ENERGY)
+    topics.CLOCK, topics.POSES, topics.CONNECTORS, topics.ICOSAHEDRA, topics.STATE, topics.ENERGY,
+    topics.BROKEN)
 _RATES = {
     topics.CLOCK: 'clock_rate',
     topics.POSES: 'publish_rate',
@@ -32,6 +33,7 @@ _RATES = {
     topics.ICOSAHEDRA: 'marker_rate',
     topics.STATE: 'publish_rate',
     topics.ENERGY: 'publish_rate',
+    topics.BROKEN: 'publish_rate',
 }
 
 
@@ -110,6 +112,8 @@ class Broadcast:
         """
         self.simulation = simulation
         self._outputs = Outputs(simulation.scene)
+        self._can_break = simulation.scene.connectors.limits is not None
+        self._breaks_told: int | None = None
         self.set_rates(simulation.scene.parameters)
 
     def set_rates(self, parameters: Parameters) -> None:
@@ -118,7 +122,9 @@ class Broadcast:
         """
         self._parameters = parameters
         self._clock_wanted = parameters['publish_clock']
-        self._schedules = {topic: Schedule(parameters[name]) for topic, name in _RATES.items()}
+        self._schedules = {
+            topic: Schedule(parameters[name]) for topic, name in _RATES.items()
+            if topic is not topics.BROKEN or self._can_break}
 
     def next_times(self, now: int) -> list[int]:
         """
@@ -148,6 +154,7 @@ class Broadcast:
                 receivers = self._receivers(topic, only)
                 if receivers:
                     self._send(topic, now, [self._outputs.cleared(now, topic)], receivers)
+        self._breaks_told = None
         self.emit(now, only=only)
 
     def describe_scene(self, now: int, only: Sequence[Sink] | None = None) -> None:
@@ -220,9 +227,18 @@ class Broadcast:
         Build and send the messages of the present time that anyone wants; the clock goes first.
         """
         for topic in chosen:
+            if topic is topics.BROKEN and (live_only or not self._is_news_of_breaks()):
+                continue
             receivers = self._receivers(topic, only, live_only=live_only)
             if receivers:
                 self._send(topic, now, self._build(topic, now), receivers)
+
+    def _is_news_of_breaks(self) -> bool:
+        """
+        Whether more has broken than was told; the message stays, so nothing is told twice.
+        """
+        told, self._breaks_told = self._breaks_told, self.simulation.broken_count
+        return told != self._breaks_told
 
     def report(self, now: int, *, at_once: bool = False) -> None:
         """
@@ -254,6 +270,8 @@ class Broadcast:
             return [self._outputs.state(snapshot)]
         if topic is topics.ENERGY:
             return [self._outputs.energy(snapshot)]
+        if topic is topics.BROKEN:
+            return [self._outputs.broken(snapshot)]
         if topic is topics.ICOSAHEDRA:
             return self._outputs.icosahedra(snapshot, now)
         return self._outputs.connectors(snapshot, now)

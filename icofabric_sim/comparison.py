@@ -87,6 +87,11 @@ class ExactComparison:
             return _values(
                 data, self._outputs.state(snapshot()),
                 lambda message: decoded(decode_float64_multi_array, message), _STATE)
+        if topic is topics.BROKEN:
+            return _values(
+                data, self._outputs.broken(snapshot()),
+                lambda message: decoded(decode_float64_multi_array, message),
+                ('connector', 'time of breakage [s]'), what='break')
         return _values(
             data, self._outputs.energy(snapshot()),
             lambda message: decoded(decode_float64_multi_array, message),

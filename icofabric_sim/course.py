@@ -9,6 +9,8 @@ import math
 from typing import Any
 
 from icofabric_sim.adaptive_stepper import AdaptiveStepper
+from icofabric_sim.breaking_stepper import BreakingStepper
+from icofabric_sim.broken import Broken
 from icofabric_sim.crew import Crew
 from icofabric_sim.faults import too_fast
 from icofabric_sim.icosahedron import inscribed_radius
@@ -80,7 +82,12 @@ class Course:
             loads = self._loads()
         method = METHODS[self.method.name]
         try:
-            self.stepper = (AdaptiveStepper if method.adaptive and not fixed > 0.0 else Stepper)(
+            kind: type[Stepper] = Stepper
+            if packed.breakage is not None:
+                kind = BreakingStepper
+            elif method.adaptive and not fixed > 0.0:
+                kind = AdaptiveStepper
+            self.stepper = kind(
                 packed,
                 method,
                 state,
@@ -94,6 +101,7 @@ class Course:
                 half_edge=scene.geometry.half_edge,
                 crew=Crew(parameters['solver.threads'], packed),
                 watch=watch,
+                broken=Broken(packed),
                 on_pause=on_pause,
             )
         except SimulationError as error:

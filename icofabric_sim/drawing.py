@@ -43,6 +43,7 @@ class Moment(NamedTuple):
     orientation: np.ndarray  # (n, 4) x y z w
     scene: Scene
     note: str = ''  # what acts at that time
+    broken: np.ndarray | None = None  # numbers of broken connectors
 
 
 class Renderer:
@@ -146,6 +147,7 @@ class Renderer:
             moment.orientation,
             view=self.view,
             bounds=self.bounds,
+            broken=moment.broken,
             line_width=max(0.16 * scene.shell.half_edge, _LEAST_LINE_PIXELS * pixel),
         )
         large = scene.shell.half_edge > 6.0 * pixel

@@ -109,9 +109,12 @@ def fabric_polygons(
     view: View,
     bounds: Bounds,
     line_width: float,
+    broken: np.ndarray | None = None,
 ) -> Polygons:
     """
     All that is to be drawn of a fabric in one state; connectors are `line_width` [m] wide.
+
+    Without those whose numbers are `broken`.
     """
     axes = view.axes
     if scene.body_count > LARGEST_SHELL_COUNT:
@@ -119,7 +122,7 @@ def fabric_polygons(
     else:
         parts = [_shells(scene, position, orientation, axes)]
     if scene.connector_count:
-        parts.append(_connectors(scene, position, orientation, axes, line_width))
+        parts.append(_connectors(scene, position, orientation, axes, line_width, broken))
     corners, colors, depth = (np.concatenate(column) for column in zip(*_padded(parts)))
     span = max(float(bounds.high[2] - bounds.low[2]), np.finfo(float).tiny)
     haze = _HAZE * np.clip((bounds.high[2] - depth) / span, 0.0, 1.0)[:, None]
@@ -167,11 +170,14 @@ def _discs(scene: Scene, position: np.ndarray, axes: np.ndarray) -> _Part:
 
 
 def _connectors(
-    scene: Scene, position: np.ndarray, orientation: np.ndarray, axes: np.ndarray, width: float
+    scene: Scene, position: np.ndarray, orientation: np.ndarray, axes: np.ndarray, width: float,
+    broken: np.ndarray | None
 ) -> _Part:
     ends = connector_ends(scene, position, orientation)
     palette = np.array([entry.color[:3] for entry in STRAIN_CLASSES])
     colors = palette[strain_classes(scene, ends)]
+    if broken is not None and len(broken):
+        ends, colors = np.delete(ends, broken, axis=0), np.delete(colors, broken, axis=0)
     seen = ends @ axes.T
     pieces = 1 if scene.body_count > LARGEST_SHELL_COUNT else _PIECES
     at = np.linspace(0.0, 1.0, pieces + 1)[:, None, None]

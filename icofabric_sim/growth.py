@@ -169,6 +169,7 @@ class Companion:
         self._note(distance * self._factor)
         if distance > LARGEST_DISTANCE:
             part = DISPLACEMENT / distance
+            self._displaced.break_like(self._reference)
             self._put(_between(one, two, part))
             distance = _distance(one, self._displaced.snapshot(), self._half_edge)
             self._factor = self._history[-1][1] / distance

@@ -61,7 +61,8 @@ class Ledger:
         """
         Forget the past: the state has jumped.
         """
-        self.numbers[[monitor.EARLIER_WORK, monitor.SCALE, monitor.WORST]] = 0.0
+        self.numbers[[
+            monitor.EARLIER_WORK, monitor.SCALE, monitor.WORST, monitor.LOST]] = 0.0
         self.numbers[monitor.LIVELY] = self.numbers[monitor.ROUGH_LIMIT] = math.inf
         self.numbers[[monitor.REGULAR, monitor.ROUGHEST]] = 0.0
         self.numbers[monitor.ROUGH] = -1.0

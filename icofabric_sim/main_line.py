@@ -10,6 +10,7 @@ from collections.abc import Callable
 import math
 from typing import Any
 
+from icofabric_sim.broken import Broken
 from icofabric_sim.crew import Crew
 from icofabric_sim.integrators.methods import Method
 from icofabric_sim.integrators.splitting import NEVER
@@ -51,6 +52,7 @@ class MainLine:
         half_edge: float,
         crew: Crew,
         watch: ProximityWatch | None,
+        broken: Broken,
     ) -> None:
         """
         Stand with `state` at time `origin` [s]; `fixed_step` 0: chosen.
@@ -59,10 +61,12 @@ class MainLine:
         """
         self.packed, self.model, self.method = packed, packed.model, method
         self.state, self.loads = state, loads
-        self.crew, self.watch = crew, watch
+        self.crew, self.watch, self.broken = crew, watch, broken
         self.work = packed.layout.room(
             packed.model.links, None if method.symplectic else state, differences=differences,
             damped=packed.model.damping is not None, metered=packed.spends)
+        # Which alone looks out for it.
+        self.work = self.work._replace(breakage=packed.breakage)
         self.origin, self.index = origin, 0
         self.step, self.fixed = fixed_step, fixed_step > 0.0
         self.step_count = 0
@@ -151,6 +155,8 @@ class MainLine:
             memory['spent'] = self.packed.layout.gather(self.work.spent.done)
         if self.watch is not None:
             memory['watch'] = self.watch.memory()
+        if self.broken.count:
+            memory['broken'] = self.broken.memory()
         return memory
 
     def recall(self, memory: Memory, loads: Loads | None) -> None:
@@ -169,6 +175,7 @@ class MainLine:
         if self._failure is None and not self.time + step > self.time:
             raise ValueError(f'step {step!r} s leads nowhere from t = {self.time!r} s')
         self._saved_time = memory.number('saved_time', 0.0)
+        self.broken.recall(memory.part('broken') if 'broken' in memory else None)
         for name, state in (('state', self.state), ('saved', self._saved)):
             self._take_back(state, memory.part(name))
         self.ledger.recall(memory.part('ledger'))

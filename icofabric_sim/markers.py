@@ -42,6 +42,8 @@ STRAIN_CLASSES = (
 )
 _BOUNDS = np.array([entry.above for entry in STRAIN_CLASSES[1:]])
 
+_NO_CLASS = 255  # of broken connectors
+
 
 class ShellClass(NamedTuple):
     """
@@ -100,6 +102,9 @@ class ConnectorMarkers:
         counts = np.zeros(len(STRAIN_CLASSES), np.int64)
         classes = np.empty(snapshot.connector_count, np.uint8)
         classify(snapshot.connector_length, connectors.natural_length, _BOUNDS, classes, counts)
+        if snapshot.broken_since is not None:
+            counts -= np.bincount(classes[~snapshot.intact], minlength=len(counts))
+            classes[~snapshot.intact] = _NO_CLASS
         for number, (marker, count) in enumerate(zip(self._lists, counts.tolist())):
             if count:
                 yield marker.filled(nanoseconds, 2 * count, partial(

@@ -12,6 +12,7 @@ from icofabric_sim.connector_moments import pack_moments
 from icofabric_sim.damping import pack_damping
 from icofabric_sim.kernels.lanes import LANES
 from icofabric_sim.kernels.records import (
+    Breakage,
     Connectors,
     Drag,
     LINK_COUNT,
@@ -22,6 +23,7 @@ from icofabric_sim.kernels.records import (
 )
 from icofabric_sim.kernels.records import Supports as PackedSupports
 from icofabric_sim.layout import aligned_empty, Layout, make_layout, make_links
+from icofabric_sim.link_places import pack_breakage
 from icofabric_sim.profiles import Piece, STEADY
 from icofabric_sim.scene import Scene
 import numpy as np
@@ -61,6 +63,7 @@ class PackedScene:
     field_force: np.ndarray  # (3,) [N] of a uniform electric field on every body
     # Largest rate [1/s] at which forces that depend on velocities change these.
     velocity_rate: float
+    breakage: Breakage | None
 
     @property
     def spends(self) -> bool:
@@ -80,7 +83,7 @@ def pack_scene(scene: Scene, *, cosines: bool = False) -> PackedScene:
     fall = gravity + electric.force / mass
     grid = scene.weave.grid
     layout = make_layout(grid, scene.body_count, cosines=cosines)
-    connectors = links = supports = damping = None
+    connectors = links = supports = damping = breakage = None
     if scene.connector_count:
         bodies, edges = scene.connectors.bodies, scene.connectors.edges
         laws, half_width = scene.connectors.laws, 0.5 * scene.geometry.cube_width
@@ -89,6 +92,8 @@ def pack_scene(scene: Scene, *, cosines: bool = False) -> PackedScene:
         layout, links = make_links(
             layout, grid, bodies, edges, laws=laws, half_width=half_width)
         damping = pack_damping(scene.connectors.damping, layout, links, bodies, edges)
+        if scene.connectors.limits is not None:
+            breakage = pack_breakage(layout, links, connectors, scene.connectors.limits)
     drag = Drag(scene.parameters['drag.linear'], scene.parameters['drag.angular'])
     if scene.supports is not None:
         supports = PackedSupports(
@@ -113,7 +118,7 @@ def pack_scene(scene: Scene, *, cosines: bool = False) -> PackedScene:
     )
     return PackedScene(
         model, layout, connectors, resisting.moments, gravity, electric.force,
-        velocity_rate(model))
+        velocity_rate(model), breakage)
 
 
 def velocity_rate(model: Model) -> float:

@@ -25,7 +25,7 @@ from icofabric_sim.snapshot import Snapshot
 import numpy as np
 
 __all__ = [
-    'CHECKPOINT', 'CLOCK', 'CONNECTORS', 'DIAGNOSTICS', 'ENERGIES', 'ENERGY', 'EVENTS',
+    'BROKEN', 'CHECKPOINT', 'CLOCK', 'CONNECTORS', 'DIAGNOSTICS', 'ENERGIES', 'ENERGY', 'EVENTS',
     'ICOSAHEDRA', 'Outputs', 'POSES', 'STATE', 'STRAIN_CLASSES', 'StrainClass', 'Topic', 'TOPICS',
     'WEAVE']
 
@@ -48,6 +48,8 @@ STATE = Topic('~/state', Float64MultiArrayBytes.TYPE, False, 10, False)
 # Large: 1,440 bytes for each body. They follow from the poses, so that no bag needs them.
 ICOSAHEDRA = Topic('~/icosahedra', MarkerBytes.TYPE, False, 8, False)
 ENERGY = Topic('~/energy', Float64MultiArrayBytes.TYPE, False, 10, True)
+# What has broken so far, in the order in which it did.
+BROKEN = Topic('~/broken', Float64MultiArrayBytes.TYPE, True, 1, True)
 WEAVE = Topic('~/weave', StringBytes.TYPE, True, 1, True)
 CLOCK = Topic('/clock', ClockBytes.TYPE, False, 10, True)
 DIAGNOSTICS = Topic('/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', False, 10, True)
@@ -55,13 +57,14 @@ DIAGNOSTICS = Topic('/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', False
 EVENTS = Topic('~/events', StringBytes.TYPE, False, 100, True)
 # Checkpoints, so that a bag can be simulated again from there.
 CHECKPOINT = Topic('~/checkpoint', 'std_msgs/msg/UInt8MultiArray', False, 1, True)
-TOPICS = (POSES, CONNECTORS, ICOSAHEDRA, STATE, ENERGY, WEAVE, CLOCK, DIAGNOSTICS, EVENTS)
+TOPICS = (
+    POSES, CONNECTORS, ICOSAHEDRA, STATE, ENERGY, BROKEN, WEAVE, CLOCK, DIAGNOSTICS, EVENTS)
 
 # Label and name in a snapshot of each number in `~/energy` [J].
 ENERGIES = {
     label: label.replace(' ', '_') for label in (
         'kinetic', 'connectors', 'gravity', 'contact', 'work in', 'dissipated', 'balance error',
-        'field')}
+        'field', 'lost at breaks')}
 
 
 class Outputs:
@@ -112,6 +115,20 @@ class Outputs:
         """
         self._energy.values[:] = [snapshot.energy[name] for name in ENERGIES.values()]
         return self._energy.to_bytes()
+
+    def broken(self, snapshot: Snapshot) -> bytes:
+        """
+        `~/broken`: [m, 2] connector and time of breakage [s], in the order in which they broke.
+
+        Those of one time are in order of their numbers.
+        """
+        gone = np.flatnonzero(~snapshot.intact)
+        times = snapshot.break_time[gone]
+        order = np.argsort(times, kind='stable')
+        message = Float64MultiArrayBytes(
+            ('break', 'connector, time of breakage'), (len(gone), 2))
+        return message.filled(partial(
+            _write_columns, [gone[order, None].astype(float), times[order, None]]))
 
     def connectors(self, snapshot: Snapshot, nanoseconds: int) -> Iterator[bytes]:
         """

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple, Self, TypeVar
 
 from icofabric_sim.bag import BagError, BagReader, BagTopic
 from icofabric_sim.messages import (
+    decode_float64_multi_array,
     decode_marker_points,
     decode_pose_array,
     decode_string,
@@ -174,6 +175,14 @@ class RecordedRun:
             else:
                 shown[marker.marker_id] = marker
         return [shown[number] for number in sorted(shown)]
+
+    def breaks(self) -> list[tuple[int, np.ndarray]]:
+        """
+        All that had broken by some times [ns]: connector and time of breakage [s], (m, 2) each.
+        """
+        return [
+            (time, np.array(self.decoded(decode_float64_multi_array, data).values).reshape(-1, 2))
+            for _, time, data in self._reader.messages([f'{self.node}/broken'])]
 
     def inputs(self) -> list[RecordedInput]:
         """

@@ -74,6 +74,7 @@ def summarise_run(status: Status) -> dict[str, str]:
         'proximity': status.proximity or 'none',
         'failure': status.failure or 'none',
         'wrenches_dropped': str(status.dropped),
+        'breaks': str(status.breaks),
         'balance_worst': repr(status.balance_worst),
     }
     if status.errors is not None:

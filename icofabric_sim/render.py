@@ -43,6 +43,7 @@ class RunPictures:
         self.run = run
         self.view = View() if view is None else view
         self._inputs = run.inputs()
+        self._breaks = run.breaks()
         self.renderer = Renderer(
             self._bounds(), title=title or run.path.name, view=self.view, size=size)
 
@@ -92,7 +93,15 @@ class RunPictures:
                 f'{self.run.path} holds {len(position)} poses at t = {time / 1e9:.6g} s, but its '
                 f'scene there has {scene.body_count} bodies')
         note = _note(active_inputs(self._inputs, time))
-        return Moment(time / 1e9, position, orientation, scene, note)
+        broken = None
+        for told, breaks in self._breaks:
+            if told <= time:
+                broken = breaks[:, 0].astype(int)
+        if broken is not None and broken.max(initial=0) >= max(scene.connector_count, 1):
+            raise BagError(
+                f'{self.run.path} holds a broken connector {broken.max()} at t = {time / 1e9:.6g} '
+                f's, but its scene there has {scene.connector_count} connectors')
+        return Moment(time / 1e9, position, orientation, scene, note, broken)
 
 
 def spread_times(times: np.ndarray, count: int) -> np.ndarray:

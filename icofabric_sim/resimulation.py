@@ -36,7 +36,8 @@ from icofabric_sim.simulation import compile_scene, Simulation, SimulationError
 Act = Callable[[Simulation], object]
 # States of the run that can be looked at again.
 OUTPUTS = (
-    topics.POSES, topics.STATE, topics.ENERGY, topics.CONNECTORS, topics.CLOCK, topics.CHECKPOINT)
+    topics.POSES, topics.STATE, topics.ENERGY, topics.BROKEN, topics.CONNECTORS, topics.CLOCK,
+    topics.CHECKPOINT)
 _BY_NAME = {topic.name: topic for topic in OUTPUTS}
 _LOAD = re.compile(r'~/loads/([A-Za-z][A-Za-z0-9_]*)')
 _BODY = re.compile(r'icosahedron_(0|[1-9][0-9]{0,9})')

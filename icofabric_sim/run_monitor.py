@@ -99,6 +99,8 @@ class RunMonitor:
         if snapshot.connector_count and len(snapshot.connector_length):
             natural = self._simulation.scene.connectors.natural_length
             strain = snapshot.connector_length / natural - 1.0
+            if snapshot.broken_since is not None:
+                strain[~snapshot.intact] = 0.0
             high, low = int(np.argmax(strain)), int(np.argmin(strain))
             if strain[high] > self.stretch.value:
                 self.stretch = Extreme(float(strain[high]), snapshot.time, high)

@@ -61,7 +61,7 @@ class Status(NamedTuple):
     energy_limit: float = math.inf  # what it may be before the run stops
     loads_waiting: int = 0  # wrenches whose stamp lies ahead
     contacts: int = 0  # not built yet
-    breaks: int = 0  # not built yet
+    breaks: int = 0  # connectors that have broken
     cause: str = ''  # why the run is no faster than it is
     lag: float = 0.0  # longest time that a request waited since the last report [s]
 
@@ -78,6 +78,7 @@ def figures(simulation: Simulation) -> dict[str, Any]:
         'body_count': simulation.scene.body_count,
         'connector_count': simulation.scene.connector_count,
         'loads_active': len(simulation.active_loads),
+        'breaks': simulation.broken_count,
         'proximity': '' if proximity is None else str(proximity),
         'method': simulation.method_name,
         'tolerance': simulation.scene.parameters['solver.tolerance'],
@@ -102,7 +103,7 @@ def begins_anew(simulation: Simulation) -> bool:
     """
     Whether a simulation stands where building its scene has put it: nothing was done to it yet.
     """
-    if simulation.time != 0.0 or simulation.waiting_loads:
+    if simulation.time != 0.0 or simulation.waiting_loads or simulation.broken_count:
         return False
     state, first = simulation.snapshot(), simulation.scene.initial
     acting, steady = simulation.active_loads, Inputs(simulation.scene).active

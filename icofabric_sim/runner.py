@@ -17,6 +17,7 @@ import time as wall
 from typing import Any
 
 from icofabric_sim.broadcast import Sink
+from icofabric_sim.outputs import BROKEN
 from icofabric_sim.parameters import Parameters
 from icofabric_sim.run_changes import ChangingRun
 from icofabric_sim.run_records import begins_anew, Status, WrenchInput
@@ -165,6 +166,8 @@ class Runner(ChangingRun):
             self._steps.end('the run has ended')
             self._pending.drop_all('the run ended before')
             self._fresh_status()
+        # What broke since the last output; others come on their grid only.
+        self._broadcast.emit(self.now, [BROKEN])
         self._broadcast.report(self.now, at_once=True)
 
     def _turn(self, until_finished: bool) -> bool:

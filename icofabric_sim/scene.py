@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 
 from icofabric_sim import initial, selectors
 from icofabric_sim.available_memory import available_memory
+from icofabric_sim.breakage import BreakLimits, make_limits
 from icofabric_sim.connector_laws import between, ConnectorLaws, make_laws, spread_over
 from icofabric_sim.electric import Electric, make_electric
 from icofabric_sim.faces import check_faces
@@ -50,6 +51,7 @@ class SceneConnectors:
     bending_stiffness: np.ndarray  # [N m/rad], (c,), or (1,) where all are alike
     twisting_stiffness: np.ndarray
     damping: np.ndarray  # (c,) or (1,) [N s/m]
+    limits: BreakLimits | None  # lengths at which they break, if any can
 
     @property
     def stiffness(self) -> float | np.ndarray:
@@ -139,6 +141,8 @@ class Scene:
         )
         groups = _groups(checked, selectors.Bodies(position, weave.grid, geometry.pitch))
         supports = _supports(checked, groups, len(position))
+        woven = geometry.connector_length, groups, weave.connector_bodies
+        laws = make_laws(checked, *woven)
         return cls(
             parameters=checked,
             shell=shell,
@@ -150,9 +154,11 @@ class Scene:
                 weave.connector_bodies,
                 weave.connector_edges,
                 geometry.half_edge,
-                make_laws(checked, geometry.connector_length, groups, weave.connector_bodies),
-                *(spread_over(checked, name, groups, weave.connector_bodies)
-                  for name in ('bending_stiffness', 'twisting_stiffness', 'damping')),
+                laws,
+                spread_over(checked, 'bending_stiffness', *woven[1:]),
+                spread_over(checked, 'twisting_stiffness', *woven[1:]),
+                spread_over(checked, 'damping', *woven[1:]),
+                make_limits(checked, *woven, laws),
             ),
             groups=groups,
             supports=supports,

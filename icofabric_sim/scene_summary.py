@@ -139,6 +139,12 @@ def _springs(scene: Scene) -> str:
         stiffness = getattr(scene.connectors, f'{name}_stiffness')
         if stiffness.any():
             text += f', against {name} {_range(stiffness)} N m/rad'
+    limits = scene.connectors.limits
+    for word, values in () if limits is None else (
+            ('longer', limits.longest), ('shorter', limits.shortest)):
+        given = values[np.isfinite(values) & (values > 0.0)]
+        if len(given):
+            text += f', broken when {word} than {_range(given)} m'
     return text
 
 

@@ -175,8 +175,20 @@ STATIC: tuple[Specification, ...] = (
         'k_c, below the natural length (eq 2); negative: connector.stiffness; 0: slack',
     ),
     _s('connector.natural_length', 0.0, 'm', 'natural length D; 0: D = L', minimum=0.0),
-    _s('connector.break_length_extension', 0.0, 'm', 'L_e; 0: never breaks', **_NOT_BUILT),
-    _s('connector.break_length_compression', 0.0, 'm', 'L_c; 0: never breaks', **_NOT_BUILT),
+    _s(
+        'connector.break_length_extension',
+        0.0,
+        'm',
+        'L_e above D, at which a connector breaks for good (eq 3); 0: never breaks',
+        minimum=0.0,
+    ),
+    _s(
+        'connector.break_length_compression',
+        0.0,
+        'm',
+        'L_c below D, at which a compressed connector breaks for good; 0: never breaks',
+        minimum=0.0,
+    ),
     _s('connector.damping', 0.0, 'N s/m', 'damping along the connector', minimum=0.0),
     _s(
         'connector.bending_stiffness',
@@ -406,6 +418,8 @@ FAMILIES: dict[str, tuple[Specification, ...]] = {
         _s('bending_stiffness', -1.0, 'N m/rad', 'kappa_b; negative: as for all'),
         _s('twisting_stiffness', -1.0, 'N m/rad', 'kappa_t; negative: as for all'),
         _s('damping', -1.0, 'N s/m', 'damping along the connectors; negative: as for all'),
+        _s('break_length_extension', -1.0, 'm', 'L_e; 0: never breaks; negative: as for all'),
+        _s('break_length_compression', -1.0, 'm', 'L_c; 0: never breaks; negative: as for all'),
     ),
     'supports': (
         _s('group', '', '', 'group that is held', required=True),

@@ -150,6 +150,13 @@ class Simulation:
         return None if watch is None else watch.found
 
     @property
+    def broken_count(self) -> int:
+        """
+        Connectors that have broken so far.
+        """
+        return self._stepper.broken.count
+
+    @property
     def active_loads(self) -> dict[Key, Wrench]:
         """
         Wrenches that act now, by channel name or body number.
@@ -200,7 +207,9 @@ class Simulation:
                 self.time, *state, self.scene.connector_count, self.packed,
                 {'work_in': self._stepper.work_at_state(),
                  'spent': self._stepper.spent_at_state(),
-                 'start': self._stepper.ledger[monitor.BASE]})
+                 'start': self._stepper.ledger[monitor.BASE],
+                 'lost_at_breaks': self._stepper.ledger[monitor.LOST]},
+                self._stepper.broken.since)
             self._cached_at = self._course.changes
         return self._cached
 
@@ -248,6 +257,8 @@ class Simulation:
     ) -> None:
         """
         Replace parts of the state at the present time; (n, 3) and (n, 4), world frame, SI units.
+
+        What is broken stays broken.
         """
         state = complete_state(self.snapshot(), {
             'position': position, 'orientation': orientation, 'linear_velocity': linear_velocity,
@@ -256,7 +267,7 @@ class Simulation:
 
     def reset(self, *, time: float | None = None) -> None:
         """
-        Go back to the initial state; all received wrenches are forgotten.
+        Go back to the initial state, with every connector whole; received wrenches are forgotten.
 
         The time runs on, from a later `time` [s] where one is given: after a failure the present
         one is that of the last good state.
@@ -268,6 +279,7 @@ class Simulation:
                     'reset_time() goes back to the start')
             self._course.time = float(time)
         self._inputs.reset(self._course.time)
+        self._stepper.broken.mend()
         self._jump(self.scene.initial)
 
     def reset_time(self) -> None:
@@ -282,8 +294,8 @@ class Simulation:
         """
         Go on where a run of an earlier scene stands: its time, and its wrenches where they fit.
 
-        With `keep_motion` also its state, which needs the same number of bodies; else from the
-        initial state.
+        With `keep_motion` also its state and its broken connectors, which needs the same number of
+        bodies; else from the initial state.
         """
         if keep_motion and previous.scene.body_count != self.scene.body_count:
             raise ValueError(
@@ -295,10 +307,19 @@ class Simulation:
             if self._stepper.watch is not None:
                 # The same motion: what was said once is not said again.
                 self._stepper.watch.take_over(previous.proximity)
+            self._stepper.broken.adopt(previous._stepper.broken)
             self._course.time = previous.time
             self._jump(_as_initial(previous.snapshot(), self.scene))
         else:
             self._course.begin_at(previous.time)
+
+    def break_like(self, other: 'Simulation') -> None:
+        """
+        Have the connectors broken that are broken in `other`, a simulation of the same fabric.
+        """
+        self._stepper.broken.mend()
+        self._stepper.broken.adopt(other._stepper.broken)
+        self._course.changes += 1
 
     def warm_up(self) -> None:
         """

@@ -29,22 +29,25 @@ class Snapshot:
     angular_velocity: np.ndarray  # (n, 3) [rad/s]
     connector_count: int
     packed: PackedScene
-    # [J] work in, what was spent, and energy less work at the start
+    # [J] work in, what was spent and lost at breaks, and energy less work at the start
     ledger: Mapping[str, float]
+    broken_since: np.ndarray | None = None  # (c,) [s], NaN while unbroken; None: all are whole
 
     @cached_property
     def intact(self) -> np.ndarray:
         """
         Which connectors are unbroken, (c,) bool.
         """
-        return np.ones(self.connector_count, dtype=bool)
+        return np.asarray(np.isnan(self.break_time))
 
     @cached_property
     def break_time(self) -> np.ndarray:
         """
         Times of breakage [s], (c,); NaN while unbroken.
         """
-        return np.full(self.connector_count, np.nan)
+        if self.broken_since is None:
+            return np.full(self.connector_count, np.nan)
+        return self.broken_since
 
     @cached_property
     def connector_ends(self) -> np.ndarray:
@@ -77,9 +80,9 @@ class Snapshot:
         Energies [J]: kinetic, connectors, gravity (zero at the origin), contact, field; their sum.
 
         `field` is that of charges (zero at the origin) and dipoles (zero along it) in the electric
-        field, and of charges on each other. Beside them `work_in` by loads, what is `dissipated`,
-        and the `balance_error`: the sum, less the work done and with what is dissipated, beside
-        what it was at the start.
+        field, and of charges on each other. Beside them `work_in` by loads, what is `dissipated`
+        and `lost_at_breaks`, and the `balance_error`: the sum, less the work done and with what is
+        dissipated and lost, beside what it was at the start.
         """
         model = self.packed.model
         mass, inertia = 1.0 / model.inverse_mass, 1.0 / model.inverse_inertia
@@ -94,6 +97,8 @@ class Snapshot:
         connectors = self.packed.connectors
         if connectors is not None:
             stretch = self.connector_length - connectors.natural_length
+            if self.broken_since is not None:
+                stretch[~self.intact] = 0.0
             if len(connectors.extension) == 1 and (
                     connectors.extension[0] == connectors.compression[0]):
                 np.square(stretch, out=stretch)
@@ -102,14 +107,20 @@ class Snapshot:
                 slope = np.where(stretch > 0.0, connectors.extension, connectors.compression)
                 energy['connectors'] = 0.5 * float((slope * stretch**2).sum())
         if self.packed.moments is not None:
-            energy['connectors'] += moment_energy(
-                self.packed.moments, *self._frozen(), self.connector_ends)
+            moments, ends = self.packed.moments, self.connector_ends
+            if self.broken_since is not None:
+                whole, ends = np.flatnonzero(self.intact), ends[self.intact]
+                moments = type(moments)(*(
+                    values if len(values) == 1 else values[whole] for values in moments))
+            energy['connectors'] += moment_energy(moments, *self._frozen(), ends)
         if self.packed.gravity.any():
             energy['gravity'] = -mass * float((self.position @ self.packed.gravity).sum())
         energy['total'] = sum(energy.values())
         energy['work_in'], energy['dissipated'] = self.ledger['work_in'], self.ledger['spent']
+        energy['lost_at_breaks'] = self.ledger.get('lost_at_breaks', 0.0)
         energy['balance_error'] = (
-            energy['total'] - energy['work_in'] + energy['dissipated'] - self.ledger['start'])
+            energy['total'] - energy['work_in'] + energy['dissipated']
+            + energy['lost_at_breaks'] - self.ledger['start'])
         return energy
 
     def _field_energy(self) -> float:

@@ -8,6 +8,7 @@ import logging
 import math
 from typing import Any
 
+from icofabric_sim.broken import Broken
 from icofabric_sim.crew import Crew
 from icofabric_sim.faults import find_fault, too_fast, unsafe_step
 from icofabric_sim.integrators.methods import Method
@@ -59,6 +60,7 @@ class WatchedLine(MainLine):
         half_edge: float,
         crew: Crew,
         watch: ProximityWatch | None,
+        broken: Broken,
     ) -> None:
         """
         Start at time `origin` [s] with the `frequency` of the state; `fixed_step` 0: chosen.
@@ -72,7 +74,7 @@ class WatchedLine(MainLine):
         super().__init__(
             packed, method, state, loads, origin=origin, fixed_step=fixed_step,
             differences=self._differences, energy_limit=energy_limit, half_edge=half_edge,
-            crew=crew, watch=watch)
+            crew=crew, watch=watch, broken=broken)
         self.load_rate, self.frequency = load_rate, frequency
         self.accuracy = Accuracy(self, tolerance, half_edge)
         self._since_check = 0

@@ -12,7 +12,9 @@ import pytest
 from runner_helpers import ListSink, make_runner, run, SCENE
 
 # As the contract has them.
-LABEL = 'kinetic, connectors, gravity, contact, work in, dissipated, balance error, field'
+LABEL = (
+    'kinetic, connectors, gravity, contact, work in, dissipated, balance error, field, '
+    'lost at breaks')
 CHANGES = {'initial_random.velocity_sigma': 0.1, 'gravity': [0.0, 0.0, -9.81]}
 
 
@@ -21,7 +23,7 @@ def test_labels_name_the_numbers():
     scene = ico.Scene.from_parameters({**SCENE, 'duration': 0.0})
     snapshot = ico.compile_scene(scene).snapshot()
     message = decode_float64_multi_array(Outputs(scene).energy(snapshot))
-    assert list(message.labels) == [LABEL] and message.values.shape == (8,)
+    assert list(message.labels) == [LABEL] and message.values.shape == (9,)
     assert set(ENERGIES.values()) | {'total'} == set(snapshot.energy)
 
 

@@ -13,7 +13,9 @@ import pytest
 
 SCENES = ready_scenes()
 # How far each moves within two seconds, in pitches of its weave.
-MOTION = {'hanging_slab': 3.0, 'free_slab': 0.2, 'bias_column': 2.0, 'pressed_slab': 0.4}
+MOTION = {
+    'hanging_slab': 3.0, 'free_slab': 0.2, 'bias_column': 2.0, 'pressed_slab': 0.4,
+    'torn_slab': 5.0}
 
 
 def test_the_scenes_of_the_readme_are_there():

@@ -35,6 +35,7 @@ def run_summary(
         ('', _balance(simulation)),
         *_momenta(simulation, monitor),
         ('strain', _strain(simulation, monitor)),
+        *_breaks(simulation),
         ('motion', _displacement(simulation, monitor)),
         ('overlap', status.proximity or 'none: no two shells came too close'),
     ]
@@ -192,6 +193,25 @@ def _strain(simulation: Simulation, monitor: RunMonitor) -> str:
         parts.append(f'{word} by up to {100.0 * abs(extreme.value):.3g} % '
                      f'(bodies {one} and {two}, t = {extreme.time:.6g} s)')
     return ', '.join(parts) or 'none'
+
+
+def _breaks(simulation: Simulation) -> list[Row]:
+    """
+    How many connectors broke, when, and what that cost; nothing where none can.
+    """
+    snapshot = simulation.snapshot()
+    if simulation.scene.connectors.limits is None and snapshot.intact.all():
+        return []
+    gone = np.flatnonzero(~snapshot.intact)
+    if not len(gone):
+        return [('broken', 'none')]
+    times = snapshot.break_time[gone]
+    first = int(gone[np.argmin(times)])
+    one, two = simulation.scene.connectors.bodies[first]
+    lost = snapshot.energy['lost_at_breaks']
+    return [('broken', f'{len(gone):,} of {len(snapshot.intact):,} connectors, from t = '
+                       f'{times.min():.6g} s (connector {first}, bodies {one} and {two}) to t = '
+                       f'{times.max():.6g} s; {lost:.3g} J were lost')]
 
 
 def _displacement(simulation: Simulation, monitor: RunMonitor) -> str:

@@ -11,6 +11,7 @@ import math
 from typing import NamedTuple
 
 from icofabric_sim.integrators import dop853
+from icofabric_sim.kernels.breakage import is_breaking, note_lengths
 from icofabric_sim.kernels.compiled import compiled
 from icofabric_sim.kernels.lanes import LANES, load, store
 from icofabric_sim.kernels.loads import keep_work
@@ -31,18 +32,18 @@ import numpy as np
 
 # Places in the control array: what it says, start and length of the step in progress [s], the
 # next length, the end that is to be passed [s], the tolerance [1/s], the sum of errors so far, the
-# error rate of the last step [1/s], steps refused, the shortest step [s], and whether slope 12
-# is that of the present state.
-START, LENGTH, NEXT, GOAL, TOLERANCE, TOTAL, RATE, REFUSED, SHORTEST, HAS_LAST = range(10)
+# error rate of the last step [1/s], steps refused, the shortest step [s], whether slope 12 is that
+# of the present state, and the longest step [s].
+START, LENGTH, NEXT, GOAL, TOLERANCE, TOTAL, RATE, REFUSED, SHORTEST, HAS_LAST, LONGEST = range(11)
 # Squared errors of position, orientation, velocity and spin are multiplied by these.
-SCALES = 10
-CONTROL_COUNT = 14
+SCALES = 11
+CONTROL_COUNT = 15
 # A step is aimed at this part of the tolerance and refused above all of it; it may become so many
 # times as long at once.
 _AIM, _SHRINK, _GROW = 0.4, 0.2, 4.0
 # The estimate, of order 7, was 30 to 200 times the error in every scene that was measured.
 _ESTIMATE = 0.5
-TOO_SHORT = 64
+TOO_SHORT, BREAKING = 64, 256
 
 
 class Pair(NamedTuple):
@@ -210,7 +211,8 @@ def adaptive_pair(
 
     `state` is where the step in progress ends, trail.start where it begins; its slopes are kept
     for states in between. Time is control[START] + control[LENGTH] before and after. A step that
-    errs by more than tolerance x its length is refused and made shorter.
+    errs by more than tolerance x its length is refused and made shorter. A step in which a
+    connector may have broken is the last one, and says so.
     """
     first, last = own_blocks(team, model.blocks.slot.shape[0])
     trail = some(work.trail)
@@ -220,7 +222,9 @@ def adaptive_pair(
     start, length, h = control[START], control[LENGTH], control[NEXT]
     total, rate, refused = control[TOTAL], control[RATE], control[REFUSED]
     goal, tolerance, shortest = control[GOAL], control[TOLERANCE], control[SHORTEST]
+    longest = control[LONGEST]
     done, status = 0, 0
+    note_lengths(model, work.breakage, state, work, team, first, last)
     while done < count and start + length <= goal and status == 0:
         if has_last:
             repeat_slope(model, loads, work, trail, first, last)
@@ -254,15 +258,19 @@ def adaptive_pair(
                 if h <= shortest:
                     status = TOO_SHORT
                     accepted = True
-            h = max(h * change, shortest)
+            h = min(max(h * change, shortest), longest)
         if status == 0:
             slope_at(model, loads, state, work, trail, 12, team, start + length, first, last)
             has_last = True
             done += 1
             since_check += 1
-            status, since_check = look(
-                model, loads, state, saved, work, team, since_check, check_interval, watch,
-                ledger, done, first, last)
+            if is_breaking(model, work.breakage, state, work, trail, team, length, first, last):
+                # It is not looked at what will be taken back.
+                status = BREAKING
+            else:
+                status, since_check = look(
+                    model, loads, state, saved, work, team, since_check, check_interval, watch,
+                    ledger, done, first, last)
     wait_for_all(team)
     if team.member == 0:
         control[START], control[LENGTH], control[NEXT] = start, length, h

@@ -56,7 +56,9 @@ EARLIER_WORK, SAVED_AT = 16, 17
 ROUGH, ROUGH_LIMIT, REGULAR, INVERSE_SIZE, ROUGHEST = 18, 19, 20, 21, 22
 # What forces that depend on velocities have taken from the motion [J].
 SPENT = 23
-LEDGER_COUNT = 24
+# Energy lost where connectors broke [J].
+LOST = 24
+LEDGER_COUNT = 25
 
 
 @compiled
@@ -402,7 +404,7 @@ def balance(ledger: np.ndarray) -> int:
         return NOT_FINITE
     fallen = abs(ledger[HEIGHT] - ledger[BASE_HEIGHT])
     ledger[SCALE] = max(ledger[SCALE], energy, fallen, abs(ledger[WORK]))
-    ledger[ERROR] = total - ledger[WORK] + ledger[SPENT] - ledger[BASE]
+    ledger[ERROR] = total - ledger[WORK] + ledger[SPENT] + ledger[LOST] - ledger[BASE]
     if ledger[SCALE] > 0.0:
         ledger[WORST] = max(ledger[WORST], abs(ledger[ERROR]) / ledger[SCALE])
         if abs(ledger[ERROR]) > ledger[LIMIT] * ledger[SCALE]:

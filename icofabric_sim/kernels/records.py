@@ -97,6 +97,21 @@ class Moments(NamedTuple):
     direction: np.ndarray  # (c, 3) in the weave, from the first end, unit vectors, body axes
 
 
+class Breakage(NamedTuple):
+    """
+    Lengths at which the connectors at each body break (eq 3), and room for looking out for that.
+
+    Rows are (12, s), as those of a `Variety`.
+    """
+
+    longest: np.ndarray  # L_e [m], infinite: never
+    shortest: np.ndarray  # L_c [m], 0: never
+    length: np.ndarray  # [m] where the step in progress began, then where it ended
+    rate: np.ndarray  # [m/s] the same
+    excess: np.ndarray  # [m] beyond a limit within the last step, about; below 0: not reached
+    moving: np.ndarray  # (18 s,) velocities [m/s] of the attachment points
+
+
 class Supports(NamedTuple):
     """
     Inverse masses with held freedoms set to zero.
@@ -240,6 +255,7 @@ class Work(NamedTuple):
     points: np.ndarray
     acceleration: np.ndarray  # (6, s) linear [m/s^2], angular [rad/s^2]; loads apart
     trail: 'Trail | None'  # for Runge-Kutta methods
+    breakage: Breakage | None  # where connectors can break
     # Difference of the last positions and orientations at step ends, (7 or 12, m LANES) for m
     # blocks spread over the fabric, and the weights that make it, see monitor.sample.
     difference: np.ndarray

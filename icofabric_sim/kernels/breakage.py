@@ -1,0 +1,186 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+Looks out for connectors that reach a length at which they break (eq 3), at every step end.
+
+Found is what shows at the ends of a step: a length beyond a limit, or one that was on its way
+there and is on its way back, so that it may have been there in between. `first_crossing.py` then
+says whether, and when.
+"""
+
+from icofabric_sim.kernels.compiled import compiled
+from icofabric_sim.kernels.hessian import move_points
+from icofabric_sim.kernels.lanes import (
+    any_lane,
+    bits,
+    fma,
+    load,
+    load_at,
+    maximum,
+    rsqrt,
+    splat,
+    store,
+    Vector,
+    where,
+)
+from icofabric_sim.kernels.records import Breakage, Links, Model, State, Trail, Work
+from icofabric_sim.kernels.slopes import place_blocks
+from icofabric_sim.kernels.team import Team, wait_for_all
+import numpy as np
+
+# A length this close to a limit, beside it, has reached it: lengths are rounded.
+TOGETHER = 1e-12
+# The part of the way from the cubic through both ends of a step up to its tangents that is
+# reckoned with where a length turns round; enough for vibrations of up to 2 rad in a step.
+DOUBT = 0.35
+
+
+@compiled
+def note_lengths(
+    model: Model, breakage: Breakage | None, state: State, work: Work, team: Team, first: int,
+    last: int
+) -> None:
+    """
+    Lengths and their rates where a step begins; for blocks first to last.
+    """
+    if breakage is None:
+        return
+    place_blocks(model, state, work, first, last)
+    move_blocks(model, breakage, state, work.points, first, last)
+    wait_for_all(team)
+    for block in range(first, last):
+        measure(model.links, breakage, work.points, 0.0, block, model.blocks.slot[block])
+    wait_for_all(team)
+
+
+@compiled
+def is_breaking(
+    model: Model, breakage: Breakage | None, state: State, work: Work, trail: Trail, team: Team,
+    h: float, first: int, last: int
+) -> bool:
+    """
+    Whether a connector may have reached a limit within a step of length `h` that has just ended.
+
+    The attachment points of its end are in place. Which ones, `breakage.excess` tells.
+    """
+    if breakage is None:
+        return False
+    move_blocks(model, breakage, state, work.points, first, last)
+    wait_for_all(team)
+    found = 0.0
+    for block in range(first, last):
+        if measure(model.links, breakage, work.points, h, block, model.blocks.slot[block]):
+            found = 1.0
+    trail.errors[team.member] = found
+    wait_for_all(team)
+    for member in range(team.size):
+        found = max(found, trail.errors[member])
+    wait_for_all(team)
+    return found > 0.0
+
+
+@compiled
+def move_blocks(
+    model: Model, breakage: Breakage, state: State, points: np.ndarray, first: int, last: int
+) -> None:
+    """
+    Velocities v + omega x s [m/s] of the attachment points of blocks first to last.
+    """
+    stride = state.position.shape[1]
+    velocity, spin = state.linear_velocity, state.angular_velocity
+    for block in range(first, last):
+        s = model.blocks.slot[block]
+        move_points(points, stride, (
+            load(velocity, 0, s), load(velocity, 1, s), load(velocity, 2, s),
+            load(spin, 0, s), load(spin, 1, s), load(spin, 2, s)), breakage.moving, s)
+
+
+@compiled
+def measure(
+    links: Links | None, breakage: Breakage, points: np.ndarray, h: float, block: int, s: int
+) -> bool:
+    """
+    Lengths of the connectors of a block and their rates; whether one may have reached a limit.
+
+    Within a step of length `h` that began with the lengths noted before; 0: they are only noted.
+    """
+    if links is None:
+        return False
+    moving, stride = breakage.moving, breakage.length.shape[1]
+    found = False
+    for edge in range(6):
+        at = 3 * edge * stride + s
+        for link in range(2 * edge, 2 * edge + 2):
+            place = links.place[block, link]
+            ux = load_at(points, place) - load_at(points, at)
+            uy = load_at(points, place + stride) - load_at(points, at + stride)
+            uz = load_at(points, place + 2 * stride) - load_at(points, at + 2 * stride)
+            vx = load_at(moving, place) - load_at(moving, at)
+            vy = load_at(moving, place + stride) - load_at(moving, at + stride)
+            vz = load_at(moving, place + 2 * stride) - load_at(moving, at + 2 * stride)
+            square = maximum(fma(ux, ux, fma(uy, uy, uz * uz)), splat(1e-300))
+            inverse = rsqrt(square)
+            length = square * inverse
+            rate = fma(ux, vx, fma(uy, vy, uz * vz)) * inverse
+            excess = splat(-1.0)
+            if h > 0.0:
+                before, speed = load(breakage.length, link, s), load(breakage.rate, link, s)
+                excess = maximum(
+                    excess_over(load(breakage.longest, link, s), before, speed, length, rate, h),
+                    excess_under(
+                        load(breakage.shortest, link, s), before, speed, length, rate, h))
+                excess = where(bits(links.present[block, link]), excess, splat(-1.0))
+                if any_lane(excess > splat(0.0)):
+                    found = True
+            store(breakage.excess, link, s, excess)
+            store(breakage.length, link, s, length)
+            store(breakage.rate, link, s, rate)
+    return found
+
+
+@compiled
+def excess_over(
+    limit: Vector, before: Vector, speed: Vector, after: Vector, rate: Vector, h: float
+) -> Vector:
+    """
+    How far a length has been above a limit [m] within a step, about.
+    """
+    slack = splat(1.0 - TOGETHER) * limit
+    return maximum(
+        maximum(before, after), highest(before, speed, after, rate, h)) - slack
+
+
+@compiled
+def excess_under(
+    limit: Vector, before: Vector, speed: Vector, after: Vector, rate: Vector, h: float
+) -> Vector:
+    """
+    How far a length has been below a limit [m] within a step, about.
+    """
+    zero = splat(0.0)
+    slack = splat(1.0 + TOGETHER) * limit
+    before, speed, after, rate = zero - before, zero - speed, zero - after, zero - rate
+    return maximum(
+        maximum(before, after), highest(before, speed, after, rate, h)) + slack
+
+
+@compiled
+def highest(before: Vector, speed: Vector, after: Vector, rate: Vector, h: float) -> Vector:
+    """
+    The most that a number has been within a step in which it rose at first and fell at last.
+
+    Of the cubic through both ends where its slope turns round, and a part of what is left up to
+    the tangents. Where it has not risen and fallen: its end.
+    """
+    zero, one, step = splat(0.0), splat(1.0), splat(h)
+    turns = where(speed > zero, where(rate < zero, one, zero), zero)
+    turning = turns > zero
+    x = where(turning, speed, one) / where(turning, speed - rate, one)
+    y = one - x
+    rise, fall = step * speed, zero - step * rate
+    tangent = fma(rise, x, before)
+    other = fma(fall, y, after)
+    tangent = where(other < tangent, other, tangent)
+    cubic = before * y * y * (one + x + x) + after * x * x * (one + y + y)
+    cubic = fma(x * y, fma(rise, y, fall * x), cubic)
+    return where(turning, fma(splat(DOUBT), tangent - cubic, cubic), after)
