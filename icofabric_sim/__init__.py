@@ -12,6 +12,7 @@ from importlib import import_module
 from typing import Any, TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from icofabric_sim.body_force import BodyForce
     from icofabric_sim.checkpoint import Checkpoint
     from icofabric_sim.growth import Growth, measure_growth
     from icofabric_sim.integrators.methods import METHODS
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 __version__ = '0.1.0'
 
 _HOMES = {
+    'BodyForce': 'body_force',
     'Checkpoint': 'checkpoint',
     'Growth': 'growth',
     'METHODS': 'integrators.methods',
@@ -39,6 +41,7 @@ _HOMES = {
 }
 
 __all__ = [
+    'BodyForce',
     'Checkpoint',
     'Growth',
     'METHODS',

@@ -22,7 +22,7 @@ from icofabric_sim.integrators.pair import (
 )
 from icofabric_sim.integrators.splitting import NEVER
 from icofabric_sim.kernels import monitor
-from icofabric_sim.kernels.records import Loads, State, Trail, Watch
+from icofabric_sim.kernels.records import Loads, Meter, State, Trail, Watch
 from icofabric_sim.memory import Memory
 from icofabric_sim.stepper import Stepper
 from icofabric_sim.watched_line import FREE_STEP
@@ -168,7 +168,8 @@ class AdaptiveStepper(Stepper):
         if self._failure is None and rest > 0.0 and length > 0.0:
             self._prepare_dense()
         self._present_work = self._work_within(rest, length)
-        self._present_spent = self._spent_within(rest, length)
+        self._present_spent = self._flow(self.work.spent, rest, length)
+        self._present_given = self._flow(self.work.given, rest, length)
         if self._failure is not None or not length > 0.0:
             return self.state
         if not rest > 0.0:
@@ -185,6 +186,7 @@ class AdaptiveStepper(Stepper):
             self.crew.run(lambda team: prepare_dense(
                 DOP8, self.model, loads, self.work, team, trail, self.time, length))
             self._has_dense = True
+            self._require_outside()
 
     def _dense(self, part: float) -> State:
         """
@@ -211,11 +213,10 @@ class AdaptiveStepper(Stepper):
         return self._flow_within(
             self.loads.power, self.loads.earlier_work, self.loads.work, rest, length)
 
-    def _spent_within(self, rest: float, length: float) -> float:
+    def _flow(self, meter: Meter | None, rest: float, length: float) -> float:
         """
-        Energy [J] spent up to there.
+        Energy [J] that a meter shows up to there.
         """
-        meter = self.work.spent
         if meter is None:
             return 0.0
         return self._flow_within(meter.power, meter.done[1], meter.done[0], rest, length)
@@ -267,8 +268,8 @@ class AdaptiveStepper(Stepper):
             if 'loads' in memory and self.loads is not None:
                 rows = self._rows_by_body(self.loads)
                 memory['loads']['power'] = self.loads.power[:, rows][_SLOPES]
-            if self.work.spent is not None:
-                memory['power'] = gather(self.work.spent.power[_SLOPES])
+            for name, meter in self._meters().items():
+                memory[f'{name}_power'] = gather(meter.power[_SLOPES])
         return memory
 
     def recall(self, memory: Memory, loads: Loads | None) -> None:
@@ -295,10 +296,10 @@ class AdaptiveStepper(Stepper):
                 power = memory.part('loads').array('power', (len(_SLOPES), len(rows)))
                 for number, values in zip(_SLOPES, power):
                     loads.power[number, rows] = values
-            if self.work.spent is not None:
-                power = memory.array('power', (layout.body_count, len(_SLOPES)))
+            for name, meter in self._meters().items():
+                power = memory.array(f'{name}_power', (layout.body_count, len(_SLOPES)))
                 for number, values in zip(_SLOPES, power.T):
-                    self.work.spent.power[number, layout.slot] = values
+                    meter.power[number, layout.slot] = values
 
     def _choose_step(self, *, probe: bool = False, shorter: float = 1.0) -> None:
         """
@@ -340,6 +341,7 @@ class AdaptiveStepper(Stepper):
             lambda team: adaptive_pair(
                 DOP8, self.model, self.loads, self.state, self._saved, self.work, team, control,
                 count, self._since_check, self.look_interval, watch, self.ledger.numbers))
+        self._require_outside()
         # The step in progress does not count yet.
         self.step_count += int(done) + before - int(control[pair.LENGTH] > 0.0)
         self.step = float(control[pair.LENGTH]) or self.step
@@ -364,8 +366,8 @@ class AdaptiveStepper(Stepper):
                 np.copyto(target, source)
             if self.loads is not None:
                 np.copyto(self.loads.work, self.loads.earlier_work)
-            if self.work.spent is not None:
-                np.copyto(self.work.spent.done[0], self.work.spent.done[1])
+            for meter in self._meters().values():
+                np.copyto(meter.done[0], meter.done[1])
             self.control[pair.TOTAL] -= self.control[pair.RATE] * self.control[pair.LENGTH]
             if self._saved_time > self.time:
                 self._save()

@@ -65,7 +65,7 @@ class Course:
         if not frequency.rate < math.inf:
             raise ValueError(f'this scene cannot start: {too_fast(self.time)}')
         fixed = parameters['solver.step']
-        required = required_method(scene)
+        required = required_method(scene, outside=packed.external is not None)
         if self.method.name == 'auto' and required is not None:
             self.method = required
             loads = self._loads()

@@ -58,7 +58,7 @@ class Electric(NamedTuple):
         """
         if not (self.mutual and self.charge != 0.0 and layout.body_count > 1):
             return None
-        return Coulomb(COULOMB_CONSTANT * self.charge**2, layout.slot)
+        return Coulomb(COULOMB_CONSTANT * self.charge**2, np.sort(layout.slot))
 
 
 def make_electric(parameters: Parameters, bodies: int) -> Electric:

@@ -164,7 +164,8 @@ class Layout:
         speeds = aligned_empty(points.shape if damped else (0,))
         speeds[:] = 0.0
         spent = self.meter() if metered else None
-        return Work(points, acceleration, trail, None, difference, weights, speeds, spent)
+        return Work(
+            points, acceleration, trail, None, difference, weights, speeds, spent, None, None)
 
     def meter(self) -> Meter:
         """

@@ -18,7 +18,7 @@ from icofabric_sim.kernels import monitor
 from icofabric_sim.kernels.flows import keep_accelerations, place_all
 from icofabric_sim.kernels.lanes import LANES
 from icofabric_sim.kernels.meters import flowed
-from icofabric_sim.kernels.records import Loads, State, Watch, Work
+from icofabric_sim.kernels.records import Loads, Meter, State, Watch, Work
 from icofabric_sim.layout import aligned_empty
 from icofabric_sim.ledger import Ledger
 from icofabric_sim.memory import Memory
@@ -67,6 +67,9 @@ class MainLine:
             damped=packed.model.damping is not None, metered=packed.spends)
         # Which alone looks out for it.
         self.work = self.work._replace(breakage=packed.breakage)
+        if packed.external is not None:
+            self.work = self.work._replace(
+                given=packed.layout.meter(), external=packed.external)
         self.origin, self.index = origin, 0
         self.step, self.fixed = fixed_step, fixed_step > 0.0
         self.step_count = 0
@@ -76,8 +79,10 @@ class MainLine:
         self._saved = packed.layout.like(state)
         self._saved_time = origin
         self._side: tuple[State, np.ndarray] | None = None
-        self._spent_aside = 0.0  # [J] by the last run aside
-        self._present_work = self._present_spent = 0.0
+        # [J] by the last run aside
+        self._spent_aside = self._given_aside = 0.0
+        self._present_work = self._present_spent = self._present_given = 0.0
+        self._potential_start = 0.0
         self._failure: SimulationError | None = None
 
     @property
@@ -102,6 +107,19 @@ class MainLine:
         """
         return self._present_spent
 
+    def given_at_state(self) -> float:
+        """
+        Work [J] of a body force up to the state that was shown last.
+        """
+        return self._present_given
+
+    @property
+    def potential_start(self) -> float:
+        """
+        Potential energy [J] of a body force where the balance begins.
+        """
+        return self._potential_start
+
     def run_aside(self, step: float, count: int, loads: Loads | None = None) -> State:
         """
         Where `count` steps of length `step` lead; the main line stays where it is.
@@ -116,7 +134,7 @@ class MainLine:
         loads = loads or self._scratch_loads()
         work = self._scratch_work()._replace(acceleration=acceleration)
         self._advance(loads, state, work, self.time, 0, step, count, 0, NEVER, math.inf)
-        self._spent_aside = flowed(work.spent)
+        self._spent_aside, self._given_aside = flowed(work.spent), flowed(work.given)
         return state
 
     def run_and_return(self, step: float, count: int, look: Callable[[State], None]) -> None:
@@ -151,8 +169,10 @@ class MainLine:
             rows = self._rows_by_body(self.loads)
             memory['loads'] = {
                 'work': self.loads.work[rows], 'earlier_work': self.loads.earlier_work[rows]}
-        if self.work.spent is not None:
-            memory['spent'] = self.packed.layout.gather(self.work.spent.done)
+        for name, meter in self._meters().items():
+            memory[name] = self.packed.layout.gather(meter.done)
+        if self.work.given is not None:
+            memory['potential_start'] = self._potential_start
         if self.watch is not None:
             memory['watch'] = self.watch.memory()
         if self.broken.count:
@@ -188,8 +208,10 @@ class MainLine:
             part, rows = memory.part('loads'), self._rows_by_body(loads)
             loads.work[rows] = part.array('work', rows.shape)
             loads.earlier_work[rows] = part.array('earlier_work', rows.shape)
-        if self.work.spent is not None:
-            self.work.spent.done[:, layout.slot] = memory.array('spent', (layout.body_count, 2)).T
+        for name, meter in self._meters().items():
+            meter.done[:, layout.slot] = memory.array(name, (layout.body_count, 2)).T
+        if self.work.given is not None:
+            self._potential_start = memory.number('potential_start')
         if self.watch is not None:
             self.watch.recall(memory.part('watch'))
 
@@ -247,9 +269,28 @@ class MainLine:
         """
         The same room, with meters of its own.
         """
-        if self.work.spent is None:
-            return self.work
-        return self.work._replace(spent=self.packed.layout.meter())
+        spent, given = (
+            None if meter is None else self.packed.layout.meter()
+            for meter in (self.work.spent, self.work.given))
+        return self.work._replace(spent=spent, given=given)
+
+    def _meters(self) -> dict[str, Meter]:
+        meters = {'spent': self.work.spent, 'given': self.work.given}
+        return {name: meter for name, meter in meters.items() if meter is not None}
+
+    def _require_outside(self) -> None:
+        """
+        Stop if a body force has failed.
+        """
+        packed = self.packed
+        if packed.external is None or packed.body_force is None or not packed.external.status[0]:
+            return
+        reason = packed.body_force.explain(packed.external)
+        packed.external.status[0] = 0
+        self._return_to_saved()
+        self._failure = SimulationError(
+            f'{reason}; the last good state, of t = {self._saved_time:.9g} s, is kept')
+        raise self._failure
 
     def _advance(
         self, loads: Loads | None, state: State, work: Work, origin: float, index: int,

@@ -12,13 +12,13 @@ from icofabric_sim.scene import Scene
 ADAPTIVE = 'dop8'
 
 
-def required_method(scene: Scene) -> Choice | None:
+def required_method(scene: Scene, *, outside: bool = False) -> Choice | None:
     """
     The method that the scene cannot do without, and why; None where any will do.
 
-    Raises ParameterError where another one is given.
+    `outside`: with a body force of the user's. Raises ParameterError where another one is given.
     """
-    reason = _reason(scene)
+    reason = 'a body force may depend on velocities' if outside else _reason(scene)
     if not reason:
         return None
     given = scene.parameters['solver.method']

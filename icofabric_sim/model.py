@@ -8,6 +8,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from icofabric_sim.body_force import BodyForce
 from icofabric_sim.connector_moments import pack_moments
 from icofabric_sim.damping import pack_damping
 from icofabric_sim.kernels.lanes import LANES
@@ -15,6 +16,7 @@ from icofabric_sim.kernels.records import (
     Breakage,
     Connectors,
     Drag,
+    External,
     LINK_COUNT,
     Loads,
     Model,
@@ -59,11 +61,13 @@ class PackedScene:
     layout: Layout
     connectors: Connectors | None
     moments: Moments | None
-    gravity: np.ndarray  # (3,) [m/s^2]
-    field_force: np.ndarray  # (3,) [N] of a uniform electric field on every body
+    gravity: np.ndarray | None  # (3,) [m/s^2]
+    field_force: np.ndarray | None  # (3,) [N] of a uniform electric field on every body
     # Largest rate [1/s] at which forces that depend on velocities change these.
     velocity_rate: float
     breakage: Breakage | None
+    body_force: BodyForce | None
+    external: External | None
 
     @property
     def spends(self) -> bool:
@@ -73,7 +77,9 @@ class PackedScene:
         return self.model.damping is not None or self.model.drag is not None
 
 
-def pack_scene(scene: Scene, *, cosines: bool = False) -> PackedScene:
+def pack_scene(
+    scene: Scene, *, cosines: bool = False, body_force: BodyForce | None = None
+) -> PackedScene:
     """
     Constants of the scene; a term that the scene lacks is None.
     """
@@ -116,9 +122,13 @@ def pack_scene(scene: Scene, *, cosines: bool = False) -> PackedScene:
         dipole=electric.pack_dipole(),
         coulomb=electric.pack_coulomb(layout),
     )
+    external = None
+    if body_force is not None:
+        external = body_force.prepare(layout, np.hstack(scene.initial))
     return PackedScene(
-        model, layout, connectors, resisting.moments, gravity, electric.force,
-        velocity_rate(model), breakage)
+        model, layout, connectors, resisting.moments,
+        gravity if gravity.any() else None, electric.force if electric.force.any() else None,
+        velocity_rate(model), breakage, body_force, external)
 
 
 def velocity_rate(model: Model) -> float:

@@ -10,9 +10,11 @@ whose centres lie inside stay; centres on the border, up to rounding, belong to 
 """
 
 import math
+from pathlib import Path
 from typing import Final, Protocol
 
 from icofabric_sim.parameters import ParameterError
+from icofabric_sim.ready_scenes import scene_folders
 from icofabric_sim.triangle_mesh import load_mesh, SUFFIXES
 from icofabric_sim.weave_geometry import ROUNDING
 import numpy as np
@@ -115,13 +117,23 @@ def make_region(text: str) -> Region | None:
                 NAME, f'{NAME} {text!r} is no region; known: {known}, with lengths in m, or the '
                 'path of a closed mesh (.stl, .obj)')
         try:
-            return load_mesh(text.strip())
+            return load_mesh(_found(text.strip()))
         except ValueError as error:
             raise ParameterError(NAME, f'{NAME}: {error}') from error
     lengths = _lengths(text, words)
     if words[0] == 'sphere':
         return Sphere(*lengths)
     return Cylinder(*lengths) if words[0] == 'cylinder' else Box(*lengths)
+
+
+def _found(name: str) -> Path:
+    """
+    Path of a file, or where it is beside the ready scenes.
+    """
+    path = Path(name).expanduser()
+    places = [path] if path.is_absolute() else [
+        path, *(folder / path for folder in scene_folders())]
+    return next((place for place in places if place.is_file()), path)
 
 
 def _lengths(text: str, words: list[str]) -> list[float]:

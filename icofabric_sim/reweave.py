@@ -14,6 +14,7 @@ other bodies, begins at rest. Wrenches go on where the new scene has their chann
 from collections.abc import Callable
 import threading
 
+from icofabric_sim.body_force import BodyForce
 from icofabric_sim.parameters import Parameters
 from icofabric_sim.pending import describe_key, knows
 from icofabric_sim.scene import Scene
@@ -79,15 +80,17 @@ class Reweaver:
         self,
         post: Callable[[Callable[[], None]], object],
         on_ready: Callable[[Parameters, Simulation | None, str], None],
+        body_force: BodyForce | None = None,
     ) -> None:
         """
         `post` brings a call into the runner's thread, where `on_ready` hears of each result.
 
         The result is the simulation, or None and the reason, after the parameters wanted by then:
-        their rates may be newer than those in the scene that was built.
+        their rates may be newer than those in the scene that was built. A `body_force` goes on.
         """
         self._post = post
         self._on_ready = on_ready
+        self._body_force = body_force
         self._wanted: Parameters | None = None
 
     def want(self, parameters: Parameters) -> None:
@@ -117,7 +120,9 @@ class Reweaver:
         def build() -> None:
             simulation, reason = None, ''
             try:
-                simulation = compile_scene(Scene.from_parameters(parameters), body_wrenches=True)
+                simulation = compile_scene(
+                    Scene.from_parameters(parameters), body_wrenches=True,
+                    body_force=self._body_force)
                 simulation.warm_up()
             except Exception as error:  # noqa: BLE001 - reported, the old fabric runs on
                 simulation, reason = None, str(error) or type(error).__name__

@@ -54,7 +54,7 @@ class ChangingRun(TimeLine):
         """
         super().__init__(simulation, sinks, parameters, report)
         self.on_rebuilt = on_rebuilt
-        self._reweaver = Reweaver(self.post, self._swap)
+        self._reweaver = Reweaver(self.post, self._swap, simulation.body_force)
 
     def _reset(self, wanted: bool | None) -> int:
         self._steps.end('ended by a reset')

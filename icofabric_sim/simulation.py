@@ -9,6 +9,7 @@ import logging
 import math
 import operator
 
+from icofabric_sim.body_force import as_body_force, BodyForce, Force
 from icofabric_sim.checkpoint import Checkpoint
 from icofabric_sim.course import Course
 from icofabric_sim.given_state import complete_state
@@ -31,17 +32,20 @@ _LOGGER = logging.getLogger('icofabric_sim')
 
 
 def compile_scene(
-    scene: Scene, *, rotation: str = 'quaternion', body_wrenches: bool = False
+    scene: Scene, *, rotation: str = 'quaternion', body_wrenches: bool = False,
+    body_force: BodyForce | Force | None = None
 ) -> 'Simulation':
     """
     Turn a scene into something fast, once.
 
     `rotation` chooses the formulation: 'quaternion' (eqs 21-27, 10 N) or 'direction_cosines'
     (eqs 16-20, 15 N). `body_wrenches` prepares for wrenches on single bodies, so that the first
-    one need not wait for a kernel.
+    one need not wait for a kernel. `body_force`: a Python function, or a BodyForce, that acts on
+    all bodies beside what the scene says.
     Raises ValueError where `solver.step` is beyond the stability limit.
     """
-    return Simulation(scene, rotation=rotation, body_wrenches=body_wrenches)
+    return Simulation(
+        scene, rotation=rotation, body_wrenches=body_wrenches, body_force=body_force)
 
 
 class Interrupted(Exception):
@@ -56,7 +60,8 @@ class Simulation:
     """
 
     def __init__(
-        self, scene: Scene, *, rotation: str = 'quaternion', body_wrenches: bool = False
+        self, scene: Scene, *, rotation: str = 'quaternion', body_wrenches: bool = False,
+        body_force: BodyForce | Force | None = None
     ) -> None:
         """
         See `compile_scene`.
@@ -65,8 +70,12 @@ class Simulation:
             raise ValueError(
                 f"rotation must be 'quaternion' or 'direction_cosines', got {rotation!r}"
             )
+        cosines = rotation == 'direction_cosines'
+        if cosines and body_force is not None:
+            raise ValueError("a body_force is given quaternions: rotation must be 'quaternion'")
         self.scene, self.rotation = scene, rotation
-        self.packed = pack_scene(scene, cosines=rotation == 'direction_cosines')
+        self.body_force = as_body_force(body_force)
+        self.packed = pack_scene(scene, cosines=cosines, body_force=self.body_force)
         self._deferred = DeferredInterrupt()
         # Asked every 25 to 50 ms of computing; True ends the advance with Interrupted.
         self.should_stop: Callable[[], bool] | None = None
@@ -205,11 +214,7 @@ class Simulation:
                 array.flags.writeable = False
             self._cached = Snapshot(
                 self.time, *state, self.scene.connector_count, self.packed,
-                {'work_in': self._stepper.work_at_state(),
-                 'spent': self._stepper.spent_at_state(),
-                 'start': self._stepper.ledger[monitor.BASE],
-                 'lost_at_breaks': self._stepper.ledger[monitor.LOST]},
-                self._stepper.broken.since)
+                self._books(state), self._stepper.broken.since)
             self._cached_at = self._course.changes
         return self._cached
 
@@ -375,6 +380,22 @@ class Simulation:
         with self._deferred:
             self._course.apply(key, wrench, at)
         return at
+
+    def _books(self, state: InitialState) -> dict[str, float]:
+        """
+        What a snapshot needs for its balance [J].
+        """
+        stepper, force = self._stepper, self.body_force
+        books = {
+            'work_in': stepper.work_at_state(), 'spent': stepper.spent_at_state(),
+            'start': stepper.ledger[monitor.BASE],
+            'lost_at_breaks': stepper.ledger[monitor.LOST], 'potential': 0.0}
+        if force is not None and force.potential is not None:
+            books['potential'] = force.energy(self.time, state.position, state.orientation)
+            books['start'] += stepper.potential_start
+        else:
+            books['work_in'] += stepper.given_at_state()
+        return books
 
     def _jump(self, state: InitialState) -> None:
         with self._deferred:

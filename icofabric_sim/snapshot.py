@@ -29,7 +29,8 @@ class Snapshot:
     angular_velocity: np.ndarray  # (n, 3) [rad/s]
     connector_count: int
     packed: PackedScene
-    # [J] work in, what was spent and lost at breaks, and energy less work at the start
+    # [J] work in, what was spent and lost at breaks, energy less work at the start, potential of
+    # a body force
     ledger: Mapping[str, float]
     broken_since: np.ndarray | None = None  # (c,) [s], NaN while unbroken; None: all are whole
 
@@ -80,9 +81,9 @@ class Snapshot:
         Energies [J]: kinetic, connectors, gravity (zero at the origin), contact, field; their sum.
 
         `field` is that of charges (zero at the origin) and dipoles (zero along it) in the electric
-        field, and of charges on each other. Beside them `work_in` by loads, what is `dissipated`
-        and `lost_at_breaks`, and the `balance_error`: the sum, less the work done and with what is
-        dissipated and lost, beside what it was at the start.
+        field, of charges on each other, and the potential of a body force. Beside them `work_in`
+        by loads, what is `dissipated` and `lost_at_breaks`, and the `balance_error`: the sum, less
+        the work done and with what is dissipated and lost, beside what it was at the start.
         """
         model = self.packed.model
         mass, inertia = 1.0 / model.inverse_mass, 1.0 / model.inverse_inertia
@@ -113,7 +114,7 @@ class Snapshot:
                 moments = type(moments)(*(
                     values if len(values) == 1 else values[whole] for values in moments))
             energy['connectors'] += moment_energy(moments, *self._frozen(), ends)
-        if self.packed.gravity.any():
+        if self.packed.gravity is not None:
             energy['gravity'] = -mass * float((self.position @ self.packed.gravity).sum())
         energy['total'] = sum(energy.values())
         energy['work_in'], energy['dissipated'] = self.ledger['work_in'], self.ledger['spent']
@@ -124,8 +125,8 @@ class Snapshot:
         return energy
 
     def _field_energy(self) -> float:
-        packed, energy = self.packed, 0.0
-        if packed.field_force.any():
+        packed, energy = self.packed, self.ledger['potential']
+        if packed.field_force is not None:
             energy -= float((self.position @ packed.field_force).sum())
         if packed.model.dipole is not None or packed.model.coulomb is not None:
             energy += field_energy(packed.model, packed.layout.pack(InitialState(

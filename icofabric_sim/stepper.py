@@ -107,12 +107,15 @@ class Stepper(WatchedLine):
         rest = time - self.time
         self._note_work(self.loads)
         self._present_spent = flowed(self.work.spent)
+        self._present_given = flowed(self.work.given)
         if self._failure is not None or not rest > 0.0:
             return self.state
         loads = self._scratch_loads()
         state = self.run_aside(rest, 1, loads)
         self._note_work(self.loads, loads)
         self._present_spent += self._spent_aside
+        self._present_given += self._given_aside
+        self._require_outside()
         return state
 
     def _steps_until(self, time: float) -> int:
@@ -143,6 +146,7 @@ class Stepper(WatchedLine):
         status, done, self._since_check = self._advance(
             self.loads, self.state, self.work, origin, index, step, count, before,
             self.look_interval, reach)
+        self._require_outside()
         saved_at = int(self.ledger[monitor.SAVED_AT])
         if step == self.step:
             self.index += done

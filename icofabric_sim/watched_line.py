@@ -104,14 +104,18 @@ class WatchedLine(MainLine):
         Compute the accelerations, the frequency and the step anew: the state has jumped.
         """
         self._refresh()
-        if self.work.spent is not None:
-            self.work.spent.done[:] = 0.0
+        for meter in self._meters().values():
+            meter.done[:] = 0.0
         if self.watch is not None:
             self.watch.look(self.time, self.state.position)
         self.ledger.restart()
         self._save()
         self._read_rates(exact=exact)
         self.ledger.open(self.state)
+        force = self.packed.body_force
+        if force is not None:
+            place = self.packed.layout.unpack(self.state)
+            self._potential_start = force.energy(self.time, place.position, place.orientation)
         self.accuracy.restart()
         self._choose_step()
 

@@ -13,6 +13,7 @@ from typing import NamedTuple
 from icofabric_sim.integrators import dop853
 from icofabric_sim.kernels.breakage import is_breaking, note_lengths
 from icofabric_sim.kernels.compiled import compiled
+from icofabric_sim.kernels.external import ask_outside
 from icofabric_sim.kernels.lanes import LANES, load, store
 from icofabric_sim.kernels.loads import keep_work
 from icofabric_sim.kernels.meters import add_flow, repeat_flow
@@ -91,6 +92,7 @@ def slope_at(
     """
     place_blocks(model, state, work, first, last)
     wait_for_all(team)
+    ask_outside(work.external, state, time, team)
     find_slopes(model, loads, state, work, time, trail.slopes[index], index, first, last)
     wait_for_all(team)
 
@@ -139,6 +141,7 @@ def fixed_pair(
         save(model, trail.stage, state, first, last)
         add_work(loads, h, pair.step, first, last)
         add_flow(work.spent, model.blocks.slot, h, pair.step, first, last)
+        add_flow(work.given, model.blocks.slot, h, pair.step, first, last)
         done += 1
         slope_at(
             model, loads, state, work, trail, 0, team, origin + (index + done) * h, first, last)
@@ -250,6 +253,7 @@ def adaptive_pair(
                 keep_work(loads, first, last)
                 add_work(loads, h, pair.step, first, last)
                 add_flow(work.spent, model.blocks.slot, h, pair.step, first, last)
+                add_flow(work.given, model.blocks.slot, h, pair.step, first, last)
                 start, length = start + length, h
                 total += error * h
                 rate = error
@@ -292,6 +296,7 @@ def repeat_slope(
             store(trail.slopes[0], k, s, load(trail.slopes[12], k, s))
     repeat_power(loads, first, last)
     repeat_flow(work.spent, model.blocks.slot, first, last)
+    repeat_flow(work.given, model.blocks.slot, first, last)
 
 
 @compiled

@@ -282,7 +282,7 @@ def examine(
     ledger[STORED] = sum_of_lanes(stored)
     ledger[HEIGHT] = -mass * sum_of_lanes(height)
     ledger[WORK] = ledger[EARLIER_WORK]
-    ledger[WORK] += work_done(loads)
+    ledger[WORK] += work_done(loads) + flowed(work.given)
     ledger[SPENT] = flowed(work.spent)
     status = balance(ledger)
     if not ledger[RATE] <= ledger[HIGH]:

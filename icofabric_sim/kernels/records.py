@@ -214,6 +214,20 @@ class Meter(NamedTuple):
     done: np.ndarray  # (2, s) [J] so far, and when the step in progress began
 
 
+class External(NamedTuple):
+    """
+    A function outside that says what acts on the bodies, see kernels/external.py.
+    """
+
+    address: int  # of the C function
+    slots: np.ndarray  # (n,) int32 of the bodies
+    numbers: np.ndarray  # (n, 13) what it gets
+    result: np.ndarray  # (n, 6) its forces [N] and torques [N m]
+    rows: np.ndarray  # (6, s) the same by slots
+    status: np.ndarray  # (1,) int64, not 0 once it has failed
+    moment: np.ndarray  # (1,) [s] when it was called last
+
+
 class Model(NamedTuple):
     """
     Constants of a compiled scene.
@@ -263,6 +277,8 @@ class Work(NamedTuple):
     # Velocities of the attachment points [m/s], laid out like them; nothing without damping.
     speeds: np.ndarray
     spent: Meter | None  # by forces that take energy from the motion
+    given: Meter | None  # by forces from outside
+    external: External | None
 
 
 class Trail(NamedTuple):

@@ -8,6 +8,7 @@ the velocity, 3 of the spin.
 """
 
 from icofabric_sim.kernels.compiled import compiled
+from icofabric_sim.kernels.external import add_external
 from icofabric_sim.kernels.flows import accelerations, place_links
 from icofabric_sim.kernels.lanes import (
     bits,
@@ -52,7 +53,7 @@ def find_slopes(
     Slope number `index` at `state` and `time` [s], for blocks first to last; points are in place.
 
     dq/dt = omega q / 2 (eq 22) or de_i/dt = omega x e_i (eq 19), and eq 45. The power of the loads
-    goes into `loads.power`, what is spent into `work.spent`.
+    goes into `loads.power`, what is spent or given into `work`.
     """
     turn = rows_of(state.orientation).shape[0]
     linear, angular = slope[3 + turn:6 + turn], slope[6 + turn:9 + turn]
@@ -72,6 +73,8 @@ def find_slopes(
         spent = add_drag(model.drag, model, state, linear, angular, s, spent)
         add_magnetic(model.magnet, model, state, linear, angular, s)
         note_flow(work.spent, index, s, spent)
+        given = add_external(work.external, model, state, linear, angular, s)
+        note_flow(work.given, index, s, given)
         if loads is not None:
             for m in range(loads.start[block], loads.start[block + 1]):
                 kick_load(model, loads, kicked, m, s, time, 1.0)

@@ -1,0 +1,109 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+Body forces from outside: a C function that is called once for each evaluation, for all bodies.
+
+It gets the time, the number of bodies and two addresses: of (n, 13) doubles, position,
+orientation, velocity and spin body by body, and of (n, 6) for its force and torque. What it
+returns is 0, or else that it failed; from then on it is not called again and its forces are not
+numbers, which ends the run.
+"""
+
+import ctypes
+from typing import Any
+
+from icofabric_sim.kernels.compiled import compiled
+from icofabric_sim.kernels.lanes import fma, load, splat, Vector
+from icofabric_sim.kernels.records import External, Model, State, Team
+from icofabric_sim.kernels.team import wait_for_all
+from icofabric_sim.kernels.viscous import add_force
+from llvmlite import ir
+from numba import types
+from numba.extending import intrinsic, overload
+import numpy as np
+
+C_FUNCTION: Any = ctypes.CFUNCTYPE(
+    ctypes.c_int64, ctypes.c_double, ctypes.c_int64, ctypes.c_void_p, ctypes.c_void_p)
+
+
+def call_function(
+    address: int, time: float, numbers: np.ndarray, result: np.ndarray
+) -> int:
+    """
+    Call the function at an address.
+    """
+    status = C_FUNCTION(address)(time, len(numbers), numbers.ctypes.data, result.ctypes.data)
+    return int(status)
+
+
+@intrinsic
+def _call(typing: Any, address: Any, time: Any, count: Any, numbers: Any, result: Any) -> Any:
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        whole = ir.IntType(64)
+        kind = ir.FunctionType(whole, [ir.DoubleType(), whole, whole, whole])
+        return builder.call(builder.inttoptr(args[0], kind.as_pointer()), args[1:])
+    return types.int64(types.int64, types.float64, types.int64, types.uintp, types.uintp), generate
+
+
+emit_call: Any = _call
+overload(call_function)(
+    lambda address, time, numbers, result: lambda address, time, numbers, result: emit_call(
+        address, time, len(numbers), numbers.ctypes.data, result.ctypes.data))
+
+
+@compiled
+def ask_outside(external: External | None, state: State, time: float, team: Team) -> None:
+    """
+    Forces and torques of all bodies at `time` [s] into `external.rows`; places are those of state.
+    """
+    if external is None:
+        return
+    if team.member == 0:
+        ask_alone(external, state, time)
+    wait_for_all(team)
+
+
+@compiled
+def ask_alone(external: External, state: State, time: float) -> None:
+    """
+    The same by one thread.
+    """
+    numbers, result, rows = external.numbers, external.result, external.rows
+    count = external.slots.shape[0]
+    for b in range(count):
+        s = external.slots[b]
+        for k in range(3):
+            numbers[b, k] = state.position[k, s]
+            numbers[b, 7 + k] = state.linear_velocity[k, s]
+            numbers[b, 10 + k] = state.angular_velocity[k, s]
+        for k in range(4):
+            numbers[b, 3 + k] = state.orientation[k, s]
+    if external.status[0] == 0:
+        external.status[0] = call_function(external.address, time, numbers, result)
+        external.moment[0] = time
+    failed = external.status[0] != 0
+    for b in range(count):
+        for k in range(6):
+            rows[k, external.slots[b]] = np.nan if failed else result[b, k]
+
+
+@compiled
+def add_external(
+    external: External | None, model: Model, state: State, linear: np.ndarray,
+    angular: np.ndarray, s: int
+) -> Vector:
+    """
+    Add what it gave to the slopes of a block; returns its power [W].
+    """
+    power = splat(0.0)
+    if external is None:
+        return power
+    rows = external.rows
+    fx, fy, fz = load(rows, 0, s), load(rows, 1, s), load(rows, 2, s)
+    tx, ty, tz = load(rows, 3, s), load(rows, 4, s), load(rows, 5, s)
+    add_force(
+        model.supports, model.inverse_mass, model.inverse_inertia, linear, angular, s, fx, fy, fz,
+        tx, ty, tz)
+    v, w = state.linear_velocity, state.angular_velocity
+    power = fma(fx, load(v, 0, s), fma(fy, load(v, 1, s), fz * load(v, 2, s)))
+    return fma(tx, load(w, 0, s), fma(ty, load(w, 1, s), fma(tz, load(w, 2, s), power)))
