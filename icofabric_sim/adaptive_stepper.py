@@ -22,6 +22,7 @@ from icofabric_sim.integrators.pair import (
 )
 from icofabric_sim.integrators.splitting import NEVER
 from icofabric_sim.kernels import monitor
+from icofabric_sim.kernels.drives import place_driven
 from icofabric_sim.kernels.records import Loads, Meter, State, Trail, Watch
 from icofabric_sim.memory import Memory
 from icofabric_sim.stepper import Stepper
@@ -104,6 +105,7 @@ class AdaptiveStepper(Stepper):
         """
         self.ledger.keep_work(self.loads)
         self.loads, self.load_rate = loads, load_rate
+        place_driven(self.model, loads, self.state, self.time)
         self.control[pair.HAS_LAST] = 0.0
         self.control[pair.NEXT] = min(self.control[pair.NEXT], self._first_step())
 
@@ -164,12 +166,21 @@ class AdaptiveStepper(Stepper):
         if self._failure is None:
             self.advance(time)
         rest, length = time - self.time, float(self.control[pair.LENGTH])
-        trail = self._trail
         if self._failure is None and rest > 0.0 and length > 0.0:
             self._prepare_dense()
-        self._present_work = self._work_within(rest, length)
+        work = self._work_within(rest, length)
         self._present_spent = self._flow(self.work.spent, rest, length)
         self._present_given = self._flow(self.work.given, rest, length)
+        state = self._state_within(rest, length)
+        self._present_work = work + self._moving(state)
+        self._note_anchors(state, self.time + min(max(rest, 0.0), length))
+        return state
+
+    def _state_within(self, rest: float, length: float) -> State:
+        """
+        The state up to there; slopes for dense output are in place.
+        """
+        trail = self._trail
         if self._failure is not None or not length > 0.0:
             return self.state
         if not rest > 0.0:
@@ -201,7 +212,8 @@ class AdaptiveStepper(Stepper):
                 np.copyto(row, source)
         target = self._side[0]
         self.crew.run(lambda team: dense_state(
-            DOP8, self.model, self.state, team, trail, length, part, target))
+            DOP8, self.model, self.loads, self.state, team, trail, self.time, length, part,
+            target))
         return target
 
     def _work_within(self, rest: float, length: float) -> float:

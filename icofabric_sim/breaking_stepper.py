@@ -163,7 +163,8 @@ class BreakingStepper(AdaptiveStepper):
         """
         numbers = self.ledger.numbers.copy()
         place_all(self.model, self.state, self.work, 0, len(self.model.blocks.slot))
-        monitor.examine(self.model, self.loads, self.state, self.work, numbers)
+        monitor.examine(
+            self.model, self.loads, self.state, self.work, self.end, numbers)
         return float(numbers[monitor.STORED])
 
     def _first_break(self) -> tuple[float, np.ndarray] | None:

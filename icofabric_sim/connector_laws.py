@@ -124,6 +124,13 @@ def connectors_between(first: np.ndarray, second: np.ndarray, bodies: np.ndarray
     return (a & d) | (b & c)
 
 
+def general_law(parameters: Parameters, length: float) -> tuple[float, float, float]:
+    """
+    k_e, k_c [N/m] and D [m] of `connector.*`; `length` [m] is the woven one, L.
+    """
+    return _law(parameters, 'connector', length, None)
+
+
 def _law(
     parameters: Parameters, prefix: str, length: float, general: tuple[float, ...] | None
 ) -> tuple[float, float, float]:

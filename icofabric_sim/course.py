@@ -30,7 +30,7 @@ from icofabric_sim.model import (
 )
 from icofabric_sim.proximity import ProximityWatch
 from icofabric_sim.scene import Scene
-from icofabric_sim.stability import largest_frequency
+from icofabric_sim.stability import largest_frequency, with_anchors
 from icofabric_sim.stepper import Stepper
 
 
@@ -61,7 +61,8 @@ class Course:
         self.method = Choice(parameters['solver.method'], 'given as solver.method')
         loads = self._loads()
         state = packed.layout.pack(scene.initial)
-        frequency = largest_frequency(packed, state)
+        frequency = with_anchors(
+            largest_frequency(packed, state), packed, loads, state, self.time)
         if not frequency.rate < math.inf:
             raise ValueError(f'this scene cannot start: {too_fast(self.time)}')
         fixed = parameters['solver.step']
@@ -235,7 +236,9 @@ class Course:
         """
         What acts now, for the kernels; `again`: what they had last.
         """
-        if not (self._scene.loads or self._scene.tractions or self._body_wrenches):
+        scene = self._scene
+        if not (scene.loads or scene.tractions or scene.drives or scene.anchors
+                or self._body_wrenches):
             return None
         # While the method is being chosen: rows without room for Runge-Kutta stages.
         symplectic = self.method.name == 'auto' or METHODS[self.method.name].symplectic

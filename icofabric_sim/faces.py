@@ -126,12 +126,14 @@ class _FaceParser(Parser):
         """
         if self.shells is None:
             return self.true()
+        # Only scenes that ask for it wait for it.
+        from scipy.spatial import cKDTree
+
         shells = self.shells
         axes = cosines_from_quaternions(shells.orientation[shells.chosen])
         places = shells.position[shells.chosen, None] + shells.pitch * np.einsum(
             'pi,nij->npj', _NEIGHBOURS, axes)
         # Takes a quarter of a second to import.
-        from scipy.spatial import cKDTree
 
         distance, _ = cKDTree(shells.position).query(places.reshape(-1, 3))
         empty = (distance > 0.5 * shells.pitch).reshape(len(axes), -1)

@@ -244,6 +244,8 @@ def _displaced(snapshot: Snapshot, scene: Scene) -> InitialState:
     if scene.supports is not None:
         shift[scene.supports.translation] = 0.0
         turn[scene.supports.rotation] = 0.0
+    for drive in scene.drives.values():
+        shift[drive.bodies] = turn[drive.bodies] = 0.0
     largest = max(float(np.linalg.norm(values, axis=1).max()) for values in (shift, turn))
     scale = DISPLACEMENT / largest if largest > 0.0 else 0.0
     return InitialState(

@@ -9,6 +9,8 @@ import heapq
 import math
 from typing import Any
 
+from icofabric_sim.anchors import AnchorPack
+from icofabric_sim.driving import Driving, PREFIX
 from icofabric_sim.kernels.records import Loads
 from icofabric_sim.layout import Layout
 from icofabric_sim.memory import as_number, Memory
@@ -46,7 +48,10 @@ class Inputs:
         profiles = {
             **{name: channel.profile for name, channel in scene.loads.items()},
             **{_traction(name): part.profile for name, part in scene.tractions.items()}}
-        self.timetable = Timetable(profiles)
+        paths = {PREFIX + name: drive.path for name, drive in scene.drives.items()}
+        paths |= {_anchor(name): anchor.path for name, anchor in scene.anchors.items()}
+        self.timetable = Timetable({**profiles, **paths})
+        self.driving = Driving(scene.drives, scene.initial, self.timetable)
         self._varying = any(not profile.is_plain for profile in profiles.values()) or any(
             wrench.normal.any() for part in scene.tractions.values() for wrench in part.wrenches)
         self.reset(0.0)
@@ -59,6 +64,7 @@ class Inputs:
         self.expiry.clear()
         self.received.clear()
         self.active.clear()
+        self.driving.taken.clear()
         self._begin(time, time)
 
     def _begin(self, epoch: float, now: float) -> None:
@@ -97,7 +103,8 @@ class Inputs:
         if self.timetable.next_time > self.next_time:
             return self.apply(self.take())
         changes = [
-            name not in self.scene.loads or self._follow(name) for name in self.timetable.turn()]
+            self._follow(name) if name in self.scene.loads else name not in self.driving.taken
+            for name in self.timetable.turn()]
         return any(changes)
 
     def require_channel(self, name: str) -> None:
@@ -128,12 +135,17 @@ class Inputs:
         """
 
         def known(key: Key) -> bool:
-            return key < self.scene.body_count if isinstance(key, int) else key in self.scene.loads
+            if isinstance(key, int):
+                return key < self.scene.body_count
+            return key in self.scene.loads or self.driving.knows(key)
 
         # What was received goes on, also that it was cleared; other loads are the scene's.
         self.received = {key for key in other.received if known(key)}
         self.active.clear()
         self._begin(now if anew else other.timetable.epoch, now)
+        self.driving.taken.clear()
+        if not anew:
+            self.driving.adopt(other.driving)
         for key in self.received:
             if key in other.active:
                 self.active[key] = other.active[key]
@@ -156,6 +168,9 @@ class Inputs:
         """
         Let an event act; returns whether anything changed for the bodies.
         """
+        if event.wrench is not None and self.driving.knows(event.key):
+            self.driving.take_over(str(event.key), event.time, *event.wrench)
+            return True
         before = self.active.get(event.key, Wrench(_ZERO, _ZERO))
         if event.wrench is None:
             if self.expiry.get(event.key) != event.time:
@@ -183,6 +198,7 @@ class Inputs:
         self._packed_pieces = {
             name: number for name, number in self.timetable.numbers.items()
             if name not in self.received}
+        self.driving.pack()
         return self.pack_again(layout, stages=stages)
 
     def pack_again(self, layout: Layout, *, stages: int = 0) -> Loads:
@@ -197,7 +213,9 @@ class Inputs:
             piece = self._piece(_traction(name))
             if not piece.is_zero:
                 rows += [WrenchRow(*wrench[:-1], piece, wrench.normal) for wrench in part.wrenches]
-        return pack_loads(rows, layout, stages=stages, varying=self._varying)
+        return pack_loads(
+            rows, layout, stages=stages, varying=self._varying, drives=self.driving.pack_again(),
+            anchors=self._pack_anchors())
 
     def pack_strongest(self, layout: Layout) -> Loads:
         """
@@ -211,7 +229,23 @@ class Inputs:
             rows += [WrenchRow(*wrench[:-1], strongest, wrench.normal) for wrench in part.wrenches]
         return pack_loads(rows, layout, varying=self._varying)
 
-    def _piece(self, name: Any) -> Piece:
+    def _pack_anchors(self) -> AnchorPack | None:
+        anchors, laws = self.scene.anchors, self.scene.anchor_law
+        if not anchors:
+            return None
+        return AnchorPack(
+            tuple(anchor.body for anchor in anchors.values()),
+            tuple(anchor.arm for anchor in anchors.values()),
+            tuple(self._piece(_anchor(name)) for name in anchors), laws)
+
+    def anchor_points(self, time: float) -> np.ndarray:
+        """
+        Where the points of the anchors are at a `time` [s] of the present pieces, (a, 3) [m].
+        """
+        pieces = [self.timetable.piece(_anchor(name)) for name in self.scene.anchors]
+        return np.array([piece.at(time)[:3] for piece in pieces]).reshape(-1, 3)
+
+    def _piece(self, name: Any) -> Any:
         """
         The piece of a profile that ruled when the loads were packed last.
         """
@@ -246,6 +280,7 @@ class Inputs:
             'received': _in_order(dict.fromkeys(self.received)),
             'queue': queue,
             'timetable': self.timetable.memory(),
+            'driving': self.driving.memory(),
             'packed_pieces': [list(item) for item in sorted(self._packed_pieces.items())],
         }
 
@@ -255,6 +290,7 @@ class Inputs:
         """
         self.timetable.recall(memory.part('timetable'), now)
         pieces = self.timetable.known_numbers(memory.entries('packed_pieces'))
+        self.driving.recall(memory.part('driving'))
         active, packed = (self._wrenches(memory.entries(name)) for name in ('active', 'packed'))
         expiry: dict[Key, float] = {}
         for entry in memory.entries('expiry'):
@@ -291,6 +327,8 @@ class Inputs:
     def _known(self, key: Any) -> Key:
         if type(key) is int:
             self.require_body(key)
+        elif isinstance(key, str) and self.driving.knows(key):
+            pass
         elif isinstance(key, str):
             self.require_channel(key)
         else:
@@ -303,6 +341,10 @@ def _traction(name: str) -> str:
     What a traction is called among the profiles: no channel has a dot in its name.
     """
     return f'tractions.{name}'
+
+
+def _anchor(name: str) -> str:
+    return f'anchors.{name}'
 
 
 def _in_order(keys: Mapping[Key, Any]) -> list[Key]:

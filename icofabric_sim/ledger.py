@@ -67,11 +67,15 @@ class Ledger:
         self.numbers[[monitor.REGULAR, monitor.ROUGHEST]] = 0.0
         self.numbers[monitor.ROUGH] = -1.0
 
-    def open(self, state: State) -> None:
+    def open(self, state: State, moving: float) -> None:
         """
         Take what a look has just found for the start of the balance.
+
+        `moving`: kinetic energy [J] of driven bodies, which nobody has had to give them yet.
         """
         numbers = self.numbers
+        numbers[monitor.EARLIER_WORK] -= moving
+        numbers[monitor.WORK] -= moving
         numbers[monitor.BASE_HEIGHT] = numbers[monitor.HEIGHT]
         numbers[monitor.BASE] = (
             numbers[monitor.KINETIC] + numbers[monitor.STORED] + numbers[monitor.HEIGHT]

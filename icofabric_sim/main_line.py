@@ -15,6 +15,8 @@ from icofabric_sim.crew import Crew
 from icofabric_sim.integrators.methods import Method
 from icofabric_sim.integrators.splitting import NEVER
 from icofabric_sim.kernels import monitor
+from icofabric_sim.kernels.anchors import look_at_anchors
+from icofabric_sim.kernels.drives import energy_of_drives
 from icofabric_sim.kernels.flows import keep_accelerations, place_all
 from icofabric_sim.kernels.lanes import LANES
 from icofabric_sim.kernels.meters import flowed
@@ -83,6 +85,8 @@ class MainLine:
         self._spent_aside = self._given_aside = 0.0
         self._present_work = self._present_spent = self._present_given = 0.0
         self._potential_start = 0.0
+        # Energy [J] of the anchors in the state that was shown last.
+        self.anchor_energy = 0.0
         self._failure: SimulationError | None = None
 
     @property
@@ -254,8 +258,23 @@ class MainLine:
         order = np.lexsort((loads.wrench[row], body[block[row] + lane]))
         return (LANES * row + lane)[order]
 
-    def _note_work(self, *parts: Loads | None) -> None:
-        self._present_work = sum(math.fsum(part.work) for part in parts if part is not None)
+    def _note_work(self, state: State, time: float, *parts: Loads | None) -> None:
+        done = sum(math.fsum(part.work) for part in parts if part is not None)
+        self._present_work = done + self._moving(state)
+        self._note_anchors(state, time)
+
+    def _note_anchors(self, state: State, time: float) -> None:
+        if self.loads is not None and self.loads.anchors is not None:
+            _, energy = look_at_anchors(self.model, self.loads, state, time)
+            self.anchor_energy = float(energy)
+
+    def _moving(self, state: State) -> float:
+        """
+        Kinetic energy [J] of driven bodies.
+        """
+        if self.loads is None or self.loads.drives is None:
+            return 0.0
+        return float(energy_of_drives(self.model, self.loads, state))
 
     def _scratch_loads(self) -> Loads | None:
         """

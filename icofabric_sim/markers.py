@@ -40,6 +40,7 @@ STRAIN_CLASSES = (
     StrainClass(0.005, 'stretched by 0.5 % to 5 %', (0.98, 0.65, 0.35, 1.0)),
     StrainClass(0.05, 'stretched by more than 5 %', (0.85, 0.12, 0.10, 1.0)),
 )
+_ANCHOR_COLOR = (0.20, 0.65, 0.30, 1.0)
 _BOUNDS = np.array([entry.above for entry in STRAIN_CLASSES[1:]])
 
 _NO_CLASS = 255  # of broken connectors
@@ -75,6 +76,8 @@ def held_bodies(scene: Scene) -> np.ndarray:
 class ConnectorMarkers:
     """
     Line lists of the connectors; the id of each is the number of its strain class.
+
+    One more where there are anchors, in a colour of its own, with the next number.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -88,6 +91,9 @@ class ConnectorMarkers:
                 color=entry.color, scale=(width, 0.0, 0.0))
             for number, entry in enumerate(STRAIN_CLASSES)
         ]
+        self._anchors = MarkerBytes(
+            scene.parameters['frame_id'], 'connectors', len(STRAIN_CLASSES),
+            MarkerType.LINE_LIST, color=_ANCHOR_COLOR, scale=(width, 0.0, 0.0))
 
     def messages(self, snapshot: Snapshot, nanoseconds: int) -> Iterator[bytes]:
         """
@@ -96,6 +102,9 @@ class ConnectorMarkers:
         It is repeated as long as the class is empty: then what is shown does not depend on what
         was received before, by a viewer or by a bag.
         """
+        ends = snapshot.anchor_ends.reshape(-1, 3)
+        if len(ends):
+            yield self._anchors.filled(nanoseconds, len(ends), partial(np.copyto, src=ends))
         connectors = snapshot.packed.connectors
         if connectors is None:
             return

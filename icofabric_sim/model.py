@@ -8,14 +8,18 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from icofabric_sim.anchors import AnchorPack
 from icofabric_sim.body_force import BodyForce
 from icofabric_sim.connector_moments import pack_moments
 from icofabric_sim.damping import pack_damping
+from icofabric_sim.driving import DrivePack
 from icofabric_sim.kernels.lanes import LANES
 from icofabric_sim.kernels.records import (
+    Anchors,
     Breakage,
     Connectors,
     Drag,
+    Drives,
     External,
     LINK_COUNT,
     Loads,
@@ -160,20 +164,35 @@ def pack_loads(
     *,
     stages: int = 0,
     varying: bool = False,
+    drives: DrivePack | None = None,
+    anchors: AnchorPack | None = None,
 ) -> Loads:
     """
     Wrenches for the kernels: a row for every block they act on.
 
     In the order of the blocks; those of one block in the order given. `stages`: slopes of a
-    Runge-Kutta step; `varying`: with factors that are neither 0 nor 1, or with normals.
+    Runge-Kutta step; `varying`: with factors that are neither 0 nor 1, or with normals. Bodies
+    of `drives` feel no wrench: their paths bear it.
     """
     parts = list(rows)
     count = len(layout.blocks.slot)
     blocks, wrenches = [np.zeros(0, np.int32)], [np.zeros(0, np.int32)]
     lanes = [np.zeros(0, np.uint8)]
-    for number, part in enumerate(parts):
-        block, bits = layout.block_of(part.bodies), np.zeros(count, np.uint8)
-        np.bitwise_or.at(bits, block, (1 << layout.slot[part.bodies] % LANES).astype(np.uint8))
+    members = [(number, part.bodies) for number, part in enumerate(parts)]
+    if drives is not None:
+        driven = np.zeros(layout.body_count, bool)
+        for row in drives.rows:
+            driven[row.bodies] = True
+        members = [(number, bodies[~driven[bodies]]) for number, bodies in members]
+        members += [(-1 - path, row.bodies) for path, row in enumerate(drives.rows)]
+    paths = 0 if drives is None else len(drives.rows)
+    if anchors is not None:
+        members += [
+            (-1 - paths - number, np.array([body], np.int32))
+            for number, body in enumerate(anchors.bodies)]
+    for number, bodies in members:
+        block, bits = layout.block_of(bodies), np.zeros(count, np.uint8)
+        np.bitwise_or.at(bits, block, (1 << layout.slot[bodies] % LANES).astype(np.uint8))
         own = np.flatnonzero(bits).astype(np.int32)
         blocks.append(own)
         lanes.append(bits[own])
@@ -203,6 +222,8 @@ def pack_loads(
         earlier_work=room(),
         power=room(stages),
         varying=_varying(parts, column('normal')) if varying else None,
+        drives=None if drives is None else _pack_drives(drives, layout),
+        anchors=None if anchors is None else _pack_anchors(anchors, paths),
     )
 
 
@@ -210,6 +231,37 @@ def _varying(parts: list[WrenchRow], normal: np.ndarray) -> Varying:
     pieces = np.array([part.piece for part in parts], dtype=float).reshape(-1, len(Piece._fields))
     start, value, slope, height, rate, peak = np.ascontiguousarray(pieces.T)
     return Varying(start, value, slope, height, rate, peak, normal)
+
+
+def _pack_drives(drives: DrivePack, layout: Layout) -> Drives:
+    def column(field: str, *shape: int) -> np.ndarray:
+        values = [getattr(row.piece, field) for row in drives.rows]
+        return np.array(values, dtype=float).reshape(len(values), *shape)
+
+    return Drives(
+        start=column('start'),
+        cubic=column('cubic', 4, 6),
+        wave=column('wave', 6),
+        rate=column('rate'),
+        phase=column('phase'),
+        base=column('shift', 3) + np.array([row.middle for row in drives.rows]),
+        turn=column('turn', 4),
+        arm=layout.spread(drives.arm),
+        first=layout.pack(drives.start).orientation,
+    )
+
+
+def _pack_anchors(anchors: AnchorPack, paths: int) -> Anchors:
+    return Anchors(
+        first=paths,
+        start=np.array([piece.start for piece in anchors.pieces]),
+        cubic=np.ascontiguousarray(
+            np.array([piece.cubic for piece in anchors.pieces], dtype=float)[:, :, :3]),
+        arm=np.array(anchors.arms),
+        extension=anchors.law[0],
+        compression=anchors.law[1],
+        natural_length=anchors.law[2],
+    )
 
 
 def acting_lanes(loads: Loads) -> tuple[np.ndarray, np.ndarray]:
@@ -227,8 +279,14 @@ def load_rate(loads: Loads | None, model: Model, size: float) -> float:
 
     Infinite where the loads are too large for numbers.
     """
-    if loads is None or not len(loads.wrench):
+    if loads is None:
         return 0.0
+    # A step must also follow the factors and the paths themselves.
+    own = 0.0 if loads.varying is None else float(loads.varying.rate.max(initial=0.0))
+    if loads.drives is not None:
+        own = max(own, float(loads.drives.rate.max()))
+    if not (loads.wrench >= 0).any():
+        return own
     with np.errstate(over='ignore', invalid='ignore'):
         force = np.linalg.norm(loads.force, axis=1)
         moment = np.linalg.norm(loads.torque, axis=1)
@@ -238,11 +296,11 @@ def load_rate(loads: Loads | None, model: Model, size: float) -> float:
             square *= loads.varying.peak
         block = np.repeat(np.arange(len(loads.start) - 1), np.diff(loads.start))
         row, lane = acting_lanes(loads)
+        wrenches = loads.wrench[row] >= 0
+        row, lane = row[wrenches], lane[wrenches]
         largest = np.bincount(LANES * block[row] + lane, square[loads.wrench[row]]).max()
     if not largest < np.inf:
         return np.inf
-    # A step must also follow the factor itself.
-    own = 0.0 if loads.varying is None else float(loads.varying.rate.max())
     return max(float(np.sqrt(largest)), own)
 
 
@@ -269,6 +327,9 @@ def expected_liveliness(
     growth = acceleration * duration if duration < np.inf else 0.0
     # A displaced start lets go of energy within a period.
     displaced = np.abs(initial.position - scene.position).max() / half_edge * frequency
+    for drive in scene.drives.values():
+        fastest, turning = drive.path.fastest
+        speed, spin = max(speed, fastest / half_edge), max(spin, turning)
     return max(speed, spin, growth, float(min(displaced, frequency)))
 
 

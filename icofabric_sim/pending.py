@@ -1,14 +1,14 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
 """
-Wrenches that wait for their stamp, and the count of those that never acted.
+Wrenches and twists that wait for their stamp, and the count of those that never acted.
 
 Who sent a wrench is not known and does not matter: of several senders on one channel, or on one
 body, the wrench that acts last rules alone until another one acts, or until the hold time of the
-channel has passed. Those of one stamp act in the order in which they were received. When a sender
-is gone its last wrench stays, and what it had sent ahead still acts; a `loads.NAME.hold` is the
-way to have a wrench end with its sender. Nothing is kept for those who come later: whoever listens
-to a channel hears what is sent from then on.
+channel has passed; a twist moves its drive until another one comes. Those of one stamp act in the
+order in which they were received. When a sender is gone its last wrench stays, and what it had
+sent ahead still acts; a `loads.NAME.hold` is the way to have a wrench end with its sender. Nothing
+is kept for those who come later: whoever listens to a channel hears what is sent from then on.
 
 What waits when the run is changed from outside:
 
@@ -26,8 +26,9 @@ import logging
 import math
 import time as wall
 
+from icofabric_sim.driving import PREFIX
 from icofabric_sim.inputs import Key
-from icofabric_sim.messages import WrenchStampedBytes
+from icofabric_sim.messages import TwistStampedBytes, WrenchStampedBytes
 from icofabric_sim.run_records import WrenchInput
 from icofabric_sim.scene import Scene
 from icofabric_sim.schedule import NANOSECONDS, seconds
@@ -108,6 +109,10 @@ class PendingInputs:
                 # Received after the weave changed, from one who does not know it yet.
                 self.drop(received, 'the weave changed before it acted')
                 continue
+            if isinstance(key, str) and key.startswith(PREFIX):
+                record(received.topic, TwistStampedBytes.TYPE, now, received.data)
+                simulation.apply_twist(key.removeprefix(PREFIX), received.force, received.torque)
+                continue
             record(received.topic, WrenchStampedBytes.TYPE, now, received.data)
             if isinstance(key, int):
                 simulation.apply_body_wrench(key, received.force, received.torque)
@@ -158,13 +163,18 @@ class PendingInputs:
 
 def knows(scene: Scene, key: Key) -> bool:
     """
-    Whether a scene has the channel or the body of a wrench.
+    Whether a scene has the channel or the body of a wrench, or the drive of a twist.
     """
-    return key < scene.body_count if isinstance(key, int) else key in scene.loads
+    if isinstance(key, int):
+        return key < scene.body_count
+    return key in scene.loads or (
+        key.startswith(PREFIX) and key.removeprefix(PREFIX) in scene.drives)
 
 
 def describe_key(key: Key) -> str:
     """
     A channel or a body in words.
     """
-    return f'body {key}' if isinstance(key, int) else f'loads.{key}'
+    if isinstance(key, int):
+        return f'body {key}'
+    return key if key.startswith(PREFIX) else f'loads.{key}'

@@ -20,6 +20,7 @@ from icofabric_sim.checkpoint import Checkpoint
 from icofabric_sim.entities import checked_parts, set_body_state, STATE_PARTS
 from icofabric_sim.messages import (
     decode_string,
+    decode_twist_stamped,
     decode_uint8_multi_array,
     decode_wrench_stamped,
     TwistStampedBytes,
@@ -40,6 +41,7 @@ OUTPUTS = (
     topics.CHECKPOINT)
 _BY_NAME = {topic.name: topic for topic in OUTPUTS}
 _LOAD = re.compile(r'~/loads/([A-Za-z][A-Za-z0-9_]*)')
+_DRIVE = re.compile(r'~/drives/([A-Za-z][A-Za-z0-9_]*)')
 _BODY = re.compile(r'icosahedron_(0|[1-9][0-9]{0,9})')
 _INPUT_TYPES = (WrenchStampedBytes.TYPE, TwistStampedBytes.TYPE)
 # Wall time between two calls of `on_time` [s].
@@ -279,7 +281,10 @@ class Resimulation:
         type_name = self.run.topics[self.run.node + name.removeprefix('~')].type_name
         if type_name not in _INPUT_TYPES:
             return
-        load = _LOAD.fullmatch(name)
+        load, drive = _LOAD.fullmatch(name), _DRIVE.fullmatch(name)
+        if type_name == TwistStampedBytes.TYPE and drive is not None:
+            self._take_twist(drive[1], time, data)
+            return
         if type_name != WrenchStampedBytes.TYPE or not (load or name == '~/wrench'):
             raise NotRepeatable(
                 f'{self.run.path} holds inputs on {self.run.node}{name[1:]} ({type_name}), which '
@@ -300,12 +305,23 @@ class Resimulation:
 
             def act(simulation: Simulation) -> object:
                 return simulation.apply_body_wrench(body, wrench.first, wrench.second)
+        self._repeat(time, act, 'wrench')
+
+    def _take_twist(self, drive: str, time: int, data: bytes) -> None:
+        twist = self.run.decoded(decode_twist_stamped, data)
+
+        def act(simulation: Simulation) -> object:
+            return simulation.apply_twist(drive, twist.first, twist.second)
+
+        self._repeat(time, act, 'twist')
+
+    def _repeat(self, time: int, act: Callable[[Simulation], object], what: str) -> None:
         self.reach(time)
         self._on_input(act)
         try:
             self._guarded(lambda: act(self.simulation))
         except ValueError as error:
-            raise Departure(time, f'a recorded wrench cannot act: {error}') from error
+            raise Departure(time, f'a recorded {what} cannot act: {error}') from error
         self.counts['inputs'] += 1
 
 

@@ -26,8 +26,8 @@ _RUNNER_NAMES = frozenset({
     'input_horizon', 'reset_time', 'publish_clock', 'start_paused',
 })
 _RUNNER_PREFIXES = ('record.', 'checkpoint.')
-# A change of these restarts the motion: there are other bodies.
-_WEAVE_PREFIXES = ('weave.', 'shell.', 'bodies.')
+# A change of these restarts the motion: there are other bodies, or other paths for them.
+_WEAVE_PREFIXES = ('weave.', 'shell.', 'bodies.', 'drives.')
 
 
 def changed_names(before: Parameters, after: Parameters) -> set[str]:
@@ -57,7 +57,9 @@ def restarts_motion(before: Parameters, after: Parameters) -> bool:
     """
     Whether the change from one set to the other weaves the fabric anew.
     """
-    return any(name.startswith(_WEAVE_PREFIXES) for name in changed_names(before, after))
+    changed = changed_names(before, after)
+    driven = {f'groups.{after[f"drives.{name}.group"]}' for name in after.names('drives')}
+    return any(name.startswith(_WEAVE_PREFIXES) or name in driven for name in changed)
 
 
 def lost_wrenches(before: Simulation, scene: Scene) -> list[str]:

@@ -14,14 +14,14 @@ import numpy as np
 
 class WrenchInput(NamedTuple):
     """
-    A wrench as it was received.
+    A wrench as it was received, or the twist of a drive.
     """
 
     topic: str
-    key: Key  # load channel or body
+    key: Key  # load channel, body, or drives.NAME
     stamp: int  # [ns] of simulated time, 0: at once
-    force: Any
-    torque: Any
+    force: Any  # or linear velocity
+    torque: Any  # or angular velocity
     data: bytes  # the message, for the bag
 
 

@@ -13,9 +13,17 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from icofabric_sim import initial, selectors
+from icofabric_sim.anchors import Anchor, make_anchors
 from icofabric_sim.available_memory import available_memory
 from icofabric_sim.breakage import BreakLimits, make_limits
-from icofabric_sim.connector_laws import between, ConnectorLaws, make_laws, spread_over
+from icofabric_sim.connector_laws import (
+    between,
+    ConnectorLaws,
+    general_law,
+    make_laws,
+    spread_over,
+)
+from icofabric_sim.drives import Drive, make_drives, make_path
 from icofabric_sim.electric import Electric, make_electric
 from icofabric_sim.faces import check_faces
 from icofabric_sim.icosahedron import edge_midpoints
@@ -107,6 +115,9 @@ class Scene:
     supports: Supports | None
     loads: Mapping[str, LoadChannel]
     tractions: Mapping[str, Traction]
+    drives: Mapping[str, Drive]
+    anchors: Mapping[str, Anchor]
+    anchor_law: tuple[float, float, float]  # k_e [N/m], k_c [N/m], D [m]
     initial: initial.InitialState
     electric: Electric
 
@@ -143,6 +154,8 @@ class Scene:
         supports = _supports(checked, groups, len(position))
         woven = geometry.connector_length, groups, weave.connector_bodies
         laws = make_laws(checked, *woven)
+        start = initial.make_initial_state(checked, position, orientation, groups, supports)
+        drives = make_drives(checked, groups, start, supports)
         return cls(
             parameters=checked,
             shell=shell,
@@ -168,8 +181,11 @@ class Scene:
                     checked, name, groups[checked[f'tractions.{name}.group']], position,
                     orientation, geometry)
                 for name in checked.names('tractions')},
-            initial=initial.make_initial_state(checked, position, orientation, groups, supports),
             electric=make_electric(checked, len(position)),
+            drives=drives,
+            anchors=make_anchors(checked, len(position), drives, geometry.half_edge),
+            anchor_law=general_law(checked, geometry.connector_length),
+            initial=start,
         )
 
     @property
@@ -228,7 +244,7 @@ def check_parameters(parameters: Parameters) -> tuple[Shell, WeaveGeometry]:
         selectors.check_syntax(f'groups.{name}', parameters[f'groups.{name}'])
     for name in parameters.names('connector_groups'):
         between(parameters, name)
-    for family in ('supports', 'loads', 'tractions', 'initial'):
+    for family in ('supports', 'loads', 'tractions', 'drives', 'initial'):
         for name in parameters.names(family):
             _check_group(parameters, f'{family}.{name}.group')
     for name in parameters.names('supports'):
@@ -236,6 +252,8 @@ def check_parameters(parameters: Parameters) -> tuple[Shell, WeaveGeometry]:
     for family in ('loads', 'tractions'):
         for name in parameters.names(family):
             check_profile(parameters, f'{family}.{name}')
+    for name in parameters.names('drives'):
+        make_path(parameters, f'drives.{name}')
     for name in parameters.names('tractions'):
         check_faces(f'tractions.{name}.faces', parameters[f'tractions.{name}.faces'])
         key = f'tractions.{name}.variation'

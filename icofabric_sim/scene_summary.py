@@ -80,6 +80,10 @@ def describe_scene(scene: Scene) -> list[Row]:
         for name in parameters.names('supports')
     ))  # fmt: skip
     rows += _several('loads', (_load(scene, name) for name in scene.loads))
+    if scene.drives:
+        rows += _several('drives', (_drive(scene, name) for name in scene.drives))
+    if scene.anchors:
+        rows += _several('anchors', (_anchor(scene, name) for name in scene.anchors))
     if scene.tractions:
         rows += _several('tractions', (_traction(scene, name) for name in scene.tractions))
     rows += _several('initial', (
@@ -181,6 +185,34 @@ def _profile(scene: Scene, prefix: str) -> str:
     begin = f'from {start:g} s on' if start > 0.0 else 'from the start'
     text = begin if kind == 'steady' else f'{begin} as {kind}'
     return f'{text}, for {duration:g} s,' if duration > 0.0 else text
+
+
+def _anchor(scene: Scene, name: str) -> str:
+    prefix = f'anchors.{name}'
+    body, edge, position, velocity, file = (
+        scene.parameters[f'{prefix}.{field}']
+        for field in ('body', 'edge', 'position', 'velocity', 'file'))
+    text = f'{name}: body {body}, edge {edge}, to {vector(np.array(position), "m")}'
+    if any(velocity):
+        text += f', which moves with {vector(np.array(velocity), "m/s")}'
+    return f'{text}, which moves as {file} says' if file else text
+
+
+def _drive(scene: Scene, name: str) -> str:
+    prefix = f'drives.{name}'
+    motion, linear, angular, start = (
+        scene.parameters[f'{prefix}.{field}']
+        for field in ('motion', 'linear', 'angular', 'start'))
+    text = f'{name}: ~/drives/{name} on {_group(scene, prefix)}, {motion}'
+    units = ('m', 'rad') if motion == 'sine' else ('m/s', 'rad/s')
+    for value, unit in zip((linear, angular), units):
+        if any(value):
+            text += f', {vector(np.array(value), unit)}'
+    if motion == 'sine':
+        text += f', {scene.parameters[f"{prefix}.frequency"]:g} Hz'
+    if motion == 'table':
+        text += f' {scene.parameters[f"{prefix}.file"]}'
+    return f'{text}, from {start:g} s on' if start > 0.0 else text
 
 
 def _traction(scene: Scene, name: str) -> str:

@@ -475,6 +475,84 @@ FAMILIES: dict[str, tuple[Specification, ...]] = {
         _s('frictionless', False, '', 'only the part along the normal of a face acts'),
         *_PROFILE,
     ),
+    'drives': (
+        _s('group', '', '', 'group that moves as one rigid body', 'weave', required=True),
+        _s(
+            'motion',
+            'hold',
+            '',
+            'hold; velocity: one twist; ramp: from rest to it; sine: amplitudes; table: a file',
+            'weave',
+            choices=('hold', 'velocity', 'ramp', 'sine', 'table'),
+        ),
+        _s(
+            'linear',
+            _ZERO3,
+            'm/s',
+            'velocity of the middle of the group, world axes; of sine the amplitude [m]',
+            'weave',
+        ),
+        _s(
+            'angular',
+            _ZERO3,
+            'rad/s',
+            'spin about it; of sine the amplitude of the rotation vector [rad]',
+            'weave',
+        ),
+        _s(
+            'start',
+            0.0,
+            's',
+            'when it begins, after the motion began',
+            'weave',
+            minimum=0.0,
+            maximum=_LONGEST,
+        ),
+        _s(
+            'duration',
+            0.0,
+            's',
+            'of the rise of a ramp; else how long it moves, 0: for ever',
+            'weave',
+            minimum=0.0,
+            maximum=_LONGEST,
+        ),
+        _s('frequency', 0.0, 'Hz', 'of sine', 'weave', minimum=0.0),
+        _s(
+            'phase',
+            0.0,
+            'rad',
+            'of sine, which moves by sin(2 pi f t + phase) - sin(phase)',
+            'weave',
+        ),
+        _s(
+            'file',
+            '',
+            '',
+            'of table: CSV of time [s], displacement x, y, z [m] and, if it turns, rotation '
+            'vector x, y, z [rad]; a smooth curve through them that begins and ends at rest',
+            'weave',
+        ),
+    ),
+    'anchors': (
+        _s('body', 0, '', 'number of the body', minimum=0),
+        _s(
+            'edge',
+            'up',
+            '',
+            'its edge that the connector begins at',
+            choices=('up', 'down', 'north', 'south', 'west', 'east'),
+        ),
+        _s('position', _ZERO3, 'm', 'point of the world where it ends', required=True),
+        _s('velocity', _ZERO3, 'm/s', 'velocity of that point, from the start of the motion'),
+        _s(
+            'file',
+            '',
+            '',
+            'CSV of time [s] and displacement x, y, z [m] of that point; a smooth curve through '
+            'them that begins and ends at rest',
+        ),
+    ),
     'initial': (
         _s('group', '', '', 'group that starts away from rest', required=True),
         _s('displacement', _ZERO3, 'm', 'added to the woven positions'),
@@ -491,6 +569,6 @@ FAMILIES: dict[str, tuple[Specification, ...]] = {
 }
 
 # Families of the contract whose effect is not built yet: refused by name, whatever their fields.
-UNBUILT_FAMILIES = ('drives', 'anchors', 'planes')
+UNBUILT_FAMILIES = ('planes',)
 
 BY_NAME: dict[str, Specification] = {entry.name: entry for entry in STATIC}

@@ -12,6 +12,7 @@ import operator
 from icofabric_sim.body_force import as_body_force, BodyForce, Force
 from icofabric_sim.checkpoint import Checkpoint
 from icofabric_sim.course import Course
+from icofabric_sim.driving import PREFIX
 from icofabric_sim.given_state import complete_state
 from icofabric_sim.initial import hold_still, InitialState
 from icofabric_sim.inputs import Key, Vector, Wrench
@@ -214,7 +215,7 @@ class Simulation:
                 array.flags.writeable = False
             self._cached = Snapshot(
                 self.time, *state, self.scene.connector_count, self.packed,
-                self._books(state), self._stepper.broken.since)
+                self._books(state), self._stepper.broken.since, self._anchors())
             self._cached_at = self._course.changes
         return self._cached
 
@@ -251,6 +252,29 @@ class Simulation:
         body = operator.index(body)
         self._inputs.require_body(body)
         return self._apply(body, force, torque, time)
+
+    def apply_twist(
+        self,
+        drive: str,
+        linear: Vector = (0.0, 0.0, 0.0),
+        angular: Vector = (0.0, 0.0, 0.0),
+        *,
+        time: float | None = None,
+    ) -> float:
+        """
+        Move a drive with one velocity [m/s] and spin [rad/s] from now or a later `time` [s] on.
+
+        Of the middle of its bodies and about it, world axes; until another one takes over, or a
+        reset. Returns the time from which it acts.
+        """
+        self._inputs.driving.require(drive)
+        try:
+            return self._apply(PREFIX + drive, linear, angular, time)
+        except ValueError as error:
+            text = str(error).replace('a wrench', 'a twist')
+            for word, own in (('force', 'linear'), ('torque', 'angular')):
+                text = text.replace(f'{word} must', f'{own} must')
+            raise ValueError(text) from None
 
     def set_state(
         self,
@@ -372,6 +396,14 @@ class Simulation:
         """
         return self._stepper.next_step_time
 
+    def _anchors(self) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+        anchors = self.scene.anchors.values()
+        if not anchors:
+            return None
+        return (
+            np.array([anchor.body for anchor in anchors]),
+            np.array([anchor.arm for anchor in anchors]), self._inputs.anchor_points(self.time))
+
     def _apply(self, key: Key, force: Vector, torque: Vector, time: float | None) -> float:
         wrench = Wrench.checked(force, torque)
         at = self.time if time is None else float(time)
@@ -389,7 +421,8 @@ class Simulation:
         books = {
             'work_in': stepper.work_at_state(), 'spent': stepper.spent_at_state(),
             'start': stepper.ledger[monitor.BASE],
-            'lost_at_breaks': stepper.ledger[monitor.LOST], 'potential': 0.0}
+            'lost_at_breaks': stepper.ledger[monitor.LOST], 'potential': 0.0,
+            'anchors': stepper.anchor_energy}
         if force is not None and force.potential is not None:
             books['potential'] = force.energy(self.time, state.position, state.orientation)
             books['start'] += stepper.potential_start

@@ -13,6 +13,7 @@ from icofabric_sim.kernels.fields import field_energy
 from icofabric_sim.kernels.moments import moment_energy
 from icofabric_sim.kernels.outlines import fill_lengths, fill_lines
 from icofabric_sim.model import PackedScene
+from icofabric_sim.rotation_forms import cosines_from_quaternions
 import numpy as np
 
 
@@ -33,6 +34,8 @@ class Snapshot:
     # a body force
     ledger: Mapping[str, float]
     broken_since: np.ndarray | None = None  # (c,) [s], NaN while unbroken; None: all are whole
+    # Bodies (a,), arms (a, 3) and world points (a, 3) [m] of the anchors.
+    anchors: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
 
     @cached_property
     def intact(self) -> np.ndarray:
@@ -62,6 +65,18 @@ class Snapshot:
         every = np.zeros(len(ends), np.uint8)
         fill_lines(connectors, *self._frozen(), every, 0, ends.reshape(-1, 3))
         return ends
+
+    @cached_property
+    def anchor_ends(self) -> np.ndarray:
+        """
+        World positions [m] of the ends of every anchor, (a, 2, 3), that at the body first.
+        """
+        if self.anchors is None:
+            return np.zeros((0, 2, 3))
+        body, arm, point = self.anchors
+        axes = cosines_from_quaternions(self.orientation[body])
+        ends = self.position[body] + np.einsum('ai,aij->aj', arm, axes)
+        return np.stack([ends, point], axis=1)
 
     @cached_property
     def connector_length(self) -> np.ndarray:
@@ -114,6 +129,7 @@ class Snapshot:
                 moments = type(moments)(*(
                     values if len(values) == 1 else values[whole] for values in moments))
             energy['connectors'] += moment_energy(moments, *self._frozen(), ends)
+        energy['connectors'] += self.ledger.get('anchors', 0.0)
         if self.packed.gravity is not None:
             energy['gravity'] = -mass * float((self.position @ self.packed.gravity).sum())
         energy['total'] = sum(energy.values())

@@ -7,10 +7,11 @@ The largest frequency of a fabric in a configuration: the step of an explicit me
 import math
 from typing import NamedTuple
 
+from icofabric_sim.anchor_stiffness import anchors_eigenvalue
 from icofabric_sim.kernels.flows import place_all
 from icofabric_sim.kernels.hessian import hessian_times, lanczos_steps
 from icofabric_sim.kernels.monitor import field_bound, frequency_bound
-from icofabric_sim.kernels.records import State
+from icofabric_sim.kernels.records import Loads, State
 from icofabric_sim.kernels.tridiagonal import largest_eigenvalue
 from icofabric_sim.layout import aligned_empty
 from icofabric_sim.model import PackedScene
@@ -108,6 +109,21 @@ def largest_frequency(
         share = layout.gather(shape**2).sum(axis=1)
         bodies = tuple(int(b) for b in np.argsort(-share, kind='stable')[:4] if share[b] > 0.0)
     return Frequency(float(np.sqrt(max(value, 0.0) + more)), bodies, done)
+
+
+def with_anchors(
+    frequency: Frequency, packed: PackedScene, loads: Loads | None, state: State, time: float
+) -> Frequency:
+    """
+    Add what anchors can make of it at `time` [s], which is never too low.
+
+    Their second derivatives are a block for each body, whose eigenvalues are exact; the largest
+    eigenvalue of a sum is at most the sum of the largest (Weyl).
+    """
+    if loads is None or loads.anchors is None or not frequency.rate < math.inf:
+        return frequency
+    most = anchors_eigenvalue(packed.model, loads, state, time)
+    return frequency._replace(rate=math.sqrt(frequency.rate**2 + most))
 
 
 def hessian_product(

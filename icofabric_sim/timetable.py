@@ -1,7 +1,7 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
 """
-When the pieces of the profiles of a scene begin, and which of them rule now.
+When the pieces of the profiles and paths of a scene begin, and which of them rule now.
 """
 
 from collections.abc import Mapping
@@ -9,7 +9,8 @@ import math
 from typing import Any
 
 from icofabric_sim.memory import Memory
-from icofabric_sim.profiles import Piece, Profile
+from icofabric_sim.paths import Path
+from icofabric_sim.profiles import Profile
 
 
 class Timetable:
@@ -17,7 +18,7 @@ class Timetable:
     Profiles by name, counted from the time at which the motion began.
     """
 
-    def __init__(self, profiles: Mapping[str, Profile]) -> None:
+    def __init__(self, profiles: Mapping[str, Profile | Path]) -> None:
         """
         Begin at time 0.
         """
@@ -57,12 +58,13 @@ class Timetable:
             self.numbers[name] += 1
         return begun
 
-    def piece(self, name: str, number: int | None = None) -> Piece:
+    def piece(self, name: str, number: int | None = None) -> Any:
         """
         The piece of a profile that rules now, or number `number`, at times of the run.
         """
         if name in self._steady:
-            return self._steady[name]
+            piece: Any = self._steady[name]
+            return piece._replace(start=self.epoch + piece.start)
         number = self.numbers[name] if number is None else number
         piece = self._profiles[name].pieces[number]
         return piece._replace(start=self.epoch + piece.start)

@@ -13,13 +13,19 @@ from icofabric_sim.crew import Crew
 from icofabric_sim.faults import find_fault, too_fast, unsafe_step
 from icofabric_sim.integrators.methods import Method
 from icofabric_sim.kernels import monitor
+from icofabric_sim.kernels.drives import place_driven
 from icofabric_sim.kernels.lanes import LANES
 from icofabric_sim.kernels.records import Loads, State
 from icofabric_sim.main_line import MainLine, SimulationError
 from icofabric_sim.memory import Memory
 from icofabric_sim.model import PackedScene
 from icofabric_sim.proximity import ProximityWatch
-from icofabric_sim.stability import fastest_motion, Frequency, largest_frequency
+from icofabric_sim.stability import (
+    fastest_motion,
+    Frequency,
+    largest_frequency,
+    with_anchors,
+)
 from icofabric_sim.step_choice import Accuracy, checked_step, LONGEST, rounded_down, SHORTEST
 import numpy as np
 
@@ -103,6 +109,7 @@ class WatchedLine(MainLine):
         """
         Compute the accelerations, the frequency and the step anew: the state has jumped.
         """
+        place_driven(self.model, self.loads, self.state, self.time)
         self._refresh()
         for meter in self._meters().values():
             meter.done[:] = 0.0
@@ -111,7 +118,7 @@ class WatchedLine(MainLine):
         self.ledger.restart()
         self._save()
         self._read_rates(exact=exact)
-        self.ledger.open(self.state)
+        self.ledger.open(self.state, self._moving(self.state))
         force = self.packed.body_force
         if force is not None:
             place = self.packed.layout.unpack(self.state)
@@ -160,6 +167,7 @@ class WatchedLine(MainLine):
         self._measured = None
         self.loads = loads
         self.load_rate = load_rate
+        place_driven(self.model, loads, self.state, self.time)
         self._choose_step()
 
     def error_rate(self) -> float:
@@ -282,7 +290,7 @@ class WatchedLine(MainLine):
     def _require_safe_step(self, time: float) -> None:
         if not self.fixed or self.step <= self.limit:
             return
-        frequency = largest_frequency(self.packed, self.state, locate=True)
+        frequency = self._largest_frequency(locate=True)
         self._fail(unsafe_step(self.step, self.limit, frequency, time))
 
     def _fail_here(self, what: str, time: float) -> None:
@@ -310,15 +318,21 @@ class WatchedLine(MainLine):
         self._failure = SimulationError(message)
         raise self._failure
 
+    def _largest_frequency(self, *, locate: bool = False) -> Frequency:
+        return with_anchors(
+            largest_frequency(self.packed, self.state, locate=locate), self.packed, self.loads,
+            self.state, self.time)
+
     def _read_rates(self, *, exact: bool = True) -> None:
         """
         Exact largest frequency, and the cheap bound beside it for later comparison.
         """
         if exact:
-            self.frequency = largest_frequency(self.packed, self.state)
+            self.frequency = self._largest_frequency()
         ledger = self.ledger
         ledger[monitor.HIGH], ledger[monitor.LOW], ledger[monitor.SPIN_WEIGHT] = math.inf, 0.0, 1.0
-        monitor.examine(self.model, self.loads, self.state, self.work, ledger.numbers)
+        monitor.examine(
+            self.model, self.loads, self.state, self.work, self.time, ledger.numbers)
         if self.fixed:
             # Below this the bound proves the step safe. Above it the exact value is computed at
             # every look: the bound may be three times as high, its own growth says nothing.

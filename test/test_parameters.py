@@ -17,6 +17,8 @@ MEMBERS = {
     'supports': {'supports.m.group': 'all'},
     'loads': {'loads.m.group': 'all'},
     'tractions': {'tractions.m.group': 'all'},
+    'drives': {'drives.m.group': 'all'},
+    'anchors': {'anchors.m.position': [9.0, 9.0, 9.0]},
     'initial': {'initial.m.group': 'all'},
     'bodies': {'bodies.m.position': [9.0, 9.0, 9.0]},
 }

@@ -165,11 +165,13 @@ def _momenta(simulation: Simulation, monitor: RunMonitor) -> list[Row]:
     rows = [('momentum', f'{vector(last.linear, "kg m/s")}, about the origin '
                          f'{vector(last.angular, "kg m^2/s")}')]
     scene = simulation.scene
-    if scene.supports is not None or any(scene.parameters['gravity']) or _loads_act(simulation):
-        reasons = [word for word, acts in (
-            ('supports', scene.supports is not None),
-            ('gravity', any(scene.parameters['gravity'])),
-            ('loads', _loads_act(simulation))) if acts]
+    reasons = [word for word, acts in (
+        ('supports', scene.supports is not None),
+        ('drives', bool(scene.drives)),
+        ('anchors', bool(scene.anchors)),
+        ('gravity', any(scene.parameters['gravity'])),
+        ('loads', _loads_act(simulation))) if acts]
+    if reasons:
         rows.append(('', f'not kept: {", ".join(reasons)}'))
         return rows
     parts = []

@@ -13,6 +13,7 @@ from typing import NamedTuple
 from icofabric_sim.integrators import dop853
 from icofabric_sim.kernels.breakage import is_breaking, note_lengths
 from icofabric_sim.kernels.compiled import compiled
+from icofabric_sim.kernels.drives import place_row
 from icofabric_sim.kernels.external import ask_outside
 from icofabric_sim.kernels.lanes import LANES, load, store
 from icofabric_sim.kernels.loads import keep_work
@@ -90,7 +91,7 @@ def slope_at(
     """
     Slope number `index` at a state and a `time` [s], all bodies.
     """
-    place_blocks(model, state, work, first, last)
+    place_blocks(model, loads, state, work, time, first, last)
     wait_for_all(team)
     ask_outside(work.external, state, time, team)
     find_slopes(model, loads, state, work, time, trail.slopes[index], index, first, last)
@@ -148,7 +149,7 @@ def fixed_pair(
         since_check += 1
         status, since_check = look(
             model, loads, state, saved, work, team, since_check, check_interval, watch, ledger,
-            done, first, last)
+            done, origin + (index + done) * h, first, last)
         if status != 0:
             return status, done, since_check
     return 0, done, since_check
@@ -158,16 +159,18 @@ def fixed_pair(
 def look(
     model: Model, loads: Loads | None, state: State, saved: State, work: Work, team: Team,
     since_check: int, check_interval: int, watch: Watch | None, ledger: np.ndarray, done: int,
-    first: int, last: int
+    time: float, first: int, last: int
 ) -> tuple[int, int]:
     """
-    Examine the state if that is due, and save it if it is sound; status and steps since then.
+    Examine the state at `time` [s] if that is due, and save it if it is sound.
+
+    Returns the status and the steps since the last examination.
     """
     examined = since_check >= check_interval
     status = 0
     if team.member == 0:
         if examined:
-            status = examine(model, loads, state, work, ledger)
+            status = examine(model, loads, state, work, time, ledger)
         if moved_far(model, watch, state.position):
             status |= MOVED_FAR
     status = tell_all(team, status)
@@ -274,7 +277,7 @@ def adaptive_pair(
             else:
                 status, since_check = look(
                     model, loads, state, saved, work, team, since_check, check_interval, watch,
-                    ledger, done, first, last)
+                    ledger, done, start + length, first, last)
     wait_for_all(team)
     if team.member == 0:
         control[START], control[LENGTH], control[NEXT] = start, length, h
@@ -331,16 +334,19 @@ def prepare_dense(
 
 @compiled
 def dense_state(
-    pair: Pair, model: Model, state: State, team: Team, trail: Trail, h: float, x: float,
-    target: State
+    pair: Pair, model: Model, loads: Loads | None, state: State, team: Team, trail: Trail,
+    time: float, h: float, x: float, target: State
 ) -> None:
     """
-    State at the part `x` of the step in progress.
+    State at the part `x` of the step in progress, which begins at `time` [s].
     """
     first, last = own_blocks(team, model.blocks.slot.shape[0])
     for block in range(first, last):
-        interpolate(
-            trail.start, state, trail.slopes, pair.dense, h, x, target, model.blocks.slot[block])
+        s = model.blocks.slot[block]
+        interpolate(trail.start, state, trail.slopes, pair.dense, h, x, target, s)
+        if loads is not None:
+            for m in range(loads.start[block], loads.start[block + 1]):
+                place_row(loads.drives, loads, target, m, s, time + x * h)
 
 
 def dense_sum(

@@ -182,7 +182,8 @@ def splitting(
         if examined:
             since_check = 0
             if team.member == 0:
-                status = examine(model, loads, state, work, ledger)
+                status = examine(
+                    model, loads, state, work, origin + (index + done) * h, ledger)
                 status |= judge_roughness(
                     work, ledger, differences if stages < 4 else check_interval)
         if watched and team.member == 0 and moved_far(model, watch, state.position):

@@ -45,7 +45,7 @@ def note_lengths(
     """
     if breakage is None:
         return
-    place_blocks(model, state, work, first, last)
+    place_blocks(model, None, state, work, 0.0, first, last)
     move_blocks(model, breakage, state, work.points, first, last)
     wait_for_all(team)
     for block in range(first, last):

@@ -9,8 +9,10 @@ that act on a fabric is `accelerations` and `push`; a term that is None is not c
 prunes such a branch only where the term is an argument of its own).
 """
 
+from icofabric_sim.kernels.anchors import kick_anchor
 from icofabric_sim.kernels.compiled import compiled
 from icofabric_sim.kernels.connectors import add_connectors, Six
+from icofabric_sim.kernels.drives import is_wrench, place_row, resist
 from icofabric_sim.kernels.fields import add_coulomb, add_dipole
 from icofabric_sim.kernels.lanes import bits, fma, load, splat, store, where
 from icofabric_sim.kernels.loads import kick_load, work_load
@@ -36,7 +38,8 @@ def drift(
         s = model.blocks.slot[block]
         if loads is not None:
             for m in range(loads.start[block], loads.start[block + 1]):
-                work_load(loads, state, m, s, time, h)
+                if is_wrench(loads.drives, loads.anchors, loads.wrench[m]):
+                    work_load(loads, state, m, s, time, h)
         for k in range(3):
             store(state.position, k, s, fma(
                 step, load(state.linear_velocity, k, s), load(state.position, k, s)))
@@ -45,6 +48,9 @@ def drift(
             load(state.angular_velocity, 0, s),
             load(state.angular_velocity, 1, s),
             load(state.angular_velocity, 2, s))
+        if loads is not None:
+            for m in range(loads.start[block], loads.start[block + 1]):
+                place_row(loads.drives, loads, state, m, s, time + h)
         place_links(model.links, state, work, s)
 
 
@@ -82,19 +88,26 @@ def push(
         block = order[turn]
         s = model.blocks.slot[block]
         a = accelerations(model, state, work.points, time, block, s)
-        kick(state, a, h, s)
-        if loads is not None:
-            for m in range(loads.start[block], loads.start[block + 1]):
-                kick_load(model, loads, state, m, s, time, h)
-        if again != 0.0:
-            kick(state, a, again, s)
-            if loads is not None:
-                for m in range(loads.start[block], loads.start[block + 1]):
-                    kick_load(model, loads, state, m, s, time, again)
         if keep:
             for k in range(3):
                 store(work.acceleration, k, s, a[k])
                 store(work.acceleration, k + 3, s, a[k + 3])
+        if loads is not None:
+            for m in range(loads.start[block], loads.start[block + 1]):
+                a = resist(loads.drives, model, loads, state, a, m, s, h + again)
+        kick(state, a, h, s)
+        if loads is not None:
+            for m in range(loads.start[block], loads.start[block + 1]):
+                if is_wrench(loads.drives, loads.anchors, loads.wrench[m]):
+                    kick_load(model, loads, state, m, s, time, h)
+                kick_anchor(loads.anchors, model, loads, state, m, s, time, h)
+        if again != 0.0:
+            kick(state, a, again, s)
+            if loads is not None:
+                for m in range(loads.start[block], loads.start[block + 1]):
+                    if is_wrench(loads.drives, loads.anchors, loads.wrench[m]):
+                        kick_load(model, loads, state, m, s, time, again)
+                    kick_anchor(loads.anchors, model, loads, state, m, s, time, again)
 
 
 @compiled
@@ -111,10 +124,15 @@ def push_kept(
             load(work.acceleration, 0, s), load(work.acceleration, 1, s),
             load(work.acceleration, 2, s), load(work.acceleration, 3, s),
             load(work.acceleration, 4, s), load(work.acceleration, 5, s))
+        if loads is not None:
+            for m in range(loads.start[block], loads.start[block + 1]):
+                a = resist(loads.drives, model, loads, state, a, m, s, h)
         kick(state, a, h, s)
         if loads is not None:
             for m in range(loads.start[block], loads.start[block + 1]):
-                kick_load(model, loads, state, m, s, time, h)
+                if is_wrench(loads.drives, loads.anchors, loads.wrench[m]):
+                    kick_load(model, loads, state, m, s, time, h)
+                kick_anchor(loads.anchors, model, loads, state, m, s, time, h)
 
 
 @compiled

@@ -8,8 +8,10 @@ Is it finite, is the step still safe, does the energy balance, has a body moved 
 
 import math
 
+from icofabric_sim.kernels.anchors import anchor_look
 from icofabric_sim.kernels.compiled import compiled
 from icofabric_sim.kernels.connectors import slope_of
+from icofabric_sim.kernels.drives import energy_of_drives
 from icofabric_sim.kernels.fields import field_parts
 from icofabric_sim.kernels.lanes import (
     any_lane,
@@ -252,16 +254,22 @@ def field_bound(model: Model, state: State) -> float:
 
 @compiled
 def examine(
-    model: Model, loads: Loads | None, state: State, work: Work, ledger: np.ndarray
+    model: Model, loads: Loads | None, state: State, work: Work, time: float, ledger: np.ndarray
 ) -> int:
     """
-    Status bits of the state, and its figures into `ledger`; its attachment points are in place.
+    Status bits of the state at `time` [s], and its figures into `ledger`.
+
+    Its attachment points are in place.
     """
     zero = splat(0.0)
     largest, spin, linear, angular, stored, height = zero, zero, zero, zero, zero, zero
     for block in range(model.blocks.slot.shape[0]):
         s = model.blocks.slot[block]
         bound, energy = bound_and_energy(model, state, work, block, s)
+        if loads is not None:
+            for m in range(loads.start[block], loads.start[block + 1]):
+                more, part = anchor_look(loads.anchors, model, loads, state, m, s, time)
+                bound, energy = bound + more, energy + part
         largest = maximum(bound, largest)
         stored = stored + energy
         square = zero
@@ -281,7 +289,8 @@ def examine(
     ledger[KINETIC] = 0.5 * mass * sum_of_lanes(linear) + 0.5 * inertia * sum_of_lanes(angular)
     ledger[STORED] = sum_of_lanes(stored)
     ledger[HEIGHT] = -mass * sum_of_lanes(height)
-    ledger[WORK] = ledger[EARLIER_WORK]
+    # What driven bodies move with is work of their drives too.
+    ledger[WORK] = ledger[EARLIER_WORK] + energy_of_drives(model, loads, state)
     ledger[WORK] += work_done(loads) + flowed(work.given)
     ledger[SPENT] = flowed(work.spent)
     status = balance(ledger)

@@ -138,13 +138,44 @@ class Varying(NamedTuple):
     normal: np.ndarray
 
 
+class Drives(NamedTuple):
+    """
+    Paths on which bodies are moved, see kernels/drives.py; world frame.
+    """
+
+    start: np.ndarray  # (p,) [s] when the pieces of the paths began
+    cubic: np.ndarray  # (p, 4, 6) [m], [rad], and by powers of [s]
+    wave: np.ndarray  # (p, 6) [m], [rad]
+    rate: np.ndarray  # (p,) [rad/s]
+    phase: np.ndarray  # (p,) [rad]
+    base: np.ndarray  # (p, 3) [m] where the middle of the bodies is without displacement
+    turn: np.ndarray  # (p, 4) x y z w: how they are turned there
+    arm: np.ndarray  # (3, s) [m] from the middle to each body at the start
+    first: np.ndarray  # orientations at the start, in the form of the state
+
+
+class Anchors(NamedTuple):
+    """
+    Connectors from bodies to points of the world, see kernels/anchors.py.
+    """
+
+    first: int  # paths of drives, whose numbers come before
+    start: np.ndarray  # (a,) [s] when the pieces of the points' paths began
+    cubic: np.ndarray  # (a, 4, 3) [m], and by powers of [s], world frame
+    arm: np.ndarray  # (a, 3) [m] from the centre to the end of the body, body axes
+    extension: float  # k_e [N/m]
+    compression: float  # k_c [N/m]
+    natural_length: float  # D [m]
+
+
 class Loads(NamedTuple):
     """
     Wrenches, each on any number of bodies: a row for every block that it acts on.
     """
 
     start: np.ndarray  # (b + 1,) int32: rows start[b] to start[b + 1] act on block b
-    wrench: np.ndarray  # (m,) int32, which of the w wrenches
+    wrench: np.ndarray  # (m,) int32, which of the w wrenches; -1 - p: bodies are on path p,
+    # or, from the number of paths on, at an anchor
     lanes: np.ndarray  # (m,) uint8, bit l: it acts on lane l
     turning: np.ndarray  # (w,) uint8, all bits: force and torque turn with the bodies, or none
     force: np.ndarray  # (w, 3) [N]
@@ -155,6 +186,8 @@ class Loads(NamedTuple):
     # (16, m LANES) [W] at the stages of a Runge-Kutta step; no rows for others
     power: np.ndarray
     varying: Varying | None
+    drives: Drives | None
+    anchors: Anchors | None
 
 
 class Damping(NamedTuple):

@@ -7,7 +7,9 @@ Rows of a slope, slots last: 3 of the position, 4 of the quaternion (or 9 direct
 the velocity, 3 of the spin.
 """
 
+from icofabric_sim.kernels.anchors import anchor_slope
 from icofabric_sim.kernels.compiled import compiled
+from icofabric_sim.kernels.drives import is_wrench, place_row, resist_slopes
 from icofabric_sim.kernels.external import add_external
 from icofabric_sim.kernels.flows import accelerations, place_links
 from icofabric_sim.kernels.lanes import (
@@ -34,12 +36,20 @@ import numpy as np
 
 
 @compiled
-def place_blocks(model: Model, state: State, work: Work, first: int, last: int) -> None:
+def place_blocks(
+    model: Model, loads: Loads | None, state: State, work: Work, time: float, first: int,
+    last: int
+) -> None:
     """
-    Attachment points of blocks first to last, and their velocities where these are asked for.
+    Attachment points of blocks first to last at `time` [s]; driven bodies are put on their paths.
+
+    Also the velocities of the points, where these are asked for.
     """
     for block in range(first, last):
         s = model.blocks.slot[block]
+        if loads is not None:
+            for m in range(loads.start[block], loads.start[block + 1]):
+                place_row(loads.drives, loads, state, m, s, time)
         place_links(model.links, state, work, s)
         place_speeds(model.damping, state, work.points, work.speeds, s)
 
@@ -77,8 +87,14 @@ def find_slopes(
         note_flow(work.given, index, s, given)
         if loads is not None:
             for m in range(loads.start[block], loads.start[block + 1]):
-                kick_load(model, loads, kicked, m, s, time, 1.0)
-                note_power(loads, state, m, s, time, index)
+                if is_wrench(loads.drives, loads.anchors, loads.wrench[m]):
+                    kick_load(model, loads, kicked, m, s, time, 1.0)
+                    note_power(loads, state, m, s, time, index)
+                anchor_slope(loads.anchors, model, loads, kicked, m, s, time, index)
+        if loads is not None:
+            # Last: a path bears whatever acts.
+            for m in range(loads.start[block], loads.start[block + 1]):
+                resist_slopes(loads.drives, model, loads, state, linear, angular, m, s, index)
 
 
 @compiled
@@ -291,7 +307,7 @@ def rates_of_rows(
     """
     last = model.blocks.slot.shape[0]
     read_rows(y, slot, state)
-    place_blocks(model, state, work, 0, last)
+    place_blocks(model, None, state, work, 0.0, 0, last)
     find_slopes(model, None, state, work, 0.0, slope, 0, 0, last)
     copy_rows(slope, slot, result)
 

@@ -1,7 +1,9 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
 """
-Wrenches from topics: judged at the edge, then handed to the runner or dropped with a reason.
+Wrenches and twists from topics: judged at the edge, then handed to the runner or dropped.
+
+What is dropped is counted, and told with its reason.
 """
 
 from collections.abc import Callable
@@ -9,10 +11,11 @@ import math
 import re
 from typing import Any
 
-from geometry_msgs.msg import WrenchStamped
+from geometry_msgs.msg import TwistStamped, WrenchStamped
 from icofabric_sim.complaints import Complaints
+from icofabric_sim.driving import PREFIX
 from icofabric_sim.inputs import Key
-from icofabric_sim.messages import decode_wrench_stamped
+from icofabric_sim.messages import decode_twist_stamped, decode_wrench_stamped
 from icofabric_sim.run_records import WrenchInput
 from icofabric_sim.runner import Runner
 from icofabric_sim.scene import Scene
@@ -33,6 +36,9 @@ _BODY = re.compile(r'icosahedron_(0|[1-9][0-9]{0,9})')
 _LARGEST_RATE = 1e6
 
 
+Judge = Callable[[bytes, str, Callable[[str], Key]], WrenchInput]
+
+
 def shown(text: str) -> str:
     """
     A text that somebody sent, as a log may hold it.
@@ -42,13 +48,13 @@ def shown(text: str) -> str:
 
 class Dropped(ValueError):
     """
-    A wrench that cannot be taken; the message says which and why.
+    An input that cannot be taken; the message says why.
     """
 
 
 class WrenchTopics:
     """
-    Subscriptions `~/wrench` and `~/loads/NAME`; the latter follow the scene.
+    Subscriptions `~/wrench`, `~/loads/NAME` and `~/drives/NAME`; all but one follow the scene.
     """
 
     def __init__(self, node: Node, runner: Runner, scene: Scene) -> None:
@@ -68,19 +74,30 @@ class WrenchTopics:
         Follow a changed scene: channels come and go.
         """
         self._scene = scene
-        for name in set(self._channels) - set(scene.loads):
-            self._node.destroy_subscription(self._channels.pop(name))
-        for name in sorted(set(scene.loads) - set(self._channels)):
-            self._channels[name] = self._subscribe(f'~/loads/{name}', self._channel_key(name))
+        wanted = {f'~/loads/{name}': name for name in scene.loads}
+        wanted |= {f'~/drives/{name}': PREFIX + name for name in scene.drives}
+        for topic in set(self._channels) - set(wanted):
+            self._node.destroy_subscription(self._channels.pop(topic))
+        for topic in sorted(set(wanted) - set(self._channels)):
+            key = wanted[topic]
+            if key.startswith(PREFIX):
+                self._channels[topic] = self._subscribe(
+                    topic, self._drive_key(key), TwistStamped, self._judge_twist)
+            else:
+                self._channels[topic] = self._subscribe(topic, self._channel_key(key))
 
-    def _subscribe(self, topic: str, find_key: Callable[[str], Key]) -> Any:
+    def _subscribe(
+        self, topic: str, find_key: Callable[[str], Key], message_type: Any = WrenchStamped,
+        judge: Judge | None = None,
+    ) -> Any:
+        judge = judge or self._judge
         resolved = self._node.resolve_topic_name(topic)
         # A record names channels as they are here, however the topic was renamed outside.
         recorded = self._node.get_fully_qualified_name() + topic.removeprefix('~')
 
         def take(data: bytes) -> None:
             try:
-                self._runner.receive(self._judge(data, recorded, find_key))
+                self._runner.receive(judge(data, recorded, find_key))
             except ValueError as error:
                 self._drop(resolved, str(error))
 
@@ -88,13 +105,13 @@ class WrenchTopics:
             take(data)
             with subscription.handle:
                 for _ in range(_BURST):
-                    more = subscription.handle.take_message(WrenchStamped, True)
+                    more = subscription.handle.take_message(message_type, True)
                     if more is None:
                         break
                     take(more[0])
 
         subscription = self._node.create_subscription(
-            WrenchStamped, topic, receive, _QUALITY, raw=True)
+            message_type, topic, receive, _QUALITY, raw=True)
         return subscription
 
     def _judge(self, data: bytes, topic: str, find_key: Callable[[str], Key]) -> WrenchInput:
@@ -112,6 +129,33 @@ class WrenchTopics:
                 f'{self._scene.shell.mass:.3g} kg)'
             )
         return WrenchInput(topic, key, wrench.nanoseconds, force, torque, bytes(data))
+
+    def _judge_twist(self, data: bytes, topic: str, find_key: Callable[[str], Key]) -> WrenchInput:
+        twist = decode_twist_stamped(data)
+        key = find_key(twist.frame_id)
+        linear, angular = np.array(twist.first), np.array(twist.second)
+        if not (np.isfinite(linear).all() and np.isfinite(angular).all()):
+            raise Dropped(
+                f'it is not finite (linear {linear.tolist()} m/s, angular {angular.tolist()} '
+                'rad/s)')
+        rate = math.hypot(*linear) / self._scene.geometry.cube_width + math.hypot(*angular)
+        if not rate <= _LARGEST_RATE:
+            raise Dropped(
+                f'it is too fast to follow (linear {linear.tolist()} m/s, angular '
+                f'{angular.tolist()} rad/s)')
+        return WrenchInput(topic, key, twist.nanoseconds, linear, angular, bytes(data))
+
+    def _drive_key(self, key: str) -> Callable[[str], Key]:
+        def find(frame_id: str) -> Key:
+            if key.removeprefix(PREFIX) not in self._scene.drives:
+                raise Dropped(f'{key} is no longer part of the scene')
+            if frame_id not in ('', self._frame_id):
+                raise Dropped(
+                    f'its header.frame_id is {shown(frame_id)}; a drive moves in the world, so it '
+                    f"must be '' or {self._frame_id!r}")
+            return key
+
+        return find
 
     def _rate(self, key: Key, force: np.ndarray, torque: np.ndarray) -> float:
         """
@@ -159,4 +203,5 @@ class WrenchTopics:
         self.dropped += 1
         # The first words tell the kind of reason.
         self._complaints.add(
-            f'{topic} {reason[:_KIND_LENGTH]}', f'a wrench on {topic} was dropped: {reason}')
+            f'{topic} {reason[:_KIND_LENGTH]}',
+            f'a {"twist" if "/drives/" in topic else "wrench"} on {topic} was dropped: {reason}')

@@ -1,0 +1,290 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+Bodies that move on prescribed paths, and the work that this takes.
+
+The bodies of a drive move as one rigid body. A path piece is, with t from its start,
+
+    d(t) = d0 + d1 t + d2 t^2 + d3 t^3 + wave sin(rate t + phase)
+
+for the displacement of the middle of the bodies (rows 0-2) [m] and for a rotation vector about it
+(rows 3-5) [rad], world axes, beyond a base pose.
+"""
+
+import math
+
+from icofabric_sim.kernels.compiled import compiled
+from icofabric_sim.kernels.connectors import Six
+from icofabric_sim.kernels.lanes import (
+    bits,
+    fma,
+    LANES,
+    load,
+    load_at,
+    splat,
+    store,
+    store_at,
+    Vector,
+    where,
+)
+from icofabric_sim.kernels.loads import turned
+from icofabric_sim.kernels.records import Anchors, Drives, Loads, Model, State
+import numpy as np
+
+
+@compiled
+def is_wrench(drives: Drives | None, anchors: Anchors | None, number: int) -> bool:
+    """
+    Whether a row of the loads is a wrench; others are drives, the first of them number -1.
+    """
+    if drives is None and anchors is None:
+        return True
+    return number >= 0
+
+
+@compiled
+def path_of(drives: Drives, number: int) -> int:
+    """
+    On which path the bodies of a row of the loads are; negative where on none.
+    """
+    p = -1 - number
+    return p if p < drives.start.shape[0] else -1
+
+
+@compiled
+def displacement(drives: Drives, p: int, k: int, after: float) -> float:
+    """
+    Coordinate `k` of path `p` at a time [s] after its piece began.
+    """
+    cubic = drives.cubic
+    return float(
+        cubic[p, 0, k] + after * (
+            cubic[p, 1, k] + after * (cubic[p, 2, k] + after * cubic[p, 3, k]))
+        + drives.wave[p, k] * math.sin(drives.rate[p] * after + drives.phase[p]))
+
+
+@compiled
+def velocity(drives: Drives, p: int, k: int, after: float) -> float:
+    """
+    Its derivative.
+    """
+    cubic, rate = drives.cubic, drives.rate[p]
+    return float(
+        cubic[p, 1, k] + after * (2.0 * cubic[p, 2, k] + after * (3.0 * cubic[p, 3, k]))
+        + drives.wave[p, k] * rate * math.cos(rate * after + drives.phase[p]))
+
+
+@compiled
+def place_row(
+    drives: Drives | None, loads: Loads, state: State, m: int, s: int, time: float
+) -> None:
+    """
+    Put the bodies of row `m` in the block at slot `s` where their path is at `time` [s].
+
+    Places, orientations and velocities. With the rotation vector r, x = |r| and Q = exp(r) Q0,
+    omega = r' + (1 - cos x) / x^2 r x r' + (x - sin x) / x^3 r x (r x r').
+    """
+    if drives is None:
+        return
+    else:
+        p = path_of(drives, loads.wrench[m])
+        if p < 0:
+            return
+        after = time - drives.start[p]
+        rx, ry = displacement(drives, p, 3, after), displacement(drives, p, 4, after)
+        rz = displacement(drives, p, 5, after)
+        ax, ay = velocity(drives, p, 3, after), velocity(drives, p, 4, after)
+        az = velocity(drives, p, 5, after)
+        square = rx * rx + ry * ry + rz * rz
+        # Below this the next terms of the series are rounding.
+        if square > 1e-4:
+            angle = math.sqrt(square)
+            half = math.sin(0.5 * angle) / angle
+            cosine = math.cos(0.5 * angle)
+            second = 2.0 * half * half
+            third = (angle - math.sin(angle)) / (square * angle)
+        else:
+            half = 0.5 - square * (1.0 / 48.0 - square * (1.0 / 3840.0 - square / 645120.0))
+            cosine = 1.0 - square * (0.125 - square * (1.0 / 384.0 - square / 46080.0))
+            second = 0.5 - square * (1.0 / 24.0 - square * (1.0 / 720.0 - square / 40320.0))
+            third = 1.0 / 6.0 - square * (
+                1.0 / 120.0 - square * (1.0 / 5040.0 - square / 362880.0))
+        bx, by, bz = ry * az - rz * ay, rz * ax - rx * az, rx * ay - ry * ax
+        cx, cy, cz = ry * bz - rz * by, rz * bx - rx * bz, rx * by - ry * bx
+        ox = splat(ax + second * bx + third * cx)
+        oy = splat(ay + second * by + third * cy)
+        oz = splat(az + second * bz + third * cz)
+        # Q = exp(r) Q0.
+        ux, uy, uz = half * rx, half * ry, half * rz
+        gx, gy = drives.turn[p, 0], drives.turn[p, 1]
+        gz, gw = drives.turn[p, 2], drives.turn[p, 3]
+        qx = splat(cosine * gx + ux * gw + uy * gz - uz * gy)
+        qy = splat(cosine * gy + uy * gw + uz * gx - ux * gz)
+        qz = splat(cosine * gz + uz * gw + ux * gy - uy * gx)
+        qw = splat(cosine * gw - ux * gx - uy * gy - uz * gz)
+        mine = bits(loads.lanes[m])
+        wx, wy, wz = turned(
+            (load(drives.arm, 0, s), load(drives.arm, 1, s), load(drives.arm, 2, s)),
+            qw, qx, qy, qz)
+        place, speed, spin = state.position, state.linear_velocity, state.angular_velocity
+        put(place, 0, s, mine, splat(drives.base[p, 0] + displacement(drives, p, 0, after)) + wx)
+        put(place, 1, s, mine, splat(drives.base[p, 1] + displacement(drives, p, 1, after)) + wy)
+        put(place, 2, s, mine, splat(drives.base[p, 2] + displacement(drives, p, 2, after)) + wz)
+        put(speed, 0, s, mine, splat(velocity(drives, p, 0, after)) + (oy * wz - oz * wy))
+        put(speed, 1, s, mine, splat(velocity(drives, p, 1, after)) + (oz * wx - ox * wz))
+        put(speed, 2, s, mine, splat(velocity(drives, p, 2, after)) + (ox * wy - oy * wx))
+        put(spin, 0, s, mine, ox)
+        put(spin, 1, s, mine, oy)
+        put(spin, 2, s, mine, oz)
+        turn_bodies(drives.first, state.orientation, s, mine, (qx, qy, qz), qw)
+
+
+@compiled
+def put(array: np.ndarray, k: int, s: int, mine: Vector, value: Vector) -> None:
+    """
+    Write the lanes that are meant.
+    """
+    store(array, k, s, where(mine, value, load(array, k, s)))
+
+
+@compiled
+def turn_bodies(
+    first: np.ndarray, orientation: np.ndarray, s: int, mine: Vector,
+    axis: tuple[Vector, Vector, Vector], qw: Vector
+) -> None:
+    """
+    Orientations Q q0 of a block, from those at the start.
+    """
+    qx, qy, qz = axis
+    if orientation.ndim == 2:
+        x, y, z, w = load(first, 0, s), load(first, 1, s), load(first, 2, s), load(first, 3, s)
+        put(orientation, 0, s, mine, fma(qw, x, fma(qx, w, qy * z - qz * y)))
+        put(orientation, 1, s, mine, fma(qw, y, fma(qy, w, qz * x - qx * z)))
+        put(orientation, 2, s, mine, fma(qw, z, fma(qz, w, qx * y - qy * x)))
+        put(orientation, 3, s, mine, qw * w - fma(qx, x, fma(qy, y, qz * z)))
+    else:
+        for i in range(3):
+            source, target = first[i], orientation[i]
+            x, y, z = turned(
+                (load(source, 0, s), load(source, 1, s), load(source, 2, s)), qw, qx, qy, qz)
+            put(target, 0, s, mine, x)
+            put(target, 1, s, mine, y)
+            put(target, 2, s, mine, z)
+
+
+@compiled
+def resist(
+    drives: Drives | None, model: Model, loads: Loads, state: State, a: Six, m: int, s: int,
+    h: float
+) -> Six:
+    """
+    Accelerations of a block without those of the bodies of row `m`, whose path bears the forces.
+
+    The work [J] of the path against the forces over a kick of `h`, - h (F . v + N . omega), is
+    what time's own momentum loses: so the balance closes with the order of the method.
+    """
+    if drives is None:
+        return a
+    else:
+        if path_of(drives, loads.wrench[m]) < 0:
+            return a
+        mine = bits(loads.lanes[m])
+        done = load_at(loads.work, LANES * m)
+        more = done - splat(h) * path_power(model, state, a, s)
+        store_at(loads.work, LANES * m, where(mine, more, done))
+        return without(mine, a)
+
+
+@compiled
+def path_power(model: Model, state: State, a: Six, s: int) -> Vector:
+    """
+    Power [W] of the forces that would give these accelerations to the bodies of a block.
+    """
+    speed, spin = state.linear_velocity, state.angular_velocity
+    linear = fma(a[0], load(speed, 0, s), fma(a[1], load(speed, 1, s), a[2] * load(speed, 2, s)))
+    angular = fma(a[3], load(spin, 0, s), fma(a[4], load(spin, 1, s), a[5] * load(spin, 2, s)))
+    return fma(
+        splat(1.0 / model.inverse_mass), linear, splat(1.0 / model.inverse_inertia) * angular)
+
+
+@compiled
+def without(mine: Vector, a: Six) -> Six:
+    """
+    Zero in the lanes that are meant.
+    """
+    zero = splat(0.0)
+    return (
+        where(mine, zero, a[0]), where(mine, zero, a[1]), where(mine, zero, a[2]),
+        where(mine, zero, a[3]), where(mine, zero, a[4]), where(mine, zero, a[5]))
+
+
+@compiled
+def resist_slopes(
+    drives: Drives | None, model: Model, loads: Loads, state: State, linear: np.ndarray,
+    angular: np.ndarray, m: int, s: int, index: int
+) -> None:
+    """
+    The same for the slopes of a Runge-Kutta stage; the power [W] of the path is noted.
+    """
+    if drives is None:
+        return
+    else:
+        if path_of(drives, loads.wrench[m]) < 0:
+            return
+        mine, zero = bits(loads.lanes[m]), splat(0.0)
+        a = (
+            load(linear, 0, s), load(linear, 1, s), load(linear, 2, s),
+            load(angular, 0, s), load(angular, 1, s), load(angular, 2, s))
+        store(loads.power, index, LANES * m, where(
+            mine, zero - path_power(model, state, a, s), zero))
+        for k in range(3):
+            put(linear, k, s, mine, zero)
+            put(angular, k, s, mine, zero)
+
+
+@compiled
+def moving_energy(drives: Drives | None, model: Model, loads: Loads, state: State) -> float:
+    """
+    Kinetic energy [J] of all driven bodies: nobody but their path has given it.
+    """
+    total = 0.0
+    if drives is None:
+        return total
+    else:
+        mass, inertia = 1.0 / model.inverse_mass, 1.0 / model.inverse_inertia
+        for block in range(model.blocks.slot.shape[0]):
+            s = model.blocks.slot[block]
+            for m in range(loads.start[block], loads.start[block + 1]):
+                if path_of(drives, loads.wrench[m]) >= 0:
+                    for i in range(LANES):
+                        if loads.lanes[m] >> i & 1:
+                            for k in range(3):
+                                v = state.linear_velocity[k, s + i]
+                                o = state.angular_velocity[k, s + i]
+                                total += 0.5 * (mass * v * v + inertia * o * o)
+        return total
+
+
+@compiled
+def energy_of_drives(model: Model, loads: Loads | None, state: State) -> float:
+    """
+    The same where there may be no loads at all.
+    """
+    if loads is None:
+        return 0.0
+    else:
+        return moving_energy(loads.drives, model, loads, state)
+
+
+@compiled
+def place_driven(model: Model, loads: Loads | None, state: State, time: float) -> None:
+    """
+    Put all driven bodies where their paths are at `time` [s].
+    """
+    if loads is None:
+        return
+    else:
+        for block in range(model.blocks.slot.shape[0]):
+            s = model.blocks.slot[block]
+            for m in range(loads.start[block], loads.start[block + 1]):
+                place_row(loads.drives, loads, state, m, s, time)
