@@ -38,13 +38,16 @@ def test_a_bare_scene_holds_nothing_of_absent_terms(bare):
     assert held['course.stepper.state.orientation'] == 32 * slots
     for word in ('gravity', 'support', 'load', 'watch', 'trail'):
         assert not [name for name in held if word in name]
-    for term in terms.terms(1)[1:]:
-        more = arrays_of(terms._compile(SMALL, term))
-        assert not set(held) - set(more)
-        if term.threads == 1:
-            assert sum(more.values()) > sum(held.values()), term.label
-        else:
-            assert more == held
+
+
+@pytest.mark.parametrize('term', terms.terms(1)[1:], ids=lambda term: term.label)
+def test_a_term_holds_what_it_needs_beside_the_bare_scene(bare, term):
+    held, more = arrays_of(bare), arrays_of(terms._compile(SMALL, term))
+    assert not set(held) - set(more)
+    if term.threads == 1:
+        assert sum(more.values()) > sum(held.values())
+    else:
+        assert more == held
 
 
 def test_bare_scene_computes_what_the_springs_only_kernel_does(bare):
@@ -65,10 +68,21 @@ def test_bare_scene_computes_what_the_springs_only_kernel_does(bare):
     assert np.abs(moved).max() > 1e-5
 
 
+def some_terms(body, every=terms.terms):
+    """
+    Fewer terms, that need fewer kernels.
+    """
+    labels = (
+        terms.BARE, 'gravity', 'one side held', 'contact watch', terms.ADAPTIVE, 'drag',
+        'body force, called by Python')
+    return [term for term in every(body) if term.label in labels]
+
+
 @pytest.fixture(scope='module')
 def costs():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(terms, '_BLOCK', 0.001)
+        patch.setattr(terms, 'terms', some_terms)
         return terms.measure(rounds=2, size=SMALL)
 
 
@@ -117,6 +131,11 @@ def test_terms_from_end_to_end(tmp_path, costs):
     for word in ('gravity', 'one side held', 'contact watch', 'push', 'drift', terms.KERNEL):
         assert word in lines
     assert result.ratio(result.rows[0]) == Spread(1.0, 1.0, 1.0)
+    # What needs another method is compared with the bare scene by that.
+    own, drag = result.row(terms.ADAPTIVE), result.row('drag')
+    assert result.ratio(own) == Spread(1.0, 1.0, 1.0) and drag.over == terms.ADAPTIVE
+    assert result.ratio(drag) == Spread.of([
+        one / two for one, two in zip(drag.times, own.times)])
     assert all(len(row.times) == 2 and min(row.times) > 0.0 for row in result.rows)
     costs, counts = terms_report.write(result, tmp_path)
     with open(costs, newline='') as file:
@@ -127,6 +146,7 @@ def test_terms_from_end_to_end(tmp_path, costs):
 
 def test_terms_without_the_source_tree(tmp_path, monkeypatch):
     monkeypatch.setattr(terms, '_BLOCK', 0.001)
+    monkeypatch.setattr(terms, 'terms', lambda body, every=terms.terms: every(body)[:2])
     monkeypatch.setattr(bare_kernels, 'SPRINGS_ONLY', tmp_path / 'springs_only.py')
     result = terms.measure(rounds=1, size=SMALL)
     assert result.instructions == [] and result.row(terms.KERNEL) is None

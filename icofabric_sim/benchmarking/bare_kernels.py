@@ -122,7 +122,8 @@ def package_kernel(packed: PackedScene) -> Kernel:
     def run(state: State, work: Work, count: int) -> None:
         # Nothing is saved where nothing is looked at.
         status, done, _ = advance(
-            packed.model, None, state, state, work, team, STEP, count, 0, _NEVER, None, ledger)
+            packed.model, None, state, state, work, team, 0.0, 0, STEP, count, 0, _NEVER, None,
+            ledger)
         assert status == 0 and done == count
     return run
 

@@ -18,6 +18,7 @@ from icofabric_sim.benchmarking.held_arrays import arrays_of
 from icofabric_sim.benchmarking.scenes import scene_parameters, SIZES
 from icofabric_sim.benchmarking.step_speed import STEP
 from icofabric_sim.benchmarking.timing import in_rounds, Spread
+from icofabric_sim.body_force import BodyForce
 from icofabric_sim.crew import core_count
 from icofabric_sim.scene import Scene
 from icofabric_sim.simulation import compile_scene, Simulation
@@ -25,6 +26,8 @@ import numpy as np
 
 Size = tuple[int, int, int]
 BARE = 'bare scene: springs alone'
+# What needs a method for forces that depend on velocities is compared with this.
+ADAPTIVE = 'bare scene by dop8'
 UNWATCHED, KERNEL, LEANEST = (
     'without looks at the state', 'springs-only kernel', 'springs-only kernel, one kick a step')
 # A block of steps takes about this long [s].
@@ -41,6 +44,15 @@ class Term(NamedTuple):
     parameters: dict[str, Any]
     rotation: str = 'quaternion'
     threads: int = 1
+    method: str = 'leapfrog'
+    body_force: BodyForce | None = None
+
+    @property
+    def over(self) -> str:
+        """
+        The row that it is compared with.
+        """
+        return BARE if self.method == 'leapfrog' else ADAPTIVE
 
 
 def terms(body: int) -> list[Term]:
@@ -48,24 +60,64 @@ def terms(body: int) -> list[Term]:
     Every term that a scene can have or lack; `body` is the one that a single load acts on.
     """
     loads = {'push': {'group': 'pushed', **_PUSH}}
+    charge = {'per_body': 1e-8, 'dipole': [1e-9, 0.0, 2e-9]}
+    wall = {'wall': 'x_min'}
     return [
         Term(BARE, {}),
         Term('gravity', {'gravity': [0.0, 0.0, -9.81]}),
         Term('one side held', {
-            'groups': {'wall': 'x_min'}, 'supports': {'wall': {'group': 'wall'}}}),
+            'groups': wall, 'supports': {'wall': {'group': 'wall'}}}),
         Term('two stiffnesses', {'connector': {'stiffness_compression': 100.0}}),
         Term('connectors with laws of their own', {
-            'groups': {'wall': 'x_min'},
+            'groups': wall,
             'connector_groups': {'soft': {'between': 'wall all', 'stiffness': 100.0}}}),
+        Term('connectors that resist bending', {'connector': {'bending_stiffness': 0.1}}),
+        Term('connectors that resist twisting', {'connector': {'twisting_stiffness': 0.1}}),
         Term('load on one body', {'groups': {'pushed': f'ids {body}'}, 'loads': loads}),
         Term('loads on all bodies', {'groups': {'pushed': 'all'}, 'loads': loads}),
         Term('turning loads on all bodies', {
             'groups': {'pushed': 'all'},
             'loads': {'push': {**loads['push'], 'frame': 'body', 'point': [0.0, 0.0, 1e-3]}}}),
+        Term('loads on all bodies by a profile', {
+            'groups': {'pushed': 'all'},
+            'loads': {'push': {**loads['push'], 'profile': 'half_sine', 'duration': 1e3}}}),
+        Term('pressure on exterior faces', {
+            'tractions': {'air': {'group': 'all', 'faces': 'exterior', 'pressure': 1.0}}}),
+        Term('charges in an electric field', {
+            'charge': {'per_body': 1e-8}, 'field': {'electric': [0.0, 0.0, 1e4]}}),
+        Term('dipoles in an electric field', {
+            'charge': charge, 'field': {'electric': [0.0, 0.0, 1e4]}}),
+        Term('charges on each other', {'charge': {'per_body': 1e-8, 'mutual': True}}),
         Term('contact watch', {'contact': {'mode': 'auto'}}),
         Term('direction cosines', {}, rotation='direction_cosines'),
         Term(f'team of {core_count()} threads', {}, threads=0),
+        Term(ADAPTIVE, {}, method='dop8'),
+        Term('damped connectors', {'connector': {'damping': 1e-3}}, method='dop8'),
+        Term('connectors with damping of their own', {
+            'groups': wall, 'connector_groups': {'soft': {
+                'between': 'wall all', 'damping': 1e-3}}}, method='dop8'),
+        Term('drag', {'drag': {'linear': 1e-4, 'angular': 1e-8}}, method='dop8'),
+        Term('charges and dipoles in a magnetic field', {
+            'charge': charge, 'field': {'magnetic': [0.0, 0.0, 1.0]}}, method='dop8'),
+        Term('body force, compiled', {}, method='dop8', body_force=BodyForce(
+            _pull, compiled=True)),
+        Term('body force, called by Python', {}, method='dop8', body_force=BodyForce(
+            _pull_all, compiled=False)),
     ]
+
+
+def _pull(
+    time: float, position: np.ndarray, orientation: np.ndarray, linear_velocity: np.ndarray,
+    angular_velocity: np.ndarray
+) -> Any:
+    return (-1e-3 * position[0], 0.0, 0.0), (0.0, 0.0, 0.0)
+
+
+def _pull_all(
+    time: float, position: np.ndarray, orientation: np.ndarray, linear_velocity: np.ndarray,
+    angular_velocity: np.ndarray
+) -> Any:
+    return -1e-3 * position * np.array([[1.0, 0.0, 0.0]]), np.zeros_like(position)
 
 
 class Cost(NamedTuple):
@@ -77,6 +129,7 @@ class Cost(NamedTuple):
     body_count: int
     times: list[float]  # of a step [s], one for each round
     held: int | None  # bytes of all arrays; None: not a scene
+    over: str = BARE  # the row that it is compared with
 
     def per_body(self) -> Spread:
         """
@@ -102,11 +155,11 @@ class Terms(NamedTuple):
         """
         return next((row for row in self.rows if row.label == label), None)
 
-    def ratio(self, row: Cost, label: str = BARE) -> Spread | None:
+    def ratio(self, row: Cost, label: str | None = None) -> Spread | None:
         """
-        Time of `row` over that of another, round by round.
+        Time of `row` over that of another, its bare scene unless told, round by round.
         """
-        other = self.row(label)
+        other = self.row(label or row.over)
         if other is None:
             return None
         return Spread.of([one / two for one, two in zip(row.times, other.times)])
@@ -130,7 +183,9 @@ def measure(
         label = term.label
         if term.threads == 0 and simulation.thread_count == 1:
             remarks.append(f'{label}: one thread is all that pays here')
-        rows.append(Cost(label, count, [], sum(arrays_of(simulation).values())))
+        rows.append(Cost(
+            label, simulation.scene.body_count, [], sum(arrays_of(simulation).values()),
+            term.over))
         tasks.append(partial(_block, size, term, steps))
     kernels, instructions = [], []
     say('kernels')
@@ -158,9 +213,14 @@ def measure(
 
 def _compile(size: Size, term: Term) -> Simulation:
     parameters = {
-        **scene_parameters(size, {'method': 'leapfrog', 'step': STEP, 'threads': term.threads}),
-        **term.parameters}
-    simulation = compile_scene(Scene.from_parameters(parameters), rotation=term.rotation)
+        **scene_parameters(size, {'method': term.method, 'step': STEP, 'threads': term.threads})}
+    for name, section in term.parameters.items():
+        own = parameters.get(name)
+        if isinstance(own, dict) and isinstance(section, dict):
+            section = {**own, **section}
+        parameters[name] = section
+    simulation = compile_scene(
+        Scene.from_parameters(parameters), rotation=term.rotation, body_force=term.body_force)
     simulation.warm_up()
     return simulation
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from icofabric_sim.benchmarking.machine import describe_machine
 from icofabric_sim.benchmarking.report import table
 from icofabric_sim.benchmarking.step_speed import STEP
-from icofabric_sim.benchmarking.terms import BARE, KERNEL, LEANEST, Terms, UNWATCHED
+from icofabric_sim.benchmarking.terms import ADAPTIVE, BARE, KERNEL, LEANEST, Terms, UNWATCHED
 
 
 def lines(result: Terms) -> list[str]:
@@ -19,16 +19,19 @@ def lines(result: Terms) -> list[str]:
     """
     bare = result.row(BARE)
     assert bare is not None and bare.held is not None
-    costs = [['one thing more', 'ns per body and step, median (range)', 'over the bare scene',
+    costs = [['one thing more', 'ns per body and step, median (range)', 'over its bare scene',
               'bytes of its arrays']]
     for row in result.rows:
-        more = '-' if row.held is None else f'{row.held - bare.held:,}'
+        base = result.row(row.over) or bare
+        assert base.held is not None
+        more = '-' if row.held is None else f'{row.held - base.held:,}'
         ratio = result.ratio(row)
         assert ratio is not None
         costs.append([row.label, row.per_body().text(), ratio.text(), more])
     answer = [
-        f'Cost of each term: leapfrog, {STEP:g} s, {bare.body_count:,} bodies; '
-        f'{result.rounds} rounds', *describe_machine((), threads='one thread but for the team'),
+        f'Cost of each term: leapfrog (below {ADAPTIVE!r}: that method), {STEP:g} s, '
+        f'{bare.body_count:,} bodies; {result.rounds} rounds',
+        *describe_machine((), threads='one thread but for the team'),
         '', *table(costs), '',
         f'All arrays of the bare scene: {bare.held:,} bytes, '
         f'{bare.held / bare.body_count:.0f} for each body; none belongs to a term that is absent:',
