@@ -117,6 +117,8 @@ class BagSummary:
             rows.append(('moved', f'by up to {distance:.4g} m between them (body {body})'))
         rows += self._broken()
         rows.append(('overlap', self.proximity or ('none' if self.finished else 'not known')))
+        if _unless_none(self.custom.get('obstruction', '')):
+            rows.append(('', self.custom['obstruction']))
         rows.append(('end', self.failure or self._ending()))
         return rows
 

@@ -207,10 +207,11 @@ class BreakingStepper(AdaptiveStepper):
         for edges, slot in zip(
                 (self._connectors.first_edge, self._connectors.second_edge), self._place.slot):
             s = slot[chosen]
-            x = points[edges[chosen], :, s]
-            arm, spin = x - state.position[:, s].T, state.angular_velocity[:, s].T
-            ends.append((x, state.linear_velocity[:, s].T + np.cross(spin, arm)))
+            x = points[edges[chosen], :, s].T
+            (sx, sy, sz), (ox, oy, oz) = x - state.position[:, s], state.angular_velocity[:, s]
+            turning = np.array([oy * sz - oz * sy, oz * sx - ox * sz, ox * sy - oy * sx])
+            ends.append((x, state.linear_velocity[:, s] + turning))
         (x0, v0), (x1, v1) = ends
         u, v = x1 - x0, v1 - v0
-        length = np.sqrt((u * u).sum(axis=1))
-        return length, (u * v).sum(axis=1) / np.maximum(length, 1e-300)
+        length = np.sqrt((u * u).sum(axis=0))
+        return length, (u * v).sum(axis=0) / np.maximum(length, 1e-300)

@@ -28,6 +28,7 @@ from icofabric_sim.model import (
     load_rate,
     PackedScene,
 )
+from icofabric_sim.obstruction import Obstruction
 from icofabric_sim.proximity import ProximityWatch
 from icofabric_sim.scene import Scene
 from icofabric_sim.stability import largest_frequency, with_anchors
@@ -103,6 +104,7 @@ class Course:
                 crew=Crew(parameters['solver.threads'], packed),
                 watch=watch,
                 broken=Broken(packed),
+                obstruction=Obstruction(parameters['connector.obstruction'], packed),
                 on_pause=on_pause,
             )
         except SimulationError as error:

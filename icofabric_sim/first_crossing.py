@@ -12,7 +12,8 @@ import numpy as np
 
 # The place of a crossing is divided no further than this, in parts of the step.
 _FINEST = 1e-15
-_HALVINGS = 60
+# Roots of a cubic are places to look at next, no more.
+_STEPS, _CLOSE = 60, 1e-12
 _NEAREST = 1e-9
 
 
@@ -103,10 +104,21 @@ def _cubic(
 def _root(low: np.ndarray, rise: np.ndarray, high: np.ndarray, fall: np.ndarray) -> np.ndarray:
     """
     Where that cubic, from below zero to above it, is zero; in parts of the way.
+
+    By Newton's method, halved where it leaves the way that is left.
     """
     left, right = np.zeros_like(low), np.ones_like(low)
-    for _ in range(_HALVINGS):
-        middle = 0.5 * (left + right)
-        below = _cubic(middle, low, rise, high, fall) < 0.0
-        left, right = np.where(below, middle, left), np.where(below, right, middle)
-    return right
+    x = low / (low - high)
+    for _ in range(_STEPS):
+        value, y = _cubic(x, low, rise, high, fall), 1.0 - x
+        below = value < 0.0
+        left, right = np.where(below, x, left), np.where(below, right, x)
+        slope = 6.0 * x * y * (high - low) + rise * y * (y - 2.0 * x) + fall * x * (2.0 * y - x)
+        following = x - value / np.where(slope == 0.0, np.inf, slope)
+        inside = (following > left) & (following < right)
+        following = np.where(inside, following, 0.5 * (left + right))
+        done = np.abs(following - x).max() <= _CLOSE
+        x = following
+        if done:
+            break
+    return x

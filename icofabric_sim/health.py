@@ -78,6 +78,8 @@ def describe(
         'connectors': str(status.connector_count),
         'contacts': str(status.contacts),
         'breaks': str(status.breaks),
+        'connector ends in their shells': str(status.obstructed),
+        'obstruction': status.obstruction or 'none',
         'loads active': str(status.loads_active),
         'loads waiting': str(status.loads_waiting),
         'queue lag [s]': f'{status.lag:.3f}',

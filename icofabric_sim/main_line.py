@@ -25,6 +25,7 @@ from icofabric_sim.layout import aligned_empty
 from icofabric_sim.ledger import Ledger
 from icofabric_sim.memory import Memory
 from icofabric_sim.model import acting_lanes, PackedScene
+from icofabric_sim.obstruction import Obstruction
 from icofabric_sim.proximity import ProximityWatch
 import numpy as np
 
@@ -55,6 +56,7 @@ class MainLine:
         crew: Crew,
         watch: ProximityWatch | None,
         broken: Broken,
+        obstruction: Obstruction,
     ) -> None:
         """
         Stand with `state` at time `origin` [s]; `fixed_step` 0: chosen.
@@ -64,6 +66,7 @@ class MainLine:
         self.packed, self.model, self.method = packed, packed.model, method
         self.state, self.loads = state, loads
         self.crew, self.watch, self.broken = crew, watch, broken
+        self.obstruction = obstruction
         self.work = packed.layout.room(
             packed.model.links, None if method.symplectic else state, differences=differences,
             damped=packed.model.damping is not None, metered=packed.spends)
@@ -181,6 +184,8 @@ class MainLine:
             memory['watch'] = self.watch.memory()
         if self.broken.count:
             memory['broken'] = self.broken.memory()
+        if self.obstruction.found:
+            memory['obstruction'] = self.obstruction.found
         return memory
 
     def recall(self, memory: Memory, loads: Loads | None) -> None:
@@ -199,6 +204,8 @@ class MainLine:
         if self._failure is None and not self.time + step > self.time:
             raise ValueError(f'step {step!r} s leads nowhere from t = {self.time!r} s')
         self._saved_time = memory.number('saved_time', 0.0)
+        self.obstruction.found = (
+            memory.text('obstruction') if 'obstruction' in memory else '')
         self.broken.recall(memory.part('broken') if 'broken' in memory else None)
         for name, state in (('state', self.state), ('saved', self._saved)):
             self._take_back(state, memory.part(name))

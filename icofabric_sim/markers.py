@@ -43,6 +43,8 @@ STRAIN_CLASSES = (
 _ANCHOR_COLOR = (0.20, 0.65, 0.30, 1.0)
 _BOUNDS = np.array([entry.above for entry in STRAIN_CLASSES[1:]])
 
+# Those that run into the shell they are attached to, whatever their strain; the last list.
+OBSTRUCTED = StrainClass(np.inf, 'in the shell it is attached to', (0.75, 0.10, 0.80, 1.0))
 _NO_CLASS = 255  # of broken connectors
 
 
@@ -77,7 +79,8 @@ class ConnectorMarkers:
     """
     Line lists of the connectors; the id of each is the number of its strain class.
 
-    One more where there are anchors, in a colour of its own, with the next number.
+    One more where there are anchors, in a colour of its own, with the next number; and one, with
+    the number after that, of connectors that run into the shell they are attached to.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -89,7 +92,8 @@ class ConnectorMarkers:
             MarkerBytes(
                 scene.parameters['frame_id'], 'connectors', number, MarkerType.LINE_LIST,
                 color=entry.color, scale=(width, 0.0, 0.0))
-            for number, entry in enumerate(STRAIN_CLASSES)
+            for number, entry in (
+                *enumerate(STRAIN_CLASSES), (len(STRAIN_CLASSES) + 1, OBSTRUCTED))
         ]
         self._anchors = MarkerBytes(
             scene.parameters['frame_id'], 'connectors', len(STRAIN_CLASSES),
@@ -108,12 +112,16 @@ class ConnectorMarkers:
         connectors = snapshot.packed.connectors
         if connectors is None:
             return
-        counts = np.zeros(len(STRAIN_CLASSES), np.int64)
+        counts = np.zeros(len(self._lists), np.int64)
         classes = np.empty(snapshot.connector_count, np.uint8)
-        classify(snapshot.connector_length, connectors.natural_length, _BOUNDS, classes, counts)
-        if snapshot.broken_since is not None:
-            counts -= np.bincount(classes[~snapshot.intact], minlength=len(counts))
-            classes[~snapshot.intact] = _NO_CLASS
+        classify(
+            snapshot.connector_length, connectors.natural_length, _BOUNDS, classes, counts[:-1])
+        obstructed = snapshot.obstructed
+        if obstructed.any() or snapshot.broken_since is not None:
+            classes[obstructed > 0] = len(STRAIN_CLASSES)
+            if snapshot.broken_since is not None:
+                classes[~snapshot.intact] = _NO_CLASS
+            counts[:] = [np.count_nonzero(classes == number) for number in range(len(counts))]
         for number, (marker, count) in enumerate(zip(self._lists, counts.tolist())):
             if count:
                 yield marker.filled(nanoseconds, 2 * count, partial(

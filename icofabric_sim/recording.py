@@ -75,6 +75,7 @@ def summarise_run(status: Status) -> dict[str, str]:
         'failure': status.failure or 'none',
         'wrenches_dropped': str(status.dropped),
         'breaks': str(status.breaks),
+        'obstruction': status.obstruction or 'none',
         'balance_worst': repr(status.balance_worst),
     }
     if status.errors is not None:

@@ -62,6 +62,8 @@ class Status(NamedTuple):
     loads_waiting: int = 0  # wrenches whose stamp lies ahead
     contacts: int = 0  # not built yet
     breaks: int = 0  # connectors that have broken
+    obstruction: str = ''  # the first connector in its own shell
+    obstructed: int = 0  # ends of connectors in their own shells
     cause: str = ''  # why the run is no faster than it is
     lag: float = 0.0  # longest time that a request waited since the last report [s]
 
@@ -79,6 +81,8 @@ def figures(simulation: Simulation) -> dict[str, Any]:
         'connector_count': simulation.scene.connector_count,
         'loads_active': len(simulation.active_loads),
         'breaks': simulation.broken_count,
+        'obstruction': simulation.obstruction,
+        'obstructed': simulation.obstructed_ends,
         'proximity': '' if proximity is None else str(proximity),
         'method': simulation.method_name,
         'tolerance': simulation.scene.parameters['solver.tolerance'],

@@ -204,7 +204,14 @@ STATIC: tuple[Specification, ...] = (
         'restores the relative orientation of the two bodies, kappa_t (1 - cos)',
         minimum=0.0,
     ),
-    _s('connector.obstruction', 'warn', '', 'a connector that enters its own shell', **_NOT_BUILT),
+    _s(
+        'connector.obstruction',
+        'warn',
+        '',
+        'a connector that enters the shell it is attached to: warn once, or stop the run',
+        choices=('warn', 'stop'),
+        unbuilt_choices=('wrap',),
+    ),
     _s(
         'connector.attachment_scale',
         1.0,

@@ -167,6 +167,20 @@ class Simulation:
         return self._stepper.broken.count
 
     @property
+    def obstruction(self) -> str:
+        """
+        Sentence on the first connector that was seen in its own shell; '': none was.
+        """
+        return self._stepper.obstruction.found
+
+    @property
+    def obstructed_ends(self) -> int:
+        """
+        Ends of connectors that were in their own shells when the state was looked at.
+        """
+        return int(self._stepper.ledger[monitor.OBSTRUCTED])
+
+    @property
     def active_loads(self) -> dict[Key, Wrench]:
         """
         Wrenches that act now, by channel name or body number.
@@ -337,6 +351,8 @@ class Simulation:
                 # The same motion: what was said once is not said again.
                 self._stepper.watch.take_over(previous.proximity)
             self._stepper.broken.adopt(previous._stepper.broken)
+            if not self._stepper.obstruction.stops:
+                self._stepper.obstruction.found = previous.obstruction
             self._course.time = previous.time
             self._jump(_as_initial(previous.snapshot(), self.scene))
         else:

@@ -11,6 +11,7 @@ from functools import cached_property
 from icofabric_sim.initial import InitialState
 from icofabric_sim.kernels.fields import field_energy
 from icofabric_sim.kernels.moments import moment_energy
+from icofabric_sim.kernels.obstruction import find_obstructed
 from icofabric_sim.kernels.outlines import fill_lengths, fill_lines
 from icofabric_sim.model import PackedScene
 from icofabric_sim.rotation_forms import cosines_from_quaternions
@@ -89,6 +90,19 @@ class Snapshot:
         length = np.empty(len(connectors.first))
         fill_lengths(connectors, *self._frozen(), length)
         return length
+
+    @cached_property
+    def obstructed(self) -> np.ndarray:
+        """
+        Connectors that enter the shell of their first body (bit 0) or second (bit 1), (c,) uint8.
+        """
+        found = np.zeros(self.connector_count, np.uint8)
+        connectors = self.packed.connectors
+        if connectors is not None:
+            find_obstructed(connectors, *self._frozen(), found)
+            if self.broken_since is not None:
+                found[~self.intact] = 0
+        return found
 
     @cached_property
     def energy(self) -> dict[str, float]:

@@ -19,6 +19,7 @@ from icofabric_sim.kernels.records import Loads, State
 from icofabric_sim.main_line import MainLine, SimulationError
 from icofabric_sim.memory import Memory
 from icofabric_sim.model import PackedScene
+from icofabric_sim.obstruction import Obstruction
 from icofabric_sim.proximity import ProximityWatch
 from icofabric_sim.stability import (
     fastest_motion,
@@ -67,6 +68,7 @@ class WatchedLine(MainLine):
         crew: Crew,
         watch: ProximityWatch | None,
         broken: Broken,
+        obstruction: Obstruction,
     ) -> None:
         """
         Start at time `origin` [s] with the `frequency` of the state; `fixed_step` 0: chosen.
@@ -80,7 +82,8 @@ class WatchedLine(MainLine):
         super().__init__(
             packed, method, state, loads, origin=origin, fixed_step=fixed_step,
             differences=self._differences, energy_limit=energy_limit, half_edge=half_edge,
-            crew=crew, watch=watch, broken=broken)
+            crew=crew, watch=watch, broken=broken,
+            obstruction=obstruction)
         self.load_rate, self.frequency = load_rate, frequency
         self.accuracy = Accuracy(self, tolerance, half_edge)
         self._since_check = 0
@@ -116,6 +119,8 @@ class WatchedLine(MainLine):
         if self.watch is not None:
             self.watch.look(self.time, self.state.position)
         self.ledger.restart()
+        self.ledger[monitor.OBSTRUCTED_LIMIT] = (
+            0.0 if self.obstruction.looks_out else math.inf)
         self._save()
         self._read_rates(exact=exact)
         self.ledger.open(self.state, self._moving(self.state))
@@ -145,6 +150,7 @@ class WatchedLine(MainLine):
         Count steps and errors from zero again: a run begins that has no past.
         """
         self.step_count, self.accuracy.total = 0, 0.0
+        self.obstruction.found = ''
         if self.watch is not None:
             self.watch.forget()
 
@@ -271,6 +277,8 @@ class WatchedLine(MainLine):
             self._fail_here('is no longer finite', time)
         if status & monitor.UNBALANCED:
             self._fail_unbalanced(time)
+        if status & monitor.OBSTRUCTING:
+            self._meet_obstruction(time)
         if status & monitor.MOVED_FAR and self.watch is not None:
             self.watch.look(time, self.state.position)
             self.watch.announce()
@@ -286,6 +294,18 @@ class WatchedLine(MainLine):
                     )
                 self._choose_step(probe=True)
             self._require_safe_step(time)
+
+    def _meet_obstruction(self, time: float) -> None:
+        """
+        Say once that a connector runs into its own shell, or stop.
+        """
+        self.ledger[monitor.OBSTRUCTED_LIMIT] = math.inf
+        self.obstruction.note(time, self.state, self.broken.since)
+        if self.obstruction.stops:
+            self._return_to_saved()
+            self._fail(
+                f'{self.obstruction.found}, and connector.obstruction is stop; warn lets it pass '
+                f'through. The state of t = {self._saved_time:.9g} s is kept')
 
     def _require_safe_step(self, time: float) -> None:
         if not self.fixed or self.step <= self.limit:

@@ -162,3 +162,11 @@ def same_state(one, other):
     Whether two snapshots have the same bits.
     """
     return all(np.array_equal(getattr(one, name), getattr(other, name)) for name in STATE)
+
+
+def warnings_said(caplog):
+    """
+    Messages of the log, but for those on connectors in their own shells: floppy fabrics have them.
+    """
+    said = [record.getMessage() for record in caplog.records]
+    return [message for message in said if 'enters the shell' not in message]

@@ -8,7 +8,7 @@ import tracemalloc
 from fabrics import make_scene
 import icofabric_sim as ico
 from icofabric_sim.icosahedron import circumscribed_radius, FACES, vertices
-from icofabric_sim.markers import SHELL_CLASSES, STRAIN_CLASSES
+from icofabric_sim.markers import OBSTRUCTED, SHELL_CLASSES, STRAIN_CLASSES
 from icofabric_sim.messages import (
     decode_float64_multi_array,
     decode_marker_points,
@@ -90,12 +90,13 @@ def test_messages_are_bit_by_bit_those_of_plain_numpy(sections, spread):
     assert (snapshot.connector_ends == ends).all()
     strain = length / scene.connectors.natural_length - 1.0
     classes = np.searchsorted([entry.above for entry in STRAIN_CLASSES[1:]], strain)
+    classes[snapshot.obstructed > 0] = len(STRAIN_CLASSES)
     if not scene.connector_count:
         assert markers == []
         return
-    assert [marker.marker_id for marker in markers] == list(range(len(STRAIN_CLASSES)))
+    assert [marker.marker_id for marker in markers] == [0, 1, 2, 3, 4, 6]
     assert {marker.namespace for marker in markers} == {'connectors'}
-    for number, (marker, entry) in enumerate(zip(markers, STRAIN_CLASSES)):
+    for number, (marker, entry) in enumerate(zip(markers, (*STRAIN_CLASSES, OBSTRUCTED))):
         chosen = ends[classes == number].reshape(-1, 3)
         assert marker.points.shape == chosen.shape and (marker.points == chosen).all()
         assert marker.action == (MarkerAction.ADD if len(chosen) else MarkerAction.DELETE)
@@ -117,7 +118,7 @@ def test_strains_on_a_bound_and_beyond_numbers_have_a_class():
     snapshot.__dict__['connector_length'] = lengths
     markers = [decode_marker_points(data) for data in Outputs(scene).connectors(snapshot, NOW)]
     assert [len(marker.points) // 2 for marker in markers] == np.bincount(
-        expected, minlength=5).tolist()
+        expected, minlength=6).tolist()
 
 
 def test_connector_messages_depend_on_nothing_but_the_state():
@@ -128,7 +129,7 @@ def test_connector_messages_depend_on_nothing_but_the_state():
     assert list(outputs.connectors(wild, NOW)) != first
     assert list(outputs.connectors(calm, NOW)) == first
     # Lists that the wild state had are removed, whoever has seen them.
-    assert [decode_marker_points(data).action for data in first] == [2, 2, 0, 2, 2]
+    assert [decode_marker_points(data).action for data in first] == [2, 2, 0, 2, 2, 2]
 
 
 def peak_while(action):
@@ -146,7 +147,7 @@ def test_a_message_is_in_memory_once(spread):
     outputs = Outputs(scene)
     for data in (*outputs.connectors(snapshot, NOW), *outputs.icosahedra(snapshot, NOW)):
         del data  # what is made only once is there
-    lengths = 9 * scene.connector_count  # and classes
+    lengths = 11 * scene.connector_count  # and classes, and what is obstructed
     message, peak = peak_while(lambda: outputs.poses(snapshot, NOW))
     assert len(message) > 200_000 and peak < 1.1 * len(message)
     message, peak = peak_while(lambda: outputs.state(snapshot))

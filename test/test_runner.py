@@ -7,6 +7,7 @@ from collections import Counter
 from fractions import Fraction
 import time
 
+from fabrics import warnings_said
 import icofabric_sim as ico
 from icofabric_sim import broadcast
 from icofabric_sim.messages import decode_clock, decode_pose_array
@@ -132,7 +133,7 @@ def test_input_beyond_the_horizon_acts_at_once_with_one_warning(caplog):
     push(runner, stamp=time.time_ns())
     run(runner)
     assert [time for _, time, _ in sink.messages] == [0, 0, 50_000_000]
-    [warning] = [record.getMessage() for record in caplog.records]
+    [warning] = warnings_said(caplog)
     assert 'input_horizon = 0.05 s' in warning and '/loads/tip' in warning
 
 

@@ -5,6 +5,7 @@ What interrupts a run: pause, steps, reset, failure, and changes of the scene.
 """
 import threading
 
+from fabrics import warnings_said
 from icofabric_sim import reweave
 from icofabric_sim.messages import decode_marker_points, decode_pose_array, decode_string
 from icofabric_sim.outputs import CLOCK, CONNECTORS, POSES, TOPICS, WEAVE
@@ -208,6 +209,6 @@ def test_wrench_that_waits_for_a_body_that_is_gone_is_dropped(caplog):
         runner.set_paused(False)
         beside.wait_for(lambda: runner.finished)
     assert runner.dropped == 1 and sink.messages == []
-    [warning] = [record.getMessage() for record in caplog.records]
+    [warning] = warnings_said(caplog)
     assert warning.startswith('1 waiting wrench was dropped (/wrench; the first for t = 0.01 s): ')
     assert 'the weave changed before' in warning

@@ -116,6 +116,7 @@ def package_kernel(packed: PackedScene) -> Kernel:
     The package's own, with a look at the state never.
     """
     ledger = np.zeros(monitor.LEDGER_COUNT)
+    ledger[monitor.OBSTRUCTED_LIMIT] = np.inf
     team = Crew(1, packed).team(0)
     advance = METHODS['leapfrog'].advance
 

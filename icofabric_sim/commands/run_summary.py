@@ -38,6 +38,7 @@ def run_summary(
         *_breaks(simulation),
         ('motion', _displacement(simulation, monitor)),
         ('overlap', status.proximity or 'none: no two shells came too close'),
+        *([('', status.obstruction)] if status.obstruction else []),
     ]
     if status.failure:
         rows.append(('stopped', status.failure))

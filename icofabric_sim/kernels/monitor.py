@@ -32,12 +32,13 @@ from icofabric_sim.kernels.lanes import (
 )
 from icofabric_sim.kernels.meters import flowed
 from icofabric_sim.kernels.moment_bounds import bending_look, twisting_look
+from icofabric_sim.kernels.obstruction import obstructed_lanes
 from icofabric_sim.kernels.records import Links, Loads, Model, State, Variety, Watch, Work
 import numpy as np
 
 # Bits of the status that `examine` returns; the rates concern the bound of the largest frequency.
-RATE_HIGH, RATE_LOW, NOT_FINITE, MOVED_FAR, UNBALANCED, LIVELIER, ROUGHER = (
-    1, 2, 4, 8, 16, 32, 128)
+RATE_HIGH, RATE_LOW, NOT_FINITE, MOVED_FAR, UNBALANCED, LIVELIER, ROUGHER, OBSTRUCTING = (
+    1, 2, 4, 8, 16, 32, 128, 512)
 # Not to be saved as a state from which a run can go on.
 UNSOUND = NOT_FINITE | UNBALANCED
 # Places in the ledger. What a look finds: the rate sqrt(bound) + SPIN_WEIGHT x largest spin
@@ -60,7 +61,9 @@ ROUGH, ROUGH_LIMIT, REGULAR, INVERSE_SIZE, ROUGHEST = 18, 19, 20, 21, 22
 SPENT = 23
 # Energy lost where connectors broke [J].
 LOST = 24
-LEDGER_COUNT = 25
+# Ends of connectors that are in the shells they are attached to; OBSTRUCTING where that is more.
+OBSTRUCTED, OBSTRUCTED_LIMIT = 25, 26
+LEDGER_COUNT = 27
 
 
 @compiled
@@ -300,6 +303,10 @@ def examine(
         status |= RATE_LOW
     if ledger[KINETIC] > ledger[LIVELY]:
         status |= LIVELIER
+    ledger[OBSTRUCTED] = sum_of_lanes(
+        obstructed_lanes(model.links, model.blocks, work.points, state.position.shape[1]))
+    if ledger[OBSTRUCTED] > ledger[OBSTRUCTED_LIMIT]:
+        status |= OBSTRUCTING
     return status
 
 

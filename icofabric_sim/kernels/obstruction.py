@@ -1,0 +1,126 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+Finds connectors that run into the shell that they are attached to.
+
+At an edge two faces meet, with normals n1 and n2: a connector of direction d enters the shell
+where d.n1 < 0 and d.n2 < 0. Both normals lean by the same angle from the edge's own direction a,
+to either side t of the edge, so that is d.a + tan |d.t| < 0 with tan = 1 / tau^2.
+"""
+
+from icofabric_sim.kernels.compiled import compiled
+from icofabric_sim.kernels.lanes import (
+    bits,
+    fabs,
+    fma,
+    load_at,
+    splat,
+    Vector,
+    where,
+)
+from icofabric_sim.kernels.outlines import edge_point
+from icofabric_sim.kernels.records import Blocks, Connectors, Links
+import numpy as np
+
+# 1 / tau^2: the dihedral angle of the icosahedron is 138.19 degrees.
+LEAN = 0.3819660112501051
+
+
+@compiled
+def obstructed_lanes(
+    links: Links | None, blocks: Blocks, points: np.ndarray, stride: int
+) -> Vector:
+    """
+    How many connectors enter the shells of the bodies in each lane, of all blocks together.
+
+    A connector that does so at both of its ends counts twice.
+    """
+    total = splat(0.0)
+    if links is None:
+        return total
+    else:
+        for block in range(blocks.slot.shape[0]):
+            total = total + obstructed_in(links, points, stride, block, blocks.slot[block])
+        return total
+
+
+@compiled
+def obstructed_in(
+    links: Links, points: np.ndarray, stride: int, block: int, s: int
+) -> Vector:
+    """
+    How many enter the shells of a block.
+    """
+    zero, one = splat(0.0), splat(1.0)
+    total = zero
+    for edge in range(6):
+        pair = edge >> 1
+        at = 3 * edge * stride + s
+        across = (6 * pair + 3 * (1 - (edge & 1))) * stride + s
+        # The edges up and down have the axis x across them, north and south y, west and east z.
+        side = 6 * ((pair + 1) % 3) * stride + s
+        px, py, pz = (
+            load_at(points, at), load_at(points, at + stride), load_at(points, at + 2 * stride))
+        ax = px - load_at(points, across)
+        ay = py - load_at(points, across + stride)
+        az = pz - load_at(points, across + 2 * stride)
+        tx = load_at(points, side) - load_at(points, side + 3 * stride)
+        ty = load_at(points, side + stride) - load_at(points, side + 4 * stride)
+        tz = load_at(points, side + 2 * stride) - load_at(points, side + 5 * stride)
+        for link in range(2 * edge, 2 * edge + 2):
+            place = links.place[block, link]
+            ux = load_at(points, place) - px
+            uy = load_at(points, place + stride) - py
+            uz = load_at(points, place + 2 * stride) - pz
+            out = fma(ux, ax, fma(uy, ay, uz * az))
+            beside = fabs(fma(ux, tx, fma(uy, ty, uz * tz)))
+            inside = where(fma(splat(LEAN), beside, out) < zero, one, zero)
+            total = total + where(bits(links.present[block, link]), inside, zero)
+    return total
+
+
+@compiled
+def find_obstructed(
+    connectors: Connectors, position: np.ndarray, orientation: np.ndarray, found: np.ndarray
+) -> None:
+    """
+    The same connector by connector, bodies first: bit 0 of `found` (c,) at the first end, bit 1.
+
+    `position` (n, 3), `orientation` (n, 4) unit quaternions.
+    """
+    h = connectors.half_width
+    for c in range(found.shape[0]):
+        first, second = connectors.first[c], connectors.second[c]
+        x0, y0, z0 = edge_point(position, orientation, h, first, connectors.first_edge[c])
+        x1, y1, z1 = edge_point(position, orientation, h, second, connectors.second_edge[c])
+        dx, dy, dz = x1 - x0, y1 - y0, z1 - z0
+        number = 0
+        if enters(orientation, first, connectors.first_edge[c], dx, dy, dz):
+            number += 1
+        if enters(orientation, second, connectors.second_edge[c], -dx, -dy, -dz):
+            number += 2
+        found[c] = number
+
+
+@compiled
+def enters(
+    orientation: np.ndarray, b: int, edge: int, dx: float, dy: float, dz: float
+) -> bool:
+    """
+    Whether a connector of this direction from an edge of body `b` enters its shell.
+    """
+    x, y, z, w = orientation[b, 0], orientation[b, 1], orientation[b, 2], orientation[b, 3]
+    # Into the axes of the body: the inverse of eq 26.
+    tx, ty, tz = 2.0 * (dy * z - dz * y), 2.0 * (dz * x - dx * z), 2.0 * (dx * y - dy * x)
+    bx = dx + w * tx + (ty * z - tz * y)
+    by = dy + w * ty + (tz * x - tx * z)
+    bz = dz + w * tz + (tx * y - ty * x)
+    pair = edge >> 1
+    if pair == 0:
+        out, beside = bz, bx
+    elif pair == 1:
+        out, beside = bx, by
+    else:
+        out, beside = by, bz
+    sign = 1.0 - 2.0 * (edge & 1)
+    return sign * out + LEAN * abs(beside) < 0.0

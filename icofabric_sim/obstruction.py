@@ -1,0 +1,60 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+What is said, or done, when a connector runs into the shell that it is attached to.
+"""
+
+import logging
+
+from icofabric_sim.kernels.records import State
+from icofabric_sim.model import PackedScene
+from icofabric_sim.snapshot import Snapshot
+import numpy as np
+
+_LOGGER = logging.getLogger('icofabric_sim')
+
+
+class Obstruction:
+    """
+    Remembers the first connector that was seen in a shell of its own.
+
+    Every look at the state counts them (kernels/obstruction.py); what is between two looks, and
+    over before the second, is not seen.
+    """
+
+    def __init__(self, choice: str, packed: PackedScene) -> None:
+        """
+        Act by the `choice` for connector.obstruction.
+        """
+        self.stops = choice == 'stop'
+        self._packed = packed
+        self.found = ''  # sentence
+
+    @property
+    def looks_out(self) -> bool:
+        """
+        Whether nothing was found yet that could be.
+        """
+        return not self.found and self._packed.connectors is not None
+
+    def note(self, time: float, state: State, broken_since: np.ndarray | None) -> None:
+        """
+        Describe what is obstructed first, by its number, in a `state`; warns where that is all.
+        """
+        packed = self._packed
+        assert packed.connectors is not None
+        bodies = packed.layout.unpack(state)
+        obstructed = Snapshot(
+            time, *bodies, len(packed.connectors.first), packed, {}, broken_since).obstructed
+        which = np.flatnonzero(obstructed)
+        # Rounding may see it otherwise than the look that has.
+        number = int(which[0]) if len(which) else 0
+        pair = int(packed.connectors.first[number]), int(packed.connectors.second[number])
+        own = pair[0] if obstructed[number] & 1 else pair[1]
+        self.found = (
+            f'connector {number}, between bodies {pair[0]} and {pair[1]}, enters the shell of '
+            f'body {own} that it is attached to, at t = {time:.6g} s'
+            + (f' ({len(which):,} connectors do so)' if len(which) > 1 else ''))
+        if not self.stops:
+            _LOGGER.warning(
+                '%s: it is computed as if it passed through (connector.obstruction)', self.found)

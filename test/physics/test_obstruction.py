@@ -1,0 +1,167 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+Connectors that run into the shell that they are attached to.
+"""
+
+import logging
+
+from fabrics import FORMS, make_scene, pair_face_to_face, RANDOM, same_state
+import icofabric_sim as ico
+from icofabric_sim.health import HealthReport
+from icofabric_sim.icosahedron import face_geometry
+from icofabric_sim.kernels import monitor
+from icofabric_sim.markers import OBSTRUCTED, STRAIN_CLASSES
+from icofabric_sim.messages import decode_diagnostic_array, decode_marker_points, MarkerAction
+from icofabric_sim.outputs import Outputs
+from icofabric_sim.parameters import ParameterError
+from icofabric_sim.rotation_forms import cosines_from_quaternions
+from icofabric_sim.runner import Runner
+import numpy as np
+import pytest
+
+CALM = {'contact.mode': 'never', 'solver.method': 'leapfrog'}
+
+
+def brute(scene, snapshot):
+    """
+    Bits as `Snapshot.obstructed`, from the normals of all faces that hold the attachment point.
+
+    A direction leads into a convex body from a point of its surface where it leads below every
+    face that holds the point.
+    """
+    half_edge, bits = scene.shell.half_edge, np.zeros(scene.connector_count, int)
+    faces = face_geometry(half_edge)
+    cosines = cosines_from_quaternions(snapshot.orientation)
+    height = half_edge * ((1.0 + np.sqrt(5.0)) / 2.0) ** 2 / np.sqrt(3.0)
+    for number, (bodies, points) in enumerate(
+            zip(scene.connectors.bodies, scene.connectors.points_body)):
+        ends = snapshot.connector_ends[number]
+        for end in range(2):
+            direction = cosines[bodies[end]] @ (ends[1 - end] - ends[end])
+            holding = np.abs(faces.normals @ points[end] - height) < 1e-9 * height
+            assert holding.sum() == 2
+            if (faces.normals[holding] @ direction < 0.0).all():
+                bits[number] |= 1 << end
+    return bits
+
+
+def scattered(turn=0.8, seed=2, **changes):
+    """
+    A fabric with its bodies turned about at random.
+    """
+    scene = make_scene((4, 3, 3), {**CALM, **changes})
+    simulation = ico.compile_scene(scene)
+    generator = np.random.default_rng(seed)
+    orientation = scene.orientation + turn * generator.normal(size=(scene.body_count, 4))
+    orientation /= np.linalg.norm(orientation, axis=1, keepdims=True)
+    return scene, simulation, orientation
+
+
+@pytest.mark.parametrize('form', FORMS)
+def test_every_obstructed_connector_is_found_and_no_other(form):
+    scene, _, orientation = scattered()
+    simulation = ico.compile_scene(scene, rotation=form)
+    simulation.set_state(orientation=orientation)
+    snapshot = simulation.snapshot()
+    wanted = brute(scene, snapshot)
+    assert np.array_equal(snapshot.obstructed, wanted)
+    assert {0, 1, 2, 3} == set(wanted.tolist())
+    # The look at the running state counts the same ends.
+    ends = int((wanted & 1).sum() + (wanted >> 1).sum())
+    assert simulation.obstructed_ends == ends
+
+
+def test_a_woven_fabric_has_none():
+    for changes in ({}, {'weave.variant': 3}, {'weave.kind': 'bias'},
+                    {'weave.connector_angle': 0.6}):
+        snapshot = ico.compile_scene(make_scene((4, 4, 4), {**CALM, **changes})).snapshot()
+        assert snapshot.connector_count > 10 and not snapshot.obstructed.any()
+
+
+def turned_pair(**changes):
+    """
+    Two bodies on a line, of which one turns until the connector runs into its shell.
+    """
+    scene = make_scene((2, 2, 1), {**CALM, **changes})
+    simulation = ico.compile_scene(scene)
+    position, orientation = pair_face_to_face(
+        scene, scene.geometry.cube_width + scene.geometry.connector_length)
+    spin = np.zeros((2, 3))
+    spin[1, 2] = 400.0
+    simulation.set_state(position=position, orientation=orientation, angular_velocity=spin)
+    return simulation
+
+
+def test_it_is_said_once(caplog):
+    simulation = turned_pair()
+    with caplog.at_level(logging.WARNING):
+        for time in np.linspace(0.0, 0.1, 30):
+            simulation.advance_to(time)
+    said = [record.message for record in caplog.records if 'enters the shell' in record.message]
+    assert len(said) == 1
+    assert 'connector 0' in said[0] and 'of body 1' in said[0] and 't = 0.0' in said[0]
+    assert simulation.obstruction in said[0]
+    # A checkpoint knows that it was said.
+    other = turned_pair()
+    other.restore(simulation.checkpoint())
+    caplog.clear()
+    other.advance_to(0.2)
+    assert not caplog.records and other.obstruction == simulation.obstruction
+    simulation.reset_time()
+    assert simulation.obstruction == ''
+
+
+@pytest.mark.parametrize('method', ['leapfrog', 'dop8'])
+def test_stop_ends_the_run(method):
+    simulation = turned_pair(**{'connector.obstruction': 'stop', 'solver.method': method})
+    with pytest.raises(ico.SimulationError, match='connector 0, between bodies 0 and 1, enters'):
+        simulation.advance_to(0.1)
+    assert 0.0 < simulation.time < 0.05
+    snapshot = simulation.snapshot()
+    assert snapshot.time == simulation.time and snapshot.obstructed.tolist() == [2]
+    # Not before: the same motion is free of it until shortly before.
+    free = turned_pair(**{'solver.method': method})
+    free.advance_to(0.5 * simulation.time)
+    assert not free.snapshot().obstructed.any() and free.obstruction == ''
+
+
+@pytest.mark.parametrize('method', ['srkn6', 'dop8'])
+def test_looking_changes_no_bit(method, monkeypatch):
+    scene = make_scene((3, 3, 2), {**CALM, 'solver.method': method}, **RANDOM)
+    ends = []
+    for blind in (False, True):
+        if blind:
+            monkeypatch.setattr(
+                'icofabric_sim.obstruction.Obstruction.looks_out', property(lambda _: False))
+        simulation = ico.compile_scene(scene)
+        simulation.advance_to(0.05)
+        assert bool(simulation.obstruction) is not blind
+        ends.append(simulation.snapshot())
+    assert same_state(*ends)
+
+
+def test_it_is_marked_and_counted():
+    scene, simulation, orientation = scattered()
+    simulation.set_state(orientation=orientation)
+    snapshot = simulation.snapshot()
+    lists = {}
+    for message in Outputs(scene).connectors(snapshot, 0):
+        marker = decode_marker_points(message)
+        if marker.action == MarkerAction.ADD:
+            lists[marker.marker_id] = np.array(marker.points).reshape(-1, 2, 3)
+    entry = lists[len(STRAIN_CLASSES) + 1]
+    assert np.array_equal(entry, snapshot.connector_ends[snapshot.obstructed > 0])
+    assert sum(map(len, lists.values())) == scene.connector_count
+    assert OBSTRUCTED.name == 'in the shell it is attached to'
+    runner = Runner(simulation, [])
+    simulation.advance_to(0.001)
+    _, [status] = decode_diagnostic_array(HealthReport('/icofabric').bytes(runner.status()))
+    values = dict(status.values)
+    assert int(values['connector ends in their shells']) == simulation.obstructed_ends > 0
+    assert monitor.OBSTRUCTED < monitor.LEDGER_COUNT
+
+
+def test_lying_around_the_shell_is_not_built():
+    with pytest.raises(ParameterError, match='connector.obstruction'):
+        make_scene((2, 2, 2), {'connector.obstruction': 'wrap'})
