@@ -92,10 +92,16 @@ def terms(body: int) -> list[Term]:
         Term('direction cosines', {}, rotation='direction_cosines'),
         Term(f'team of {core_count()} threads', {}, threads=0),
         Term(ADAPTIVE, {}, method='dop8'),
+        Term('one side driven', {
+            'groups': wall, 'drives': {'shake': {
+                'group': 'wall', 'motion': 'sine', 'linear': [0.0, 0.0, 1e-4],
+                'frequency': 5.0}}}, method='dop8'),
         Term('damped connectors', {'connector': {'damping': 1e-3}}, method='dop8'),
         Term('connectors with damping of their own', {
             'groups': wall, 'connector_groups': {'soft': {
                 'between': 'wall all', 'damping': 1e-3}}}, method='dop8'),
+        Term('connectors that can break', {
+            'connector': {'break_length_extension': 1.0}}, method='dop8'),
         Term('drag', {'drag': {'linear': 1e-4, 'angular': 1e-8}}, method='dop8'),
         Term('charges and dipoles in a magnetic field', {
             'charge': charge, 'field': {'magnetic': [0.0, 0.0, 1.0]}}, method='dop8'),
