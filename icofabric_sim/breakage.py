@@ -24,7 +24,7 @@ class BreakLimits(NamedTuple):
 
 
 def make_limits(
-    parameters: Parameters, length: float, groups: Mapping[str, np.ndarray], bodies: np.ndarray,
+    parameters: Parameters, length: float | np.ndarray, groups: Mapping[str, np.ndarray], bodies: np.ndarray,
     laws: ConnectorLaws,
 ) -> BreakLimits | None:
     """
@@ -58,14 +58,14 @@ def make_limits(
 
 def _check(
     name: str, keys: list[str], source: np.ndarray, values: np.ndarray, rest: np.ndarray,
-    length: float
+    woven: float | np.ndarray
 ) -> None:
     """
     Refuse limits at which a connector would break where it does not pull, or as it is woven.
     """
     given = values > 0.0
     side, ways = ('above', 'raise it') if name == NAMES[0] else ('below', 'lower it')
-    for other, what in ((rest, 'natural length'), (np.array([length]), 'woven length')):
+    for other, what in ((rest, 'natural length'), (np.atleast_1d(woven), 'woven length')):
         wrong = given & (values <= other if side == 'above' else values >= other)
         if not wrong.any():
             continue

@@ -16,6 +16,10 @@ _UNSAID = {
     'natural_length': 0.0}
 
 
+# k_e, k_c and D; natural lengths may be those of each connector, (c,).
+_Law = tuple[float, float, float | np.ndarray]
+
+
 class ConnectorLaws(NamedTuple):
     """
     Eq 2 for every connector; arrays of shape (c,), or (1,) where all are alike.
@@ -41,19 +45,21 @@ class ConnectorLaws(NamedTuple):
 
 
 def make_laws(
-    parameters: Parameters, length: float, groups: Mapping[str, np.ndarray], bodies: np.ndarray
+    parameters: Parameters, length: float | np.ndarray, groups: Mapping[str, np.ndarray],
+    bodies: np.ndarray
 ) -> ConnectorLaws:
     """
-    Laws of the connectors between `bodies` (c, 2); `length` [m] is the woven one, L.
+    Laws of the connectors between `bodies` (c, 2).
+
+    `length` [m] is the woven one, L, of all, or of each, (c,).
 
     A connector belongs to `connector_groups.NAME` where one of its bodies is in the first of the
     two groups and the other in the second. Of several groups the last in order of names counts.
     """
     general = _law(parameters, 'connector', length, None)
-    laws = ConnectorLaws(*(np.array([value]) for value in general))
     names = parameters.names('connector_groups')
-    if not names:
-        return laws
+    if not names and not isinstance(general[2], np.ndarray):
+        return ConnectorLaws(*(np.array([value]) for value in general))
     laws = ConnectorLaws(*(np.full(len(bodies), value) for value in general))
     for name in names:
         first, second = between(parameters, name)
@@ -65,7 +71,7 @@ def make_laws(
                 'one to the other; name two groups that are joined')
         own = _law(parameters, f'connector_groups.{name}', length, general)
         for array, value in zip(laws, own):
-            array[chosen] = value
+            array[chosen] = value[chosen] if isinstance(value, np.ndarray) else value
     return laws
 
 
@@ -132,8 +138,8 @@ def general_law(parameters: Parameters, length: float) -> tuple[float, float, fl
 
 
 def _law(
-    parameters: Parameters, prefix: str, length: float, general: tuple[float, ...] | None
-) -> tuple[float, float, float]:
+    parameters: Parameters, prefix: str, length: float | np.ndarray, general: _Law | None
+) -> _Law:
     """
     Stiffness in extension and in compression and natural length; unsaid ones are the general's.
     """

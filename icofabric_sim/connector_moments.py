@@ -6,11 +6,11 @@ Packs what connectors do beside pulling: moments against bending and twisting.
 
 from typing import NamedTuple
 
+from icofabric_sim.attachments import woven_spans
 from icofabric_sim.kernels.lanes import LANES
 from icofabric_sim.kernels.records import Bending, LINK_COUNT, Links, Moments, Twisting
 from icofabric_sim.layout import aligned_empty, Layout
 from icofabric_sim.scene import Scene
-from icofabric_sim.weave import fabric_orientation, rotation_matrix
 import numpy as np
 
 
@@ -33,7 +33,10 @@ def pack_moments(scene: Scene, layout: Layout, links: Links | None) -> PackedMom
     if links is None or not (kappa_b.any() or kappa_t.any()):
         return PackedMoments(None, None, None)
     ends = [_links_of(scene, layout, links, end) for end in range(2)]
-    moments = Moments(connectors.bodies, kappa_b, kappa_t, woven_directions(scene))
+    spans = woven_spans(
+        scene.weave, scene.parameters['weave.azimuth'], connectors.attachment)
+    direction = spans / np.linalg.norm(spans, axis=1, keepdims=True)
+    moments = Moments(connectors.bodies, kappa_b, kappa_t, direction)
     bending = twisting = None
     if kappa_b.any():
         direction = np.zeros((LINK_COUNT, 3))
@@ -46,20 +49,6 @@ def pack_moments(scene: Scene, layout: Layout, links: Links | None) -> PackedMom
     if kappa_t.any():
         twisting = Twisting(float(kappa_t.max()), _variety(scene, layout, ends, kappa_t))
     return PackedMoments(bending, twisting, moments)
-
-
-def woven_directions(scene: Scene) -> np.ndarray:
-    """
-    Unit vectors (c, 3) along the woven connectors from their first ends, in body axes.
-    """
-    weave, connectors = scene.weave, scene.connectors
-    first, second = connectors.bodies.T
-    fabric = rotation_matrix(fabric_orientation(weave.kind, scene.parameters['weave.azimuth']))
-    # From the fabric's axes to those that all bodies have in common.
-    to_body = rotation_matrix(weave.orientation).T @ fabric
-    span = ((weave.grid[second] - weave.grid[first]) * scene.geometry.pitch) @ to_body.T
-    span += connectors.points_body[:, 1] - connectors.points_body[:, 0]
-    return span / np.linalg.norm(span, axis=1, keepdims=True)
 
 
 def _links_of(scene: Scene, layout: Layout, links: Links, end: int) -> np.ndarray:

@@ -242,7 +242,7 @@ def make_layout(grid: np.ndarray, body_count: int, *, cosines: bool = False) -> 
 
 def make_links(
     layout: Layout, grid: np.ndarray, bodies: np.ndarray, edges: np.ndarray, *,
-    laws: ConnectorLaws, half_width: float
+    laws: ConnectorLaws, half_width: float, attachment: np.ndarray | None = None
 ) -> tuple[Layout, Links]:
     """
     Tables of connectors, (c, 2) bodies and edge codes, by block; and the layout with their reach.
@@ -293,7 +293,7 @@ def make_links(
         start += len(pair) * (number % 2)
     links = Links(
         place, present, float(max(laws.extension.max(), laws.compression.max())),
-        float(laws.natural_length.max()), half_width, variety)
+        float(laws.natural_length.max()), half_width, attachment, variety)
     blocks = layout.blocks._replace(reach=reach)
     return replace(layout, blocks=blocks), links
 

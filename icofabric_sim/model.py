@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from icofabric_sim.anchors import AnchorPack
+from icofabric_sim.attachments import are_given
 from icofabric_sim.body_force import BodyForce
 from icofabric_sim.connector_moments import pack_moments
 from icofabric_sim.damping import pack_damping
@@ -96,11 +97,13 @@ def pack_scene(
     connectors = links = supports = damping = breakage = None
     if scene.connector_count:
         bodies, edges = scene.connectors.bodies, scene.connectors.edges
-        laws, half_width = scene.connectors.laws, 0.5 * scene.geometry.cube_width
+        laws, half_width, points = scene.connectors.laws, _half_width(scene), None
+        if are_given(scene.parameters):
+            points = scene.connectors.attachment
         connectors = Connectors(
-            bodies[:, 0], bodies[:, 1], edges[:, 0], edges[:, 1], *laws, half_width)
+            bodies[:, 0], bodies[:, 1], edges[:, 0], edges[:, 1], *laws, half_width, points)
         layout, links = make_links(
-            layout, grid, bodies, edges, laws=laws, half_width=half_width)
+            layout, grid, bodies, edges, laws=laws, half_width=half_width, attachment=points)
         damping = pack_damping(scene.connectors.damping, layout, links, bodies, edges)
         if scene.connectors.limits is not None:
             breakage = pack_breakage(layout, links, connectors, scene.connectors.limits)
@@ -156,6 +159,16 @@ def velocity_rate(model: Model) -> float:
         own += float(np.linalg.norm(magnet.moment)) * (mass * inertia) ** 0.5
         rate += own * float(np.linalg.norm(magnet.field))
     return rate
+
+
+def _half_width(scene: Scene) -> float:
+    """
+    Distance [m] of the farthest attachment point from the centre.
+    """
+    if are_given(scene.parameters):
+        return float(np.linalg.norm(scene.connectors.attachment, axis=1).max())
+    scale: float = scene.parameters['connector.attachment_scale']
+    return 0.5 * scene.geometry.cube_width * scale
 
 
 def pack_loads(

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 
 from icofabric_sim import initial, selectors
 from icofabric_sim.anchors import Anchor, make_anchors
+from icofabric_sim.attachments import attachment_points, check_attachments, woven_lengths
 from icofabric_sim.available_memory import available_memory
 from icofabric_sim.breakage import BreakLimits, make_limits
 from icofabric_sim.connector_laws import (
@@ -26,7 +27,6 @@ from icofabric_sim.connector_laws import (
 from icofabric_sim.drives import Drive, make_drives, make_path
 from icofabric_sim.electric import Electric, make_electric
 from icofabric_sim.faces import check_faces
-from icofabric_sim.icosahedron import edge_midpoints
 from icofabric_sim.load_channels import LoadChannel, make_channels
 from icofabric_sim.parameter_file import load_parameter_file
 from icofabric_sim.parameter_text import flatten_parameters
@@ -54,7 +54,8 @@ class SceneConnectors:
 
     bodies: np.ndarray  # (c, 2) int32
     edges: np.ndarray  # (c, 2) int8 codes, see icosahedron.NAMED_EDGES
-    half_edge: float  # a [m]
+    attachment: np.ndarray  # (6, 3) points in body axes [m], by edge code
+    woven_length: float | np.ndarray  # [m] of all, or of each, (c,)
     laws: ConnectorLaws
     bending_stiffness: np.ndarray  # [N m/rad], (c,), or (1,) where all are alike
     twisting_stiffness: np.ndarray
@@ -86,7 +87,7 @@ class SceneConnectors:
         """
         Attachment points [m], (c, 2, 3), each in the axes of its body.
         """
-        return edge_midpoints(self.half_edge)[self.edges]
+        return self.attachment[self.edges]
 
 
 class Supports(NamedTuple):
@@ -150,9 +151,10 @@ class Scene:
             [np.broadcast_to(weave.orientation, (len(weave.position), 4))]
             + [[initial.unit_quaternion(f'bodies.{name}.orientation', checked)] for name in loose]
         )
+        length = woven_lengths(checked, weave)
         groups = _groups(checked, selectors.Bodies(position, weave.grid, geometry.pitch))
         supports = _supports(checked, groups, len(position))
-        woven = geometry.connector_length, groups, weave.connector_bodies
+        woven = length, groups, weave.connector_bodies
         laws = make_laws(checked, *woven)
         start = initial.make_initial_state(checked, position, orientation, groups, supports)
         drives = make_drives(checked, groups, start, supports)
@@ -166,7 +168,8 @@ class Scene:
             connectors=SceneConnectors(
                 weave.connector_bodies,
                 weave.connector_edges,
-                geometry.half_edge,
+                attachment_points(checked, geometry.half_edge),
+                length,
                 laws,
                 spread_over(checked, 'bending_stiffness', *woven[1:]),
                 spread_over(checked, 'twisting_stiffness', *woven[1:]),
@@ -242,6 +245,7 @@ def check_parameters(parameters: Parameters) -> tuple[Shell, WeaveGeometry]:
                 f'groups.{name}: {name!r} is a word of the selectors; choose another name',
             )
         selectors.check_syntax(f'groups.{name}', parameters[f'groups.{name}'])
+    check_attachments(parameters, geometry)
     for name in parameters.names('connector_groups'):
         between(parameters, name)
     for family in ('supports', 'loads', 'tractions', 'drives', 'initial'):

@@ -128,7 +128,7 @@ def _loose(scene: Scene) -> str:
 
 
 def _springs(scene: Scene) -> str:
-    laws, length = scene.connectors.laws, scene.geometry.connector_length
+    laws, length = scene.connectors.laws, scene.connectors.woven_length
     if laws.plain:
         text = f'stiffness {_range(laws.extension)} N/m'
     else:

@@ -217,7 +217,16 @@ STATIC: tuple[Specification, ...] = (
         1.0,
         '',
         'attachment = edge midpoint times this',
-        **_NOT_BUILT,
+        **_positive(),
+    ),
+    *(
+        _s(
+            f'connector.attachment.{edge}',
+            _ZERO3,
+            'm',
+            f'attachment point at {edge}, body axes; all zero: the edge midpoint, scaled',
+        )
+        for edge in ('up', 'down', 'north', 'south', 'west', 'east')
     ),
     _s('connector.law', '', '', 'CSV of length and force instead of eq 1', **_NOT_BUILT),
     _s('gravity', _ZERO3, 'm/s^2', 'acceleration of gravity, world frame'),

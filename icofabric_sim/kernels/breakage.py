@@ -9,7 +9,7 @@ says whether, and when.
 """
 
 from icofabric_sim.kernels.compiled import compiled
-from icofabric_sim.kernels.hessian import move_points
+from icofabric_sim.kernels.hessian import move_links
 from icofabric_sim.kernels.lanes import (
     any_lane,
     bits,
@@ -86,11 +86,10 @@ def move_blocks(
     """
     Velocities v + omega x s [m/s] of the attachment points of blocks first to last.
     """
-    stride = state.position.shape[1]
     velocity, spin = state.linear_velocity, state.angular_velocity
     for block in range(first, last):
         s = model.blocks.slot[block]
-        move_points(points, stride, (
+        move_links(model.links, points, state.position, (
             load(velocity, 0, s), load(velocity, 1, s), load(velocity, 2, s),
             load(spin, 0, s), load(spin, 1, s), load(spin, 2, s)), breakage.moving, s)
 

@@ -1,7 +1,7 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
 """
-Connectors as linear springs between edge midpoints (eqs 1 and 49).
+Connectors as linear springs between points of two bodies, as a rule edge midpoints (eqs 1, 49).
 
 Every body adds up the pulls at its own edges, so each spring is computed twice, once from either
 end, with exactly opposite results. That costs less than half of what it saves: nothing is
@@ -32,17 +32,68 @@ Six = tuple[Vector, Vector, Vector, Vector, Vector, Vector]
 
 @compiled
 def add_connectors(
-    links: Links | None, points: np.ndarray, stride: int, block: int, s: int
+    links: Links | None, points: np.ndarray, position: np.ndarray, block: int, s: int
 ) -> Six:
     """
     Force [N] and torque about the centre [N m] on the block at slot `s`, world frame.
 
-    `points` holds the attachment points of all bodies, `stride` slots for each coordinate.
+    `points` holds the attachment points of all bodies.
+    """
+    if links is None:
+        zero = splat(0.0)
+        return zero, zero, zero, zero, zero, zero
+    return pulls(links.attachment, links, points, position, block, s)
+
+
+@compiled
+def pulls(
+    attachment: np.ndarray | None, links: Links, points: np.ndarray, position: np.ndarray,
+    block: int, s: int
+) -> Six:
+    """
+    The same for connectors that attach on the body axes, or anywhere.
+    """
+    if attachment is None:
+        return pulls_on_axes(links, points, position.shape[1], block, s)
+    else:
+        return pulls_anywhere(links, points, position, block, s)
+
+
+@compiled
+def pulls_anywhere(
+    links: Links, points: np.ndarray, position: np.ndarray, block: int, s: int
+) -> Six:
+    """
+    The same for any attachment points.
+    """
+    zero, stride = splat(0.0), position.shape[1]
+    fx, fy, fz, tx, ty, tz = zero, zero, zero, zero, zero, zero
+    stiffness = splat(links.stiffness)
+    minus_rest = splat(-links.stiffness * links.natural_length)
+    x, y, z = load(position, 0, s), load(position, 1, s), load(position, 2, s)
+    for edge in range(6):
+        at = 3 * edge * stride + s
+        px, py = load_at(points, at), load_at(points, at + stride)
+        pz = load_at(points, at + 2 * stride)
+        ax, ay, az = edge_pull(
+            links, points, stride, block, s, 2 * edge, stiffness, minus_rest, px, py, pz)
+        fx, fy, fz = fx + ax, fy + ay, fz + az
+        sx, sy, sz = px - x, py - y, pz - z
+        tx = fma(sy, az, tx - sz * ay)
+        ty = fma(sz, ax, ty - sx * az)
+        tz = fma(sx, ay, tz - sy * ax)
+    return fx, fy, fz, tx, ty, tz
+
+
+@compiled
+def pulls_on_axes(
+    links: Links, points: np.ndarray, stride: int, block: int, s: int
+) -> Six:
+    """
+    The same for points on the body axes, as far out on either side; `stride` slots each row.
     """
     zero = splat(0.0)
     fx, fy, fz, tx, ty, tz = zero, zero, zero, zero, zero, zero
-    if links is None:
-        return fx, fy, fz, tx, ty, tz
     stiffness = splat(links.stiffness)
     minus_rest = splat(-links.stiffness * links.natural_length)
     for pair in range(3):
@@ -64,6 +115,28 @@ def add_connectors(
         tz = fma(sx, ay, tz - sy * ax)
     half = splat(0.5)
     return fx, fy, fz, half * tx, half * ty, half * tz
+
+
+@compiled
+def arm_of(
+    attachment: np.ndarray | None, points: np.ndarray, position: np.ndarray, edge: int, s: int
+) -> tuple[Vector, Vector, Vector]:
+    """
+    Arms [m] from the centres of a block to an attachment point, world frame.
+    """
+    stride = position.shape[1]
+    at = 3 * edge * stride + s
+    if attachment is None:
+        half, across = splat(0.5), 3 * (edge ^ 1) * stride + s
+        return (
+            half * (load_at(points, at) - load_at(points, across)),
+            half * (load_at(points, at + stride) - load_at(points, across + stride)),
+            half * (load_at(points, at + 2 * stride) - load_at(points, across + 2 * stride)))
+    else:
+        return (
+            load_at(points, at) - load(position, 0, s),
+            load_at(points, at + stride) - load(position, 1, s),
+            load_at(points, at + 2 * stride) - load(position, 2, s))
 
 
 @compiled

@@ -18,7 +18,7 @@ from icofabric_sim.kernels.lanes import bits, fma, load, splat, store, where
 from icofabric_sim.kernels.loads import kick_load, work_load
 from icofabric_sim.kernels.moments import add_bending, add_twisting
 from icofabric_sim.kernels.records import Links, Loads, Model, State, Supports, Work
-from icofabric_sim.kernels.rotations import place_points, rotate
+from icofabric_sim.kernels.rotations import place_anywhere, place_points, rotate
 import numpy as np
 
 
@@ -61,7 +61,22 @@ def place_links(links: Links | None, state: State, work: Work, s: int) -> None:
     """
     if links is None:
         return
-    place_points(links.half_width, state.position, state.orientation, work.points, s)
+    place_attachments(
+        links.attachment, links.half_width, state.position, state.orientation, work.points, s)
+
+
+@compiled
+def place_attachments(
+    attachment: np.ndarray | None, half_width: float, position: np.ndarray,
+    orientation: np.ndarray, points: np.ndarray, s: int
+) -> None:
+    """
+    Attachment points of a block: on the body axes, or anywhere.
+    """
+    if attachment is None:
+        place_points(half_width, position, orientation, points, s)
+    else:
+        place_anywhere(attachment, position, orientation, points, s)
 
 
 @compiled
@@ -161,7 +176,7 @@ def accelerations(
 
     The gyroscopic term vanishes. Gravity is an acceleration and needs no detour over the mass.
     """
-    force = add_connectors(model.links, points, state.position.shape[1], block, s)
+    force = add_connectors(model.links, points, state.position, block, s)
     force = add_bending(
         model.bending, model.links, state.position, state.orientation, points, block, s, force)
     force = add_twisting(model.twisting, model.links, state.orientation, block, s, force)

@@ -10,7 +10,7 @@ or forces and torques; in the recurrences both are scaled by the roots of mass a
 import math
 
 from icofabric_sim.kernels.compiled import compiled
-from icofabric_sim.kernels.connectors import Six, slope_of
+from icofabric_sim.kernels.connectors import arm_of, Six, slope_of
 from icofabric_sim.kernels.lanes import (
     bits,
     fma,
@@ -64,43 +64,40 @@ def inverse_roots(
 
 
 @compiled
-def own_arm(
-    points: np.ndarray, stride: int, pair: int, s: int
-) -> tuple[Vector, Vector, Vector]:
-    """
-    Arms [m] to the first edge of a pair; the other has the opposite ones.
-    """
-    at, half = 6 * pair * stride + s, splat(0.5)
-    return (
-        half * (load_at(points, at) - load_at(points, at + 3 * stride)),
-        half * (load_at(points, at + stride) - load_at(points, at + 4 * stride)),
-        half * (load_at(points, at + 2 * stride) - load_at(points, at + 5 * stride)))
-
-
-@compiled
 def move_points(
-    points: np.ndarray, stride: int, motion: Six, moved: np.ndarray, s: int
+    attachment: np.ndarray | None, points: np.ndarray, position: np.ndarray, motion: Six,
+    moved: np.ndarray, s: int
 ) -> None:
     """
     Displacements dx + dtheta x s [m] of the attachment points of a block, laid out like points.
     """
+    stride = position.shape[1]
     dx, dy, dz, tx, ty, tz = motion
-    for pair in range(3):
-        sx, sy, sz = own_arm(points, stride, pair, s)
-        cx, cy, cz = ty * sz - tz * sy, tz * sx - tx * sz, tx * sy - ty * sx
-        at = 6 * pair * stride + s
-        store_at(moved, at, dx + cx)
-        store_at(moved, at + stride, dy + cy)
-        store_at(moved, at + 2 * stride, dz + cz)
-        store_at(moved, at + 3 * stride, dx - cx)
-        store_at(moved, at + 4 * stride, dy - cy)
-        store_at(moved, at + 5 * stride, dz - cz)
+    for edge in range(6):
+        sx, sy, sz = arm_of(attachment, points, position, edge, s)
+        at = 3 * edge * stride + s
+        store_at(moved, at, dx + (ty * sz - tz * sy))
+        store_at(moved, at + stride, dy + (tz * sx - tx * sz))
+        store_at(moved, at + 2 * stride, dz + (tx * sy - ty * sx))
+
+
+@compiled
+def move_links(
+    links: Links | None, points: np.ndarray, position: np.ndarray, motion: Six,
+    moved: np.ndarray, s: int
+) -> None:
+    """
+    The same, if anything is attached.
+    """
+    if links is None:
+        return
+    move_points(links.attachment, points, position, motion, moved, s)
 
 
 @compiled
 def second_derivative(
-    links: Links | None, points: np.ndarray, moved: np.ndarray, stride: int, motion: Six,
-    block: int, s: int
+    links: Links | None, points: np.ndarray, position: np.ndarray, moved: np.ndarray,
+    motion: Six, block: int, s: int
 ) -> Six:
     """
     Second derivative of the energy along a motion, for the bodies of a block.
@@ -115,13 +112,10 @@ def second_derivative(
     if links is None:
         return fx, fy, fz, mx, my, mz
     _, _, _, tx, ty, tz = motion
-    half = splat(0.5)
+    half, stride = splat(0.5), position.shape[1]
     stiffness, minus_rest = splat(links.stiffness), splat(-links.natural_length)
     for edge in range(6):
-        pair = edge >> 1
-        sx, sy, sz = own_arm(points, stride, pair, s)
-        if edge & 1:
-            sx, sy, sz = zero - sx, zero - sy, zero - sz
+        sx, sy, sz = arm_of(links.attachment, points, position, edge, s)
         at = 3 * edge * stride + s
         for link in range(2 * edge, 2 * edge + 2):
             place = links.place[block, link]
@@ -183,18 +177,18 @@ def hessian_times(
 
     `moved` is room for as many numbers as `points`, `turns` (3, s) for rotation vectors.
     """
-    stride = vector.shape[1]
     count = model.blocks.slot.shape[0]
     for block in range(count):
         s = model.blocks.slot[block]
         motion = scaled_motion(supports, root_m, root_i, vector, s)
-        move_points(points, stride, motion, moved, s)
+        move_links(model.links, points, state.position, motion, moved, s)
         for k in range(3):
             store(turns, k, s, motion[k + 3])
     for block in range(count):
         s = model.blocks.slot[block]
         motion = scaled_motion(supports, root_m, root_i, vector, s)
-        total = second_derivative(model.links, points, moved, stride, motion, block, s)
+        total = second_derivative(
+            model.links, points, state.position, moved, motion, block, s)
         total = add_bending_product(
             model.bending, model.links, state.position, state.orientation, points, moved, turns,
             block, s, total)

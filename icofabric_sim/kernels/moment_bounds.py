@@ -18,14 +18,9 @@ from icofabric_sim.kernels.lanes import (
     sqrt,
     Vector,
 )
-from icofabric_sim.kernels.moments import (
-    apart,
-    axes_of_lanes,
-    partner_slot,
-    stiffness_of,
-    woven_directions,
-)
+from icofabric_sim.kernels.moments import apart, partner_slot, stiffness_of, woven_directions
 from icofabric_sim.kernels.records import Bending, Links, Twisting
+from icofabric_sim.kernels.rotations import axes_of_lanes
 import numpy as np
 
 _SMALLEST = 1e-300

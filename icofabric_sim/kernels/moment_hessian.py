@@ -10,14 +10,9 @@ is then the first.
 from icofabric_sim.kernels.compiled import compiled
 from icofabric_sim.kernels.connectors import Six
 from icofabric_sim.kernels.lanes import fma, load, load_at, rsqrt, splat, Vector, where
-from icofabric_sim.kernels.moments import (
-    axes_of_lanes,
-    partner_slot,
-    stiffness_of,
-    Three,
-    woven_directions,
-)
+from icofabric_sim.kernels.moments import partner_slot, stiffness_of, woven_directions
 from icofabric_sim.kernels.records import Bending, Links, Twisting
+from icofabric_sim.kernels.rotations import axes_of_lanes, Three
 import numpy as np
 
 _SMALLEST = 1e-300

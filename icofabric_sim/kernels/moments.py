@@ -23,46 +23,11 @@ from icofabric_sim.kernels.lanes import (
     where,
 )
 from icofabric_sim.kernels.records import Bending, Links, Moments, Twisting
+from icofabric_sim.kernels.rotations import axes_of_lanes, Nine, on_axes
 import numpy as np
 
 # Squared lengths up to this have no direction, and nothing bends.
 _SMALLEST = 1e-300
-
-Three = tuple[Vector, Vector, Vector]
-# World components of the body axes x, y and z.
-Nine = tuple[Vector, Vector, Vector, Vector, Vector, Vector, Vector, Vector, Vector]
-
-
-@compiled
-def axes_of_lanes(orientation: np.ndarray, s: int) -> Nine:
-    """
-    World components of the body axes (eqs 16 and 26) of the block at slot `s`.
-    """
-    if orientation.ndim == 2:
-        x, y = load(orientation, 0, s), load(orientation, 1, s)
-        z, w = load(orientation, 2, s), load(orientation, 3, s)
-        one, two = splat(1.0), splat(2.0)
-        return (
-            one - two * fma(y, y, z * z), two * fma(x, y, w * z), two * (x * z - w * y),
-            two * (x * y - w * z), one - two * fma(x, x, z * z), two * fma(y, z, w * x),
-            two * fma(x, z, w * y), two * (y * z - w * x), one - two * fma(x, x, y * y))
-    else:
-        east, north, up = orientation[0], orientation[1], orientation[2]
-        return (
-            load(east, 0, s), load(east, 1, s), load(east, 2, s),
-            load(north, 0, s), load(north, 1, s), load(north, 2, s),
-            load(up, 0, s), load(up, 1, s), load(up, 2, s))
-
-
-@compiled
-def on_axes(axes: Nine, x: Vector, y: Vector, z: Vector) -> Three:
-    """
-    World components of a vector given on body axes.
-    """
-    return (
-        fma(x, axes[0], fma(y, axes[3], z * axes[6])),
-        fma(x, axes[1], fma(y, axes[4], z * axes[7])),
-        fma(x, axes[2], fma(y, axes[5], z * axes[8])))
 
 
 @compiled

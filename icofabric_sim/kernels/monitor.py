@@ -10,7 +10,7 @@ import math
 
 from icofabric_sim.kernels.anchors import anchor_look
 from icofabric_sim.kernels.compiled import compiled
-from icofabric_sim.kernels.connectors import slope_of
+from icofabric_sim.kernels.connectors import arm_of, slope_of
 from icofabric_sim.kernels.drives import energy_of_drives
 from icofabric_sim.kernels.fields import field_parts
 from icofabric_sim.kernels.lanes import (
@@ -93,7 +93,7 @@ def sum_of_lanes(value: Vector) -> float:
 @compiled
 def block_bound(
     links: Links | None, inverse_mass: float, inverse_inertia: float, points: np.ndarray,
-    stride: int, block: int, s: int
+    position: np.ndarray, block: int, s: int
 ) -> tuple[Vector, Vector]:
     """
     Bound of the squared frequency [1/s^2] for each body of a block, and its connector energy [J].
@@ -113,6 +113,7 @@ def block_bound(
         return zero, energy
     else:
         root_m, root_i = math.sqrt(inverse_mass), math.sqrt(inverse_inertia)
+        stride = position.shape[1]
         square = links.half_width ** 2
         stiffness, minus_rest = splat(links.stiffness), splat(-links.natural_length)
         # |du_i|^2 <= (|dx| + |s| |dtheta|)^2 <= (1/m + s^2/Lambda) |y|^2 by Cauchy and Schwarz,
@@ -128,11 +129,8 @@ def block_bound(
             at = 3 * edge * stride + s
             px, py = load_at(points, at), load_at(points, at + stride)
             pz = load_at(points, at + 2 * stride)
-            across = (6 * (edge >> 1) + 3 * (1 - (edge & 1))) * stride + s
-            half = splat(0.5 * root_i)
-            sx = (px - load_at(points, across)) * half
-            sy = (py - load_at(points, across + stride)) * half
-            sz = (pz - load_at(points, across + 2 * stride)) * half
+            sx, sy, sz = arm_of(links.attachment, points, position, edge, s)
+            sx, sy, sz = sx * splat(root_i), sy * splat(root_i), sz * splat(root_i)
             for link in range(2 * edge, 2 * edge + 2):
                 place = links.place[block, link]
                 there = bits(links.present[block, link])
@@ -217,8 +215,8 @@ def bound_and_energy(
     Of a sum of energies: the sum of their bounds.
     """
     bound, energy = block_bound(
-        model.links, model.inverse_mass, model.inverse_inertia, work.points,
-        state.position.shape[1], block, s)
+        model.links, model.inverse_mass, model.inverse_inertia, work.points, state.position,
+        block, s)
     more, bent = bending_look(
         model.bending, model.links, model.inverse_mass, model.inverse_inertia, state.position,
         state.orientation, work.points, block, s)

@@ -88,11 +88,10 @@ def find_obstructed(
 
     `position` (n, 3), `orientation` (n, 4) unit quaternions.
     """
-    h = connectors.half_width
     for c in range(found.shape[0]):
         first, second = connectors.first[c], connectors.second[c]
-        x0, y0, z0 = edge_point(position, orientation, h, first, connectors.first_edge[c])
-        x1, y1, z1 = edge_point(position, orientation, h, second, connectors.second_edge[c])
+        x0, y0, z0 = edge_point(connectors, position, orientation, first, connectors.first_edge[c])
+        x1, y1, z1 = edge_point(connectors, position, orientation, second, connectors.second_edge[c])
         dx, dy, dz = x1 - x0, y1 - y0, z1 - z0
         number = 0
         if enters(orientation, first, connectors.first_edge[c], dx, dy, dz):

@@ -17,12 +17,41 @@ import numpy as np
 
 @compiled
 def edge_point(
-    position: np.ndarray, orientation: np.ndarray, half_width: float, b: int, edge: int
+    connectors: Connectors, position: np.ndarray, orientation: np.ndarray, b: int, edge: int
 ) -> tuple[float, float, float]:
     """
-    World position [m] of the midpoint of an edge of body `b` (eq 49).
+    World position [m] of the attachment point at an edge of body `b`, its midpoint in eq 49.
 
     Edge codes: up, down, north, south, west, east, on the body axes z, x, y.
+    """
+    x, y, z = arm_at(connectors.attachment, connectors.half_width, orientation, b, edge)
+    return position[b, 0] + x, position[b, 1] + y, position[b, 2] + z
+
+
+@compiled
+def arm_at(
+    attachment: np.ndarray | None, half_width: float, orientation: np.ndarray, b: int, edge: int
+) -> tuple[float, float, float]:
+    """
+    The same from the centre of the body.
+    """
+    if attachment is None:
+        return arm_on_axis(half_width, orientation, b, edge)
+    else:
+        vx, vy, vz = attachment[edge, 0], attachment[edge, 1], attachment[edge, 2]
+        x, y, z, w = orientation[b, 0], orientation[b, 1], orientation[b, 2], orientation[b, 3]
+        tx, ty, tz = 2.0 * (y * vz - z * vy), 2.0 * (z * vx - x * vz), 2.0 * (x * vy - y * vx)
+        return (
+            vx + w * tx + y * tz - z * ty, vy + w * ty + z * tx - x * tz,
+            vz + w * tz + x * ty - y * tx)
+
+
+@compiled
+def arm_on_axis(
+    half_width: float, orientation: np.ndarray, b: int, edge: int
+) -> tuple[float, float, float]:
+    """
+    The same for a point on a body axis.
     """
     x, y, z, w = orientation[b, 0], orientation[b, 1], orientation[b, 2], orientation[b, 3]
     h = half_width
@@ -40,7 +69,7 @@ def edge_point(
         ay = h * (1.0 - 2.0 * (x * x + z * z))
         az = h * 2.0 * (y * z + w * x)
     sign = 1.0 - 2.0 * (edge & 1)
-    return position[b, 0] + sign * ax, position[b, 1] + sign * ay, position[b, 2] + sign * az
+    return sign * ax, sign * ay, sign * az
 
 
 @compiled
@@ -50,12 +79,11 @@ def fill_lengths(
     """
     Lengths [m] of all connectors, `lengths` (c,).
     """
-    h = connectors.half_width
     for c in range(connectors.first.shape[0]):
         x0, y0, z0 = edge_point(
-            position, orientation, h, connectors.first[c], connectors.first_edge[c])
+            connectors, position, orientation, connectors.first[c], connectors.first_edge[c])
         x1, y1, z1 = edge_point(
-            position, orientation, h, connectors.second[c], connectors.second_edge[c])
+            connectors, position, orientation, connectors.second[c], connectors.second_edge[c])
         dx, dy, dz = x1 - x0, y1 - y0, z1 - z0
         lengths[c] = math.sqrt(dx * dx + dy * dy + dz * dz)
 
@@ -90,15 +118,14 @@ def fill_lines(
     """
     Both ends [m] of every connector of the class `wanted`, in order: `points` (2 m, 3).
     """
-    h = connectors.half_width
     row = 0
     for c in range(classes.shape[0]):
         if classes[c] == wanted:
             x, y, z = edge_point(
-                position, orientation, h, connectors.first[c], connectors.first_edge[c])
+                connectors, position, orientation, connectors.first[c], connectors.first_edge[c])
             points[row, 0], points[row, 1], points[row, 2] = x, y, z
             x, y, z = edge_point(
-                position, orientation, h, connectors.second[c], connectors.second_edge[c])
+                connectors, position, orientation, connectors.second[c], connectors.second_edge[c])
             points[row + 1, 0], points[row + 1, 1], points[row + 1, 2] = x, y, z
             row += 2
 

@@ -29,7 +29,8 @@ class Connectors(NamedTuple):
     extension: np.ndarray  # k_e [N/m]
     compression: np.ndarray  # k_c [N/m]
     natural_length: np.ndarray  # D [m]
-    half_width: float  # centre to edge midpoint, w / 2 [m]
+    half_width: float  # centre to attachment point, w / 2 for edge midpoints [m]
+    attachment: np.ndarray | None  # (6, 3) the points in body axes [m]; None: on the axes
 
 
 class Blocks(NamedTuple):
@@ -63,7 +64,8 @@ class Links(NamedTuple):
     present: np.ndarray  # (b, 12) uint8, bit l: lane l has this connector
     stiffness: float  # k [N/m]; of many laws the largest
     natural_length: float  # D [m]; of many laws the longest
-    half_width: float  # centre to edge midpoint, w / 2 [m]
+    half_width: float  # centre to the farthest attachment point, w / 2 for edge midpoints [m]
+    attachment: np.ndarray | None  # (6, 3) the points in body axes [m]; None: on the axes
     variety: Variety | None  # laws of their own
 
 

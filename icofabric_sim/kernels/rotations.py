@@ -28,6 +28,10 @@ import numpy as np
 # Square of the half angle up to which the series below are exact to rounding.
 _SERIES = 1.0 / 64.0
 
+Three = tuple[Vector, Vector, Vector]
+# World components of the body axes x, y and z.
+Nine = tuple[Vector, Vector, Vector, Vector, Vector, Vector, Vector, Vector, Vector]
+
 
 @compiled
 def to_world(
@@ -76,6 +80,38 @@ def turn_to_world(
             fma(x, load(east, 0, s), fma(y, load(north, 0, s), z * load(up, 0, s))),
             fma(x, load(east, 1, s), fma(y, load(north, 1, s), z * load(up, 1, s))),
             fma(x, load(east, 2, s), fma(y, load(north, 2, s), z * load(up, 2, s))))
+
+
+@compiled
+def axes_of_lanes(orientation: np.ndarray, s: int) -> Nine:
+    """
+    World components of the body axes (eqs 16 and 26) of the block at slot `s`.
+    """
+    if orientation.ndim == 2:
+        x, y = load(orientation, 0, s), load(orientation, 1, s)
+        z, w = load(orientation, 2, s), load(orientation, 3, s)
+        one, two = splat(1.0), splat(2.0)
+        return (
+            one - two * fma(y, y, z * z), two * fma(x, y, w * z), two * (x * z - w * y),
+            two * (x * y - w * z), one - two * fma(x, x, z * z), two * fma(y, z, w * x),
+            two * fma(x, z, w * y), two * (y * z - w * x), one - two * fma(x, x, y * y))
+    else:
+        east, north, up = orientation[0], orientation[1], orientation[2]
+        return (
+            load(east, 0, s), load(east, 1, s), load(east, 2, s),
+            load(north, 0, s), load(north, 1, s), load(north, 2, s),
+            load(up, 0, s), load(up, 1, s), load(up, 2, s))
+
+
+@compiled
+def on_axes(axes: Nine, x: Vector, y: Vector, z: Vector) -> Three:
+    """
+    World components of a vector given on body axes.
+    """
+    return (
+        fma(x, axes[0], fma(y, axes[3], z * axes[6])),
+        fma(x, axes[1], fma(y, axes[4], z * axes[7])),
+        fma(x, axes[2], fma(y, axes[5], z * axes[8])))
 
 
 @compiled
@@ -233,3 +269,24 @@ def place_points(
         store_at(points, at + 3 * stride, x - ax)
         store_at(points, at + 4 * stride, y - ay)
         store_at(points, at + 5 * stride, z - az)
+
+
+@compiled
+def place_anywhere(
+    attachment: np.ndarray, position: np.ndarray, orientation: np.ndarray, points: np.ndarray,
+    s: int
+) -> None:
+    """
+    Attachment points [m] of the block at slot `s`: any six, (6, 3) in body axes.
+    """
+    stride = position.shape[1]
+    x, y, z = load(position, 0, s), load(position, 1, s), load(position, 2, s)
+    axes = axes_of_lanes(orientation, s)
+    for edge in range(6):
+        ax, ay, az = on_axes(
+            axes, splat(attachment[edge, 0]), splat(attachment[edge, 1]),
+            splat(attachment[edge, 2]))
+        at = 3 * edge * stride + s
+        store_at(points, at, x + ax)
+        store_at(points, at + stride, y + ay)
+        store_at(points, at + 2 * stride, z + az)
