@@ -10,8 +10,9 @@ bending.
 from collections.abc import Mapping
 from typing import NamedTuple
 
+from icofabric_sim.attachments import attachment_points
 from icofabric_sim.drives import Drive
-from icofabric_sim.icosahedron import edge_midpoints, NAMED_EDGES
+from icofabric_sim.icosahedron import NAMED_EDGES
 from icofabric_sim.parameters import ParameterError, Parameters
 from icofabric_sim.paths import Path, PathPiece
 from icofabric_sim.tables import read_time_table
@@ -48,7 +49,7 @@ def make_anchors(
     All `anchors.NAME`; ParameterError where one makes no sense.
     """
     anchors = {}
-    midpoints = edge_midpoints(half_edge) * parameters['connector.attachment_scale']
+    midpoints = attachment_points(parameters, half_edge)
     for name in parameters.names('anchors'):
         key, body = f'anchors.{name}.body', parameters[f'anchors.{name}.body']
         if not 0 <= body < body_count:

@@ -6,6 +6,7 @@ Where connectors attach to their bodies, and how long they are in the weave.
 
 from icofabric_sim.icosahedron import edge_midpoints, NAMED_EDGES
 from icofabric_sim.parameters import ParameterError, Parameters
+from icofabric_sim.radial import bent_spans
 from icofabric_sim.weave import fabric_orientation, rotation_matrix, Weave
 from icofabric_sim.weave_geometry import WeaveGeometry
 from icofabric_sim.weave_tables import TABLE_5
@@ -60,8 +61,11 @@ def woven_spans(weave: Weave, azimuth: float, points: np.ndarray) -> np.ndarray:
     """
     From the first end to the second of each connector in the weave [m], (c, 3), in body axes.
 
-    `azimuth` [rad] is that of the weave, `points` (6, 3) [m] the attachment points.
+    `azimuth` [rad] is that of the weave, `points` (6, 3) [m] the attachment points. In a radial
+    weave, where bodies are turned each by its own angle, in world axes.
     """
+    if weave.kind == 'radial':
+        return bent_spans(weave, points)
     first, second = weave.connector_bodies.T
     fabric = rotation_matrix(fabric_orientation(weave.kind, azimuth))
     # From the fabric's axes to those that all bodies have in common.
@@ -75,7 +79,8 @@ def woven_lengths(parameters: Parameters, weave: Weave) -> float | np.ndarray:
     """
     Woven lengths [m] of all connectors, or of each, (c,), where they differ.
     """
-    if not are_given(parameters) and parameters['connector.attachment_scale'] == 1.0:
+    if weave.kind != 'radial' and not are_given(parameters) and (
+            parameters['connector.attachment_scale'] == 1.0):
         return weave.geometry.connector_length
     points = attachment_points(parameters, weave.geometry.half_edge)
     spans = woven_spans(weave, parameters['weave.azimuth'], points)

@@ -24,8 +24,8 @@ class BreakLimits(NamedTuple):
 
 
 def make_limits(
-    parameters: Parameters, length: float | np.ndarray, groups: Mapping[str, np.ndarray], bodies: np.ndarray,
-    laws: ConnectorLaws,
+    parameters: Parameters, length: float | np.ndarray, groups: Mapping[str, np.ndarray],
+    bodies: np.ndarray, laws: ConnectorLaws,
 ) -> BreakLimits | None:
     """
     Limits of the connectors between `bodies` (c, 2) whose woven `length` is L [m]; None: no break.

@@ -7,6 +7,7 @@ How strongly connectors pull and push: one law for all, or groups of connectors 
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
+from icofabric_sim.law_tables import LawTable, read_law
 from icofabric_sim.parameters import ParameterError, Parameters
 import numpy as np
 
@@ -16,8 +17,8 @@ _UNSAID = {
     'natural_length': 0.0}
 
 
-# k_e, k_c and D; natural lengths may be those of each connector, (c,).
-_Law = tuple[float, float, float | np.ndarray]
+# k_e, k_c, D and the table; natural lengths may be those of each connector, (c,).
+_Law = tuple[float, float, float | np.ndarray, LawTable | None]
 
 
 class ConnectorLaws(NamedTuple):
@@ -44,12 +45,24 @@ class ConnectorLaws(NamedTuple):
         return bool((self.extension != self.compression).any())
 
 
+class ConnectorTables(NamedTuple):
+    """
+    Laws by table, instead of eq 2; their largest slopes stand for its stiffnesses.
+    """
+
+    tables: tuple[LawTable, ...]
+    of: np.ndarray  # (c,) int, which of them each connector follows, -1: none; (0,) without any
+
+
+NO_TABLES = ConnectorTables((), np.zeros(0, np.int64))
+
+
 def make_laws(
     parameters: Parameters, length: float | np.ndarray, groups: Mapping[str, np.ndarray],
     bodies: np.ndarray
-) -> ConnectorLaws:
+) -> tuple[ConnectorLaws, ConnectorTables]:
     """
-    Laws of the connectors between `bodies` (c, 2).
+    Laws of the connectors between `bodies` (c, 2), and those by table.
 
     `length` [m] is the woven one, L, of all, or of each, (c,).
 
@@ -58,9 +71,11 @@ def make_laws(
     """
     general = _law(parameters, 'connector', length, None)
     names = parameters.names('connector_groups')
-    if not names and not isinstance(general[2], np.ndarray):
-        return ConnectorLaws(*(np.array([value]) for value in general))
-    laws = ConnectorLaws(*(np.full(len(bodies), value) for value in general))
+    if not names and not isinstance(general[2], np.ndarray) and general[3] is None:
+        return ConnectorLaws(*(np.array([value]) for value in general[:3])), NO_TABLES
+    laws = ConnectorLaws(*(np.full(len(bodies), value) for value in general[:3]))
+    files = [general[3]]
+    table_of = np.zeros(len(bodies), np.int32)
     for name in names:
         first, second = between(parameters, name)
         chosen = connectors_between(groups[first], groups[second], bodies)
@@ -70,9 +85,16 @@ def make_laws(
                 f'connector_groups.{name}.between {first!r} {second!r}: no connector leads from '
                 'one to the other; name two groups that are joined')
         own = _law(parameters, f'connector_groups.{name}', length, general)
-        for array, value in zip(laws, own):
+        for array, value in zip(laws, own[:3]):
             array[chosen] = value[chosen] if isinstance(value, np.ndarray) else value
-    return laws
+        table_of[chosen] = len(files)
+        files.append(own[3])
+    if not any(files):
+        return laws, NO_TABLES
+    tables = {table.file: table for table in files if table is not None}
+    number = np.array([
+        -1 if table is None else list(tables).index(table.file) for table in files])
+    return laws, ConnectorTables(tuple(tables.values()), number[table_of])
 
 
 def spread_over(
@@ -132,16 +154,19 @@ def connectors_between(first: np.ndarray, second: np.ndarray, bodies: np.ndarray
 
 def general_law(parameters: Parameters, length: float) -> tuple[float, float, float]:
     """
-    k_e, k_c [N/m] and D [m] of `connector.*`; `length` [m] is the woven one, L.
+    k_e, k_c [N/m] and D [m] of `connector.*`, without a table; `length` [m] is the woven one, L.
     """
-    return _law(parameters, 'connector', length, None)
+    extension, compression, rest, _ = _law(parameters, 'connector', length, None, tabled=False)
+    assert not isinstance(rest, np.ndarray)
+    return extension, compression, rest
 
 
 def _law(
-    parameters: Parameters, prefix: str, length: float | np.ndarray, general: _Law | None
+    parameters: Parameters, prefix: str, length: float | np.ndarray, general: _Law | None, *,
+    tabled: bool = True
 ) -> _Law:
     """
-    Stiffness in extension and in compression and natural length; unsaid ones are the general's.
+    Stiffness in extension and in compression, natural length, table; unsaid ones as in general.
     """
     def said(name: str) -> Any:
         value = parameters[f'{prefix}.{name}']
@@ -149,6 +174,13 @@ def _law(
         return None if unsaid else value
 
     stiffness, rest = said('stiffness'), said('natural_length')
+    table = law_of(parameters, prefix) if tabled else None
+    if table is not None:
+        most = table.largest_slope
+        return most, most, table.natural_length or length, table
+    if general is not None and general[3] is not None and all(
+            said(name) is None for name in _UNSAID):
+        return general
     values = []
     for place, name in enumerate(('stiffness_extension', 'stiffness_compression')):
         value = said(name)
@@ -156,8 +188,24 @@ def _law(
             value = stiffness
         if value is None:
             assert general is not None
-            value = general[place]
+            value = (general[0], general[1])[place]
         values.append(value)
     if rest is None:
         rest = length if general is None else general[2]
-    return values[0], values[1], rest
+    return values[0], values[1], rest, None
+
+
+def law_of(parameters: Parameters, prefix: str) -> LawTable | None:
+    """
+    The table that `PREFIX.law` names, None where it names none.
+    """
+    file = parameters[f'{prefix}.law']
+    if not file:
+        return None
+    given = parameters[f'{prefix}.natural_length']
+    if given > 0.0:
+        raise ParameterError(
+            f'{prefix}.natural_length',
+            f'{prefix}.natural_length {given!r} m: the table {prefix}.law {file!r} says at which '
+            'length there is no force; leave one of them out')
+    return read_law(f'{prefix}.law', file)

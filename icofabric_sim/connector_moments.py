@@ -4,12 +4,14 @@
 Packs what connectors do beside pulling: moments against bending and twisting.
 """
 
+import math
 from typing import NamedTuple
 
 from icofabric_sim.attachments import woven_spans
 from icofabric_sim.kernels.lanes import LANES
 from icofabric_sim.kernels.records import Bending, LINK_COUNT, Links, Moments, Twisting
 from icofabric_sim.layout import aligned_empty, Layout
+from icofabric_sim.rotation_forms import cosines_from_quaternions
 from icofabric_sim.scene import Scene
 import numpy as np
 
@@ -35,20 +37,38 @@ def pack_moments(scene: Scene, layout: Layout, links: Links | None) -> PackedMom
     ends = [_links_of(scene, layout, links, end) for end in range(2)]
     spans = woven_spans(
         scene.weave, scene.parameters['weave.azimuth'], connectors.attachment)
-    direction = spans / np.linalg.norm(spans, axis=1, keepdims=True)
-    moments = Moments(connectors.bodies, kappa_b, kappa_t, direction)
-    bending = twisting = None
+    spans /= np.linalg.norm(spans, axis=1, keepdims=True)
+    bending = twisting = woven = each = None
+    if scene.weave.kind == 'radial':
+        each = scene.orientation
+        woven = layout.spread(cosines_from_quaternions(each).reshape(-1, 9))
+    moments = Moments(connectors.bodies, kappa_b, kappa_t, spans, each)
     if kappa_b.any():
-        direction = np.zeros((LINK_COUNT, 3))
+        direction, directions = np.zeros((LINK_COUNT, 3)), None
         for sign, link in zip((1.0, -1.0), ends):
-            # All bodies of a weave have the same orientation: one connector tells of all.
+            # Where all bodies have the same orientation one connector tells of all.
             number, connector = np.unique(link, return_index=True)
-            direction[number] = sign * moments.direction[connector]
+            direction[number] = sign * spans[connector]
+        if woven is not None:
+            directions = np.vstack([
+                _rows(scene, layout, ends, (spans[:, k], -spans[:, k])) for k in range(3)])
+            directions = aligned_like(directions.reshape(3, LINK_COUNT, -1).transpose(1, 0, 2))
         bending = Bending(
-            float(kappa_b.max()), direction, _variety(scene, layout, ends, kappa_b))
+            float(kappa_b.max()), direction, directions,
+            _variety(scene, layout, ends, kappa_b), woven)
     if kappa_t.any():
-        twisting = Twisting(float(kappa_t.max()), _variety(scene, layout, ends, kappa_t))
+        twisting = Twisting(
+            float(kappa_t.max()), _variety(scene, layout, ends, kappa_t), woven)
     return PackedMoments(bending, twisting, moments)
+
+
+def aligned_like(values: np.ndarray) -> np.ndarray:
+    """
+    The same numbers as rows (r, s) that begin with a cache line.
+    """
+    rows = aligned_empty((math.prod(values.shape[:-1]), values.shape[-1]))
+    rows[:] = values.reshape(rows.shape)
+    return rows
 
 
 def _links_of(scene: Scene, layout: Layout, links: Links, end: int) -> np.ndarray:
@@ -70,10 +90,17 @@ def _variety(
     """
     Values of the connectors at each body, (12, s); None where all are alike.
     """
-    if len(values) == 1:
-        return None
+    return None if len(values) == 1 else _rows(scene, layout, ends, (values, values))
+
+
+def _rows(
+    scene: Scene, layout: Layout, ends: list[np.ndarray], values: tuple[np.ndarray, np.ndarray]
+) -> np.ndarray:
+    """
+    Values of the connectors as seen from either end, (12, s).
+    """
     rows = aligned_empty((LINK_COUNT, layout.slot_count))
     rows[:] = 0.0
     for end, link in enumerate(ends):
-        rows[link, layout.slot[scene.connectors.bodies[:, end]]] = values
+        rows[link, layout.slot[scene.connectors.bodies[:, end]]] = values[end]
     return rows

@@ -78,7 +78,7 @@ class Course:
                 parameters['solver.tolerance'],
                 liveliness,
                 fixed_ratio=fixed * frequency.rate if fixed > 0.0 else None,
-                kinked=scene.connectors.laws.kinked,
+                kinked=scene.connectors.laws.kinked or bool(scene.connectors.tables.tables),
                 strain=expected_strain(scene, liveliness, frequency.rate))
             # With the room that this method needs.
             loads = self._loads()

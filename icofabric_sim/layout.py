@@ -13,12 +13,13 @@ from itertools import permutations
 import math
 from typing import NamedTuple
 
-from icofabric_sim.connector_laws import ConnectorLaws
+from icofabric_sim.connector_laws import ConnectorLaws, ConnectorTables, NO_TABLES
 from icofabric_sim.initial import InitialState
 from icofabric_sim.kernels.lanes import LANES
 from icofabric_sim.kernels.records import (
     Blocks,
     EDGE_COUNT,
+    LawTables,
     LINK_COUNT,
     Links,
     LINKS_PER_EDGE,
@@ -242,7 +243,8 @@ def make_layout(grid: np.ndarray, body_count: int, *, cosines: bool = False) -> 
 
 def make_links(
     layout: Layout, grid: np.ndarray, bodies: np.ndarray, edges: np.ndarray, *,
-    laws: ConnectorLaws, half_width: float, attachment: np.ndarray | None = None
+    laws: ConnectorLaws, half_width: float, attachment: np.ndarray | None = None,
+    tables: ConnectorTables = NO_TABLES
 ) -> tuple[Layout, Links]:
     """
     Tables of connectors, (c, 2) bodies and edge codes, by block; and the layout with their reach.
@@ -272,7 +274,8 @@ def make_links(
         for number, direction in enumerate(sorted(seen)):
             side[edge, direction + 50] = number
     reach, start = 0, 0
-    variety = None if laws.plain else _no_laws(layout)
+    variety = None if laws.plain and not tables.tables else _no_laws(layout)
+    packed, first_rows = _pack_tables(layout, tables)
     for number, (pair, codes) in enumerate(pieces):
         own, other = block[pair[:, 0]], block[pair[:, 1]]
         edge = codes[:, 0].astype(np.int64)
@@ -289,11 +292,15 @@ def make_links(
             for rows, values in zip(variety, laws):
                 rows[link, layout.slot[pair[:, 0]]] = values[start:start + len(pair)] if len(
                     values) > 1 else values
+        if packed is not None:
+            packed.first[link, layout.slot[pair[:, 0]]] = first_rows[
+                tables.of[start:start + len(pair)]]
         # Each piece comes twice, seen from either end.
         start += len(pair) * (number % 2)
     links = Links(
         place, present, float(max(laws.extension.max(), laws.compression.max())),
-        float(laws.natural_length.max()), half_width, attachment, variety)
+        float(laws.natural_length.max()), half_width, attachment, variety,
+        packed)
     blocks = layout.blocks._replace(reach=reach)
     return replace(layout, blocks=blocks), links
 
@@ -306,6 +313,21 @@ def _no_laws(layout: Layout) -> Variety:
     for array in rows:
         array[:] = 0.0
     return Variety(*rows)
+
+
+def _pack_tables(layout: Layout, tables: ConnectorTables) -> tuple[LawTables | None, np.ndarray]:
+    """
+    All tables in one, no connector with any; and the first rows of each, the last one -1.
+    """
+    if not tables.tables:
+        return None, np.full(1, -1.0)
+    counts = np.array([len(table.rows) for table in tables.tables])
+    last = np.cumsum(counts) - 1
+    rows = np.hstack([
+        np.vstack([table.rows for table in tables.tables]), np.repeat(last, counts)[:, None]])
+    first = aligned_empty((LINK_COUNT, layout.slot_count))
+    first[:] = -1.0
+    return LawTables(first, rows), np.append(last - counts + 1.0, -1.0)
 
 
 def _direction(grid: np.ndarray, pair: np.ndarray) -> np.ndarray:

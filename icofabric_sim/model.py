@@ -11,6 +11,7 @@ from typing import NamedTuple
 from icofabric_sim.anchors import AnchorPack
 from icofabric_sim.attachments import are_given
 from icofabric_sim.body_force import BodyForce
+from icofabric_sim.connector_laws import ConnectorTables
 from icofabric_sim.connector_moments import pack_moments
 from icofabric_sim.damping import pack_damping
 from icofabric_sim.driving import DrivePack
@@ -66,6 +67,7 @@ class PackedScene:
     layout: Layout
     connectors: Connectors | None
     moments: Moments | None
+    tables: ConnectorTables
     gravity: np.ndarray | None  # (3,) [m/s^2]
     field_force: np.ndarray | None  # (3,) [N] of a uniform electric field on every body
     # Largest rate [1/s] at which forces that depend on velocities change these.
@@ -103,7 +105,8 @@ def pack_scene(
         connectors = Connectors(
             bodies[:, 0], bodies[:, 1], edges[:, 0], edges[:, 1], *laws, half_width, points)
         layout, links = make_links(
-            layout, grid, bodies, edges, laws=laws, half_width=half_width, attachment=points)
+            layout, grid, bodies, edges, laws=laws, half_width=half_width, attachment=points,
+            tables=scene.connectors.tables)
         damping = pack_damping(scene.connectors.damping, layout, links, bodies, edges)
         if scene.connectors.limits is not None:
             breakage = pack_breakage(layout, links, connectors, scene.connectors.limits)
@@ -133,7 +136,7 @@ def pack_scene(
     if body_force is not None:
         external = body_force.prepare(layout, np.hstack(scene.initial))
     return PackedScene(
-        model, layout, connectors, resisting.moments,
+        model, layout, connectors, resisting.moments, scene.connectors.tables,
         gravity if gravity.any() else None, electric.force if electric.force.any() else None,
         velocity_rate(model), breakage, body_force, external)
 

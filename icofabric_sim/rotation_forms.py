@@ -53,3 +53,14 @@ def quaternions_from_cosines(cosines: np.ndarray) -> np.ndarray:
     row = products[np.arange(len(m)), np.argmax(squares, axis=1)]
     quaternion = row / np.linalg.norm(row, axis=1, keepdims=True)
     return np.where(quaternion[:, 3:] < 0.0, -quaternion, quaternion)
+
+
+def turned_since(orientation: np.ndarray, before: np.ndarray) -> np.ndarray:
+    """
+    Quaternions x, y, z, w of the rotations (n, 4) that take the orientations `before` to these.
+    """
+    x1, y1, z1, w1 = orientation.T
+    x2, y2, z2, w2 = before.T
+    return np.stack([
+        x1 * w2 - w1 * x2 - y1 * z2 + z1 * y2, y1 * w2 - w1 * y2 + x1 * z2 - z1 * x2,
+        z1 * w2 - w1 * z2 - x1 * y2 + y1 * x2, w1 * w2 + x1 * x2 + y1 * y2 + z1 * z2], axis=-1)

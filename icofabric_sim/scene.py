@@ -20,7 +20,9 @@ from icofabric_sim.breakage import BreakLimits, make_limits
 from icofabric_sim.connector_laws import (
     between,
     ConnectorLaws,
+    ConnectorTables,
     general_law,
+    law_of,
     make_laws,
     spread_over,
 )
@@ -32,6 +34,7 @@ from icofabric_sim.parameter_file import load_parameter_file
 from icofabric_sim.parameter_text import flatten_parameters
 from icofabric_sim.parameters import make_parameters, ParameterError, Parameters
 from icofabric_sim.profiles import check_profile
+from icofabric_sim.radial import bend, check_radius
 from icofabric_sim.region import make_region
 from icofabric_sim.shell import Shell
 from icofabric_sim.tractions import make_traction, polynomial, Traction
@@ -57,6 +60,7 @@ class SceneConnectors:
     attachment: np.ndarray  # (6, 3) points in body axes [m], by edge code
     woven_length: float | np.ndarray  # [m] of all, or of each, (c,)
     laws: ConnectorLaws
+    tables: ConnectorTables
     bending_stiffness: np.ndarray  # [N m/rad], (c,), or (1,) where all are alike
     twisting_stiffness: np.ndarray
     damping: np.ndarray  # (c,) or (1,) [N s/m]
@@ -143,6 +147,8 @@ class Scene:
                 f'whose edge is {shell.edge_length!r} m; set it to that',
             )
         weave = build_weave(**weave_choices(checked, geometry))
+        if checked['weave.kind'] == 'radial':
+            weave = bend(weave, check_radius(checked, geometry))
         loose = checked.names('bodies')
         position = np.vstack(
             [weave.position] + [[checked[f'bodies.{name}.position']] for name in loose]
@@ -170,11 +176,11 @@ class Scene:
                 weave.connector_edges,
                 attachment_points(checked, geometry.half_edge),
                 length,
-                laws,
+                *laws,
                 spread_over(checked, 'bending_stiffness', *woven[1:]),
                 spread_over(checked, 'twisting_stiffness', *woven[1:]),
                 spread_over(checked, 'damping', *woven[1:]),
-                make_limits(checked, *woven, laws),
+                make_limits(checked, *woven, laws[0]),
             ),
             groups=groups,
             supports=supports,
@@ -246,8 +252,12 @@ def check_parameters(parameters: Parameters) -> tuple[Shell, WeaveGeometry]:
             )
         selectors.check_syntax(f'groups.{name}', parameters[f'groups.{name}'])
     check_attachments(parameters, geometry)
+    if parameters['weave.kind'] == 'radial':
+        check_radius(parameters, geometry)
     for name in parameters.names('connector_groups'):
         between(parameters, name)
+        law_of(parameters, f'connector_groups.{name}')
+    law_of(parameters, 'connector')
     for family in ('supports', 'loads', 'tractions', 'drives', 'initial'):
         for name in parameters.names(family):
             _check_group(parameters, f'{family}.{name}.group')
@@ -341,9 +351,11 @@ def weave_choices(parameters: Parameters, geometry: WeaveGeometry) -> dict[str, 
         'geometry': geometry,
         'box': box if any(box) else None,
         'region': make_region(parameters['weave.region']),
+        # A radial weave is an orthogonal one that is bent afterwards.
+        'kind': parameters['weave.kind'].replace('radial', 'orthogonal'),
         **{
             name: parameters[f'weave.{name}']
-            for name in ('kind', 'variant', 'size', 'azimuth', 'boundary', 'connected')
+            for name in ('variant', 'size', 'azimuth', 'boundary', 'connected')
         },
     }
 

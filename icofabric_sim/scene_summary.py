@@ -129,7 +129,10 @@ def _loose(scene: Scene) -> str:
 
 def _springs(scene: Scene) -> str:
     laws, length = scene.connectors.laws, scene.connectors.woven_length
-    if laws.plain:
+    tables = scene.connectors.tables.tables
+    if tables:
+        text = f'by table ({", ".join(table.file for table in tables)})'
+    elif laws.plain:
         text = f'stiffness {_range(laws.extension)} N/m'
     else:
         text = (

@@ -113,8 +113,7 @@ STATIC: tuple[Specification, ...] = (
         '',
         'weave',
         'weave',
-        choices=('orthogonal', 'bias'),
-        unbuilt_choices=('radial',),
+        choices=('orthogonal', 'bias', 'radial'),
     ),
     _s(
         'weave.variant',
@@ -130,6 +129,14 @@ STATIC: tuple[Specification, ...] = (
         _ZERO3,
         'm',
         'box to fill best; all zero: weave.size is used',
+        'weave',
+        minimum=0.0,
+    ),
+    _s(
+        'weave.radius',
+        0.0,
+        'm',
+        'radial only: of the lowest level, about the axis; 0: the rows span a quarter circle',
         'weave',
         minimum=0.0,
     ),
@@ -228,7 +235,12 @@ STATIC: tuple[Specification, ...] = (
         )
         for edge in ('up', 'down', 'north', 'south', 'west', 'east')
     ),
-    _s('connector.law', '', '', 'CSV of length and force instead of eq 1', **_NOT_BUILT),
+    _s(
+        'connector.law',
+        '',
+        '',
+        'CSV of length [m], force [N] (positive: it pulls) instead of eq 1',
+    ),
     _s('gravity', _ZERO3, 'm/s^2', 'acceleration of gravity, world frame'),
     _s('drag.linear', 0.0, 'N s/m', 'drag on each body', minimum=0.0),
     _s('drag.angular', 0.0, 'N m s/rad', 'rotational drag on each body', minimum=0.0),
@@ -431,6 +443,7 @@ FAMILIES: dict[str, tuple[Specification, ...]] = {
         _s('stiffness_extension', -1.0, 'N/m', 'k_e; negative: stiffness'),
         _s('stiffness_compression', -1.0, 'N/m', 'k_c; negative: stiffness'),
         _s('natural_length', 0.0, 'm', 'D; 0: as for all', minimum=0.0),
+        _s('law', '', '', "CSV of length [m], force [N]; '': as for all"),
         _s('bending_stiffness', -1.0, 'N m/rad', 'kappa_b; negative: as for all'),
         _s('twisting_stiffness', -1.0, 'N m/rad', 'kappa_t; negative: as for all'),
         _s('damping', -1.0, 'N s/m', 'damping along the connectors; negative: as for all'),

@@ -14,7 +14,7 @@ from icofabric_sim.kernels.moments import moment_energy
 from icofabric_sim.kernels.obstruction import find_obstructed
 from icofabric_sim.kernels.outlines import fill_lengths, fill_lines
 from icofabric_sim.model import PackedScene
-from icofabric_sim.rotation_forms import cosines_from_quaternions
+from icofabric_sim.rotation_forms import cosines_from_quaternions, turned_since
 import numpy as np
 
 
@@ -129,20 +129,31 @@ class Snapshot:
             stretch = self.connector_length - connectors.natural_length
             if self.broken_since is not None:
                 stretch[~self.intact] = 0.0
-            if len(connectors.extension) == 1 and (
+            tables = self.packed.tables
+            if not tables.tables and len(connectors.extension) == 1 and (
                     connectors.extension[0] == connectors.compression[0]):
                 np.square(stretch, out=stretch)
                 energy['connectors'] = 0.5 * float(connectors.extension[0]) * float(stretch.sum())
             else:
                 slope = np.where(stretch > 0.0, connectors.extension, connectors.compression)
-                energy['connectors'] = 0.5 * float((slope * stretch**2).sum())
+                each = 0.5 * slope * stretch**2
+                for number, table in enumerate(tables.tables):
+                    chosen = tables.of == number
+                    each[chosen] = table.evaluate(self.connector_length[chosen])[1]
+                if self.broken_since is not None:
+                    each[~self.intact] = 0.0
+                energy['connectors'] = float(each.sum())
         if self.packed.moments is not None:
             moments, ends = self.packed.moments, self.connector_ends
+            orientation = self._frozen()[1]
+            if moments.woven is not None:
+                orientation = turned_since(orientation, moments.woven)
             if self.broken_since is not None:
                 whole, ends = np.flatnonzero(self.intact), ends[self.intact]
-                moments = type(moments)(*(
-                    values if len(values) == 1 else values[whole] for values in moments))
-            energy['connectors'] += moment_energy(moments, *self._frozen(), ends)
+                moments = moments._replace(**{
+                    name: values[whole] for name, values in moments._asdict().items()
+                    if name != 'woven' and len(values) > 1})
+            energy['connectors'] += moment_energy(moments, orientation, ends)
         energy['connectors'] += self.ledger.get('anchors', 0.0)
         if self.packed.gravity is not None:
             energy['gravity'] = -mass * float((self.position @ self.packed.gravity).sum())

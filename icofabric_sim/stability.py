@@ -63,8 +63,8 @@ def largest_frequency(
     if model.dipole is not None or model.coulomb is not None:
         more = field_bound(model, state)
     if model.links is None or not (
-            model.links.stiffness > 0.0 or model.bending is not None
-            or model.twisting is not None):
+            model.links.stiffness > 0.0 or model.links.tables is not None
+            or model.bending is not None or model.twisting is not None):
         return Frequency(math.sqrt(more), (), 0)
     count = layout.body_count
     work = layout.room(model.links)

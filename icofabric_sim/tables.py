@@ -15,13 +15,16 @@ _LARGEST = 1_000_000  # rows
 _LONGEST_LINE = 10_000  # characters
 
 
-def read_time_table(name: str, file: str, widths: dict[int, str]) -> np.ndarray:
+def read_time_table(
+    name: str, file: str, widths: dict[int, str], *, first: str = 'times', unit: str = 's'
+) -> np.ndarray:
     """
     Rows of a table, (r, c): times [s], strictly increasing from 0 or later, then other numbers.
 
     `widths`: how many columns there may be, and what they are. Lines that are empty or begin with
     # are skipped, and so is a first line of words. A relative path is looked up from the working
-    directory, then beside the ready scenes. Raises ParameterError for the parameter `name`.
+    directory, then beside the ready scenes. `first` and its `unit`: what the first column is.
+    Raises ParameterError for the parameter `name`.
     """
     rows: list[list[float]] = []
     wanted = ' or '.join(widths.values())
@@ -46,9 +49,9 @@ def read_time_table(name: str, file: str, widths: dict[int, str]) -> np.ndarray:
                 f'same in every line, got {text!r:.80}')
         if not (values[0] >= 0.0 if not rows else values[0] > rows[-1][0]):
             raise ParameterError(
-                name, f'{name}: {path}, line {number}: times must increase from line to line, '
-                f'from 0 s or later, got {values[0]!r} s'
-                + (f' after {rows[-1][0]!r} s' if rows else ''))
+                name, f'{name}: {path}, line {number}: {first} must increase from line to '
+                f'line, from 0 {unit} on, got {values[0]!r} {unit}'
+                + (f' after {rows[-1][0]!r} {unit}' if rows else ''))
         rows.append(values)
     if len(rows) < 2:
         raise ParameterError(

@@ -55,13 +55,14 @@ class Weave:
     A woven fabric at rest; arrays are shared, not copied, and not to be changed.
     """
 
-    kind: Kind
+    kind: Literal['orthogonal', 'bias', 'radial']
     variant: int
     size: tuple[int, int, int]  # Nx, Ny, Nz grid positions
     geometry: WeaveGeometry
     grid: np.ndarray  # (N, 3) int32, grid point of each body along the fabric's own axes
     position: np.ndarray  # (N, 3) [m], world
-    orientation: np.ndarray  # (4,) unit quaternion x, y, z, w, body to world, of all bodies
+    # Unit quaternion x, y, z, w, body to world: (4,) of all bodies, (N, 4) of each in a radial one
+    orientation: np.ndarray
     connector_bodies: np.ndarray  # (C, 2) int32, the lower body first
     connector_edges: np.ndarray  # (C, 2) int8, `icosahedron.NAMED_EDGES` at those bodies
 

@@ -126,7 +126,7 @@ REFUSED = {
     'above the range': (parameter('clock_rate', 2e6), ['at most 1e+06']),
     'element of a list': (parameter('weave.size', [3, 0, 3]), ['at least 1', '[3, 0, 3]']),
     'choice': (parameter('weave.variant', 4), ['0, 1, 2, 3', '4']),
-    'choice to come': (parameter('weave.kind', 'radial'), ['not built yet']),
+    'choice to come': (parameter('contact.mode', 'always'), ['not built yet']),
     'unknown': (parameter('weave.sise', [3, 3, 3]), ['not a parameter', 'weave.size']),
     'unknown family': (parameter('springs.tip.group', 'tip'), ['not a parameter']),
     'unbuilt family': (parameter('drives.tip.group', 'tip'), ['not built yet']),

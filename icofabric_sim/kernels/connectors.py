@@ -20,6 +20,7 @@ from icofabric_sim.kernels.lanes import (
     Vector,
     where,
 )
+from icofabric_sim.kernels.law_tables import tabled_factor
 from icofabric_sim.kernels.records import Links, Variety
 import numpy as np
 
@@ -156,6 +157,7 @@ def edge_pull(
         uz = load_at(points, place + 2 * stride) - pz
         square = maximum(fma(ux, ux, fma(uy, uy, uz * uz)), splat(_SMALLEST))
         factor = pull_factor(links.variety, link, s, square, stiffness, minus_rest)
+        factor = tabled_factor(links.tables, link, s, square, factor)
         factor = where(bits(links.present[block, link]), factor, zero)
         fx, fy, fz = fma(factor, ux, fx), fma(factor, uy, fy), fma(factor, uz, fz)
     return fx, fy, fz

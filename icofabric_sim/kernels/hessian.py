@@ -25,6 +25,7 @@ from icofabric_sim.kernels.lanes import (
     Vector,
     where,
 )
+from icofabric_sim.kernels.law_tables import tabled_pull
 from icofabric_sim.kernels.moment_hessian import add_bending_product, add_twisting_product
 from icofabric_sim.kernels.monitor import sum_of_lanes
 from icofabric_sim.kernels.records import Links, Model, State, Supports, Variety
@@ -131,6 +132,7 @@ def second_derivative(
             inverse = where(there, where(square > splat(_SMALLEST), rsqrt(square), zero), zero)
             k, pull = slope_and_pull(
                 links.variety, link, s, square, inverse, stiffness, minus_rest)
+            pull = tabled_pull(links.tables, link, s, square * inverse, pull)
             pull = where(inverse > zero, pull, zero)
             nx, ny, nz = ux * inverse, uy * inverse, uz * inverse
             along = fma(nx, vx, fma(ny, vy, nz * vz))

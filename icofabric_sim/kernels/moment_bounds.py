@@ -18,9 +18,14 @@ from icofabric_sim.kernels.lanes import (
     sqrt,
     Vector,
 )
-from icofabric_sim.kernels.moments import apart, partner_slot, stiffness_of, woven_directions
+from icofabric_sim.kernels.moments import (
+    apart,
+    partner_slot,
+    since_woven,
+    stiffness_of,
+    woven_directions,
+)
 from icofabric_sim.kernels.records import Bending, Links, Twisting
-from icofabric_sim.kernels.rotations import axes_of_lanes
 import numpy as np
 
 _SMALLEST = 1e-300
@@ -53,7 +58,7 @@ def bending_look(
         stride = position.shape[1]
         root_m, root_i = splat(math.sqrt(inverse_mass)), splat(math.sqrt(inverse_inertia))
         cx, cy, cz = load(position, 0, s), load(position, 1, s), load(position, 2, s)
-        own = axes_of_lanes(orientation, s)
+        own = since_woven(bending.woven, orientation, s)
         energy, rest = zero, zero
         sums = (
             zero, zero, zero, zero, zero, zero, zero, zero, zero, zero, zero, zero, zero, zero,
@@ -71,8 +76,9 @@ def bending_look(
             square = maximum(fma(ux, ux, fma(uy, uy, uz * uz)), splat(_SMALLEST))
             inverse = rsqrt(square)
             d = (ux * inverse, uy * inverse, uz * inverse)
-            other = axes_of_lanes(orientation, partner_slot(links, stride, block, link))
-            nx, ny, nz, mx, my, mz = woven_directions(bending, own, other, link)
+            other = since_woven(
+                bending.woven, orientation, partner_slot(links, stride, block, link))
+            nx, ny, nz, mx, my, mz = woven_directions(bending, own, other, link, s)
             ex, ey, ez = nx - d[0], ny - d[1], nz - d[2]
             mx, my, mz = mx - d[0], my - d[1], mz - d[2]
             bent = fma(ex, ex, fma(ey, ey, ez * ez))
@@ -127,12 +133,13 @@ def twisting_look(
         return zero, zero
     else:
         stride = orientation.shape[orientation.ndim - 1]
-        own = axes_of_lanes(orientation, s)
+        own = since_woven(twisting.woven, orientation, s)
         energy, total = zero, zero
         for link in range(12):
             kappa = stiffness_of(
                 twisting.stiffness, twisting.variety, links.present[block, link], link, s)
-            other = axes_of_lanes(orientation, partner_slot(links, stride, block, link))
+            other = since_woven(
+                twisting.woven, orientation, partner_slot(links, stride, block, link))
             energy = fma(kappa, apart(own, other), energy)
             total = total + kappa
         return splat(_TWIST * inverse_inertia) * total, splat(0.5) * energy

@@ -10,9 +10,14 @@ is then the first.
 from icofabric_sim.kernels.compiled import compiled
 from icofabric_sim.kernels.connectors import Six
 from icofabric_sim.kernels.lanes import fma, load, load_at, rsqrt, splat, Vector, where
-from icofabric_sim.kernels.moments import partner_slot, stiffness_of, woven_directions
+from icofabric_sim.kernels.moments import (
+    partner_slot,
+    since_woven,
+    stiffness_of,
+    woven_directions,
+)
 from icofabric_sim.kernels.records import Bending, Links, Twisting
-from icofabric_sim.kernels.rotations import axes_of_lanes, Three
+from icofabric_sim.kernels.rotations import Three
 import numpy as np
 
 _SMALLEST = 1e-300
@@ -65,7 +70,7 @@ def add_bending_product(
     else:
         zero, one = splat(0.0), splat(1.0)
         stride = position.shape[1]
-        own = axes_of_lanes(orientation, s)
+        own = since_woven(bending.woven, orientation, s)
         turn = (load(turns, 0, s), load(turns, 1, s), load(turns, 2, s))
         fx, fy, fz, tx, ty, tz = total
         for link in range(12):
@@ -92,7 +97,7 @@ def add_bending_product(
             inverse = where(far, rsqrt(where(far, square, one)), zero)
             d = (u[0] * inverse, u[1] * inverse, u[2] * inverse)
             nx, ny, nz, mx, my, mz = woven_directions(
-                bending, own, axes_of_lanes(orientation, there), link)
+                bending, own, since_woven(bending.woven, orientation, there), link, s)
             n, m = (nx, ny, nz), (mx, my, mz)
             other = (load(turns, 0, there), load(turns, 1, there), load(turns, 2, there))
             v, w = cross(turn, n), cross(other, m)
@@ -136,14 +141,14 @@ def add_twisting_product(
     else:
         half = splat(0.5)
         stride = orientation.shape[orientation.ndim - 1]
-        own = axes_of_lanes(orientation, s)
+        own = since_woven(twisting.woven, orientation, s)
         turn = (load(turns, 0, s), load(turns, 1, s), load(turns, 2, s))
         fx, fy, fz, tx, ty, tz = total
         for link in range(12):
             there = partner_slot(links, stride, block, link)
             kappa = half * stiffness_of(
                 twisting.stiffness, twisting.variety, links.present[block, link], link, s)
-            axes = axes_of_lanes(orientation, there)
+            axes = since_woven(twisting.woven, orientation, there)
             other = (load(turns, 0, there), load(turns, 1, there), load(turns, 2, there))
             trace, x, y, z = splat(0.0), splat(0.0), splat(0.0), splat(0.0)
             for i in range(3):

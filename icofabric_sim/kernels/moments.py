@@ -23,7 +23,7 @@ from icofabric_sim.kernels.lanes import (
     where,
 )
 from icofabric_sim.kernels.records import Bending, Links, Moments, Twisting
-from icofabric_sim.kernels.rotations import axes_of_lanes, Nine, on_axes
+from icofabric_sim.kernels.rotations import axes_of_lanes, Nine, on_axes, Three
 import numpy as np
 
 # Squared lengths up to this have no direction, and nothing bends.
@@ -53,14 +53,48 @@ def stiffness_of(
 
 
 @compiled
+def since_woven(woven: np.ndarray | None, orientation: np.ndarray, s: int) -> Nine:
+    """
+    World components of the body axes, or, where `woven` ones differ, of what were the world's.
+
+    That is the rotation of each body since the woven state, by columns.
+    """
+    if woven is None:
+        return axes_of_lanes(orientation, s)
+    else:
+        e = axes_of_lanes(orientation, s)
+        a = (load(woven, 0, s), load(woven, 1, s), load(woven, 2, s))
+        b = (load(woven, 3, s), load(woven, 4, s), load(woven, 5, s))
+        c = (load(woven, 6, s), load(woven, 7, s), load(woven, 8, s))
+        x = on_axes(e, a[0], b[0], c[0])
+        y = on_axes(e, a[1], b[1], c[1])
+        z = on_axes(e, a[2], b[2], c[2])
+        return x[0], x[1], x[2], y[0], y[1], y[2], z[0], z[1], z[2]
+
+
+@compiled
+def woven_direction(
+    direction: np.ndarray, directions: np.ndarray | None, link: int, s: int
+) -> Three:
+    """
+    Where a connector pointed in the woven fabric, in the axes of `since_woven`.
+    """
+    if directions is None:
+        return splat(direction[link, 0]), splat(direction[link, 1]), splat(direction[link, 2])
+    else:
+        return (
+            load(directions, 3 * link, s), load(directions, 3 * link + 1, s),
+            load(directions, 3 * link + 2, s))
+
+
+@compiled
 def woven_directions(
-    bending: Bending, own: Nine, other: Nine, link: int
+    bending: Bending, own: Nine, other: Nine, link: int, s: int
 ) -> tuple[Vector, Vector, Vector, Vector, Vector, Vector]:
     """
-    Where a connector pointed in the woven fabric, turned with its own body and with the other.
+    The same turned with its own body and with the other, world components.
     """
-    x, y = splat(bending.direction[link, 0]), splat(bending.direction[link, 1])
-    z = splat(bending.direction[link, 2])
+    x, y, z = woven_direction(bending.direction, bending.directions, link, s)
     nx, ny, nz = on_axes(own, x, y, z)
     mx, my, mz = on_axes(other, x, y, z)
     return nx, ny, nz, mx, my, mz
@@ -86,7 +120,7 @@ def add_bending(
         zero, one = splat(0.0), splat(1.0)
         stride = position.shape[1]
         cx, cy, cz = load(position, 0, s), load(position, 1, s), load(position, 2, s)
-        own = axes_of_lanes(orientation, s)
+        own = since_woven(bending.woven, orientation, s)
         for edge in range(6):
             at = 3 * edge * stride + s
             px, py = load_at(points, at), load_at(points, at + stride)
@@ -103,8 +137,9 @@ def add_bending(
                 there = square > splat(_SMALLEST)
                 inverse = where(there, rsqrt(where(there, square, one)), zero)
                 dx, dy, dz = ux * inverse, uy * inverse, uz * inverse
-                other = axes_of_lanes(orientation, partner_slot(links, stride, block, link))
-                nx, ny, nz, mx, my, mz = woven_directions(bending, own, other, link)
+                other = since_woven(
+                    bending.woven, orientation, partner_slot(links, stride, block, link))
+                nx, ny, nz, mx, my, mz = woven_directions(bending, own, other, link, s)
                 nx, ny, nz = nx - dx, ny - dy, nz - dz
                 mx, my, mz = nx + (mx - dx), ny + (my - dy), nz + (mz - dz)
                 along = fma(mx, dx, fma(my, dy, mz * dz))
@@ -141,11 +176,12 @@ def add_twisting(
         fx, fy, fz, tx, ty, tz = wrench
         half = splat(0.5)
         stride = orientation.shape[orientation.ndim - 1]
-        e = axes_of_lanes(orientation, s)
+        e = since_woven(twisting.woven, orientation, s)
         for link in range(12):
             kappa = half * stiffness_of(
                 twisting.stiffness, twisting.variety, links.present[block, link], link, s)
-            g = axes_of_lanes(orientation, partner_slot(links, stride, block, link))
+            g = since_woven(
+                twisting.woven, orientation, partner_slot(links, stride, block, link))
             # Without fused operations: from the other end it is exactly the opposite.
             x = e[1] * g[2] - e[2] * g[1] + (e[4] * g[5] - e[5] * g[4]) + (
                 e[7] * g[8] - e[8] * g[7])
@@ -170,12 +206,12 @@ def apart(e: Nine, g: Nine) -> Vector:
 
 @compiled
 def moment_energy(
-    moments: Moments, position: np.ndarray, orientation: np.ndarray, ends: np.ndarray
+    moments: Moments, orientation: np.ndarray, ends: np.ndarray
 ) -> float:
     """
     Energy [J] of bending and twisting of all connectors; bodies first.
 
-    `position` (n, 3), unit quaternions (n, 4), `ends` (c, 2, 3) [m].
+    Unit quaternions (n, 4), `ends` (c, 2, 3) [m].
     """
     total = 0.0
     axes = np.empty((2, 3, 3))

@@ -7,6 +7,7 @@ Is it finite, is the step still safe, does the energy balance, has a body moved 
 """
 
 import math
+from typing import Any
 
 from icofabric_sim.kernels.anchors import anchor_look
 from icofabric_sim.kernels.compiled import compiled
@@ -30,10 +31,20 @@ from icofabric_sim.kernels.lanes import (
     Vector,
     where,
 )
+from icofabric_sim.kernels.law_tables import tabled_energy, tabled_pull
 from icofabric_sim.kernels.meters import flowed
 from icofabric_sim.kernels.moment_bounds import bending_look, twisting_look
 from icofabric_sim.kernels.obstruction import obstructed_lanes
-from icofabric_sim.kernels.records import Links, Loads, Model, State, Variety, Watch, Work
+from icofabric_sim.kernels.records import (
+    LawTables,
+    Links,
+    Loads,
+    Model,
+    State,
+    Variety,
+    Watch,
+    Work,
+)
 import numpy as np
 
 # Bits of the status that `examine` returns; the rates concern the bound of the largest frequency.
@@ -141,8 +152,11 @@ def block_bound(
                 inverse = where(there, rsqrt(squared), zero)
                 stretch, pull, root_k = bound_parts(
                     links.variety, link, s, squared, inverse, stiffness, minus_rest)
+                pull = tabled_pull(links.tables, link, s, squared * inverse, pull)
                 stretch, pull = where(there, stretch, zero), where(there, pull, zero)
-                energy = energy_part(links.variety, stretch, pull, energy)
+                energy = stored_part(
+                    links.tables, links.variety, link, s, there, squared * inverse, stretch, pull,
+                    energy)
                 tension = fma(maximum(pull, zero), inverse, tension)
                 pulls = pulls + fabs(pull)
                 weight = inverse * root_k
@@ -190,6 +204,21 @@ def bound_parts(
         stretch = squared * inverse - rest
         most = maximum(load(variety.extension, link, s), load(variety.compression, link, s))
         return stretch, k * stretch, sqrt(most)
+
+
+@compiled
+def stored_part(
+    tables: LawTables | None, variety: Variety | None, link: int, s: int, there: Any,
+    length: Vector, stretch: Vector, pull: Vector, energy: Vector
+) -> Vector:
+    """
+    Add the energy of a connector, by a table where it has one, but for a common factor.
+    """
+    if tables is None:
+        return energy_part(variety, stretch, pull, energy)
+    else:
+        double = tabled_energy(tables, link, s, length, splat(0.5) * (stretch * pull))
+        return energy + where(there, double + double, splat(0.0))
 
 
 @compiled

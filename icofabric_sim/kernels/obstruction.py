@@ -91,7 +91,8 @@ def find_obstructed(
     for c in range(found.shape[0]):
         first, second = connectors.first[c], connectors.second[c]
         x0, y0, z0 = edge_point(connectors, position, orientation, first, connectors.first_edge[c])
-        x1, y1, z1 = edge_point(connectors, position, orientation, second, connectors.second_edge[c])
+        x1, y1, z1 = edge_point(
+            connectors, position, orientation, second, connectors.second_edge[c])
         dx, dy, dz = x1 - x0, y1 - y0, z1 - z0
         number = 0
         if enters(orientation, first, connectors.first_edge[c], dx, dy, dz):

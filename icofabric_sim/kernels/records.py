@@ -53,6 +53,16 @@ class Variety(NamedTuple):
     natural_length: np.ndarray  # D [m]
 
 
+class LawTables(NamedTuple):
+    """
+    Tensions by table, see kernels/law_tables.py.
+    """
+
+    first: np.ndarray  # (12, s) first row of a connector's table, -1 where it has none
+    # (m, 8) least length, anchor [m], f [N], d, c, b, energy [J], last row of the table
+    rows: np.ndarray
+
+
 class Links(NamedTuple):
     """
     The same springs seen from each body: two at each of its six edges.
@@ -66,7 +76,8 @@ class Links(NamedTuple):
     natural_length: float  # D [m]; of many laws the longest
     half_width: float  # centre to the farthest attachment point, w / 2 for edge midpoints [m]
     attachment: np.ndarray | None  # (6, 3) the points in body axes [m]; None: on the axes
-    variety: Variety | None  # laws of their own
+    variety: Variety | None  # laws of their own; of tables the largest slopes
+    tables: LawTables | None
 
 
 class Bending(NamedTuple):
@@ -75,8 +86,12 @@ class Bending(NamedTuple):
     """
 
     stiffness: float  # kappa_b [N m/rad]; of many the largest
-    direction: np.ndarray  # (12, 3) where connectors point in the weave, unit vectors, body axes
+    # Where connectors point in the weave, unit vectors: (12, 3) in body axes, or, where bodies are
+    # woven in different orientations, (36, s) for each body in world axes.
+    direction: np.ndarray
+    directions: np.ndarray | None
     variety: np.ndarray | None  # (12, s) [N m/rad] where not all are alike
+    woven: np.ndarray | None  # (9, s) world components of the woven body axes, where they differ
 
 
 class Twisting(NamedTuple):
@@ -86,6 +101,7 @@ class Twisting(NamedTuple):
 
     stiffness: float  # kappa_t [N m/rad]; of many the largest
     variety: np.ndarray | None  # (12, s) [N m/rad] where not all are alike
+    woven: np.ndarray | None  # (9, s) world components of the woven body axes, where they differ
 
 
 class Moments(NamedTuple):
@@ -96,7 +112,10 @@ class Moments(NamedTuple):
     bodies: np.ndarray  # (c, 2) int32
     bending: np.ndarray  # [N m/rad]
     twisting: np.ndarray  # [N m/rad]
-    direction: np.ndarray  # (c, 3) in the weave, from the first end, unit vectors, body axes
+    # (c, 3) in the weave, from the first end, unit vectors: in body axes, or world axes where
+    # woven orientations differ. The energy then takes rotations since then for orientations.
+    direction: np.ndarray
+    woven: np.ndarray | None  # (n, 4) woven orientations, where they differ
 
 
 class Breakage(NamedTuple):

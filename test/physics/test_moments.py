@@ -50,7 +50,8 @@ def energy(scene, position, orientation):
     """
     Stored energy [J] as a snapshot reports it.
     """
-    rest, ledger = np.zeros_like(position), {'work_in': 0.0, 'start': 0.0}
+    rest = np.zeros_like(position)
+    ledger = {'work_in': 0.0, 'start': 0.0, 'spent': 0.0, 'potential': 0.0}
     return Snapshot(
         0.0, position, orientation, rest, rest, scene.connector_count, pack_scene(scene),
         ledger).energy['connectors']
