@@ -121,7 +121,9 @@ class TimeLine:
             self.now = target
             self._pace.learn(target - before, wall.perf_counter() - started)
             self._act_pending()
-            self._broadcast.due(self.now)
+            # Broken off before its first step, it has shown this time already.
+            if self.now > before:
+                self._broadcast.due(self.now)
         except SimulationError as error:
             self._fail(str(error), target)
         except Interrupted:

@@ -6,7 +6,7 @@ Simulated time under pressure: floods, failures, long steps, and what is asked f
 import time
 
 from icofabric_sim import time_line
-from icofabric_sim.outputs import POSES
+from icofabric_sim.outputs import CLOCK, POSES
 from icofabric_sim.pace import Pace
 from icofabric_sim.parameters import make_parameters, ParameterError
 from icofabric_sim.schedule import seconds
@@ -251,3 +251,25 @@ def test_calls_that_are_broken_off_change_no_bit(method, monkeypatch):
         ends.append((sink.of(POSES), False in broken))
     assert ends[0][0] == ends[1][0] and len(ends[0][0]) == 3
     assert [broken for _, broken in ends] == [False, True]
+
+
+def test_call_that_is_broken_off_at_once_repeats_no_output(monkeypatch):
+    """
+    The time at which it stands has been shown.
+    """
+    sink = ListSink(CLOCK)
+    runner = make_runner(sink, solver__method='leapfrog', solver__step=1e-4, duration=0.1)
+    reaches, broken = runner._reaches, []
+
+    def breaks_off(target):
+        # At every tick but the first.
+        if sink.of(CLOCK) and runner.now > 0 and runner.now not in broken:
+            broken.append(runner.now)
+            return False
+        return reaches(target)
+
+    monkeypatch.setattr(runner, '_reaches', breaks_off)
+    run(runner)
+    stamps = [stamp for stamp, _ in sink.of(CLOCK)]
+    assert len(broken) > 5 and not runner.failure
+    assert stamps == sorted(set(stamps)) and len(stamps) == 11
