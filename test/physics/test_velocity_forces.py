@@ -99,7 +99,7 @@ def slopes(scene, position, orientation, velocity, spin, *, cosines=False):
     work = layout.room(
         model.links, state, damped=model.damping is not None, metered=packed.spends)
     last, slope = len(model.blocks.slot), work.trail.slopes[0]
-    place_blocks(model, state, work, 0, last)
+    place_blocks(model, None, state, work, 0.0, 0, last)
     find_slopes(model, None, state, work, 0.0, slope, 0, 0, last)
     rates = layout.gather(slope)
     spent = 0.0 if work.spent is None else float(work.spent.power[0].sum())
