@@ -90,7 +90,7 @@ def test_magnetic_force_and_torque_are_those_of_moving_charges(cosines):
     packed = pack_scene(scene, cosines=cosines)
     state = packed_state(packed, scene.position, q, v, w)
     work, last = packed.layout.room(None, state), len(packed.model.blocks.slot)
-    place_blocks(packed.model, state, work, 0, last)
+    place_blocks(packed.model, None, state, work, 0.0, 0, last)
     find_slopes(packed.model, None, state, work, 0.0, work.trail.slopes[0], 0, 0, last)
     rates = packed.layout.gather(work.trail.slopes[0])
     force, torque = MASS * rates[:, -6:-3], INERTIA * rates[:, -3:]
