@@ -40,7 +40,8 @@ def test_a_bare_scene_holds_nothing_of_absent_terms(bare):
         assert not [name for name in held if word in name]
 
 
-@pytest.mark.parametrize('term', terms.terms(1)[1:], ids=lambda term: term.label)
+# Each compiles kernels of its own; the others are seen by `icofabric benchmark terms`.
+@pytest.mark.parametrize('term', terms.terms(1)[1::5], ids=lambda term: term.label)
 def test_a_term_holds_what_it_needs_beside_the_bare_scene(bare, term):
     held, more = arrays_of(bare), arrays_of(terms._compile(SMALL, term))
     assert not set(held) - set(more)
