@@ -110,6 +110,7 @@ def test_record_on_and_off(client, folder):
 def test_checkpoint_goes_back_to_the_same_bits(client, folder):
     client.set(checkpoint__path=str(folder / 'saved'))
     client.push('~/loads/tip', (0.0, 0.02, 0.0))
+    client.settle()
     steps(client, 7)
     answer = client.call('~/save_checkpoint')
     assert answer.success and answer.message == f'saved as {folder / "saved" / "1.checkpoint"}'

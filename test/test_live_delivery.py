@@ -58,9 +58,10 @@ def test_a_large_fabric_arrives_whole(tmp_path):
 def check_markers(received, expected):
     # The state at rest comes several times; the first may have been joined half way.
     assert {marker.marker_id for marker in received} == {0, 1, 2, 3, 4, 6}
-    shown = 0
+    shown, decoded = 0, map(decode_marker_points, expected)
+    expected = {marker.marker_id: marker for marker in decoded}
     for marker in received:
-        wanted = decode_marker_points(expected[marker.marker_id])
+        wanted = expected[marker.marker_id]
         assert marker.action == wanted.action
         assert (marker.points == wanted.points).all()
         shown += marker.action == MarkerAction.ADD and len(marker.points) > 0
