@@ -38,9 +38,26 @@ def largest_eigenvalue(diagonal: np.ndarray, off: np.ndarray, vector: np.ndarray
     """
     Largest eigenvalue, and its unit vector with positive numbers into `vector` (n,).
 
-    `diagonal` (n,), `off` (n - 1,) > 0. The value by bisection (Barth, Martin and Wilkinson 1967),
-    to rounding; the vector by inverse iteration from above, where T - value is negative definite
-    and needs no pivoting.
+    `diagonal` (n,), `off` (n - 1,) > 0. See `largest_of_scaled`; numbers whose squares are too
+    large are scaled before.
+    """
+    scale = np.abs(diagonal).max()
+    for i in range(off.shape[0]):
+        scale = max(scale, off[i])
+    if not scale > 0.0:
+        vector[:] = 0.0
+        vector[0] = 1.0
+        return 0.0
+    return scale * largest_of_scaled(diagonal / scale, off / scale, vector)
+
+
+@compiled
+def largest_of_scaled(diagonal: np.ndarray, off: np.ndarray, vector: np.ndarray) -> float:
+    """
+    The same for numbers of at most 1.
+
+    The value by bisection (Barth, Martin and Wilkinson 1967), to rounding; the vector by inverse
+    iteration from above, where T - value is negative definite and needs no pivoting.
     """
     size = diagonal.shape[0]
     low, high = diagonal[0], diagonal[0]

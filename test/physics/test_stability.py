@@ -413,3 +413,14 @@ def test_largest_eigenvalue_of_tridiagonal_matrices(seed):
     matrix = np.diag(diagonal) + np.diag(off, 1) + np.diag(off, -1)
     np.testing.assert_allclose(matrix @ vector, value * vector, atol=4e-15 * scale)
     assert np.linalg.norm(vector) == pytest.approx(1.0, rel=1e-14)
+
+
+@pytest.mark.parametrize('size', [1, 2, 7])
+@pytest.mark.parametrize('scale', [0.0, 1e-200, 1e200])
+def test_largest_eigenvalue_of_extreme_matrices(size, scale):
+    vector = np.empty(size)
+    value = largest_eigenvalue(np.zeros(size), np.full(size - 1, scale), vector)
+    # Of a chain: 2 cos(pi / (n + 1)).
+    expected = 2.0 * np.cos(np.pi / (size + 1)) * scale
+    assert value == pytest.approx(expected, rel=1e-14, abs=1e-15 * scale)
+    assert np.linalg.norm(vector) == pytest.approx(1.0, rel=1e-14)
