@@ -91,8 +91,9 @@ def test_bare_scene_has_the_instructions_of_springs_alone(costs):
     assert [entry.kernel for entry in costs.instructions] == ['push', 'drift']
     for entry in costs.instructions:
         difference = entry.difference()
-        # None where the listing is another processor's.
-        assert difference is None or abs(difference) <= 0.03, entry
+        # None where the listing is another processor's. Far fewer than
+        # springs alone would mean that the loop was not found.
+        assert difference is None or -0.2 < difference <= 0.03, entry
         assert entry.package is None or entry.package > 100
 
 
