@@ -13,7 +13,6 @@ from typing import NamedTuple
 
 from icofabric_sim.tables import read_time_table
 import numpy as np
-from scipy.optimize import brentq
 
 
 class LawTable(NamedTuple):
@@ -120,4 +119,7 @@ def _natural_length(law: LawTable, length: np.ndarray, force: np.ndarray) -> flo
     if last + 1 == len(length):
         slope = law.rows[-1, 3]
         return float(length[-1] - force[-1] / slope) if slope > 0.0 else 0.0
+    # Takes a fifth of a second to import, which the start of every scene would feel.
+    from scipy.optimize import brentq
+
     return float(brentq(tension, length[last], length[last + 1], xtol=1e-300, rtol=1e-15))

@@ -9,7 +9,7 @@ Everything that takes time to import is imported once signals are heard.
 import sys
 
 from icofabric_sim import __version__
-from icofabric_sim.ros.start import arguments_of_its_own, StopSignals
+from icofabric_sim.ros.start import arguments_of_its_own, importing, StopSignals
 
 _USAGE = """usage: fabric_node [--ros-args --params-file SCENE -p name:=value ...]
 ready scenes are in config/; docs/parameters.md lists all parameters"""
@@ -27,8 +27,9 @@ def main(argv: list[str] | None = None) -> int:
     if set(arguments[1:]) & {'-h', '--help', '--version'}:
         print(f'fabric_node of icofabric_sim {__version__}: icosahedral fabric\n{_USAGE}')
         return 0
-    import rclpy
-    from rclpy.impl.implementation_singleton import rclpy_implementation
+    with importing():
+        import rclpy
+        from rclpy.impl.implementation_singleton import rclpy_implementation
 
     try:
         return _run(arguments, signals)
@@ -47,12 +48,14 @@ def _run(arguments: list[str], signals: StopSignals) -> int:
     own = arguments_of_its_own(arguments[1:])
     if own:
         raise ValueError(f'{" ".join(own)!r} is not an argument of fabric_node\n{_USAGE}')
-    from icofabric_sim.parameter_file import check_ros_arguments
-    from icofabric_sim.ros.ros_parameters import make_start_parameters
+    with importing():
+        from icofabric_sim.parameter_file import check_ros_arguments
+        from icofabric_sim.ros.ros_parameters import make_start_parameters
 
     parameters = make_start_parameters(check_ros_arguments(arguments[1:]))
-    from icofabric_sim.ros.fabric import FabricNode, run_node
-    from icofabric_sim.ros.process import log_to_ros, start_ros
+    with importing():
+        from icofabric_sim.ros.fabric import FabricNode, run_node
+        from icofabric_sim.ros.process import log_to_ros, start_ros
 
     start_ros(arguments)
     log_to_ros()

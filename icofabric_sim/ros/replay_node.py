@@ -10,7 +10,7 @@ from pathlib import Path
 import sys
 
 from icofabric_sim import __version__
-from icofabric_sim.ros.start import arguments_of_its_own, StopSignals
+from icofabric_sim.ros.start import arguments_of_its_own, importing, StopSignals
 
 _USAGE = """usage: replay_node BAG [--ros-args -p name:=value ...]
 docs/replay.md says what it can do; its parameters:
@@ -29,9 +29,10 @@ def main(argv: list[str] | None = None) -> int:
     if set(arguments[1:]) & {'-h', '--help', '--version'}:
         print(f'replay_node of icofabric_sim {__version__}: plays recorded fabric\n{_usage()}')
         return 0
-    from icofabric_sim.commands.terminal import FileSaysNo, InputError
-    import rclpy
-    from rclpy.impl.implementation_singleton import rclpy_implementation
+    with importing():
+        from icofabric_sim.commands.terminal import FileSaysNo, InputError
+        import rclpy
+        from rclpy.impl.implementation_singleton import rclpy_implementation
 
     try:
         return _run(arguments, signals)
@@ -55,9 +56,10 @@ def _run(arguments: list[str], signals: StopSignals) -> int:
         raise ValueError(
             f'{" ".join(own)!r}: one bag is all that replay_node takes beside --ros-args; '
             'replay_node --help shows its parameters')
-    from icofabric_sim.commands.bags import bag_errors
-    from icofabric_sim.parameter_file import check_ros_arguments
-    from icofabric_sim.replay_parameters import begin_of, judge_options
+    with importing():
+        from icofabric_sim.commands.bags import bag_errors
+        from icofabric_sim.parameter_file import check_ros_arguments
+        from icofabric_sim.replay_parameters import begin_of, judge_options
 
     options = judge_options(check_ros_arguments(arguments[1:]), own[0] if own else None)
     from icofabric_sim.replay_source import ReplaySource
@@ -66,8 +68,9 @@ def _run(arguments: list[str], signals: StopSignals) -> int:
     with bag_errors(path):
         source = ReplaySource(path, fabric=options['fabric'], inputs=options['inputs'])
     begin_of(options, source.start, source.end)
-    from icofabric_sim.ros.process import log_to_ros, start_ros
-    from icofabric_sim.ros.replay import ReplayNode, run_replay
+    with importing():
+        from icofabric_sim.ros.process import log_to_ros, start_ros
+        from icofabric_sim.ros.replay import ReplayNode, run_replay
 
     start_ros(arguments)
     log_to_ros()
