@@ -82,11 +82,14 @@ class KernelCache(FunctionCache):
     # Why entries could not be written, once that has been said.
     _lost = ''
 
-    def __init__(self, function: Callable[..., Any]) -> None:
+    def __init__(self, function: Callable[..., Any], *, entrance: bool) -> None:
         """
         Raise RuntimeError where no folder can be written.
+
+        `entrance`: the entries can be called from Python, not from other kernels only.
         """
         super().__init__(function)
+        self._entrance = entrance
         stamp = (_STAMP, self._impl.locator.get_source_stamp())
         self._cache_file = _CacheFile(self._cache_path, self._impl.filename_base, stamp)
 
@@ -104,4 +107,4 @@ class KernelCache(FunctionCache):
                     '%s; NUMBA_CACHE_DIR names another folder for them', error)
 
     def _index_key(self, sig: Any, codegen: Any) -> Any:
-        return *super()._index_key(sig, codegen), _PROCESSOR
+        return *super()._index_key(sig, codegen), _PROCESSOR, self._entrance
