@@ -1,0 +1,192 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+Contact of two icosahedra, and of one with a plane, by a potential.
+
+    U = K delta^2 / 2,   delta = 4 M_1 / M_0,   M_k = integral of min(p_A, p_B)^k over both bodies
+
+with p the depth below a body's surface (contact_surface.py): delta is four times the mean depth
+of the overlap, which is the overlap itself where a face lies on a face. Whatever touches, it
+grows in proportion to the overlap, so the force is zero at first touch and nowhere jumps, and the
+stiffness is about K for faces, edges and vertices alike. A plane has the depth below it for p.
+
+The results depend on the place and orientation of both bodies only, and bodies that change places
+change the signs of all results and no other bit.
+"""
+
+import math
+
+from icofabric_sim.kernels.compiled import compiled
+from icofabric_sim.kernels.contact_axis import APART, find_facet, OVERLAP, turn, turn_back
+from icofabric_sim.kernels.contact_shape import INNER, OUTER, reach
+from icofabric_sim.kernels.contact_surface import (
+    add_all_pairs,
+    add_plane,
+    add_surface_from,
+    contact_scratch,
+    M0,
+    M1,
+    S0,
+    S1,
+    Scratch,
+    T0,
+    T1,
+    turn_normals,
+)
+import numpy as np
+
+__all__ = ['contact_scratch', 'OUT_SIZE', 'Scratch', 'touch_pair', 'touch_plane']
+
+# Numbers in `out` of a pair: force on A (3), torques about their centres on A and B (3 each),
+# delta^2 / 2, delta, overlap, unit axis from A to B (3), spare.
+OUT_SIZE = 16
+# Centres closer than this times a coincide: no direction leads apart.
+_COINCIDE = 1e-6
+# From this overlap over a on the surface between the bodies may be in several pieces.
+_DEEP = 0.5
+# Overlaps of less volume than this times a^3 are none; depths are then 1e-66 a.
+_NOTHING = 1e-200
+
+
+@compiled
+def touch_pair(
+    half_edge: float, xa: np.ndarray, ra: np.ndarray, xb: np.ndarray, rb: np.ndarray,
+    scratch: Scratch, out: np.ndarray
+) -> bool:
+    """
+    Whether two shells of half edge a [m] touch, and for a stiffness of 1 N/m how they push.
+
+    Centres [m] (3,), matrices from body to world axes (3, 3). Writes `out` (16,): force on A [N]
+    (3), its torque about the centre of A [N m] (3), the torque on B about the centre of B (3),
+    energy delta^2 / 2 [J], delta [m], overlap [m], axis (3). B feels the opposite force. The
+    overlap is that along the axis, the normal of the facet of the Minkowski sum that the line
+    of centres leaves through: never less than what would part the bodies. Where they are
+    apart all is 0 but the axis, which has a gap.
+
+    Bodies whose centres coincide push neither way, by symmetry: then delta is rho, its value for
+    equal orientations, and the overlap 2 rho.
+    """
+    for k in range(OUT_SIZE):
+        out[k] = 0.0
+    dx, dy, dz = xb[0] - xa[0], xb[1] - xa[1], xb[2] - xa[2]
+    reach_of_both = 2.0 * OUTER * half_edge
+    square = dx * dx + dy * dy + dz * dz
+    if not square < reach_of_both * reach_of_both:
+        length = math.sqrt(square)
+        out[12], out[13], out[14] = dx / length, dy / length, dz / length
+        return False
+    # The same arithmetic whichever body comes first.
+    if dx < 0.0 or (dx == 0.0 and (dy < 0.0 or (dy == 0.0 and dz < 0.0))):
+        found = press(half_edge, -dx, -dy, -dz, rb, ra, scratch, out)
+        for k in range(3):
+            out[k], out[12 + k] = -out[k], -out[12 + k]
+            out[3 + k], out[6 + k] = out[6 + k], out[3 + k]
+        return found
+    return press(half_edge, dx, dy, dz, ra, rb, scratch, out)
+
+
+@compiled
+def press(
+    half_edge: float, dx: float, dy: float, dz: float, ra: np.ndarray, rb: np.ndarray,
+    scratch: Scratch, out: np.ndarray
+) -> bool:
+    """
+    The same for a body at the origin and another at d, whose first number is not negative.
+    """
+    cx, cy, cz = turn_back(ra, dx / half_edge, dy / half_edge, dz / half_edge)
+    if not max(abs(cx), max(abs(cy), abs(cz))) > _COINCIDE:
+        out[9] = 0.5 * (INNER * half_edge) ** 2
+        out[10] = INNER * half_edge
+        out[11] = 2.0 * INNER * half_edge
+        out[12] = 1.0
+        return True
+    q = scratch.turn
+    for r in range(3):
+        for c in range(3):
+            q[r, c] = ra[0, r] * rb[0, c] + ra[1, r] * rb[1, c] + ra[2, r] * rb[2, c]
+    verdict, ux, uy, uz, gap, x, y, z = find_facet(q, cx, cy, cz, scratch.portal)
+    if verdict == APART:
+        out[12], out[13], out[14] = turn(ra, ux, uy, uz)
+        return False
+    turn_normals(q, scratch.normals)
+    sums = scratch.sums
+    for k in range(14):
+        sums[k] = 0.0
+    if verdict != OVERLAP or gap < -_DEEP or not add_surface_from(
+            scratch, q, cx, cy, cz, x, y, z):
+        for k in range(14):
+            sums[k] = 0.0
+        add_all_pairs(scratch, cx, cy, cz)
+    if verdict != OVERLAP:
+        length = math.sqrt(cx * cx + cy * cy + cz * cz)
+        ux, uy, uz = cx / length, cy / length, cz / length
+        bx, by, bz = turn_back(q, ux, uy, uz)
+        gap = length - reach(ux, uy, uz) - reach(bx, by, bz)
+    out[12], out[13], out[14] = turn(ra, ux, uy, uz)
+    if not sums[M0] > _NOTHING:
+        return False
+    mean = sums[M1] / sums[M0]
+    push(half_edge, ra, mean, sums, out)
+    out[11] = max(0.0, -gap) * half_edge
+    # Whatever the polygons, angular momentum is kept.
+    out[6] = -out[3] + (dy * out[2] - dz * out[1])
+    out[7] = -out[4] + (dz * out[0] - dx * out[2])
+    out[8] = -out[5] + (dx * out[1] - dy * out[0])
+    return True
+
+
+@compiled
+def push(
+    half_edge: float, ra: np.ndarray, mean: float, sums: np.ndarray, out: np.ndarray
+) -> None:
+    """
+    Write force and torque on A, energy and delta, from the integrals in the axes of A.
+
+    By the place of B, grad delta = -4 (S_1 - (M_1 / M_0) S_0) / M_0, S_k the integral of p^k n.
+    """
+    delta = 4.0 * mean
+    factor = -4.0 * delta * half_edge / sums[M0]
+    out[0], out[1], out[2] = turn(
+        ra, factor * (sums[S1] - mean * sums[S0]),
+        factor * (sums[S1 + 1] - mean * sums[S0 + 1]),
+        factor * (sums[S1 + 2] - mean * sums[S0 + 2]))
+    factor *= half_edge
+    out[3], out[4], out[5] = turn(
+        ra, factor * (sums[T1] - mean * sums[T0]),
+        factor * (sums[T1 + 1] - mean * sums[T0 + 1]),
+        factor * (sums[T1 + 2] - mean * sums[T0 + 2]))
+    delta *= half_edge
+    out[9] = 0.5 * (delta * delta)
+    out[10] = delta
+
+
+@compiled
+def touch_plane(
+    half_edge: float, normal: np.ndarray, offset: float, xa: np.ndarray, ra: np.ndarray,
+    scratch: Scratch, out: np.ndarray
+) -> bool:
+    """
+    The same for a shell and a rigid plane, whose free side is normal . x >= offset.
+
+    `normal` (3,) of length 1, `offset` [m]. The torque out[6:9] is 0; the axis leads from the
+    shell into the plane, and the overlap along it is exact.
+    """
+    for k in range(OUT_SIZE):
+        out[k] = 0.0
+    out[12], out[13], out[14] = -normal[0], -normal[1], -normal[2]
+    height = (normal[0] * xa[0] + normal[1] * xa[1] + normal[2] * xa[2] - offset) / half_edge
+    if not height < OUTER:
+        return False
+    nx, ny, nz = turn_back(ra, normal[0], normal[1], normal[2])
+    overlap = reach(nx, ny, nz) - height
+    if not overlap > 0.0:
+        return False
+    sums = scratch.sums
+    for k in range(14):
+        sums[k] = 0.0
+    add_plane(scratch, nx, ny, nz, -height)
+    if not sums[M0] > _NOTHING:
+        return False
+    push(half_edge, ra, sums[M1] / sums[M0], sums, out)
+    out[11] = overlap * half_edge
+    return True
