@@ -102,6 +102,10 @@ def _warnings(
             f'{status.wanted_factor:g}; {status.cause}')
     if status.proximity:
         found.append(status.proximity)
+    if status.obstructed:
+        found.append(
+            f'{status.obstructed:,} ends of connectors were in the shells they are attached to '
+            'at the last look')
     if status.balance_error > _UNBALANCED * status.energy_limit:
         found.append(
             f'the energy balance is off by {status.balance_error:.3g}; the run stops at '

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from icofabric_sim.anchors import AnchorPack
-from icofabric_sim.attachments import are_given
+from icofabric_sim.attachments import are_given, pack_shells
 from icofabric_sim.body_force import BodyForce
 from icofabric_sim.connector_laws import ConnectorTables
 from icofabric_sim.connector_moments import pack_moments
@@ -131,6 +131,7 @@ def pack_scene(
         magnet=electric.pack_magnet(mass, inertia),
         dipole=electric.pack_dipole(),
         coulomb=electric.pack_coulomb(layout),
+        shells=pack_shells(scene.parameters, scene.geometry.half_edge),
     )
     external = None
     if body_force is not None:

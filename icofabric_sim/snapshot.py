@@ -99,7 +99,7 @@ class Snapshot:
         found = np.zeros(self.connector_count, np.uint8)
         connectors = self.packed.connectors
         if connectors is not None:
-            find_obstructed(connectors, *self._frozen(), found)
+            find_obstructed(connectors, self.packed.model.shells, *self._frozen(), found)
             if self.broken_since is not None:
                 found[~self.intact] = 0
         return found

@@ -122,7 +122,11 @@ class WatchedLine(MainLine):
         self.ledger[monitor.OBSTRUCTED_LIMIT] = (
             0.0 if self.obstruction.looks_out else math.inf)
         self._save()
+        self.ledger[monitor.OBSTRUCTED_EVERY] = self.obstruction.looks
+        self.ledger[monitor.UNTIL_OBSTRUCTED] = 0.0
         self._read_rates(exact=exact)
+        # So does the first look of the run.
+        self.ledger[monitor.UNTIL_OBSTRUCTED] = 0.0
         self.ledger.open(self.state, self._moving(self.state))
         force = self.packed.body_force
         if force is not None:

@@ -7,7 +7,7 @@ from fractions import Fraction
 
 import icofabric_sim as ico
 from icofabric_sim.markers import OBSTRUCTED
-from icofabric_sim.messages import OK
+from icofabric_sim.messages import OK, WARN
 from icofabric_sim.outputs import STRAIN_CLASSES, TOPICS
 import numpy as np
 import pytest
@@ -153,8 +153,11 @@ def test_diagnostics_name_the_node_and_its_figures(client, scene):
 
 
 def test_diagnostics_follow_a_pause(paused):
-    status = paused.health(lambda status: status.message == 'paused')
-    assert status.level == OK
+    # A floppy fabric, whose connectors may end in shells: then that is said instead.
+    status = paused.health(lambda status: status.message == 'paused' or (
+        status.level == WARN and float(status.values['simulated time [s]']) * 1e9 == pytest.approx(
+            paused.clock, abs=0.5)))
+    assert status.level == OK or status.message.endswith('at the last look')
     assert float(status.values['simulated time [s]']) * 1e9 == pytest.approx(paused.clock, abs=0.5)
 
 

@@ -74,7 +74,9 @@ SPENT = 23
 LOST = 24
 # Ends of connectors that are in the shells they are attached to; OBSTRUCTING where that is more.
 OBSTRUCTED, OBSTRUCTED_LIMIT = 25, 26
-LEDGER_COUNT = 27
+# Looks until connectors in shells are looked for again, and from one of these to the next.
+UNTIL_OBSTRUCTED, OBSTRUCTED_EVERY = 27, 28
+LEDGER_COUNT = 29
 
 
 @compiled
@@ -330,10 +332,14 @@ def examine(
         status |= RATE_LOW
     if ledger[KINETIC] > ledger[LIVELY]:
         status |= LIVELIER
-    ledger[OBSTRUCTED] = sum_of_lanes(
-        obstructed_lanes(model.links, model.blocks, work.points, state.position.shape[1]))
-    if ledger[OBSTRUCTED] > ledger[OBSTRUCTED_LIMIT]:
-        status |= OBSTRUCTING
+    ledger[UNTIL_OBSTRUCTED] -= 1.0
+    if ledger[UNTIL_OBSTRUCTED] <= 0.0:
+        ledger[UNTIL_OBSTRUCTED] = ledger[OBSTRUCTED_EVERY]
+        ledger[OBSTRUCTED] = sum_of_lanes(obstructed_lanes(
+            model.links, model.shells, model.blocks, state.orientation, work.points,
+            state.position.shape[1]))
+        if ledger[OBSTRUCTED] > ledger[OBSTRUCTED_LIMIT]:
+            status |= OBSTRUCTING
     return status
 
 

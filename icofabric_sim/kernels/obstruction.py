@@ -6,6 +6,10 @@ Finds connectors that run into the shell that they are attached to.
 At an edge two faces meet, with normals n1 and n2: a connector of direction d enters the shell
 where d.n1 < 0 and d.n2 < 0. Both normals lean by the same angle from the edge's own direction a,
 to either side t of the edge, so that is d.a + tan |d.t| < 0 with tan = 1 / tau^2.
+
+From any other point p the open segment p + t d, 0 < t < 1, is clipped by all faces: it meets the
+interior where some t has n.(p + t d) < rho for every face. That is exact on a face, an edge, a
+vertex and outside. A point inside the shell has its connector inside from the start: not counted.
 """
 
 from icofabric_sim.kernels.compiled import compiled
@@ -14,12 +18,14 @@ from icofabric_sim.kernels.lanes import (
     fabs,
     fma,
     load_at,
+    maximum,
     splat,
     Vector,
     where,
 )
 from icofabric_sim.kernels.outlines import edge_point
-from icofabric_sim.kernels.records import Blocks, Connectors, Links
+from icofabric_sim.kernels.records import Blocks, Connectors, Links, Shells
+from icofabric_sim.kernels.rotations import axes_of_lanes
 import numpy as np
 
 # 1 / tau^2: the dihedral angle of the icosahedron is 138.19 degrees.
@@ -28,7 +34,8 @@ LEAN = 0.3819660112501051
 
 @compiled
 def obstructed_lanes(
-    links: Links | None, blocks: Blocks, points: np.ndarray, stride: int
+    links: Links | None, shells: Shells | None, blocks: Blocks, orientation: np.ndarray,
+    points: np.ndarray, stride: int
 ) -> Vector:
     """
     How many connectors enter the shells of the bodies in each lane, of all blocks together.
@@ -40,16 +47,67 @@ def obstructed_lanes(
         return total
     else:
         for block in range(blocks.slot.shape[0]):
-            total = total + obstructed_in(links, points, stride, block, blocks.slot[block])
+            total = total + obstructed_in(
+                shells, links, orientation, points, stride, block, blocks.slot[block])
         return total
 
 
 @compiled
 def obstructed_in(
-    links: Links, points: np.ndarray, stride: int, block: int, s: int
+    shells: Shells | None, links: Links, orientation: np.ndarray, points: np.ndarray,
+    stride: int, block: int, s: int
 ) -> Vector:
     """
     How many enter the shells of a block.
+    """
+    if shells is None:
+        return obstructed_at_edges(links, points, stride, block, s)
+    else:
+        return obstructed_anywhere(shells, links, orientation, points, stride, block, s)
+
+
+@compiled
+def obstructed_anywhere(
+    shells: Shells, links: Links, orientation: np.ndarray, points: np.ndarray, stride: int,
+    block: int, s: int
+) -> Vector:
+    """
+    The same from any attachment points.
+    """
+    zero, one = splat(0.0), splat(1.0)
+    total = zero
+    ax, ay, az, bx, by, bz, cx, cy, cz = axes_of_lanes(orientation, s)
+    for link in range(12):
+        edge = link >> 1
+        at, place = 3 * edge * stride + s, links.place[block, link]
+        ux = load_at(points, place) - load_at(points, at)
+        uy = load_at(points, place + stride) - load_at(points, at + stride)
+        uz = load_at(points, place + 2 * stride) - load_at(points, at + 2 * stride)
+        x = fma(ux, ax, fma(uy, ay, uz * az))
+        y = fma(ux, bx, fma(uy, by, uz * bz))
+        z = fma(ux, cx, fma(uy, cy, uz * cz))
+        begin, end = zero, one
+        for face in range(20):
+            out = fma(splat(shells.normals[face, 0]), x, fma(
+                splat(shells.normals[face, 1]), y, splat(shells.normals[face, 2]) * z))
+            depth = splat(shells.depth[edge, face])
+            crossing = depth / where(out < zero, out, where(out > zero, out, one))
+            begin = where(out < zero, maximum(crossing, begin), begin)
+            # Beside a face, or outwards from it, there is no way below it.
+            last = where(depth > zero, crossing, zero)
+            last = where(out > zero, last, where(depth > zero, one, zero))
+            end = where(out < zero, end, where(last < end, last, end))
+        inside = where(begin < end, one, zero)
+        total = total + where(bits(links.present[block, link]), inside, zero)
+    return total
+
+
+@compiled
+def obstructed_at_edges(
+    links: Links, points: np.ndarray, stride: int, block: int, s: int
+) -> Vector:
+    """
+    The same from edge midpoints.
     """
     zero, one = splat(0.0), splat(1.0)
     total = zero
@@ -81,7 +139,8 @@ def obstructed_in(
 
 @compiled
 def find_obstructed(
-    connectors: Connectors, position: np.ndarray, orientation: np.ndarray, found: np.ndarray
+    connectors: Connectors, shells: Shells | None, position: np.ndarray, orientation: np.ndarray,
+    found: np.ndarray
 ) -> None:
     """
     The same connector by connector, bodies first: bit 0 of `found` (c,) at the first end, bit 1.
@@ -95,19 +154,20 @@ def find_obstructed(
             connectors, position, orientation, second, connectors.second_edge[c])
         dx, dy, dz = x1 - x0, y1 - y0, z1 - z0
         number = 0
-        if enters(orientation, first, connectors.first_edge[c], dx, dy, dz):
+        if enters(shells, orientation, first, connectors.first_edge[c], dx, dy, dz):
             number += 1
-        if enters(orientation, second, connectors.second_edge[c], -dx, -dy, -dz):
+        if enters(shells, orientation, second, connectors.second_edge[c], -dx, -dy, -dz):
             number += 2
         found[c] = number
 
 
 @compiled
 def enters(
-    orientation: np.ndarray, b: int, edge: int, dx: float, dy: float, dz: float
+    shells: Shells | None, orientation: np.ndarray, b: int, edge: int, dx: float, dy: float,
+    dz: float
 ) -> bool:
     """
-    Whether a connector of this direction from an edge of body `b` enters its shell.
+    Whether a connector that leads by this [m] from an edge of body `b` enters its shell.
     """
     x, y, z, w = orientation[b, 0], orientation[b, 1], orientation[b, 2], orientation[b, 3]
     # Into the axes of the body: the inverse of eq 26.
@@ -115,6 +175,8 @@ def enters(
     bx = dx + w * tx + (ty * z - tz * y)
     by = dy + w * ty + (tz * x - tx * z)
     bz = dz + w * tz + (tx * y - ty * x)
+    if shells is not None:
+        return clips(shells, edge, bx, by, bz)
     pair = edge >> 1
     if pair == 0:
         out, beside = bz, bx
@@ -124,3 +186,25 @@ def enters(
         out, beside = by, bz
     sign = 1.0 - 2.0 * (edge & 1)
     return sign * out + LEAN * abs(beside) < 0.0
+
+
+@compiled
+def clips(shells: Shells, edge: int, x: float, y: float, z: float) -> bool:
+    """
+    Whether the open segment from an attachment point by (x, y, z) [m] meets the interior.
+
+    Body axes.
+    """
+    begin, end = 0.0, 1.0
+    for face in range(20):
+        out = (
+            shells.normals[face, 0] * x + shells.normals[face, 1] * y
+            + shells.normals[face, 2] * z)
+        depth = shells.depth[edge, face]
+        if out < 0.0:
+            begin = max(begin, depth / out)
+        elif not depth > 0.0:
+            return False
+        elif out > 0.0:
+            end = min(end, depth / out)
+    return begin < end

@@ -80,6 +80,16 @@ class Links(NamedTuple):
     tables: LawTables | None
 
 
+class Shells(NamedTuple):
+    """
+    The faces of a shell as its attachment points see them, where these are not edge midpoints.
+    """
+
+    normals: np.ndarray  # (20, 3) outward unit normals, body axes
+    # (6, 20) [m] of each point below each face; exactly 0 on it, -inf for all where it lies inside
+    depth: np.ndarray
+
+
 class Bending(NamedTuple):
     """
     What resists a change of the angle between connectors and bodies, see kernels/moments.py.
@@ -300,6 +310,7 @@ class Model(NamedTuple):
     magnet: Magnet | None = None
     dipole: Dipole | None = None
     coulomb: Coulomb | None = None
+    shells: Shells | None = None
 
 
 class State(NamedTuple):

@@ -8,9 +8,11 @@ import logging
 
 from fabrics import FORMS, make_scene, pair_face_to_face, RANDOM, same_state
 import icofabric_sim as ico
-from icofabric_sim.health import HealthReport
-from icofabric_sim.icosahedron import face_geometry
+from icofabric_sim.health import HealthReport, WARN
+from icofabric_sim.icosahedron import face_geometry, vertices
 from icofabric_sim.kernels import monitor
+from icofabric_sim.kernels.obstruction import clips
+from icofabric_sim.kernels.records import Shells
 from icofabric_sim.markers import OBSTRUCTED, STRAIN_CLASSES
 from icofabric_sim.messages import decode_diagnostic_array, decode_marker_points, MarkerAction
 from icofabric_sim.outputs import Outputs
@@ -70,6 +72,58 @@ def test_every_obstructed_connector_is_found_and_no_other(form):
     # The look at the running state counts the same ends.
     ends = int((wanted & 1).sum() + (wanted >> 1).sum())
     assert simulation.obstructed_ends == ends
+
+
+# A vertex, a face, a point on an edge beside its middle, two stalks and a point within.
+ANYWHERE = {
+    'connector.attachment.up': (0.01 * vertices(1.0)[0]).tolist(),
+    'connector.attachment.south': (0.01 * vertices(1.0)[[2, 4, 0]].mean(axis=0)).tolist(),
+    'connector.attachment.west': [0.004, 0.01 * 0.5 * (1.0 + 5.0**0.5), 0.0],
+    'connector.attachment.north': [0.021, 0.0, 0.001],
+    'connector.attachment.east': [0.001, -0.01, 0.002], 'connector.attachment_scale': 1.2}
+
+
+@pytest.mark.parametrize('form', FORMS)
+@pytest.mark.parametrize('changes', [ANYWHERE, {'connector.attachment_scale': 1.3}])
+def test_from_any_points_the_open_segment_meets_the_interior(changes, form):
+    scene, _, orientation = scattered(**changes)
+    simulation = ico.compile_scene(scene, rotation=form)
+    simulation.set_state(orientation=orientation)
+    snapshot = simulation.snapshot()
+    faces = face_geometry(0.01)
+    height = float(faces.normals[0] @ faces.centroids[0])
+    cosines = cosines_from_quaternions(snapshot.orientation)
+    fine, wanted = np.linspace(0.0, 1.0, 4001)[1:-1, None], snapshot.obstructed
+    sure = outside = 0
+    for number, (bodies, points) in enumerate(
+            zip(scene.connectors.bodies, scene.connectors.points_body)):
+        ends = snapshot.connector_ends[number]
+        for end in range(2):
+            span = cosines[bodies[end]] @ (ends[1 - end] - ends[end])
+            deepest = ((points[end] + fine * span) @ faces.normals.T - height).max(axis=1).min()
+            if (faces.normals @ points[end] < height * (1.0 - 1e-9)).all():
+                assert not wanted[number] & 1 << end
+            elif abs(deepest) > 2e-3 * height:
+                assert bool(wanted[number] & 1 << end) == (deepest < 0.0)
+                sure += 1
+                outside += (faces.normals @ points[end]).max() > height * (1.0 + 1e-9)
+    assert sure > 60 and outside > 20 and set(wanted.tolist()) >= {0, 1, 2}
+    ends = int((wanted & 1).sum() + (wanted >> 1).sum())
+    assert simulation.obstructed_ends == ends
+
+
+def test_a_connector_that_lies_along_its_face_is_not_in_its_shell():
+    # From the middle of a face outwards, along it, and inwards; from a stalk past a vertex.
+    normal = face_geometry(1.0).normals[3]
+    depth = 1.0 - face_geometry(1.0).normals @ normal
+    depth[3] = 0.0
+    stalk = 2.0 * (1.0 - face_geometry(1.0).normals @ normal) - 1.0
+    shells = Shells(face_geometry(1.0).normals, np.array([depth, stalk]))
+    beside = np.cross(normal, [1.0, 0.0, 0.0])
+    for direction, inside in ((normal, False), (beside, False), (-normal, True)):
+        assert clips(shells, 0, *direction) == inside
+        assert not clips(shells, 1, *(0.9 * direction))
+    assert clips(shells, 1, *(-1.1 * normal)) and not clips(shells, 1, *(-1.0 * normal))
 
 
 def test_a_woven_fabric_has_none():
@@ -159,6 +213,7 @@ def test_it_is_marked_and_counted():
     _, [status] = decode_diagnostic_array(HealthReport('/icofabric').bytes(runner.status()))
     values = dict(status.values)
     assert int(values['connector ends in their shells']) == simulation.obstructed_ends > 0
+    assert status.level == WARN and 'ends of connectors were in the shells' in status.message
     assert monitor.OBSTRUCTED < monitor.LEDGER_COUNT
 
 
