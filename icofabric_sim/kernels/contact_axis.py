@@ -16,7 +16,28 @@ Frame: axes of the first body, lengths over a; q is the matrix from the second b
 import math
 
 from icofabric_sim.kernels.compiled import compiled
-from icofabric_sim.kernels.contact_shape import farthest, reach
+from icofabric_sim.kernels.contact_shape import (
+    AXES,
+    AXIS_COUNT,
+    AXIS_FACES,
+    farthest,
+    INNER,
+    NORMALS,
+    OPPOSITE,
+    reach,
+    reach_lanes,
+    RIDGES,
+)
+from icofabric_sim.kernels.lanes import (
+    fabs,
+    fma,
+    LANES,
+    load_at,
+    maximum,
+    splat,
+    store_at,
+    where,
+)
 import numpy as np
 
 # What rounding may do to a scalar product of numbers near 1, generously.
@@ -24,6 +45,11 @@ ROUNDING = 1e-14
 # Four or five rounds are the rule; each looks at another vertex of the sum, which has some 200.
 _ROUNDS = 64
 APART, OVERLAP, UNSURE = 0, 1, 2
+# Numbers of lanes.
+NUMBERS = np.arange(float(LANES))
+# Places in the room of a pair (contact_surface.py): the matrix q, and four rows of a point of the
+# sum and the first body's part of it.
+MATRIX, PORTAL = 0, 9
 
 
 @compiled
@@ -64,53 +90,81 @@ def separation_on(
 
 
 @compiled
-def put_farthest(
-    q: np.ndarray, ux: float, uy: float, uz: float, portal: np.ndarray, row: int
-) -> float:
+def turn_to(room: np.ndarray, x: float, y: float, z: float) -> tuple[float, float, float]:
     """
-    Write the sum's farthest point along u, and the first body's part of it, into a row (6,).
+    A vector of the second body's axes in those of the first.
+    """
+    return (room[0] * x + room[1] * y + room[2] * z,
+            room[3] * x + room[4] * y + room[5] * z,
+            room[6] * x + room[7] * y + room[8] * z)
+
+
+@compiled
+def turn_from(room: np.ndarray, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """
+    A vector of the first body's axes in those of the second.
+    """
+    return (room[0] * x + room[3] * y + room[6] * z,
+            room[1] * x + room[4] * y + room[7] * z,
+            room[2] * x + room[5] * y + room[8] * z)
+
+
+@compiled
+def put_farthest(room: np.ndarray, ux: float, uy: float, uz: float, row: int) -> float:
+    """
+    Write the sum's farthest point along u, and the first body's part of it, into a row of PORTAL.
 
     Returns its scalar product with u.
     """
     ax, ay, az = farthest(ux, uy, uz)
-    bx, by, bz = turn_back(q, ux, uy, uz)
+    bx, by, bz = turn_from(room, ux, uy, uz)
     bx, by, bz = farthest(bx, by, bz)
-    bx, by, bz = turn(q, bx, by, bz)
-    portal[row, 0] = ax + bx
-    portal[row, 1] = ay + by
-    portal[row, 2] = az + bz
-    portal[row, 3] = ax
-    portal[row, 4] = ay
-    portal[row, 5] = az
-    return ux * (ax + bx) + uy * (ay + by) + uz * (az + bz)
+    bx, by, bz = turn_to(room, bx, by, bz)
+    x, y, z = ax + bx, ay + by, az + bz
+    k = PORTAL + 6 * row
+    room[k] = x
+    room[k + 1] = y
+    room[k + 2] = z
+    room[k + 3] = ax
+    room[k + 4] = ay
+    room[k + 5] = az
+    return ux * x + uy * y + uz * z
 
 
 @compiled
-def cross(portal: np.ndarray, one: int, two: int) -> tuple[float, float, float]:
+def corner(room: np.ndarray, row: int) -> tuple[float, float, float]:
     """
-    Cross product of two points.
+    Point of a row of PORTAL.
     """
-    x1, y1, z1 = portal[one, 0], portal[one, 1], portal[one, 2]
-    x2, y2, z2 = portal[two, 0], portal[two, 1], portal[two, 2]
-    return y1 * z2 - z1 * y2, z1 * x2 - x1 * z2, x1 * y2 - y1 * x2
+    k = PORTAL + 6 * row
+    return room[k], room[k + 1], room[k + 2]
 
 
 @compiled
-def cross_with(
-    portal: np.ndarray, row: int, x: float, y: float, z: float
+def cross(
+    one: tuple[float, float, float], two: tuple[float, float, float]
 ) -> tuple[float, float, float]:
     """
-    Cross product of a point and a vector.
+    Cross product.
     """
-    px, py, pz = portal[row, 0], portal[row, 1], portal[row, 2]
-    return py * z - pz * y, pz * x - px * z, px * y - py * x
+    return (one[1] * two[2] - one[2] * two[1], one[2] * two[0] - one[0] * two[2],
+            one[0] * two[1] - one[1] * two[0])
 
 
 @compiled
-def across(x: float, y: float, z: float) -> tuple[float, float, float]:
+def dot(one: tuple[float, float, float], two: tuple[float, float, float]) -> float:
+    """
+    Scalar product.
+    """
+    return one[0] * two[0] + one[1] * two[1] + one[2] * two[2]
+
+
+@compiled
+def across(c: tuple[float, float, float]) -> tuple[float, float, float]:
     """
     A vector at right angles to another that is not zero.
     """
+    x, y, z = c
     if abs(x) <= abs(y) and abs(x) <= abs(z):
         return 0.0, -z, y
     if abs(y) <= abs(z):
@@ -119,17 +173,61 @@ def across(x: float, y: float, z: float) -> tuple[float, float, float]:
 
 
 @compiled
-def triple(portal: np.ndarray, one: int, two: int, x: float, y: float, z: float) -> float:
+def beyond_most(room: np.ndarray, cx: float, cy: float, cz: float) -> tuple[int, float]:
     """
-    Scalar product of that with a vector.
+    The face normal on which c is farthest out, relative to the sum of both bodies.
+
+    Returns a number in AXES, AXIS_COUNT more for a normal of the second body; and how far out,
+    1 on the surface of the sum.
     """
-    cx, cy, cz = cross(portal, one, two)
-    return cx * x + cy * y + cz * z
+    q0, q1, q2 = splat(room[0]), splat(room[1]), splat(room[2])
+    q3, q4, q5 = splat(room[3]), splat(room[4]), splat(room[5])
+    q6, q7, q8 = splat(room[6]), splat(room[7]), splat(room[8])
+    x, y, z = splat(cx), splat(cy), splat(cz)
+    # c in the second body's axes, where its normals are the same constants.
+    bx, by, bz = (fma(q0, x, fma(q3, y, q6 * z)), fma(q1, x, fma(q4, y, q7 * z)),
+                  fma(q2, x, fma(q5, y, q8 * z)))
+    own = splat(INNER)
+    most, which = splat(0.0), splat(0.0)
+    for k in range(0, AXIS_COUNT, LANES):
+        nx = load_at(AXES, k)
+        ny = load_at(AXES, AXIS_COUNT + k)
+        nz = load_at(AXES, 2 * AXIS_COUNT + k)
+        number = fma(splat(float(k)), splat(1.0), load_at(NUMBERS, 0))
+        far = fabs(fma(nx, x, fma(ny, y, nz * z)))
+        out = far / (own + reach_lanes(
+            fma(q0, nx, fma(q3, ny, q6 * nz)), fma(q1, nx, fma(q4, ny, q7 * nz)),
+            fma(q2, nx, fma(q5, ny, q8 * nz))))
+        which = where(out > most, number, which)
+        most = maximum(out, most)
+        far = fabs(fma(nx, bx, fma(ny, by, nz * bz)))
+        out = far / (own + reach_lanes(
+            fma(q0, nx, fma(q1, ny, q2 * nz)), fma(q3, nx, fma(q4, ny, q5 * nz)),
+            fma(q6, nx, fma(q7, ny, q8 * nz))))
+        which = where(out > most, number + splat(float(AXIS_COUNT)), which)
+        most = maximum(out, most)
+    store_at(room, PORTAL, most)
+    store_at(room, PORTAL + LANES, which)
+    best = 0
+    for k in range(1, LANES):
+        best = k if room[PORTAL + k] > room[PORTAL + best] else best
+    return int(room[PORTAL + LANES + best]), room[PORTAL + best]
+
+
+@compiled
+def within(face: int, x: float, y: float, z: float) -> bool:
+    """
+    Whether a point in body axes is within the pyramid of a face.
+    """
+    outside = False
+    for k in range(3):
+        outside |= RIDGES[face, k, 0] * x + RIDGES[face, k, 1] * y + RIDGES[face, k, 2] * z > 0.0
+    return not outside
 
 
 @compiled
 def find_facet(
-    q: np.ndarray, cx: float, cy: float, cz: float, portal: np.ndarray
+    room: np.ndarray, cx: float, cy: float, cz: float
 ) -> tuple[int, float, float, float, float, float, float, float]:
     """
     Say whether two bodies are APART, OVERLAP, or neither was found out (UNSURE).
@@ -137,73 +235,118 @@ def find_facet(
     Then the unit axis (3) from the first body to the second, the gap along it (negative: overlap;
     no other axis is looked at), and of overlapping bodies the deepest point of both: where they
     would touch if they shrank about their centres. c is the second centre, not at the first;
-    `portal` (4, 6) is room. An axis with a gap ends the search.
+    room[MATRIX:] holds q, row by row. An axis with a gap ends the search.
     """
-    far = put_farthest(q, cx, cy, cz, portal, 0)
-    length = math.sqrt(cx * cx + cy * cy + cz * cz)
-    gap = length - far / length
+    square = cx * cx + cy * cy + cz * cz
+    bx, by, bz = turn_from(room, cx, cy, cz)
+    between = square - reach(cx, cy, cz) - reach(bx, by, bz)
+    if between > 0.0:
+        length = math.sqrt(square)
+        gap = between / length
+        if gap > ROUNDING:
+            return APART, cx / length, cy / length, cz / length, gap, 0.0, 0.0, 0.0
+    axis, out = beyond_most(room, cx, cy, cz)
+    second = axis >= AXIS_COUNT
+    face = AXIS_FACES[axis - AXIS_COUNT if second else axis]
+    ux, uy, uz = NORMALS[face, 0], NORMALS[face, 1], NORMALS[face, 2]
+    # The normal in the axes of both bodies, towards c.
+    if second:
+        nx, ny, nz = turn_to(room, ux, uy, uz)
+    else:
+        nx, ny, nz = ux, uy, uz
+    between = nx * cx + ny * cy + nz * cz
+    if between < 0.0:
+        face = OPPOSITE[face]
+        between, nx, ny, nz = -between, -nx, -ny, -nz
+    far = between / out
+    gap = between - far
     if gap > ROUNDING:
-        return APART, cx / length, cy / length, cz / length, gap, 0.0, 0.0, 0.0
-    nx, ny, nz = cross_with(portal, 0, cx, cy, cz)
-    if not nx * nx + ny * ny + nz * nz > 0.0:
+        return APART, nx, ny, nz, gap, 0.0, 0.0, 0.0
+    # The facet of a face and the other body's farthest vertex: does the line leave through it?
+    if second:
+        ax, ay, az = farthest(nx, ny, nz)
+        bx, by, bz = turn_from(room, cx / out - ax, cy / out - ay, cz / out - az)
+        if within(face, bx, by, bz):
+            return OVERLAP, nx, ny, nz, gap, out * ax, out * ay, out * az
+    else:
+        bx, by, bz = turn_from(room, nx, ny, nz)
+        bx, by, bz = farthest(bx, by, bz)
+        bx, by, bz = turn_to(room, bx, by, bz)
+        ax, ay, az = cx / out - bx, cy / out - by, cz / out - bz
+        if within(face, ax, ay, az):
+            return OVERLAP, nx, ny, nz, gap, out * ax, out * ay, out * az
+    return refine(room, cx, cy, cz)
+
+
+@compiled
+def refine(
+    room: np.ndarray, cx: float, cy: float, cz: float
+) -> tuple[int, float, float, float, float, float, float, float]:
+    """
+    The same by portal refinement.
+    """
+    c = cx, cy, cz
+    put_farthest(room, cx, cy, cz, 0)
+    n = cross(corner(room, 0), c)
+    if not dot(n, n) > 0.0:
         # The line goes through the first point: any direction across it will do.
-        nx, ny, nz = across(cx, cy, cz)
-    put_farthest(q, nx, ny, nz, portal, 1)
+        n = across(c)
+    put_farthest(room, n[0], n[1], n[2], 1)
     # The sides from one to two, two to three and three to one have the line on their left.
     one, two, three, four = 0, 1, 2, 3
-    if triple(portal, one, two, cx, cy, cz) < 0.0:
+    n = cross(corner(room, 0), corner(room, 1))
+    if dot(n, c) < 0.0:
         one, two = two, one
+        n = -n[0], -n[1], -n[2]
     inside = False
     for _ in range(_ROUNDS):
-        nx, ny, nz = cross(portal, one, two)
-        far = put_farthest(q, nx, ny, nz, portal, three)
-        gap = nx * cx + ny * cy + nz * cz - far
+        gap = dot(n, c) - put_farthest(room, n[0], n[1], n[2], three)
         if gap > 0.0:
-            length = math.sqrt(nx * nx + ny * ny + nz * nz)
+            length = math.sqrt(dot(n, n))
             gap /= length
             if gap > ROUNDING:
-                return APART, nx / length, ny / length, nz / length, gap, 0.0, 0.0, 0.0
-        if triple(portal, two, three, cx, cy, cz) < 0.0:
+                return APART, n[0] / length, n[1] / length, n[2] / length, gap, 0.0, 0.0, 0.0
+        new = cross(corner(room, three), c)
+        if dot(new, corner(room, two)) > 0.0:
             one, three = three, one
-        elif triple(portal, three, one, cx, cy, cz) < 0.0:
+        elif dot(new, corner(room, one)) < 0.0:
             two, three = three, two
         else:
             inside = True
             break
+        n = cross(corner(room, one), corner(room, two))
     if not inside:
         return UNSURE, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for _ in range(_ROUNDS):
-        x, y, z = portal[one, 0], portal[one, 1], portal[one, 2]
-        ax, ay, az = portal[two, 0] - x, portal[two, 1] - y, portal[two, 2] - z
-        bx, by, bz = portal[three, 0] - x, portal[three, 1] - y, portal[three, 2] - z
-        nx, ny, nz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
-        length = math.sqrt(nx * nx + ny * ny + nz * nz)
-        if not length > 0.0:
+        p1, p2, p3 = corner(room, one), corner(room, two), corner(room, three)
+        n = cross((p2[0] - p1[0], p2[1] - p1[1], p2[2] - p1[2]),
+                  (p3[0] - p1[0], p3[1] - p1[1], p3[2] - p1[2]))
+        square = dot(n, n)
+        if not square > 0.0:
             break
-        nx, ny, nz = nx / length, ny / length, nz / length
-        far = put_farthest(q, nx, ny, nz, portal, four)
-        gap = nx * cx + ny * cy + nz * cz - far
+        scale = 1.0 / math.sqrt(square)
+        n = n[0] * scale, n[1] * scale, n[2] * scale
+        far = put_farthest(room, n[0], n[1], n[2], four)
+        gap = dot(n, c) - far
         if gap > ROUNDING:
-            return APART, nx, ny, nz, gap, 0.0, 0.0, 0.0
-        if far - (nx * x + ny * y + nz * z) <= ROUNDING:
+            return APART, n[0], n[1], n[2], gap, 0.0, 0.0, 0.0
+        if far - dot(n, p1) <= ROUNDING:
             # Cramer's rule: c is the sum of the three points times these over the determinant.
-            first = triple(portal, two, three, cx, cy, cz)
-            second = triple(portal, three, one, cx, cy, cz)
-            third = triple(portal, one, two, cx, cy, cz)
-            whole = triple(portal, one, two, portal[three, 0], portal[three, 1], portal[three, 2])
+            whole = dot(cross(p1, p2), p3)
             if not whole > 0.0:
                 break
-            first, second, third = first / whole, second / whole, third / whole
+            first = dot(cross(p2, p3), c) / whole
+            second = dot(cross(p3, p1), c) / whole
+            third = dot(cross(p1, p2), c) / whole
+            i, j, k = PORTAL + 6 * one + 3, PORTAL + 6 * two + 3, PORTAL + 6 * three + 3
             return (
-                OVERLAP, nx, ny, nz, gap,
-                first * portal[one, 3] + second * portal[two, 3] + third * portal[three, 3],
-                first * portal[one, 4] + second * portal[two, 4] + third * portal[three, 4],
-                first * portal[one, 5] + second * portal[two, 5] + third * portal[three, 5])
+                OVERLAP, n[0], n[1], n[2], gap,
+                first * room[i] + second * room[j] + third * room[k],
+                first * room[i + 1] + second * room[j + 1] + third * room[k + 1],
+                first * room[i + 2] + second * room[j + 2] + third * room[k + 2])
         # Of the three triangles with the new point, the one that has the line in it.
-        wx, wy, wz = cross_with(portal, four, cx, cy, cz)
-        first = wx * portal[one, 0] + wy * portal[one, 1] + wz * portal[one, 2]
-        second = wx * portal[two, 0] + wy * portal[two, 1] + wz * portal[two, 2]
-        third = wx * portal[three, 0] + wy * portal[three, 1] + wz * portal[three, 2]
+        new = cross(corner(room, four), c)
+        first, second, third = dot(new, p1), dot(new, p2), dot(new, p3)
         if first <= 0.0 and second >= 0.0:
             three, four = four, three
         elif second <= 0.0 and third >= 0.0:

@@ -17,18 +17,28 @@ change the signs of all results and no other bit.
 import math
 
 from icofabric_sim.kernels.compiled import compiled
-from icofabric_sim.kernels.contact_axis import APART, find_facet, OVERLAP, turn, turn_back
+from icofabric_sim.kernels.contact_axis import (
+    APART,
+    find_facet,
+    MATRIX,
+    OVERLAP,
+    put_farthest,
+    turn,
+    turn_back,
+)
 from icofabric_sim.kernels.contact_shape import INNER, OUTER, reach
 from icofabric_sim.kernels.contact_surface import (
-    add_all_pairs,
+    add_all,
     add_plane,
-    add_surface_from,
+    add_surface,
     contact_scratch,
     M0,
     M1,
     S0,
     S1,
     Scratch,
+    SUM_COUNT,
+    SUMS,
     T0,
     T1,
     turn_normals,
@@ -100,33 +110,28 @@ def press(
         out[11] = 2.0 * INNER * half_edge
         out[12] = 1.0
         return True
-    q = scratch.turn
+    room = scratch.room
     for r in range(3):
         for c in range(3):
-            q[r, c] = ra[0, r] * rb[0, c] + ra[1, r] * rb[1, c] + ra[2, r] * rb[2, c]
-    verdict, ux, uy, uz, gap, x, y, z = find_facet(q, cx, cy, cz, scratch.portal)
+            room[MATRIX + 3 * r + c] = (
+                ra[0, r] * rb[0, c] + ra[1, r] * rb[1, c] + ra[2, r] * rb[2, c])
+    verdict, ux, uy, uz, gap, x, y, z = find_facet(room, cx, cy, cz)
     if verdict == APART:
         out[12], out[13], out[14] = turn(ra, ux, uy, uz)
         return False
-    turn_normals(q, scratch.normals)
-    sums = scratch.sums
-    for k in range(14):
-        sums[k] = 0.0
-    if verdict != OVERLAP or gap < -_DEEP or not add_surface_from(
-            scratch, q, cx, cy, cz, x, y, z):
-        for k in range(14):
-            sums[k] = 0.0
-        add_all_pairs(scratch, cx, cy, cz)
+    turn_normals(room)
+    for k in range(SUM_COUNT):
+        room[SUMS + k] = 0.0
+    if verdict != OVERLAP or gap < -_DEEP or not add_surface(scratch, cx, cy, cz, x, y, z):
+        add_all(room, cx, cy, cz)
     if verdict != OVERLAP:
         length = math.sqrt(cx * cx + cy * cy + cz * cz)
         ux, uy, uz = cx / length, cy / length, cz / length
-        bx, by, bz = turn_back(q, ux, uy, uz)
-        gap = length - reach(ux, uy, uz) - reach(bx, by, bz)
+        gap = length - put_farthest(room, ux, uy, uz, 0)
     out[12], out[13], out[14] = turn(ra, ux, uy, uz)
-    if not sums[M0] > _NOTHING:
+    if not room[SUMS + M0] > _NOTHING:
         return False
-    mean = sums[M1] / sums[M0]
-    push(half_edge, ra, mean, sums, out)
+    push(half_edge, ra, room, out)
     out[11] = max(0.0, -gap) * half_edge
     # Whatever the polygons, angular momentum is kept.
     out[6] = -out[3] + (dy * out[2] - dz * out[1])
@@ -137,24 +142,25 @@ def press(
 
 @compiled
 def push(
-    half_edge: float, ra: np.ndarray, mean: float, sums: np.ndarray, out: np.ndarray
+    half_edge: float, ra: np.ndarray, room: np.ndarray, out: np.ndarray
 ) -> None:
     """
     Write force and torque on A, energy and delta, from the integrals in the axes of A.
 
     By the place of B, grad delta = -4 (S_1 - (M_1 / M_0) S_0) / M_0, S_k the integral of p^k n.
     """
+    mean = room[SUMS + M1] / room[SUMS + M0]
     delta = 4.0 * mean
-    factor = -4.0 * delta * half_edge / sums[M0]
+    factor = -4.0 * delta * half_edge / room[SUMS + M0]
     out[0], out[1], out[2] = turn(
-        ra, factor * (sums[S1] - mean * sums[S0]),
-        factor * (sums[S1 + 1] - mean * sums[S0 + 1]),
-        factor * (sums[S1 + 2] - mean * sums[S0 + 2]))
+        ra, factor * (room[SUMS + S1] - mean * room[SUMS + S0]),
+        factor * (room[SUMS + S1 + 1] - mean * room[SUMS + S0 + 1]),
+        factor * (room[SUMS + S1 + 2] - mean * room[SUMS + S0 + 2]))
     factor *= half_edge
     out[3], out[4], out[5] = turn(
-        ra, factor * (sums[T1] - mean * sums[T0]),
-        factor * (sums[T1 + 1] - mean * sums[T0 + 1]),
-        factor * (sums[T1 + 2] - mean * sums[T0 + 2]))
+        ra, factor * (room[SUMS + T1] - mean * room[SUMS + T0]),
+        factor * (room[SUMS + T1 + 1] - mean * room[SUMS + T0 + 1]),
+        factor * (room[SUMS + T1 + 2] - mean * room[SUMS + T0 + 2]))
     delta *= half_edge
     out[9] = 0.5 * (delta * delta)
     out[10] = delta
@@ -181,12 +187,36 @@ def touch_plane(
     overlap = reach(nx, ny, nz) - height
     if not overlap > 0.0:
         return False
-    sums = scratch.sums
-    for k in range(14):
-        sums[k] = 0.0
-    add_plane(scratch, nx, ny, nz, -height)
-    if not sums[M0] > _NOTHING:
+    room = scratch.room
+    for k in range(SUM_COUNT):
+        room[SUMS + k] = 0.0
+    add_plane(room, nx, ny, nz, -height)
+    if not room[SUMS + M0] > _NOTHING:
         return False
-    push(half_edge, ra, sums[M1] / sums[M0], sums, out)
+    push(half_edge, ra, room, out)
     out[11] = overlap * half_edge
     return True
+
+
+@compiled
+def touch_pairs(
+    half_edge: float, xa: np.ndarray, ra: np.ndarray, xb: np.ndarray, rb: np.ndarray,
+    scratch: Scratch, touching: np.ndarray, out: np.ndarray
+) -> None:
+    """
+    `touch_pair` of n pairs: places (n, 3), matrices (n, 3, 3), results (n,) and (n, OUT_SIZE).
+    """
+    for k in range(touching.shape[0]):
+        touching[k] = touch_pair(half_edge, xa[k], ra[k], xb[k], rb[k], scratch, out[k])
+
+
+@compiled
+def touch_planes(
+    half_edge: float, normal: np.ndarray, offset: float, xa: np.ndarray, ra: np.ndarray,
+    scratch: Scratch, touching: np.ndarray, out: np.ndarray
+) -> None:
+    """
+    `touch_plane` of n shells and one plane.
+    """
+    for k in range(touching.shape[0]):
+        touching[k] = touch_plane(half_edge, normal, offset, xa[k], ra[k], scratch, out[k])

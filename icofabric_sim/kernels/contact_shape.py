@@ -10,6 +10,7 @@ import math
 
 from icofabric_sim.icosahedron import face_geometry, FACES, inscribed_radius, TAU, vertices
 from icofabric_sim.kernels.compiled import compiled
+from icofabric_sim.kernels.lanes import fabs, fma, maximum, splat, Vector
 import numpy as np
 
 # Radii of the spheres inside and around.
@@ -32,6 +33,15 @@ def _neighbours() -> np.ndarray:
 
 
 NEIGHBOURS = _neighbours()
+# Where RIDGES[i, k] . x > 0 a point is beyond the side k of the pyramid of face i.
+RIDGES = NORMALS[NEIGHBOURS] - NORMALS[:, None]
+# One of each two opposite faces, filled up with the first to whole vectors; and their normals'
+# x, y and z one after the other.
+AXIS_COUNT = 16
+_HALF = [face for face in range(20) if tuple(NORMALS[face].round(9)) > (0.0, 0.0, 0.0)]
+AXIS_FACES = np.array(_HALF + _HALF[:1] * (AXIS_COUNT - len(_HALF)))
+AXES = np.ascontiguousarray(NORMALS[AXIS_FACES].T).ravel()
+OPPOSITE = np.argmin(NORMALS @ NORMALS.T, axis=1)
 
 
 @compiled
@@ -46,27 +56,26 @@ def reach(ux: float, uy: float, uz: float) -> float:
 
 
 @compiled
+def reach_lanes(ux: Vector, uy: Vector, uz: Vector) -> Vector:
+    """
+    The same of several directions.
+    """
+    tau = splat(TAU)
+    ax, ay, az = fabs(ux), fabs(uy), fabs(uz)
+    return maximum(fma(tau, az, ay), maximum(fma(tau, ay, ax), fma(tau, ax, az)))
+
+
+@compiled
 def farthest(ux: float, uy: float, uz: float) -> tuple[float, float, float]:
     """
     Vertex of that largest scalar product; one of them where several share it.
     """
     ax, ay, az = abs(ux), abs(uy), abs(uz)
     first, second, third = ay + TAU * az, ax + TAU * ay, az + TAU * ax
-    if first >= second and first >= third:
-        return 0.0, math.copysign(1.0, uy), math.copysign(TAU, uz)
-    if second >= third:
-        return math.copysign(1.0, ux), math.copysign(TAU, uy), 0.0
-    return math.copysign(TAU, ux), 0.0, math.copysign(1.0, uz)
-
-
-@compiled
-def face_beyond(x: float, y: float, z: float) -> int:
-    """
-    The face whose pyramid, with its apex in the centre, holds a point; any where several do.
-    """
-    best, most = 0, -1.0
-    for face in range(20):
-        height = NORMALS[face, 0] * x + NORMALS[face, 1] * y + NORMALS[face, 2] * z
-        if height > most:
-            best, most = face, height
-    return best
+    # Choices of numbers, no branches: those would be guessed wrong every other time.
+    one = first >= second and first >= third
+    two = second >= third
+    x = 0.0 if one else (1.0 if two else TAU)
+    y = 1.0 if one else (TAU if two else 0.0)
+    z = TAU if one else (0.0 if two else 1.0)
+    return math.copysign(x, ux), math.copysign(y, uy), math.copysign(z, uz)

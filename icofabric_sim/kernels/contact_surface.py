@@ -28,54 +28,56 @@ import math
 from typing import NamedTuple
 
 from icofabric_sim.kernels.compiled import compiled
-from icofabric_sim.kernels.contact_shape import CORNERS, face_beyond, INNER, NEIGHBOURS, NORMALS
+from icofabric_sim.kernels.contact_shape import CORNERS, INNER, NEIGHBOURS, NORMALS, RIDGES
 import numpy as np
 
-# Corners of a polygon: at most 4 from a pyramid, and one more from each of three sides.
-_MOST = 8
 # A corner so near a side lies on it: the polygon beyond is looked at. More cost time only.
 _NEAR = 1e-12
-# There is a polygon; bits 0 to 5 of the same number are sides.
-FOUND = 64
+# There is a polygon; bits 0 to 5 of the same number are sides, the others pairs of them.
+FOUND = 1 << 6
 
 
 class Scratch(NamedTuple):
     """
     Room for one pair at a time.
+
+    One array of numbers, because each array that is handed on costs time at every call.
     """
 
-    portal: np.ndarray    # (4, 6), see find_facet
-    turn: np.ndarray      # from B's axes to A's, (3, 3)
-    normals: np.ndarray   # of B's faces in A's axes, (20, 3)
-    polygon: np.ndarray   # two polygons: x, y, z and depth of the corners, (2, 8, 4)
-    value: np.ndarray     # (8,)
-    waiting: np.ndarray   # pairs of faces to look at, (401,)
-    seen: np.ndarray      # bit j of row i: the pair was put there, (20,)
-    sums: np.ndarray      # see SUMS, (14,)
+    room: np.ndarray   # (256,), see below
+    marks: np.ndarray  # (420,)
 
 
-# Rows of the sums: M_0, M_1, integrals of n, of p n, of x cross n, of p x cross n.
+# Places in the room; MATRIX and PORTAL of contact_axis.py come first.
+NORMAL = 33    # normals of B's faces in A's axes, (3, 20)
+HEIGHT = 93    # of a point along these, (20,)
+VALUE = 113    # of the corners of a polygon on a side, (8,)
+POLYGON = 121  # two polygons: x, y, z and depth of the corners, (2, 8, 4)
+SUMS = 185     # M_0, M_1, integrals of n, of p n, of x cross n, of p x cross n, (14,)
+# A pyramid gives a polygon 4 corners at most, and each of three sides of another one more.
+_ROOM, _NEXT, _CORNERS = 256, 32, 4
+# Places among the sums.
 M0, M1, S0, S1, T0, T1 = 0, 1, 2, 5, 8, 11
+SUM_COUNT = 14
+# Among the marks: pairs of faces to look at; bit j of number i is set once pair i, j is there.
+_WAITING, _SEEN = 0, 400
 
 
 def contact_scratch() -> Scratch:
     """
     Room for one thread.
     """
-    return Scratch(
-        np.zeros((4, 6)), np.zeros((3, 3)), np.zeros((20, 3)), np.zeros((2, _MOST, 4)),
-        np.zeros(_MOST), np.zeros(401, np.int64), np.zeros(20, np.int64),
-        np.zeros(14))
+    return Scratch(np.zeros(_ROOM), np.zeros(_SEEN + 20, np.int64))
 
 
 @compiled
 def put_section(
-    i: int, mx: float, my: float, mz: float, offset: float, polygon: np.ndarray
+    room: np.ndarray, i: int, mx: float, my: float, mz: float, offset: float
 ) -> int:
     """
     Cut pyramid i of A by the plane of equal depth below its face and below offset - m . x.
 
-    Writes the corners into polygon[0] (8, 4), in order; returns how many.
+    Writes the corners into the first polygon, in order; returns how many.
     """
     # Depths below the other face of the corners of face i, and the difference of the depths at
     # the centre, where that below face i is rho.
@@ -88,84 +90,94 @@ def put_section(
     else:
         # The centre of A is deeper below the other face than below its own.
         in0, in1, in2 = e0 < 0.0, e1 < 0.0, e2 < 0.0
-    count = 0
+    if not (in0 or in1 or in2):
+        return 0
+    at = POLYGON
     for k in range(3):
         if k == 0:
-            here, there, inside, beyond = e0, e1, in0, in1
+            here, there, inside, beyond, n = e0, e1, in0, in1, 1
         elif k == 1:
-            here, there, inside, beyond = e1, e2, in1, in2
+            here, there, inside, beyond, n = e1, e2, in1, in2, 2
         else:
-            here, there, inside, beyond = e2, e0, in2, in0
+            here, there, inside, beyond, n = e2, e0, in2, in0, 0
+        x, y, z = CORNERS[i, k, 0], CORNERS[i, k, 1], CORNERS[i, k, 2]
         if inside:
             # On the line from the centre to this corner.
-            t = centre / (centre + here)
-            polygon[0, count, 0] = t * CORNERS[i, k, 0]
-            polygon[0, count, 1] = t * CORNERS[i, k, 1]
-            polygon[0, count, 2] = t * CORNERS[i, k, 2]
-            polygon[0, count, 3] = INNER * (here / (centre + here))
-            count += 1
+            whole = 1.0 / (centre + here)
+            t = centre * whole
+            room[at] = t * x
+            room[at + 1] = t * y
+            room[at + 2] = t * z
+            room[at + 3] = INNER * (here * whole)
+            at += _CORNERS
         if inside != beyond:
             # On the edge to the next.
             t = here / (here - there)
-            n = k + 1 if k < 2 else 0
-            polygon[0, count, 0] = CORNERS[i, k, 0] + t * (CORNERS[i, n, 0] - CORNERS[i, k, 0])
-            polygon[0, count, 1] = CORNERS[i, k, 1] + t * (CORNERS[i, n, 1] - CORNERS[i, k, 1])
-            polygon[0, count, 2] = CORNERS[i, k, 2] + t * (CORNERS[i, n, 2] - CORNERS[i, k, 2])
-            polygon[0, count, 3] = 0.0
-            count += 1
-    return count
+            room[at] = x + t * (CORNERS[i, n, 0] - x)
+            room[at + 1] = y + t * (CORNERS[i, n, 1] - y)
+            room[at + 2] = z + t * (CORNERS[i, n, 2] - z)
+            room[at + 3] = 0.0
+            at += _CORNERS
+    return (at - POLYGON) // _CORNERS
 
 
 @compiled
 def clip(
-    scratch: Scratch, kept: int, count: int, rx: float, ry: float, rz: float, r: float
+    room: np.ndarray, kept: int, count: int, rx: float, ry: float, rz: float, r: float
 ) -> tuple[int, int]:
     """
-    Keep what of a polygon has r . x <= r; returns where the rest stands, and its corners.
+    Keep what of a polygon has r . x <= r; returns which one is the rest, and its corners.
     """
-    polygon, value = scratch.polygon, scratch.value
+    start = POLYGON + _NEXT * kept
     outside = 0
     for k in range(count):
-        value[k] = (rx * polygon[kept, k, 0] + ry * polygon[kept, k, 1]
-                    + rz * polygon[kept, k, 2] - r)
-        if value[k] > 0.0:
+        at = start + _CORNERS * k
+        value = rx * room[at] + ry * room[at + 1] + rz * room[at + 2] - r
+        room[VALUE + k] = value
+        if value > 0.0:
             outside += 1
     if outside == 0:
         return kept, count
     if outside == count:
         return kept, 0
-    other = 1 - kept
+    to = POLYGON + _NEXT * (1 - kept)
+    last = start + _CORNERS * (count - 1)
+    before = room[VALUE + count - 1]
     left = 0
     for k in range(count):
-        n = k + 1 if k + 1 < count else 0
-        if value[k] <= 0.0:
-            for c in range(4):
-                polygon[other, left, c] = polygon[kept, k, c]
+        at, value = start + _CORNERS * k, room[VALUE + k]
+        if (value > 0.0) != (before > 0.0):
+            t = before / (before - value)
+            for n in range(_CORNERS):
+                room[to + n] = room[last + n] + t * (room[at + n] - room[last + n])
+            to += _CORNERS
             left += 1
-        if (value[k] > 0.0) != (value[n] > 0.0):
-            t = value[k] / (value[k] - value[n])
-            for c in range(4):
-                polygon[other, left, c] = polygon[kept, k, c] + t * (
-                    polygon[kept, n, c] - polygon[kept, k, c])
+        if value <= 0.0:
+            for n in range(_CORNERS):
+                room[to + n] = room[at + n]
+            to += _CORNERS
             left += 1
-    return other, left
+        last, before = at, value
+    return 1 - kept, left
 
 
 @compiled
-def add_polygon(
-    scratch: Scratch, kept: int, count: int, nx: float, ny: float, nz: float, h: float
+def add_integrals(
+    room: np.ndarray, kept: int, count: int, nx: float, ny: float, nz: float, h: float
 ) -> None:
     """
     Add the integrals over a polygon with unit normal n.
     """
-    polygon, sums = scratch.polygon[kept], scratch.sums
-    x0, y0, z0, p0 = polygon[0, 0], polygon[0, 1], polygon[0, 2], polygon[0, 3]
-    x1, y1, z1, p1 = polygon[1, 0], polygon[1, 1], polygon[1, 2], polygon[1, 3]
+    at = POLYGON + _NEXT * kept
+    x0, y0, z0, p0 = room[at], room[at + 1], room[at + 2], room[at + 3]
+    at += _CORNERS
+    x1, y1, z1, p1 = room[at], room[at + 1], room[at + 2], room[at + 3]
     area, depth, zeroth, first = 0.0, 0.0, 0.0, 0.0
     ax, ay, az, bx, by, bz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     ux, uy, uz = x1 - x0, y1 - y0, z1 - z0
-    for k in range(2, count):
-        x2, y2, z2, p2 = polygon[k, 0], polygon[k, 1], polygon[k, 2], polygon[k, 3]
+    for _ in range(2, count):
+        at += _CORNERS
+        x2, y2, z2, p2 = room[at], room[at + 1], room[at + 2], room[at + 3]
         vx, vy, vz = x2 - x0, y2 - y0, z2 - z0
         triangle = 0.5 * abs(
             nx * (uy * vz - uz * vy) + ny * (uz * vx - ux * vz) + nz * (ux * vy - uy * vx))
@@ -174,167 +186,202 @@ def add_polygon(
         e3 = p0 * p1 * p2
         shared = triangle / ((INNER - p0) * (INNER - p1) * (INNER - p2))
         zeroth += shared * (INNER * (INNER * e1 - e2) + e3)
-        first += shared * (
-            INNER * (INNER * (e1 * e1 - e2) - (e1 * e2 - e3)) + e1 * e3)
+        first += shared * (INNER * (INNER * (e1 * e1 - e2) - (e1 * e2 - e3)) + e1 * e3)
         area += triangle
         depth += triangle * e1
         sx, sy, sz = x0 + x1 + x2, y0 + y1 + y2, z0 + z1 + z2
         ax += triangle * sx
         ay += triangle * sy
         az += triangle * sz
-        bx += triangle * (sx * e1 + x0 * p0 + x1 * p1 + x2 * p2)
-        by += triangle * (sy * e1 + y0 * p0 + y1 * p1 + y2 * p2)
-        bz += triangle * (sz * e1 + z0 * p0 + z1 * p1 + z2 * p2)
+        bx += triangle * (sx * e1 + (x0 * p0 + x1 * p1 + x2 * p2))
+        by += triangle * (sy * e1 + (y0 * p0 + y1 * p1 + y2 * p2))
+        bz += triangle * (sz * e1 + (z0 * p0 + z1 * p1 + z2 * p2))
         x1, y1, z1, p1, ux, uy, uz = x2, y2, z2, p2, vx, vy, vz
+    room[SUMS + M0] += h * zeroth / 3.0
+    room[SUMS + M1] += h * first / 12.0
+    room[SUMS + S0] += nx * area
+    room[SUMS + S0 + 1] += ny * area
+    room[SUMS + S0 + 2] += nz * area
     depth /= 3.0
-    sums[M0] += h * zeroth / 3.0
-    sums[M1] += h * first / 12.0
-    sums[S0] += nx * area
-    sums[S0 + 1] += ny * area
-    sums[S0 + 2] += nz * area
-    sums[S1] += nx * depth
-    sums[S1 + 1] += ny * depth
-    sums[S1 + 2] += nz * depth
-    sums[T0] += (ay * nz - az * ny) / 3.0
-    sums[T0 + 1] += (az * nx - ax * nz) / 3.0
-    sums[T0 + 2] += (ax * ny - ay * nx) / 3.0
-    sums[T1] += (by * nz - bz * ny) / 12.0
-    sums[T1 + 1] += (bz * nx - bx * nz) / 12.0
-    sums[T1 + 2] += (bx * ny - by * nx) / 12.0
+    room[SUMS + S1] += nx * depth
+    room[SUMS + S1 + 1] += ny * depth
+    room[SUMS + S1 + 2] += nz * depth
+    nx, ny, nz = nx / 3.0, ny / 3.0, nz / 3.0
+    room[SUMS + T0] += ay * nz - az * ny
+    room[SUMS + T0 + 1] += az * nx - ax * nz
+    room[SUMS + T0 + 2] += ax * ny - ay * nx
+    nx, ny, nz = 0.25 * nx, 0.25 * ny, 0.25 * nz
+    room[SUMS + T1] += by * nz - bz * ny
+    room[SUMS + T1 + 1] += bz * nx - bx * nz
+    room[SUMS + T1 + 2] += bx * ny - by * nx
 
 
 @compiled
-def add_pair_of_faces(
-    scratch: Scratch, i: int, j: int, cx: float, cy: float, cz: float
-) -> int:
+def add_polygon(room: np.ndarray, i: int, j: int, cx: float, cy: float, cz: float) -> int:
     """
     Add the polygon of faces i of A and j of B, whose centre is c.
 
-    Returns which neighbours of i (bits 0 to 2) and of j (3 to 5) lie beyond sides that it
-    reaches, 0 where there is no polygon.
+    Returns 0 where there is none. Else FOUND, bits 0 to 2 for neighbours of i that lie beyond a
+    side which it reaches, 3 to 5 for neighbours of j, and bit 7 + 3 k + l for the neighbours k of
+    i and l of j where it reaches both sides in one corner.
     """
-    m = scratch.normals
-    mx, my, mz = m[j, 0], m[j, 1], m[j, 2]
+    mx, my, mz = room[NORMAL + j], room[NORMAL + 20 + j], room[NORMAL + 40 + j]
     centre = mx * cx + my * cy + mz * cz
-    count = put_section(i, mx, my, mz, INNER + centre, scratch.polygon)
+    count = put_section(room, i, mx, my, mz, INNER + centre)
     if count == 0:
         return 0
-    kept = 0
-    for k in range(3):
-        n = NEIGHBOURS[j, k]
-        rx, ry, rz = m[n, 0] - mx, m[n, 1] - my, m[n, 2] - mz
-        kept, count = clip(scratch, kept, count, rx, ry, rz, rx * cx + ry * cy + rz * cz)
-        if count == 0:
-            return 0
+    n0, n1, n2 = NEIGHBOURS[j, 0], NEIGHBOURS[j, 1], NEIGHBOURS[j, 2]
+    ux, uy, uz = (room[NORMAL + n0] - mx, room[NORMAL + 20 + n0] - my,
+                  room[NORMAL + 40 + n0] - mz)
+    vx, vy, vz = (room[NORMAL + n1] - mx, room[NORMAL + 20 + n1] - my,
+                  room[NORMAL + 40 + n1] - mz)
+    wx, wy, wz = (room[NORMAL + n2] - mx, room[NORMAL + 20 + n2] - my,
+                  room[NORMAL + 40 + n2] - mz)
+    u = ux * cx + uy * cy + uz * cz
+    v = vx * cx + vy * cy + vz * cz
+    w = wx * cx + wy * cy + wz * cz
+    kept, count = clip(room, 0, count, ux, uy, uz, u)
+    if count == 0:
+        return 0
+    kept, count = clip(room, kept, count, vx, vy, vz, v)
+    if count == 0:
+        return 0
+    kept, count = clip(room, kept, count, wx, wy, wz, w)
+    if count == 0:
+        return 0
     # Where both faces look the same way the planes of equal depth are nowhere or everywhere.
     nx, ny, nz = NORMALS[i, 0] - mx, NORMALS[i, 1] - my, NORMALS[i, 2] - mz
-    length = math.sqrt(nx * nx + ny * ny + nz * nz)
-    if not length > _NEAR:
+    square = nx * nx + ny * ny + nz * nz
+    if not square > _NEAR * _NEAR:
         return 0
-    nx, ny, nz = nx / length, ny / length, nz / length
-    add_polygon(scratch, kept, count, nx, ny, nz, nx * cx + ny * cy + nz * cz)
+    scale = 1.0 / math.sqrt(square)
+    nx, ny, nz = nx * scale, ny * scale, nz * scale
+    add_integrals(room, kept, count, nx, ny, nz, nx * cx + ny * cy + nz * cz)
     reached = FOUND
-    polygon = scratch.polygon
-    for k in range(3):
-        n = NEIGHBOURS[i, k]
-        rx = NORMALS[n, 0] - NORMALS[i, 0]
-        ry = NORMALS[n, 1] - NORMALS[i, 1]
-        rz = NORMALS[n, 2] - NORMALS[i, 2]
-        for corner in range(count):
-            if (rx * polygon[kept, corner, 0] + ry * polygon[kept, corner, 1]
-                    + rz * polygon[kept, corner, 2]) > -_NEAR:
-                reached |= 1 << k
-        n = NEIGHBOURS[j, k]
-        rx, ry, rz = m[n, 0] - mx, m[n, 1] - my, m[n, 2] - mz
-        for corner in range(count):
-            if (rx * (polygon[kept, corner, 0] - cx) + ry * (polygon[kept, corner, 1] - cy)
-                    + rz * (polygon[kept, corner, 2] - cz)) > -_NEAR:
-                reached |= 8 << k
+    for corner in range(count):
+        at = POLYGON + _NEXT * kept + _CORNERS * corner
+        x, y, z = room[at], room[at + 1], room[at + 2]
+        own, other = 0, 0
+        for k in range(3):
+            if RIDGES[i, k, 0] * x + RIDGES[i, k, 1] * y + RIDGES[i, k, 2] * z > -_NEAR:
+                own |= 1 << k
+        if ux * x + uy * y + uz * z - u > -_NEAR:
+            other |= 1
+        if vx * x + vy * y + vz * z - v > -_NEAR:
+            other |= 2
+        if wx * x + wy * y + wz * z - w > -_NEAR:
+            other |= 4
+        reached |= own | other << 3
+        if own and other:
+            for k in range(3):
+                if own >> k & 1:
+                    reached |= other << (7 + 3 * k)
     return reached
 
 
 @compiled
-def turn_normals(q: np.ndarray, normals: np.ndarray) -> None:
+def turn_normals(room: np.ndarray) -> None:
     """
-    Write the normals (20, 3) of a body's faces in the axes that a matrix (3, 3) leads to.
+    Write the normals of B's faces in the axes of A; room[MATRIX:] holds the matrix.
     """
-    for j in range(20):
-        for c in range(3):
-            normals[j, c] = (
-                q[c, 0] * NORMALS[j, 0] + q[c, 1] * NORMALS[j, 1] + q[c, 2] * NORMALS[j, 2])
+    for c in range(3):
+        x, y, z = room[3 * c], room[3 * c + 1], room[3 * c + 2]
+        for j in range(20):
+            room[NORMAL + 20 * c + j] = x * NORMALS[j, 0] + y * NORMALS[j, 1] + z * NORMALS[j, 2]
 
 
 @compiled
-def add_surface_from(
-    scratch: Scratch, q: np.ndarray, cx: float, cy: float, cz: float,
-    x: float, y: float, z: float
+def add_surface(
+    scratch: Scratch, cx: float, cy: float, cz: float, x: float, y: float, z: float
 ) -> bool:
     """
-    Add the polygons from the one at a point of S on, each once; False where none is there.
+    Add the polygons from those at a point of S on, each once; False where none is there.
 
     S is in one piece where bodies are not deep in each other: there a line from the centre of A
     meets it once, as the faces of B that take part look towards that centre.
     """
-    seen = scratch.seen
+    room, marks = scratch.room, scratch.marks
+    # Faces of A, then of B, above the point: several where it lies on their ridges.
+    above_own, above_other = 0, 0
+    most = 0.0
     for i in range(20):
-        seen[i] = 0
-    bx, by, bz = x - cx, y - cy, z - cz
-    i = face_beyond(x, y, z)
-    j = face_beyond(
-        q[0, 0] * bx + q[1, 0] * by + q[2, 0] * bz,
-        q[0, 1] * bx + q[1, 1] * by + q[2, 1] * bz,
-        q[0, 2] * bx + q[1, 2] * by + q[2, 2] * bz)
-    return add_beside(scratch, i, j, cx, cy, cz)
-
-
-@compiled
-def add_beside(
-    scratch: Scratch, i: int, j: int, cx: float, cy: float, cz: float
-) -> bool:
-    """
-    Add the polygon of two faces and all that hang together with it, each once.
-
-    False where the first does not exist.
-    """
-    seen, waiting = scratch.seen, scratch.waiting
-    waiting[0] = 20 * i + j
-    seen[i] |= 1 << j
-    done, known = 0, 1
+        height = NORMALS[i, 0] * x + NORMALS[i, 1] * y + NORMALS[i, 2] * z
+        room[HEIGHT + i] = height
+        most = max(most, height)
+    for i in range(20):
+        if room[HEIGHT + i] >= most - _NEAR:
+            above_own |= 1 << i
+    most = 0.0
+    x, y, z = x - cx, y - cy, z - cz
+    for j in range(20):
+        height = room[NORMAL + j] * x + room[NORMAL + 20 + j] * y + room[NORMAL + 40 + j] * z
+        room[HEIGHT + j] = height
+        most = max(most, height)
+    for j in range(20):
+        if room[HEIGHT + j] >= most - _NEAR:
+            above_other |= 1 << j
+    known = 0
+    for i in range(20):
+        marks[_SEEN + i] = 0
+        if above_own >> i & 1:
+            marks[_SEEN + i] = above_other
+            for j in range(20):
+                if above_other >> j & 1:
+                    marks[_WAITING + known] = 32 * i + j
+                    known += 1
+    done, found = 0, 0
     while done < known:
-        pair = waiting[done]
-        i, j = pair // 20, pair % 20
-        reached = add_pair_of_faces(scratch, i, j, cx, cy, cz)
-        if done == 0 and reached == 0:
-            return False
+        pair = marks[_WAITING + done]
         done += 1
-        for k in range(3):
-            if reached & (1 << k):
-                n = NEIGHBOURS[i, k]
-                if not seen[n] >> j & 1:
-                    seen[n] |= 1 << j
-                    waiting[known] = 20 * n + j
-                    known += 1
-            if reached & (8 << k):
-                n = NEIGHBOURS[j, k]
-                if not seen[i] >> n & 1:
-                    seen[i] |= 1 << n
-                    waiting[known] = 20 * i + n
-                    known += 1
-    return True
+        i, j = pair >> 5, pair & 31
+        reached = add_polygon(room, i, j, cx, cy, cz)
+        found |= reached
+        if reached & (FOUND - 1) == 0:
+            continue
+        for k in range(4):
+            # The neighbour k of i, and last i itself, with those of j; seldom of the first.
+            sides = reached >> (7 + 3 * k) & 7 if k < 3 else reached >> 3 & 7
+            n = NEIGHBOURS[i, k] if k < 3 else i
+            new = 0
+            if k < 3 and reached >> k & 1:
+                new = 1 << j
+            for l in range(3):
+                if sides >> l & 1:
+                    new |= 1 << NEIGHBOURS[j, l]
+            new &= ~marks[_SEEN + n]
+            marks[_SEEN + n] |= new
+            while new:
+                lowest = new & -new
+                new ^= lowest
+                marks[_WAITING + known] = 32 * n + place_of_bit(lowest)
+                known += 1
+    return found != 0
 
 
 @compiled
-def add_all_pairs(scratch: Scratch, cx: float, cy: float, cz: float) -> None:
+def place_of_bit(bit: int) -> int:
+    """
+    The k of 2^k, below 20.
+    """
+    place = 0
+    while bit > 1:
+        bit >>= 1
+        place += 1
+    return place
+
+
+@compiled
+def add_all(room: np.ndarray, cx: float, cy: float, cz: float) -> None:
     """
     Add every polygon there is.
     """
     for i in range(20):
         for j in range(20):
-            add_pair_of_faces(scratch, i, j, cx, cy, cz)
+            add_polygon(room, i, j, cx, cy, cz)
 
 
 @compiled
-def add_plane(scratch: Scratch, nx: float, ny: float, nz: float, offset: float) -> None:
+def add_plane(room: np.ndarray, nx: float, ny: float, nz: float, offset: float) -> None:
     """
     Add the surface between A and a plane n . x = offset, whose depth is offset - n . x.
 
@@ -342,9 +389,8 @@ def add_plane(scratch: Scratch, nx: float, ny: float, nz: float, offset: float) 
     normal v from A to the plane, of x . v (which is constant) times the integral of F_k, and of
     -(n . v) times that of p^(k + 1) / (k + 1).
     """
-    sums = scratch.sums
     for i in range(20):
-        count = put_section(i, nx, ny, nz, offset, scratch.polygon)
+        count = put_section(room, i, nx, ny, nz, offset)
         if count == 0:
             continue
         vx, vy, vz = NORMALS[i, 0] - nx, NORMALS[i, 1] - ny, NORMALS[i, 2] - nz
@@ -352,17 +398,17 @@ def add_plane(scratch: Scratch, nx: float, ny: float, nz: float, offset: float) 
         if not length > _NEAR:
             continue
         vx, vy, vz = vx / length, vy / length, vz / length
-        add_polygon(scratch, 0, count, vx, vy, vz, (INNER - offset) / length)
-        polygon = scratch.polygon[0]
+        add_integrals(room, 0, count, vx, vy, vz, (INNER - offset) / length)
         facing = -(nx * vx + ny * vy + nz * vz)
-        for k in range(2, count):
-            ux, uy, uz = (polygon[k - 1, 0] - polygon[0, 0], polygon[k - 1, 1] - polygon[0, 1],
-                          polygon[k - 1, 2] - polygon[0, 2])
-            wx, wy, wz = (polygon[k, 0] - polygon[0, 0], polygon[k, 1] - polygon[0, 1],
-                          polygon[k, 2] - polygon[0, 2])
+        x, y, z, p0 = room[POLYGON], room[POLYGON + 1], room[POLYGON + 2], room[POLYGON + 3]
+        at = POLYGON + _CORNERS
+        for _ in range(2, count):
+            ux, uy, uz, p1 = room[at] - x, room[at + 1] - y, room[at + 2] - z, room[at + 3]
+            at += _CORNERS
+            wx, wy, wz, p2 = room[at] - x, room[at + 1] - y, room[at + 2] - z, room[at + 3]
             triangle = 0.5 * abs(vx * (uy * wz - uz * wy) + vy * (uz * wx - ux * wz)
                                  + vz * (ux * wy - uy * wx))
-            p0, p1, p2 = polygon[0, 3], polygon[k - 1, 3], polygon[k, 3]
             e1 = p0 + p1 + p2
-            sums[M0] += facing * triangle * e1 / 3.0
-            sums[M1] += facing * triangle * (e1 * e1 - (p0 * p1 + p1 * p2 + p2 * p0)) / 12.0
+            room[SUMS + M0] += facing * triangle * e1 / 3.0
+            room[SUMS + M1] += facing * triangle * (
+                e1 * e1 - (p0 * p1 + p1 * p2 + p2 * p0)) / 12.0

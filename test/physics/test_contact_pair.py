@@ -20,7 +20,7 @@ from contact_poses import (
     VERTICES,
     wrench,
 )
-from icofabric_sim.kernels.contact_surface import M0, M1
+from icofabric_sim.kernels.contact_surface import M0, M1, SUMS
 import numpy as np
 import pytest
 from scipy.integrate import quad
@@ -77,7 +77,7 @@ def test_moments_of_the_overlap_are_those_of_its_cells(kind):
     for _ in range(2):
         xa, ra, xb, rb = overlapping(kind, rng, low=-1.3, high=-0.6)
         assert touch(xa, ra, xb, rb)[0]
-        found = SCRATCH.sums[M0], SCRATCH.sums[M1]
+        found = SCRATCH.room[SUMS + M0], SCRATCH.room[SUMS + M1]
         assert found == pytest.approx(moments(half_spaces(xa, ra), half_spaces(xb, rb)), rel=1e-7)
 
 
@@ -208,7 +208,7 @@ def test_plane_pushes_as_its_energy_says():
         if offset - low.min() > 0.1:
             touch_floor(normal, offset, xa, ra)
             plane = np.append(normal, -offset)[None]
-            found = SCRATCH.sums[M0], SCRATCH.sums[M1]
+            found = SCRATCH.room[SUMS + M0], SCRATCH.room[SUMS + M1]
             assert found == pytest.approx(moments(half_spaces(xa, ra), plane), rel=1e-7)
 
 
