@@ -21,12 +21,15 @@ if TYPE_CHECKING:
     from icofabric_sim.shell import Shell
     from icofabric_sim.simulation import compile_scene, Simulation, SimulationError
     from icofabric_sim.snapshot import Snapshot
+    from icofabric_sim.statics.equilibrium import Equilibrium, solve_equilibrium
+    from icofabric_sim.statics.modes import solve_modes, Spectrum
 
 __version__ = '0.1.0'
 
 _HOMES = {
     'BodyForce': 'body_force',
     'Checkpoint': 'checkpoint',
+    'Equilibrium': 'statics.equilibrium',
     'Growth': 'growth',
     'METHODS': 'integrators.methods',
     'ParameterError': 'parameters',
@@ -35,14 +38,18 @@ _HOMES = {
     'Simulation': 'simulation',
     'SimulationError': 'simulation',
     'Snapshot': 'snapshot',
+    'Spectrum': 'statics.modes',
     'compile_scene': 'simulation',
     'load_scene': 'scene',
     'measure_growth': 'growth',
+    'solve_equilibrium': 'statics.equilibrium',
+    'solve_modes': 'statics.modes',
 }
 
 __all__ = [
     'BodyForce',
     'Checkpoint',
+    'Equilibrium',
     'Growth',
     'METHODS',
     'ParameterError',
@@ -51,9 +58,12 @@ __all__ = [
     'Simulation',
     'SimulationError',
     'Snapshot',
+    'Spectrum',
     'compile_scene',
     'load_scene',
     'measure_growth',
+    'solve_equilibrium',
+    'solve_modes',
 ]
 
 

@@ -38,7 +38,7 @@ class Moment(NamedTuple):
     A state to be drawn.
     """
 
-    time: float  # [s]
+    time: float  # [s]; NaN: of no time
     position: np.ndarray  # (n, 3) [m]
     orientation: np.ndarray  # (n, 4) x y z w
     scene: Scene
@@ -162,7 +162,8 @@ class Renderer:
             ),
             autolim=False,
         )
-        caption = f't = {moment.time:.3f} s' + (f'   {moment.note}' if moment.note else '')
+        when = '' if math.isnan(moment.time) else f't = {moment.time:.3f} s'
+        caption = '   '.join(part for part in (when, moment.note) if part)
         axes.set_title(caption, fontsize=10, color=_TEXT_COLOR, pad=4)
         if marks:
             _scale_bar(axes, corner, meters, inches[0])

@@ -205,6 +205,14 @@ class Inputs:
         """
         The rows that were packed last: channels by name, single bodies by number, tractions.
         """
+        return pack_loads(
+            self.packed_rows(), layout, stages=stages, varying=self._varying,
+            drives=self.driving.pack_again(), anchors=self._pack_anchors())
+
+    def packed_rows(self) -> list[WrenchRow]:
+        """
+        The wrenches that were packed last.
+        """
         rows = []
         for key in _in_order(self.packed):
             piece = self._piece(key) if key in self._packed_pieces else STEADY.pieces[0]
@@ -213,9 +221,7 @@ class Inputs:
             piece = self._piece(_traction(name))
             if not piece.is_zero:
                 rows += [WrenchRow(*wrench[:-1], piece, wrench.normal) for wrench in part.wrenches]
-        return pack_loads(
-            rows, layout, stages=stages, varying=self._varying, drives=self.driving.pack_again(),
-            anchors=self._pack_anchors())
+        return rows
 
     def pack_strongest(self, layout: Layout) -> Loads:
         """

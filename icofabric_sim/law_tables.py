@@ -37,6 +37,15 @@ class LawTable(NamedTuple):
         return f + t * (d + t * (c + t * b)), energy + t * (
             f + t * (d / 2.0 + t * (c / 3.0 + t * b / 4.0)))
 
+    def slope(self, length: np.ndarray) -> np.ndarray:
+        """
+        Slope of the tension [N/m] at lengths [m].
+        """
+        piece = np.searchsorted(self.rows[1:, 0], length, side='left')
+        _, anchor, _, d, c, b, _ = self.rows[piece].T
+        t = length - anchor
+        return np.asarray(d + t * (2.0 * c + t * (3.0 * b)))
+
 
 def read_law(name: str, file: str) -> LawTable:
     """

@@ -64,3 +64,17 @@ def turned_since(orientation: np.ndarray, before: np.ndarray) -> np.ndarray:
     return np.stack([
         x1 * w2 - w1 * x2 - y1 * z2 + z1 * y2, y1 * w2 - w1 * y2 + x1 * z2 - z1 * x2,
         z1 * w2 - w1 * z2 - x1 * y2 + y1 * x2, w1 * w2 + x1 * x2 + y1 * y2 + z1 * z2], axis=-1)
+
+
+def turned_by(rotation: np.ndarray, orientation: np.ndarray) -> np.ndarray:
+    """
+    Quaternions x, y, z, w (n, 4) turned each by its rotation vector (n, 3) [rad], world axes.
+    """
+    angle = np.linalg.norm(rotation, axis=1, keepdims=True)
+    vector = 0.5 * np.sinc(angle / (2.0 * np.pi)) * rotation
+    scalar = np.cos(0.5 * angle)
+    v, w = orientation[:, :3], orientation[:, 3:]
+    turned = np.hstack([
+        scalar * v + w * vector + np.cross(vector, v),
+        scalar * w - (v * vector).sum(axis=1, keepdims=True)])
+    return np.asarray(turned / np.linalg.norm(turned, axis=1, keepdims=True))

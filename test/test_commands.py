@@ -556,3 +556,41 @@ def test_pipe_that_closes_early_is_quiet(recorded: Recorded) -> None:
     with process.stderr:
         assert process.stderr.read() == b''
     assert process.wait(timeout=60) == 0
+
+
+def test_statics_says_where_a_scene_comes_to_rest(tmp_path: Path) -> None:
+    (tmp_path / 'swing.yaml').write_text(SWING)
+    done = command(
+        'statics', 'swing.yaml', '--output', 'rest', '--picture', 'rest.png', folder=tmp_path)
+    assert done.status == 0, done.err
+    assert 'equilibrium, stable' in done.out and 'contact' in done.out
+    bodies = (tmp_path / 'rest' / 'bodies.csv').read_text().splitlines()
+    assert len(bodies) == 15 and bodies[0].startswith('body,x,y,z,qx')
+    held = np.array([line.split(',')[8:11] for line in bodies[1:]], float).sum(axis=0)
+    scene = Scene.from_parameters(load_parameter_file(tmp_path / 'swing.yaml'))
+    assert held[2] == pytest.approx(14 * scene.shell.mass * 9.81, rel=1e-9)
+    assert len((tmp_path / 'rest' / 'connectors.csv').read_text().splitlines()) == 37
+    assert (tmp_path / 'rest.png').read_bytes().startswith(b'\x89PNG')
+    early = command('statics', 'swing.yaml', '--steps', '2', folder=tmp_path)
+    assert early.status == 1 and 'not in equilibrium' in early.out and 'left over' in early.out
+    bad = command('statics', 'swing.yaml', '--tolerance', '2', folder=tmp_path)
+    assert bad.status == 2 and 'tolerance' in bad.err
+    falls = command('statics', 'free_slab', '-p', 'gravity:=[0.0, 0.0, -9.81]', folder=tmp_path)
+    assert falls.status == 2 and 'supports' in falls.err and 'Traceback' not in falls.err
+
+
+def test_modes_lists_frequencies_and_mechanisms(tmp_path: Path) -> None:
+    (tmp_path / 'swing.yaml').write_text(SWING)
+    done = command('modes', 'swing.yaml', '--output', 'out', '--picture', 'm.png', folder=tmp_path)
+    assert done.status == 0, done.err
+    held = re.search(r'freedoms +(\d+)', done.out)
+    assert held is not None and 'states of self-stress' in done.out
+    rates = (tmp_path / 'out' / 'frequencies.csv').read_text().splitlines()[1:]
+    found = re.search(r'zero energy (\d+)', done.out)
+    assert found is not None and int(held[1]) == len(rates) + int(found[1])
+    assert (tmp_path / 'm.png').is_file()
+    about = command('modes', 'swing.yaml', '--equilibrium', '--count', '3', folder=tmp_path)
+    assert about.status == 0 and 'equilibrium, stable' in about.out
+    assert 'frequencies 3,' in about.out
+    bad = command('modes', 'swing.yaml', '--count', '0', folder=tmp_path)
+    assert bad.status == 2 and 'count' in bad.err

@@ -20,6 +20,8 @@ from icofabric_sim.commands.terminal import FileSaysNo, InputError
 VERBS = {
     'run': 'simulate a scene as fast as possible and record it to a bag',
     'verify': 'simulate a recorded run again and compare, bit by bit',
+    'statics': 'find where a scene comes to rest under its loads',
+    'modes': 'find the small vibrations and the mechanisms of a scene',
     'info': 'describe a scene or a recorded run',
     'render': 'draw a recorded run to pictures',
     'benchmark': 'measure speed and accuracy beside other tools',

@@ -1,0 +1,106 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+Files that `icofabric statics` and `icofabric modes` leave: tables, and pictures.
+"""
+
+import argparse
+import csv
+import math
+from pathlib import Path
+from typing import NamedTuple, TYPE_CHECKING
+
+from icofabric_sim.commands.terminal import InputError
+
+if TYPE_CHECKING:
+    from icofabric_sim.scene import Scene
+    from icofabric_sim.snapshot import Snapshot
+    import numpy as np
+
+_BODIES = (
+    'body', 'x', 'y', 'z', 'qx', 'qy', 'qz', 'qw', 'reaction_x', 'reaction_y', 'reaction_z',
+    'reaction_torque_x', 'reaction_torque_y', 'reaction_torque_z')
+_CONNECTORS = ('connector', 'first', 'second', 'length', 'tension')
+
+
+class RestOutputs(NamedTuple):
+    """
+    Where to write, if anywhere.
+    """
+
+    folder: Path | None
+    picture: Path | None
+
+    def write(
+        self, name: str, scene: 'Scene', snapshot: 'Snapshot', tension: 'np.ndarray',
+        reaction: 'np.ndarray'
+    ) -> None:
+        """
+        Tables of bodies and connectors at rest, and a picture of the start and the end.
+        """
+        if self.folder is not None:
+            bodies = ([number, *place, *turn, *held] for number, (place, turn, held) in enumerate(
+                zip(snapshot.position.tolist(), snapshot.orientation.tolist(),
+                    reaction.tolist())))
+            self.table('bodies.csv', _BODIES, bodies)
+            ends = scene.connectors.bodies.tolist() if scene.connector_count else []
+            self.table('connectors.csv', _CONNECTORS, (
+                [number, *pair, length, pull] for number, (pair, length, pull) in enumerate(
+                    zip(ends, snapshot.connector_length.tolist(), tension.tolist()))))
+        if self.picture is not None:
+            self.draw(name, scene, [
+                (scene.initial.position, scene.initial.orientation, 'start'),
+                (snapshot.position, snapshot.orientation, 'at rest')])
+
+    def table(self, file: str, head: tuple[str, ...], rows: object) -> None:
+        """
+        Write a CSV file of that name.
+        """
+        assert self.folder is not None
+        self.folder.mkdir(parents=True, exist_ok=True)
+        path = self.folder / file
+        with open(path, 'w', newline='', encoding='utf-8') as stream:
+            table = csv.writer(stream)
+            table.writerow(head)
+            table.writerows(rows)  # type: ignore[arg-type]
+        print(f'written to {path}')
+
+    def draw(
+        self, name: str, scene: 'Scene', states: list[tuple['np.ndarray', 'np.ndarray', str]]
+    ) -> None:
+        """
+        Draw configurations side by side.
+        """
+        from icofabric_sim.drawing import Moment, Renderer
+        from icofabric_sim.fabric_polygons import bounds_of, View
+
+        assert self.picture is not None
+        view, half_edge = View(), scene.geometry.half_edge
+        bounds = bounds_of(states[0][0], half_edge, view)
+        for position, _, _ in states[1:]:
+            bounds = bounds.joined(bounds_of(position, half_edge, view))
+        self.picture.parent.mkdir(parents=True, exist_ok=True)
+        Renderer(bounds, title=name, view=view).sheet(
+            [Moment(math.nan, *state[:2], scene, state[2]) for state in states], self.picture)
+        print(f'drawn to {self.picture}')
+
+
+def add_output_arguments(parser: argparse.ArgumentParser) -> None:
+    """
+    Declare --output and --picture.
+    """
+    parser.add_argument('--output', metavar='DIR', help='folder for tables (CSV)')
+    parser.add_argument('--picture', metavar='FILE', help='draw it to this PNG')
+
+
+def outputs_of(arguments: argparse.Namespace) -> RestOutputs:
+    """
+    What was asked for.
+    """
+    folder = None if arguments.output is None else Path(arguments.output).expanduser()
+    picture = None if arguments.picture is None else Path(arguments.picture).expanduser()
+    if picture is not None and picture.suffix.lower() != '.png':
+        raise InputError(f'--picture {picture}: give a file that ends in .png')
+    if folder is not None and folder.exists() and not folder.is_dir():
+        raise InputError(f'--output {folder} is a file; name a folder')
+    return RestOutputs(folder, picture)

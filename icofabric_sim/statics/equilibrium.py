@@ -1,0 +1,262 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+Equilibria (eq 48): configurations in which no force and no moment is left on any body.
+
+The potential energy is minimised by a trust region method on positions and rotations, so every
+accepted step lowers it; the Hessian is the analytic one, also where it is singular. Loads that
+turn with their bodies, and torques, have no potential: within a step they count as they are at its
+start, and as they are found at its end in the next.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+import math
+from typing import NamedTuple
+
+from icofabric_sim.scene import Scene
+from icofabric_sim.snapshot import Snapshot
+from icofabric_sim.statics.fabric import Configuration, StaticFabric
+from icofabric_sim.statics.spectrum import Curvature, judge_curvature
+from icofabric_sim.statics.trust_region import steihaug, Step
+import numpy as np
+
+STABLE = 'equilibrium, stable'
+MECHANISM = 'equilibrium, with mechanisms'
+UNSTABLE = 'equilibrium, unstable'
+NOT_AT_REST = 'not in equilibrium'
+
+_STEPS = 2_000
+# Products with the Hessian in a step, for each freedom, and at most.
+_PRODUCTS = 2.0
+_MOST_PRODUCTS = 5_000
+# Largest rotation [rad], and displacement over a, of a body in one step.
+_LONGEST = 0.7
+# Below this part of the energy its differences are rounding.
+_ROUNDING = 1e-9
+
+
+class Progress(NamedTuple):
+    """
+    Where the search stands.
+    """
+
+    steps: int
+    residual: float  # the largest force that is left over the largest that acts
+    energy: float  # [J]
+
+
+@dataclass(frozen=True)
+class Equilibrium:
+    """
+    Where the search ended, and what holds there.
+    """
+
+    snapshot: Snapshot
+    converged: bool
+    # The largest force, or torque over a, left on a free body, over the largest force that acts.
+    residual: float
+    verdict: str
+    # Motions that cost no energy, rigid ones of the whole included; -1: not counted, because the
+    # fabric is not in equilibrium.
+    mechanism_count: int
+    unstable_count: int  # motions that lower the energy; -1: not counted
+    force_scale: float  # [N]
+    leftover: np.ndarray  # (n, 6) forces [N] and torques [N m] left on free bodies
+    tension: np.ndarray  # (c,) [N], positive where connectors pull
+    reaction: np.ndarray  # (n, 6) forces [N] and torques [N m] of supports and drives on bodies
+    step_count: int
+    product_count: int
+
+    @property
+    def worst_bodies(self) -> tuple[int, ...]:
+        """
+        At most four bodies on which the most is left.
+        """
+        size = np.abs(self.leftover[:, :3]).max(axis=1)
+        return tuple(int(b) for b in np.argsort(-size, kind='stable')[:4] if size[b] > 0.0)
+
+
+def solve_equilibrium(
+    scene: Scene, *, start: Snapshot | None = None, time: float = 0.0, tolerance: float = 1e-10,
+    largest_step_count: int = _STEPS, progress: Callable[[Progress], None] | None = None
+) -> Equilibrium:
+    """
+    Find where a fabric comes to rest under its loads, supports and drives, held at a `time` [s].
+
+    Begins at the initial state of the scene, or at a snapshot. `tolerance`: what may be left of
+    forces, in parts of the largest connector force or load. Contact and friction are not part of
+    it. Raises ValueError where nothing could ever be in equilibrium.
+    """
+    if not 0.0 < tolerance < 1.0:
+        raise ValueError(
+            f'tolerance must be between 0 and 1 (a part of the largest force), got {tolerance!r}')
+    if not 0.0 <= time < math.inf:
+        raise ValueError(f'time must be finite and not negative [s], got {time!r}')
+    fabric = StaticFabric(scene, time)
+    here = fabric.start
+    if start is not None:
+        if len(start.position) != scene.body_count:
+            raise ValueError(
+                f'start has {len(start.position):,} bodies, the scene {scene.body_count:,}')
+        # What is held stands where the scene says.
+        turns = fabric.free[:, 3:4]
+        here = Configuration(
+            fabric, np.where(fabric.free[:, :3], start.position, here.position),
+            np.where(turns, start.orientation, here.orientation))
+    refuse_free_fall(fabric)
+    search = _Search(fabric, here, tolerance, largest_step_count, progress)
+    search.run()
+    return search.result()
+
+
+def refuse_free_fall(fabric: StaticFabric) -> None:
+    """
+    Refuse weight and loads that nothing bears: no support, no drive, no anchor.
+    """
+    scene = fabric.scene
+    if not fabric.free.all() or scene.anchors:
+        return
+    acting = fabric.start.acting.wrench[:, :3].sum(axis=0)
+    if fabric.model.gravity is not None:
+        acting = acting + fabric.model.gravity * scene.body_count / fabric.model.inverse_mass
+    size = float(np.linalg.norm(acting))
+    scale = float(np.abs(fabric.start.acting.wrench[:, :3]).sum())
+    if size > 1e-12 * scale and size > 0.0:
+        raise ValueError(
+            f'nothing holds this fabric: a force of {size:.4g} N in all acts on it, by gravity, '
+            'field.electric or loads; hold some bodies with supports.NAME, drives.NAME or '
+            'anchors.NAME')
+
+
+class _Search:
+    """
+    Steps that lower the energy, until nothing pushes any more.
+    """
+
+    def __init__(
+        self, fabric: StaticFabric, here: Configuration, tolerance: float, largest: int,
+        progress: Callable[[Progress], None] | None
+    ) -> None:
+        self.fabric, self.here = fabric, here
+        self.tolerance, self.largest, self.progress = tolerance, largest, progress
+        self.steps = self.products = 0
+        self.free = fabric.free
+        # In coordinates scaled by the roots of masses and inertias.
+        self.scale = np.where(self.free, 1.0 / fabric.root, 0.0)
+        self.radius = 0.1 * fabric.half_edge * fabric.root[0] * math.sqrt(
+            max(1, int(self.free.any(axis=1).sum())))
+        self.first_gradient = 0.0
+
+    def run(self) -> None:
+        """
+        Search until it is found, or nothing gets better.
+        """
+        stuck = 0
+        while self.steps < self.largest and self.residual() > self.tolerance and stuck < 30:
+            before = self.residual()
+            if self.progress is not None:
+                self.progress(Progress(self.steps, before, self.here.energy))
+            self.steps += 1
+            if self._step():
+                stuck = 0
+            else:
+                stuck += 1
+
+    def residual(self) -> float:
+        """
+        The largest force left, or torque over a, in parts of the largest force that acts.
+        """
+        left = np.abs(self.leftover())
+        left[:, 3:] /= self.fabric.half_edge
+        most, scale = float(left.max(initial=0.0)), self.here.force_scale
+        # Where nothing acts, rounding of the lengths is all there is.
+        return most / scale if most > self.fabric.rounding else 0.0
+
+    def leftover(self) -> np.ndarray:
+        """
+        Forces and torques on free freedoms (n, 6).
+        """
+        return np.where(self.free, self.here.force, 0.0)
+
+    def _step(self) -> bool:
+        """
+        Try one step; whether it was taken.
+        """
+        here, scale = self.here, self.scale
+        gradient = -here.force * scale
+
+        def times(vector: np.ndarray) -> np.ndarray:
+            self.products += 1
+            return scale * here.times(scale * vector)
+
+        size = float(np.linalg.norm(gradient))
+        self.first_gradient = max(self.first_gradient, size)
+        accuracy = min(0.1, math.sqrt(size / self.first_gradient), 0.1 * self.residual()**0.25)
+        most = min(_MOST_PRODUCTS, int(_PRODUCTS * self.free.sum()) + 20)
+        found = steihaug(times, gradient, self.radius, accuracy, most)
+        motion = scale * found.step
+        longest = max(
+            float(np.abs(motion[:, :3]).max(initial=0.0)) / self.fabric.half_edge,
+            float(np.abs(motion[:, 3:]).max(initial=0.0)))
+        part = min(1.0, _LONGEST / longest) if longest > 0.0 else 1.0
+        if part < 1.0:
+            found = found._replace(step=part * found.step, product=part * found.product)
+            motion = part * motion
+        there = here.moved(motion)
+        gain = self._gain(found, gradient, there)
+        length = float(np.linalg.norm(found.step))
+        if gain < 0.25:
+            self.radius = 0.25 * length
+        elif gain > 0.75 and (found.on_border or part < 1.0):
+            self.radius = max(self.radius, 2.0 * length)
+        if gain > 1e-4:
+            self.here = there
+            return True
+        return False
+
+    def _gain(self, found: Step, gradient: np.ndarray, there: Configuration) -> float:
+        """
+        How much of what the model expected a step has brought.
+        """
+        here = self.here
+        expected = found.expected(gradient)
+        if not expected < 0.0:
+            return -1.0
+        motion = self.scale * found.step
+        # Loads without a potential push as at the start of the step.
+        pushed = here.acting.wrench - self._dead(here)
+        change = there.energy - here.energy - float((pushed * motion).sum())
+        if abs(expected) < _ROUNDING * max(abs(here.energy), abs(there.energy)):
+            # From the forces at both ends, which know it better than a difference of energies.
+            ahead = there.force - there.acting.wrench + self._dead(there) + pushed
+            change = -0.5 * float(((here.force + ahead) * motion).sum())
+        return change / expected if math.isfinite(change) else -1.0
+
+    def _dead(self, at: Configuration) -> np.ndarray:
+        """
+        The part of the wrenches that has a potential, (n, 6).
+        """
+        return self.fabric.loads.dead_wrench(at.axes)
+
+    def result(self) -> Equilibrium:
+        """
+        Judge where the search stands.
+        """
+        here, residual = self.here, self.residual()
+        converged = residual <= self.tolerance
+        curvature = Curvature(-1, -1)
+        verdict = NOT_AT_REST
+        if converged:
+            curvature = judge_curvature(here)
+            verdict = STABLE
+            if curvature.negative:
+                verdict = UNSTABLE
+            elif curvature.zero:
+                verdict = MECHANISM
+        return Equilibrium(
+            snapshot=here.snapshot, converged=converged, residual=residual, verdict=verdict,
+            mechanism_count=curvature.zero, unstable_count=curvature.negative,
+            force_scale=here.force_scale, leftover=self.leftover(), tension=here.tension,
+            reaction=np.where(self.free, 0.0, -here.force), step_count=self.steps,
+            product_count=self.products)

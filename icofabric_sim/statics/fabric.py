@@ -1,0 +1,231 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+A scene held still at a time: potential energy, forces and second derivatives of a configuration.
+
+Vectors are (n, 6): displacements [m] and rotation vectors [rad] of the bodies, world frame, or
+forces [N] and torques about the centres [N m]. The configuration moves to x + dx, exp(dtheta) R.
+"""
+
+from collections.abc import Mapping
+from functools import cached_property
+from typing import Any
+
+from icofabric_sim.initial import InitialState
+from icofabric_sim.inputs import Inputs
+from icofabric_sim.kernels.drives import place_driven
+from icofabric_sim.kernels.flows import keep_accelerations, place_all
+from icofabric_sim.kernels.hessian import hessian_times
+from icofabric_sim.layout import aligned_empty
+from icofabric_sim.model import pack_scene
+from icofabric_sim.parameters import ParameterError
+from icofabric_sim.rotation_forms import cosines_from_quaternions, turned_by
+from icofabric_sim.scene import Scene
+from icofabric_sim.snapshot import Snapshot
+from icofabric_sim.statics.loads import Acting, AnchorPull, DeadLoads, turned_potential
+from icofabric_sim.statics.tangent import TangentLaws
+import numpy as np
+
+
+class StaticFabric:
+    """
+    What does not change while a configuration is sought.
+    """
+
+    def __init__(self, scene: Scene, time: float = 0.0) -> None:
+        """
+        Hold loads, drives and points of anchors as they are at `time` [s].
+
+        Raises ParameterError for what has no place in statics.
+        """
+        if scene.electric.mutual:
+            raise ParameterError(
+                'charge.mutual', 'charge.mutual: Coulomb forces between bodies are not part of '
+                'statics and modes; set it to false')
+        self.scene, self.time = scene, time
+        self.packed = pack_scene(scene)
+        self.layout, model = self.packed.layout, self.packed.model
+        inputs = Inputs(scene)
+        while inputs.next_time <= time:
+            inputs.apply_next()
+        loads = inputs.pack(self.layout)
+        self.loads = DeadLoads(inputs.packed_rows(), time, scene.body_count)
+        self.anchors = AnchorPull(
+            loads.anchors, tuple(anchor.body for anchor in scene.anchors.values()),
+            inputs.anchor_points(time), time)
+        state = self.layout.pack(scene.initial)
+        place_driven(model, loads, state, time)
+        position, orientation, _, _ = self.layout.unpack(state)
+        self.start = Configuration(self, position, orientation)
+        self.free = np.ones((scene.body_count, 6), bool)
+        if scene.supports is not None:
+            self.free[:, :3] = ~scene.supports.translation
+            self.free[:, 3:] = ~scene.supports.rotation[:, None]
+        for drive in scene.drives.values():
+            self.free[drive.bodies] = False
+        # Forces on held freedoms are wanted too: the supports bear them.
+        self.model = model._replace(supports=None)
+        self.laws = TangentLaws(self.packed)
+        self.work = self.layout.room(model.links)
+        self.room = np.zeros_like(self.work.points), np.zeros((3, self.layout.slot_count))
+        # Whose attachment points are in the room.
+        self.placed: Configuration | None = None
+        self.product = aligned_empty((6, self.layout.slot_count))
+        # [N] of a connector whose length is off by a few last bits.
+        connectors = self.packed.connectors
+        self.rounding = 0.0 if connectors is None else 1e-14 * float(
+            max(connectors.extension.max(), connectors.compression.max())
+            * np.max(scene.connectors.woven_length))
+        # Roots of masses and inertias: in these coordinates second derivatives are frequencies.
+        self.root = np.sqrt(np.repeat(
+            [1.0 / model.inverse_mass, 1.0 / model.inverse_inertia], 3))
+
+    @property
+    def half_edge(self) -> float:
+        """
+        The length a [m].
+        """
+        return self.scene.geometry.half_edge
+
+
+class Configuration:
+    """
+    Where the bodies are; everything else follows, once it is asked for.
+    """
+
+    def __init__(
+        self, fabric: StaticFabric, position: np.ndarray, orientation: np.ndarray
+    ) -> None:
+        """
+        Positions (n, 3) [m] and quaternions x y z w (n, 4).
+        """
+        self.fabric, self.position, self.orientation = fabric, position, orientation
+
+    def moved(self, motion: np.ndarray) -> 'Configuration':
+        """
+        The configuration displaced and turned by a vector (n, 6).
+        """
+        return Configuration(
+            self.fabric, self.position + motion[:, :3],
+            turned_by(motion[:, 3:], self.orientation))
+
+    @cached_property
+    def snapshot(self) -> Snapshot:
+        """
+        The same as a snapshot at rest.
+        """
+        fabric, zero = self.fabric, np.zeros_like(self.position)
+        books: Mapping[str, float] = {
+            'work_in': 0.0, 'spent': 0.0, 'start': 0.0, 'potential': 0.0,
+            'anchors': self._pulled[0]}
+        arrays = self.position, self.orientation, zero, zero.copy()
+        for array in arrays:
+            array.flags.writeable = False
+        return Snapshot(
+            fabric.time, *arrays, fabric.scene.connector_count, fabric.packed, books)
+
+    @cached_property
+    def energy(self) -> float:
+        """
+        Potential energy [J] of the fabric and of the dead loads.
+        """
+        return float(self.snapshot.energy['total']) + self.acting.energy
+
+    @cached_property
+    def force(self) -> np.ndarray:
+        """
+        Forces and torques (n, 6) on all freedoms, held ones too.
+        """
+        fabric = self.fabric
+        work = fabric.work
+        keep_accelerations(
+            fabric.model, self._placed(), work, fabric.time, 0, len(fabric.layout.blocks.slot))
+        return np.asarray(
+            fabric.layout.gather(work.acceleration) * fabric.root**2 + self._pulled[1]
+            + self.acting.wrench)
+
+    @cached_property
+    def acting(self) -> Acting:
+        """
+        The loads here.
+        """
+        return self.fabric.loads.act(self.position, self.axes)
+
+    @cached_property
+    def axes(self) -> np.ndarray:
+        """
+        Body axes as rows, (n, 3, 3).
+        """
+        return cosines_from_quaternions(self.orientation)
+
+    @cached_property
+    def tension(self) -> np.ndarray:
+        """
+        Tensions of the connectors [N], (c,).
+        """
+        return self.fabric.laws.evaluate(self.snapshot.connector_length)[0]
+
+    @cached_property
+    def force_scale(self) -> float:
+        """
+        The largest force [N] of a connector, of an anchor, of a load, or of weight.
+        """
+        fabric = self.fabric
+        weight = 0.0
+        if fabric.model.gravity is not None:
+            weight = float(np.linalg.norm(fabric.model.gravity)) / fabric.model.inverse_mass
+        pulls = [*np.abs(self.tension), *np.abs(self._pulled[3])]
+        return max(fabric.loads.largest_force, weight, max(pulls, default=0.0))
+
+    def times(self, motion: np.ndarray) -> np.ndarray:
+        """
+        Second derivative of the energy along a vector, (n, 6) both; held freedoms count.
+        """
+        fabric = self.fabric
+        points, turns = fabric.room
+        self._placed()
+        hessian_times(
+            self._tangent, self._state, fabric.work.points, points, turns, 1.0, 1.0, None,
+            fabric.layout.spread(motion), fabric.product)
+        result = fabric.layout.gather(fabric.product)
+        for body, block in self._pulled[2]:
+            result[body] += block @ motion[body]
+        if self._turning is not None:
+            result[:, 3:] += np.einsum('nij,nj->ni', self._turning, motion[:, 3:])
+        return np.asarray(result)
+
+    @cached_property
+    def _turning(self) -> np.ndarray | None:
+        """
+        Second derivatives along rotations alone: of dead loads and of dipoles.
+        """
+        turning, dipole = self.acting.turning, self.fabric.model.dipole
+        if dipole is None:
+            return turning
+        arm = np.einsum('i,nij->nj', dipole.moment, self.axes)
+        own = turned_potential(np.broadcast_to(dipole.field, arm.shape), arm)
+        return own if turning is None else turning + own
+
+    @cached_property
+    def _tangent(self) -> Any:
+        return self.fabric.laws.model(self.snapshot.connector_length)._replace(supports=None)
+
+    @cached_property
+    def _pulled(self) -> tuple[float, np.ndarray, list[tuple[int, np.ndarray]], np.ndarray]:
+        return self.fabric.anchors.act(self.position, self.axes)
+
+    @cached_property
+    def _state(self) -> Any:
+        zero = np.zeros_like(self.position)
+        return self.fabric.layout.pack(
+            InitialState(self.position, self.orientation, zero, zero))
+
+    def _placed(self) -> Any:
+        """
+        The state, with the attachment points in the room that all configurations share.
+        """
+        fabric = self.fabric
+        if fabric.placed is not self:
+            place_all(fabric.model, self._state, fabric.work, 0, len(fabric.layout.blocks.slot))
+            fabric.placed = self
+        return self._state

@@ -1,0 +1,169 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+What acts on a fabric that is held still at a time: wrenches and anchors, body by body.
+"""
+
+from typing import NamedTuple
+
+from icofabric_sim.anchor_stiffness import stiffness_of
+from icofabric_sim.kernels.records import Anchors
+from icofabric_sim.model import WrenchRow
+import numpy as np
+
+
+class Acting(NamedTuple):
+    """
+    Wrenches in one configuration, and the part of them that has a potential.
+    """
+
+    energy: float  # [J] of the dead loads: forces that keep direction and place in the body
+    wrench: np.ndarray  # (n, 6) force [N] and torque about the centre [N m], world frame
+    # (n, 3, 3) second derivative of that energy along rotation vectors; None: no dead load has
+    # its point off the centre.
+    turning: np.ndarray | None
+
+
+class DeadLoads:
+    """
+    Wrenches at one time; those that turn with their bodies, and torques, have no potential.
+    """
+
+    def __init__(self, rows: list[WrenchRow], time: float, body_count: int) -> None:
+        """
+        Take the wrenches at `time` [s].
+        """
+        self._count = body_count
+        self._rows = [(row, row.piece.at(time)) for row in rows]
+        self._rows = [(row, factor) for row, factor in self._rows if factor != 0.0]
+
+    @property
+    def largest_force(self) -> float:
+        """
+        The largest force [N] on a body.
+        """
+        return max((float(np.linalg.norm(factor * row.force)) for row, factor in self._rows),
+                   default=0.0)
+
+    @property
+    def conservative(self) -> bool:
+        """
+        Whether all of them have a potential.
+        """
+        return not any(
+            row.in_body_axes or row.torque.any() or row.normal.any() for row, _ in self._rows)
+
+    def dead_wrench(self, axes: np.ndarray) -> np.ndarray:
+        """
+        The part of the wrenches (n, 6) that has a potential.
+        """
+        wrench = np.zeros((self._count, 6))
+        for row, factor in self._rows:
+            if not (row.in_body_axes or row.normal.any()):
+                arm = np.einsum('i,nij->nj', row.point, axes[row.bodies])
+                force = np.broadcast_to(factor * row.force, arm.shape)
+                wrench[row.bodies] += np.hstack([force, np.cross(arm, force)])
+        return wrench
+
+    def act(self, position: np.ndarray, axes: np.ndarray) -> Acting:
+        """
+        In a configuration: `position` (n, 3), `axes` (n, 3, 3) with body axes as rows.
+        """
+        energy, wrench = 0.0, np.zeros((self._count, 6))
+        turning: np.ndarray | None = None
+        for row, factor in self._rows:
+            own = axes[row.bodies]
+            arm = np.einsum('i,nij->nj', row.point, own)
+            force, torque = factor * row.force, factor * row.torque
+            if row.in_body_axes:
+                forces = np.einsum('i,nij->nj', force, own)
+                torques = np.einsum('i,nij->nj', torque, own)
+            else:
+                forces, torques = (np.broadcast_to(part, arm.shape) for part in (force, torque))
+            if row.normal.any():
+                normal = np.einsum('i,nij->nj', row.normal, own)
+                forces = normal * (forces * normal).sum(axis=1, keepdims=True)
+            elif not row.in_body_axes:
+                energy -= float(((position[row.bodies] + arm) @ force).sum())
+                if row.point.any():
+                    if turning is None:
+                        turning = np.zeros((self._count, 3, 3))
+                    turning[row.bodies] += turned_potential(forces, arm)
+            wrench[row.bodies, :3] += forces
+            wrench[row.bodies, 3:] += torques + np.cross(arm, forces)
+        return Acting(energy, wrench, turning)
+
+
+def turned_potential(force: np.ndarray, arm: np.ndarray) -> np.ndarray:
+    """
+    Second derivative (n, 3, 3) of - F . (R p) along rotation vectors, with s = R p the arm.
+
+    The second variation of s is (t (t . s) + t (s . t)) / 2 - s t^2, t = dtheta, so it is
+    (F . s) 1 - (F s^T + s F^T) / 2.
+    """
+    mixed = force[:, :, None] * arm[:, None, :]
+    dot = (force * arm).sum(axis=1)
+    return np.asarray(
+        dot[:, None, None] * np.eye(3) - 0.5 * (mixed + np.swapaxes(mixed, 1, 2)))
+
+
+class AnchorPull:
+    """
+    Anchors with their points where they are at one time.
+    """
+
+    def __init__(
+        self, anchors: Anchors | None, bodies: tuple[int, ...], points: np.ndarray, time: float
+    ) -> None:
+        """
+        `points` (a, 3) [m] of the world; `time` [s].
+        """
+        self._anchors, self._time = anchors, time
+        self._bodies, self._points = np.array(bodies, np.int64), points
+
+    @property
+    def count(self) -> int:
+        """
+        Count the anchors.
+        """
+        return len(self._bodies)
+
+    def directions(
+        self, position: np.ndarray, axes: np.ndarray
+    ) -> list[tuple[int, np.ndarray, np.ndarray]]:
+        """
+        Body, arm [m] and direction from there to the point, of every anchor.
+        """
+        if self._anchors is None:
+            return []
+        arm = np.einsum('ai,aij->aj', self._anchors.arm, axes[self._bodies])
+        reach = self._points - position[self._bodies] - arm
+        reach = reach / np.linalg.norm(reach, axis=1, keepdims=True)
+        return list(zip(self._bodies.tolist(), arm, reach))
+
+    def act(
+        self, position: np.ndarray, axes: np.ndarray
+    ) -> tuple[float, np.ndarray, list[tuple[int, np.ndarray]], np.ndarray]:
+        """
+        Energy [J], wrench of the bodies (n, 6), second derivatives (6, 6) by body, tensions [N].
+        """
+        wrench = np.zeros((len(position), 6))
+        anchors = self._anchors
+        if anchors is None:
+            return 0.0, wrench, [], np.zeros(0)
+        arm = np.einsum('ai,aij->aj', anchors.arm, axes[self._bodies])
+        reach = self._points - position[self._bodies] - arm
+        length = np.linalg.norm(reach, axis=1)
+        stretch = length - anchors.natural_length
+        slope = np.where(stretch > 0.0, anchors.extension, anchors.compression)
+        tension = slope * stretch
+        with np.errstate(invalid='ignore', divide='ignore'):
+            force = np.where(length[:, None] > 0.0, reach * (tension / length)[:, None], 0.0)
+        np.add.at(wrench, self._bodies, np.hstack([force, np.cross(arm, force)]))
+        blocks = []
+        for a, body in enumerate(self._bodies.tolist()):
+            law = anchors._replace(
+                extension=float(slope[a]), compression=float(slope[a]))
+            blocks.append((body, stiffness_of(
+                law, a, position[body], axes[body], self._time)))
+        return float(0.5 * (tension * stretch).sum()), wrench, blocks, tension

@@ -1,0 +1,186 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+The Hessian of a configuration as a matrix, and how many of its eigenvalues are zero or negative.
+
+A body and its neighbours lie on 13 points of a face-centred cubic lattice, and the number
+(x + 3 y + 4 z) mod 13 of a grid point is different for all of them. So 13 times 6 products with
+vectors that are 1 at all bodies of one number give the whole matrix, of any fabric.
+"""
+
+from typing import NamedTuple
+
+from icofabric_sim.statics.dissection import dissection_order
+from icofabric_sim.statics.fabric import Configuration, StaticFabric
+import numpy as np
+from scipy import sparse
+from scipy.sparse.linalg import splu, SuperLU
+
+# Freedoms up to which all eigenvalues are computed.
+DENSE = 2_400
+_COLOURS = 13
+_STEPS = np.array([1, 3, 4])
+# Squared frequencies below this part of the largest are zero. In a factorisation of a large
+# matrix rounding is larger, because thousands of its pivots are small.
+_ZERO, _LARGE_ZERO = 1e-10, 1e-7
+
+
+class Curvature(NamedTuple):
+    """
+    How many eigenvalues of the Hessian are zero, and how many negative; -1: not counted.
+    """
+
+    zero: int
+    negative: int
+
+
+def scaled_hessian(here: Configuration) -> sparse.csr_matrix:
+    """
+    The mass-scaled Hessian of the free freedoms: its eigenvalues are squared frequencies [1/s^2].
+
+    Rows and columns are the freedoms that are True in `fabric.free`, body by body.
+    """
+    fabric = here.fabric
+    free = fabric.free
+    scale = np.where(free, 1.0 / fabric.root, 0.0)
+    colours = _colours_of(fabric)
+    partner = _partners(fabric, colours)
+    count = len(free)
+    own = np.arange(6 * count).reshape(count, 6)
+    rows, columns, values = [], [], []
+    for colour in range(_COLOURS):
+        there = np.flatnonzero(partner[colour] >= 0)
+        if not len(there):
+            continue
+        with_it = partner[colour][there]
+        for freedom in range(6):
+            vector = np.zeros((count, 6))
+            chosen = np.unique(with_it)
+            vector[chosen, freedom] = scale[chosen, freedom]
+            product = scale * here.times(vector)
+            block = product[there]
+            keep = block != 0.0
+            rows.append(own[there][keep])
+            columns.append(np.broadcast_to(own[with_it, freedom][:, None], keep.shape)[keep])
+            values.append(block[keep])
+    matrix = sparse.csr_matrix(
+        (np.concatenate(values or [np.zeros(0)]),
+         (np.concatenate(rows or [np.zeros(0, int)]),
+          np.concatenate(columns or [np.zeros(0, int)]))), shape=(6 * count, 6 * count))
+    chosen = np.flatnonzero(free.ravel())
+    matrix = matrix[chosen][:, chosen]
+    # Symmetric to the last bit, which the kernels are only to rounding.
+    return sparse.csr_matrix(0.5 * (matrix + matrix.T))
+
+
+def _colours_of(fabric: StaticFabric) -> np.ndarray:
+    grid = fabric.scene.weave.grid.astype(np.int64)
+    colours = np.zeros(fabric.scene.body_count, np.int64)
+    colours[:len(grid)] = grid @ _STEPS % _COLOURS
+    return colours
+
+
+def _partners(fabric: StaticFabric, colours: np.ndarray) -> np.ndarray:
+    """
+    The body of each colour that each body is or is joined to, (13, n); -1: none.
+    """
+    count = fabric.scene.body_count
+    partner = np.full((_COLOURS, count), -1, np.int64)
+    if fabric.scene.connector_count:
+        bodies = fabric.scene.connectors.bodies
+        for first, second in ((0, 1), (1, 0)):
+            partner[colours[bodies[:, second]], bodies[:, first]] = bodies[:, second]
+    partner[colours, np.arange(count)] = np.arange(count)
+    return partner
+
+
+def judge_curvature(here: Configuration) -> Curvature:
+    """
+    Count the free motions that cost no energy and those that lower it.
+    """
+    return curvature_of(here, scaled_hessian(here))
+
+
+def curvature_of(here: Configuration, matrix: sparse.csr_matrix) -> Curvature:
+    """
+    The same of a matrix that is at hand.
+    """
+    if not matrix.shape[0]:
+        return Curvature(0, 0)
+    if matrix.shape[0] <= DENSE:
+        return count_signs(np.linalg.eigvalsh(matrix.toarray()), _ZERO)
+    limit = zero_limit(matrix)
+    below, above = (
+        count_below(factorise(here, matrix, shift)) for shift in (-limit, limit))
+    if below < 0 or above < 0:
+        return Curvature(-1, -1)
+    return Curvature(above - below, below)
+
+
+def zero_limit(matrix: sparse.csr_matrix) -> float:
+    """
+    Squared frequency [1/s^2] below which one of a large matrix counts as zero.
+    """
+    return _LARGE_ZERO * row_sum(matrix)
+
+
+def count_signs(values: np.ndarray, zero: float) -> Curvature:
+    """
+    Of all eigenvalues.
+    """
+    limit = zero * float(np.abs(values).max(initial=0.0))
+    return Curvature(
+        int(np.count_nonzero(np.abs(values) <= limit)), int(np.count_nonzero(values < -limit)))
+
+
+def row_sum(matrix: sparse.csr_matrix) -> float:
+    """
+    The largest sum of sizes in a row, which no eigenvalue exceeds (Gershgorin).
+    """
+    return float(np.asarray(abs(matrix).sum(axis=1)).max(initial=0.0))
+
+
+class Factor(NamedTuple):
+    """
+    Factors of a matrix less a multiple of the unit matrix, and their order of elimination.
+    """
+
+    order: np.ndarray
+    factors: SuperLU
+
+    def solve(self, right: np.ndarray) -> np.ndarray:
+        """
+        Solution of the system for a vector.
+        """
+        result = np.empty_like(right)
+        result[self.order] = self.factors.solve(right[self.order])
+        return result
+
+
+def factorise(here: Configuration, matrix: sparse.csr_matrix, shift: float) -> Factor:
+    """
+    Factor of the scaled Hessian less `shift` [1/s^2], by nested dissection of the fabric.
+    """
+    fabric = here.fabric
+    grid, count = fabric.scene.weave.grid, fabric.scene.body_count
+    # Loose bodies are joined to nothing.
+    bodies = np.concatenate([np.arange(len(grid), count), dissection_order(grid)])
+    free = fabric.free.ravel()
+    freedoms = (6 * bodies[:, None] + np.arange(6)).ravel()
+    order = (np.cumsum(free) - 1)[freedoms[free[freedoms]]]
+    shifted = matrix[order][:, order] - shift * sparse.identity(len(order))
+    return Factor(order, splu(
+        sparse.csc_matrix(shifted), permc_spec='NATURAL', diag_pivot_thresh=0.0,
+        options={'SymmetricMode': True}))
+
+
+def count_below(factor: Factor) -> int:
+    """
+    How many eigenvalues lie below the shift: the negative pivots (Sylvester's law of inertia).
+
+    -1 where rows had to be exchanged, which would spoil the count.
+    """
+    factors = factor.factors
+    if not np.array_equal(factors.perm_r, factors.perm_c):
+        return -1
+    return int(np.count_nonzero(factors.U.diagonal() < 0.0))

@@ -1,0 +1,187 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+Vibrations and mechanisms: closed forms, counts by another way, the frequencies of real motion.
+"""
+
+from fabrics import make_scene
+import icofabric_sim as ico
+from icofabric_sim.statics import modes, spectrum
+from icofabric_sim.statics.dissection import dissection_order
+from icofabric_sim.statics.fabric import StaticFabric
+from icofabric_sim.statics.spectrum import scaled_hessian
+import numpy as np
+import pytest
+
+CANTILEVER = {
+    'groups': {'wall': 'x_min'}, 'supports': {'wall': {'group': 'wall'}},
+    'connector': {'stiffness': 300.0, 'bending_stiffness': 5e-3, 'twisting_stiffness': 1e-3}}
+
+
+def rank_by_differences(scene):
+    """
+    Rank of the derivatives of the connectors' lengths, from lengths of displaced fabrics alone.
+    """
+    fabric = StaticFabric(scene)
+    count, h = scene.body_count, 1e-6
+    a = scene.geometry.half_edge
+    columns = []
+    for body in range(count):
+        for freedom in range(6):
+            motion = np.zeros((count, 6))
+            motion[body, freedom] = h * (a if freedom < 3 else 1.0)
+            columns.append(
+                fabric.start.moved(motion).snapshot.connector_length
+                - fabric.start.moved(-motion).snapshot.connector_length)
+    values = np.linalg.svd(np.array(columns).T / (2.0 * h * a), compute_uv=False)
+    return int(np.count_nonzero(values > 1e-6))
+
+
+def test_two_bodies_on_one_connector():
+    """
+    One frequency: along the connector, k (1/mu + 2 |s x n|^2 / Lambda) with mu = M / 2.
+    """
+    scene = make_scene((2, 1, 2), connector={'stiffness': 200.0})
+    found = ico.solve_modes(scene)
+    shell, ends = scene.shell, ico.compile_scene(scene).snapshot().connector_ends[0]
+    direction = (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])
+    lever = np.linalg.norm(np.cross(ends[0] - scene.position[0], direction))
+    square = 200.0 * (2.0 / shell.mass + 2.0 * lever**2 / shell.inertia)
+    assert found.frequencies == pytest.approx([np.sqrt(square)], rel=1e-12)
+    assert (found.mechanism_count, found.rigid_count, found.unstable_count) == (11, 6, 0)
+    # Kinetic energy 1/2 at 1 rad/s.
+    shape = found.shapes[0]
+    assert shell.mass * (shape[:, :3]**2).sum() + shell.inertia * (
+        shape[:, 3:]**2).sum() == pytest.approx(1.0, rel=1e-12)
+
+
+@pytest.mark.parametrize('variant', [0, 1, 2, 3])
+@pytest.mark.parametrize('size', [(2, 2, 2), (3, 2, 2), (3, 3, 3), (4, 3, 2)])
+def test_mechanisms_are_counted_exactly(variant, size):
+    for angle in (0.3, 0.66):
+        scene = make_scene(
+            size, weave={'size': list(size), 'variant': variant, 'connector_angle': angle})
+        found = ico.solve_modes(scene)
+        rank = rank_by_differences(scene)
+        freedoms = 6 * scene.body_count
+        assert found.counts == (freedoms, scene.connector_count, rank)
+        assert found.mechanism_count == len(found.mechanisms) == freedoms - rank
+        assert found.self_stress_count == scene.connector_count - rank
+        assert len(found.frequencies) == rank and found.unstable_count == 0
+        # The theorem of the counting.
+        assert freedoms - scene.connector_count == (
+            found.mechanism_count - found.self_stress_count)
+        # No mechanism stretches a connector.
+        fabric = StaticFabric(scene)
+        rest = fabric.start.snapshot.connector_length
+        for motion in found.mechanisms[:3]:
+            motion = 1e-5 * motion / np.abs(motion).max() * scene.geometry.half_edge
+            stretch = fabric.start.moved(motion).snapshot.connector_length - rest
+            assert np.abs(stretch).max() < 1e-8 * scene.geometry.half_edge
+
+
+def test_zero_energy_motions_of_held_and_anchored_fabrics():
+    scene = make_scene((3, 3, 2), groups={'one': 'ids 0'}, supports={'one': {'group': 'one'}})
+    held = ico.solve_modes(scene)
+    assert held.rigid_count == 0 and held.freedoms == 6 * scene.body_count - 6
+    assert held.mechanism_count == held.freedoms - held.counts.rank
+    rope = {'body': 0, 'edge': 'down', 'position': [0.0, 0.0, -0.1]}
+    anchored = ico.solve_modes(make_scene((3, 3, 2), anchors={'rope': rope}))
+    assert anchored.rigid_count == 5
+    assert anchored.counts.connectors == scene.connector_count + 1
+
+
+def test_frequencies_are_those_of_a_small_motion():
+    """
+    About an equilibrium, pre-stressed by weight: a run in the shape of a mode is cos(w t).
+    """
+    scene = make_scene(
+        (4, 2, 2), gravity=[0.0, 0.0, -9.81], solver={'tolerance': 1e-8}, **CANTILEVER)
+    rest = ico.solve_equilibrium(scene).snapshot
+    found = ico.solve_modes(scene, at=rest)
+    straight = ico.solve_modes(scene)
+    assert abs(found.frequencies[0] / straight.frequencies[0] - 1.0) > 1e-3
+    simulation = ico.compile_scene(scene)
+    fabric = StaticFabric(scene)
+    for number in (0, 3, len(found.frequencies) - 1):
+        rate, shape = found.frequencies[number], found.shapes[number]
+        shape = 1e-5 / np.abs(shape[:, 3:]).max() * shape
+        start = modes.Configuration(fabric, rest.position, rest.orientation).moved(shape)
+        simulation.reset()
+        simulation.set_state(position=start.position, orientation=start.orientation)
+        since = simulation.time
+        for part in (0.25, 0.5, 1.0, 1.35):
+            simulation.advance_to(since + part * 2.0 * np.pi / rate)
+            moved = simulation.snapshot().position - rest.position
+            along = (moved * shape[:, :3]).sum() / (shape[:, :3]**2).sum()
+            assert along == pytest.approx(np.cos(2.0 * np.pi * part), abs=2e-4)
+
+
+def test_largest_is_what_the_steps_follow():
+    scene = make_scene((5, 4, 3), **CANTILEVER)
+    found = ico.solve_modes(scene, count=1, which='highest')
+    assert ico.compile_scene(scene).largest_frequency == pytest.approx(
+        found.frequencies[0], rel=1e-4)
+
+
+@pytest.mark.parametrize('sections', [
+    {}, CANTILEVER,
+    {'weave': {'kind': 'bias', 'size': [4, 4, 4]}, 'connector': {'natural_length': 0.036}}])
+def test_large_fabrics_are_counted_by_factorisation(sections, monkeypatch):
+    scene = make_scene((5, 5, 4), **sections)
+    whole = ico.solve_modes(scene)
+    monkeypatch.setattr(modes, 'DENSE', 10)
+    monkeypatch.setattr(spectrum, 'DENSE', 10)
+    for which, part in (('lowest', slice(0, 7)), ('highest', slice(-7, None))):
+        found = ico.solve_modes(scene, count=7, which=which)
+        assert found.mechanism_count == whole.mechanism_count
+        assert found.unstable_count == whole.unstable_count
+        assert found.frequencies == pytest.approx(whole.frequencies[part], rel=1e-8)
+        assert found.counts is None and found.self_stress_count == -1
+        assert found.shapes.shape == (7, scene.body_count, 6)
+        again = ico.solve_modes(scene, count=7, which=which)
+        assert np.array_equal(again.shapes, found.shapes)
+
+
+def test_matrix_is_the_product_column_by_column():
+    scene = make_scene((3, 3, 3), **CANTILEVER)
+    here = StaticFabric(scene).start
+    here = here.moved(0.05 * np.random.default_rng(3).standard_normal(
+        (scene.body_count, 6)) * [[1e-2] * 3 + [1.0] * 3])
+    matrix, fabric = scaled_hessian(here).toarray(), here.fabric
+    vector = np.random.default_rng(4).standard_normal(fabric.free.shape)
+    vector[~fabric.free] = 0.0
+    product = here.times(vector / fabric.root) / fabric.root
+    expected = matrix @ vector[fabric.free]
+    assert np.abs(product[fabric.free] - expected).max() < 1e-12 * np.abs(expected).max()
+    assert np.array_equal(matrix, matrix.T) and np.abs(matrix).max() > 0.0
+
+
+def test_elimination_parts_the_fabric():
+    grid = make_scene((9, 8, 7)).weave.grid
+    order = dissection_order(grid)
+    assert np.array_equal(np.sort(order), np.arange(len(grid)))
+    # The last plane parts the rest: no neighbours on either side of it.
+    extent = np.ptp(grid, axis=0)
+    axis = int(np.argmax(extent))
+    last = grid[order[-20:], axis]
+    assert (last == last[0]).all()
+
+
+def test_free_rigid_motions_cost_nothing_under_prestress():
+    scene = make_scene((3, 3, 3), connector={'natural_length': 0.03, 'bending_stiffness': 1e-3})
+    found = ico.solve_equilibrium(scene)
+    assert found.converged and np.abs(found.tension).max() > 0.0
+    vibrations = ico.solve_modes(scene, at=found.snapshot)
+    assert vibrations.rigid_count == 6 and vibrations.mechanism_count >= 6
+
+
+def test_bad_arguments():
+    scene, other = make_scene((2, 2, 2)), make_scene((3, 2, 2))
+    with pytest.raises(ValueError, match='which'):
+        ico.solve_modes(scene, which='largest')
+    with pytest.raises(ValueError, match='count'):
+        ico.solve_modes(scene, count=0)
+    snapshot = ico.compile_scene(other).snapshot()
+    with pytest.raises(ValueError, match='at has'):
+        ico.solve_modes(scene, at=snapshot)
