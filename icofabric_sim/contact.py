@@ -47,7 +47,7 @@ def separation(half_edge: float, first: Pose, second: Pose) -> Separation:
 
     The depth is the least shift that parts them. Looks at every feature of both.
     """
-    from icofabric_sim.kernels.contact_distance import signed_distances
+    from icofabric_sim.kernels.contact_many import signed_distances
 
     _check_positive('half_edge', half_edge, 'm')
     (xa, ra), (xb, rb), single = _poses(first, second)
@@ -60,7 +60,8 @@ def push(half_edge: float, first: Pose, second: Pose, stiffness: float) -> Push:
     """
     How two shells of half edge a [m] push each other, for a contact stiffness [N/m].
     """
-    from icofabric_sim.kernels.contact_pair import contact_scratch, OUT_SIZE, touch_pairs
+    from icofabric_sim.kernels.contact_many import touch_pairs
+    from icofabric_sim.kernels.contact_pair import contact_scratch, OUT_SIZE
 
     _check_positive('half_edge', half_edge, 'm')
     _check_positive('stiffness', stiffness, 'N/m')
@@ -76,7 +77,8 @@ def push_of_plane(
     """
     How a rigid plane pushes a shell; its free side is normal . x >= offset [m].
     """
-    from icofabric_sim.kernels.contact_pair import contact_scratch, OUT_SIZE, touch_planes
+    from icofabric_sim.kernels.contact_many import touch_planes
+    from icofabric_sim.kernels.contact_pair import contact_scratch, OUT_SIZE
 
     _check_positive('half_edge', half_edge, 'm')
     _check_positive('stiffness', stiffness, 'N/m')

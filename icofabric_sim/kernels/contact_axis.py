@@ -27,6 +27,8 @@ from icofabric_sim.kernels.contact_shape import (
     reach,
     reach_lanes,
     RIDGES,
+    WAY_COUNT,
+    WAYS,
 )
 from icofabric_sim.kernels.lanes import (
     fabs,
@@ -47,9 +49,16 @@ _ROUNDS = 64
 APART, OVERLAP, UNSURE = 0, 1, 2
 # Numbers of lanes.
 NUMBERS = np.arange(float(LANES))
+# Edges at a smaller angle [rad] are left to refinement.
+_SLANT = 1e-5
+# The line of centres may miss a facet by this.
+_BESIDE = 1e-9
 # Places in the room of a pair (contact_surface.py): the matrix q, and four rows of a point of the
 # sum and the first body's part of it.
 MATRIX, PORTAL = 0, 9
+# Directions of edges of either body, six times AXIS_COUNT numbers each; lanes.
+OWN, OTHER, ALONG, OWN_MOST, WHICH = 256, 352, 448, 464, 480
+Nine = tuple[float, float, float, float, float, float, float, float, float]
 
 
 @compiled
@@ -275,6 +284,145 @@ def find_facet(
         ax, ay, az = cx / out - bx, cy / out - by, cz / out - bz
         if within(face, ax, ay, az):
             return OVERLAP, nx, ny, nz, gap, out * ax, out * ay, out * az
+    return across_edges(room, cx, cy, cz, out)
+
+
+@compiled
+def put_ways(
+    room: np.ndarray, at: int, x: float, y: float, z: float, limit: float, m: Nine
+) -> int:
+    """
+    Write the edge directions whose product with (x, y, z) has a square below a limit.
+
+    x, y and z in the body's own axes, then times the matrix m, AXIS_COUNT numbers each, 0 after
+    the last; returns how many.
+    """
+    cx, cy, cz, zero = splat(x), splat(y), splat(z), splat(0.0)
+    for k in range(0, AXIS_COUNT, LANES):
+        along = fma(load_at(WAYS, k), cx, fma(
+            load_at(WAYS, AXIS_COUNT + k), cy, load_at(WAYS, 2 * AXIS_COUNT + k) * cz))
+        store_at(room, ALONG + k, along * along)
+        for row in range(3):
+            store_at(room, at + AXIS_COUNT * row + k, zero)
+    count = 0
+    for way in range(WAY_COUNT):
+        room[at + count] = WAYS[way]
+        room[at + AXIS_COUNT + count] = WAYS[AXIS_COUNT + way]
+        room[at + 2 * AXIS_COUNT + count] = WAYS[2 * AXIS_COUNT + way]
+        count += 1 if room[ALONG + way] < limit else 0
+    for row in range(3):
+        room[at + AXIS_COUNT * row + count] = 0.0
+    for k in range(0, AXIS_COUNT, LANES):
+        ex = load_at(room, at + k)
+        ey = load_at(room, at + AXIS_COUNT + k)
+        ez = load_at(room, at + 2 * AXIS_COUNT + k)
+        for row in range(3):
+            store_at(room, at + AXIS_COUNT * (3 + row) + k, fma(splat(m[3 * row]), ex, fma(
+                splat(m[3 * row + 1]), ey, splat(m[3 * row + 2]) * ez)))
+    return count
+
+
+@compiled
+def beyond_edges(
+    room: np.ndarray, own: int, other: int, cx: float, cy: float, cz: float, out: float
+) -> int:
+    """
+    The pair of edge directions across both of which c is farthest out, more than `out`; or -1.
+
+    Of the first `own` and `other` that were written; returns AXIS_COUNT times the number of the
+    first body's plus that of the second's.
+    """
+    x, y, z = splat(cx), splat(cy), splat(cz)
+    # As products, because a division takes as long as all of the rest.
+    most, over, which = splat(out), splat(1.0), splat(-1.0)
+    for k in range(0, other, LANES):
+        px, py, pz = (load_at(room, OTHER + k), load_at(room, OTHER + AXIS_COUNT + k),
+                      load_at(room, OTHER + 2 * AXIS_COUNT + k))
+        fx, fy, fz = (load_at(room, OTHER + 3 * AXIS_COUNT + k),
+                      load_at(room, OTHER + 4 * AXIS_COUNT + k),
+                      load_at(room, OTHER + 5 * AXIS_COUNT + k))
+        lane_numbers = load_at(NUMBERS, 0) + splat(float(k))
+        for way in range(own):
+            ex, ey, ez = (splat(room[OWN + way]), splat(room[OWN + AXIS_COUNT + way]),
+                          splat(room[OWN + 2 * AXIS_COUNT + way]))
+            nx, ny, nz = ey * fz - ez * fy, ez * fx - ex * fz, ex * fy - ey * fx
+            far = fabs(fma(nx, x, fma(ny, y, nz * z)))
+            whole = reach_lanes(nx, ny, nz)
+            # The same in the second body's axes.
+            ex, ey, ez = (splat(room[OWN + 3 * AXIS_COUNT + way]),
+                          splat(room[OWN + 4 * AXIS_COUNT + way]),
+                          splat(room[OWN + 5 * AXIS_COUNT + way]))
+            whole = whole + reach_lanes(
+                ey * pz - ez * py, ez * px - ex * pz, ex * py - ey * px)
+            farther = far * over > most * whole
+            most = where(farther, far, most)
+            over = where(farther, whole, over)
+            which = where(farther, lane_numbers + splat(float(AXIS_COUNT * way)), which)
+    store_at(room, ALONG, most)
+    store_at(room, OWN_MOST, over)
+    store_at(room, WHICH, which)
+    best = 0
+    for k in range(1, LANES):
+        if room[ALONG + k] * room[OWN_MOST + best] > room[ALONG + best] * room[OWN_MOST + k]:
+            best = k
+    return int(room[WHICH + best])
+
+
+@compiled
+def across_edges(
+    room: np.ndarray, cx: float, cy: float, cz: float, out: float
+) -> tuple[int, float, float, float, float, float, float, float]:
+    """
+    The same where no face decides: by the edges of both, or by refinement where they do not.
+
+    On the normals of faces c is `out` times as far out as the sum of both bodies. A normal n
+    across an edge e has n . c <= |c - (c . e) e|, and the sum reaches 2 rho along it at least:
+    most edges need no look.
+    """
+    least = 2.0 * INNER * out * (1.0 - ROUNDING)
+    limit = cx * cx + cy * cy + cz * cz - least * least
+    bx, by, bz = turn_from(room, cx, cy, cz)
+    own = put_ways(room, OWN, cx, cy, cz, limit, (
+        room[0], room[3], room[6], room[1], room[4], room[7], room[2], room[5], room[8]))
+    other = put_ways(room, OTHER, bx, by, bz, limit, (
+        room[0], room[1], room[2], room[3], room[4], room[5], room[6], room[7], room[8]))
+    pair = beyond_edges(room, own, other, cx, cy, cz, out)
+    if pair < 0:
+        return refine(room, cx, cy, cz)
+    own, other = OWN + pair // AXIS_COUNT, OTHER + pair % AXIS_COUNT
+    e = room[own], room[own + AXIS_COUNT], room[own + 2 * AXIS_COUNT]
+    f = (room[other + 3 * AXIS_COUNT], room[other + 4 * AXIS_COUNT],
+         room[other + 5 * AXIS_COUNT])
+    n = cross(e, f)
+    length = math.sqrt(dot(n, n))
+    # Edges that are nearly parallel have a cross product of rounding only.
+    if not length > _SLANT:
+        return refine(room, cx, cy, cz)
+    if dot(n, (cx, cy, cz)) < 0.0:
+        length = -length
+    nx, ny, nz = n[0] / length, n[1] / length, n[2] / length
+    bx, by, bz = turn_from(room, nx, ny, nz)
+    ax, ay, az = farthest(nx, ny, nz)
+    bx, by, bz = farthest(bx, by, bz)
+    bx, by, bz = turn_to(room, bx, by, bz)
+    between = nx * cx + ny * cy + nz * cz
+    far = nx * (ax + bx) + ny * (ay + by) + nz * (az + bz)
+    gap = between - far
+    if gap > ROUNDING:
+        return APART, nx, ny, nz, gap, 0.0, 0.0, 0.0
+    # Both vertices are ends of these edges, whose middles are nearest to the centres. The line
+    # leaves through the parallelogram of both where it is within 1 of its middle along either.
+    s, t = dot(e, (ax, ay, az)), dot(f, (bx, by, bz))
+    ax, ay, az = ax - s * e[0], ay - s * e[1], az - s * e[2]
+    bx, by, bz = bx - t * f[0], by - t * f[1], bz - t * f[2]
+    out = between / far
+    r = cx / out - ax - bx, cy / out - ay - by, cz / out - az - bz
+    own_part = dot(cross(r, f), (nx, ny, nz)) / length
+    other_part = dot(cross(e, r), (nx, ny, nz)) / length
+    if (abs(abs(s) - 1.0) < 1e-3 and abs(abs(t) - 1.0) < 1e-3
+            and abs(own_part) <= 1.0 and abs(other_part) <= 1.0):
+        return (OVERLAP, nx, ny, nz, gap, out * (ax + own_part * e[0]),
+                out * (ay + own_part * e[1]), out * (az + own_part * e[2]))
     return refine(room, cx, cy, cz)
 
 
@@ -307,9 +455,9 @@ def refine(
             if gap > ROUNDING:
                 return APART, n[0] / length, n[1] / length, n[2] / length, gap, 0.0, 0.0, 0.0
         new = cross(corner(room, three), c)
-        if dot(new, corner(room, two)) > 0.0:
+        if dot(new, corner(room, two)) < 0.0:
             one, three = three, one
-        elif dot(new, corner(room, one)) < 0.0:
+        elif dot(new, corner(room, one)) > 0.0:
             two, three = three, two
         else:
             inside = True
@@ -338,6 +486,9 @@ def refine(
             first = dot(cross(p2, p3), c) / whole
             second = dot(cross(p3, p1), c) / whole
             third = dot(cross(p1, p2), c) / whole
+            if not min(first, min(second, third)) > -_BESIDE:
+                # Rounding has led it past the line.
+                break
             i, j, k = PORTAL + 6 * one + 3, PORTAL + 6 * two + 3, PORTAL + 6 * three + 3
             return (
                 OVERLAP, n[0], n[1], n[2], gap,

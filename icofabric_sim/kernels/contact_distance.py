@@ -11,19 +11,21 @@ edges. Lengths over a, axes of the first body.
 
 import math
 
-from icofabric_sim.icosahedron import EDGES, FACES, vertices
+from icofabric_sim.icosahedron import FACES, vertices
 from icofabric_sim.kernels.compiled import compiled
 from icofabric_sim.kernels.contact_axis import ROUNDING, turn, turn_back
-from icofabric_sim.kernels.contact_shape import CORNERS, INNER, NORMALS, reach
+from icofabric_sim.kernels.contact_shape import (
+    CORNERS,
+    EDGE_ENDS,
+    EDGE_WAYS,
+    INNER,
+    NORMALS,
+    reach,
+    WAY_COUNT,
+)
 import numpy as np
 
 VERTICES = vertices(1.0)
-EDGE_ENDS = np.ascontiguousarray(VERTICES[EDGES])
-# One of each two parallel edges, as unit vectors.
-_WAYS = (EDGE_ENDS[:, 1] - EDGE_ENDS[:, 0]) / 2.0
-EDGE_WAYS = np.array([
-    way for k, way in enumerate(_WAYS)
-    if not any(abs(way @ other) > 0.999 for other in _WAYS[:k])])
 # Inward normals of the sides of a face within its plane: from the corners k to k + 1.
 SIDES = np.array([[np.cross(NORMALS[f], CORNERS[f, (k + 1) % 3] - CORNERS[f, k])
                    for k in range(3)] for f in range(len(FACES))])
@@ -61,9 +63,9 @@ def widest_gap(
         gap = gap_on(q, cx, cy, cz, ux, uy, uz)
         if gap > most:
             most, x, y, z = gap, ux, uy, uz
-    for other in range(15):
+    for other in range(WAY_COUNT):
         fx, fy, fz = turn(q, EDGE_WAYS[other, 0], EDGE_WAYS[other, 1], EDGE_WAYS[other, 2])
-        for own in range(15):
+        for own in range(WAY_COUNT):
             ex, ey, ez = EDGE_WAYS[own, 0], EDGE_WAYS[own, 1], EDGE_WAYS[own, 2]
             ux, uy, uz = ey * fz - ez * fy, ez * fx - ex * fz, ex * fy - ey * fx
             length = math.sqrt(ux * ux + uy * uy + uz * uz)
@@ -179,16 +181,3 @@ def signed_distance(
         x, y, z = axis[0], axis[1], axis[2]
     axis[0], axis[1], axis[2] = turn(ra, x, y, z)
     return answer * half_edge
-
-
-@compiled
-def signed_distances(
-    half_edge: float, xa: np.ndarray, ra: np.ndarray, xb: np.ndarray, rb: np.ndarray,
-    distance: np.ndarray, axis: np.ndarray
-) -> None:
-    """
-    The same of n pairs: places (n, 3), matrices (n, 3, 3), results (n,) and (n, 3).
-    """
-    q = np.zeros((3, 3))
-    for k in range(distance.shape[0]):
-        distance[k] = signed_distance(half_edge, xa[k], ra[k], xb[k], rb[k], q, axis[k])

@@ -16,6 +16,7 @@ change the signs of all results and no other bit.
 
 import math
 
+from icofabric_sim.kernels.borrowed import borrowed
 from icofabric_sim.kernels.compiled import compiled
 from icofabric_sim.kernels.contact_axis import (
     APART,
@@ -76,6 +77,18 @@ def touch_pair(
     Bodies whose centres coincide push neither way, by symmetry: then delta is rho, its value for
     equal orientations, and the overlap 2 rho.
     """
+    return meet(half_edge, borrowed(xa), borrowed(ra), borrowed(xb), borrowed(rb),
+                borrowed(scratch.room), borrowed(scratch.marks), borrowed(out))
+
+
+@compiled
+def meet(
+    half_edge: float, xa: np.ndarray, ra: np.ndarray, xb: np.ndarray, rb: np.ndarray,
+    room: np.ndarray, marks: np.ndarray, out: np.ndarray
+) -> bool:
+    """
+    The same, with arrays that are not counted.
+    """
     for k in range(OUT_SIZE):
         out[k] = 0.0
     dx, dy, dz = xb[0] - xa[0], xb[1] - xa[1], xb[2] - xa[2]
@@ -87,34 +100,29 @@ def touch_pair(
         return False
     # The same arithmetic whichever body comes first.
     if dx < 0.0 or (dx == 0.0 and (dy < 0.0 or (dy == 0.0 and dz < 0.0))):
-        found = press(half_edge, -dx, -dy, -dz, rb, ra, scratch, out)
+        found = press(half_edge, -dx, -dy, -dz, rb, ra, room, marks, out)
         for k in range(3):
             out[k], out[12 + k] = -out[k], -out[12 + k]
             out[3 + k], out[6 + k] = out[6 + k], out[3 + k]
         return found
-    return press(half_edge, dx, dy, dz, ra, rb, scratch, out)
+    return press(half_edge, dx, dy, dz, ra, rb, room, marks, out)
 
 
 @compiled
 def press(
     half_edge: float, dx: float, dy: float, dz: float, ra: np.ndarray, rb: np.ndarray,
-    scratch: Scratch, out: np.ndarray
+    room: np.ndarray, marks: np.ndarray, out: np.ndarray
 ) -> bool:
     """
     The same for a body at the origin and another at d, whose first number is not negative.
     """
-    cx, cy, cz = turn_back(ra, dx / half_edge, dy / half_edge, dz / half_edge)
+    cx, cy, cz = approach(half_edge, dx, dy, dz, ra, rb, room)
     if not max(abs(cx), max(abs(cy), abs(cz))) > _COINCIDE:
         out[9] = 0.5 * (INNER * half_edge) ** 2
         out[10] = INNER * half_edge
         out[11] = 2.0 * INNER * half_edge
         out[12] = 1.0
         return True
-    room = scratch.room
-    for r in range(3):
-        for c in range(3):
-            room[MATRIX + 3 * r + c] = (
-                ra[0, r] * rb[0, c] + ra[1, r] * rb[1, c] + ra[2, r] * rb[2, c])
     verdict, ux, uy, uz, gap, x, y, z = find_facet(room, cx, cy, cz)
     if verdict == APART:
         out[12], out[13], out[14] = turn(ra, ux, uy, uz)
@@ -122,7 +130,7 @@ def press(
     turn_normals(room)
     for k in range(SUM_COUNT):
         room[SUMS + k] = 0.0
-    if verdict != OVERLAP or gap < -_DEEP or not add_surface(scratch, cx, cy, cz, x, y, z):
+    if verdict != OVERLAP or gap < -_DEEP or not add_surface(room, marks, cx, cy, cz, x, y, z):
         add_all(room, cx, cy, cz)
     if verdict != OVERLAP:
         length = math.sqrt(cx * cx + cy * cy + cz * cz)
@@ -138,6 +146,48 @@ def press(
     out[7] = -out[4] + (dz * out[0] - dx * out[2])
     out[8] = -out[5] + (dx * out[1] - dy * out[0])
     return True
+
+
+@compiled
+def approach(
+    half_edge: float, dx: float, dy: float, dz: float, ra: np.ndarray, rb: np.ndarray,
+    room: np.ndarray
+) -> tuple[float, float, float]:
+    """
+    The second centre as the first body sees it, over a; writes the matrix between their axes.
+    """
+    room[MATRIX] = ra[0, 0] * rb[0, 0] + ra[1, 0] * rb[1, 0] + ra[2, 0] * rb[2, 0]
+    room[MATRIX + 1] = ra[0, 0] * rb[0, 1] + ra[1, 0] * rb[1, 1] + ra[2, 0] * rb[2, 1]
+    room[MATRIX + 2] = ra[0, 0] * rb[0, 2] + ra[1, 0] * rb[1, 2] + ra[2, 0] * rb[2, 2]
+    room[MATRIX + 3] = ra[0, 1] * rb[0, 0] + ra[1, 1] * rb[1, 0] + ra[2, 1] * rb[2, 0]
+    room[MATRIX + 4] = ra[0, 1] * rb[0, 1] + ra[1, 1] * rb[1, 1] + ra[2, 1] * rb[2, 1]
+    room[MATRIX + 5] = ra[0, 1] * rb[0, 2] + ra[1, 1] * rb[1, 2] + ra[2, 1] * rb[2, 2]
+    room[MATRIX + 6] = ra[0, 2] * rb[0, 0] + ra[1, 2] * rb[1, 0] + ra[2, 2] * rb[2, 0]
+    room[MATRIX + 7] = ra[0, 2] * rb[0, 1] + ra[1, 2] * rb[1, 1] + ra[2, 2] * rb[2, 1]
+    room[MATRIX + 8] = ra[0, 2] * rb[0, 2] + ra[1, 2] * rb[1, 2] + ra[2, 2] * rb[2, 2]
+    return turn_back(ra, dx / half_edge, dy / half_edge, dz / half_edge)
+
+
+@compiled
+def are_apart(
+    half_edge: float, xa: np.ndarray, ra: np.ndarray, xb: np.ndarray, rb: np.ndarray,
+    scratch: Scratch
+) -> bool:
+    """
+    Whether an axis with a gap was found: the first part of `touch_pair`, which then says no.
+
+    Bodies that are less than 1e-14 a apart may be said to touch; `touch_pair` then decides by the
+    volume of their overlap.
+    """
+    dx, dy, dz = xb[0] - xa[0], xb[1] - xa[1], xb[2] - xa[2]
+    reach_of_both = 2.0 * OUTER * half_edge
+    if not dx * dx + dy * dy + dz * dz < reach_of_both * reach_of_both:
+        return True
+    room = borrowed(scratch.room)
+    cx, cy, cz = approach(half_edge, dx, dy, dz, borrowed(ra), borrowed(rb), room)
+    if not max(abs(cx), max(abs(cy), abs(cz))) > _COINCIDE:
+        return False
+    return find_facet(room, cx, cy, cz)[0] == APART
 
 
 @compiled
@@ -177,6 +227,18 @@ def touch_plane(
     `normal` (3,) of length 1, `offset` [m]. The torque out[6:9] is 0; the axis leads from the
     shell into the plane, and the overlap along it is exact.
     """
+    return meet_plane(half_edge, borrowed(normal), offset, borrowed(xa), borrowed(ra),
+                      borrowed(scratch.room), borrowed(out))
+
+
+@compiled
+def meet_plane(
+    half_edge: float, normal: np.ndarray, offset: float, xa: np.ndarray, ra: np.ndarray,
+    room: np.ndarray, out: np.ndarray
+) -> bool:
+    """
+    The same, with arrays that are not counted.
+    """
     for k in range(OUT_SIZE):
         out[k] = 0.0
     out[12], out[13], out[14] = -normal[0], -normal[1], -normal[2]
@@ -187,7 +249,6 @@ def touch_plane(
     overlap = reach(nx, ny, nz) - height
     if not overlap > 0.0:
         return False
-    room = scratch.room
     for k in range(SUM_COUNT):
         room[SUMS + k] = 0.0
     add_plane(room, nx, ny, nz, -height)
@@ -196,27 +257,3 @@ def touch_plane(
     push(half_edge, ra, room, out)
     out[11] = overlap * half_edge
     return True
-
-
-@compiled
-def touch_pairs(
-    half_edge: float, xa: np.ndarray, ra: np.ndarray, xb: np.ndarray, rb: np.ndarray,
-    scratch: Scratch, touching: np.ndarray, out: np.ndarray
-) -> None:
-    """
-    `touch_pair` of n pairs: places (n, 3), matrices (n, 3, 3), results (n,) and (n, OUT_SIZE).
-    """
-    for k in range(touching.shape[0]):
-        touching[k] = touch_pair(half_edge, xa[k], ra[k], xb[k], rb[k], scratch, out[k])
-
-
-@compiled
-def touch_planes(
-    half_edge: float, normal: np.ndarray, offset: float, xa: np.ndarray, ra: np.ndarray,
-    scratch: Scratch, touching: np.ndarray, out: np.ndarray
-) -> None:
-    """
-    `touch_plane` of n shells and one plane.
-    """
-    for k in range(touching.shape[0]):
-        touching[k] = touch_plane(half_edge, normal, offset, xa[k], ra[k], scratch, out[k])

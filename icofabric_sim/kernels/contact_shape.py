@@ -8,7 +8,14 @@ Contact computes with lengths over a, half the outer edge, so that nothing depen
 
 import math
 
-from icofabric_sim.icosahedron import face_geometry, FACES, inscribed_radius, TAU, vertices
+from icofabric_sim.icosahedron import (
+    EDGES,
+    face_geometry,
+    FACES,
+    inscribed_radius,
+    TAU,
+    vertices,
+)
 from icofabric_sim.kernels.compiled import compiled
 from icofabric_sim.kernels.lanes import fabs, fma, maximum, splat, Vector
 import numpy as np
@@ -42,6 +49,15 @@ _HALF = [face for face in range(20) if tuple(NORMALS[face].round(9)) > (0.0, 0.0
 AXIS_FACES = np.array(_HALF + _HALF[:1] * (AXIS_COUNT - len(_HALF)))
 AXES = np.ascontiguousarray(NORMALS[AXIS_FACES].T).ravel()
 OPPOSITE = np.argmin(NORMALS @ NORMALS.T, axis=1)
+# Unit vectors along the edges, one of each two parallel ones, and the same as whole vectors of
+# x, y and z, filled up with 0.
+EDGE_ENDS = np.ascontiguousarray(vertices(1.0)[EDGES])
+_WAYS = (EDGE_ENDS[:, 1] - EDGE_ENDS[:, 0]) / 2.0
+EDGE_WAYS = np.array([
+    way for k, way in enumerate(_WAYS)
+    if not any(abs(way @ other) > 0.999 for other in _WAYS[:k])])
+WAY_COUNT = len(EDGE_WAYS)
+WAYS = np.concatenate([EDGE_WAYS, np.zeros((AXIS_COUNT - WAY_COUNT, 3))]).T.ravel()
 
 
 @compiled

@@ -41,10 +41,10 @@ class Scratch(NamedTuple):
     """
     Room for one pair at a time.
 
-    One array of numbers, because each array that is handed on costs time at every call.
+    One array of numbers, because each array that is handed on costs time.
     """
 
-    room: np.ndarray   # (256,), see below
+    room: np.ndarray   # (512,), see below
     marks: np.ndarray  # (420,)
 
 
@@ -55,7 +55,7 @@ VALUE = 113    # of the corners of a polygon on a side, (8,)
 POLYGON = 121  # two polygons: x, y, z and depth of the corners, (2, 8, 4)
 SUMS = 185     # M_0, M_1, integrals of n, of p n, of x cross n, of p x cross n, (14,)
 # A pyramid gives a polygon 4 corners at most, and each of three sides of another one more.
-_ROOM, _NEXT, _CORNERS = 256, 32, 4
+_ROOM, _NEXT, _CORNERS = 512, 32, 4
 # Places among the sums.
 M0, M1, S0, S1, T0, T1 = 0, 1, 2, 5, 8, 11
 SUM_COUNT = 14
@@ -292,7 +292,8 @@ def turn_normals(room: np.ndarray) -> None:
 
 @compiled
 def add_surface(
-    scratch: Scratch, cx: float, cy: float, cz: float, x: float, y: float, z: float
+    room: np.ndarray, marks: np.ndarray, cx: float, cy: float, cz: float,
+    x: float, y: float, z: float
 ) -> bool:
     """
     Add the polygons from those at a point of S on, each once; False where none is there.
@@ -300,7 +301,6 @@ def add_surface(
     S is in one piece where bodies are not deep in each other: there a line from the centre of A
     meets it once, as the faces of B that take part look towards that centre.
     """
-    room, marks = scratch.room, scratch.marks
     # Faces of A, then of B, above the point: several where it lies on their ridges.
     above_own, above_other = 0, 0
     most = 0.0
