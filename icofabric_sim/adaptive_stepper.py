@@ -324,6 +324,9 @@ class AdaptiveStepper(Stepper):
         tolerance = self.accuracy.tolerance
         control[pair.TOLERANCE] = tolerance * (_LOOSE_AIM if tolerance > _LOOSE * rate else 1.0)
         control[pair.SHORTEST], control[pair.LONGEST] = first * _SHORTEST_PART, ANY
+        # Around shells the shortest way may change to the other side.
+        control[pair.SPARE] = 0.0 if self.model.wrapping is None else 2.0 * math.pi / max(
+            rate, 1.0 / FREE_STEP)
         size = self.half_edge**-2
         fastest = max(rate, 1.0 / FREE_STEP) ** -2
         control[pair.SCALES:] = size, 4.0 if self.state.orientation.ndim == 2 else 0.5, (

@@ -78,7 +78,8 @@ class Course:
                 parameters['solver.tolerance'],
                 liveliness,
                 fixed_ratio=fixed * frequency.rate if fixed > 0.0 else None,
-                kinked=scene.connectors.laws.kinked or bool(scene.connectors.tables.tables),
+                kinked=scene.connectors.laws.kinked or bool(scene.connectors.tables.tables)
+                or packed.model.wrapping is not None,
                 strain=expected_strain(scene, liveliness, frequency.rate))
             # With the room that this method needs.
             loads = self._loads()

@@ -34,6 +34,7 @@ from icofabric_sim.layout import aligned_empty, Layout, make_layout, make_links
 from icofabric_sim.link_places import pack_breakage
 from icofabric_sim.profiles import Piece, STEADY
 from icofabric_sim.scene import Scene
+from icofabric_sim.wrapping import pack_wrapping
 import numpy as np
 
 # Runge-Kutta methods hold 1.7 kB more for each body: larger fabrics are not offered them.
@@ -132,6 +133,8 @@ def pack_scene(
         dipole=electric.pack_dipole(),
         coulomb=electric.pack_coulomb(layout),
         shells=pack_shells(scene.parameters, scene.geometry.half_edge),
+        wrapping=None if links is None else pack_wrapping(
+            scene.parameters, scene.geometry.half_edge),
     )
     external = None
     if body_force is not None:

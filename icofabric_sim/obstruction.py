@@ -30,7 +30,7 @@ class Obstruction:
         """
         Act by the `choice` for connector.obstruction.
         """
-        self.stops = choice == 'stop'
+        self.stops, self._wraps = choice == 'stop', choice == 'wrap'
         self._packed = packed
         self.found = ''  # sentence
         self.looks = 1 if self.stops else _LOOKS
@@ -49,15 +49,17 @@ class Obstruction:
         packed = self._packed
         assert packed.connectors is not None
         bodies = packed.layout.unpack(state)
-        obstructed = Snapshot(
-            time, *bodies, len(packed.connectors.first), packed, {}, broken_since).obstructed
+        snapshot = Snapshot(
+            time, *bodies, len(packed.connectors.first), packed, {}, broken_since)
+        obstructed = snapshot.lost if self._wraps else snapshot.obstructed
         which = np.flatnonzero(obstructed)
         # Rounding may see it otherwise than the look that has.
         number = int(which[0]) if len(which) else 0
         pair = int(packed.connectors.first[number]), int(packed.connectors.second[number])
         own = pair[0] if obstructed[number] & 1 else pair[1]
+        what = 'finds no way around' if self._wraps else 'enters'
         self.found = (
-            f'connector {number}, between bodies {pair[0]} and {pair[1]}, enters the shell of '
+            f'connector {number}, between bodies {pair[0]} and {pair[1]}, {what} the shell of '
             f'body {own} that it is attached to, seen at the look at t = {time:.6g} s'
             + (f' ({len(which):,} connectors do so)' if len(which) > 1 else ''))
         if not self.stops:

@@ -40,6 +40,7 @@ from icofabric_sim.shell import Shell
 from icofabric_sim.tractions import make_traction, polynomial, Traction
 from icofabric_sim.weave import build_weave, estimate_weave, Weave
 from icofabric_sim.weave_geometry import geometry_from_angle, geometry_from_length, WeaveGeometry
+from icofabric_sim.wrapping import check_wrapping
 import numpy as np
 
 # Build, run and record together; about 1,000 without a bag (`icofabric benchmark scaling`). What
@@ -252,6 +253,7 @@ def check_parameters(parameters: Parameters) -> tuple[Shell, WeaveGeometry]:
             )
         selectors.check_syntax(f'groups.{name}', parameters[f'groups.{name}'])
     check_attachments(parameters, geometry)
+    check_wrapping(parameters)
     if parameters['weave.kind'] == 'radial':
         check_radius(parameters, geometry)
     for name in parameters.names('connector_groups'):

@@ -215,9 +215,9 @@ STATIC: tuple[Specification, ...] = (
         'connector.obstruction',
         'warn',
         '',
-        'a connector that enters the shell it is attached to: warn once, or stop the run',
-        choices=('warn', 'stop'),
-        unbuilt_choices=('wrap',),
+        'a connector that enters the shell it is attached to: warn once, stop the run, or wrap it '
+        'around the shell, by the shortest way over the faces',
+        choices=('warn', 'stop', 'wrap'),
     ),
     _s(
         'connector.attachment_scale',

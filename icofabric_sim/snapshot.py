@@ -13,6 +13,7 @@ from icofabric_sim.kernels.fields import field_energy
 from icofabric_sim.kernels.moments import moment_energy
 from icofabric_sim.kernels.obstruction import find_obstructed
 from icofabric_sim.kernels.outlines import fill_lengths, fill_lines
+from icofabric_sim.kernels.wrapping import measure_wrapped
 from icofabric_sim.model import PackedScene
 from icofabric_sim.rotation_forms import cosines_from_quaternions, turned_since
 import numpy as np
@@ -82,14 +83,33 @@ class Snapshot:
     @cached_property
     def connector_length(self) -> np.ndarray:
         """
-        Lengths [m] of the connectors, (c,).
+        Lengths [m] of the connectors, (c,); of those around their shells that of their way.
         """
         connectors = self.packed.connectors
         if connectors is None:
             return np.zeros(0)
         length = np.empty(len(connectors.first))
         fill_lengths(connectors, *self._frozen(), length)
+        wrapping = self.packed.model.wrapping
+        if wrapping is not None:
+            measure_wrapped(
+                wrapping, connectors, *self._rows(), self.obstructed, length,
+                np.empty(len(length), np.uint8))
         return length
+
+    @cached_property
+    def lost(self) -> np.ndarray:
+        """
+        Connectors that find no way around the shell of their first body (bit 0) or second (bit 1).
+
+        (c,) uint8; of `connector.obstruction: wrap`.
+        """
+        found = np.zeros(self.connector_count, np.uint8)
+        connectors, wrapping = self.packed.connectors, self.packed.model.wrapping
+        if connectors is not None and wrapping is not None:
+            measure_wrapped(
+                wrapping, connectors, *self._rows(), self.obstructed, np.empty(len(found)), found)
+        return found
 
     @cached_property
     def obstructed(self) -> np.ndarray:
@@ -173,6 +193,13 @@ class Snapshot:
             energy += field_energy(packed.model, packed.layout.pack(InitialState(
                 self.position, self.orientation, self.linear_velocity, self.angular_velocity)))
         return energy
+
+    def _rows(self) -> tuple[np.ndarray, np.ndarray]:
+        """
+        Places (3, n) and orientations (4, n).
+        """
+        return (
+            np.ascontiguousarray(self.position.T), np.ascontiguousarray(self.orientation.T))
 
     def _frozen(self) -> tuple[np.ndarray, np.ndarray]:
         """

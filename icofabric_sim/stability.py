@@ -13,6 +13,7 @@ from icofabric_sim.kernels.hessian import hessian_times, lanczos_steps
 from icofabric_sim.kernels.monitor import field_bound, frequency_bound
 from icofabric_sim.kernels.records import Loads, State
 from icofabric_sim.kernels.tridiagonal import largest_eigenvalue
+from icofabric_sim.kernels.wrapping import largest_wrapping_bound
 from icofabric_sim.layout import aligned_empty
 from icofabric_sim.model import PackedScene
 import numpy as np
@@ -52,8 +53,9 @@ def largest_frequency(
     Hessian of the connector energy (kernels/hessian.py), M the masses and inertias. From
     three-term recurrences: two vectors are kept, not a basis. The Ritz value approaches from
     below, and an eigenvalue lies within the residual of it; the nearer of that and of the proved
-    bound is returned once they agree. `locate` also finds the bodies. What electric fields add is
-    bounded: the largest eigenvalue of a sum is at most the sum of the largest.
+    bound is returned once they agree. `locate` also finds the bodies. What electric fields and
+    lying around shells add is bounded: the largest eigenvalue of a sum is at most the sum of the
+    largest.
     """
     model, layout = packed.model, packed.layout
     start = start_vector(packed)
@@ -69,7 +71,10 @@ def largest_frequency(
     count = layout.body_count
     work = layout.room(model.links)
     place_all(model, state, work, 0, len(layout.blocks.slot))
-    upper = frequency_bound(model._replace(dipole=None, coulomb=None), state, work)
+    if model.wrapping is not None:
+        more += largest_wrapping_bound(model, state, work)
+    upper = frequency_bound(
+        model._replace(dipole=None, coulomb=None, wrapping=None), state, work)
     if not math.isfinite(upper + more):
         # Numbers too large to multiply: nothing is safe.
         return Frequency(math.inf, (), 0)

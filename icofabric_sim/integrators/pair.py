@@ -35,11 +35,13 @@ import numpy as np
 # Places in the control array: what it says, start and length of the step in progress [s], the
 # next length, the end that is to be passed [s], the tolerance [1/s], the sum of errors so far, the
 # error rate of the last step [1/s], steps refused, the shortest step [s], whether slope 12 is that
-# of the present state, and the longest step [s].
-START, LENGTH, NEXT, GOAL, TOLERANCE, TOTAL, RATE, REFUSED, SHORTEST, HAS_LAST, LONGEST = range(11)
+# of the present state, the longest step [s], and the time [s] for which a shorter step may err:
+# where forces jump, the error for each second does not fall with the step.
+(START, LENGTH, NEXT, GOAL, TOLERANCE, TOTAL, RATE, REFUSED, SHORTEST, HAS_LAST, LONGEST,
+ SPARE) = range(12)
 # Squared errors of position, orientation, velocity and spin are multiplied by these.
-SCALES = 11
-CONTROL_COUNT = 15
+SCALES = 12
+CONTROL_COUNT = 16
 # A step is aimed at this part of the tolerance and refused above all of it; it may become so many
 # times as long at once.
 _AIM, _SHRINK, _GROW = 0.4, 0.2, 4.0
@@ -217,8 +219,8 @@ def adaptive_pair(
 
     `state` is where the step in progress ends, trail.start where it begins; its slopes are kept
     for states in between. Time is control[START] + control[LENGTH] before and after. A step that
-    errs by more than tolerance x its length is refused and made shorter. A step in which a
-    connector may have broken is the last one, and says so.
+    errs by more than tolerance x its length, or x control[SPARE], is refused and made shorter. A
+    step in which a connector may have broken is the last one, and says so.
     """
     first, last = own_blocks(team, model.blocks.slot.shape[0])
     trail = some(work.trail)
@@ -228,7 +230,7 @@ def adaptive_pair(
     start, length, h = control[START], control[LENGTH], control[NEXT]
     total, rate, refused = control[TOTAL], control[RATE], control[REFUSED]
     goal, tolerance, shortest = control[GOAL], control[TOLERANCE], control[SHORTEST]
-    longest = control[LONGEST]
+    longest, spare = control[LONGEST], control[SPARE]
     done, status = 0, 0
     note_lengths(model, work.breakage, state, work, team, first, last)
     while done < count and start + length <= goal and status == 0:
@@ -243,7 +245,7 @@ def adaptive_pair(
             # Per unit of time, so the length of the step cancels.
             error = largest_error(pair, model, trail, control, turn_rows, team, first, last)
             change = _SHRINK
-            if error <= tolerance:
+            if error <= tolerance or error * h <= tolerance * spare:
                 accepted = True
                 change = _GROW
             if 0.0 < error and error < np.inf:

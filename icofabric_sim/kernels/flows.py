@@ -19,6 +19,7 @@ from icofabric_sim.kernels.loads import kick_load, work_load
 from icofabric_sim.kernels.moments import add_bending, add_twisting
 from icofabric_sim.kernels.records import Links, Loads, Model, State, Supports, Work
 from icofabric_sim.kernels.rotations import place_anywhere, place_points, rotate
+from icofabric_sim.kernels.wrapping import add_wrapping
 import numpy as np
 
 
@@ -177,6 +178,8 @@ def accelerations(
     The gyroscopic term vanishes. Gravity is an acceleration and needs no detour over the mass.
     """
     force = add_connectors(model.links, points, state.position, block, s)
+    force = add_wrapping(
+        model.wrapping, model.links, state.position, state.orientation, points, block, s, force)
     force = add_bending(
         model.bending, model.links, state.position, state.orientation, points, block, s, force)
     force = add_twisting(model.twisting, model.links, state.orientation, block, s, force)

@@ -44,7 +44,9 @@ from icofabric_sim.kernels.records import (
     Variety,
     Watch,
     Work,
+    Wrapping,
 )
+from icofabric_sim.kernels.wrapping import wrapping_look
 import numpy as np
 
 # Bits of the status that `examine` returns; the rates concern the bound of the largest frequency.
@@ -255,7 +257,10 @@ def bound_and_energy(
         model.twisting, model.links, model.inverse_inertia, state.orientation, block, s)
     field, potential = field_parts(
         model.dipole, model.coulomb, model, state, model.blocks.alive[block], s)
-    return bound + more + most + field, energy + bent + twisted + potential
+    around, wound, _ = wrapping_look(
+        model.wrapping, model.links, model.inverse_mass, model.inverse_inertia, state.position,
+        state.orientation, work.points, block, s)
+    return bound + more + most + field + around, energy + bent + twisted + potential + wound
 
 
 @compiled
@@ -335,12 +340,32 @@ def examine(
     ledger[UNTIL_OBSTRUCTED] -= 1.0
     if ledger[UNTIL_OBSTRUCTED] <= 0.0:
         ledger[UNTIL_OBSTRUCTED] = ledger[OBSTRUCTED_EVERY]
-        ledger[OBSTRUCTED] = sum_of_lanes(obstructed_lanes(
-            model.links, model.shells, model.blocks, state.orientation, work.points,
-            state.position.shape[1]))
+        ledger[OBSTRUCTED] = sum_of_lanes(obstructed_ends(
+            model.wrapping, model, state, work.points))
         if ledger[OBSTRUCTED] > ledger[OBSTRUCTED_LIMIT]:
             status |= OBSTRUCTING
     return status
+
+
+@compiled
+def obstructed_ends(
+    wrapping: Wrapping | None, model: Model, state: State, points: np.ndarray
+) -> Vector:
+    """
+    Ends of connectors in the shells they are attached to; of those that lie around: without a way.
+    """
+    if wrapping is None:
+        return obstructed_lanes(
+            model.links, model.shells, model.blocks, state.orientation, points,
+            state.position.shape[1])
+    else:
+        total = splat(0.0)
+        for block in range(model.blocks.slot.shape[0]):
+            _, _, lost = wrapping_look(
+                wrapping, model.links, model.inverse_mass, model.inverse_inertia,
+                state.position, state.orientation, points, block, model.blocks.slot[block])
+            total = total + lost
+        return total
 
 
 @compiled

@@ -12,6 +12,8 @@ interior where some t has n.(p + t d) < rho for every face. That is exact on a f
 vertex and outside. A point inside the shell has its connector inside from the start: not counted.
 """
 
+from typing import Any
+
 from icofabric_sim.kernels.compiled import compiled
 from icofabric_sim.kernels.lanes import (
     bits,
@@ -111,30 +113,40 @@ def obstructed_at_edges(
     """
     zero, one = splat(0.0), splat(1.0)
     total = zero
-    for edge in range(6):
-        pair = edge >> 1
-        at = 3 * edge * stride + s
-        across = (6 * pair + 3 * (1 - (edge & 1))) * stride + s
-        # The edges up and down have the axis x across them, north and south y, west and east z.
-        side = 6 * ((pair + 1) % 3) * stride + s
-        px, py, pz = (
-            load_at(points, at), load_at(points, at + stride), load_at(points, at + 2 * stride))
-        ax = px - load_at(points, across)
-        ay = py - load_at(points, across + stride)
-        az = pz - load_at(points, across + 2 * stride)
-        tx = load_at(points, side) - load_at(points, side + 3 * stride)
-        ty = load_at(points, side + stride) - load_at(points, side + 4 * stride)
-        tz = load_at(points, side + 2 * stride) - load_at(points, side + 5 * stride)
-        for link in range(2 * edge, 2 * edge + 2):
-            place = links.place[block, link]
-            ux = load_at(points, place) - px
-            uy = load_at(points, place + stride) - py
-            uz = load_at(points, place + 2 * stride) - pz
-            out = fma(ux, ax, fma(uy, ay, uz * az))
-            beside = fabs(fma(ux, tx, fma(uy, ty, uz * tz)))
-            inside = where(fma(splat(LEAN), beside, out) < zero, one, zero)
-            total = total + where(bits(links.present[block, link]), inside, zero)
+    for link in range(12):
+        edge = link >> 1
+        at, place = 3 * edge * stride + s, links.place[block, link]
+        ux = load_at(points, place) - load_at(points, at)
+        uy = load_at(points, place + stride) - load_at(points, at + stride)
+        uz = load_at(points, place + 2 * stride) - load_at(points, at + 2 * stride)
+        inside = where(enters_lanes(points, stride, edge, s, ux, uy, uz), one, zero)
+        total = total + where(bits(links.present[block, link]), inside, zero)
     return total
+
+
+@compiled
+def enters_lanes(
+    points: np.ndarray, stride: int, edge: int, s: int, ux: Vector, uy: Vector, uz: Vector
+) -> Any:
+    """
+    Mask of the bodies at slot `s` whose shells a connector enters that leads this way.
+
+    From the midpoint of the named `edge`.
+    """
+    pair = edge >> 1
+    at = 3 * edge * stride + s
+    across = (6 * pair + 3 * (1 - (edge & 1))) * stride + s
+    # The edges up and down have the axis x across them, north and south y, west and east z.
+    side = 6 * ((pair + 1) % 3) * stride + s
+    ax = load_at(points, at) - load_at(points, across)
+    ay = load_at(points, at + stride) - load_at(points, across + stride)
+    az = load_at(points, at + 2 * stride) - load_at(points, across + 2 * stride)
+    tx = load_at(points, side) - load_at(points, side + 3 * stride)
+    ty = load_at(points, side + stride) - load_at(points, side + 4 * stride)
+    tz = load_at(points, side + 2 * stride) - load_at(points, side + 5 * stride)
+    out = fma(ux, ax, fma(uy, ay, uz * az))
+    beside = fabs(fma(ux, tx, fma(uy, ty, uz * tz)))
+    return fma(splat(LEAN), beside, out) < splat(0.0)
 
 
 @compiled

@@ -90,6 +90,22 @@ class Shells(NamedTuple):
     depth: np.ndarray
 
 
+class Wrapping(NamedTuple):
+    """
+    The shell that connectors lie around, and their ways over its edges, see kernels/wrap_path.py.
+    """
+
+    normals: np.ndarray  # (20, 3) outward unit normals, body axes
+    height: float  # of the faces over the centre [m]
+    half_width: float  # of the attachment points, the midpoints of the named edges [m]
+    start: np.ndarray  # (6, 2) int32, faces at each of these
+    # (6, w, 10) of each way from there: a corner and the direction of its last edge, the place
+    # along it beside the attachment point and the distance of that, unfolded; from where to where
+    # along it the way leads [m].
+    ways: np.ndarray
+    faces: np.ndarray  # (6, w, 2) int32, on which it comes to its last edge, and the next one
+
+
 class Bending(NamedTuple):
     """
     What resists a change of the angle between connectors and bodies, see kernels/moments.py.
@@ -311,6 +327,7 @@ class Model(NamedTuple):
     dipole: Dipole | None = None
     coulomb: Coulomb | None = None
     shells: Shells | None = None
+    wrapping: Wrapping | None = None
 
 
 class State(NamedTuple):

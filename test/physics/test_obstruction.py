@@ -16,7 +16,6 @@ from icofabric_sim.kernels.records import Shells
 from icofabric_sim.markers import OBSTRUCTED, STRAIN_CLASSES
 from icofabric_sim.messages import decode_diagnostic_array, decode_marker_points, MarkerAction
 from icofabric_sim.outputs import Outputs
-from icofabric_sim.parameters import ParameterError
 from icofabric_sim.rotation_forms import cosines_from_quaternions
 from icofabric_sim.runner import Runner
 import numpy as np
@@ -215,8 +214,3 @@ def test_it_is_marked_and_counted():
     assert int(values['connector ends in their shells']) == simulation.obstructed_ends > 0
     assert status.level == WARN and 'ends of connectors were in the shells' in status.message
     assert monitor.OBSTRUCTED < monitor.LEDGER_COUNT
-
-
-def test_lying_around_the_shell_is_not_built():
-    with pytest.raises(ParameterError, match='connector.obstruction'):
-        make_scene((2, 2, 2), {'connector.obstruction': 'wrap'})

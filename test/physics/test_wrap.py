@@ -1,0 +1,358 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+Connectors that lie around the shells they are attached to (connector.obstruction: wrap).
+"""
+
+import logging
+
+from analytical import quaternion_product, rotation_quaternion
+from fabrics import (
+    changed,
+    FORMS,
+    make_scene,
+    packed_state,
+    pair_face_to_face,
+    RANDOM,
+    same_state,
+    wrenches,
+)
+import icofabric_sim as ico
+from icofabric_sim import crew
+from icofabric_sim.kernels import monitor
+from icofabric_sim.kernels.flows import place_all
+from icofabric_sim.kernels.wrap_path import apart, leaving, seen_from, taut, whole
+from icofabric_sim.model import pack_scene
+from icofabric_sim.parameters import make_parameters, ParameterError
+from icofabric_sim.snapshot import Snapshot
+from icofabric_sim.stability import largest_frequency
+from icofabric_sim.wrapping import pack_wrapping, ways_from
+import numpy as np
+import pytest
+from references import axes_of
+from wrap_oracle import shortest, Surface
+
+WRAP = {'connector.obstruction': 'wrap', 'contact.mode': 'never', 'solver.method': 'leapfrog'}
+# Long connectors keep the shells of a lively fabric out of each other.
+LOOSE = {**WRAP, 'weave.connector_length': 0.09}
+# Beside equal springs, springs of their own and a law by table.
+CASES = {
+    'plain': WRAP,
+    'kinked': {
+        **WRAP, 'connector.stiffness_compression': 150.0, 'connector.natural_length': 0.035,
+        'weave.kind': 'bias'}}
+
+
+def turned_about(scene, amplitude, seed=2):
+    """
+    Positions a little and orientations much away from the woven ones.
+    """
+    generator = np.random.default_rng(seed)
+    shape = (scene.body_count, 3)
+    shift = 0.02 * scene.geometry.cube_width * generator.standard_normal(shape)
+    turn = rotation_quaternion(amplitude * generator.standard_normal(shape))
+    return scene.position + shift, quaternion_product(turn, scene.orientation)
+
+
+def snapshot_of(scene, position, orientation, packed=None):
+    rest = np.zeros_like(position)
+    ledger = {'work_in': 0.0, 'start': 0.0, 'spent': 0.0, 'potential': 0.0}
+    return Snapshot(
+        0.0, position, orientation, rest, rest, scene.connector_count,
+        packed or pack_scene(scene), ledger)
+
+
+def random_poses(generator, count):
+    """
+    Positions (2, 3), rows of axes (2, 3, 3) and edges of pairs of shells of half edge 1, apart.
+    """
+    for _ in range(count):
+        axes = axes_of(rotation_quaternion(3.0 * generator.standard_normal((2, 3))))
+        way = generator.standard_normal(3)
+        way *= generator.uniform(3.9, 6.0) / np.linalg.norm(way)
+        yield np.array([np.zeros(3), way]), axes, generator.integers(0, 6, 2).tolist()
+
+
+def pose(position, axes):
+    return (*position.tolist(), *axes.ravel().tolist())
+
+
+def test_ways_are_the_shortest_of_brute_force():
+    wrapping = pack_wrapping(make_parameters({'connector.obstruction': 'wrap'}), 1.0)
+    assert all(len(ways_from(code)) == wrapping.ways.shape[1] for code in range(6))
+    surface, seen, longer = Surface(10), np.zeros(3, int), 0
+    for position, axes, edges in random_poses(np.random.default_rng(4), 80):
+        poses = [pose(*both) for both in zip(position, axes)]
+        ends = [taut(wrapping, poses[0], edges[0], poses[1], edges[1]),
+                taut(wrapping, poses[1], edges[1], poses[0], edges[0])]
+        one = whole(wrapping, poses[0], edges[0], *ends[0][:2], poses[1], edges[1], *ends[0][2:])
+        two = whole(wrapping, poses[1], edges[1], *ends[1][:2], poses[0], edges[0], *ends[1][2:])
+        assert one == pytest.approx(two, rel=1e-12)
+        wanted = shortest(surface, position, axes, edges)
+        # Points along edges make the way of brute force a little longer; of 171 random pairs with
+        # both ends around their shells one had another pair of ways, shorter by 0.7 %.
+        assert wanted * (1.0 - 5e-3) < one < wanted * 1.01
+        longer += one > wanted * (1.0 + 1e-9)
+        assert min(ends[0][0], ends[0][2]) > -2
+        seen[(ends[0][0] >= 0) + (ends[0][2] >= 0)] += 1
+    assert seen.min() > 10 and longer <= 2
+
+
+def test_no_place_can_be_moved_to_shorten_a_way():
+    # Stationary to rounding, also where both ends lie around their shells.
+    wrapping = pack_wrapping(make_parameters({'connector.obstruction': 'wrap'}), 1.0)
+    both = 0
+    for position, axes, edges in random_poses(np.random.default_rng(5), 60):
+        first, second = [pose(*place) for place in zip(position, axes)]
+        way, s, far_way, r = taut(wrapping, first, edges[0], second, edges[1])
+
+        for h, k in ((1e-4, 0.0), (0.0, 1e-4)):
+            if (way if h else far_way) >= 0:
+                less, least, more = (
+                    whole(
+                        wrapping, first, edges[0], way, s + sign * h, second, edges[1], far_way,
+                        r + sign * k)
+                    for sign in (-1.0, 0.0, 1.0))
+                assert abs(more - less) < 1e-12 and more > least
+        both += way >= 0 and far_way >= 0
+        # The free part touches neither shell.
+        p = leaving(wrapping, first, edges[0], way, s)
+        q = leaving(wrapping, second, edges[1], far_way, r)
+        for t in np.linspace(0.05, 0.95, 7):
+            point = tuple((1.0 - t) * np.array(p) + t * np.array(q))
+            for own in (first, second):
+                height = wrapping.normals @ np.array(seen_from(own, point)) - wrapping.height
+                assert height.max() > -1e-9
+        assert apart(p, q) > 0.0
+    assert both > 10
+
+
+@pytest.mark.parametrize('form', FORMS)
+@pytest.mark.parametrize('name', CASES)
+def test_wrench_is_minus_the_gradient(name, form):
+    scene = make_scene((3, 3, 3), CASES[name])
+    generator = np.random.default_rng(3)
+    for seed in range(6):
+        position, orientation = turned_about(scene, 0.7, seed)
+        shift = scene.geometry.half_edge * generator.standard_normal((scene.body_count, 3))
+        turn = generator.standard_normal((scene.body_count, 3))
+
+        def along(h, position=position, orientation=orientation, shift=shift, turn=turn):
+            return snapshot_of(scene, position + h * shift, quaternion_product(
+                rotation_quaternion(h * turn), orientation)).energy['connectors']
+
+        work = wrenches(scene, position, orientation, cosines=form != 'quaternion')
+        expected = -(work.force * shift).sum() - (work.torque * turn).sum()
+        errors = [(along(h) - along(-h)) / (2.0 * h) - expected for h in (4e-5, 2e-5)]
+        assert abs((4.0 * errors[1] - errors[0]) / 3.0) < 1e-6 * abs(along(0.0))
+        snapshot = snapshot_of(scene, position, orientation)
+        assert (snapshot.obstructed == 3).sum() > 0 and (snapshot.obstructed > 0).sum() > 10
+        straight = np.linalg.norm(np.diff(snapshot.connector_ends, axis=1)[:, 0], axis=1)
+        around = snapshot.obstructed > 0
+        assert (snapshot.connector_length[around] > straight[around]).all()
+        assert np.array_equal(snapshot.connector_length[~around], straight[~around]) or (
+            np.abs(snapshot.connector_length - straight)[~around].max() < 1e-15)
+
+
+def test_actions_are_reactions():
+    scene = make_scene((4, 3, 3), WRAP)
+    position, orientation = turned_about(scene, 0.9)
+    work = wrenches(scene, position, orientation)
+    size = np.abs(work.force).max()
+    assert np.abs(work.force.sum(axis=0)).max() < 1e-14 * size
+    moment = (np.cross(position, work.force) + work.torque).sum(axis=0)
+    assert np.abs(moment).max() < 1e-12 * size * scene.geometry.half_edge
+    plain = wrenches(changed(scene, {'connector.obstruction': 'warn'}), position, orientation)
+    assert np.abs(plain.force - work.force).max() > 0.1 * size
+    # A common rigid motion changes nothing.
+    turn = rotation_quaternion(np.array([[0.7, -2.0, 1.1]]))
+    axes = axes_of(turn)[0]
+    moved = wrenches(
+        scene, position @ axes + [0.1, -0.2, 0.05], quaternion_product(turn, orientation))
+    np.testing.assert_allclose(moved.force, work.force @ axes, rtol=0, atol=1e-10 * size)
+    np.testing.assert_allclose(
+        moved.torque, work.torque @ axes, rtol=0, atol=1e-10 * size * scene.geometry.half_edge)
+
+
+def test_it_begins_smoothly_and_is_the_chord_over_one_edge():
+    # One body turns about the edge's own direction until its connector leads along a face, below
+    # it, and round the far edges of that face.
+    scene = make_scene((2, 2, 1), {**WRAP, 'connector.natural_length': 0.01})
+    width = scene.geometry.cube_width
+    position, orientation = pair_face_to_face(scene, 2.4 * width)
+
+    def at(angle):
+        turn = rotation_quaternion(np.array([[0.0, 0.0, angle], np.zeros(3)]))
+        return position, quaternion_product(turn, orientation)
+
+    # Where the connector first lies in a face: looked for along the angle.
+    packed = pack_scene(scene)
+    angles = np.linspace(0.0, 2.8, 4001)
+    coarse = angles[::20]
+    bits = [snapshot_of(scene, *at(angle), packed).obstructed[0] for angle in coarse]
+    first = float(coarse[np.flatnonzero(bits)[0]])
+    low, high = first - 20 * 0.0007, first
+    while high - low > 1e-13:
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if snapshot_of(
+            scene, *at(middle), packed).obstructed[0] else (middle, high)
+    for h, wanted in ((1e-3, 3e-3), (1e-5, 3e-5), (1e-7, 3e-7)):
+        before, after = (wrenches(scene, *at(high + sign * h)) for sign in (-1.0, 1.0))
+        assert np.abs(after.force - before.force).max() < wanted * np.abs(before.force).max()
+        assert np.abs(after.torque - before.torque).max() < 2.0 * wanted * np.abs(
+            before.force).max() * width
+    lengths = np.array([
+        snapshot_of(scene, *at(angle), packed).connector_length[0] for angle in angles])
+    assert np.abs(np.diff(lengths)).max() < 1.5 * width * 0.0007
+    # Straight through, it would be shorter by a good part.
+    turned = snapshot_of(scene, *at(2.8))
+    straight = np.linalg.norm(np.diff(turned.connector_ends[0], axis=0))
+    assert turned.connector_length[0] > straight + 0.2 * width
+
+
+def dense_hessian(scene, position, orientation, h=1e-6):
+    """
+    M^-1/2 H M^-1/2 from differences of the wrenches.
+    """
+    count, a = scene.body_count, scene.geometry.half_edge
+    rows = []
+    for unit in np.eye(6 * count).reshape(6 * count, 2, count, 3):
+        ends = []
+        for sign in (-h, h):
+            work = wrenches(scene, position + sign * a * unit[0], quaternion_product(
+                rotation_quaternion(sign * unit[1]), orientation))
+            ends.append(np.hstack([work.force.ravel(), work.torque.ravel()]))
+        rows.append((ends[0] - ends[1]) / (2.0 * h) * (1.0 / a if unit[0].any() else 1.0))
+    root = np.repeat([scene.shell.mass**-0.5, scene.shell.inertia**-0.5], 3 * count)
+    matrix = np.array(rows) * np.outer(root, root)
+    return 0.5 * (matrix + matrix.T)
+
+
+def test_the_step_knows_an_upper_bound_of_the_frequency():
+    ratios = []
+    for rest in (0.0, 0.02, 0.06):
+        scene = make_scene((2, 2, 2), {**WRAP, 'connector.natural_length': rest})
+        for seed in range(5):
+            position, orientation = turned_about(scene, 1.0, seed)
+            packed = pack_scene(scene)
+            state = packed_state(packed, position, orientation)
+            work = packed.layout.room(packed.model.links)
+            place_all(packed.model, state, work, 0, len(packed.model.blocks.slot))
+            exact = np.linalg.eigvalsh(dense_hessian(scene, position, orientation))[-1]
+            ratios.append((
+                largest_frequency(packed, state).rate / np.sqrt(exact),
+                np.sqrt(monitor.frequency_bound(packed.model, state, work) / exact)))
+    print(np.round(ratios, 2).tolist())
+    assert np.min(ratios) > 0.999 and np.max(ratios) < 4.0
+
+
+def momenta(scene, state):
+    linear = scene.shell.mass * state.linear_velocity
+    turning = np.cross(state.position, linear) + scene.shell.inertia * state.angular_velocity
+    return linear, turning
+
+
+def lively(**changes):
+    return make_scene(
+        (3, 3, 2), {**LOOSE, 'initial_random.spin_sigma': 90.0, **changes}, **RANDOM)
+
+
+def test_energy_and_momenta_stay():
+    # By dop8, which shortens its steps where a way changes; the other side of a shell may become
+    # the shorter way, and forces jump there, but not the energy.
+    scene = lively(**{'solver.method': 'dop8'})
+    simulation = ico.compile_scene(scene)
+    around = 0
+    for time in (0.02, 0.04, 0.06):
+        simulation.advance_to(time)
+        s, first = simulation.snapshot(), scene.initial
+        around += int((s.obstructed > 0).sum())
+        assert abs(s.energy['balance_error']) < 1e-5 * s.energy['kinetic']
+        for before, after in zip(momenta(scene, first), momenta(scene, s)):
+            change = (after - before).sum(axis=0)
+            assert np.abs(change).max() < 1e-10 * np.abs(before).sum()
+    assert around > 10 and simulation.obstruction == ''
+    free = ico.compile_scene(changed(scene, {'connector.obstruction': 'warn'}))
+    free.advance_to(0.06)
+    assert np.abs(free.snapshot().position - s.position).max() > 0.01 * scene.geometry.half_edge
+
+
+def test_splitting_keeps_energy_the_better_the_shorter_its_steps():
+    errors = []
+    for step in (4e-4, 1e-4, 2.5e-5):
+        simulation = ico.compile_scene(lively(**{'solver.step': step}))
+        simulation.advance_to(0.04)
+        errors.append(simulation.balance.worst)
+        linear, _ = momenta(simulation.scene, simulation.snapshot())
+        start, _ = momenta(simulation.scene, simulation.scene.initial)
+        assert np.abs((linear - start).sum(axis=0)).max() < 1e-12 * np.abs(start).sum()
+    print(errors)
+    assert errors[2] < errors[1] / 2.5 < errors[0] / 6.0 and errors[2] < 1e-3
+
+
+def test_same_bits_in_pieces_threads_and_checkpoints(monkeypatch):
+    scene = make_scene((5, 5, 5), {**LOOSE, 'solver.threads': 2}, **RANDOM)
+    monkeypatch.setattr(crew, 'BODIES_PER_THREAD', 20)
+    ends = []
+    for threads, pieces in ((1, 1), (2, 1), (1, 5)):
+        monkeypatch.setattr(crew, 'core_count', lambda threads=threads: threads)
+        simulation = ico.compile_scene(scene)
+        assert simulation.thread_count == threads
+        for piece in range(pieces):
+            simulation.advance_to(0.02 * (piece + 1) / pieces)
+            if piece == 2:
+                checkpoint = simulation.checkpoint()
+                simulation = ico.compile_scene(scene)
+                simulation.restore(checkpoint)
+        ends.append(simulation.snapshot())
+    assert same_state(ends[0], ends[1]) and same_state(ends[0], ends[2])
+    assert (ends[0].obstructed > 0).sum() > 10
+
+
+def test_a_fabric_of_millimetres_moves_like_one_of_metres():
+    ends = []
+    for a, k in ((1e-3, 40.0), (1.0, 9e4)):
+        scene = make_scene((3, 3, 2), {
+            **WRAP, 'shell.edge_length': 2.0 * a, 'shell.thickness': 0.2 * a,
+            'shell.mass': 1e-3 * k, 'connector.stiffness': k, 'solver.step': 1e-4,
+            'initial_random.velocity_sigma': 3.0 * a, 'initial_random.spin_sigma': 30.0})
+        simulation = ico.compile_scene(scene)
+        simulation.advance_to(0.05)
+        s = simulation.snapshot()
+        assert (s.obstructed > 0).sum() > 3
+        ends.append(np.hstack([s.position / a, s.orientation]))
+    assert np.abs(ends[0] - ends[1]).max() < 1e-9
+
+
+def test_what_finds_no_way_is_said(caplog):
+    # The far end within the shell, just below the face that the connector comes from.
+    scene = make_scene((2, 2, 1), WRAP)
+    width = scene.geometry.cube_width
+    position, orientation = pair_face_to_face(scene, 0.9 * width)
+    simulation = ico.compile_scene(scene)
+    simulation.set_state(position=position, orientation=orientation)
+    snapshot = simulation.snapshot()
+    assert snapshot.lost.tolist() == [3] and simulation.obstructed_ends == 2
+    assert np.isfinite(snapshot.energy['connectors'])
+    with caplog.at_level(logging.WARNING):
+        simulation.advance_to(0.001)
+    assert 'finds no way around the shell of body 0' in simulation.obstruction
+    assert sum('finds no way' in record.message for record in caplog.records) == 1
+
+
+@pytest.mark.parametrize('changes', [
+    {'connector.attachment_scale': 0.9}, {'connector.attachment.up': [0.0, 0.0, 0.017]},
+    {'connector.damping': 0.1}, {'connector.bending_stiffness': 0.1},
+    {'connector.break_length_extension': 0.1},
+    {'groups.a': 'ids 0', 'connector_groups.g.between': 'a all',
+     'connector_groups.g.damping': 0.1}])
+def test_what_does_not_go_with_it_is_refused(changes):
+    with pytest.raises(ParameterError, match='connector.obstruction wrap .*take warn'):
+        make_scene((2, 2, 2), {**WRAP, **changes})
+    assert make_scene((2, 2, 2), {**changes, 'connector.obstruction': 'warn'}).body_count
+
+
+def test_auto_takes_a_method_that_sees_the_bends():
+    scene = make_scene((2, 2, 2), {**WRAP, 'solver.method': 'auto'})
+    assert ico.compile_scene(scene).method_name == 'dop8'
+    assert pack_scene(make_scene((2, 2, 2))).model.wrapping is None
