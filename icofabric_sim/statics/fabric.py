@@ -42,6 +42,10 @@ class StaticFabric:
             raise ParameterError(
                 'charge.mutual', 'charge.mutual: Coulomb forces between bodies are not part of '
                 'statics and modes; set it to false')
+        if scene.parameters['connector.obstruction'] == 'wrap':
+            raise ParameterError(
+                'connector.obstruction', 'connector.obstruction wrap: second derivatives of '
+                'connectors around shells are not part of statics and modes; take warn')
         self.scene, self.time = scene, time
         self.packed = pack_scene(scene)
         self.layout, model = self.packed.layout, self.packed.model
