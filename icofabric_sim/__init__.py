@@ -23,12 +23,15 @@ if TYPE_CHECKING:
     from icofabric_sim.snapshot import Snapshot
     from icofabric_sim.statics.equilibrium import Equilibrium, solve_equilibrium
     from icofabric_sim.statics.modes import solve_modes, Spectrum
+    from icofabric_sim.statics.periodic import Elasticity, homogenise, solve_bands
+    from icofabric_sim.statics.stretching import measure_curve
 
 __version__ = '0.1.0'
 
 _HOMES = {
     'BodyForce': 'body_force',
     'Checkpoint': 'checkpoint',
+    'Elasticity': 'statics.periodic',
     'Equilibrium': 'statics.equilibrium',
     'Growth': 'growth',
     'METHODS': 'integrators.methods',
@@ -40,8 +43,11 @@ _HOMES = {
     'Snapshot': 'snapshot',
     'Spectrum': 'statics.modes',
     'compile_scene': 'simulation',
+    'homogenise': 'statics.periodic',
     'load_scene': 'scene',
+    'measure_curve': 'statics.stretching',
     'measure_growth': 'growth',
+    'solve_bands': 'statics.periodic',
     'solve_equilibrium': 'statics.equilibrium',
     'solve_modes': 'statics.modes',
 }
@@ -49,6 +55,7 @@ _HOMES = {
 __all__ = [
     'BodyForce',
     'Checkpoint',
+    'Elasticity',
     'Equilibrium',
     'Growth',
     'METHODS',
@@ -60,8 +67,11 @@ __all__ = [
     'Snapshot',
     'Spectrum',
     'compile_scene',
+    'homogenise',
     'load_scene',
+    'measure_curve',
     'measure_growth',
+    'solve_bands',
     'solve_equilibrium',
     'solve_modes',
 ]

@@ -181,8 +181,8 @@ class Runner(ChangingRun):
         self._run_commands()
         self._broadcast.report(self.now)
         if self._steps.current is not None:
+            # Shown where they end, with an event that says so; not where a portion of them does.
             self._take_steps(self._steps.current)
-            self._refresh()
             return True
         if self.paused or self.failure or self.finished:
             if until_finished and (self.failure or self.finished):

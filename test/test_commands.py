@@ -594,3 +594,20 @@ def test_modes_lists_frequencies_and_mechanisms(tmp_path: Path) -> None:
     assert 'frequencies 3,' in about.out
     bad = command('modes', 'swing.yaml', '--count', '0', folder=tmp_path)
     assert bad.status == 2 and 'count' in bad.err
+
+
+def test_elasticity_prints_constants_and_curves(tmp_path: Path) -> None:
+    size = ['-p', 'weave.size:=[5, 3, 3]']
+    done = command(
+        'elasticity', 'stiff_cantilever', *size, '--points', '2', '--kinds', 'pull', '--output',
+        'out', '--picture', 'e.png', folder=tmp_path)
+    assert done.status == 0, done.err
+    assert "Young's modulus along xyz" in done.out and 'equilibrium, stable' in done.out
+    rows = (tmp_path / 'out' / 'stiffness.csv').read_text().splitlines()
+    assert len(rows) == 7 and float(rows[1].split(',')[1]) > 0.0
+    assert len((tmp_path / 'out' / 'curves.csv').read_text().splitlines()) == 3
+    assert (tmp_path / 'e.png').read_bytes().startswith(b'\x89PNG')
+    alone = command('elasticity', 'free_slab', '--kinds', folder=tmp_path)
+    assert alone.status == 0 and '3 strains cost no energy' in alone.out
+    bad = command('elasticity', 'radial_arch', folder=tmp_path)
+    assert bad.status == 2 and 'weave.kind' in bad.err

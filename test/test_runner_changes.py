@@ -6,9 +6,10 @@ What interrupts a run: pause, steps, reset, failure, and changes of the scene.
 import threading
 
 from fabrics import warnings_said
-from icofabric_sim import reweave
+from icofabric_sim import reweave, time_line
+from icofabric_sim import runner as runner_module
 from icofabric_sim.messages import decode_marker_points, decode_pose_array, decode_string
-from icofabric_sim.outputs import CLOCK, CONNECTORS, POSES, TOPICS, WEAVE
+from icofabric_sim.outputs import CLOCK, CONNECTORS, EVENTS, POSES, TOPICS, WEAVE
 from icofabric_sim.simulation import compile_scene
 import numpy as np
 import pytest
@@ -30,6 +31,21 @@ def test_pause_and_steps():
     times = [time for time, _ in sink.of(POSES)]
     assert {0, 3_000_000, 5_500_000} <= set(times)
     assert [time for time, _ in sink.of('/loads/tip')] == [4_500_000]
+
+
+def test_steps_tick_where_they_end_however_long_they_take(monkeypatch):
+    monkeypatch.setattr(time_line, 'RESPONSE', 0.0)
+    monkeypatch.setattr(runner_module, '_IDLE_REFRESH', 0.0)
+    sink = ListSink(CLOCK, EVENTS)
+    runner = make_runner(
+        sink, start_paused=True, duration=0.0, solver__step=0.0013, step_count=7)
+    with Beside(runner):
+        runner.take_steps().result(60.0)
+        end = runner.take_steps().result(60.0)
+    assert end == pytest.approx(14 * 1_300_000, abs=20)
+    told = {time for time, data in sink.of(EVENTS)}
+    ticks = {time for time, _ in sink.of(CLOCK)}
+    assert len(told) == 2 and ticks == told | {0}
 
 
 def test_paused_run_repeats_itself_for_live_listeners_only(monkeypatch):

@@ -22,6 +22,7 @@ VERBS = {
     'verify': 'simulate a recorded run again and compare, bit by bit',
     'statics': 'find where a scene comes to rest under its loads',
     'modes': 'find the small vibrations and the mechanisms of a scene',
+    'elasticity': 'find the elastic constants of a fabric, and stress against strain of its slab',
     'info': 'describe a scene or a recorded run',
     'render': 'draw a recorded run to pictures',
     'benchmark': 'measure speed and accuracy beside other tools',

@@ -8,6 +8,7 @@ forces [N] and torques about the centres [N m]. The configuration moves to x + d
 """
 
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
@@ -17,7 +18,8 @@ from icofabric_sim.kernels.drives import place_driven
 from icofabric_sim.kernels.flows import keep_accelerations, place_all
 from icofabric_sim.kernels.hessian import hessian_times
 from icofabric_sim.layout import aligned_empty
-from icofabric_sim.model import pack_scene
+from icofabric_sim.link_places import link_places
+from icofabric_sim.model import pack_scene, PackedScene
 from icofabric_sim.parameters import ParameterError
 from icofabric_sim.rotation_forms import cosines_from_quaternions, turned_by
 from icofabric_sim.scene import Scene
@@ -32,10 +34,13 @@ class StaticFabric:
     What does not change while a configuration is sought.
     """
 
-    def __init__(self, scene: Scene, time: float = 0.0) -> None:
+    def __init__(
+        self, scene: Scene, time: float = 0.0, *, only: np.ndarray | None = None
+    ) -> None:
         """
         Hold loads, drives and points of anchors as they are at `time` [s].
 
+        `only`: numbers of the connectors that forces and second derivatives count; None: all.
         Raises ParameterError for what has no place in statics.
         """
         if scene.electric.mutual:
@@ -48,6 +53,8 @@ class StaticFabric:
                 'connectors around shells are not part of statics and modes; take warn')
         self.scene, self.time = scene, time
         self.packed = pack_scene(scene)
+        if only is not None:
+            self.packed = _with_connectors(self.packed, only)
         self.layout, model = self.packed.layout, self.packed.model
         inputs = Inputs(scene)
         while inputs.next_time <= time:
@@ -90,6 +97,17 @@ class StaticFabric:
         The length a [m].
         """
         return self.scene.geometry.half_edge
+
+
+def _with_connectors(packed: PackedScene, only: np.ndarray) -> PackedScene:
+    links, connectors = packed.model.links, packed.connectors
+    assert links is not None and connectors is not None
+    places = link_places(packed.layout, links, connectors, only)
+    present = np.zeros_like(links.present)
+    np.bitwise_or.at(
+        present, (places.block, places.link), (1 << places.lane).astype(np.uint8))
+    return replace(
+        packed, model=packed.model._replace(links=links._replace(present=present)))
 
 
 class Configuration:

@@ -1,0 +1,135 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+`icofabric elasticity SCENE`.
+"""
+
+import argparse
+from typing import TYPE_CHECKING
+
+from icofabric_sim.commands.rest_outputs import add_output_arguments, outputs_of, RestOutputs
+from icofabric_sim.commands.scenes import add_scene_arguments, read_parameters
+from icofabric_sim.commands.terminal import bad_input, InputError, Progress
+
+if TYPE_CHECKING:
+    from icofabric_sim.statics.periodic import Elasticity
+    from icofabric_sim.statics.stretching import CurvePoint
+
+_KINDS = ('pull', 'push', 'shear')
+_DIRECTIONS = {'x': (1, 0, 0), 'y': (0, 1, 0), 'z': (0, 0, 1), 'xy': (1, 1, 0), 'xyz': (1, 1, 1)}
+_VOIGT = ('xx', 'yy', 'zz', 'yz', 'xz', 'xy')
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """
+    Declare what the verb takes.
+    """
+    add_scene_arguments(parser)
+    parser.add_argument(
+        '--strain', type=float, default=0.1, metavar='E',
+        help='largest displacement of the moved end over the length (%(default)g)')
+    parser.add_argument(
+        '--points', type=int, default=10, metavar='N', help='states of a curve (%(default)d)')
+    parser.add_argument(
+        '--axis', choices=('x', 'y', 'z'), default='x', help='from end to end (%(default)s)')
+    parser.add_argument(
+        '--kinds', nargs='*', choices=_KINDS, default=_KINDS, metavar='KIND',
+        help='curves of the slab: pull, push, shear (default: all; none: constants only)')
+    add_output_arguments(parser)
+
+
+def main(arguments: argparse.Namespace) -> int:
+    """
+    Elastic constants of the endless fabric, and curves of the slab of the scene.
+
+    Returns 1 where a curve ends early.
+    """
+    name, parameters = read_parameters(arguments)
+    outputs = outputs_of(arguments)
+    if not arguments.points >= 1:
+        raise InputError(f'--points must be at least 1, got {arguments.points}')
+    from icofabric_sim.scene import Scene
+    from icofabric_sim.statics.periodic import homogenise
+    from icofabric_sim.statics.stretching import measure_curve
+    import numpy as np
+
+    with bad_input():
+        scene = Scene.from_parameters(parameters)
+        constants = homogenise(scene)
+    print(f'{name}: the endless fabric')
+    print('\n'.join(constants_text(constants)))
+    curves: dict[str, list[CurvePoint]] = {}
+    strains = arguments.strain * np.arange(1, arguments.points + 1) / arguments.points
+    early = False
+    for kind in arguments.kinds:
+        with Progress(len(strains), 'states') as progress, bad_input():
+            curves[kind] = measure_curve(
+                scene, kind, strains.tolist(), axis='xyz'.index(arguments.axis),
+                progress=progress.update)
+        early |= len(curves[kind]) < len(strains) or curves[kind][-1].verdict.startswith('not')
+    if curves:
+        print(f'{name}: its slab, held at both ends along {arguments.axis}, sides free')
+        print('\n'.join(curve_text(curves)))
+    _write(outputs, constants, curves)
+    if outputs.picture is not None:
+        from icofabric_sim.statics.elastic_picture import draw_elasticity
+        outputs.picture.parent.mkdir(parents=True, exist_ok=True)
+        draw_elasticity(outputs.picture, name, constants, curves)
+        print(f'drawn to {outputs.picture}')
+    return 1 if early else 0
+
+
+def constants_text(constants: 'Elasticity') -> list[str]:
+    """
+    Lines for the terminal.
+    """
+    import numpy as np
+
+    largest = float(np.abs(constants.stiffness).max())
+    lines = [f'  stiffness [Pa]  {"".join(f"{label:>12}" for label in _VOIGT)}']
+    for label, row in zip(_VOIGT, constants.stiffness):
+        cells = (0.0 if abs(value) < 1e-9 * largest else value for value in row.tolist())
+        lines.append(f'            {label:>4}  ' + ''.join(f'{value:12.5g}' for value in cells))
+    if np.abs(constants.stress).max() > 1e-9 * largest:
+        lines.append('  stress as woven [Pa] ' + ', '.join(
+            f'{label} {value:.5g}' for label, value in zip(_VOIGT, constants.stress.tolist())))
+    for label, direction in _DIRECTIONS.items():
+        modulus = float(constants.young_modulus(np.array(direction, float)))
+        lines.append(f"  Young's modulus along {label:3} {modulus:12.6g} Pa")
+    lines.append(f'  density {constants.density:.6g} kg/m^3')
+    if len(constants.soft_strains):
+        lines.append(
+            f'  {len(constants.soft_strains)} strains cost no energy: where a pull excites one '
+            'the modulus is 0')
+    return lines
+
+
+def curve_text(curves: dict[str, list['CurvePoint']]) -> list[str]:
+    """
+    Lines for the terminal.
+    """
+    lines = []
+    for kind, points in curves.items():
+        lines.append(f'  {kind:6} {"strain":>10} {"stress [Pa]":>14} {"stress/strain":>14}')
+        for point in points:
+            more = f'  {point.obstructed} obstructed' if point.obstructed else ''
+            more += f'  {point.beyond} beyond their break length' if point.beyond else ''
+            lines.append(
+                f'         {point.strain:10.5g} {point.stress:14.6g} '
+                f'{point.stress / point.strain:14.6g}  {point.verdict}{more}')
+    return lines
+
+
+def _write(
+    outputs: RestOutputs, constants: 'Elasticity', curves: dict[str, list['CurvePoint']]
+) -> None:
+    if outputs.folder is None:
+        return
+    outputs.table('stiffness.csv', ('', *_VOIGT), (
+        [label, *row] for label, row in zip(_VOIGT, constants.stiffness.tolist())))
+    if curves:
+        outputs.table(
+            'curves.csv',
+            ('kind', 'strain', 'stress_pa', 'energy_j', 'verdict', 'residual', 'obstructed',
+             'beyond_break_length'),
+            ([kind, *point[:-1]] for kind, points in curves.items() for point in points))

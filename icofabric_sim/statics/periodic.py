@@ -1,0 +1,249 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+The fabric without end: waves, and the elastic constants of its homogeneous equivalent.
+
+All bodies of a weave have the same twelve neighbours and the same connectors to them, so the
+lattice is face-centred cubic with one body, six freedoms and six connectors to a cell: as many
+constraints as freedoms. A wave u = w exp(i k.x) has D(k) w = omega^2 M w with the dynamical matrix
+D(k) = sum_R H(0, R) exp(i k.R) over a body and its neighbours (Born and Huang 1954, Dynamical
+Theory of Crystal Lattices, 24).
+"""
+
+from dataclasses import dataclass
+import math
+
+from icofabric_sim.parameters import ParameterError
+from icofabric_sim.scene import Scene
+from icofabric_sim.statics.fabric import StaticFabric
+import numpy as np
+
+# Grid positions of the piece whose innermost body has all its neighbours.
+_PIECE = [5, 5, 5]
+_KEPT = ('shell.', 'connector.', 'weave.kind', 'weave.azimuth', 'weave.connector_length',
+         'weave.connector_angle')
+# Voigt's order xx yy zz yz xz xy: a strain of 1 is a displacement gradient of this.
+_VOIGT = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
+_ZERO = 1e-9
+
+
+@dataclass(frozen=True)
+class Cell:
+    """
+    One body of an endless fabric and what joins it to its neighbours.
+    """
+
+    scene: Scene  # a piece of it
+    body: int  # of that piece, with all its neighbours
+    neighbours: np.ndarray  # (13,) itself first
+    offsets: np.ndarray  # (13, 3) [m] from its centre
+    stiffness: np.ndarray  # (13, 6, 6) second derivatives H(0, R) of the energy
+    root: np.ndarray  # (6,) roots of mass and inertia
+
+    @property
+    def volume(self) -> float:
+        """
+        Volume [m^3] for each body: every second point of a grid of pitch W.
+        """
+        return 2.0 * float(self.scene.geometry.pitch) ** 3
+
+    @property
+    def density(self) -> float:
+        """
+        Mass in that volume [kg/m^3].
+        """
+        return float(self.root[0]) ** 2 / self.volume
+
+
+def make_cell(scene: Scene) -> Cell:
+    """
+    Cell of the endless fabric with the shell, connectors and weave of a scene.
+
+    Its size, loads, supports and groups do not count. ParameterError where the weave does not
+    repeat, or connectors are not all alike.
+    """
+    parameters = scene.parameters
+    if parameters['weave.kind'] == 'radial':
+        raise ParameterError(
+            'weave.kind', 'weave.kind radial does not repeat in space; choose orthogonal or bias')
+    if not parameters['weave.connected']:
+        raise ParameterError(
+            'weave.connected', 'weave.connected: nothing joins the bodies; set it to true')
+    if parameters.names('connector_groups'):
+        raise ParameterError(
+            'connector_groups', 'connector_groups.* make connectors differ from place to place; '
+            'leave them out for the endless fabric')
+    kept = {
+        name: value for name, value in parameters.items()
+        if name.startswith(_KEPT) and value != '' and not name.startswith('connector.obstruction')}
+    kept['weave.size'] = _PIECE
+    piece = Scene.from_parameters(kept)
+    bodies = piece.connectors.bodies
+    full = np.flatnonzero(np.bincount(bodies.ravel(), minlength=piece.body_count) == 12)
+    body = int(full[0])
+    others = np.where(bodies == body, bodies[:, ::-1], -1).max(axis=1)
+    neighbours = np.concatenate([[body], np.sort(others[others >= 0])])
+    fabric = StaticFabric(piece)
+    blocks = np.zeros((13, 6, 6))
+    for number, other in enumerate(neighbours):
+        for freedom in range(6):
+            vector = np.zeros((piece.body_count, 6))
+            vector[other, freedom] = 1.0
+            blocks[number, :, freedom] = fabric.start.times(vector)[body]
+    return Cell(
+        piece, body, neighbours, piece.position[neighbours] - piece.position[body], blocks,
+        fabric.root)
+
+
+def solve_bands(scene: Scene, wave_vectors: np.ndarray) -> np.ndarray:
+    """
+    Frequencies [rad/s] of the six waves with each of the wave vectors (m, 3) [rad/m]: (m, 6).
+
+    Rising; waves that cost no energy have 0, those that lower it (under pre-stress) negative
+    values, the size of which is the rate of their growth.
+    """
+    wave_vectors = np.asarray(wave_vectors, float).reshape(-1, 3)
+    if not np.isfinite(wave_vectors).all():
+        raise ValueError('wave_vectors must be finite [rad/m]')
+    cell = make_cell(scene)
+    phase = np.exp(1j * wave_vectors @ cell.offsets.T)
+    scaled = cell.stiffness / np.outer(cell.root, cell.root)
+    matrix = np.einsum('mr,rij->mij', phase, scaled)
+    values = np.linalg.eigvalsh(0.5 * (matrix + np.conj(np.swapaxes(matrix, 1, 2))))
+    largest = float(np.abs(scaled).sum(axis=(0, 2)).max())
+    values[np.abs(values) < 1e-14 * largest] = 0.0
+    return np.asarray(np.sign(values) * np.sqrt(np.abs(values)))
+
+
+# Points of high symmetry of a face-centred cubic lattice, in units of pi over the pitch, along the
+# fabric's own axes. Its conventional cell is two pitches wide.
+SYMMETRY_POINTS = {
+    'Γ': (0.0, 0.0, 0.0), 'X': (1.0, 0.0, 0.0), 'W': (1.0, 0.5, 0.0), 'L': (0.5, 0.5, 0.5),
+    'K': (0.75, 0.75, 0.0)}
+SYMMETRY_PATH = ('Γ', 'X', 'W', 'L', 'Γ', 'K')
+
+
+def band_path(scene: Scene, points: int = 40) -> tuple[np.ndarray, np.ndarray, list[int]]:
+    """
+    Wave vectors (m, 3) [rad/m] through the points of high symmetry, distances along, and stops.
+    """
+    unit = math.pi / float(scene.geometry.pitch) * _grid_axes(scene)
+    stops = [np.array(SYMMETRY_POINTS[name]) @ unit for name in SYMMETRY_PATH]
+    path, marks = [stops[0]], [0]
+    for first, second in zip(stops, stops[1:]):
+        part = np.linspace(0.0, 1.0, points + 1)[1:, None]
+        path += list(first + part * (second - first))
+        marks.append(len(path) - 1)
+    wave_vectors = np.array(path)
+    steps = np.linalg.norm(np.diff(wave_vectors, axis=0), axis=1)
+    return wave_vectors, np.concatenate([[0.0], np.cumsum(steps)]), marks
+
+
+def sample_zone(scene: Scene, count: int) -> np.ndarray:
+    """
+    Wave vectors (count^3, 3) [rad/m] spread evenly over all waves, none of them zero.
+    """
+    pitch = float(scene.geometry.pitch)
+    lattice = pitch * np.array([[0, 1, 1], [1, 0, 1], [1, 1, 0]], float) @ _grid_axes(scene)
+    reciprocal = 2.0 * math.pi * np.linalg.inv(lattice)
+    parts = (np.arange(count) + 0.5) / count
+    grid = np.stack(np.meshgrid(parts, parts, parts, indexing='ij'), axis=-1).reshape(-1, 3)
+    return np.asarray(grid @ reciprocal.T)
+
+
+def _grid_axes(scene: Scene) -> np.ndarray:
+    """
+    The fabric's own axes as rows, in the world.
+    """
+    grid, position = scene.weave.grid.astype(float), scene.position[:len(scene.weave.grid)]
+    axes, *_ = np.linalg.lstsq(
+        grid - grid.mean(axis=0), position - position.mean(axis=0), rcond=None)
+    return np.asarray(axes / np.linalg.norm(axes, axis=1, keepdims=True))
+
+
+@dataclass(frozen=True)
+class Elasticity:
+    """
+    Elastic constants of the endless fabric, world axes.
+    """
+
+    stiffness: np.ndarray  # (6, 6) [Pa], Voigt's order xx yy zz yz xz xy
+    density: float  # [kg/m^3]
+    # Strains (z, 6) that cost no energy: an orthonormal basis.
+    soft_strains: np.ndarray
+    # [Pa] of the woven state, Voigt's order; not 0 where connectors are pre-stressed.
+    stress: np.ndarray
+
+    def young_modulus(self, direction: np.ndarray) -> np.ndarray:
+        """
+        Modulus [Pa] for a pull along directions (..., 3); 0 where a strain without energy yields.
+        """
+        n = _unit(direction)
+        pull = _voigt(n[..., :, None] * n[..., None, :])
+        yields = np.abs(pull @ self.soft_strains.T).max(axis=-1, initial=0.0) > 1e-6
+        with np.errstate(divide='ignore'):
+            modulus = 1.0 / np.einsum('...i,ij,...j', pull, self._compliance, pull)
+        return np.where(yields, 0.0, modulus)
+
+    def poisson_ratio(self, direction: np.ndarray, across: np.ndarray) -> np.ndarray:
+        """
+        Contraction along `across` for a stretch by a pull along `direction`; NaN where it yields.
+        """
+        n, m = _unit(direction), _unit(across)
+        pull, side = (_voigt(v[..., :, None] * v[..., None, :]) for v in (n, m))
+        yields = np.abs(pull @ self.soft_strains.T).max(axis=-1, initial=0.0) > 1e-6
+        along = np.einsum('...i,ij,...j', pull, self._compliance, pull)
+        ratio = -np.einsum('...i,ij,...j', side, self._compliance, pull) / along
+        return np.where(yields, np.nan, ratio)
+
+    @property
+    def _compliance(self) -> np.ndarray:
+        return np.linalg.pinv(self.stiffness, rcond=_ZERO, hermitian=True)
+
+
+def homogenise(scene: Scene) -> Elasticity:
+    """
+    Elastic constants of a fabric in its woven state, the rotations of the bodies relaxed.
+
+    Every body is displaced by the same strain, x -> x + eps x, and turned by the same rotation,
+    which minimises the energy: with one body to a cell nothing else can relax. From the energy of
+    the six connectors of a cell, so exact for all terms of the connectors. Under pre-stress: the
+    second derivative of the energy by symmetric displacement gradients.
+    """
+    cell = make_cell(scene)
+    bodies = cell.scene.connectors.bodies
+    # Of the two connectors in opposite directions one belongs to the cell.
+    own = np.flatnonzero((bodies == cell.body).any(axis=1))
+    other = bodies[own].sum(axis=1) - cell.body
+    offsets = cell.scene.position[other] - cell.scene.position[cell.body]
+    order = np.array([1.0, np.pi, np.e**3])
+    chosen = own[offsets @ order > 0.0]
+    fabric = StaticFabric(cell.scene, only=chosen)
+    motions = np.zeros((9, cell.scene.body_count, 6))
+    place = cell.scene.position - cell.scene.position[cell.body]
+    for number, (i, j) in enumerate(_VOIGT):
+        motions[number, :, i] += 0.5 * place[:, j]
+        motions[number, :, j] += 0.5 * place[:, i]
+    motions[6:, :, 3:] = np.eye(3)[:, None, :]
+    energy = np.einsum(
+        'inf,jnf->ij', motions, np.array([fabric.start.times(motion) for motion in motions]))
+    energy = 0.5 * (energy + energy.T)
+    strain, mixed, turn = energy[:6, :6], energy[:6, 6:], energy[6:, 6:]
+    stiffness = strain - mixed @ np.linalg.pinv(turn, rcond=_ZERO, hermitian=True) @ mixed.T
+    stiffness = 0.5 * (stiffness + stiffness.T) / cell.volume
+    values, vectors = np.linalg.eigh(stiffness)
+    soft = vectors[:, np.abs(values) <= _ZERO * np.abs(strain).max() / cell.volume].T
+    stress = -np.einsum('inf,nf->i', motions[:6], fabric.start.force) / cell.volume
+    return Elasticity(stiffness, cell.density, soft, stress)
+
+
+def _voigt(tensor: np.ndarray) -> np.ndarray:
+    """
+    Stress in Voigt's order, (..., 6).
+    """
+    return np.stack([tensor[..., i, j] for i, j in _VOIGT], axis=-1)
+
+
+def _unit(direction: np.ndarray) -> np.ndarray:
+    direction = np.asarray(direction, float)
+    return np.asarray(direction / np.linalg.norm(direction, axis=-1, keepdims=True))

@@ -1,0 +1,131 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+Stress against strain of a slab between two held ends, one of which is moved step by step.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+import math
+from typing import NamedTuple
+
+from icofabric_sim.scene import Scene
+from icofabric_sim.snapshot import Snapshot
+from icofabric_sim.statics.equilibrium import Equilibrium, solve_equilibrium
+import numpy as np
+
+# Which way the end moves, beside the axis between the ends.
+PULL, PUSH, SHEAR = 'pull', 'push', 'shear'
+KINDS = (PULL, PUSH, SHEAR)
+_SECTIONS = ('groups.', 'supports.', 'drives.', 'loads.', 'tractions.', 'anchors.', 'initial')
+# Names of our own in the scene; nobody else's, because those are left out.
+_FIXED, _MOVED = 'fixed_end', 'moved_end'
+
+
+class CurvePoint(NamedTuple):
+    """
+    One state of the slab.
+    """
+
+    strain: float  # displacement of the end over the distance of the ends
+    stress: float  # [Pa] force on the end along its displacement, over the woven cross section
+    energy: float  # [J]
+    verdict: str
+    residual: float
+    obstructed: int  # connectors that lead through a shell of their own
+    beyond: int  # connectors beyond the length at which they break
+    snapshot: Snapshot
+
+
+def measure_curve(
+    scene: Scene, kind: str, strains: Sequence[float], *, axis: int = 0,
+    progress: Callable[[int], None] | None = None
+) -> list[CurvePoint]:
+    """
+    Equilibria of a slab whose end is displaced by `strains`, rising from above 0.
+
+    The bodies at either end along the world's `axis` are held as they are woven, one end displaced
+    along the axis (pull, push) or across it (shear); all others are free. Loads, supports, drives
+    and groups of the scene are left out. Each search begins where the last one ended. Ends early
+    where no equilibrium is found, or connectors are beyond their break lengths.
+    """
+    if kind not in KINDS:
+        raise ValueError(f'kind must be one of {", ".join(KINDS)}, got {kind!r}')
+    steps = [float(strain) for strain in strains]
+    if not steps or not all(
+            0.0 < after < math.inf for after in steps) or sorted(set(steps)) != steps:
+        raise ValueError(f'strains must rise from above 0, got {list(strains)}')
+    if kind == PUSH and steps[-1] >= 1.0:
+        raise ValueError(f'a slab cannot be pushed by a strain of 1 or more, got {steps[-1]:g}')
+    base = _between_ends(scene, axis)
+    ends = [base.groups[name] for name in (_FIXED, _MOVED)]
+    along = base.position[:, axis]
+    length = float(along[ends[1]].mean() - along[ends[0]].mean())
+    if not length > 0.0 or len(set(ends[0]) & set(ends[1])):
+        raise ValueError(
+            f'the fabric has no two ends along the axis {"xyz"[axis]}: weave.size must be at '
+            'least 3 there')
+    area = cross_section(base, axis)
+    direction = np.zeros(3)
+    direction[(axis + 1) % 3 if kind == SHEAR else axis] = -1.0 if kind == PUSH else 1.0
+    points: list[CurvePoint] = []
+    last: Equilibrium | None = None
+    for number, strain in enumerate(steps):
+        here = Scene.from_parameters(base.parameters.with_changes({
+            f'initial.{_MOVED}.group': _MOVED,
+            f'initial.{_MOVED}.displacement': (strain * length * direction).tolist()}))
+        start = None if last is None else _spread(last.snapshot, points, strain)
+        last = solve_equilibrium(here, start=start)
+        force = float(last.reaction[ends[1], :3].sum(axis=0) @ direction)
+        points.append(CurvePoint(
+            strain, force / area, float(last.snapshot.energy['total']), last.verdict,
+            last.residual, int(np.count_nonzero(last.snapshot.obstructed)),
+            _beyond(here, last.snapshot), last.snapshot))
+        if progress is not None:
+            progress(number + 1)
+        if not last.converged or points[-1].beyond:
+            break
+    return points
+
+
+def cross_section(scene: Scene, axis: int) -> float:
+    """
+    Woven area [m^2] across an axis: the volume of the bodies over the length that they fill.
+    """
+    pitch = float(scene.geometry.pitch)
+    length = float(np.ptp(scene.position[:, axis])) + pitch
+    return scene.body_count * 2.0 * pitch**3 / length
+
+
+def _between_ends(scene: Scene, axis: int) -> Scene:
+    """
+    The same fabric with its two ends held.
+    """
+    kept = {
+        name: value for name, value in scene.parameters.items()
+        if not name.startswith((*_SECTIONS, 'gravity', 'charge', 'field', 'connector_groups'))
+        and value != ''}
+    letter = 'xyz'[axis]
+    return Scene.from_parameters({
+        **kept, f'groups.{_FIXED}': f'{letter}_min', f'groups.{_MOVED}': f'{letter}_max',
+        f'supports.{_FIXED}.group': _FIXED, f'supports.{_MOVED}.group': _MOVED})
+
+
+def _spread(last: Snapshot, points: list[CurvePoint], strain: float) -> Snapshot:
+    """
+    Where to begin: on from the last two states, as far as the strain grows.
+    """
+    if len(points) < 2:
+        return last
+    before = points[-2].snapshot
+    ratio = (strain - points[-1].strain) / (points[-1].strain - points[-2].strain)
+    moved = last.position - before.position
+    return replace(last, position=last.position + min(ratio, 1.0) * moved)
+
+
+def _beyond(scene: Scene, snapshot: Snapshot) -> int:
+    limits = scene.connectors.limits
+    if limits is None:
+        return 0
+    length = snapshot.connector_length
+    return int(np.count_nonzero((length >= limits.longest) | (length <= limits.shortest)))
