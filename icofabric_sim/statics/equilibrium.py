@@ -171,7 +171,7 @@ class _Search:
         left[:, 3:] /= self.fabric.half_edge
         most, scale = float(left.max(initial=0.0)), self.here.force_scale
         # Where nothing acts, rounding of the lengths is all there is.
-        return most / scale if most > self.fabric.rounding else 0.0
+        return most / scale if scale > 10.0 * self.fabric.rounding else 0.0
 
     def leftover(self) -> np.ndarray:
         """
