@@ -24,6 +24,7 @@ from icofabric_sim.checkpoint_difference import (
 )
 from icofabric_sim.kernels.lanes import LANES
 from icofabric_sim.memory import Memory, plain_number
+from icofabric_sim.named_files import with_files
 from icofabric_sim.parameter_text import dump_parameters
 from icofabric_sim.parameters import Parameters
 import llvmlite
@@ -180,7 +181,7 @@ def _identity(simulation: 'Simulation') -> dict[str, Any]:
         'format': FORMAT,
         'version': __version__,
         'time': float(simulation.time),
-        'scene': dump_parameters(scene.parameters.given()),
+        'scene': with_files(dump_parameters(scene.parameters.given()), scene.files),
         'method': simulation.method_name,
         'rotation': simulation.rotation,
         # A shell may have been given apart from the parameters.

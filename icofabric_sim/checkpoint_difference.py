@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from icofabric_sim.kernels.records import State
+from icofabric_sim.named_files import files_in, with_recorded
 from icofabric_sim.parameter_sections import ParameterSet
 from icofabric_sim.parameters import make_parameters, Parameters
 import numpy as np
@@ -29,7 +30,7 @@ def scene_parameters(header: Mapping[str, Any]) -> Parameters:
     try:
         known = ParameterSet('/icofabric')
         known.add_file(header['scene'].encode(), 'the scene of the checkpoint')
-        return make_parameters(known.parameters())
+        return with_recorded(make_parameters(known.parameters()), header['scene'])
     except ValueError as error:
         raise ValueError(
             f'the checkpoint holds a scene that this version cannot take: {error}') from error
@@ -61,6 +62,11 @@ def scene_difference(
         first, second = (material(scene_parameters(each)) for each in (a, b))
         names = sorted(name for name in {*first, *second} if first.get(name) != second.get(name))
         listing = [told(name, _shown(first, name), _shown(second, name)) for name in names]
+        files = [files_in(each['scene']) for each in (a, b)]
+        for name in sorted(files[0].keys() & files[1].keys()):
+            if files[0][name].total != files[1][name].total:
+                listing.append(told(f'the SHA-256 of {name!r}', *(
+                    f'{each[name].total[:12]}...' for each in files)))
         if listing:
             more = len(listing) - _NAMED_AT_MOST
             return '; '.join(listing[:_NAMED_AT_MOST]) + (f'; and {more} more' if more > 0 else '')

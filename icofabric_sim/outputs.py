@@ -18,6 +18,7 @@ from icofabric_sim.messages import (
     PoseArrayBytes,
     StringBytes,
 )
+from icofabric_sim.named_files import with_files
 from icofabric_sim.parameter_text import dump_parameters
 from icofabric_sim.parameters import Parameters
 from icofabric_sim.scene import Scene
@@ -158,11 +159,12 @@ class Outputs:
 
     def weave(self, parameters: Parameters) -> bytes:
         """
-        `~/weave`: the `parameters` in force, as a ROS parameter file.
+        `~/weave`: the `parameters` in force, as a ROS parameter file, and the files they name.
 
         They are those of the scene, but for rates and the like that may have changed since.
         """
-        return StringBytes(dump_parameters(parameters.complete())).to_bytes()
+        return StringBytes(
+            with_files(dump_parameters(parameters.complete()), self.scene.files)).to_bytes()
 
     def clock(self, nanoseconds: int) -> bytes:
         """

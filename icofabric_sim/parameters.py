@@ -8,7 +8,8 @@ together is judged where they meet, in `scene.py`.
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+import dataclasses
+from dataclasses import dataclass, replace
 import difflib
 import math
 import re
@@ -50,6 +51,8 @@ class Parameters(Mapping[str, Value]):
 
     table: Mapping[str, Value]
     explicit: frozenset[str]
+    # Contents of files that a recorded scene names, see named_files.py.
+    files: Mapping[str, Any] = dataclasses.field(default_factory=dict, compare=False)
 
     def __getitem__(self, name: str) -> Any:
         """
@@ -97,7 +100,7 @@ class Parameters(Mapping[str, Value]):
         """
         Apply a set of `changes` at once; raises ParameterError and leaves this object as it is.
         """
-        return make_parameters({**self.given(), **changes})
+        return replace(make_parameters({**self.given(), **changes}), files=self.files)
 
 
 def make_parameters(flat: Mapping[str, Any]) -> Parameters:

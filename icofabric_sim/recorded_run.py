@@ -23,6 +23,7 @@ from icofabric_sim.messages import (
     StringBytes,
     WrenchStampedBytes,
 )
+from icofabric_sim.named_files import with_recorded
 from icofabric_sim.parameter_sections import ParameterSet
 from icofabric_sim.parameters import make_parameters, Parameters
 from icofabric_sim.scene import Scene
@@ -279,7 +280,7 @@ class RecordedRun:
         parameters = ParameterSet('/icofabric')
         try:
             parameters.add_file(text.encode(), 'its scene')
-            return make_parameters(parameters.parameters())
+            return with_recorded(make_parameters(parameters.parameters()), text)
         except ValueError as error:
             raise self._unknown_scene(error) from error
 

@@ -16,6 +16,7 @@ import time
 from icofabric_sim.bag import BagError, BagRecorder, next_free_path, RecorderStatistics
 from icofabric_sim.growth import Growth
 from icofabric_sim.messages import decode_string
+from icofabric_sim.named_files import with_files
 from icofabric_sim.outputs import CHECKPOINT, EVENTS, Topic, TOPICS, WEAVE
 from icofabric_sim.parameter_text import dump_parameters
 from icofabric_sim.parameters import Parameters
@@ -45,7 +46,7 @@ def describe_run(
     from icofabric_sim import __version__
 
     return {
-        'scene': dump_parameters(in_force.complete()),
+        'scene': with_files(dump_parameters(in_force.complete()), simulation.scene.files),
         'version': __version__,
         'method': simulation.method_name,
         'method_reason': simulation.method_reason,

@@ -13,9 +13,10 @@ import math
 from pathlib import Path
 from typing import Final, Protocol
 
+from icofabric_sim.named_files import note_content, recorded_content
 from icofabric_sim.parameters import ParameterError
 from icofabric_sim.ready_scenes import scene_folders
-from icofabric_sim.triangle_mesh import load_mesh, SUFFIXES
+from icofabric_sim.triangle_mesh import load_mesh, parse_mesh, SUFFIXES, TriangleMesh
 from icofabric_sim.weave_geometry import ROUNDING
 import numpy as np
 
@@ -117,13 +118,26 @@ def make_region(text: str) -> Region | None:
                 NAME, f'{NAME} {text!r} is no region; known: {known}, with lengths in m, or the '
                 'path of a closed mesh (.stl, .obj)')
         try:
-            return load_mesh(_found(text.strip()))
+            return _mesh(text.strip())
         except ValueError as error:
             raise ParameterError(NAME, f'{NAME}: {error}') from error
     lengths = _lengths(text, words)
     if words[0] == 'sphere':
         return Sphere(*lengths)
     return Cylinder(*lengths) if words[0] == 'cylinder' else Box(*lengths)
+
+
+def _mesh(name: str) -> TriangleMesh:
+    """
+    The mesh that a scene calls `name`, from a record or a file.
+    """
+    content = recorded_content(name)
+    if content is not None:
+        return parse_mesh(Path(name), content)
+    path = _found(name)
+    mesh = load_mesh(path)
+    note_content(name, path.read_bytes())
+    return mesh
 
 
 def _found(name: str) -> Path:

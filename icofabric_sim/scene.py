@@ -30,6 +30,7 @@ from icofabric_sim.drives import Drive, make_drives, make_path
 from icofabric_sim.electric import Electric, make_electric
 from icofabric_sim.faces import check_faces
 from icofabric_sim.load_channels import LoadChannel, make_channels
+from icofabric_sim.named_files import NamedFile, reading
 from icofabric_sim.parameter_file import load_parameter_file
 from icofabric_sim.parameter_text import flatten_parameters
 from icofabric_sim.parameters import make_parameters, ParameterError, Parameters
@@ -126,6 +127,7 @@ class Scene:
     anchor_law: tuple[float, float, float]  # k_e [N/m], k_c [N/m], D [m]
     initial: initial.InitialState
     electric: Electric
+    files: Mapping[str, NamedFile]  # that were read, by the names that parameters give them
 
     @classmethod
     def from_parameters(
@@ -138,7 +140,17 @@ class Scene:
         ParameterError) that names the parameter and the way out.
         """
         checked = as_parameters(parameters)
-        own_shell, geometry = check_parameters(checked)
+        with reading(checked.files) as files:
+            return cls._build(checked, shell, files)
+
+    @classmethod
+    def _build(
+        cls, checked: Parameters, shell: Shell | None, files: Mapping[str, NamedFile]
+    ) -> 'Scene':
+        """
+        Build it from parameters; `files` grow with what is read.
+        """
+        own_shell, geometry = _check_together(checked)
         if shell is None:
             shell = own_shell
         elif shell.half_edge != own_shell.half_edge:
@@ -196,6 +208,7 @@ class Scene:
             anchors=make_anchors(checked, len(position), drives, geometry.half_edge),
             anchor_law=general_law(checked, geometry.connector_length),
             initial=start,
+            files=files,
         )
 
     @property
@@ -239,6 +252,11 @@ def check_parameters(parameters: Parameters) -> tuple[Shell, WeaveGeometry]:
 
     Returns the shell and the weave geometry.
     """
+    with reading(parameters.files):
+        return _check_together(parameters)
+
+
+def _check_together(parameters: Parameters) -> tuple[Shell, WeaveGeometry]:
     shell = _shell(parameters)
     geometry = _geometry(parameters, shell.half_edge)
     bodies = _estimate(parameters, geometry)

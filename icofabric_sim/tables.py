@@ -7,6 +7,7 @@ Tables in time that a scene names: CSV files whose first column is the time [s].
 import math
 from pathlib import Path
 
+from icofabric_sim.named_files import note_content, recorded_content
 from icofabric_sim.parameters import ParameterError
 from icofabric_sim.ready_scenes import scene_folders
 import numpy as np
@@ -28,11 +29,19 @@ def read_time_table(
     """
     rows: list[list[float]] = []
     wanted = ' or '.join(widths.values())
-    path = find_table(name, file)
+    path, content = Path(file), recorded_content(file)
     try:
-        lines = path.read_text(encoding='utf-8-sig').splitlines()
+        if content is None:
+            path = find_table(name, file)
+            content = path.read_bytes()
+            note_content(file, content)
+        lines = content.decode('utf-8-sig').splitlines()
     except (OSError, UnicodeDecodeError, MemoryError) as error:
         raise ParameterError(name, f'{name}: cannot read {path}: {error}') from None
+    except ParameterError:
+        raise
+    except ValueError as error:
+        raise ParameterError(name, f'{name}: {error}') from None
     for number, line in enumerate(lines, start=1):
         text = line.strip()
         if not text or text.startswith('#'):

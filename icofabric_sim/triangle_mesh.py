@@ -80,7 +80,13 @@ def _load(path: Path, changed: int, size: int) -> TriangleMesh:
     # Judged for every change of a parameter: read again only when the file has changed.
     if size > _LARGEST_FILE:
         raise ValueError(f'{path} has {size:,} bytes, more than {_LARGEST_FILE:,}')
-    data = path.read_bytes()
+    return parse_mesh(path, path.read_bytes())
+
+
+def parse_mesh(path: Path, data: bytes) -> TriangleMesh:
+    """
+    The closed mesh that a file of this `path` with the bytes `data` holds; ValueError as above.
+    """
     corners = _read_obj(path, data) if path.suffix.lower() == '.obj' else _read_stl(path, data)
     if not len(corners):
         raise ValueError(f'{path} holds no triangles')
