@@ -581,14 +581,16 @@ def test_statics_says_where_a_scene_comes_to_rest(tmp_path: Path) -> None:
 
 def test_modes_lists_frequencies_and_mechanisms(tmp_path: Path) -> None:
     (tmp_path / 'swing.yaml').write_text(SWING)
-    done = command('modes', 'swing.yaml', '--output', 'out', '--picture', 'm.png', folder=tmp_path)
+    done = command(
+        'modes', 'swing.yaml', '--output', 'out', '--picture', 'm.png', '--bands', 'b.png',
+        folder=tmp_path)
     assert done.status == 0, done.err
     held = re.search(r'freedoms +(\d+)', done.out)
     assert held is not None and 'states of self-stress' in done.out
     rates = (tmp_path / 'out' / 'frequencies.csv').read_text().splitlines()[1:]
     found = re.search(r'zero energy (\d+)', done.out)
     assert found is not None and int(held[1]) == len(rates) + int(found[1])
-    assert (tmp_path / 'm.png').is_file()
+    assert (tmp_path / 'm.png').is_file() and (tmp_path / 'b.png').is_file()
     about = command('modes', 'swing.yaml', '--equilibrium', '--count', '3', folder=tmp_path)
     assert about.status == 0 and 'equilibrium, stable' in about.out
     assert 'frequencies 3,' in about.out

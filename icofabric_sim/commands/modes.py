@@ -9,7 +9,11 @@ import math
 import time
 from typing import TYPE_CHECKING
 
-from icofabric_sim.commands.rest_outputs import add_output_arguments, outputs_of
+from icofabric_sim.commands.rest_outputs import (
+    add_output_arguments,
+    outputs_of,
+    picture_path,
+)
 from icofabric_sim.commands.scenes import add_scene_arguments, read_parameters
 from icofabric_sim.commands.terminal import bad_input, FileSaysNo
 
@@ -41,6 +45,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--time', type=float, default=0.0, metavar='S',
         help='loads, drives and anchors are held as they are at this time [s] (%(default)g)')
+    parser.add_argument(
+        '--bands', metavar='FILE',
+        help='also draw the waves in the endless fabric of this weave to this PNG: band structure '
+             'and density of states')
     add_output_arguments(parser)
 
 
@@ -50,6 +58,7 @@ def main(arguments: argparse.Namespace) -> int:
     """
     name, parameters = read_parameters(arguments)
     outputs = outputs_of(arguments)
+    bands = picture_path(arguments, 'bands')
     from icofabric_sim.scene import Scene
     from icofabric_sim.statics.equilibrium import solve_equilibrium
     from icofabric_sim.statics.modes import HIGHEST, LOWEST, solve_modes
@@ -81,6 +90,12 @@ def main(arguments: argparse.Namespace) -> int:
                 for body, motion in enumerate(shape)))
     if outputs.picture is not None:
         outputs.draw(name, scene, _pictures(scene, spectrum))
+    if bands is not None:
+        from icofabric_sim.statics.band_picture import draw_bands
+        bands.parent.mkdir(parents=True, exist_ok=True)
+        with bad_input():
+            draw_bands(bands, name, scene)
+        print(f'drawn to {bands}')
     return 0
 
 

@@ -98,9 +98,20 @@ def outputs_of(arguments: argparse.Namespace) -> RestOutputs:
     What was asked for.
     """
     folder = None if arguments.output is None else Path(arguments.output).expanduser()
-    picture = None if arguments.picture is None else Path(arguments.picture).expanduser()
-    if picture is not None and picture.suffix.lower() != '.png':
-        raise InputError(f'--picture {picture}: give a file that ends in .png')
+    picture = picture_path(arguments, 'picture')
     if folder is not None and folder.exists() and not folder.is_dir():
         raise InputError(f'--output {folder} is a file; name a folder')
     return RestOutputs(folder, picture)
+
+
+def picture_path(arguments: argparse.Namespace, name: str) -> Path | None:
+    """
+    The PNG file that an option names.
+    """
+    text = getattr(arguments, name)
+    if text is None:
+        return None
+    path = Path(text).expanduser()
+    if path.suffix.lower() != '.png':
+        raise InputError(f'--{name} {path}: give a file that ends in .png')
+    return path

@@ -6,6 +6,7 @@ The endless fabric: waves and elastic constants against closed forms, motion and
 
 from fabrics import make_scene
 import icofabric_sim as ico
+from icofabric_sim.statics.band_picture import density_of_states
 from icofabric_sim.statics.periodic import (
     band_path,
     homogenise,
@@ -159,6 +160,18 @@ def test_bands_of_symmetric_points():
         'kind': 'bias', 'size': [4, 4, 4], 'azimuth': 0.4, 'connector_angle': 0.3})
     assert np.allclose(
         solve_bands(turned, band_path(turned)[0]), bands, atol=1e-5 * bands.max())
+
+
+def test_density_of_states_counts_all_freedoms():
+    for scene, free in ((woven(**STIFF), 0.0), (woven(), None)):
+        edges, density = density_of_states(scene, samples=6, classes=30)
+        states = float((density * np.diff(edges)).sum())
+        if free is None:
+            # Some waves of point springs cost no energy; on even samples not all of these.
+            assert 3.0 < states <= 6.0
+        else:
+            assert states == pytest.approx(6.0, rel=1e-12)
+        assert edges[0] == 0.0 and (density >= 0.0).all()
 
 
 @pytest.mark.parametrize('sections, name', [
