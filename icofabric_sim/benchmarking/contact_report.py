@@ -43,7 +43,7 @@ def lines(result: Contact) -> list[str]:
                 label = ''
     answer = [
         f'Contact of pairs of shells: {result.pair_count:,} of each kind; {result.rounds} rounds',
-        *describe_machine((LIBRARY,), threads='one thread'), '', *table(times)]
+        *describe_machine((LIBRARY,), threads='processor time of one thread'), '', *table(times)]
     if result.missing:
         return [*answer, '', result.missing]
     return [

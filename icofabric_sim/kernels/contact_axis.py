@@ -35,9 +35,9 @@ from icofabric_sim.kernels.lanes import (
     fma,
     LANES,
     load_at,
-    maximum,
     splat,
     store_at,
+    Vector,
     where,
 )
 import numpy as np
@@ -57,7 +57,7 @@ _BESIDE = 1e-9
 # sum and the first body's part of it.
 MATRIX, PORTAL = 0, 9
 # Directions of edges of either body, six times AXIS_COUNT numbers each; lanes.
-OWN, OTHER, ALONG, OWN_MOST, WHICH = 256, 352, 448, 464, 480
+OWN, OTHER, ALONG, MOST, OVER, WHICH = 256, 352, 448, 464, 472, 480
 Nine = tuple[float, float, float, float, float, float, float, float, float]
 
 
@@ -197,30 +197,46 @@ def beyond_most(room: np.ndarray, cx: float, cy: float, cz: float) -> tuple[int,
     bx, by, bz = (fma(q0, x, fma(q3, y, q6 * z)), fma(q1, x, fma(q4, y, q7 * z)),
                   fma(q2, x, fma(q5, y, q8 * z)))
     own = splat(INNER)
-    most, which = splat(0.0), splat(0.0)
+    # As products, because a division takes as long as all of the rest.
+    most, over, which = splat(0.0), splat(1.0), splat(0.0)
     for k in range(0, AXIS_COUNT, LANES):
         nx = load_at(AXES, k)
         ny = load_at(AXES, AXIS_COUNT + k)
         nz = load_at(AXES, 2 * AXIS_COUNT + k)
-        number = fma(splat(float(k)), splat(1.0), load_at(NUMBERS, 0))
+        number = load_at(NUMBERS, 0) + splat(float(k))
         far = fabs(fma(nx, x, fma(ny, y, nz * z)))
-        out = far / (own + reach_lanes(
+        whole = own + reach_lanes(
             fma(q0, nx, fma(q3, ny, q6 * nz)), fma(q1, nx, fma(q4, ny, q7 * nz)),
-            fma(q2, nx, fma(q5, ny, q8 * nz))))
-        which = where(out > most, number, which)
-        most = maximum(out, most)
+            fma(q2, nx, fma(q5, ny, q8 * nz)))
+        farther = far * over > most * whole
+        which = where(farther, number, which)
+        most = where(farther, far, most)
+        over = where(farther, whole, over)
         far = fabs(fma(nx, bx, fma(ny, by, nz * bz)))
-        out = far / (own + reach_lanes(
+        whole = own + reach_lanes(
             fma(q0, nx, fma(q1, ny, q2 * nz)), fma(q3, nx, fma(q4, ny, q5 * nz)),
-            fma(q6, nx, fma(q7, ny, q8 * nz))))
-        which = where(out > most, number + splat(float(AXIS_COUNT)), which)
-        most = maximum(out, most)
-    store_at(room, PORTAL, most)
-    store_at(room, PORTAL + LANES, which)
+            fma(q6, nx, fma(q7, ny, q8 * nz)))
+        farther = far * over > most * whole
+        which = where(farther, number + splat(float(AXIS_COUNT)), which)
+        most = where(farther, far, most)
+        over = where(farther, whole, over)
+    best = best_lane(room, most, over, which)
+    return int(room[WHICH + best]), room[MOST + best] / room[OVER + best]
+
+
+@compiled
+def best_lane(room: np.ndarray, most: Vector, over: Vector, which: Vector) -> int:
+    """
+    The lane where `most` over `over` is largest; writes all three.
+    """
+    store_at(room, MOST, most)
+    store_at(room, OVER, over)
+    store_at(room, WHICH, which)
     best = 0
     for k in range(1, LANES):
-        best = k if room[PORTAL + k] > room[PORTAL + best] else best
-    return int(room[PORTAL + LANES + best]), room[PORTAL + best]
+        larger = room[MOST + k] * room[OVER + best] > room[MOST + best] * room[OVER + k]
+        best = k if larger else best
+    return best
 
 
 @compiled
@@ -358,14 +374,7 @@ def beyond_edges(
             most = where(farther, far, most)
             over = where(farther, whole, over)
             which = where(farther, lane_numbers + splat(float(AXIS_COUNT * way)), which)
-    store_at(room, ALONG, most)
-    store_at(room, OWN_MOST, over)
-    store_at(room, WHICH, which)
-    best = 0
-    for k in range(1, LANES):
-        if room[ALONG + k] * room[OWN_MOST + best] > room[ALONG + best] * room[OWN_MOST + k]:
-            best = k
-    return int(room[WHICH + best])
+    return int(room[WHICH + best_lane(room, most, over, which)])
 
 
 @compiled

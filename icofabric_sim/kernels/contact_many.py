@@ -6,6 +6,7 @@ The functions of pairs for n of them.
 Places [m] (n, 3), matrices from body to world axes (n, 3, 3).
 """
 
+from icofabric_sim.kernels.borrowed import borrowed
 from icofabric_sim.kernels.compiled import compiled
 from icofabric_sim.kernels.contact_axis import separation_on
 from icofabric_sim.kernels.contact_distance import signed_distance
@@ -21,6 +22,8 @@ def touch_pairs(
     """
     `touch_pair` of n pairs: places (n, 3), matrices (n, 3, 3), results (n,) and (n, OUT_SIZE).
     """
+    xa, ra, xb, rb = borrowed(xa), borrowed(ra), borrowed(xb), borrowed(rb)
+    out = borrowed(out)
     for k in range(touching.shape[0]):
         touching[k] = touch_pair(half_edge, xa[k], ra[k], xb[k], rb[k], scratch, out[k])
 
@@ -45,6 +48,7 @@ def apart_pairs(
     """
     `are_apart` of n pairs, results (n,).
     """
+    xa, ra, xb, rb = borrowed(xa), borrowed(ra), borrowed(xb), borrowed(rb)
     for k in range(apart.shape[0]):
         apart[k] = are_apart(half_edge, xa[k], ra[k], xb[k], rb[k], scratch)
 
@@ -57,6 +61,7 @@ def separations_on(
     """
     `separation_on` of n pairs along axes (n, 3), results [m] (n,).
     """
+    xa, ra, xb, rb = borrowed(xa), borrowed(ra), borrowed(xb), borrowed(rb)
     for k in range(gap.shape[0]):
         gap[k] = separation_on(
             half_edge, xa[k], ra[k], xb[k], rb[k], axis[k, 0], axis[k, 1], axis[k, 2])
@@ -70,6 +75,7 @@ def signed_distances(
     """
     `signed_distance` of n pairs, results (n,) and (n, 3).
     """
+    xa, ra, xb, rb = borrowed(xa), borrowed(ra), borrowed(xb), borrowed(rb)
     q = np.zeros((3, 3))
     for k in range(distance.shape[0]):
         distance[k] = signed_distance(half_edge, xa[k], ra[k], xb[k], rb[k], q, axis[k])

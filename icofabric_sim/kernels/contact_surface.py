@@ -29,6 +29,7 @@ from typing import NamedTuple
 
 from icofabric_sim.kernels.compiled import compiled
 from icofabric_sim.kernels.contact_shape import CORNERS, INNER, NEIGHBOURS, NORMALS, RIDGES
+from icofabric_sim.kernels.lanes import fma, LANES, load_at, splat, store_at
 import numpy as np
 
 # A corner so near a side lies on it: the polygon beyond is looked at. More cost time only.
@@ -48,14 +49,17 @@ class Scratch(NamedTuple):
     marks: np.ndarray  # (420,)
 
 
-# Places in the room; MATRIX and PORTAL of contact_axis.py come first.
-NORMAL = 33    # normals of B's faces in A's axes, (3, 20)
-HEIGHT = 93    # of a point along these, (20,)
-VALUE = 113    # of the corners of a polygon on a side, (8,)
-POLYGON = 121  # two polygons: x, y, z and depth of the corners, (2, 8, 4)
-SUMS = 185     # M_0, M_1, integrals of n, of p n, of x cross n, of p x cross n, (14,)
+# Places in the room; the first, and those from 256 on, are of contact_axis.py.
+NORMAL = 33    # normals of B's faces in A's axes, x, y and z of all, (3, 24)
+HEIGHT = 105   # of a point along these, (24,)
+VALUE = 129    # of the corners of a polygon on a side, (8,)
+POLYGON = 137  # two polygons: x, y, z and depth of the corners, (2, 8, 4)
+SUMS = 201     # M_0, M_1, integrals of n, of p n, of x cross n, of p x cross n, (14,)
 # A pyramid gives a polygon 4 corners at most, and each of three sides of another one more.
 _ROOM, _NEXT, _CORNERS = 512, 32, 4
+# Faces, filled up with 0 to whole vectors.
+_FACES = 24
+FACE_NORMALS = np.concatenate([NORMALS, np.zeros((_FACES - 20, 3))]).T.ravel()
 # Places among the sums.
 M0, M1, S0, S1, T0, T1 = 0, 1, 2, 5, 8, 11
 SUM_COUNT = 14
@@ -73,11 +77,12 @@ def contact_scratch() -> Scratch:
 @compiled
 def put_section(
     room: np.ndarray, i: int, mx: float, my: float, mz: float, offset: float
-) -> int:
+) -> tuple[int, int]:
     """
     Cut pyramid i of A by the plane of equal depth below its face and below offset - m . x.
 
-    Writes the corners into the first polygon, in order; returns how many.
+    Writes the corners into the first polygon, in order; returns how many, and bit k for each
+    neighbour k of i beyond a side that it reaches.
     """
     # Depths below the other face of the corners of face i, and the difference of the depths at
     # the centre, where that below face i is rho.
@@ -91,7 +96,9 @@ def put_section(
         # The centre of A is deeper below the other face than below its own.
         in0, in1, in2 = e0 < 0.0, e1 < 0.0, e2 < 0.0
     if not (in0 or in1 or in2):
-        return 0
+        return 0, 0
+    sides = (5 if in0 or abs(e0) < _NEAR else 0) | (3 if in1 or abs(e1) < _NEAR else 0) | (
+        6 if in2 or abs(e2) < _NEAR else 0)
     at = POLYGON
     for k in range(3):
         if k == 0:
@@ -118,28 +125,30 @@ def put_section(
             room[at + 2] = z + t * (CORNERS[i, n, 2] - z)
             room[at + 3] = 0.0
             at += _CORNERS
-    return (at - POLYGON) // _CORNERS
+    return (at - POLYGON) // _CORNERS, sides
 
 
 @compiled
 def clip(
     room: np.ndarray, kept: int, count: int, rx: float, ry: float, rz: float, r: float
-) -> tuple[int, int]:
+) -> tuple[int, int, bool]:
     """
-    Keep what of a polygon has r . x <= r; returns which one is the rest, and its corners.
+    Keep what of a polygon has r . x <= r.
+
+    Returns which one is the rest, its corners, and whether it reaches that side.
     """
     start = POLYGON + _NEXT * kept
-    outside = 0
+    outside, near = 0, 0
     for k in range(count):
         at = start + _CORNERS * k
         value = rx * room[at] + ry * room[at + 1] + rz * room[at + 2] - r
         room[VALUE + k] = value
-        if value > 0.0:
-            outside += 1
+        outside += 1 if value > 0.0 else 0
+        near += 1 if value > -_NEAR else 0
     if outside == 0:
-        return kept, count
+        return kept, count, near > 0
     if outside == count:
-        return kept, 0
+        return kept, 0, False
     to = POLYGON + _NEXT * (1 - kept)
     last = start + _CORNERS * (count - 1)
     before = room[VALUE + count - 1]
@@ -158,7 +167,7 @@ def clip(
             to += _CORNERS
             left += 1
         last, before = at, value
-    return 1 - kept, left
+    return 1 - kept, left, True
 
 
 @compiled
@@ -225,28 +234,28 @@ def add_polygon(room: np.ndarray, i: int, j: int, cx: float, cy: float, cz: floa
     side which it reaches, 3 to 5 for neighbours of j, and bit 7 + 3 k + l for the neighbours k of
     i and l of j where it reaches both sides in one corner.
     """
-    mx, my, mz = room[NORMAL + j], room[NORMAL + 20 + j], room[NORMAL + 40 + j]
+    mx, my, mz = room[NORMAL + j], room[NORMAL + _FACES + j], room[NORMAL + 2 * _FACES + j]
     centre = mx * cx + my * cy + mz * cz
-    count = put_section(room, i, mx, my, mz, INNER + centre)
+    count, own_sides = put_section(room, i, mx, my, mz, INNER + centre)
     if count == 0:
         return 0
     n0, n1, n2 = NEIGHBOURS[j, 0], NEIGHBOURS[j, 1], NEIGHBOURS[j, 2]
-    ux, uy, uz = (room[NORMAL + n0] - mx, room[NORMAL + 20 + n0] - my,
-                  room[NORMAL + 40 + n0] - mz)
-    vx, vy, vz = (room[NORMAL + n1] - mx, room[NORMAL + 20 + n1] - my,
-                  room[NORMAL + 40 + n1] - mz)
-    wx, wy, wz = (room[NORMAL + n2] - mx, room[NORMAL + 20 + n2] - my,
-                  room[NORMAL + 40 + n2] - mz)
+    ux, uy, uz = (room[NORMAL + n0] - mx, room[NORMAL + _FACES + n0] - my,
+                  room[NORMAL + 2 * _FACES + n0] - mz)
+    vx, vy, vz = (room[NORMAL + n1] - mx, room[NORMAL + _FACES + n1] - my,
+                  room[NORMAL + 2 * _FACES + n1] - mz)
+    wx, wy, wz = (room[NORMAL + n2] - mx, room[NORMAL + _FACES + n2] - my,
+                  room[NORMAL + 2 * _FACES + n2] - mz)
     u = ux * cx + uy * cy + uz * cz
     v = vx * cx + vy * cy + vz * cz
     w = wx * cx + wy * cy + wz * cz
-    kept, count = clip(room, 0, count, ux, uy, uz, u)
+    kept, count, at_u = clip(room, 0, count, ux, uy, uz, u)
     if count == 0:
         return 0
-    kept, count = clip(room, kept, count, vx, vy, vz, v)
+    kept, count, at_v = clip(room, kept, count, vx, vy, vz, v)
     if count == 0:
         return 0
-    kept, count = clip(room, kept, count, wx, wy, wz, w)
+    kept, count, at_w = clip(room, kept, count, wx, wy, wz, w)
     if count == 0:
         return 0
     # Where both faces look the same way the planes of equal depth are nowhere or everywhere.
@@ -257,6 +266,9 @@ def add_polygon(room: np.ndarray, i: int, j: int, cx: float, cy: float, cz: floa
     scale = 1.0 / math.sqrt(square)
     nx, ny, nz = nx * scale, ny * scale, nz * scale
     add_integrals(room, kept, count, nx, ny, nz, nx * cx + ny * cy + nz * cz)
+    if not (at_u or at_v or at_w):
+        # Within the pyramid of j.
+        return FOUND | own_sides
     reached = FOUND
     for corner in range(count):
         at = POLYGON + _NEXT * kept + _CORNERS * corner
@@ -284,10 +296,12 @@ def turn_normals(room: np.ndarray) -> None:
     """
     Write the normals of B's faces in the axes of A; room[MATRIX:] holds the matrix.
     """
-    for c in range(3):
-        x, y, z = room[3 * c], room[3 * c + 1], room[3 * c + 2]
-        for j in range(20):
-            room[NORMAL + 20 * c + j] = x * NORMALS[j, 0] + y * NORMALS[j, 1] + z * NORMALS[j, 2]
+    for k in range(0, _FACES, LANES):
+        x, y, z = (load_at(FACE_NORMALS, k), load_at(FACE_NORMALS, _FACES + k),
+                   load_at(FACE_NORMALS, 2 * _FACES + k))
+        for c in range(3):
+            store_at(room, NORMAL + _FACES * c + k, fma(splat(room[3 * c]), x, fma(
+                splat(room[3 * c + 1]), y, splat(room[3 * c + 2]) * z)))
 
 
 @compiled
@@ -302,24 +316,17 @@ def add_surface(
     meets it once, as the faces of B that take part look towards that centre.
     """
     # Faces of A, then of B, above the point: several where it lies on their ridges.
-    above_own, above_other = 0, 0
-    most = 0.0
-    for i in range(20):
-        height = NORMALS[i, 0] * x + NORMALS[i, 1] * y + NORMALS[i, 2] * z
-        room[HEIGHT + i] = height
-        most = max(most, height)
-    for i in range(20):
-        if room[HEIGHT + i] >= most - _NEAR:
-            above_own |= 1 << i
-    most = 0.0
+    for k in range(0, _FACES, LANES):
+        store_at(room, HEIGHT + k, fma(load_at(FACE_NORMALS, k), splat(x), fma(
+            load_at(FACE_NORMALS, _FACES + k), splat(y),
+            load_at(FACE_NORMALS, 2 * _FACES + k) * splat(z))))
+    above_own = highest(room)
     x, y, z = x - cx, y - cy, z - cz
-    for j in range(20):
-        height = room[NORMAL + j] * x + room[NORMAL + 20 + j] * y + room[NORMAL + 40 + j] * z
-        room[HEIGHT + j] = height
-        most = max(most, height)
-    for j in range(20):
-        if room[HEIGHT + j] >= most - _NEAR:
-            above_other |= 1 << j
+    for k in range(0, _FACES, LANES):
+        store_at(room, HEIGHT + k, fma(load_at(room, NORMAL + k), splat(x), fma(
+            load_at(room, NORMAL + _FACES + k), splat(y),
+            load_at(room, NORMAL + 2 * _FACES + k) * splat(z))))
+    above_other = highest(room)
     known = 0
     for i in range(20):
         marks[_SEEN + i] = 0
@@ -336,38 +343,43 @@ def add_surface(
         i, j = pair >> 5, pair & 31
         reached = add_polygon(room, i, j, cx, cy, cz)
         found |= reached
-        if reached & (FOUND - 1) == 0:
-            continue
-        for k in range(4):
-            # The neighbour k of i, and last i itself, with those of j; seldom of the first.
-            sides = reached >> (7 + 3 * k) & 7 if k < 3 else reached >> 3 & 7
-            n = NEIGHBOURS[i, k] if k < 3 else i
-            new = 0
-            if k < 3 and reached >> k & 1:
-                new = 1 << j
-            for l in range(3):
-                if sides >> l & 1:
-                    new |= 1 << NEIGHBOURS[j, l]
-            new &= ~marks[_SEEN + n]
-            marks[_SEEN + n] |= new
-            while new:
-                lowest = new & -new
-                new ^= lowest
-                marks[_WAITING + known] = 32 * n + place_of_bit(lowest)
-                known += 1
+        for k in range(3):
+            if reached >> k & 1:
+                known = wait(marks, known, NEIGHBOURS[i, k], j)
+            if reached >> (3 + k) & 1:
+                known = wait(marks, known, i, NEIGHBOURS[j, k])
+        if reached >> 7:
+            for k in range(3):
+                for l in range(3):
+                    if reached >> (7 + 3 * k + l) & 1:
+                        known = wait(marks, known, NEIGHBOURS[i, k], NEIGHBOURS[j, l])
     return found != 0
 
 
 @compiled
-def place_of_bit(bit: int) -> int:
+def highest(room: np.ndarray) -> int:
     """
-    The k of 2^k, below 20.
+    Bits of the faces with the greatest height, or nearly so.
     """
-    place = 0
-    while bit > 1:
-        bit >>= 1
-        place += 1
-    return place
+    most = 0.0
+    for k in range(20):
+        most = max(most, room[HEIGHT + k])
+    bits = 0
+    for k in range(20):
+        bits |= (1 if room[HEIGHT + k] >= most - _NEAR else 0) << k
+    return bits
+
+
+@compiled
+def wait(marks: np.ndarray, known: int, i: int, j: int) -> int:
+    """
+    Put a pair of faces among those to look at, unless it was; returns how many there are.
+    """
+    if marks[_SEEN + i] >> j & 1:
+        return known
+    marks[_SEEN + i] |= 1 << j
+    marks[_WAITING + known] = 32 * i + j
+    return known + 1
 
 
 @compiled
@@ -390,7 +402,7 @@ def add_plane(room: np.ndarray, nx: float, ny: float, nz: float, offset: float) 
     -(n . v) times that of p^(k + 1) / (k + 1).
     """
     for i in range(20):
-        count = put_section(room, i, nx, ny, nz, offset)
+        count, _ = put_section(room, i, nx, ny, nz, offset)
         if count == 0:
             continue
         vx, vy, vz = NORMALS[i, 0] - nx, NORMALS[i, 1] - ny, NORMALS[i, 2] - nz

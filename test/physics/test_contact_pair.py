@@ -20,7 +20,16 @@ from contact_poses import (
     VERTICES,
     wrench,
 )
-from icofabric_sim.kernels.contact_surface import M0, M1, SUMS
+from icofabric_sim.kernels.contact_surface import (
+    add_all,
+    M0,
+    M1,
+    S0,
+    S1,
+    SUM_COUNT,
+    SUMS,
+    T0,
+)
 import numpy as np
 import pytest
 from scipy.integrate import quad
@@ -79,6 +88,24 @@ def test_moments_of_the_overlap_are_those_of_its_cells(kind):
         assert touch(xa, ra, xb, rb)[0]
         found = SCRATCH.room[SUMS + M0], SCRATCH.room[SUMS + M1]
         assert found == pytest.approx(moments(half_spaces(xa, ra), half_spaces(xb, rb)), rel=1e-7)
+
+
+@pytest.mark.parametrize('kind', KINDS)
+def test_walk_over_polygons_leaves_none_out(kind):
+    rng = np.random.default_rng(13)
+    for _ in range(60):
+        xa, ra, xb, rb = overlapping(kind, rng, low=-5.0, high=-0.7)
+        if xb[0] < xa[0]:
+            xa, ra, xb, rb = xb, rb, xa, ra
+        assert touch(xa, ra, xb, rb)[0]
+        sums = SCRATCH.room[SUMS:SUMS + SUM_COUNT]
+        walked = sums.copy()
+        sums[:] = 0.0
+        add_all(SCRATCH.room, *(ra.T @ (xb - xa)))
+        # Areas give the scale of torques, which may be 0.
+        zeroth, first = np.abs(sums[S0:S1]).max(), np.abs(sums[S1:T0]).max()
+        scales = [sums[M0], sums[M1]] + 3 * [zeroth] + 3 * [first] + 3 * [zeroth] + 3 * [first]
+        assert (np.abs(walked - sums) <= 1e-9 * np.array(scales)).all() and sums[M1] > 0.0
 
 
 @pytest.mark.parametrize('kind', KINDS)
