@@ -95,6 +95,46 @@ def push_of_plane(
     return _push(single, touching, out, stiffness)
 
 
+def restitution(damping: float, speed: float) -> float:
+    """
+    Speed after over speed before of a damped collision in which one point touches.
+
+    `damping` c [s/m] as in kernels/contact_laws.py, `speed` the rate of delta at first touch
+    [m/s]. It depends on u = c speed only: u - ln(1 + u) = -e u - ln(1 - e u).
+    """
+    from scipy.optimize import brentq
+
+    if not 0.0 <= damping < math.inf:
+        raise ValueError(f'damping must be 0 or positive and finite, got {damping!r} s/m')
+    _check_positive('speed', speed, 'm/s')
+    u = damping * speed
+    if u < 1e-4:
+        # Here the equation loses its digits; the next term is below 1e-12.
+        return 1.0 - 2.0 * u / 3.0 + 4.0 * u * u / 9.0
+    whole = u - math.log1p(u)
+    # With z = -ln(1 - e u) there are no bounds to come near to.
+    z: float = brentq(lambda z: math.expm1(-z) + z - whole, 0.0, whole + 1.0, xtol=1e-16)
+    return -math.expm1(-z) / u
+
+
+def damping_for(wanted: float, speed: float) -> float:
+    """
+    The damping c [s/m] with which a collision at this rate of delta [m/s] has a restitution.
+    """
+    from scipy.optimize import brentq
+
+    if not 0.0 < wanted <= 1.0:
+        raise ValueError(f'restitution must be above 0 and at most 1, got {wanted!r}')
+    _check_positive('speed', speed, 'm/s')
+    if wanted == 1.0:
+        return 0.0
+    highest = 1.0
+    while restitution(highest, 1.0) > wanted:
+        highest *= 2.0
+    result: float = brentq(lambda u: restitution(u, 1.0) - wanted, 0.0, highest, xtol=1e-14)
+    return result / speed
+
+
 def _push(single: bool, touching: np.ndarray, out: np.ndarray, stiffness: float) -> Push:
     forces = stiffness * out[:, :10]
     return Push(*_rows(single, touching, forces[:, 0:3], forces[:, 3:6], forces[:, 6:9],

@@ -35,6 +35,7 @@ from icofabric_sim.kernels.contact_surface import (
     contact_scratch,
     M0,
     M1,
+    P1,
     S0,
     S1,
     Scratch,
@@ -43,14 +44,15 @@ from icofabric_sim.kernels.contact_surface import (
     T0,
     T1,
     turn_normals,
+    X1,
 )
 import numpy as np
 
 __all__ = ['contact_scratch', 'OUT_SIZE', 'Scratch', 'touch_pair', 'touch_plane']
 
 # Numbers in `out` of a pair: force on A (3), torques about their centres on A and B (3 each),
-# delta^2 / 2, delta, overlap, unit axis from A to B (3), spare.
-OUT_SIZE = 16
+# delta^2 / 2, delta, overlap, unit axis from A to B (3), contact point (3).
+OUT_SIZE = 18
 # Centres closer than this times a coincide: no direction leads apart.
 _COINCIDE = 1e-6
 # From this overlap over a on the surface between the bodies may be in several pieces.
@@ -67,12 +69,14 @@ def touch_pair(
     """
     Whether two shells of half edge a [m] touch, and for a stiffness of 1 N/m how they push.
 
-    Centres [m] (3,), matrices from body to world axes (3, 3). Writes `out` (16,): force on A [N]
+    Centres [m] (3,), matrices from body to world axes (3, 3). Writes `out` (18,): force on A [N]
     (3), its torque about the centre of A [N m] (3), the torque on B about the centre of B (3),
-    energy delta^2 / 2 [J], delta [m], overlap [m], axis (3). B feels the opposite force. The
-    overlap is that along the axis, the normal of the facet of the Minkowski sum that the line
-    of centres leaves through: never less than what would part the bodies. Where they are
-    apart all is 0 but the axis, which has a gap.
+    energy delta^2 / 2 [J], delta [m], overlap [m], axis (3), contact point [m] (3). B feels the
+    opposite force. The overlap is that along the axis, the normal of the facet of the Minkowski
+    sum that the line of centres leaves through: never less than what would part the bodies. The
+    contact point is where friction acts: the centre of depth of the surface between the
+    bodies, from the middle of both centres. Where they are apart all is 0 but the axis, which
+    has a gap.
 
     Bodies whose centres coincide push neither way, by symmetry: then delta is rho, its value for
     equal orientations, and the overlap 2 rho.
@@ -145,6 +149,7 @@ def press(
     out[6] = -out[3] + (dy * out[2] - dz * out[1])
     out[7] = -out[4] + (dz * out[0] - dx * out[2])
     out[8] = -out[5] + (dx * out[1] - dy * out[0])
+    out[15], out[16], out[17] = out[15] - 0.5 * dx, out[16] - 0.5 * dy, out[17] - 0.5 * dz
     return True
 
 
@@ -195,7 +200,7 @@ def push(
     half_edge: float, ra: np.ndarray, room: np.ndarray, out: np.ndarray
 ) -> None:
     """
-    Write force and torque on A, energy and delta, from the integrals in the axes of A.
+    Write force and torque on A, energy, delta and contact point (from the centre of A).
 
     By the place of B, grad delta = -4 (S_1 - (M_1 / M_0) S_0) / M_0, S_k the integral of p^k n.
     """
@@ -211,6 +216,9 @@ def push(
         ra, factor * (room[SUMS + T1] - mean * room[SUMS + T0]),
         factor * (room[SUMS + T1 + 1] - mean * room[SUMS + T0 + 1]),
         factor * (room[SUMS + T1 + 2] - mean * room[SUMS + T0 + 2]))
+    factor = half_edge / room[SUMS + P1]
+    out[15], out[16], out[17] = turn(
+        ra, factor * room[SUMS + X1], factor * room[SUMS + X1 + 1], factor * room[SUMS + X1 + 2])
     delta *= half_edge
     out[9] = 0.5 * (delta * delta)
     out[10] = delta
@@ -225,7 +233,8 @@ def touch_plane(
     The same for a shell and a rigid plane, whose free side is normal . x >= offset.
 
     `normal` (3,) of length 1, `offset` [m]. The torque out[6:9] is 0; the axis leads from the
-    shell into the plane, and the overlap along it is exact.
+    shell into the plane, and the overlap along it is exact. The contact point counts from the
+    centre of the shell.
     """
     return meet_plane(half_edge, borrowed(normal), offset, borrowed(xa), borrowed(ra),
                       borrowed(scratch.room), borrowed(out))

@@ -54,15 +54,15 @@ NORMAL = 33    # normals of B's faces in A's axes, x, y and z of all, (3, 24)
 HEIGHT = 105   # of a point along these, (24,)
 VALUE = 129    # of the corners of a polygon on a side, (8,)
 POLYGON = 137  # two polygons: x, y, z and depth of the corners, (2, 8, 4)
-SUMS = 201     # M_0, M_1, integrals of n, of p n, of x cross n, of p x cross n, (14,)
+SUMS = 201     # M_0, M_1, integrals of n, p n, x cross n, p x cross n, p x and p, (18,)
 # A pyramid gives a polygon 4 corners at most, and each of three sides of another one more.
 _ROOM, _NEXT, _CORNERS = 512, 32, 4
 # Faces, filled up with 0 to whole vectors.
 _FACES = 24
 FACE_NORMALS = np.concatenate([NORMALS, np.zeros((_FACES - 20, 3))]).T.ravel()
 # Places among the sums.
-M0, M1, S0, S1, T0, T1 = 0, 1, 2, 5, 8, 11
-SUM_COUNT = 14
+M0, M1, S0, S1, T0, T1, X1, P1 = 0, 1, 2, 5, 8, 11, 14, 17
+SUM_COUNT = 18
 # Among the marks: pairs of faces to look at; bit j of number i is set once pair i, j is there.
 _WAITING, _SEEN = 0, 400
 
@@ -215,6 +215,10 @@ def add_integrals(
     room[SUMS + S1] += nx * depth
     room[SUMS + S1 + 1] += ny * depth
     room[SUMS + S1 + 2] += nz * depth
+    room[SUMS + X1] += bx / 12.0
+    room[SUMS + X1 + 1] += by / 12.0
+    room[SUMS + X1 + 2] += bz / 12.0
+    room[SUMS + P1] += depth
     nx, ny, nz = nx / 3.0, ny / 3.0, nz / 3.0
     room[SUMS + T0] += ay * nz - az * ny
     room[SUMS + T0 + 1] += az * nx - ax * nz

@@ -24,6 +24,7 @@ from icofabric_sim.kernels.contact_surface import (
     add_all,
     M0,
     M1,
+    P1,
     S0,
     S1,
     SUM_COUNT,
@@ -104,7 +105,7 @@ def test_walk_over_polygons_leaves_none_out(kind):
         add_all(SCRATCH.room, *(ra.T @ (xb - xa)))
         # Areas give the scale of torques, which may be 0.
         zeroth, first = np.abs(sums[S0:S1]).max(), np.abs(sums[S1:T0]).max()
-        scales = [sums[M0], sums[M1]] + 3 * [zeroth] + 3 * [first] + 3 * [zeroth] + 3 * [first]
+        scales = [sums[M0], sums[M1]] + 2 * (3 * [zeroth] + 3 * [first]) + 4 * [sums[P1]]
         assert (np.abs(walked - sums) <= 1e-9 * np.array(scales)).all() and sums[M1] > 0.0
 
 
@@ -122,7 +123,7 @@ def test_bodies_push_each_other_alike(kind):
         swapped = touch(xb, rb, xa, ra)[1]
         assert (swapped[0:3] == -force).all() and (swapped[12:15] == -out[12:15]).all()
         assert (swapped[3:6] == out[6:9]).all() and (swapped[6:9] == out[3:6]).all()
-        assert (swapped[9:12] == out[9:12]).all()
+        assert (swapped[9:12] == out[9:12]).all() and (swapped[15:18] == out[15:18]).all()
 
 
 def test_motion_as_a_whole_turns_the_push_with_it():
@@ -137,6 +138,8 @@ def test_motion_as_a_whole_turns_the_push_with_it():
             assert moved[9:11] == pytest.approx(out[9:11], abs=1e-13)
             for k in (0, 3, 6):
                 assert moved[k:k + 3] == pytest.approx(turn @ out[k:k + 3], abs=1e-13)
+            # As well as it is known where there is little overlap.
+            assert moved[15:18] == pytest.approx(turn @ out[15:18], abs=1e-14 / out[10])
 
 
 @pytest.mark.parametrize('scale', [4.0 ** -5, 4.0 ** 5, 4.0 ** -40])
@@ -146,7 +149,7 @@ def test_lengths_times_a_power_of_two_give_the_same_bits(scale):
         xa, ra, xb, rb = overlapping(kind, rng, low=-10.0)
         out = touch(xa, ra, xb, rb)[1]
         other = touch(scale * xa, ra, scale * xb, rb, half_edge=scale)[1]
-        powers = np.array([1] * 3 + [2] * 7 + [1] * 2 + [0] * 4)
+        powers = np.array([1] * 3 + [2] * 7 + [1] * 2 + [0] * 3 + [1] * 3)
         assert (other == out * scale ** powers).all() and out[10] > 0.0
         floor = touch_floor((0.0, 0.0, 1.0), -1.4, ORIGIN, ra)[1]
         other = touch_floor((0.0, 0.0, 1.0), -1.4 * scale, ORIGIN, ra, half_edge=scale)[1]
