@@ -23,7 +23,7 @@ from icofabric_sim.integrators.pair import (
 from icofabric_sim.integrators.splitting import NEVER
 from icofabric_sim.kernels import monitor
 from icofabric_sim.kernels.drives import place_driven
-from icofabric_sim.kernels.records import Loads, Meter, State, Trail, Watch
+from icofabric_sim.kernels.records import Loads, Meter, State, Trail
 from icofabric_sim.memory import Memory
 from icofabric_sim.stepper import Stepper
 from icofabric_sim.watched_line import FREE_STEP
@@ -36,6 +36,10 @@ _LOOSE, _LOOSE_AIM = 1e-6, 0.3
 _FIRST_STEP = 0.5
 # The shortest, in parts of that.
 _SHORTEST_PART = 1e-9
+# Squared radians of a contact in which a kink may lie, beside the tolerance for a radian; at most.
+_KINK, _LARGEST_KINK = 1e3, 1e-4
+# Rounding of forces of contacts as it shows in the estimate of the error, or somewhat more.
+_NOISE = float(np.finfo(float).eps)
 # No limit of a length [s], and no wish for an accuracy: as large as a checkpoint may hold.
 ANY = 1e300
 # Slopes of a step that states within it need, but for those that dense output adds to them.
@@ -193,9 +197,9 @@ class AdaptiveStepper(Stepper):
         """
         trail, length = self._trail, float(self.control[pair.LENGTH])
         if not self._has_dense:
-            loads = self._scratch_loads()
+            loads, watch = self._scratch_loads(), self._watching(aside=True)
             self.crew.run(lambda team: prepare_dense(
-                DOP8, self.model, loads, self.work, team, trail, self.time, length))
+                DOP8, self.model, loads, self.work, team, trail, watch, self.time, length))
             self._has_dense = True
             self._require_outside()
 
@@ -331,9 +335,35 @@ class AdaptiveStepper(Stepper):
         fastest = max(rate, 1.0 / FREE_STEP) ** -2
         control[pair.SCALES:] = size, 4.0 if self.state.orientation.ndim == 2 else 0.5, (
             size * fastest), fastest
+        self._follow_contacts()
         self.ledger[monitor.HIGH], self.ledger[monitor.LOW] = math.inf, 0.0
         self.accuracy.looks_left = NEVER
         self.step = self.step or first
+
+    def _follow_contacts(self) -> None:
+        """
+        Errors and ways decide; but at first touch forces have a kink.
+
+        In a step of length h with a kink a velocity v errs by about (w h)^2 v, w the frequency of
+        the contact: at the length below by less than the part of a that the tolerance allows in
+        a few hundred radians of it. And the last bits of positions make noise in large forces.
+        """
+        control = self.control
+        control[pair.KINK] = control[pair.FLOOR] = 0.0
+        if self.watch is None or self.watch.contacts is None:
+            return
+        rate = math.sqrt(self.watch.least_rate)
+        part = min(_KINK * control[pair.TOLERANCE] / rate, _LARGEST_KINK)
+        control[pair.KINK] = math.sqrt(part) / rate
+        noise = self.watch.setup.stiffness * self.model.inverse_mass * self._extent()
+        # As errors of velocities count.
+        control[pair.FLOOR] = _NOISE * noise * math.sqrt(control[pair.SCALES + 2])
+
+    def _extent(self) -> float:
+        """
+        Largest coordinate [m] of a body.
+        """
+        return float(np.abs(self.state.position[:, self.packed.layout.slot]).max(initial=0.0))
 
     def _first_step(self) -> float:
         rate = self._fastest()
@@ -349,8 +379,7 @@ class AdaptiveStepper(Stepper):
         control[pair.GOAL] = goal
         before = int(control[pair.LENGTH] > 0.0)
         self._has_dense = False
-        reach = math.inf if self.watch is None else self.watch.reach
-        watch = None if self.watch is None else Watch(self.watch.reference, reach)
+        watch = self._watching()
         self.ledger[monitor.SAVED_AT] = -1.0
         status, done, self._since_check = self.crew.run(
             lambda team: adaptive_pair(

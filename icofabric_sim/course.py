@@ -11,9 +11,9 @@ from typing import Any
 from icofabric_sim.adaptive_stepper import AdaptiveStepper
 from icofabric_sim.breaking_stepper import BreakingStepper
 from icofabric_sim.broken import Broken
+from icofabric_sim.contact_watch import ContactWatch
 from icofabric_sim.crew import Crew
 from icofabric_sim.faults import too_fast
-from icofabric_sim.icosahedron import inscribed_radius
 from icofabric_sim.initial import InitialState
 from icofabric_sim.inputs import Inputs, Key, Wrench
 from icofabric_sim.integrators.automatic import Choice, choose_method
@@ -29,7 +29,6 @@ from icofabric_sim.model import (
     PackedScene,
 )
 from icofabric_sim.obstruction import Obstruction
-from icofabric_sim.proximity import ProximityWatch
 from icofabric_sim.scene import Scene
 from icofabric_sim.stability import largest_frequency, with_anchors
 from icofabric_sim.stepper import Stepper
@@ -54,10 +53,9 @@ class Course:
         self.changes = 0
         self._stale_loads = False
         parameters = scene.parameters
-        watch = None
-        if parameters['contact.mode'] != 'never':
-            watch = ProximityWatch(
-                2.0 * inscribed_radius(scene.geometry.half_edge), packed.layout)
+        crew, watch = Crew(parameters['solver.threads'], packed), None
+        if packed.contact is not None:
+            watch = ContactWatch(packed.contact, packed.layout, packed.model, crew.size)
         # Name of the method in METHODS, and why it was chosen.
         self.method = Choice(parameters['solver.method'], 'given as solver.method')
         loads = self._loads()
@@ -80,7 +78,8 @@ class Course:
                 fixed_ratio=fixed * frequency.rate if fixed > 0.0 else None,
                 kinked=scene.connectors.laws.kinked or bool(scene.connectors.tables.tables)
                 or packed.model.wrapping is not None,
-                strain=expected_strain(scene, liveliness, frequency.rate))
+                strain=expected_strain(scene, liveliness, frequency.rate),
+                contact='' if packed.contact is None else packed.contact.expected)
             # With the room that this method needs.
             loads = self._loads()
         method = METHODS[self.method.name]
@@ -102,7 +101,7 @@ class Course:
                 energy_limit=parameters['solver.energy_limit'],
                 load_rate=self._load_rate(loads),
                 half_edge=scene.geometry.half_edge,
-                crew=Crew(parameters['solver.threads'], packed),
+                crew=crew,
                 watch=watch,
                 broken=Broken(packed),
                 obstruction=Obstruction(parameters['connector.obstruction'], packed),

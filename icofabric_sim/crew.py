@@ -14,7 +14,8 @@ import os
 from typing import TypeVar
 import weakref
 
-from icofabric_sim.kernels.records import Team
+from icofabric_sim.kernels.contact_surface import contact_scratch, Scratch
+from icofabric_sim.kernels.records import Sweep, Team
 from icofabric_sim.kernels.team import FLAG_COUNT
 from icofabric_sim.model import PackedScene
 from icofabric_sim.sweep import make_sweeps
@@ -63,16 +64,39 @@ class Crew:
         """
         self.size = size_for(wanted, packed.layout.body_count)
         self._flags = np.zeros(FLAG_COUNT, np.int64)
-        self._sweeps = make_sweeps(
+        self._packed = packed
+        self._rooms: list[Scratch | None] = [None] * self.size
+        # The same blocks in another order, where all bodies drift before one is pushed.
+        self._together: list[Sweep] | None = None
+        self._apart = self._sweeps = make_sweeps(
             packed.layout, packed.model.links, self.size,
             together=packed.model.coulomb is not None)
         self._pool: ThreadPoolExecutor | None = None
+
+    def meet(self, wanted: bool) -> None:
+        """
+        Whether there are contacts: then all bodies drift before one is pushed.
+        """
+        if not wanted:
+            self._sweeps, self._rooms = self._apart, [None] * self.size
+            return
+        if self._together is None:
+            self._together = make_sweeps(
+                self._packed.layout, self._packed.model.links, self.size, together=True)
+        self._sweeps = self._together
+        self._rooms = [contact_scratch() for _ in range(self.size)]
+
+    def alone(self) -> Team:
+        """
+        What kernels know of a team of one.
+        """
+        return Team(0, 1, self._flags, self._sweeps[0], self._rooms[0])
 
     def team(self, member: int) -> Team:
         """
         What kernels know of the crew, in the thread `member`.
         """
-        return Team(member, self.size, self._flags, self._sweeps[member])
+        return Team(member, self.size, self._flags, self._sweeps[member], self._rooms[member])
 
     def run(self, work: Callable[[Team], Result]) -> Result:
         """

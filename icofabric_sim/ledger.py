@@ -62,7 +62,8 @@ class Ledger:
         Forget the past: the state has jumped.
         """
         self.numbers[[
-            monitor.EARLIER_WORK, monitor.SCALE, monitor.WORST, monitor.LOST]] = 0.0
+            monitor.EARLIER_WORK, monitor.SCALE, monitor.WORST, monitor.LOST,
+            monitor.DEEPEST_EVER]] = 0.0
         self.numbers[monitor.LIVELY] = self.numbers[monitor.ROUGH_LIMIT] = math.inf
         self.numbers[[monitor.REGULAR, monitor.ROUGHEST]] = 0.0
         self.numbers[monitor.ROUGH] = -1.0
@@ -103,7 +104,7 @@ class Ledger:
         """
         Go on from there; limit and size are those of the scene.
         """
-        kept = [monitor.LIMIT, monitor.INVERSE_SIZE]
+        kept = [monitor.LIMIT, monitor.INVERSE_SIZE, monitor.DEEPEST_LIMIT]
         numbers = memory.array('numbers', self.numbers.shape).copy()
         numbers[kept] = self.numbers[kept]
         np.copyto(self.numbers, numbers)

@@ -11,11 +11,13 @@ import math
 from typing import Any
 
 from icofabric_sim.broken import Broken
+from icofabric_sim.contact_watch import ContactWatch
 from icofabric_sim.crew import Crew
 from icofabric_sim.integrators.methods import Method
 from icofabric_sim.integrators.splitting import NEVER
 from icofabric_sim.kernels import monitor
 from icofabric_sim.kernels.anchors import look_at_anchors
+from icofabric_sim.kernels.contacts import touch_all
 from icofabric_sim.kernels.drives import energy_of_drives
 from icofabric_sim.kernels.flows import keep_accelerations, place_all
 from icofabric_sim.kernels.lanes import LANES
@@ -26,7 +28,6 @@ from icofabric_sim.ledger import Ledger
 from icofabric_sim.memory import Memory
 from icofabric_sim.model import acting_lanes, PackedScene
 from icofabric_sim.obstruction import Obstruction
-from icofabric_sim.proximity import ProximityWatch
 import numpy as np
 
 
@@ -54,7 +55,7 @@ class MainLine:
         energy_limit: float,
         half_edge: float,
         crew: Crew,
-        watch: ProximityWatch | None,
+        watch: ContactWatch | None,
         broken: Broken,
         obstruction: Obstruction,
     ) -> None:
@@ -81,6 +82,8 @@ class MainLine:
         self.half_edge = half_edge
         self.ledger = Ledger(packed, energy_limit)
         self.ledger[monitor.INVERSE_SIZE] = half_edge**-2
+        self.ledger[monitor.DEEPEST_LIMIT] = math.inf if watch is None else watch.deepest
+        self.ledger[monitor.TOLD_LIMIT] = math.inf if watch is None else watch.told
         self._saved = packed.layout.like(state)
         self._saved_time = origin
         self._side: tuple[State, np.ndarray] | None = None
@@ -90,6 +93,8 @@ class MainLine:
         self._potential_start = 0.0
         # Energy [J] of the anchors in the state that was shown last.
         self.anchor_energy = 0.0
+        # And of the contacts.
+        self.contact_energy = 0.0
         self._failure: SimulationError | None = None
 
     @property
@@ -140,7 +145,7 @@ class MainLine:
         np.copyto(acceleration, self.work.acceleration)
         loads = loads or self._scratch_loads()
         work = self._scratch_work()._replace(acceleration=acceleration)
-        self._advance(loads, state, work, self.time, 0, step, count, 0, NEVER, math.inf)
+        self._advance(loads, state, work, self.time, 0, step, count, 0, NEVER, aside=True)
         self._spent_aside, self._given_aside = flowed(work.spent), flowed(work.given)
         return state
 
@@ -150,7 +155,8 @@ class MainLine:
         """
         loads = self._scratch_loads()
         self._advance(
-            loads, self.state, self._scratch_work(), self.time, 0, step, count, 0, NEVER, math.inf)
+            loads, self.state, self._scratch_work(), self.time, 0, step, count, 0, NEVER,
+            aside=True)
         look(self.state)
         self._restore()
 
@@ -210,6 +216,9 @@ class MainLine:
         for name, state in (('state', self.state), ('saved', self._saved)):
             self._take_back(state, memory.part(name))
         self.ledger.recall(memory.part('ledger'))
+        if self.watch is not None:
+            self.watch.recall(memory.part('watch'))
+            self._follow_watch()
         self._refresh()
         if self._keeps_accelerations:
             self.work.acceleration[:, layout.slot] = memory.array(
@@ -223,8 +232,6 @@ class MainLine:
             meter.done[:, layout.slot] = memory.array(name, (layout.body_count, 2)).T
         if self.work.given is not None:
             self._potential_start = memory.number('potential_start')
-        if self.watch is not None:
-            self.watch.recall(memory.part('watch'))
 
     @property
     def _keeps_accelerations(self) -> bool:
@@ -271,6 +278,7 @@ class MainLine:
         self._note_anchors(state, time)
 
     def _note_anchors(self, state: State, time: float) -> None:
+        self.contact_energy = 0.0 if self.watch is None else self.watch.energy(state)
         if self.loads is not None and self.loads.anchors is not None:
             _, energy = look_at_anchors(self.model, self.loads, state, time)
             self.anchor_energy = float(energy)
@@ -320,13 +328,30 @@ class MainLine:
 
     def _advance(
         self, loads: Loads | None, state: State, work: Work, origin: float, index: int,
-        step: float, count: int, since_check: int, interval: int, reach: float,
+        step: float, count: int, since_check: int, interval: int, *, aside: bool = False
     ) -> tuple[int, int, int]:
-        watch = None if self.watch is None else Watch(self.watch.reference, reach)
+        watch = self._watching(aside=aside)
         return self.crew.run(
             lambda team: self.method.advance(
                 self.model, loads, state, self._saved, work, team, origin, index, step, count,
                 since_check, interval, watch, self.ledger.numbers))
+
+    def _watching(self, *, aside: bool = False) -> Watch | None:
+        """
+        What kernels look out for; `aside`: nobody asks what they saw.
+        """
+        if self.watch is None:
+            return None
+        return self.watch.aside if aside else self.watch.watch
+
+    def _follow_watch(self) -> None:
+        """
+        Compute the contacts that the watch knows of from now on, and no others.
+        """
+        if self.watch is not None:
+            self.model = self.model._replace(contacts=self.watch.contacts)
+            self.crew.meet(self.watch.contacts is not None)
+            self.ledger[monitor.CONTACT_RATE] = self.watch.rate
 
     def _refresh(self) -> None:
         """
@@ -334,6 +359,10 @@ class MainLine:
         """
         last = len(self.model.blocks.slot)
         place_all(self.model, self.state, self.work, 0, last)
+        if self.model.contacts is not None:
+            touch_all(
+                self.model.contacts, self.state.position, self.state.orientation,
+                self.crew.alone())
         keep_accelerations(self.model, self.state, self.work, self.time, 0, last)
 
     def _save(self, time: float | None = None) -> None:

@@ -13,6 +13,7 @@ from icofabric_sim.attachments import are_given, pack_shells
 from icofabric_sim.body_force import BodyForce
 from icofabric_sim.connector_laws import ConnectorTables
 from icofabric_sim.connector_moments import pack_moments
+from icofabric_sim.contact_setup import ContactSetup, pack_contact
 from icofabric_sim.damping import pack_damping
 from icofabric_sim.driving import DrivePack
 from icofabric_sim.kernels.lanes import LANES
@@ -76,6 +77,7 @@ class PackedScene:
     breakage: Breakage | None
     body_force: BodyForce | None
     external: External | None
+    contact: ContactSetup | None
 
     @property
     def spends(self) -> bool:
@@ -142,7 +144,7 @@ def pack_scene(
     return PackedScene(
         model, layout, connectors, resisting.moments, scene.connectors.tables,
         gravity if gravity.any() else None, electric.force if electric.force.any() else None,
-        velocity_rate(model), breakage, body_force, external)
+        velocity_rate(model), breakage, body_force, external, pack_contact(scene, fall))
 
 
 def velocity_rate(model: Model) -> float:

@@ -60,7 +60,7 @@ class Status(NamedTuple):
     balance_worst: float  # the largest so far
     energy_limit: float = math.inf  # what it may be before the run stops
     loads_waiting: int = 0  # wrenches whose stamp lies ahead
-    contacts: int = 0  # not built yet
+    contacts: int = 0  # pairs that touched at the last look
     breaks: int = 0  # connectors that have broken
     obstruction: str = ''  # the first connector in its own shell
     obstructed: int = 0  # ends of connectors in their own shells
@@ -83,6 +83,7 @@ def figures(simulation: Simulation) -> dict[str, Any]:
         'breaks': simulation.broken_count,
         'obstruction': simulation.obstruction,
         'obstructed': simulation.obstructed_ends,
+        'contacts': simulation.contact_count,
         'proximity': '' if proximity is None else str(proximity),
         'method': simulation.method_name,
         'tolerance': simulation.scene.parameters['solver.tolerance'],

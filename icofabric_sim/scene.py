@@ -34,6 +34,7 @@ from icofabric_sim.named_files import NamedFile, reading
 from icofabric_sim.parameter_file import load_parameter_file
 from icofabric_sim.parameter_text import flatten_parameters
 from icofabric_sim.parameters import make_parameters, ParameterError, Parameters
+from icofabric_sim.planes import make_planes
 from icofabric_sim.profiles import check_profile
 from icofabric_sim.radial import bend, check_radius
 from icofabric_sim.region import make_region
@@ -283,6 +284,7 @@ def _check_together(parameters: Parameters) -> tuple[Shell, WeaveGeometry]:
             _check_group(parameters, f'{family}.{name}.group')
     for name in parameters.names('supports'):
         _fixed(parameters, name)
+    make_planes(parameters)
     for family in ('loads', 'tractions'):
         for name in parameters.names(family):
             check_profile(parameters, f'{family}.{name}')

@@ -258,12 +258,18 @@ STATIC: tuple[Specification, ...] = (
         'contact.mode',
         'auto',
         '',
-        'never: no contact and no warning; auto: until contact is built, warns once'
-        ' when two centres come closer than twice the inscribed radius',
-        choices=('never', 'auto'),
-        unbuilt_choices=('always',),
+        'never: shells pass through each other; always; auto: computed only while shells can '
+        'touch, with the same result as always',
+        choices=('never', 'always', 'auto'),
     ),
-    _s('contact.stiffness', 0.0, 'N/m', "0: the scene's own scale", **_NOT_BUILT),
+    _s(
+        'contact.stiffness',
+        0.0,
+        'N/m',
+        "between shells, and shells and planes: energy K d^2 / 2 at the overlap d; 0: the scene's "
+        'own scale, for overlaps below 1 % of a',
+        minimum=0.0,
+    ),
     _s('contact.damping', 0.0, 'N s/m', 'damping of contacts', **_NOT_BUILT),
     _s('contact.friction', 0.0, '', 'Coulomb friction of contacts', **_NOT_BUILT),
     _s(
@@ -563,6 +569,10 @@ FAMILIES: dict[str, tuple[Specification, ...]] = {
             'weave',
         ),
     ),
+    'planes': (
+        _s('normal', _ZERO3, '', 'of a rigid plane, towards its free side', required=True),
+        _s('offset', 0.0, 'm', 'the free side is normal . x >= offset'),
+    ),
     'anchors': (
         _s('body', 0, '', 'number of the body', minimum=0),
         _s(
@@ -598,6 +608,6 @@ FAMILIES: dict[str, tuple[Specification, ...]] = {
 }
 
 # Families of the contract whose effect is not built yet: refused by name, whatever their fields.
-UNBUILT_FAMILIES = ('planes',)
+UNBUILT_FAMILIES: tuple[str, ...] = ()
 
 BY_NAME: dict[str, Specification] = {entry.name: entry for entry in STATIC}

@@ -11,6 +11,7 @@ import operator
 
 from icofabric_sim.body_force import as_body_force, BodyForce, Force
 from icofabric_sim.checkpoint import Checkpoint
+from icofabric_sim.contact_watch import Overlap
 from icofabric_sim.course import Course
 from icofabric_sim.driving import PREFIX
 from icofabric_sim.given_state import complete_state
@@ -22,7 +23,6 @@ from icofabric_sim.ledger import EnergyBalance
 from icofabric_sim.main_line import SimulationError
 from icofabric_sim.memory import Memory
 from icofabric_sim.model import pack_scene
-from icofabric_sim.proximity import Proximity
 from icofabric_sim.scene import Scene
 from icofabric_sim.snapshot import Snapshot
 import numpy as np
@@ -152,12 +152,34 @@ class Simulation:
         return self._stepper.crew.size
 
     @property
-    def proximity(self) -> Proximity | None:
+    def proximity(self) -> Overlap | None:
         """
-        The first two bodies that came closer than their shells allow, if any.
+        The first two shells that overlapped by more than contact is meant for, if any.
         """
         watch = self._stepper.watch
         return None if watch is None else watch.found
+
+    @property
+    def contact_count(self) -> int:
+        """
+        Pairs of shells, and shells and planes, that touched when the state was looked at.
+        """
+        return int(self._stepper.ledger[monitor.TOUCHING])
+
+    @property
+    def deepest_overlap(self) -> float:
+        """
+        Deepest overlap [m] of shells in contact at any look so far.
+        """
+        return self._stepper.ledger[monitor.DEEPEST_EVER]
+
+    @property
+    def contact_tests(self) -> int:
+        """
+        Pairs that were looked at in all evaluations of the forces so far.
+        """
+        watch = self._stepper.watch
+        return 0 if watch is None else watch.count_tests()
 
     @property
     def broken_count(self) -> int:
@@ -438,7 +460,7 @@ class Simulation:
             'work_in': stepper.work_at_state(), 'spent': stepper.spent_at_state(),
             'start': stepper.ledger[monitor.BASE],
             'lost_at_breaks': stepper.ledger[monitor.LOST], 'potential': 0.0,
-            'anchors': stepper.anchor_energy}
+            'anchors': stepper.anchor_energy, 'contact': stepper.contact_energy}
         if force is not None and force.potential is not None:
             books['potential'] = force.energy(self.time, state.position, state.orientation)
             books['start'] += stepper.potential_start

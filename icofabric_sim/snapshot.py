@@ -141,7 +141,7 @@ class Snapshot:
             + 0.5 * inertia * float((self.angular_velocity**2).sum()),
             'connectors': 0.0,
             'gravity': 0.0,
-            'contact': 0.0,
+            'contact': self.ledger.get('contact', 0.0),
             'field': self._field_energy(),
         }
         connectors = self.packed.connectors

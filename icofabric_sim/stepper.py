@@ -138,14 +138,13 @@ class Stepper(WatchedLine):
         return max(1, _CALL_WORK // (size * self.method.stages))
 
     def _call(self, step: float, count: int) -> int:
-        reach = math.inf if self.watch is None else self.watch.reach
         start, self.ledger[monitor.SAVED_AT] = self.index, -1.0
         before = self._since_check
         # A step of another length is cut to end at an input.
         origin, index = (self.origin, self.index) if step == self.step else (self.time, 0)
         status, done, self._since_check = self._advance(
             self.loads, self.state, self.work, origin, index, step, count, before,
-            self.look_interval, reach)
+            self.look_interval)
         self._require_outside()
         saved_at = int(self.ledger[monitor.SAVED_AT])
         if step == self.step:

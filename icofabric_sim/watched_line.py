@@ -9,6 +9,7 @@ import math
 from typing import Any
 
 from icofabric_sim.broken import Broken
+from icofabric_sim.contact_watch import ContactWatch, LOOK_AFTER
 from icofabric_sim.crew import Crew
 from icofabric_sim.faults import find_fault, too_fast, unsafe_step
 from icofabric_sim.integrators.methods import Method
@@ -20,7 +21,6 @@ from icofabric_sim.main_line import MainLine, SimulationError
 from icofabric_sim.memory import Memory
 from icofabric_sim.model import PackedScene
 from icofabric_sim.obstruction import Obstruction
-from icofabric_sim.proximity import ProximityWatch
 from icofabric_sim.stability import (
     fastest_motion,
     Frequency,
@@ -66,7 +66,7 @@ class WatchedLine(MainLine):
         load_rate: float,
         half_edge: float,
         crew: Crew,
-        watch: ProximityWatch | None,
+        watch: ContactWatch | None,
         broken: Broken,
         obstruction: Obstruction,
     ) -> None:
@@ -84,7 +84,7 @@ class WatchedLine(MainLine):
             differences=self._differences, energy_limit=energy_limit, half_edge=half_edge,
             crew=crew, watch=watch, broken=broken,
             obstruction=obstruction)
-        self.load_rate, self.frequency = load_rate, frequency
+        self.load_rate, self._fabric = load_rate, frequency
         self.accuracy = Accuracy(self, tolerance, half_edge)
         self._since_check = 0
         self.look_interval = max(CHECK_INTERVAL // method.stages, 1)
@@ -101,6 +101,15 @@ class WatchedLine(MainLine):
         self._start(exact=False)
 
     @property
+    def frequency(self) -> Frequency:
+        """
+        Largest frequency of the configuration looked at last, with what contacts can make of it.
+        """
+        if self.watch is None or self.watch.rate == 0.0:
+            return self._fabric
+        return self._fabric._replace(rate=math.sqrt(self._fabric.rate**2 + self.watch.rate))
+
+    @property
     def limit(self) -> float:
         """
         Stability limit of the step [s] in the configuration looked at last.
@@ -113,11 +122,10 @@ class WatchedLine(MainLine):
         Compute the accelerations, the frequency and the step anew: the state has jumped.
         """
         place_driven(self.model, self.loads, self.state, self.time)
+        self._look_for_contacts(self.time)
         self._refresh()
         for meter in self._meters().values():
             meter.done[:] = 0.0
-        if self.watch is not None:
-            self.watch.look(self.time, self.state.position)
         self.ledger.restart()
         self.ledger[monitor.OBSTRUCTED_LIMIT] = (
             0.0 if self.obstruction.looks_out else math.inf)
@@ -127,6 +135,7 @@ class WatchedLine(MainLine):
         self._read_rates(exact=exact)
         # So does the first look of the run.
         self.ledger[monitor.UNTIL_OBSTRUCTED] = 0.0
+        self._require_room()
         self.ledger.open(self.state, self._moving(self.state))
         force = self.packed.body_force
         if force is not None:
@@ -155,6 +164,7 @@ class WatchedLine(MainLine):
         """
         self.step_count, self.accuracy.total = 0, 0.0
         self.obstruction.found = ''
+        self.ledger[monitor.TOLD_LIMIT] = math.inf if self.watch is None else self.watch.told
         if self.watch is not None:
             self.watch.forget()
 
@@ -211,7 +221,7 @@ class WatchedLine(MainLine):
             'look_interval': self.look_interval,
             'returned_to': self._returned_to,
             'load_rate': self.load_rate,
-            'frequency': self.frequency.rate,
+            'frequency': self._fabric.rate,
             'accuracy': self.accuracy.memory(),
         }
         if self._is_in_window:
@@ -230,7 +240,7 @@ class WatchedLine(MainLine):
         self._since_check = memory.count('since_check', 0, self.look_interval - 1)
         self._returned_to = memory.number('returned_to', finite=False)
         self.load_rate = memory.number('load_rate', 0.0, finite=False)
-        self.frequency = Frequency(memory.number('frequency', 0.0, finite=False), (), 0)
+        self._fabric = Frequency(memory.number('frequency', 0.0, finite=False), (), 0)
         self.accuracy.recall(memory.part('accuracy'))
         self._measured = None
         if self._is_in_window:
@@ -283,9 +293,10 @@ class WatchedLine(MainLine):
             self._fail_unbalanced(time)
         if status & monitor.OBSTRUCTING:
             self._meet_obstruction(time)
-        if status & monitor.MOVED_FAR and self.watch is not None:
-            self.watch.look(time, self.state.position)
-            self.watch.announce()
+        if status & (monitor.TOO_DEEP | monitor.DEEP):
+            self._meet_overlap(time, stop=bool(status & monitor.TOO_DEEP))
+        if status & (monitor.MOVED_FAR | monitor.MISSED):
+            self._look_again(time, missed=bool(status & monitor.MISSED))
         if status & (monitor.RATE_HIGH | monitor.RATE_LOW):
             self._read_rates()
             if not self.fixed:
@@ -311,9 +322,88 @@ class WatchedLine(MainLine):
                 f'{self.obstruction.found}, and connector.obstruction is stop; warn lets it pass '
                 f'through. The state of t = {self._saved_time:.9g} s is kept')
 
+    def _look_for_contacts(self, time: float) -> None:
+        """
+        Find what can touch from the present state on at `time` [s].
+        """
+        if self.watch is None:
+            return
+        step, steps, before = self.step, 1.0, self.ledger[monitor.CONTACT_RATE]
+        if not self.fixed:
+            steps = LOOK_AFTER / self.method.stages
+            rate = self._fabric.rate + self.packed.velocity_rate
+            step = self.method.chosen / math.hypot(rate, math.sqrt(self.watch.least_rate))
+        self.watch.look(time, self.state, step, steps)
+        self._follow_watch()
+        # The bound that was found at the last look, with the contacts of now.
+        ledger = self.ledger
+        spin = ledger[monitor.SPIN_WEIGHT] * ledger[monitor.SPIN]
+        fabric = max((ledger[monitor.RATE] - spin) ** 2 - before, 0.0)
+        ledger[monitor.RATE] = math.sqrt(fabric + self.watch.rate) + spin
+
+    def _look_again(self, time: float, *, missed: bool) -> None:
+        """
+        Bodies have moved far: find what can touch now, and follow it with the step.
+        """
+        if self.watch is None:
+            return
+        if missed:
+            self.watch.miss()
+        self._look_for_contacts(time)
+        if not self.fixed:
+            self._follow_contacts()
+        self.watch.pace(self.step, self.method.stages)
+        self._require_safe_step(time)
+
+    def _follow_contacts(self) -> None:
+        """
+        Choose the step anew: contacts have begun, or are over, or bodies have become fast.
+        """
+        self._choose_step()
+
+    def _require_room(self) -> None:
+        """
+        Refuse a start in which shells overlap by far; note one in which they overlap.
+        """
+        if self.watch is None:
+            return
+        if self.ledger[monitor.DEEPEST] > self.ledger[monitor.DEEPEST_LIMIT]:
+            self._fail(
+                f'{self.watch.note(self.time, self.state)}; move them apart, or set contact.mode '
+                'never')
+        if self.ledger[monitor.DEEPEST] > self.ledger[monitor.TOLD_LIMIT]:
+            self.ledger[monitor.TOLD_LIMIT] = math.inf
+            self.watch.found = self.watch.found or self.watch.note(self.time, self.state)
+
+    def _meet_overlap(self, time: float, *, stop: bool) -> None:
+        """
+        Say once that shells overlap by more than they should, or stop.
+        """
+        if self.watch is None:
+            return
+        found = self.watch.note(time, self.state)
+        if not stop:
+            self.ledger[monitor.TOLD_LIMIT] = math.inf
+            self.watch.found = self.watch.found or found
+            self.watch.announce()
+            return
+        self._return_to_saved()
+        self._fail(
+            f'{found}, which is more than a fifth of the inscribed radius '
+            f'({self.ledger[monitor.DEEPEST_LIMIT]:.3g} m): they might pass through each other. '
+            f'Give a larger contact.stiffness than {self.watch.setup.stiffness:.4g} N/m; the last '
+            f'good state, of t = {self._saved_time:.9g} s, is kept')
+
     def _require_safe_step(self, time: float) -> None:
         if not self.fixed or self.step <= self.limit:
             return
+        if self.watch is not None and self.step <= self.method.stability / max(
+                self._fabric.rate + self.packed.velocity_rate, 1e-300):
+            self._fail(
+                f'solver.step {self.step!r} s is too long for what touches, or may, from t = '
+                f'{time:.9g} s on: with a contact stiffness of {self.watch.setup.stiffness:.4g} '
+                f'N/m the stability limit is {self.limit:.6g} s; start again with a smaller step, '
+                'with 0 to have it chosen, or with a smaller contact.stiffness')
         frequency = self._largest_frequency(locate=True)
         self._fail(unsafe_step(self.step, self.limit, frequency, time))
 
@@ -352,7 +442,7 @@ class WatchedLine(MainLine):
         Exact largest frequency, and the cheap bound beside it for later comparison.
         """
         if exact:
-            self.frequency = self._largest_frequency()
+            self._fabric = self._largest_frequency()
         ledger = self.ledger
         ledger[monitor.HIGH], ledger[monitor.LOW], ledger[monitor.SPIN_WEIGHT] = math.inf, 0.0, 1.0
         monitor.examine(
@@ -376,6 +466,8 @@ class WatchedLine(MainLine):
         """
         rate = self._fastest()
         if self.fixed:
+            if self.watch is not None:
+                self.watch.pace(self.step, self.method.stages)
             if probe:
                 self.accuracy.measure_only(self.step, rate)
             elif self.accuracy.is_new:
@@ -388,6 +480,8 @@ class WatchedLine(MainLine):
         if not rate > 0.0:
             step, rate = FREE_STEP, chosen / FREE_STEP
         cap = chosen / rate
+        if self.watch is not None:
+            cap = min(cap, self.watch.longest_step)
         if not SHORTEST * min(cap, self.accuracy.step) <= step <= LONGEST * cap:
             step = rounded_down(min(cap, self.accuracy.step))
         if probe or self.accuracy.is_new or self.load_rate > self.accuracy.load_rate:
@@ -399,6 +493,8 @@ class WatchedLine(MainLine):
         if step != self.step:
             self.origin, self.index, self.step = self.time, 0, step
             self.ledger[monitor.REGULAR] = 0.0
+        if self.watch is not None:
+            self.watch.pace(step, self.method.stages)
         # Above the first the exact value is computed again once the bound has grown; near the
         # limit of the method at every look.
         ledger = self.ledger
@@ -409,4 +505,4 @@ class WatchedLine(MainLine):
     def _fastest(self) -> float:
         return fastest_motion(
             self.packed, self.state, self.frequency.rate, self.ledger[monitor.SPIN],
-            self.load_rate, None if self.watch is None else self.watch.limit)
+            self.load_rate, None if self.watch is None else self.watch.passing)

@@ -41,6 +41,7 @@ FOLDED = {
 def everything(size=(3, 3, 3), **changes):
     return make_scene(size, {
         'solver.tolerance': 1e-4, 'solver.energy_limit': 1e3, 'loads.follower.hold': 0.003,
+        'contact.mode': 'never',
         **{name.replace('__', '.'): value for name, value in changes.items()}}, **EVERYTHING)
 
 
@@ -349,7 +350,8 @@ def test_a_question_about_the_error_leaves_no_trace():
 
 def test_goes_on_where_proximity_was_told_without_telling_it_again(caplog):
     scene = make_scene((3, 3, 3), {
-        'initial_random.velocity_sigma': 0.5, 'initial_random.spin_sigma': 50.0})
+        'initial_random.velocity_sigma': 0.5, 'initial_random.spin_sigma': 50.0,
+        'contact.stiffness': 2e4})
     run = ico.compile_scene(scene)
     run.advance_to(0.005)
     before = run.checkpoint()

@@ -297,12 +297,12 @@ def test_record_path_of_the_scene_is_used(call: Callable[..., Result], tmp_path:
 def test_overlap_is_said_once_and_in_the_summary(call: Callable[..., Result]) -> None:
     crash = ['-p', 'bodies.a.position:=[1.0, 0.0, 0.0]', '-p',
              'bodies.b.position:=[1.1, 0.0, 0.0]', '-p',
-             'bodies.a.linear_velocity:=[1.0, 0.0, 0.0]']
+             'bodies.a.linear_velocity:=[1.0, 0.0, 0.0]', '-p', 'contact.stiffness:=1e4']
     result = call('run', 'free_slab', *SMALL, *crash, '--duration', '0.2', '--record', 'bag')
     assert result.status == 0
-    assert result.err.count('bodies 14 and 15 came within') == 1
-    assert re.search('^overlap +bodies 14 and 15 came within', result.out, re.MULTILINE)
-    assert 'bodies 14 and 15' in summarise_bag('bag').proximity
+    assert result.err.count('body 14 and body 15 overlap by') == 1
+    assert re.search('^overlap +body 14 and body 15 overlap', result.out, re.MULTILINE)
+    assert 'body 14 and body 15' in summarise_bag('bag').proximity
 
 
 def test_failure_exits_with_1_and_keeps_the_record(call: Callable[..., Result]) -> None:

@@ -19,6 +19,7 @@ MEMBERS = {
     'tractions': {'tractions.m.group': 'all'},
     'drives': {'drives.m.group': 'all'},
     'anchors': {'anchors.m.position': [9.0, 9.0, 9.0]},
+    'planes': {'planes.m.normal': [0.0, 0.0, 1.0]},
     'initial': {'initial.m.group': 'all'},
     'bodies': {'bodies.m.position': [9.0, 9.0, 9.0]},
 }
@@ -248,8 +249,7 @@ def test_required_fields(family, missing):
 
 def test_words_that_yaml_makes_booleans():
     assert make_parameters({'contact.mode': False})['contact.mode'] == 'never'
-    with pytest.raises(ico.ParameterError, match="contact.mode: 'always' is not built yet"):
-        make_parameters({'contact.mode': True})
+    assert make_parameters({'contact.mode': True})['contact.mode'] == 'always'
 
 
 @pytest.mark.parametrize(

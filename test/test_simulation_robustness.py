@@ -204,8 +204,8 @@ def test_scenes_that_no_step_can_take_are_refused_at_the_start(changes):
 
 
 def test_a_changed_scene_says_once_what_is_known_already(caplog):
-    crowded = {'contact': {'mode': 'auto'},
-               'bodies': {'near': {'position': [0.001, 0.0, 0.001]}}}
+    crowded = {'contact': {'mode': 'auto', 'stiffness': 100.0},
+               'bodies': {'near': {'position': [0.0, 0.0, -0.0305]}}}
     old = make(**crowded)
     assert old.proximity is not None
     new = make(**crowded, gravity=[0.0, 0.0, -1.0])
@@ -300,8 +300,8 @@ def test_a_fabric_woven_anew_owes_no_errors_for_the_time_before():
 
 
 def test_what_overlaps_in_a_fabric_woven_anew_does_so_from_then_on():
-    crowded = {'contact': {'mode': 'auto'},
-               'bodies': {'near': {'position': [0.001, 0.0, 0.001]}}}
+    crowded = {'contact': {'mode': 'auto', 'stiffness': 100.0},
+               'bodies': {'near': {'position': [0.0, 0.0, -0.0305]}}}
     old, new = make(), make(**crowded)
     old.advance_to(2.5)
     new.take_over(old, keep_motion=False)

@@ -37,7 +37,7 @@ def run_summary(
         ('strain', _strain(simulation, monitor)),
         *_breaks(simulation),
         ('motion', _displacement(simulation, monitor)),
-        ('overlap', status.proximity or 'none: no two shells came too close'),
+        ('overlap', status.proximity or 'none beyond what contact is meant for'),
         *([('', status.obstruction)] if status.obstruction else []),
     ]
     if status.failure:

@@ -31,7 +31,7 @@ class Choice(NamedTuple):
 
 def choose_method(
     tolerance: float, liveliness: float, *, fixed_ratio: float | None = None,
-    kinked: bool = False, strain: float = 0.0
+    kinked: bool = False, strain: float = 0.0, contact: str = ''
 ) -> Choice:
     """
     The method with the least work for the error that may be added in a second.
@@ -39,7 +39,8 @@ def choose_method(
     `liveliness` [1/s]: speeds over a, or spins, that are expected; `fixed_ratio`: a given step
     times the largest frequency, which leaves only the method to be chosen; `kinked`: some forces
     have a slope that jumps; `strain`: by how much of their length connectors are expected to
-    change while the fastest vibration turns by a radian.
+    change while the fastest vibration turns by a radian; `contact`: why shells are expected to
+    touch.
     """
     candidates = {name: method for name, method in METHODS.items() if method.symplectic}
     if fixed_ratio is not None:
@@ -48,6 +49,10 @@ def choose_method(
         return Choice(
             'dop8', 'connectors pull otherwise than they push, and only steps that adapt see '
             'where their slope jumps: with steps of one length all methods fall to about order 2')
+    if contact:
+        return Choice(
+            'dop8', f'{contact}: a contact begins within a step and asks for short ones while it '
+            'lasts, which only steps that adapt find')
     if strain > _WILD:
         return Choice(
             'dop8', f'connectors are expected to change by {strain:.2g} of their length in a '

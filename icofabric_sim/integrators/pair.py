@@ -13,12 +13,21 @@ from typing import NamedTuple
 from icofabric_sim.integrators import dop853
 from icofabric_sim.kernels.breakage import is_breaking, note_lengths
 from icofabric_sim.kernels.compiled import compiled
+from icofabric_sim.kernels.contacts import deepest_overlap, touch_all
 from icofabric_sim.kernels.drives import place_row
 from icofabric_sim.kernels.external import ask_outside
 from icofabric_sim.kernels.lanes import LANES, load, store
 from icofabric_sim.kernels.loads import keep_work
 from icofabric_sim.kernels.meters import add_flow, repeat_flow
-from icofabric_sim.kernels.monitor import examine, MOVED_FAR, moved_far, save, SAVED_AT, UNSOUND
+from icofabric_sim.kernels.monitor import (
+    DEEPEST_LIMIT,
+    examine,
+    judge_ways,
+    save,
+    SAVED_AT,
+    TOO_DEEP,
+    UNSOUND,
+)
 from icofabric_sim.kernels.records import Loads, Model, State, Team, Trail, Watch, Work
 from icofabric_sim.kernels.slopes import (
     add_work,
@@ -30,6 +39,7 @@ from icofabric_sim.kernels.slopes import (
     step_error,
 )
 from icofabric_sim.kernels.team import own_blocks, tell_all, wait_for_all
+from icofabric_sim.kernels.ways import farthest, forget_ways, has_missed, ways_of
 import numpy as np
 
 # Places in the control array: what it says, start and length of the step in progress [s], the
@@ -39,9 +49,14 @@ import numpy as np
 # where forces jump, the error for each second does not fall with the step.
 (START, LENGTH, NEXT, GOAL, TOLERANCE, TOTAL, RATE, REFUSED, SHORTEST, HAS_LAST, LONGEST,
  SPARE) = range(12)
+# A step at most this long [s] is accepted whatever its error: there may be a kink in the forces,
+# which no length satisfies.
+KINK = 12
+# Error rate [1/s] that rounding makes in stiff contacts: less cannot be asked for.
+FLOOR = 13
 # Squared errors of position, orientation, velocity and spin are multiplied by these.
-SCALES = 12
-CONTROL_COUNT = 16
+SCALES = 14
+CONTROL_COUNT = 18
 # A step is aimed at this part of the tolerance and refused above all of it; it may become so many
 # times as long at once.
 _AIM, _SHRINK, _GROW = 0.4, 0.2, 4.0
@@ -88,13 +103,15 @@ def some(trail: Trail | None) -> Trail:
 @compiled
 def slope_at(
     model: Model, loads: Loads | None, state: State, work: Work, trail: Trail, index: int,
-    team: Team, time: float, first: int, last: int
+    team: Team, watch: Watch | None, time: float, first: int, last: int
 ) -> None:
     """
     Slope number `index` at a state and a `time` [s], all bodies.
     """
     place_blocks(model, loads, state, work, time, first, last)
+    ways_of(watch, model.blocks, state, time, team.member, first, last)
     wait_for_all(team)
+    touch_all(model.contacts, state.position, state.orientation, team)
     ask_outside(work.external, state, time, team)
     find_slopes(model, loads, state, work, time, trail.slopes[index], index, first, last)
     wait_for_all(team)
@@ -103,7 +120,7 @@ def slope_at(
 @compiled
 def try_step(
     pair: Pair, model: Model, loads: Loads | None, state: State, work: Work, trail: Trail,
-    team: Team, time: float, h: float, first: int, last: int
+    team: Team, watch: Watch | None, time: float, h: float, first: int, last: int
 ) -> None:
     """
     The other slopes of a step from `state` at `time` [s], whose own is in place.
@@ -115,13 +132,15 @@ def try_step(
         for block in range(first, last):
             combine(state, trail.slopes, weights, h, trail.stage, model.blocks.slot[block])
         slope_at(
-            model, loads, trail.stage, work, trail, index, team, time + pair.nodes[index] * h,
-            first, last)
+            model, loads, trail.stage, work, trail, index, team, watch,
+            time + pair.nodes[index] * h, first, last)
         index += 1
     for block in range(first, last):
         s = model.blocks.slot[block]
         combine(state, trail.slopes, pair.step, h, trail.stage, s)
         normalise(trail.stage.orientation, s)
+    # Forces will be evaluated at the end too.
+    ways_of(watch, model.blocks, trail.stage, time + h, team.member, first, last)
 
 
 @compiled
@@ -135,19 +154,20 @@ def fixed_pair(
     """
     first, last = own_blocks(team, model.blocks.slot.shape[0])
     trail = some(work.trail)
-    slope_at(model, loads, state, work, trail, 0, team, origin + index * h, first, last)
+    slope_at(model, loads, state, work, trail, 0, team, watch, origin + index * h, first, last)
     done = 0
     while done < count:
         try_step(
-            pair, model, loads, state, work, trail, team, origin + (index + done) * h, h, first,
-            last)
+            pair, model, loads, state, work, trail, team, watch, origin + (index + done) * h, h,
+            first, last)
         save(model, trail.stage, state, first, last)
         add_work(loads, h, pair.step, first, last)
         add_flow(work.spent, model.blocks.slot, h, pair.step, first, last)
         add_flow(work.given, model.blocks.slot, h, pair.step, first, last)
         done += 1
         slope_at(
-            model, loads, state, work, trail, 0, team, origin + (index + done) * h, first, last)
+            model, loads, state, work, trail, 0, team, watch, origin + (index + done) * h, first,
+            last)
         since_check += 1
         status, since_check = look(
             model, loads, state, saved, work, team, since_check, check_interval, watch, ledger,
@@ -173,12 +193,13 @@ def look(
     if team.member == 0:
         if examined:
             status = examine(model, loads, state, work, time, ledger)
-        if moved_far(model, watch, state.position):
-            status |= MOVED_FAR
+        status |= judge_ways(watch, farthest(watch, team.size))
+        if deepest_overlap(model.contacts, team.size) > ledger[DEEPEST_LIMIT]:
+            status |= TOO_DEEP
     status = tell_all(team, status)
     if examined:
         since_check = 0
-        if status & UNSOUND == 0:
+        if status & (UNSOUND | TOO_DEEP) == 0:
             if team.member == 0:
                 ledger[SAVED_AT] = done
             save(model, state, saved, first, last)
@@ -188,10 +209,12 @@ def look(
 @compiled
 def largest_error(
     pair: Pair, model: Model, trail: Trail, control: np.ndarray, turn_rows: int, team: Team,
-    first: int, last: int
+    watch: Watch | None, first: int, last: int
 ) -> float:
     """
     Error of a step of length 1, the largest of all bodies; the same in all threads.
+
+    Infinite where bodies came to where contacts are not known.
     """
     largest = 0.0
     for block in range(first, last):
@@ -200,6 +223,8 @@ def largest_error(
             model.blocks.slot[block])
         if not error <= largest:
             largest = error
+    if has_missed(watch, team.member):
+        largest = math.inf
     trail.errors[team.member] = largest
     wait_for_all(team)
     for member in range(team.size):
@@ -219,7 +244,8 @@ def adaptive_pair(
 
     `state` is where the step in progress ends, trail.start where it begins; its slopes are kept
     for states in between. Time is control[START] + control[LENGTH] before and after. A step that
-    errs by more than tolerance x its length, or x control[SPARE], is refused and made shorter. A
+    errs by more than tolerance x its length, or x control[SPARE], is refused and made shorter,
+    until it is so short that a contact which begins or ends within it changes next to nothing. A
     step in which a connector may have broken is the last one, and says so.
     """
     first, last = own_blocks(team, model.blocks.slot.shape[0])
@@ -229,21 +255,26 @@ def adaptive_pair(
     wait_for_all(team)
     start, length, h = control[START], control[LENGTH], control[NEXT]
     total, rate, refused = control[TOTAL], control[RATE], control[REFUSED]
-    goal, tolerance, shortest = control[GOAL], control[TOLERANCE], control[SHORTEST]
-    longest, spare = control[LONGEST], control[SPARE]
+    goal, shortest = control[GOAL], control[SHORTEST]
+    tolerance = max(control[TOLERANCE], control[FLOOR])
+    longest, spare, kink = control[LONGEST], control[SPARE], control[KINK]
     done, status = 0, 0
     note_lengths(model, work.breakage, state, work, team, first, last)
     while done < count and start + length <= goal and status == 0:
         if has_last:
             repeat_slope(model, loads, work, trail, first, last)
         else:
-            slope_at(model, loads, state, work, trail, 0, team, start + length, first, last)
+            slope_at(
+                model, loads, state, work, trail, 0, team, watch, start + length, first, last)
         accepted = False
         while not accepted:
+            forget_ways(watch, team.member)
             try_step(
-                pair, model, loads, state, work, trail, team, start + length, h, first, last)
+                pair, model, loads, state, work, trail, team, watch, start + length, h, first,
+                last)
             # Per unit of time, so the length of the step cancels.
-            error = largest_error(pair, model, trail, control, turn_rows, team, first, last)
+            error = largest_error(
+                pair, model, trail, control, turn_rows, team, watch, first, last)
             change = _SHRINK
             if error <= tolerance or error * h <= tolerance * spare:
                 accepted = True
@@ -252,6 +283,13 @@ def adaptive_pair(
                 change = min(change, max(_SHRINK, (_AIM * tolerance / error) ** (1.0 / 7.0)))
             elif not error <= tolerance:
                 change = _SHRINK
+            if not accepted and h <= kink and error < math.inf:
+                accepted = True
+                change = _GROW
+                total += error * h
+            elif accepted:
+                total += error * h
+                rate = error
             if accepted:
                 save(model, state, trail.start, first, last)
                 save(model, trail.stage, state, first, last)
@@ -260,8 +298,6 @@ def adaptive_pair(
                 add_flow(work.spent, model.blocks.slot, h, pair.step, first, last)
                 add_flow(work.given, model.blocks.slot, h, pair.step, first, last)
                 start, length = start + length, h
-                total += error * h
-                rate = error
             else:
                 refused += 1.0
                 if h <= shortest:
@@ -269,7 +305,8 @@ def adaptive_pair(
                     accepted = True
             h = min(max(h * change, shortest), longest)
         if status == 0:
-            slope_at(model, loads, state, work, trail, 12, team, start + length, first, last)
+            slope_at(
+                model, loads, state, work, trail, 12, team, watch, start + length, first, last)
             has_last = True
             done += 1
             since_check += 1
@@ -318,7 +355,7 @@ def repeat_power(loads: Loads | None, first: int, last: int) -> None:
 @compiled
 def prepare_dense(
     pair: Pair, model: Model, loads: Loads | None, work: Work, team: Team, trail: Trail,
-    time: float, h: float
+    watch: Watch | None, time: float, h: float
 ) -> None:
     """
     Three more slopes of the step in progress, which begins at `time` [s], for `dense_state`.
@@ -329,8 +366,8 @@ def prepare_dense(
         for block in range(first, last):
             combine(trail.start, trail.slopes, weights, h, trail.stage, model.blocks.slot[block])
         slope_at(
-            model, loads, trail.stage, work, trail, index, team, time + pair.nodes[index] * h,
-            first, last)
+            model, loads, trail.stage, work, trail, index, team, watch,
+            time + pair.nodes[index] * h, first, last)
         index += 1
 
 

@@ -8,13 +8,15 @@ axis, both exact; the potential flow changes velocities only. See docs/design.md
 """
 
 from icofabric_sim.kernels.compiled import compiled
+from icofabric_sim.kernels.contacts import deepest_overlap, touch_all
 from icofabric_sim.kernels.flows import drift, push, push_kept
+from icofabric_sim.kernels.lanes import splat
 from icofabric_sim.kernels.loads import keep_work
 from icofabric_sim.kernels.monitor import (
+    DEEPEST_LIMIT,
     examine,
     judge_roughness,
-    MOVED_FAR,
-    moved_far,
+    judge_ways,
     REGULAR,
     ROUGHER,
     ROUGHEST,
@@ -22,25 +24,29 @@ from icofabric_sim.kernels.monitor import (
     sample,
     save,
     SAVED_AT,
+    TOO_DEEP,
     UNSOUND,
 )
-from icofabric_sim.kernels.records import Links, Loads, Model, State, Team, Watch, Work
+from icofabric_sim.kernels.records import Contacts, Loads, Model, State, Team, Watch, Work
 from icofabric_sim.kernels.team import own_blocks, tell_all, TILE, wait_for_all
+from icofabric_sim.kernels.ways import add_ways, farthest, note_ways, shift_at
 import numpy as np
 
 # An interval that never ends: nobody looks.
 NEVER = 2**62
-# Evaluations between two looks at how far bodies have moved.
-_STRIDE = 8
 
 
 @compiled
 def steps(
-    kicks: np.ndarray, drifts: np.ndarray, model: Model, loads: Loads | None, state: State,
-    work: Work, team: Team, origin: float, index: int, h: float, count: int
+    kicks: np.ndarray, drifts: np.ndarray, model: Model, contacts: Contacts | None,
+    loads: Loads | None, state: State, work: Work, team: Team, watch: Watch | None, origin: float,
+    index: int, h: float, count: int
 ) -> None:
     """
     Take `count` steps of length `h`, the first from origin + index h on; see `splitting`.
+
+    Contacts need the places of all bodies, and have sweeps in which all drift first. The ways of
+    bodies are noted where forces are evaluated, and nowhere else: what is between does not count.
 
     A block can be pushed once its neighbours have drifted, so both run over the fabric in one
     sweep (see sweep.py) and each body comes from memory once. Where a thread's blocks border on
@@ -55,6 +61,7 @@ def steps(
     if kick_first:
         push_kept(model, loads, state, work, origin + index * h, kicks[0] * h, first, last)
     now = 0.0
+    most = splat(0.0)
     for evaluation in range(count * stages):
         stage = evaluation % stages
         # The times of a step do not depend on the call that it is a part of.
@@ -75,17 +82,36 @@ def steps(
             if stage + 1 == stages and not keep:
                 again = kicks[0] * h
         drifted = 0
+        shift = shift_at(watch, after)
         if team.size > 1:
             drift(model, loads, state, work, now, whole, sweep.drifts, 0, sweep.border)
             drifted = sweep.border
             wait_for_all(team)
+        if contacts is not None:
+            if team.size == 1:
+                drift(model, loads, state, work, now, whole, sweep.drifts, 0, count_own)
+                drifted = count_own
+            touch_all(contacts, state.position, state.orientation, team)
+        if watch is not None:
+            for turn in range(drifted):
+                block = sweep.drifts[turn]
+                most = add_ways(
+                    watch, state, model.blocks.alive[block], shift, model.blocks.slot[block], most)
         for tile in range(sweep.ahead.shape[0]):
             goal = sweep.ahead[tile]
             drift(model, loads, state, work, now, whole, sweep.drifts, drifted, goal)
+            if watch is not None:
+                for turn in range(drifted, goal):
+                    block = sweep.drifts[turn]
+                    most = add_ways(
+                        watch, state, model.blocks.alive[block], shift, model.blocks.slot[block],
+                        most)
             drifted = goal
             push(
                 model, loads, state, work, after, kick, again, keep, sweep.pushes, TILE * tile,
                 min(TILE * tile + TILE, count_own))
+        if evaluation + 1 == count * stages:
+            note_ways(watch, team.member, most)
         wait_for_all(team)
         now = after
         if not kick_first and stage + 1 == stages:
@@ -95,16 +121,13 @@ def steps(
 
 
 @compiled
-def stride_of(links: Links | None, stages: int) -> int:
+def stride_of(watch: Watch | None, check_interval: int) -> int:
     """
     Steps between two looks at how far bodies have moved.
-
-    A fast body crosses a shell in fewer steps than lie between two examinations; free bodies,
-    which take long steps, in one.
     """
-    if links is None:
-        return 1
-    return max(1, _STRIDE // stages)
+    if watch is None:
+        return check_interval
+    return watch.stride
 
 
 @compiled
@@ -140,7 +163,7 @@ def splitting(
     """
     stages = min(kicks.shape[0], drifts.shape[0])
     first, last = own_blocks(team, model.blocks.slot.shape[0])
-    stride = stride_of(model.links, stages) if watch is not None else check_interval
+    stride = stride_of(watch, check_interval)
     differences = work.weights.shape[0] - 1
     done = 0
     while done < count:
@@ -162,7 +185,9 @@ def splitting(
                             model.blocks.slot, state.position, state.orientation,
                             work.difference, work.weights, 0)
                     wait_for_all(team)
-        steps(kicks, drifts, model, loads, state, work, team, origin, index + done, h, ahead)
+        steps(
+            kicks, drifts, model, model.contacts, loads, state, work, team, watch, origin,
+            index + done, h, ahead)
         done += ahead
         since_check += ahead
         if sampled >= 0:
@@ -186,11 +211,13 @@ def splitting(
                     model, loads, state, work, origin + (index + done) * h, ledger)
                 status |= judge_roughness(
                     work, ledger, differences if stages < 4 else check_interval)
-        if watched and team.member == 0 and moved_far(model, watch, state.position):
-            status |= MOVED_FAR
+        if watched and team.member == 0:
+            status |= judge_ways(watch, farthest(watch, team.size))
+            if deepest_overlap(model.contacts, team.size) > ledger[DEEPEST_LIMIT]:
+                status |= TOO_DEEP
         if examined or watched:
             status = tell_all(team, status)
-        if examined and status & (UNSOUND | ROUGHER) == 0:
+        if examined and status & (UNSOUND | ROUGHER | TOO_DEEP) == 0:
             if team.member == 0:
                 ledger[SAVED_AT] = done
             save(model, state, saved, first, last)

@@ -12,6 +12,7 @@ prunes such a branch only where the term is an argument of its own).
 from icofabric_sim.kernels.anchors import kick_anchor
 from icofabric_sim.kernels.compiled import compiled
 from icofabric_sim.kernels.connectors import add_connectors, Six
+from icofabric_sim.kernels.contacts import add_contact
 from icofabric_sim.kernels.drives import is_wrench, place_row, resist
 from icofabric_sim.kernels.fields import add_coulomb, add_dipole
 from icofabric_sim.kernels.lanes import bits, fma, load, splat, store, where
@@ -185,6 +186,7 @@ def accelerations(
     force = add_twisting(model.twisting, model.links, state.orientation, block, s, force)
     force = add_dipole(model.dipole, state.orientation, model.blocks.alive[block], s, force)
     force = add_coulomb(model.coulomb, state.position, model.blocks.alive[block], s, force)
+    force = add_contact(model.contacts, s, force)
     return add_gravity(
         model.gravity, model.supports, model.blocks.alive[block], s,
         accelerate(model.supports, model.inverse_mass, model.inverse_inertia, force, s))

@@ -12,10 +12,10 @@ from typing import Any
 from icofabric_sim.kernels.anchors import anchor_look
 from icofabric_sim.kernels.compiled import compiled
 from icofabric_sim.kernels.connectors import arm_of, slope_of
+from icofabric_sim.kernels.contacts import contact_look
 from icofabric_sim.kernels.drives import energy_of_drives
 from icofabric_sim.kernels.fields import field_parts
 from icofabric_sim.kernels.lanes import (
-    any_lane,
     bits,
     fabs,
     fma,
@@ -52,6 +52,8 @@ import numpy as np
 # Bits of the status that `examine` returns; the rates concern the bound of the largest frequency.
 RATE_HIGH, RATE_LOW, NOT_FINITE, MOVED_FAR, UNBALANCED, LIVELIER, ROUGHER, OBSTRUCTING = (
     1, 2, 4, 8, 16, 32, 128, 512)
+# Bodies that moved beyond where contacts are known, and shells that overlap too deeply.
+MISSED, TOO_DEEP, DEEP = 1024, 2048, 4096
 # Not to be saved as a state from which a run can go on.
 UNSOUND = NOT_FINITE | UNBALANCED
 # Places in the ledger. What a look finds: the rate sqrt(bound) + SPIN_WEIGHT x largest spin
@@ -78,7 +80,12 @@ LOST = 24
 OBSTRUCTED, OBSTRUCTED_LIMIT = 25, 26
 # Looks until connectors in shells are looked for again, and from one of these to the next.
 UNTIL_OBSTRUCTED, OBSTRUCTED_EVERY = 27, 28
-LEDGER_COUNT = 29
+# Energy of contacts [J], which STORED includes, their number, the deepest overlap at a look [m],
+# the deepest at any so far; TOO_DEEP above this [m], and DEEP above that.
+CONTACT, TOUCHING, DEEPEST, DEEPEST_EVER, DEEPEST_LIMIT, TOLD_LIMIT = 29, 30, 31, 32, 33, 34
+# What contacts that may happen before the next look add to the squared frequency [1/s^2] at most.
+CONTACT_RATE = 35
+LEDGER_COUNT = 36
 
 
 @compiled
@@ -322,9 +329,12 @@ def examine(
             height = fma(weight, load(state.position, k, s), height)
     mass, inertia = 1.0 / model.inverse_mass, 1.0 / model.inverse_inertia
     ledger[SPIN] = math.sqrt(largest_lane(spin))
-    ledger[RATE] = math.sqrt(largest_lane(largest)) + ledger[SPIN_WEIGHT] * ledger[SPIN]
+    ledger[RATE] = math.sqrt(largest_lane(largest) + ledger[CONTACT_RATE])
+    ledger[RATE] += ledger[SPIN_WEIGHT] * ledger[SPIN]
     ledger[KINETIC] = 0.5 * mass * sum_of_lanes(linear) + 0.5 * inertia * sum_of_lanes(angular)
-    ledger[STORED] = sum_of_lanes(stored)
+    ledger[CONTACT], ledger[DEEPEST], ledger[TOUCHING] = contact_look(model.contacts, state)
+    ledger[DEEPEST_EVER] = max(ledger[DEEPEST_EVER], ledger[DEEPEST])
+    ledger[STORED] = sum_of_lanes(stored) + ledger[CONTACT]
     ledger[HEIGHT] = -mass * sum_of_lanes(height)
     # What driven bodies move with is work of their drives too.
     ledger[WORK] = ledger[EARLIER_WORK] + energy_of_drives(model, loads, state)
@@ -344,6 +354,10 @@ def examine(
             model.wrapping, model, state, work.points))
         if ledger[OBSTRUCTED] > ledger[OBSTRUCTED_LIMIT]:
             status |= OBSTRUCTING
+    if ledger[DEEPEST] > ledger[DEEPEST_LIMIT]:
+        status |= TOO_DEEP
+    if ledger[DEEPEST] > ledger[TOLD_LIMIT]:
+        status |= DEEP
     return status
 
 
@@ -507,39 +521,15 @@ def save(model: Model, state: State, saved: State, first: int, last: int) -> Non
 
 
 @compiled
-def moved_far(
-    model: Model, watch: Watch | None, position: np.ndarray
-) -> bool:
+def judge_ways(watch: Watch | None, most: float) -> int:
     """
-    Whether a body is farther than `watch.reach` from its place in `watch.reference`.
-
-    The way that all have moved on average does not count: it brings no two closer.
+    MOVED_FAR where a way has become so long [m^2] that somebody must look, MISSED if too late.
     """
     if watch is None:
-        return False
-    reference, reach, blocks = watch.reference, watch.reach, model.blocks
-    if not reach < math.inf:
-        return False
-    zero = splat(0.0)
-    sx, sy, sz, count = zero, zero, zero, zero
-    for block in range(blocks.slot.shape[0]):
-        s = blocks.slot[block]
-        # Slots without a body stay where they are.
-        sx = sx + (load(position, 0, s) - load(reference, 0, s))
-        sy = sy + (load(position, 1, s) - load(reference, 1, s))
-        sz = sz + (load(position, 2, s) - load(reference, 2, s))
-        count = count + where(bits(blocks.alive[block]), splat(1.0), zero)
-    bodies = sum_of_lanes(count)
-    mx = splat(sum_of_lanes(sx) / bodies)
-    my = splat(sum_of_lanes(sy) / bodies)
-    mz = splat(sum_of_lanes(sz) / bodies)
-    limit = splat(reach * reach)
-    for block in range(blocks.slot.shape[0]):
-        s = blocks.slot[block]
-        dx = load(position, 0, s) - load(reference, 0, s) - mx
-        dy = load(position, 1, s) - load(reference, 1, s) - my
-        dz = load(position, 2, s) - load(reference, 2, s) - mz
-        square = fma(dx, dx, fma(dy, dy, dz * dz))
-        if any_lane(where(bits(blocks.alive[block]), square, zero) > limit):
-            return True
-    return False
+        return 0
+    status = 0
+    if most > watch.soon:
+        status |= MOVED_FAR
+    if most > watch.late:
+        status |= MISSED
+    return status

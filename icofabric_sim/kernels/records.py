@@ -7,7 +7,7 @@ Arrays have their slots last: slot s of a body is its place in them, the same fo
 so that bodies which are computed together lie side by side. A term that a scene lacks is None.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -308,6 +308,32 @@ class External(NamedTuple):
     moment: np.ndarray  # (1,) [s] when it was called last
 
 
+class Contacts(NamedTuple):
+    """
+    Pairs of bodies, and bodies and planes, that may touch before the next look.
+
+    Each pair is evaluated once; its bodies add up what acts on them, in the order of the pairs.
+    """
+
+    stiffness: float  # K [N/m]
+    half_edge: float  # a [m]
+    pairs: np.ndarray  # (p, 2) int32 slots, that of the lower body first; -1 - k: plane k
+    planes: np.ndarray  # (k, 4) unit normal and offset [m]
+    # (p, 16) for K = 1 N/m: force on the first [N], torques on both [N m], delta^2 / 2 [m^2],
+    # delta and the deepest overlap [m], the axis (3) that kept them apart last, spare
+    result: np.ndarray
+    start: np.ndarray  # (b + 1,) int32: entries start[b] to start[b + 1] act on block b
+    slot: np.ndarray  # (e,) int32 of the body that an entry acts on, rising
+    entry: np.ndarray  # (e,) int32: twice the number of the pair, 1 more: on its second body
+    rows: np.ndarray  # (6, s) forces [N] and torques [N m]
+    deepest: np.ndarray  # (8 t,) [m] deepest overlap in the last evaluation, for each thread
+    tests: np.ndarray  # (8 t,) pairs that were looked at so far
+    first: np.ndarray  # (t, 4, 3) place and matrix of the first body, for each thread
+    second: np.ndarray  # (t, 4, 3) and of the second
+    aside: np.ndarray  # (p, 16) as result, for looks
+    scratch: Any  # room for looks, see contact_surface.py
+
+
 class Model(NamedTuple):
     """
     Constants of a compiled scene.
@@ -328,6 +354,7 @@ class Model(NamedTuple):
     coulomb: Coulomb | None = None
     shells: Shells | None = None
     wrapping: Wrapping | None = None
+    contacts: Contacts | None = None
 
 
 class State(NamedTuple):
@@ -377,10 +404,18 @@ class Trail(NamedTuple):
 class Watch(NamedTuple):
     """
     Places from which bodies may move only so far before closer ones are looked for.
+
+    See kernels/ways.py.
     """
 
     reference: np.ndarray  # (3, s) [m]
-    reach: float  # [m]
+    turned: np.ndarray  # orientations there, in the form of the state
+    frame: np.ndarray  # (7,) time [s] of that, velocity [m/s] and half acceleration of all
+    radius: float  # of the sphere around a body [m]
+    soon: float  # [m^2] square of the way after which somebody looks
+    late: float  # [m^2] and of that up to which nothing was missed
+    far: np.ndarray  # (8 t,) [m^2] the largest squares that each thread has seen
+    stride: int  # steps of one length after which somebody asks for them
 
 
 class Sweep(NamedTuple):
@@ -403,3 +438,4 @@ class Team(NamedTuple):
     size: int
     flags: np.ndarray  # int64, see kernels/team.py
     sweep: Sweep
+    scratch: Any  # room for contacts, see contact_surface.py; None where there are none

@@ -1,0 +1,327 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+Says when shells can touch, and which.
+
+While no pair can touch before the next look nothing of contact is computed. Kernels note how far
+bodies have moved wherever forces are evaluated (kernels/ways.py, where the bound is proved), and
+ask for the next look in time.
+"""
+
+import logging
+import math
+from typing import Any, NamedTuple
+
+from icofabric_sim.contact_lists import ContactLists, Near
+from icofabric_sim.contact_setup import ContactSetup
+from icofabric_sim.icosahedron import circumscribed_radius, inscribed_radius
+from icofabric_sim.kernels.contact_pair import contact_scratch, OUT_SIZE
+from icofabric_sim.kernels.contact_search import largest_speed
+from icofabric_sim.kernels.contacts import contact_look
+from icofabric_sim.kernels.records import Contacts, Model, State, Watch
+from icofabric_sim.layout import aligned_empty, Layout
+from icofabric_sim.memory import as_number, Memory
+import numpy as np
+
+_LOGGER = logging.getLogger('icofabric_sim')
+# The reach of a look, in parts of a: at least, and at most.
+_LEAST, _MOST = 0.01, 0.4
+# Evaluations of the forces until the next look, about, where shells are near each other: a look
+# costs as much as some ten.
+LOOK_AFTER = 32
+# Steps between two looks at the ways, times this, must not lead beyond the reach: kernels ask for
+# the next look after half of it.
+_ROOM = 3.0
+# Overlaps, in parts of a, that are told once, and of the inscribed radius that end a run.
+_TOLD, _DEEPEST = 0.01, 0.2
+# Largest second derivative of the energy of a contact, in parts of K, by the places and a times
+# the rotation angles of both bodies (docs/contact.md).
+_CURVATURE = 4.6
+
+
+class Overlap(NamedTuple):
+    """
+    Two shells, or a shell and a plane, that overlap by more than they are meant to.
+    """
+
+    time: float  # [s]
+    first: int
+    second: int  # -1 - k: plane k
+    depth: float  # [m]
+    part: float  # of a
+    plane: str  # its name; '': a body
+
+    def __str__(self) -> str:
+        """
+        Sentence for logs, summaries and bags.
+        """
+        other = f'plane {self.plane}' if self.plane else f'body {self.second}'
+        return (
+            f'body {self.first} and {other} overlap by {self.depth:.3g} m at t = '
+            f'{self.time:.6g} s, {100.0 * self.part:.3g} % of a')
+
+
+class ContactWatch:
+    """
+    Looks for what can touch, when bodies have moved far enough to matter.
+    """
+
+    def __init__(self, setup: ContactSetup, layout: Layout, model: Model, threads: int) -> None:
+        """
+        Watch the bodies of a `layout` for `threads` threads.
+        """
+        self.setup, self._layout, self._threads = setup, layout, threads
+        self._lists = ContactLists(setup, layout)
+        self._radius = circumscribed_radius(setup.half_edge)
+        # Contacts that may happen before the next look; None: there are none.
+        self.contacts: Contacts | None = None
+        # Bound of what they add to the squared frequency [1/s^2].
+        self.rate = 0.0
+        self.passing = setup.half_edge
+        self.deepest = _DEEPEST * inscribed_radius(setup.half_edge)
+        self.told = _TOLD * setup.half_edge
+        self.found: Overlap | None = None
+        self._announced = False
+        self._bodies = np.zeros((0, 2), np.int32)
+        self._speed, self._caution = 0.0, 1.0
+        self._listed, self._missed = 0.0, False
+        shape = (4, layout.slot_count) if not layout.cosines else (3, 3, layout.slot_count)
+        self.watch = Watch(
+            aligned_empty((3, layout.slot_count)), aligned_empty(shape), np.zeros(7),
+            self._radius, math.inf, math.inf, np.zeros(8 * threads), 1)
+        self.aside = self.watch._replace(far=np.zeros(8 * threads))
+        # Bound of what one contact adds to the squared frequency of its bodies [1/s^2].
+        self.least_rate = _CURVATURE * setup.stiffness * max(
+            model.inverse_mass, setup.half_edge**2 * model.inverse_inertia)
+        self._rows = aligned_empty((6, layout.slot_count if layout.body_count else 0))
+        self._tests = 0
+
+    def count_tests(self) -> int:
+        """
+        Count the pairs that were looked at in all evaluations so far.
+        """
+        return self._tests + (
+            0 if self.contacts is None else int(self.contacts.tests.sum()))
+
+    @property
+    def longest_step(self) -> float:
+        """
+        Longest step [s] in which no body moves too far.
+        """
+        way = math.sqrt(self.watch.late) / _ROOM
+        return way / self._speed if self._speed > 0.0 else math.inf
+
+    def pace(self, step: float, stages: int) -> None:
+        """
+        Say for a `step` [s] after how many of them the ways are asked for.
+        """
+        steps = max(LOOK_AFTER // stages, 1)
+        if self._speed > 0.0 and step > 0.0:
+            steps = max(min(int(0.5 * self.longest_step / step), steps), 1)
+        self.watch = self.watch._replace(stride=steps)
+
+    def look(self, time: float, state: State, step: float, steps: float) -> None:
+        """
+        Find what can touch from `state` on at `time` [s].
+
+        Within so many `steps` of `step` [s], as contacts ask for; at least until the next look.
+        """
+        slots = self._layout.slot
+        if not all(np.isfinite(part[..., slots]).all() for part in state):
+            # Who looks at the state next ends the run.
+            return
+        frame = self.watch.frame
+        frame[:] = 0.0
+        frame[0] = time
+        if self.setup.free:
+            frame[1:4] = state.linear_velocity[:, slots].mean(axis=1)
+            frame[4:7] = 0.5 * self.setup.fall
+        self._speed = largest_speed(
+            state.linear_velocity, state.angular_velocity, slots, frame[1:4], self._radius)
+        a = self.setup.half_edge
+        way = self._speed * step
+        wish = self._caution * way * max(2.0 * steps, 1.1 * _ROOM)
+        least = min(max(wish, _LEAST * a), _MOST * a)
+        np.copyto(self.watch.reference, state.position)
+        np.copyto(self.watch.turned, state.orientation)
+        near = self._lists.find(state, least, _MOST * a)
+        self._take(near, least)
+
+    def _take(self, near: Near, least: float) -> None:
+        self.watch = self.watch._replace(soon=(0.5 * near.reach) ** 2, late=near.reach**2)
+        self.aside = self.aside._replace(
+            reference=self.watch.reference, turned=self.watch.turned, frame=self.watch.frame)
+        self._tests = self.count_tests()
+        self._bodies = near.pairs
+        self._listed = least if len(near.pairs) or self.setup.always else 0.0
+        self.contacts = self._pack(near) if self._listed else None
+        self.rate = 0.0
+        if len(near.pairs):
+            # The form of a pair is at most that times the kinetic form of its two bodies, so all
+            # together are for each body at most as many times that as it has pairs.
+            pair = near.pairs[:, 1] >= 0
+            share = np.bincount(np.concatenate([near.pairs[:, 0], near.pairs[pair, 1]]))
+            self.rate = self.least_rate * float(share.max())
+
+    def miss(self) -> None:
+        """
+        Bodies have moved beyond where contacts were known: look farther from now on.
+        """
+        self._caution = min(2.0 * self._caution, 2.0**20)
+        if not self._missed:
+            self._missed = True
+            _LOGGER.warning(
+                'bodies moved so far in one step (up to %.3g m/s) that a contact may have been '
+                'seen late: give a smaller solver.step, or 0 to have it chosen', self._speed)
+
+    def energy(self, state: State) -> float:
+        """
+        Energy [J] of the contacts in a state near the last look.
+        """
+        if self.contacts is None:
+            return 0.0
+        return float(contact_look(self.contacts, state)[0])
+
+    def note(self, time: float, state: State) -> Overlap | None:
+        """
+        Describe the deepest overlap in a state.
+        """
+        if self.contacts is None or not len(self._bodies):
+            return None
+        contact_look(self.contacts, state)
+        depth = self.contacts.aside[:, 11]
+        number = int(np.argmax(depth))
+        first, second = (int(body) for body in self._bodies[number])
+        name = self.setup.names[-1 - second] if second < 0 else ''
+        return Overlap(
+            time, first, second, float(depth[number]),
+            float(depth[number]) / self.setup.half_edge, name)
+
+    def forget(self) -> None:
+        """
+        Look as if nothing had come close yet.
+        """
+        self.found, self._announced = None, False
+        self._caution, self._missed = 1.0, False
+        self._tests = -self.count_tests() + self._tests
+
+    def announce(self) -> None:
+        """
+        Warn of what was found, once.
+        """
+        if self.found is not None and not self._announced:
+            self._announced = True
+            _LOGGER.warning(
+                '%s: more than the 1 %% that contact is meant for; give a larger '
+                'contact.stiffness', self.found)
+
+    def rebase(self, time: float) -> None:
+        """
+        Begin at another `time` [s]: nothing has moved yet.
+        """
+        self.watch.frame[0] = time
+        if self.found is not None:
+            self.found = self.found._replace(time=time)
+
+    def take_over(self, found: Overlap | None) -> None:
+        """
+        Go on where another watch of the same motion stands, which has warned already.
+        """
+        if found is not None:
+            self.found, self._announced = found, True
+
+    def memory(self) -> dict[str, Any]:
+        """
+        Where bodies were looked at, what for, and what was found and said.
+        """
+        gather = self._layout.gather
+        memory: dict[str, Any] = {
+            'reference': gather(self.watch.reference), 'turned': gather(self.watch.turned),
+            'frame': self.watch.frame.copy(), 'late': self.watch.late, 'listed': self._listed,
+            'stride': self.watch.stride, 'speed': self._speed, 'caution': self._caution,
+            'missed': self._missed, 'announced': self._announced}
+        if self.found is not None:
+            memory['found'] = [*self.found]
+        return memory
+
+    def recall(self, memory: Memory) -> None:
+        """
+        Go on from there.
+        """
+        layout, watch = self._layout, self.watch
+        watch.reference[:] = 0.0
+        watch.reference[:, layout.slot] = memory.array('reference', (layout.body_count, 3)).T
+        rows = watch.turned.shape[:-1]
+        watch.turned[..., layout.slot] = np.moveaxis(
+            memory.array('turned', (layout.body_count, *rows)), 0, -1)
+        watch.frame[:] = memory.array('frame', (7,))
+        self._speed = memory.number('speed', 0.0)
+        self._caution, self._missed = memory.number('caution', 1.0), memory.flag('missed')
+        self._announced = memory.flag('announced')
+        self.found = self._judged(memory.entries('found')) if 'found' in memory else None
+        late, listed = memory.number('late', 0.0, finite=False), memory.number('listed', 0.0)
+        most = _MOST * self.setup.half_edge
+        reach = math.sqrt(late)
+        if not reach <= 1.0001 * most:
+            raise ValueError('watch.late is longer than any reach')
+        reach = min(reach, most)
+        there = State(watch.reference, watch.turned, watch.reference, watch.reference)
+        near = Near(reach, np.zeros((0, 2), np.int32))
+        if listed > 0.0:
+            near = self._lists.find(there, min(listed, most), most)
+        self._take(near._replace(reach=reach), listed)
+        self.watch = self.watch._replace(
+            soon=0.25 * late, late=late, stride=memory.count('stride', 1))
+
+    def _judged(self, entry: list[Any]) -> Overlap:
+        """
+        What was found, from a list of numbers.
+        """
+        if len(entry) == 6:
+            time, first, second, depth, part, plane = entry
+            bodies, planes = range(self._layout.body_count), len(self.setup.names)
+            pair = type(first) is int and first in bodies and type(second) is int and (
+                second in bodies or -planes <= second < 0)
+            numbers = None not in (as_number(time), as_number(depth), as_number(part))
+            if pair and numbers and isinstance(plane, str):
+                return Overlap(
+                    float(time), first, second, float(depth), float(part), plane)
+        raise ValueError('watch.found is no time, pair of bodies and overlap')
+
+    def _pack(self, near: Near) -> Contacts:
+        """
+        Contacts for the kernels: each pair once, and what acts on each block, in order.
+        """
+        layout, count = self._layout, len(near.pairs)
+        slots = near.pairs.copy()
+        slots[:, 0] = layout.slot[near.pairs[:, 0]]
+        pair = np.flatnonzero(near.pairs[:, 1] >= 0)
+        slots[pair, 1] = layout.slot[near.pairs[pair, 1]]
+        number = np.arange(count, dtype=np.int32)
+        slot = np.concatenate([slots[:, 0], slots[pair, 1]])
+        entry = np.concatenate([2 * number, 2 * number[pair] + 1])
+        bodies = np.concatenate([near.pairs[:, 0], near.pairs[pair, 1]])
+        block = layout.block_of(bodies) if count else np.zeros(0, np.int32)
+        order = np.lexsort((entry, slot, block))
+        start = np.zeros(len(layout.blocks.slot) + 1, np.int32)
+        np.cumsum(np.bincount(block, minlength=len(start) - 1), out=start[1:])
+        rows = self._rows
+        rows[:] = 0.0
+        threads = self._threads
+        return Contacts(
+            stiffness=self.setup.stiffness,
+            half_edge=self.setup.half_edge,
+            pairs=slots,
+            planes=self.setup.planes,
+            result=np.zeros((count, OUT_SIZE)),
+            start=start,
+            slot=slot[order].astype(np.int32),
+            entry=entry[order].astype(np.int32),
+            rows=rows,
+            deepest=np.zeros(8 * threads),
+            tests=np.zeros(8 * threads),
+            first=np.zeros((threads, 4, 3)),
+            second=np.zeros((threads, 4, 3)),
+            aside=np.zeros((count, OUT_SIZE)),
+            scratch=contact_scratch(),
+        )

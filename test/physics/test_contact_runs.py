@@ -1,0 +1,208 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+Shells that meet: what is kept, what a rigid body would do, and what stops a run.
+"""
+
+from fabrics import changed, make_scene, same_state
+import icofabric_sim as ico
+from icofabric_sim.checkpoint import Checkpoint
+from icofabric_sim.icosahedron import midradius, vertices
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+A = 0.01
+# Leapfrog takes a step of its own, one for many radians of a contact.
+METHODS = ('leapfrog', 'dop8')
+
+
+def loose(*bodies, **changes):
+    """
+    Bodies of their own: places, velocities, spins, and orientations where they are given.
+    """
+    flat = {'weave.size': [1, 1, 1], 'weave.connected': False, 'contact.mode': 'auto',
+            'solver.method': 'dop8', 'solver.tolerance': 1e-8, 'contact.stiffness': 2e5}
+    for number, (place, velocity, spin, *turned) in enumerate(bodies):
+        name = f'bodies.b{number}'
+        flat[f'{name}.position'] = [float(x) for x in place]
+        flat[f'{name}.linear_velocity'] = [float(x) for x in velocity]
+        flat[f'{name}.angular_velocity'] = [float(x) for x in spin]
+        if turned:
+            flat[f'{name}.orientation'] = [float(x) for x in turned[0].as_quat()]
+    flat.update({name.replace('__', '.'): value for name, value in changes.items()})
+    return ico.Scene.from_parameters(flat)
+
+
+def momenta(scene, snapshot):
+    mass, inertia = scene.shell.mass, scene.shell.inertia
+    linear = mass * snapshot.linear_velocity
+    angular = np.cross(snapshot.position, linear) + inertia * snapshot.angular_velocity
+    return linear.sum(axis=0), angular.sum(axis=0)
+
+
+# It hits the woven body at the origin off its centre.
+OBLIQUE = ((0.06, 0.004, 0.003), (-1.0, 0.1, 0.2), (3.0, -20.0, 8.0), Rotation.from_euler(
+    'xyz', [0.3, 0.8, -0.4]))
+
+
+@pytest.mark.parametrize('method', METHODS)
+def test_a_collision_keeps_momenta_to_rounding_and_energy(method):
+    step = {'leapfrog': 2e-6, 'dop8': 0.0}[method]
+    scene = loose(OBLIQUE, solver__method=method, solver__step=step)
+    simulation = ico.compile_scene(scene)
+    before = momenta(scene, simulation.snapshot())
+    start, deepest, most = simulation.snapshot().energy['total'], 0.0, 0.0
+    for time in np.linspace(0.0, 0.07, 300):
+        simulation.advance_to(time)
+        energy = simulation.snapshot().energy
+        most = max(most, energy['contact'])
+        assert abs(energy['balance_error']) < {'leapfrog': 1e-3, 'dop8': 1e-9}[method] * start
+    deepest = simulation.deepest_overlap
+    after = momenta(scene, simulation.snapshot())
+    size = [scene.shell.mass * 1.0, scene.shell.mass * 1.0 * 0.06]
+    for one, other, scale in zip(before, after, size):
+        assert np.abs(one - other).max() < 1e-12 * scale
+    assert 1e-4 * A < deepest < 0.05 * A and most > 0.1 * start
+    assert simulation.contact_count == 0
+    velocity = simulation.snapshot().linear_velocity
+    assert velocity[0, 0] < -0.1 and abs(simulation.balance.error) < 1e-3 * start
+
+
+@pytest.mark.parametrize('method', METHODS)
+def test_auto_and_always_are_the_same_bits_also_in_pieces_and_from_checkpoints(method):
+    step = {'leapfrog': 5e-6, 'dop8': 0.0}[method]
+    scene = loose(OBLIQUE, solver__method=method, solver__step=step)
+    auto, always = (
+        ico.compile_scene(changed(scene, {'contact.mode': mode})) for mode in ('auto', 'always'))
+    auto.advance_to(0.06)
+    checkpoints = []
+    for time in np.linspace(0.0, 0.06, 37):
+        always.advance_to(time)
+        always.snapshot()
+        checkpoints.append(always.checkpoint())
+    assert same_state(auto.snapshot(), always.snapshot())
+    assert auto.step_count == always.step_count and auto.contact_tests > 0
+    touching = 0
+    for checkpoint in checkpoints[::4]:
+        again = ico.compile_scene(changed(scene, {'contact.mode': 'always'}))
+        again.restore(Checkpoint.from_bytes(checkpoint.to_bytes()))
+        touching += again.snapshot().energy['contact'] > 0.0
+        again.advance_to(0.06)
+        assert same_state(again.snapshot(), always.snapshot())
+        assert again.checkpoint().difference(always.checkpoint()) == ''
+
+
+def impulse(arm, normal, approach, mass, inertia):
+    """
+    Frictionless impulse of restitution 1 on one body from a wall, by its speed of approach.
+    """
+    lever = np.cross(arm, normal)
+    return 2.0 * approach / (1.0 / mass + (lever @ lever) / inertia)
+
+
+@pytest.mark.parametrize('velocity, spin', [
+    ((0.0, 0.0, -1.0), (0.0, 0.0, 0.0)), ((0.5, -0.3, -1.0), (0.0, 0.0, 0.0)),
+    ((0.2, 0.1, -1.0), (10.0, -15.0, 40.0))])
+def test_a_vertex_on_a_floor_is_hit_as_a_rigid_body_is(velocity, spin):
+    # A vertex is lowest, and the centre not above it.
+    turned = Rotation.from_euler('xyz', [0.35, 0.2, 0.1])
+    arms = turned.apply(vertices(A))
+    arm = arms[np.argmin(arms[:, 2])]
+    assert np.hypot(*arm[:2]) > 0.1 * A
+    errors = []
+    for stiffness in (1e5, 1.6e6, 2.56e7):
+        scene = make_scene((1, 1, 1), {
+            'weave.connected': False, 'solver.method': 'dop8', 'solver.tolerance': 1e-8,
+            'contact.stiffness': stiffness, 'planes.floor.normal': [0.0, 0.0, 1.0],
+            'planes.floor.offset': -0.1})
+        simulation = ico.compile_scene(scene)
+        # It begins so high that it would be in this pose at first touch.
+        way = -1e-3 / velocity[2] * 1.0
+        before = Rotation.from_rotvec(-way * np.array(spin)) * turned
+        place = np.array([0.0, 0.0, -0.1 - arm[2]]) - way * np.array(velocity)
+        simulation.set_state(
+            position=place[None], orientation=before.as_quat()[None],
+            linear_velocity=np.array([velocity]), angular_velocity=np.array([spin]))
+        simulation.advance_to(3.0 * way)
+        snapshot = simulation.snapshot()
+        mass, inertia = scene.shell.mass, scene.shell.inertia
+        normal = np.array([0.0, 0.0, 1.0])
+        approach = -(np.array(velocity) + np.cross(spin, arm)) @ normal
+        push = impulse(arm, normal, approach, mass, inertia)
+        expected = np.array(velocity) + push / mass * normal
+        turning = np.array(spin) + push * np.cross(arm, normal) / inertia
+        error = np.abs(snapshot.linear_velocity[0] - expected).max()
+        error = max(error, A * np.abs(snapshot.angular_velocity[0] - turning).max())
+        errors.append(error / abs(approach))
+    # The body turns while it touches, for a time that falls as the root of the stiffness.
+    rates = np.log2(np.array(errors[:-1]) / errors[1:]) / 2.0
+    assert errors[-1] < 5e-3
+    assert rates.min() > 0.7
+
+
+def test_a_drop_comes_back_to_its_height():
+    scene = make_scene((1, 1, 1), {
+        'weave.connected': False, 'solver.method': 'dop8', 'solver.tolerance': 1e-8,
+        'gravity': [0.0, 0.0, -9.81], 'planes.floor.normal': [0.0, 0.0, 2.0],
+        'planes.floor.offset': -0.1})
+    simulation = ico.compile_scene(scene)
+    start = simulation.snapshot().energy
+    # The edge below is flat on the floor at first touch: it does not turn.
+    touch = 0.05 - midradius(A)
+    height, lowest = [], 1.0
+    for time in np.linspace(0.0, 2.0 * np.sqrt(2.0 * touch / 9.81), 200):
+        simulation.advance_to(time)
+        height.append(simulation.snapshot().position[0, 2])
+        lowest = min(lowest, height[-1])
+    assert lowest < -0.98 * touch and simulation.deepest_overlap < 0.01 * A
+    assert abs(height[-1]) < 1e-3 * touch
+    energy = simulation.snapshot().energy
+    assert abs(energy['balance_error']) < 1e-9 * abs(touch * 9.81 * scene.shell.mass)
+    assert start['contact'] == 0.0
+
+
+@pytest.mark.parametrize('speed', [1.0, 30.0, 1000.0])
+def test_a_fast_body_is_caught(speed):
+    # Of a stiffness that can catch it: K = M v^2 / (0.05 a)^2.
+    scene = loose(
+        ((0.06, 0.0, 0.0), (-speed, 0.0, 0.0), (0.0, 0.0, 0.0)),
+        contact__stiffness=0.0073 * speed**2 / (0.05 * A)**2, solver__tolerance=1e-4 * speed)
+    simulation = ico.compile_scene(scene)
+    simulation.advance_to(0.06 / speed)
+    velocity = simulation.snapshot().linear_velocity[:, 0] / speed
+    # A head-on collision of equal bodies: they change their velocities.
+    assert velocity == pytest.approx([-1.0, 0.0], abs=1e-3)
+    assert simulation.deepest_overlap > 1e-3 * A
+
+
+def test_too_deep_an_overlap_stops_the_run_with_both_names():
+    scene = loose(
+        ((0.06, 0.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 0.0, 0.0)), contact__stiffness=300.0)
+    simulation = ico.compile_scene(scene)
+    with pytest.raises(ico.SimulationError, match='body 0 and body 1 overlap') as caught:
+        simulation.advance_to(0.2)
+    assert 'contact.stiffness' in str(caught.value)
+    snapshot = simulation.snapshot()
+    assert np.isfinite(snapshot.position).all() and 0.0 < snapshot.time < 0.06
+    with pytest.raises(ValueError, match='cannot start: body 0 and body 1 overlap'):
+        ico.compile_scene(loose(((0.01, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))))
+    with pytest.raises(ValueError, match='body 1 and plane floor overlap'):
+        ico.compile_scene(loose(
+            ((0.0, 0.0, 0.2), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)),
+            planes__floor__normal=[0.0, 0.0, -1.0], planes__floor__offset=-0.19))
+
+
+def test_a_step_too_long_for_contacts_stops_the_run_when_they_come():
+    scene = loose(
+        ((0.06, 0.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 0.0, 0.0)), solver__method='leapfrog',
+        solver__step=5e-4)
+    simulation = ico.compile_scene(scene)
+    with pytest.raises(ico.SimulationError, match='too long for what touches'):
+        simulation.advance_to(0.2)
+    assert 0.01 < simulation.time < 0.06
+
+
+def test_a_plane_without_a_direction_is_refused():
+    with pytest.raises(ico.ParameterError, match=r'planes\.floor\.normal must point somewhere'):
+        make_scene((1, 1, 1), {'planes.floor.normal': [0.0, 0.0, 0.0]})

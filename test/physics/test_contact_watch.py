@@ -1,0 +1,190 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+No pair that can touch before the next look is missed, and none is computed that cannot.
+"""
+
+from fabrics import make_scene
+import icofabric_sim as ico
+from icofabric_sim.contact_lists import ContactLists
+from icofabric_sim.contact_setup import ContactSetup
+from icofabric_sim.initial import InitialState
+from icofabric_sim.kernels.contact_gap import axes_of, widest_gap
+from icofabric_sim.kernels.contact_pair import contact_scratch, OUT_SIZE, touch_pair, touch_plane
+from icofabric_sim.kernels.contact_search import find_close, sort_cubes
+from icofabric_sim.kernels.records import Watch
+from icofabric_sim.kernels.ways import ways_of
+from icofabric_sim.layout import make_layout
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
+
+SCRATCH, OUT = contact_scratch(), np.zeros(OUT_SIZE)
+
+
+def close_pairs(position, width):
+    """
+    What the kernels find among points (n, 3).
+    """
+    count = len(position)
+    slots = np.arange(count, dtype=np.int32)
+    heads = np.empty(1 << (2 * count).bit_length(), np.int32)
+    cubes, following = np.empty((3, count), np.int64), np.empty(count, np.int32)
+    places = np.ascontiguousarray(position.T)
+    sort_cubes(places, slots, width, cubes, heads, following)
+    few = np.empty((1, 2), np.int32)
+    found = find_close(places, slots, width, cubes, heads, following, few)
+    pairs = np.empty((found, 2), np.int32)
+    assert find_close(places, slots, width, cubes, heads, following, pairs) == found
+    return pairs
+
+
+@pytest.mark.parametrize('place', [0.0, 1e7])
+@pytest.mark.parametrize('spread', [0.1, 3.0, 1e5])
+def test_all_close_pairs_are_found_however_bodies_lie(spread, place):
+    generator = np.random.default_rng(3)
+    position = spread * generator.standard_normal((300, 3)) + [place, -place, 0.0]
+    # Some fly away, some are in one place, some on the faces of cubes.
+    position[:5] *= 1e3
+    position[5:8] = position[8]
+    position[20:60] = np.round(position[20:60])
+    pairs = close_pairs(position, 1.0)
+    expected = cKDTree(position).query_pairs(1.0, output_type='ndarray')
+    distance = np.linalg.norm(position[expected[:, 0]] - position[expected[:, 1]], axis=1)
+    expected = expected[distance < 1.0]
+    order = np.lexsort((expected[:, 1], expected[:, 0]))
+    assert len(pairs) >= 3
+    assert np.array_equal(pairs, expected[order])
+
+
+def packed_state(layout, position, quaternion):
+    zero = np.zeros_like(position)
+    return layout.pack(InitialState(position, quaternion, zero, zero))
+
+
+def touching(position, rotation, i, j):
+    if j < 0:
+        plane = PLANES[-1 - j]
+        return touch_plane(1.0, plane[:3], plane[3], position[i], rotation[i], SCRATCH, OUT)
+    return touch_pair(1.0, position[i], rotation[i], position[j], rotation[j], SCRATCH, OUT)
+
+
+def test_shells_touch_where_no_axis_shows_a_gap_and_nowhere_else():
+    generator = np.random.default_rng(5)
+    seen = [0, 0]
+    for _ in range(1500):
+        both = Rotation.random(2, random_state=generator)
+        way = generator.standard_normal(3)
+        way *= generator.uniform(2.9, 3.9) / np.linalg.norm(way)
+        quaternion = both.as_quat().T.copy()
+        gap, _ = widest_gap(
+            np.inf, 1.0, *way, axes_of(quaternion, 0), axes_of(quaternion, 1))
+        touches = touching(np.array([np.zeros(3), way]), both.as_matrix(), 0, 1)
+        assert touches == (gap < 0.0) or abs(gap) < 1e-12
+        seen[touches] += 1
+    assert min(seen) > 200
+
+
+PLANES = np.array([[0.0, 0.0, 1.0, -14.0], [0.6, 0.8, 0.0, -12.0]])
+SETUP = ContactSetup(1.0, 1.0, PLANES, ('floor', 'wall'), False, False, np.zeros(3), '')
+
+
+def crowd(generator, count=140):
+    """
+    Places and orientations of bodies that overlap, nearly touch, or are alone.
+    """
+    position = generator.uniform(-11.0, 11.0, (count, 3))
+    return position, Rotation.random(count, random_state=generator)
+
+
+@pytest.mark.parametrize('seed', range(4))
+def test_nothing_else_touches_before_a_way_is_as_long_as_the_reach(seed):
+    generator = np.random.default_rng(seed)
+    layout = make_layout(np.zeros((0, 3), np.int32), 140)
+    position, rotation = crowd(generator)
+    lists = ContactLists(SETUP, layout)
+    state = packed_state(layout, position, rotation.as_quat())
+    watch = Watch(
+        state.position.copy(), state.orientation.copy(), np.zeros(7), 1.902113032590307, 0.0, 0.0,
+        np.zeros(8), 1)
+    near = lists.find(state, 0.05, 0.4)
+    listed = {tuple(pair) for pair in near.pairs.tolist()}
+    assert near.reach == 0.05 and len(listed) > 50
+    assert any(pair[1] < 0 for pair in listed)
+    changed = 0
+    for _ in range(30):
+        # Half of the way by displacement, half by turning, to the end of the reach.
+        way = generator.standard_normal((140, 3))
+        way *= 0.5 * near.reach / np.linalg.norm(way, axis=1, keepdims=True)
+        axis = generator.standard_normal((140, 3))
+        axis *= 0.5 * near.reach / 1.9022 / np.linalg.norm(axis, axis=1, keepdims=True)
+        moved, turned = position + way, Rotation.from_rotvec(axis) * rotation
+        after = packed_state(layout, moved, turned.as_quat())
+        watch.far[:] = 0.0
+        ways_of(watch, layout.blocks, after, 0.0, 0, 0, len(layout.blocks.slot))
+        # What kernels take for the way is no shorter than that of any vertex.
+        assert 0.99 * near.reach < np.sqrt(watch.far[0]) < 1.5 * near.reach
+        matrices, before = turned.as_matrix(), rotation.as_matrix()
+        pairs = [tuple(pair) for pair in close_pairs(moved, 4.0).tolist()]
+        pairs += [(body, -1 - k) for body in range(140) for k in range(2)]
+        for pair in pairs:
+            if touching(moved, matrices, *pair):
+                assert pair in listed
+                changed += not touching(position, before, *pair)
+    assert changed > 2
+
+
+def test_ways_are_those_of_both_rotation_forms_beside_a_moving_frame():
+    generator = np.random.default_rng(8)
+    position, rotation = crowd(generator, 20)
+    turned = Rotation.from_rotvec(1e-2 * generator.standard_normal((20, 3))) * rotation
+    common = np.array([3.0, -2.0, 1.0])
+    way = 1e-2 * generator.standard_normal((20, 3))
+    frame = np.concatenate([[1.0], common / 2.0, np.zeros(3)])
+    far = []
+    for cosines in (False, True):
+        layout = make_layout(np.zeros((0, 3), np.int32), 20, cosines=cosines)
+        before = packed_state(layout, position, rotation.as_quat())
+        after = packed_state(layout, position + way + common, turned.as_quat())
+        watch = Watch(
+            before.position, before.orientation, frame, 1.9, 0.0, 0.0, np.zeros(8), 1)
+        # Two seconds later.
+        ways_of(watch, layout.blocks, after, 3.0, 0, 0, len(layout.blocks.slot))
+        far.append(np.sqrt(watch.far[0]))
+    corners = np.linalg.norm(way, axis=1) + 1.9 * (turned * rotation.inv()).magnitude()
+    assert far[0] == pytest.approx(far[1], rel=1e-3)
+    assert corners.max() <= far[0] * (1.0 + 1e-9) and far[0] <= 1.5 * corners.max()
+
+
+def test_longer_reach_where_nothing_is_near():
+    layout = make_layout(np.zeros((0, 3), np.int32), 2)
+    lists = ContactLists(SETUP._replace(planes=np.zeros((0, 4))), layout)
+    straight = np.tile([0.0, 0.0, 0.0, 1.0], (2, 1))
+    normal = np.ones(3) / np.sqrt(3.0)
+    for gap, reach in ((0.3, 0.15), (5.0, 0.4), (0.09, 0.05)):
+        position = np.array([np.zeros(3), (2.0 * 1.511522628152342 + gap) * normal])
+        near = lists.find(packed_state(layout, position, straight), 0.05, 0.4)
+        assert near.reach == pytest.approx(reach, rel=1e-12)
+        assert len(near.pairs) == (gap < 0.1)
+
+
+def test_a_gently_moving_fabric_near_the_least_angle_computes_no_contact():
+    # Spheres around the shells overlap here.
+    least = np.arccos(np.sqrt(0.6) ** -1 / np.sqrt(2.0)) - np.pi / 4.0
+    states = []
+    for mode in ('auto', 'never'):
+        scene = make_scene((3, 3, 3), {
+            'weave.connector_angle': least + np.radians(1.0), 'contact.mode': mode,
+            'solver.method': 'srkn4', 'initial_random.velocity_sigma': 0.001,
+            'initial_random.spin_sigma': 0.1})
+        nearest = np.sqrt(2.0) * scene.geometry.pitch
+        assert 2.0 * 1.5115 < nearest / scene.geometry.half_edge < 2.0 * 1.9021
+        simulation = ico.compile_scene(scene)
+        simulation.advance_to(0.03)
+        assert simulation.contact_tests == simulation.contact_count == 0
+        assert simulation.step_count > 10
+        states.append(simulation.snapshot())
+    assert np.array_equal(states[0].position, states[1].position)
+    assert np.array_equal(states[0].orientation, states[1].orientation)
+    assert np.abs(states[0].position - scene.position).max() > 1e-5
