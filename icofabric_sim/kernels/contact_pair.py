@@ -103,13 +103,16 @@ def meet(
         out[12], out[13], out[14] = dx / length, dy / length, dz / length
         return False
     # The same arithmetic whichever body comes first.
-    if dx < 0.0 or (dx == 0.0 and (dy < 0.0 or (dy == 0.0 and dz < 0.0))):
-        found = press(half_edge, -dx, -dy, -dz, rb, ra, room, marks, out)
+    swapped = dx < 0.0 or (dx == 0.0 and (dy < 0.0 or (dy == 0.0 and dz < 0.0)))
+    if swapped:
+        ra, rb = rb, ra
+        dx, dy, dz = -dx, -dy, -dz
+    found = press(half_edge, dx, dy, dz, ra, rb, room, marks, out)
+    if swapped:
         for k in range(3):
             out[k], out[12 + k] = -out[k], -out[12 + k]
             out[3 + k], out[6 + k] = out[6 + k], out[3 + k]
-        return found
-    return press(half_edge, dx, dy, dz, ra, rb, room, marks, out)
+    return found
 
 
 @compiled
