@@ -34,9 +34,9 @@ LOOK_AFTER = 32
 _ROOM = 3.0
 # Overlaps, in parts of a, that are told once, and of the inscribed radius that end a run.
 _TOLD, _DEEPEST = 0.01, 0.2
-# Largest second derivative of the energy of a contact, in parts of K, by the places and a times
-# the rotation angles of both bodies (docs/contact.md).
-_CURVATURE = 4.6
+# Above the largest second derivative of the energy of a contact that a search found, in parts of
+# K, by the places and a times the rotation angles of both bodies (docs/contact.md).
+_CURVATURE = 7.0
 
 
 class Overlap(NamedTuple):
