@@ -24,6 +24,8 @@ import numpy as np
 STABLE = 'equilibrium, stable'
 MECHANISM = 'equilibrium, with mechanisms'
 UNSTABLE = 'equilibrium, unstable'
+# Of fabrics that are too large for it: no motion was found that lowers the energy.
+NOT_COUNTED = 'equilibrium, mechanisms not counted'
 NOT_AT_REST = 'not in equilibrium'
 
 _STEPS = 2_000
@@ -58,9 +60,9 @@ class Equilibrium:
     residual: float
     verdict: str
     # Motions that cost no energy, rigid ones of the whole included; -1: not counted, because the
-    # fabric is not in equilibrium.
+    # fabric is not in equilibrium or has more than 60,000 freedoms.
     mechanism_count: int
-    unstable_count: int  # motions that lower the energy; -1: not counted
+    unstable_count: int  # motions that lower it; -1: not counted; of large fabrics 1: some
     force_scale: float  # [N]
     leftover: np.ndarray  # (n, 6) forces [N] and torques [N m] left on free bodies
     tension: np.ndarray  # (c,) [N], positive where connectors pull
@@ -250,8 +252,10 @@ class _Search:
         if converged:
             curvature = judge_curvature(here)
             verdict = STABLE
-            if curvature.negative:
+            if curvature.negative > 0:
                 verdict = UNSTABLE
+            elif curvature.zero < 0:
+                verdict = NOT_COUNTED
             elif curvature.zero:
                 verdict = MECHANISM
         return Equilibrium(

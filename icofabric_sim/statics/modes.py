@@ -140,7 +140,7 @@ def _lowest(
     from scipy.sparse.linalg import eigsh, LinearOperator
 
     below = curvature.zero + curvature.negative
-    if below < 0:
+    if curvature.zero < 0:
         raise ValueError(
             'the zero-energy motions of this fabric could not be counted, and with them the '
             "lowest frequencies not be told apart; which='highest' needs no such count")

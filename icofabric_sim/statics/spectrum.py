@@ -14,10 +14,14 @@ from icofabric_sim.statics.dissection import dissection_order
 from icofabric_sim.statics.fabric import Configuration, StaticFabric
 import numpy as np
 from scipy import sparse
+from scipy.linalg import eigvalsh_tridiagonal
 from scipy.sparse.linalg import splu, SuperLU
 
-# Freedoms up to which all eigenvalues are computed.
-DENSE = 2_400
+# Freedoms up to which all eigenvalues are computed, and up to which a factorisation counts them:
+# its memory grows with the power 4/3, its time with the square of their number.
+DENSE, COUNTED = 2_400, 60_000
+# Products with which the lowest eigenvalue of a larger fabric is sought.
+_LOOKS = 400
 _COLOURS = 13
 _STEPS = np.array([1, 3, 4])
 # Squared frequencies below this part of the largest are zero. In a factorisation of a large
@@ -28,6 +32,8 @@ _ZERO, _LARGE_ZERO = 1e-10, 1e-7
 class Curvature(NamedTuple):
     """
     How many eigenvalues of the Hessian are zero, and how many negative; -1: not counted.
+
+    Of a fabric that is too large to count, 1 negative one stands for some.
     """
 
     zero: int
@@ -110,11 +116,34 @@ def curvature_of(here: Configuration, matrix: sparse.csr_matrix) -> Curvature:
     if matrix.shape[0] <= DENSE:
         return count_signs(np.linalg.eigvalsh(matrix.toarray()), _ZERO)
     limit = zero_limit(matrix)
+    if matrix.shape[0] > COUNTED:
+        return Curvature(-1, -1 if lowest_eigenvalue(matrix) >= -limit else 1)
     below, above = (
         count_below(factorise(here, matrix, shift)) for shift in (-limit, limit))
     if below < 0 or above < 0:
         return Curvature(-1, -1)
     return Curvature(above - below, below)
+
+
+def lowest_eigenvalue(matrix: sparse.csr_matrix) -> float:
+    """
+    The lowest eigenvalue [1/s^2] as Lanczos' iteration sees it after so many products: from above.
+    """
+    current = np.random.RandomState(1).standard_normal(matrix.shape[0])
+    current /= np.linalg.norm(current)
+    previous = np.zeros_like(current)
+    diagonal, off = np.zeros(_LOOKS), np.zeros(_LOOKS)
+    for step in range(_LOOKS):
+        product = matrix @ current
+        diagonal[step] = current @ product
+        product -= diagonal[step] * current
+        if step:
+            product -= off[step - 1] * previous
+        off[step] = np.linalg.norm(product)
+        if not off[step] > 1e-14 * np.abs(diagonal).max():
+            return float(eigvalsh_tridiagonal(diagonal[:step + 1], off[:step])[0])
+        previous, current = current, product / off[step]
+    return float(eigvalsh_tridiagonal(diagonal, off[:-1])[0])
 
 
 def zero_limit(matrix: sparse.csr_matrix) -> float:

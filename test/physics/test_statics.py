@@ -8,7 +8,14 @@ from dataclasses import replace
 
 from fabrics import make_scene
 import icofabric_sim as ico
-from icofabric_sim.statics.equilibrium import MECHANISM, NOT_AT_REST, STABLE, UNSTABLE
+from icofabric_sim.statics import modes, spectrum
+from icofabric_sim.statics.equilibrium import (
+    MECHANISM,
+    NOT_AT_REST,
+    NOT_COUNTED,
+    STABLE,
+    UNSTABLE,
+)
 from icofabric_sim.statics.fabric import StaticFabric
 import numpy as np
 import pytest
@@ -202,6 +209,24 @@ def test_an_unloaded_fabric_is_at_rest_and_has_its_mechanisms():
     assert result.verdict == MECHANISM and result.step_count == 0
     assert result.mechanism_count == 6 * scene.body_count - scene.connector_count
     assert not result.reaction.any()
+
+
+def test_large_fabrics_are_judged_without_counting(monkeypatch):
+    scene = make_scene((4, 4, 4), connector={'stiffness': 2000.0}, **HUNG)
+    for module, name in ((spectrum, 'DENSE'), (spectrum, 'COUNTED'), (modes, 'DENSE')):
+        monkeypatch.setattr(module, name, 10)
+    result = ico.solve_equilibrium(scene)
+    assert result.verdict == NOT_COUNTED and result.converged
+    assert result.mechanism_count == result.unstable_count == -1
+    # Of many modes of a fabric under pressure Lanczos' iteration sees the lowest at once.
+    pressed = make_scene((3, 3, 3), connector={'natural_length': 0.031})
+    matrix = spectrum.scaled_hessian(StaticFabric(pressed).start)
+    values = np.linalg.eigvalsh(matrix.toarray())
+    assert spectrum.lowest_eigenvalue(matrix) == pytest.approx(values[0], rel=1e-6)
+    assert values[0] < 0.0
+    assert spectrum.judge_curvature(StaticFabric(pressed).start) == (-1, 1)
+    with pytest.raises(ValueError, match='highest'):
+        modes.solve_modes(scene, count=2)
 
 
 def test_a_search_that_ends_too_early_says_so():
