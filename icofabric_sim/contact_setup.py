@@ -34,9 +34,13 @@ class ContactSetup(NamedTuple):
     expected: str  # why contacts are expected; '': they need not happen
 
 
-def pack_contact(scene: Scene, fall: np.ndarray) -> ContactSetup | None:
+def pack_contact(
+    scene: Scene, fall: np.ndarray, *, moving: bool = True
+) -> ContactSetup | None:
     """
     Constants of contact; None where it is switched off, or nothing is there to touch.
+
+    Where nothing is `moving` the own stiffness is for forces alone.
     """
     parameters = scene.parameters
     names = tuple(parameters.names('planes'))
@@ -46,7 +50,8 @@ def pack_contact(scene: Scene, fall: np.ndarray) -> ContactSetup | None:
     held = scene.supports is not None or scene.drives or scene.anchors or names
     return ContactSetup(
         half_edge=scene.geometry.half_edge,
-        stiffness=parameters['contact.stiffness'] or own_stiffness(scene, planes),
+        stiffness=parameters['contact.stiffness'] or own_stiffness(
+            scene, planes, moving=moving),
         planes=planes,
         names=names,
         always=parameters['contact.mode'] == 'always',
@@ -69,14 +74,15 @@ def _expected(scene: Scene) -> str:
     return ''
 
 
-def own_stiffness(scene: Scene, planes: np.ndarray) -> float:
+def own_stiffness(scene: Scene, planes: np.ndarray, *, moving: bool = True) -> float:
     """
     Stiffness [N/m] with which shells are expected to overlap by less than 1 % of a.
 
     Where two bodies meet with the largest speed that is expected, each with v, their energy
     M v^2 = K delta^2 / 2 asks for K = 2 M v^2 / delta^2; what presses them together with a force f
     for K = f / delta. Speeds come from the start, the drives, and what weight and loads give a
-    body over the height of the scene; forces from weight, loads and strained connectors.
+    body over the height of the scene; forces from weight, loads and strained connectors. Where
+    nothing is `moving` only these count.
     """
     parameters, a, mass = scene.parameters, scene.geometry.half_edge, scene.shell.mass
     initial, electric = scene.initial, scene.electric
@@ -94,7 +100,7 @@ def own_stiffness(scene: Scene, planes: np.ndarray) -> float:
     square = max(speed * speed + 2.0 * force * height / mass, (_LEAST_SPEED * a) ** 2)
     # A column of bodies as high as the scene rests on one.
     pressed = force * max(height / (2.0 * inscribed_radius(a)), 1.0)
-    stiffness = 2.0 * mass * square / (_OVERLAP * a) ** 2
+    stiffness = 2.0 * mass * square / (_OVERLAP * a) ** 2 if moving else 0.0
     if scene.connector_count:
         laws = scene.connectors.laws
         k = float(max(laws.extension.max(), laws.compression.max()))

@@ -99,6 +99,10 @@ def summary(scene: 'Scene', result: 'Equilibrium', seconds: float) -> list[str]:
         lines.append(
             f'obstructed {obstructed:,} connectors lead through a shell of their own: that is not '
             'part of this equilibrium')
-    if scene.parameters['contact.mode'] != 'never':
-        lines.append('contact    between shells is not part of it')
+    touching = result.touching
+    if touching is not None:
+        lines.append(
+            f'contact    {len(touching.pairs):,} pairs of shells and '
+            f'{sum(map(len, touching.planes)):,} shells on planes; deepest overlap '
+            f'{touching.depth / scene.geometry.half_edge:.2g} a')
     return lines

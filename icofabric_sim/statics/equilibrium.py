@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 from icofabric_sim.scene import Scene
 from icofabric_sim.snapshot import Snapshot
+from icofabric_sim.statics.contacts import Contacts
 from icofabric_sim.statics.fabric import Configuration, StaticFabric
 from icofabric_sim.statics.spectrum import Curvature, judge_curvature
 from icofabric_sim.statics.trust_region import steihaug, Step
@@ -34,6 +35,8 @@ _PRODUCTS = 2.0
 _MOST_PRODUCTS = 5_000
 # Largest rotation [rad], and displacement over a, of a body in one step.
 _LONGEST = 0.7
+# Residual with which contacts are made stiffer.
+_NEAR = 1e-3
 # Below this part of the energy its differences are rounding.
 _ROUNDING = 1e-9
 
@@ -66,6 +69,7 @@ class Equilibrium:
     force_scale: float  # [N]
     leftover: np.ndarray  # (n, 6) forces [N] and torques [N m] left on free bodies
     tension: np.ndarray  # (c,) [N], positive where connectors pull
+    touching: Contacts | None  # what touches there; None where the scene has no contact
     reaction: np.ndarray  # (n, 6) forces [N] and torques [N m] of supports and drives on bodies
     step_count: int
     product_count: int
@@ -87,8 +91,8 @@ def solve_equilibrium(
     Find where a fabric comes to rest under its loads, supports and drives, held at a `time` [s].
 
     Begins at the initial state of the scene, or at a snapshot. `tolerance`: what may be left of
-    forces, in parts of the largest connector force or load. Contact and friction are not part of
-    it. Raises ValueError where nothing could ever be in equilibrium.
+    forces, in parts of the largest connector force or load. Without friction. Raises
+    ValueError where nothing could ever be in equilibrium.
     """
     if not 0.0 < tolerance < 1.0:
         raise ValueError(
@@ -108,7 +112,8 @@ def solve_equilibrium(
             np.where(turns, start.orientation, here.orientation))
     refuse_free_fall(fabric)
     search = _Search(fabric, here, tolerance, largest_step_count, progress)
-    search.run()
+    # From a start that was given little is left to go.
+    search.run(gently=start is None)
     return search.result()
 
 
@@ -117,7 +122,8 @@ def refuse_free_fall(fabric: StaticFabric) -> None:
     Refuse weight and loads that nothing bears: no support, no drive, no anchor.
     """
     scene = fabric.scene
-    if not fabric.free.all() or scene.anchors:
+    if not fabric.free.all() or scene.anchors or (
+            fabric.contacts is not None and scene.parameters.names('planes')):
         return
     acting = fabric.start.acting.wrench[:, :3].sum(axis=0)
     if fabric.model.gravity is not None:
@@ -128,7 +134,7 @@ def refuse_free_fall(fabric: StaticFabric) -> None:
         raise ValueError(
             f'nothing holds this fabric: a force of {size:.4g} N in all acts on it, by gravity, '
             'field.electric or loads; hold some bodies with supports.NAME, drives.NAME or '
-            'anchors.NAME')
+            'anchors.NAME, or put planes.NAME below them')
 
 
 class _Search:
@@ -150,12 +156,35 @@ class _Search:
             max(1, int(self.free.any(axis=1).sum())))
         self.first_gradient = 0.0
 
-    def run(self) -> None:
+    def run(self, *, gently: bool) -> None:
         """
         Search until it is found, or nothing gets better.
+
+        `gently`: contacts are soft at first, and stiffer each time that an equilibrium is near.
+        Stiff ones change within steps as short as their overlaps, and stop bodies that have far
+        to go.
         """
+        contacts = self.fabric.contacts
+        if contacts is None:
+            self._descend(self.tolerance)
+            return
+        for stiffness in contacts.stages(self._acting()) if gently else [contacts.stiffness]:
+            contacts.stiffness = stiffness
+            self.here = Configuration(
+                self.fabric, self.here.position.copy(), self.here.orientation.copy())
+            self._descend(
+                max(self.tolerance, _NEAR) if stiffness < contacts.whole else self.tolerance)
+        contacts.stiffness = contacts.whole
+
+    def _acting(self) -> float:
+        """
+        The largest force [N] on a body before anything has moved: weight, loads, connectors.
+        """
+        return max(self.here.force_scale, float(np.abs(self.leftover()[:, :3]).max(initial=0.0)))
+
+    def _descend(self, tolerance: float) -> None:
         stuck = 0
-        while self.steps < self.largest and self.residual() > self.tolerance and stuck < 30:
+        while self.steps < self.largest and self.residual() > tolerance and stuck < 30:
             before = self.residual()
             if self.progress is not None:
                 self.progress(Progress(self.steps, before, self.here.energy))
@@ -262,5 +291,6 @@ class _Search:
             snapshot=here.snapshot, converged=converged, residual=residual, verdict=verdict,
             mechanism_count=curvature.zero, unstable_count=curvature.negative,
             force_scale=here.force_scale, leftover=self.leftover(), tension=here.tension,
+            touching=here.touching,
             reaction=np.where(self.free, 0.0, -here.force), step_count=self.steps,
             product_count=self.products)

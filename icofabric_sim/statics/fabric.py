@@ -12,6 +12,7 @@ from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
+from icofabric_sim.contact_setup import pack_contact
 from icofabric_sim.initial import InitialState
 from icofabric_sim.inputs import Inputs
 from icofabric_sim.kernels.drives import place_driven
@@ -24,6 +25,7 @@ from icofabric_sim.parameters import ParameterError
 from icofabric_sim.rotation_forms import cosines_from_quaternions, turned_by
 from icofabric_sim.scene import Scene
 from icofabric_sim.snapshot import Snapshot
+from icofabric_sim.statics.contacts import Contacts, StaticContacts
 from icofabric_sim.statics.loads import Acting, AnchorPull, DeadLoads, turned_potential
 from icofabric_sim.statics.tangent import TangentLaws
 import numpy as np
@@ -35,12 +37,14 @@ class StaticFabric:
     """
 
     def __init__(
-        self, scene: Scene, time: float = 0.0, *, only: np.ndarray | None = None
+        self, scene: Scene, time: float = 0.0, *, only: np.ndarray | None = None,
+        contact: bool = True
     ) -> None:
         """
         Hold loads, drives and points of anchors as they are at `time` [s].
 
         `only`: numbers of the connectors that forces and second derivatives count; None: all.
+        `contact`: whether shells and planes push each other, where the scene has it.
         Raises ParameterError for what has no place in statics.
         """
         if scene.electric.mutual:
@@ -51,6 +55,10 @@ class StaticFabric:
             raise ParameterError(
                 'connector.obstruction', 'connector.obstruction wrap: second derivatives of '
                 'connectors around shells are not part of statics and modes; take warn')
+        if contact and scene.parameters['contact.friction'] != 0.0:
+            raise ParameterError(
+                'contact.friction', 'contact.friction: with friction a fabric rests in many ways, '
+                'which depend on how it came there; set it to 0 for statics and modes')
         self.scene, self.time = scene, time
         self.packed = pack_scene(scene)
         if only is not None:
@@ -79,6 +87,8 @@ class StaticFabric:
         self.laws = TangentLaws(self.packed)
         self.work = self.layout.room(model.links)
         self.room = np.zeros_like(self.work.points), np.zeros((3, self.layout.slot_count))
+        setup = pack_contact(scene, np.zeros(3), moving=False) if contact else None
+        self.contacts = None if setup is None else StaticContacts(setup, scene.body_count)
         # Whose attachment points are in the room.
         self.placed: Configuration | None = None
         self.product = aligned_empty((6, self.layout.slot_count))
@@ -151,7 +161,8 @@ class Configuration:
         """
         Potential energy [J] of the fabric and of the dead loads.
         """
-        return float(self.snapshot.energy['total']) + self.acting.energy
+        pushed = 0.0 if self.touching is None else self.touching.energy
+        return float(self.snapshot.energy['total']) + self.acting.energy + pushed
 
     @cached_property
     def force(self) -> np.ndarray:
@@ -162,9 +173,19 @@ class Configuration:
         work = fabric.work
         keep_accelerations(
             fabric.model, self._placed(), work, fabric.time, 0, len(fabric.layout.blocks.slot))
-        return np.asarray(
-            fabric.layout.gather(work.acceleration) * fabric.root**2 + self._pulled[1]
-            + self.acting.wrench)
+        force = fabric.layout.gather(work.acceleration) * fabric.root**2
+        force += self._pulled[1] + self.acting.wrench
+        if self.touching is not None:
+            force += self.touching.wrench
+        return np.asarray(force)
+
+    @cached_property
+    def touching(self) -> Contacts | None:
+        """
+        What touches; None where the scene has no contact.
+        """
+        contacts = self.fabric.contacts
+        return None if contacts is None else contacts.act(self.position, self.axes)
 
     @cached_property
     def acting(self) -> Acting:
@@ -197,9 +218,21 @@ class Configuration:
         if fabric.model.gravity is not None:
             weight = float(np.linalg.norm(fabric.model.gravity)) / fabric.model.inverse_mass
         pulls = [*np.abs(self.tension), *np.abs(self._pulled[3])]
+        if self.touching is not None:
+            pulls.append(self.touching.largest_force)
         return max(fabric.loads.largest_force, weight, max(pulls, default=0.0))
 
-    def times(self, motion: np.ndarray) -> np.ndarray:
+    @cached_property
+    def contact_blocks(self) -> tuple[np.ndarray, np.ndarray]:
+        """
+        Second derivatives of contacts: two bodies each (m, 2), and blocks (m, 12, 12).
+        """
+        fabric = self.fabric
+        if fabric.contacts is None or self.touching is None:
+            return np.zeros((0, 2), np.int64), np.zeros((0, 12, 12))
+        return fabric.contacts.blocks(self.touching, self.position, self.axes)
+
+    def times(self, motion: np.ndarray, *, contact: bool = True) -> np.ndarray:
         """
         Second derivative of the energy along a vector, (n, 6) both; held freedoms count.
         """
@@ -212,6 +245,11 @@ class Configuration:
         result = fabric.layout.gather(fabric.product)
         for body, block in self._pulled[2]:
             result[body] += block @ motion[body]
+        if contact and self.touching is not None:
+            bodies, blocks = self.contact_blocks
+            push = np.einsum('mij,mj->mi', blocks, motion[bodies].reshape(-1, 12))
+            np.add.at(result, bodies[:, 0], push[:, :6])
+            np.add.at(result, bodies[:, 1], push[:, 6:])
         if self._turning is not None:
             result[:, 3:] += np.einsum('nij,nj->ni', self._turning, motion[:, 3:])
         return np.asarray(result)

@@ -83,7 +83,7 @@ def make_cell(scene: Scene) -> Cell:
     body = int(full[0])
     others = np.where(bodies == body, bodies[:, ::-1], -1).max(axis=1)
     neighbours = np.concatenate([[body], np.sort(others[others >= 0])])
-    fabric = StaticFabric(piece)
+    fabric = StaticFabric(piece, contact=False)
     blocks = np.zeros((13, 6, 6))
     for number, other in enumerate(neighbours):
         for freedom in range(6):
@@ -218,7 +218,7 @@ def homogenise(scene: Scene) -> Elasticity:
     offsets = cell.scene.position[other] - cell.scene.position[cell.body]
     order = np.array([1.0, np.pi, np.e**3])
     chosen = own[offsets @ order > 0.0]
-    fabric = StaticFabric(cell.scene, only=chosen)
+    fabric = StaticFabric(cell.scene, only=chosen, contact=False)
     motions = np.zeros((9, cell.scene.body_count, 6))
     place = cell.scene.position - cell.scene.position[cell.body]
     for number, (i, j) in enumerate(_VOIGT):

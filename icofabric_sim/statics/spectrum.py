@@ -63,12 +63,20 @@ def scaled_hessian(here: Configuration) -> sparse.csr_matrix:
             vector = np.zeros((count, 6))
             chosen = np.unique(with_it)
             vector[chosen, freedom] = scale[chosen, freedom]
-            product = scale * here.times(vector)
+            product = scale * here.times(vector, contact=False)
             block = product[there]
             keep = block != 0.0
             rows.append(own[there][keep])
             columns.append(np.broadcast_to(own[with_it, freedom][:, None], keep.shape)[keep])
             values.append(block[keep])
+    # Contacts join any bodies.
+    bodies, blocks = here.contact_blocks
+    if len(bodies):
+        places = own[bodies].reshape(-1, 12)
+        weights = scale[bodies].reshape(-1, 12)
+        rows.append(np.repeat(places, 12, axis=1).ravel())
+        columns.append(np.tile(places, (1, 12)).ravel())
+        values.append((blocks * weights[:, :, None] * weights[:, None, :]).ravel())
     matrix = sparse.csr_matrix(
         (np.concatenate(values or [np.zeros(0)]),
          (np.concatenate(rows or [np.zeros(0, int)]),

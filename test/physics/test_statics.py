@@ -16,7 +16,7 @@ from icofabric_sim.statics.equilibrium import (
     STABLE,
     UNSTABLE,
 )
-from icofabric_sim.statics.fabric import StaticFabric
+from icofabric_sim.statics.fabric import Configuration, StaticFabric
 import numpy as np
 import pytest
 
@@ -112,11 +112,13 @@ def test_a_body_on_one_connector_hangs_straight_down():
 
 def test_reactions_bear_the_load_and_no_body_is_left_with_a_force():
     scene = make_scene(
-        (4, 4, 4), connector={'stiffness': 2000.0}, **{
+        (4, 4, 4), connector={'stiffness': 2000.0}, contact={'stiffness': 5e4}, **{
             **HUNG, 'groups': {'top': 'z_max', 'low': 'z_min'},
             'loads': {'low': {'group': 'low', 'force': [0.02, 0.0, -0.05], 'share': 'total'}}})
     result = ico.solve_equilibrium(scene)
     assert result.verdict == STABLE and result.residual <= 1e-10
+    # Shells touch, and are counted in.
+    assert len(result.touching.pairs) > 3
     weight = scene.body_count * scene.shell.mass * 9.81
     load = np.array([0.02, 0.0, -0.05 - weight])
     assert np.abs(result.reaction[:, :3].sum(axis=0) + load).max() < 1e-9 * weight
@@ -178,8 +180,13 @@ def test_loads_that_turn_with_their_bodies_have_an_equilibrium_too():
 
 
 def test_energy_never_grows_on_the_way():
-    scene = make_scene((4, 3, 3), gravity=[0.0, 0.0, -9.81], groups={'wall': 'x_min'},
-                       supports={'wall': {'group': 'wall'}}, connector={'stiffness': 500.0})
+    """
+    Without contact, whose stiffness grows on the way.
+    """
+    scene = make_scene(
+        (4, 3, 3), contact={'mode': 'never'}, gravity=[0.0, 0.0, -9.81],
+        groups={'wall': 'x_min'}, supports={'wall': {'group': 'wall'}},
+        connector={'stiffness': 500.0})
     seen = []
     result = ico.solve_equilibrium(scene, progress=seen.append)
     energies = [progress.energy for progress in seen]
@@ -272,3 +279,63 @@ def test_arguments_are_judged():
             ({'time': np.inf}, 'time'), ({'start': snapshot}, 'start')):
         with pytest.raises(ValueError, match=word):
             ico.solve_equilibrium(scene, **arguments)
+
+
+PLACED = {'gravity': [0.0, 0.0, -9.81], 'contact': {'mode': 'always', 'stiffness': 1e4}}
+
+
+def test_contact_forces_and_hessian_are_derivatives_of_the_energy():
+    scene = make_scene((3, 3, 2), planes={'floor': {
+        'normal': [0.0, 0.1, 1.0], 'offset': -0.005}}, **PLACED)
+    fabric = StaticFabric(scene)
+    random = np.random.default_rng(1)
+    shape = scene.body_count, 3
+    here = fabric.start.moved(np.hstack([
+        8e-3 * random.standard_normal(shape), 0.3 * random.standard_normal(shape)]))
+    assert len(here.touching.pairs) >= 3 and len(here.touching.planes[0]) >= 5
+    assert 0.2 < here.touching.energy / here.energy < 1.0
+    first, second = motions(fabric)
+    h = 1e-5
+    ahead, behind = here.moved(h * first), here.moved(-h * first)
+    assert (ahead.energy - behind.energy) / (2.0 * h) == pytest.approx(
+        -float((here.force * first).sum()), rel=1e-8)
+    product = here.times(first)
+    h = 1e-4
+    curved = (here.moved(h * first).energy - 2.0 * here.energy
+              + here.moved(-h * first).energy) / h**2
+    assert (first * product).sum() == pytest.approx(curved, rel=1e-5)
+    assert (second * product).sum() == pytest.approx((first * here.times(second)).sum(), rel=1e-9)
+    # The matrix has the contacts too, between bodies that no connector joins.
+    matrix = spectrum.scaled_hessian(here)
+    scaled = (matrix @ first.ravel()).reshape(first.shape)
+    assert np.allclose(
+        scaled, here.times(first / fabric.root) / fabric.root, atol=1e-9 * np.abs(scaled).max())
+
+
+def test_a_slab_on_a_floor():
+    """
+    The floor bears the weight; the slab can slide and turn on it.
+    """
+    scene = make_scene(
+        (5, 5, 3), weave={'size': [5, 5, 3], 'connector_angle': 0.15},
+        planes={'floor': {'normal': [0.0, 0.0, 1.0], 'offset': -0.017}},
+        **{**PLACED, 'connector': {'stiffness': 300.0, 'bending_stiffness': 0.02}})
+    result = ico.solve_equilibrium(scene)
+    assert result.verdict == MECHANISM and result.mechanism_count == 3
+    here = Configuration(
+        StaticFabric(scene), result.snapshot.position.copy(), result.snapshot.orientation.copy())
+    weight = scene.body_count * scene.shell.mass * 9.81
+    assert here.touching.wrench[:, 2].sum() == pytest.approx(weight, rel=1e-9)
+    assert len(here.touching.planes[0]) == 13 and not len(here.touching.pairs)
+    assert 0.0 < here.touching.depth < 0.05 * scene.geometry.half_edge
+    assert ico.solve_modes(scene, at=result.snapshot).mechanism_count == 3
+
+
+def test_a_shell_on_its_edge_stands_but_not_for_long():
+    scene = make_scene(
+        (1, 1, 1), planes={'floor': {'normal': [0.0, 0.0, 1.0], 'offset': -0.0162}}, **PLACED)
+    result = ico.solve_equilibrium(scene)
+    assert result.verdict == UNSTABLE and result.unstable_count >= 1
+    scene = make_scene((1, 1, 1), gravity=[0.0, 0.0, -9.81], contact={'mode': 'always'})
+    with pytest.raises(ValueError, match='planes'):
+        ico.solve_equilibrium(scene)

@@ -1,0 +1,191 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+Contact of a configuration at rest: the potential of docs/contact.md, and how it changes.
+"""
+
+from typing import NamedTuple
+
+from icofabric_sim.contact_setup import ContactSetup
+from icofabric_sim.icosahedron import circumscribed_radius
+from icofabric_sim.kernels.contact_many import touch_pairs, touch_planes
+from icofabric_sim.kernels.contact_pair import contact_scratch, OUT_SIZE
+import numpy as np
+
+# Pairs of shells; other groups are numbers of planes.
+PAIRS = -1
+# Overlap in parts of a with which a search begins, and how much stiffer contacts get at a time.
+_DEEP, _STIFFER = 0.1, 3.0
+# Step of the differences of forces, in parts of a and in rad.
+_STEP = 1e-6
+
+
+class Contacts(NamedTuple):
+    """
+    What touches in a configuration.
+    """
+
+    energy: float  # [J]
+    wrench: np.ndarray  # (n, 6) forces [N] and torques about the centres [N m]
+    pairs: np.ndarray  # (p, 2) bodies that touch
+    planes: tuple[np.ndarray, ...]  # bodies that touch each of the planes
+    depth: float  # [m] the deepest overlap
+    largest_force: float  # [N] of a contact
+
+
+class StaticContacts:
+    """
+    Shells and planes of a scene that push each other.
+    """
+
+    def __init__(self, setup: ContactSetup, body_count: int) -> None:
+        """
+        See contact_setup.py.
+        """
+        self._setup, self._count = setup, body_count
+        self.stiffness = setup.stiffness  # K [N/m] in use
+        self._scratch = contact_scratch()
+        self._reach = 2.0 * circumscribed_radius(setup.half_edge)
+
+    @property
+    def whole(self) -> float:
+        """
+        Stiffness of the scene [N/m].
+        """
+        return self._setup.stiffness
+
+    def stages(self, force: float) -> list[float]:
+        """
+        Stiffnesses [N/m], rising to that of the scene, from one that lets a force overlap deeply.
+        """
+        whole = self._setup.stiffness
+        softest = min(force / (_DEEP * self._setup.half_edge), whole)
+        if not softest > 0.0:
+            return [whole]
+        count = int(np.ceil(np.log(whole / softest) / np.log(_STIFFER)))
+        return [*(whole / _STIFFER**k for k in range(count, 0, -1)), whole]
+
+    def act(self, position: np.ndarray, axes: np.ndarray) -> Contacts:
+        """
+        In a configuration: `position` (n, 3), `axes` (n, 3, 3) with body axes as rows.
+        """
+        near = self._near(position)
+        planes = tuple(
+            np.flatnonzero(position @ plane[:3] - plane[3] < 0.5 * self._reach)
+            for plane in self._setup.planes)
+        return self._push(position, axes, near, planes)
+
+    def blocks(
+        self, contacts: Contacts, position: np.ndarray, axes: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """
+        Second derivatives by pairs: rows of two bodies (m, 2), and blocks (m, 12, 12).
+
+        By differences of forces. A torque on a turned body is seen from other axes: half of its
+        turn is taken out, so that the derivative is symmetric as that of the connectors is. A
+        contact with a plane is a pair of a body and itself, with the first 6 x 6 numbers.
+        """
+        groups: list[tuple[np.ndarray, int]] = [(contacts.pairs, PAIRS)]
+        groups += [
+            (np.repeat(bodies[:, None], 2, axis=1), number)
+            for number, bodies in enumerate(contacts.planes)]
+        bodies, blocks = [np.zeros((0, 2), np.int64)], [np.zeros((0, 12, 12))]
+        for pairs, which in groups:
+            if not len(pairs):
+                continue
+            freedoms = 12 if which == PAIRS else 6
+            part = np.zeros((len(pairs), 12, 12))
+            places, turns = position[pairs], axes[pairs]
+            here = self._wrenches(places, turns, which)[0]
+            for freedom in range(freedoms):
+                end, k = divmod(freedom, 6)
+                sides = []
+                for sign in (1.0, -1.0):
+                    moved, turned = places.copy(), turns.copy()
+                    if k < 3:
+                        moved[:, end, k] += sign * _STEP * self._setup.half_edge
+                    else:
+                        rotation = np.zeros((len(pairs), 3))
+                        rotation[:, k - 3] = sign * _STEP
+                        turned[:, end] = turned_axes(rotation, turned[:, end])
+                    sides.append(self._wrenches(moved, turned, which)[0])
+                step = _STEP * (self._setup.half_edge if k < 3 else 1.0)
+                part[:, :, freedom] = (sides[1] - sides[0]) / (2.0 * step)
+                if k >= 3:
+                    part[:, 6 * end + 3:6 * end + 6, freedom] += 0.5 * np.cross(
+                        np.eye(3)[k - 3], here[:, 6 * end + 3:6 * end + 6])
+            # The plane feels the opposite, and stays where it is.
+            part[:, freedoms:] = 0.0
+            bodies.append(pairs)
+            blocks.append(0.5 * (part + np.swapaxes(part, 1, 2)))
+        return np.concatenate(bodies), np.concatenate(blocks)
+
+    def _near(self, position: np.ndarray) -> np.ndarray:
+        from scipy.spatial import cKDTree
+
+        return np.asarray(
+            cKDTree(position).query_pairs(self._reach, output_type='ndarray'), np.int64)
+
+    def _push(
+        self, position: np.ndarray, axes: np.ndarray, pairs: np.ndarray,
+        planes: tuple[np.ndarray, ...]
+    ) -> Contacts:
+        wrench, found = np.zeros((self._count, 6)), []
+        energies, depths, forces = 0.0, [np.zeros(0)], [np.zeros((0, 3))]
+        groups = [pairs, *(np.repeat(bodies[:, None], 2, axis=1) for bodies in planes)]
+        for number, group in enumerate(groups):
+            pushes, energy, depth, touching = self._wrenches(
+                position[group], axes[group], number - 1)
+            group, pushes = group[touching], pushes[touching]
+            np.add.at(wrench, group[:, 0], pushes[:, :6])
+            if number == 0:
+                np.add.at(wrench, group[:, 1], pushes[:, 6:])
+            energies += float(energy.sum())
+            depths.append(depth)
+            forces.append(pushes[:, :3])
+            found.append(group)
+        sizes = np.linalg.norm(np.concatenate(forces), axis=1)
+        return Contacts(
+            energies, wrench, found[0], tuple(group[:, 0] for group in found[1:]),
+            float(np.concatenate(depths).max(initial=0.0)), float(sizes.max(initial=0.0)))
+
+    def _wrenches(
+        self, places: np.ndarray, axes: np.ndarray, which: int
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """
+        Wrenches on both (m, 12), energies [J], overlaps [m] and whether they touch, of pairs.
+
+        `places` (m, 2, 3), `axes` (m, 2, 3, 3); `which`: PAIRS, or the number of a plane that
+        pushes the first.
+        """
+        setup, count = self._setup, len(places)
+        # From body to world.
+        turns = np.ascontiguousarray(np.swapaxes(axes, 2, 3))
+        first, second = (np.ascontiguousarray(places[:, end]) for end in range(2))
+        touching, out = np.zeros(count, bool), np.zeros((count, OUT_SIZE))
+        if which == PAIRS:
+            touch_pairs(
+                setup.half_edge, first, np.ascontiguousarray(turns[:, 0]), second,
+                np.ascontiguousarray(turns[:, 1]), self._scratch, touching, out)
+        else:
+            plane = setup.planes[which]
+            touch_planes(
+                setup.half_edge, np.ascontiguousarray(plane[:3]), float(plane[3]), first,
+                np.ascontiguousarray(turns[:, 0]), self._scratch, touching, out)
+        out[~touching] = 0.0
+        wrenches = self.stiffness * np.hstack([out[:, :6], -out[:, :3], out[:, 6:9]])
+        return wrenches, self.stiffness * out[:, 9], out[:, 11], touching
+
+
+def turned_axes(rotation: np.ndarray, axes: np.ndarray) -> np.ndarray:
+    """
+    Body axes (n, 3, 3), as rows, turned by rotation vectors (n, 3) [rad], world frame.
+    """
+    angle = np.linalg.norm(rotation, axis=1)[:, None, None]
+    cross = np.zeros_like(axes)
+    cross[:, 0, 1], cross[:, 0, 2] = -rotation[:, 2], rotation[:, 1]
+    cross[:, 1, 0], cross[:, 1, 2] = rotation[:, 2], -rotation[:, 0]
+    cross[:, 2, 0], cross[:, 2, 1] = -rotation[:, 1], rotation[:, 0]
+    matrix = np.eye(3) + np.sinc(angle / np.pi) * cross + 0.5 * np.sinc(
+        angle / (2.0 * np.pi))**2 * (cross @ cross)
+    return np.asarray(axes @ np.swapaxes(matrix, 1, 2))
