@@ -106,7 +106,7 @@ class Copy:
             'HOME': str(self.home), 'PYTHONDONTWRITEBYTECODE': '1', **changes}
         return subprocess.run(
             [sys.executable, '-c', RUN.format(prelude=prelude, action=action)], env=environment,
-            cwd=self.folder, capture_output=True, text=True, timeout=60)
+            cwd=self.folder, capture_output=True, text=True, timeout=300)
 
     def run(self, prelude='', action='', **changes):
         """
