@@ -9,6 +9,7 @@ result does not depend on the number of threads, and what one body of a pair get
 with the opposite sign, to the last bit.
 """
 
+from icofabric_sim.kernels.borrowed import borrowed
 from icofabric_sim.kernels.compiled import compiled
 from icofabric_sim.kernels.connectors import Six
 from icofabric_sim.kernels.contact_gap import axes_of, gap_along, support
@@ -51,24 +52,29 @@ def touch_some(
     Evaluate the pairs first to last.
     """
     deepest = 0.0
-    own, other = contacts.first[member], contacts.second[member]
+    # Views of arrays that count references would take longer than to reject a pair.
+    pairs, planes, result = borrowed(contacts.pairs), borrowed(contacts.planes), borrowed(result)
+    position, orientation = borrowed(position), borrowed(orientation)
+    own, other = borrowed(contacts.first)[member], borrowed(contacts.second)[member]
+    half_edge = contacts.half_edge
     for p in range(first, last):
-        s, t = contacts.pairs[p, 0], contacts.pairs[p, 1]
+        s, t = pairs[p, 0], pairs[p, 1]
         out = result[p]
         if t < 0:
             set_place(position, orientation, s, own)
-            plane = contacts.planes[-1 - t]
-            touch_plane(contacts.half_edge, plane[:3], plane[3], own[0], own[1:], scratch, out)
-        elif is_apart(contacts.half_edge, position, orientation, s, t, out):
-            out[:12] = 0.0
+            plane = planes[-1 - t]
+            touch_plane(half_edge, plane[:3], plane[3], own[0], own[1:], scratch, out)
+        elif is_apart(half_edge, position, orientation, s, t, out):
+            for k in range(12):
+                out[k] = 0.0
         else:
             set_place(position, orientation, s, own)
             set_place(position, orientation, t, other)
             if touch_pair(
-                    contacts.half_edge, own[0], own[1:], other[0], other[1:], scratch, out):
+                    half_edge, own[0], own[1:], other[0], other[1:], scratch, out):
                 # No axis shows less than the depth.
                 out[11] = min(out[11], -gap_along(
-                    0, contacts.half_edge, position[0, t] - position[0, s],
+                    0, half_edge, position[0, t] - position[0, s],
                     position[1, t] - position[1, s], position[2, t] - position[2, s],
                     axes_of(orientation, s), axes_of(orientation, t)))
         deepest = max(deepest, out[11])

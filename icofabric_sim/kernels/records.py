@@ -319,8 +319,8 @@ class Contacts(NamedTuple):
     half_edge: float  # a [m]
     pairs: np.ndarray  # (p, 2) int32 slots, that of the lower body first; -1 - k: plane k
     planes: np.ndarray  # (k, 4) unit normal and offset [m]
-    # (p, 16) for K = 1 N/m: force on the first [N], torques on both [N m], delta^2 / 2 [m^2],
-    # delta and the deepest overlap [m], the axis (3) that kept them apart last, spare
+    # (p, 18) for K = 1 N/m: force on the first [N], torques on both [N m], delta^2 / 2 [m^2],
+    # delta and the deepest overlap [m], the axis (3) that kept them apart last, contact point (3)
     result: np.ndarray
     start: np.ndarray  # (b + 1,) int32: entries start[b] to start[b + 1] act on block b
     slot: np.ndarray  # (e,) int32 of the body that an entry acts on, rising
@@ -330,7 +330,7 @@ class Contacts(NamedTuple):
     tests: np.ndarray  # (8 t,) pairs that were looked at so far
     first: np.ndarray  # (t, 4, 3) place and matrix of the first body, for each thread
     second: np.ndarray  # (t, 4, 3) and of the second
-    aside: np.ndarray  # (p, 16) as result, for looks
+    aside: np.ndarray  # (p, 18) as result, for looks
     scratch: Any  # room for looks, see contact_surface.py
 
 
