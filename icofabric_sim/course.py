@@ -21,7 +21,7 @@ from icofabric_sim.integrators.methods import METHODS
 from icofabric_sim.kernels.records import Loads
 from icofabric_sim.main_line import SimulationError
 from icofabric_sim.memory import Memory
-from icofabric_sim.method_needs import required_method
+from icofabric_sim.method_needs import ADAPTIVE, required_method
 from icofabric_sim.model import (
     expected_liveliness,
     expected_strain,
@@ -66,6 +66,11 @@ class Course:
             raise ValueError(f'this scene cannot start: {too_fast(self.time)}')
         fixed = parameters['solver.step']
         required = required_method(scene, outside=packed.external is not None)
+        if self.method.name == 'auto' and required is None and packed.model.wrapping is not None:
+            # Any method can, but those with steps of one length err by these.
+            required = Choice(
+                ADAPTIVE, 'connectors around their shells change their ways, and only steps that '
+                'adapt see where')
         if self.method.name == 'auto' and required is not None:
             self.method = required
             loads = self._loads()
@@ -76,8 +81,7 @@ class Course:
                 parameters['solver.tolerance'],
                 liveliness,
                 fixed_ratio=fixed * frequency.rate if fixed > 0.0 else None,
-                kinked=scene.connectors.laws.kinked or bool(scene.connectors.tables.tables)
-                or packed.model.wrapping is not None,
+                kinked=scene.connectors.laws.kinked or bool(scene.connectors.tables.tables),
                 strain=expected_strain(scene, liveliness, frequency.rate),
                 contact='' if packed.contact is None else packed.contact.expected)
             # With the room that this method needs.

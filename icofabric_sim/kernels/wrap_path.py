@@ -240,40 +240,95 @@ def taut(
     """
     Way and place at either end of a connector between the midpoints of two named edges.
 
-    Which is shortest at one end may depend on the way at the other: the search begins with each
-    of all taut ways at either end that could still be the shortest.
+    Tried are all taut ways from either end to the other attachment point, each with all taut ways
+    of the other end to where it leaves its shell, as long as they can be shorter than what was
+    found. Where none of these pairs is taut at both ends the ends are wound up in turn.
     """
-    a, b = leaving(wrapping, pose, edge, STRAIGHT, 0.0), leaving(
-        wrapping, far, far_edge, STRAIGHT, 0.0)
-    best = (STRAIGHT, 0.0, STRAIGHT, 0.0)
-    shortest = math.inf
-    for end in range(2):
-        least = 0.0
+    one = tightened(wrapping, pose, edge, far, far_edge, math.inf)
+    two = tightened(wrapping, far, far_edge, pose, edge, one[4])
+    if two[4] < one[4]:
+        return two[2], two[3], two[0], two[1]
+    if one[4] < math.inf:
+        return one[0], one[1], one[2], one[3]
+    start = leaving(wrapping, pose, edge, STRAIGHT, 0.0)
+    return wind(wrapping, pose, edge, far, far_edge, start)
+
+
+@compiled
+def tightened(
+    wrapping: Wrapping, pose: Pose, edge: int, far: Pose, far_edge: int, bound: float
+) -> tuple[int, float, int, float, float]:
+    """
+    The shortest pair of ways that is found from the first end on, below the length `bound` [m].
+
+    With its length, infinite where there is none.
+    """
+    b = leaving(wrapping, far, far_edge, STRAIGHT, 0.0)
+    best, shortest = (STRAIGHT, 0.0, STRAIGHT, 0.0, math.inf), bound
+    least = 0.0
+    for _ in range(_STARTS):
+        way, start, square = around(wrapping, edge, seen_from(pose, b), least)
+        # With what comes around the other shell it is only longer.
+        if least > 0.0 and (way < 0 or square >= shortest * shortest):
+            break
+        least = square * (1.0 + 1e-12)
+        p = leaving(wrapping, pose, edge, way, start)
+        far_least = 0.0
         for _ in range(_STARTS):
-            if end == 0:
-                way, place, square = around(wrapping, edge, seen_from(pose, b), least)
-            else:
-                way, place, square = around(wrapping, far_edge, seen_from(far, a), least)
-            # With what comes around the other shell it is only longer.
-            if least > 0.0 and (way < 0 or square >= shortest * shortest):
+            far_way, far_place, far_square = around(
+                wrapping, far_edge, seen_from(far, p), far_least)
+            if far_least > 0.0 and far_way < 0:
                 break
-            if end == 0:
-                found = wind(
-                    wrapping, pose, edge, far, far_edge,
-                    leaving(wrapping, pose, edge, way, place))
-            else:
-                turned_round = wind(
-                    wrapping, far, far_edge, pose, edge,
-                    leaving(wrapping, far, far_edge, way, place))
-                found = turned_round[2], turned_round[3], turned_round[0], turned_round[1]
+            far_least = far_square * (1.0 + 1e-12)
+            place = start
+            if way >= 0 and far_way >= 0:
+                place, far_place = settle(
+                    wrapping, pose, edge, way, place, far, far_edge, far_way, far_place)
+            found = way, place, far_way, far_place
+            if not both_allowed(wrapping, pose, edge, far, far_edge, found):
+                q = leaving(wrapping, far, far_edge, far_way, far_place)
+                found = wind(wrapping, far, far_edge, pose, edge, q)
+                found = found[2], found[3], found[0], found[1]
             length = whole(
                 wrapping, pose, edge, found[0], found[1], far, far_edge, found[2], found[3])
-            if length < shortest:
-                shortest, best = length, found
-            if way < 0:
+            if length < shortest and both_allowed(wrapping, pose, edge, far, far_edge, found):
+                shortest, best = length, (found[0], found[1], found[2], found[3], length)
+            if far_way < 0:
                 break
-            least = square * (1.0 + 1e-12)
+        if way < 0:
+            break
     return best
+
+
+@compiled
+def both_allowed(
+    wrapping: Wrapping, pose: Pose, edge: int, far: Pose, far_edge: int,
+    found: tuple[int, float, int, float]
+) -> bool:
+    """
+    Whether a pair of ways is taut at both ends.
+    """
+    way, place, far_way, far_place = found
+    p = leaving(wrapping, pose, edge, way, place)
+    q = leaving(wrapping, far, far_edge, far_way, far_place)
+    return allowed(wrapping, edge, way, place, seen_from(pose, q)) and allowed(
+        wrapping, far_edge, far_way, far_place, seen_from(far, p))
+
+
+@compiled
+def allowed(wrapping: Wrapping, edge: int, way: int, place: float, point: Point) -> bool:
+    """
+    Whether a way to a point in body axes is taut, and passes all its edges between their ends.
+    """
+    if way == LOST:
+        return True
+    slack = _SLACK * wrapping.height
+    if way == STRAIGHT:
+        return over(wrapping, wrapping.start[edge, 0], point) >= -slack or over(
+            wrapping, wrapping.start[edge, 1], point) >= -slack
+    return within(wrapping, edge, way, place) and over(
+        wrapping, wrapping.faces[edge, way, 0], point) <= slack and over(
+        wrapping, wrapping.faces[edge, way, 1], point) >= -slack
 
 
 @compiled

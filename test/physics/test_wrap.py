@@ -89,13 +89,12 @@ def test_ways_are_the_shortest_of_brute_force():
         two = whole(wrapping, poses[1], edges[1], *ends[1][:2], poses[0], edges[0], *ends[1][2:])
         assert one == pytest.approx(two, rel=1e-12)
         wanted = shortest(surface, position, axes, edges)
-        # Points along edges make the way of brute force a little longer; of 171 random pairs with
-        # both ends around their shells one had another pair of ways, shorter by 0.7 %.
-        assert wanted * (1.0 - 5e-3) < one < wanted * 1.01
+        # Points along edges make the way of brute force a little longer.
+        assert wanted * (1.0 - 5e-3) < one < wanted * 1.05
         longer += one > wanted * (1.0 + 1e-9)
         assert min(ends[0][0], ends[0][2]) > -2
         seen[(ends[0][0] >= 0) + (ends[0][2] >= 0)] += 1
-    assert seen.min() > 10 and longer <= 2
+    assert seen.min() > 10 and longer <= 1
 
 
 def test_no_place_can_be_moved_to_shorten_a_way():
