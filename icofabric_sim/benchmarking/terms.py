@@ -109,6 +109,11 @@ def terms(body: int) -> list[Term]:
             _pull, compiled=True)),
         Term('body force, called by Python', {}, method='dop8', body_force=BodyForce(
             _pull_all, compiled=False)),
+        Term('an anchor', {'anchors': {'hook': {
+            'body': 0, 'edge': 'up', 'position': [0.0, 0.0, 0.0485]}}}),
+        Term('connectors around their shells', {'connector': {'obstruction': 'wrap'}}),
+        Term('attachment points anywhere', {'connector': {'attachment': {
+            'up': [0.0, 0.001, 0.0162]}}}),
     ]
 
 
