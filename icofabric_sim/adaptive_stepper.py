@@ -350,7 +350,7 @@ class AdaptiveStepper(Stepper):
         """
         control = self.control
         control[pair.KINK] = control[pair.FLOOR] = 0.0
-        if self.watch is None or self.watch.contacts is None:
+        if self.watch is None or not self.watch.rate > 0.0:
             return
         rate = math.sqrt(self.watch.least_rate)
         part = min(_KINK * control[pair.TOLERANCE] / rate, _LARGEST_KINK)

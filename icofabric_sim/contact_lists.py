@@ -9,13 +9,11 @@ from typing import NamedTuple
 from icofabric_sim.contact_setup import ContactSetup
 from icofabric_sim.icosahedron import circumscribed_radius
 from icofabric_sim.kernels.contact_search import (
-    farthest_way,
     find_close,
-    first_gaps,
+    find_reach,
     keep_codes,
-    plane_gaps,
-    search_gaps,
     sort_cubes,
+    survey,
 )
 from icofabric_sim.kernels.records import State
 from icofabric_sim.layout import Layout
@@ -23,6 +21,7 @@ import numpy as np
 
 # Spheres around bodies of a list are less than this apart, in parts of a.
 SKIN = 1.6
+_NO_PAIRS = np.zeros((0, 2), np.int32)
 
 
 class Near(NamedTuple):
@@ -50,41 +49,36 @@ class ContactLists:
         self._radius = circumscribed_radius(setup.half_edge)
         self._pairs, self._codes = np.zeros((0, 2), np.int32), np.zeros(0, np.int32)
         self._reference: np.ndarray | None = None
+        self._way = 0.0
+
+    def survey(self, state: State, frame: np.ndarray) -> float:
+        """
+        Largest speed of a point of a body [m/s] beside the mean velocity, which goes into `frame`.
+
+        Not a number where any of the state is none. Notes how far bodies have moved.
+        """
+        reference = state.position if self._reference is None else self._reference
+        speed, self._way = survey(
+            *state, self._layout.slot, self._radius, self._setup.free, reference, frame)
+        return float(speed)
 
     def find(self, state: State, least: float, most: float) -> Near:
         """
-        Pairs that can touch before a body has moved by `least` [m].
+        Pairs that can touch before a body of a state surveyed has moved by `least` [m].
 
         Where there is none the reach is longer, up to `most`: as long as there is none.
         """
         setup, slots = self._setup, self._layout.slot
-        a = setup.half_edge
         self._refresh(state.position, most)
-        gaps, known = np.empty(len(self._pairs)), np.zeros(len(self._pairs), np.bool_)
-        first_gaps(
-            state.position, state.orientation, slots, a, self._radius, 2.0 * most, self._pairs,
-            self._codes, gaps)
+        gaps = np.empty(len(self._pairs))
         to_planes = np.empty((len(setup.planes), len(slots)))
-        plane_gaps(state.position, state.orientation, slots, a, setup.planes, to_planes)
-        closest = float(to_planes.min(initial=np.inf))
-
-        def widest(reach: float) -> float:
-            found = search_gaps(
-                state.position, state.orientation, slots, a, 2.0 * reach, self._pairs,
-                self._codes, gaps, known)
-            return min(0.5 * found, closest)
-
-        reach = least
-        if widest(least) >= least:
-            # None is near: until when?
-            while reach < most:
-                further = min(2.0 * reach, most)
-                free = widest(further)
-                reach = min(free, further)
-                if free < further:
-                    break
+        reach = find_reach(
+            state.position, state.orientation, slots, setup.half_edge, self._radius, least, most,
+            self._pairs, self._codes, gaps, setup.planes, to_planes)
         near = np.flatnonzero(gaps < 2.0 * reach)
         plane, body = np.nonzero(to_planes < reach)
+        if not len(near) + len(plane):
+            return Near(reach, _NO_PAIRS)
         pairs = np.empty((len(near) + len(plane), 2), np.int32)
         pairs[:len(near)] = self._pairs[near]
         order = np.lexsort((plane, body))
@@ -99,11 +93,8 @@ class ContactLists:
         has moved by more than SKIN / 2 - most.
         """
         slots, skin = self._layout.slot, SKIN * self._setup.half_edge
-        if self._reference is not None:
-            shift = (position - self._reference)[:, slots].mean(axis=1)
-            way = farthest_way(position, self._reference, slots, shift)
-            if 2.0 * (way + most) <= skin:
-                return
+        if self._reference is not None and 2.0 * (self._way + most) <= skin:
+            return
         self._reference = position.copy()
         width = 2.0 * self._radius + skin
         count = len(slots)

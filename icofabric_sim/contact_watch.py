@@ -16,7 +16,6 @@ from icofabric_sim.contact_lists import ContactLists, Near
 from icofabric_sim.contact_setup import ContactSetup
 from icofabric_sim.icosahedron import circumscribed_radius, inscribed_radius
 from icofabric_sim.kernels.contact_pair import contact_scratch, OUT_SIZE
-from icofabric_sim.kernels.contact_search import largest_speed
 from icofabric_sim.kernels.contacts import contact_look
 from icofabric_sim.kernels.records import Contacts, Model, State, Watch
 from icofabric_sim.layout import aligned_empty, Layout
@@ -126,18 +125,14 @@ class ContactWatch:
 
         Within so many `steps` of `step` [s], as contacts ask for; at least until the next look.
         """
-        slots = self._layout.slot
-        if not all(np.isfinite(part[..., slots]).all() for part in state):
+        velocity = np.empty(3)
+        speed = self._lists.survey(state, velocity)
+        if not speed < math.inf:
             # Who looks at the state next ends the run.
             return
-        frame = self.watch.frame
-        frame[:] = 0.0
-        frame[0] = time
-        if self.setup.free:
-            frame[1:4] = state.linear_velocity[:, slots].mean(axis=1)
-            frame[4:7] = 0.5 * self.setup.fall
-        self._speed = largest_speed(
-            state.linear_velocity, state.angular_velocity, slots, frame[1:4], self._radius)
+        frame, self._speed = self.watch.frame, speed
+        frame[0], frame[1:4] = time, velocity
+        frame[4:7] = 0.5 * self.setup.fall if self.setup.free else 0.0
         a = self.setup.half_edge
         way = self._speed * step
         wish = self._caution * way * max(2.0 * steps, 1.1 * _ROOM)
@@ -149,8 +144,6 @@ class ContactWatch:
 
     def _take(self, near: Near, least: float) -> None:
         self.watch = self.watch._replace(soon=(0.5 * near.reach) ** 2, late=near.reach**2)
-        self.aside = self.aside._replace(
-            reference=self.watch.reference, turned=self.watch.turned, frame=self.watch.frame)
         self._tests = self.count_tests()
         self._bodies = near.pairs
         self._listed = least if len(near.pairs) or self.setup.always else 0.0
@@ -268,6 +261,7 @@ class ContactWatch:
         there = State(watch.reference, watch.turned, watch.reference, watch.reference)
         near = Near(reach, np.zeros((0, 2), np.int32))
         if listed > 0.0:
+            self._lists.survey(there, np.empty(3))
             near = self._lists.find(there, min(listed, most), most)
         self._take(near._replace(reach=reach), listed)
         self.watch = self.watch._replace(

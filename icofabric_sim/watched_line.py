@@ -93,6 +93,8 @@ class WatchedLine(MainLine):
             windows = -(-self.look_interval // self._differences)
             self.look_interval = windows * self._differences
         self._returned_to = -math.inf
+        # Whether it is the speed of bodies that limits the step.
+        self._held_back = False
         self._measured: tuple[int, float] | None = None
         if self.fixed:
             checked_step(fixed_step, self.limit, frequency.rate + packed.velocity_rate)
@@ -220,6 +222,7 @@ class WatchedLine(MainLine):
             'since_check': self._since_check,
             'look_interval': self.look_interval,
             'returned_to': self._returned_to,
+            'held_back': self._held_back,
             'load_rate': self.load_rate,
             'frequency': self._fabric.rate,
             'accuracy': self.accuracy.memory(),
@@ -239,6 +242,7 @@ class WatchedLine(MainLine):
         self.look_interval = memory.count('look_interval', least, most)
         self._since_check = memory.count('since_check', 0, self.look_interval - 1)
         self._returned_to = memory.number('returned_to', finite=False)
+        self._held_back = memory.flag('held_back')
         self.load_rate = memory.number('load_rate', 0.0, finite=False)
         self._fabric = Frequency(memory.number('frequency', 0.0, finite=False), (), 0)
         self.accuracy.recall(memory.part('accuracy'))
@@ -349,8 +353,11 @@ class WatchedLine(MainLine):
             return
         if missed:
             self.watch.miss()
+        before = self.watch.rate
         self._look_for_contacts(time)
-        if not self.fixed:
+        longest = self.watch.longest_step
+        if not self.fixed and (
+                self.watch.rate != before or self._held_back or not self.step <= longest):
             self._follow_contacts()
         self.watch.pace(self.step, self.method.stages)
         self._require_safe_step(time)
@@ -403,7 +410,8 @@ class WatchedLine(MainLine):
                 f'solver.step {self.step!r} s is too long for what touches, or may, from t = '
                 f'{time:.9g} s on: with a contact stiffness of {self.watch.setup.stiffness:.4g} '
                 f'N/m the stability limit is {self.limit:.6g} s; start again with a smaller step, '
-                'with 0 to have it chosen, or with a smaller contact.stiffness')
+                'with 0 to have it chosen, or with a smaller contact.stiffness; contact.mode '
+                'never lets shells pass through each other')
         frequency = self._largest_frequency(locate=True)
         self._fail(unsafe_step(self.step, self.limit, frequency, time))
 
@@ -481,6 +489,7 @@ class WatchedLine(MainLine):
             step, rate = FREE_STEP, chosen / FREE_STEP
         cap = chosen / rate
         if self.watch is not None:
+            self._held_back = self.watch.longest_step < cap
             cap = min(cap, self.watch.longest_step)
         if not SHORTEST * min(cap, self.accuracy.step) <= step <= LONGEST * cap:
             step = rounded_down(min(cap, self.accuracy.step))

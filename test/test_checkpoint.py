@@ -41,7 +41,6 @@ FOLDED = {
 def everything(size=(3, 3, 3), **changes):
     return make_scene(size, {
         'solver.tolerance': 1e-4, 'solver.energy_limit': 1e3, 'loads.follower.hold': 0.003,
-        'contact.mode': 'never',
         **{name.replace('__', '.'): value for name, value in changes.items()}}, **EVERYTHING)
 
 
@@ -160,7 +159,8 @@ def test_what_is_remembered_covers_every_kind():
     # The tests above are only worth something if they met these.
     scene, seen = everything(), set()
     for method in ('srkn4', 'dop8'):
-        run = ico.compile_scene(changed(scene, {'solver.method': method}))
+        run = ico.compile_scene(
+            changed(scene, {'solver.method': method, 'contact.mode': 'auto'}))
         for time in np.random.default_rng(0).uniform(0.0, 3e-3, 40).cumsum():
             run.advance_to(float(time))
             seen |= set(run.checkpoint().arrays)
@@ -351,7 +351,7 @@ def test_a_question_about_the_error_leaves_no_trace():
 def test_goes_on_where_proximity_was_told_without_telling_it_again(caplog):
     scene = make_scene((3, 3, 3), {
         'initial_random.velocity_sigma': 0.5, 'initial_random.spin_sigma': 50.0,
-        'contact.stiffness': 2e4})
+        'contact.mode': 'auto', 'contact.stiffness': 2e4})
     run = ico.compile_scene(scene)
     run.advance_to(0.005)
     before = run.checkpoint()

@@ -169,33 +169,71 @@ def plane_gaps(
 
 
 @compiled
-def largest_speed(
-    linear: np.ndarray, angular: np.ndarray, slots: np.ndarray, frame: np.ndarray, radius: float
+def find_reach(
+    position: np.ndarray, orientation: np.ndarray, slots: np.ndarray, half_edge: float,
+    radius: float, least: float, most: float, pairs: np.ndarray, codes: np.ndarray,
+    gaps: np.ndarray, planes: np.ndarray, to_planes: np.ndarray
 ) -> float:
     """
-    Largest speed [m/s] of a point of a body beside a frame that moves with velocity `frame`.
+    Longest way of all bodies, from `least` to `most` [m], before anything can touch.
+
+    `least` where something can before that. Leaves what is known of the gaps, which are exact
+    where they are less than twice the result.
     """
-    most = 0.0
-    for b in range(slots.shape[0]):
-        s, square, turning = slots[b], 0.0, 0.0
-        for k in range(3):
-            square += (linear[k, s] - frame[k]) ** 2
-            turning += angular[k, s] ** 2
-        most = max(most, math.sqrt(square) + radius * math.sqrt(turning))
-    return most
+    known = np.zeros(pairs.shape[0], np.bool_)
+    first_gaps(
+        position, orientation, slots, half_edge, radius, 2.0 * most, pairs, codes, gaps)
+    plane_gaps(position, orientation, slots, half_edge, planes, to_planes)
+    closest = math.inf
+    for k in range(planes.shape[0]):
+        for b in range(slots.shape[0]):
+            closest = min(closest, to_planes[k, b])
+    found = search_gaps(
+        position, orientation, slots, half_edge, 2.0 * least, pairs, codes, gaps, known)
+    if min(0.5 * found, closest) < least:
+        return least
+    reach = least
+    while reach < most:
+        further = min(2.0 * reach, most)
+        found = search_gaps(
+            position, orientation, slots, half_edge, 2.0 * further, pairs, codes, gaps, known)
+        reach = min(min(0.5 * found, closest), further)
+        if reach < further:
+            break
+    return reach
 
 
 @compiled
-def farthest_way(
-    position: np.ndarray, reference: np.ndarray, slots: np.ndarray, shift: np.ndarray
-) -> float:
+def survey(
+    position: np.ndarray, orientation: np.ndarray, linear: np.ndarray, angular: np.ndarray,
+    slots: np.ndarray, radius: float, free: bool, reference: np.ndarray, frame: np.ndarray
+) -> tuple[float, float]:
     """
-    Largest distance [m] of a centre from where it was, beside a frame moved by `shift` (3,).
+    Largest speed of a point of a body [m/s], and way of a centre from `reference` [m].
+
+    Beside the mean velocity, which goes into `frame` (3,), where all are `free`, and the mean way.
+    The speed is not a number where any of the state is none.
     """
-    most = 0.0
-    for b in range(slots.shape[0]):
-        s, square = slots[b], 0.0
+    count = slots.shape[0]
+    mean, sound = np.zeros(3), 0.0
+    frame[:] = 0.0
+    for b in range(count):
+        s = slots[b]
         for k in range(3):
-            square += (position[k, s] - reference[k, s] - shift[k]) ** 2
-        most = max(most, square)
-    return math.sqrt(most)
+            mean[k] += (position[k, s] - reference[k, s]) / count
+            sound += 0.0 * position[k, s]
+            if free:
+                frame[k] += linear[k, s] / count
+        for value in axes_of(orientation, s):
+            sound += 0.0 * value
+    speed, way = 0.0, 0.0
+    for b in range(count):
+        s, square, turning, moved = slots[b], 0.0, 0.0, 0.0
+        for k in range(3):
+            square += (linear[k, s] - frame[k]) ** 2
+            turning += angular[k, s] ** 2
+            moved += (position[k, s] - reference[k, s] - mean[k]) ** 2
+        own = math.sqrt(square) + radius * math.sqrt(turning)
+        sound += 0.0 * own
+        speed, way = max(speed, own), max(way, moved)
+    return speed + sound, math.sqrt(way)

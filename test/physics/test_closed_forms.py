@@ -33,8 +33,7 @@ def two_bodies(scene, *, distance=None, rotation='quaternion', **state):
 @pytest.mark.parametrize('form', FORMS)
 @pytest.mark.parametrize('step', STEPS)
 def test_free_flight_and_free_spin_are_exact_for_any_step(form, step):
-    scene = make_scene((2, 2, 2), {
-        'weave.connected': False, 'solver.step': step, 'contact.mode': 'never'}, **RANDOM)
+    scene = make_scene((2, 2, 2), {'weave.connected': False, 'solver.step': step}, **RANDOM)
     start = scene.initial
     simulation = ico.compile_scene(scene, rotation=form)
     time = 3.7
