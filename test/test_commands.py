@@ -249,7 +249,8 @@ def test_verdict_of_a_calm_motion_is_a_bound_of_its_error(
 def test_verdict_of_a_chaotic_motion_is_the_time_for_which_it_means_something(
         call: Callable[..., Result], tmp_path: Path) -> None:
     (tmp_path / 'swing.yaml').write_text(SWING)
-    result = call('run', 'swing.yaml', '--duration', '2', '--record', 'bag')
+    result = call(
+        'run', 'swing.yaml', '--duration', '2', '--record', 'bag', '-p', 'contact.mode:=never')
     assert result.status == 0, result.err
     match = re.search(r'grew (\S+) times: the motion is sensitive', result.out)
     assert match is not None and float(match[1]) > 1e10, result.out
@@ -310,7 +311,7 @@ def test_failure_exits_with_1_and_keeps_the_record(call: Callable[..., Result]) 
     result = call(
         'run', 'free_slab', *SMALL, '--duration', '3', '--record', 'bag', '-p',
         'initial_random.velocity_sigma:=10.0', '-p', 'solver.method:=srkn6', '-p',
-        f'solver.step:={_just_stable_step()!r}')
+        f'solver.step:={_just_stable_step()!r}', '-p', 'contact.mode:=never')
     assert result.status == 1, result.out + result.err
     assert 'has become unsafe at t = ' in result.err and 'bodies' in result.err
     assert 'smaller step' in result.err
