@@ -47,7 +47,7 @@ def run(scene, form, time):
 def test_same_bits_for_any_number_of_threads(size, sections, method, form, forced):
     # A rough tolerance: more threads than cores wait for each other long.
     scene = make_scene(
-        size, {'solver.method': method, 'solver.tolerance': 1e-3, 'contact.mode': 'auto'},
+        size, {'solver.method': method, 'solver.tolerance': 1e-3},
         **sections)
     forced(1)
     single, expected = run(scene, form, 0.012)
