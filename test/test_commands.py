@@ -225,7 +225,9 @@ def test_accuracy_of_the_summary_is_that_of_the_simulation(recorded: Recorded) -
     assert custom['method_reason'] == simulation.method_reason in out
     growth = measure_growth(swing_scene(), DURATION)
     assert float(custom['growth']) == pytest.approx(growth.largest, rel=0.3)
-    assert f'grew {float(custom["growth"]):.3g} times' in out
+    # Shells touch; a collision may be over between two looks at the disturbance.
+    assert re.search(
+        rf'grew (at least )?{re.escape(format(float(custom["growth"]), ".3g"))} times', out)
 
 
 def test_verdict_of_a_calm_motion_is_a_bound_of_its_error(
