@@ -97,19 +97,14 @@ def solve_equilibrium(
     if not 0.0 < tolerance < 1.0:
         raise ValueError(
             f'tolerance must be between 0 and 1 (a part of the largest force), got {tolerance!r}')
-    if not 0.0 <= time < math.inf:
-        raise ValueError(f'time must be finite and not negative [s], got {time!r}')
     fabric = StaticFabric(scene, time)
     here = fabric.start
     if start is not None:
-        if len(start.position) != scene.body_count:
-            raise ValueError(
-                f'start has {len(start.position):,} bodies, the scene {scene.body_count:,}')
+        given = fabric.configuration('start', start)
         # What is held stands where the scene says.
-        turns = fabric.free[:, 3:4]
         here = Configuration(
-            fabric, np.where(fabric.free[:, :3], start.position, here.position),
-            np.where(turns, start.orientation, here.orientation))
+            fabric, np.where(fabric.free[:, :3], given.position, here.position),
+            np.where(fabric.free[:, 3:4], given.orientation, here.orientation))
     refuse_free_fall(fabric)
     search = _Search(fabric, here, tolerance, largest_step_count, progress)
     # From a start that was given little is left to go.

@@ -10,6 +10,7 @@ forces [N] and torques about the centres [N m]. The configuration moves to x + d
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import cached_property
+import math
 from typing import Any
 
 from icofabric_sim.contact_setup import pack_contact
@@ -55,6 +56,8 @@ class StaticFabric:
             raise ParameterError(
                 'connector.obstruction', 'connector.obstruction wrap: second derivatives of '
                 'connectors around shells are not part of statics and modes; take warn')
+        if not 0.0 <= time < math.inf:
+            raise ValueError(f'time must be finite and not negative [s], got {time!r}')
         if contact and scene.parameters['contact.friction'] != 0.0:
             raise ParameterError(
                 'contact.friction', 'contact.friction: with friction a fabric rests in many ways, '
@@ -100,6 +103,15 @@ class StaticFabric:
         # Roots of masses and inertias: in these coordinates second derivatives are frequencies.
         self.root = np.sqrt(np.repeat(
             [1.0 / model.inverse_mass, 1.0 / model.inverse_inertia], 3))
+
+    def configuration(self, name: str, snapshot: Snapshot) -> 'Configuration':
+        """
+        Where a snapshot, the argument `name`, has the bodies.
+        """
+        given, wanted = len(snapshot.position), self.scene.body_count
+        if given != wanted:
+            raise ValueError(f'{name} has {given:,} bodies, the scene {wanted:,}')
+        return Configuration(self, snapshot.position.copy(), snapshot.orientation.copy())
 
     @property
     def half_edge(self) -> float:

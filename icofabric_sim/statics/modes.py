@@ -83,12 +83,7 @@ def solve_modes(
     if count is not None and count < 1:
         raise ValueError(f'count must be at least 1, got {count!r}')
     fabric = StaticFabric(scene, time)
-    here = fabric.start
-    if at is not None:
-        if len(at.position) != scene.body_count:
-            raise ValueError(
-                f'at has {len(at.position):,} bodies, the scene {scene.body_count:,}')
-        here = Configuration(fabric, at.position.copy(), at.orientation.copy())
+    here = fabric.start if at is None else fabric.configuration('at', at)
     matrix = scaled_hessian(here)
     size = matrix.shape[0]
     if size <= DENSE:

@@ -182,6 +182,9 @@ def test_bad_arguments():
         ico.solve_modes(scene, which='largest')
     with pytest.raises(ValueError, match='count'):
         ico.solve_modes(scene, count=0)
+    # Nothing would ever come to an end there.
+    with pytest.raises(ValueError, match='time'):
+        ico.solve_modes(scene, time=np.inf)
     snapshot = ico.compile_scene(other).snapshot()
     with pytest.raises(ValueError, match='at has'):
         ico.solve_modes(scene, at=snapshot)
