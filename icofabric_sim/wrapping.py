@@ -145,7 +145,8 @@ def pack_wrapping(parameters: Parameters, half_edge: float) -> Wrapping | None:
             faces[code, number] = way.faces
     return Wrapping(
         normals=np.ascontiguousarray(face_geometry(half_edge).normals),
-        height=inscribed_radius(half_edge), half_width=midradius(half_edge),
+        height=inscribed_radius(half_edge), corners=np.ascontiguousarray(corners),
+        half_width=midradius(half_edge),
         start=(NAMED_EDGE_FACES - 1).astype(np.int32), ways=ways, faces=faces)
 
 

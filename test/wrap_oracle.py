@@ -1,7 +1,9 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
 """
-Shortest ways around shells by brute force: points along all edges, and Dijkstra's algorithm.
+Shortest ways around shells by brute force.
+
+Points along all edges, and Dijkstra's algorithm; or every pair of ways, one after the other.
 """
 
 from icofabric_sim.icosahedron import (
@@ -12,6 +14,8 @@ from icofabric_sim.icosahedron import (
     NAMED_EDGE_FACES,
     vertices,
 )
+from icofabric_sim.kernels.wrap_pairs import both_allowed, tighten
+from numba import njit
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
@@ -64,3 +68,18 @@ def shortest(surface, position, axes, edges):
     free &= (np.einsum('qki,pqi->pqk', normals[1], span) <= 1e-12).any(axis=2)
     total = surface.ways[edges[0]][:, None] + surface.ways[edges[1]][None]
     return np.where(free, total + np.linalg.norm(span, axis=2), np.inf).min()
+
+
+@njit
+def shortest_of_all(wrapping, pose, edge, far, far_edge):
+    """
+    Length of the shortest of all pairs of ways that are taut at both ends; infinite without one.
+    """
+    shortest = np.inf
+    for way in range(-1, wrapping.ways.shape[1]):
+        for far_way in range(-1, wrapping.ways.shape[1]):
+            found, length = tighten(
+                wrapping, pose, edge, way, far, far_edge, far_way, np.inf)
+            if length < shortest and both_allowed(wrapping, pose, edge, far, far_edge, found):
+                shortest = length
+    return shortest

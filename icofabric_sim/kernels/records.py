@@ -97,6 +97,7 @@ class Wrapping(NamedTuple):
 
     normals: np.ndarray  # (20, 3) outward unit normals, body axes
     height: float  # of the faces over the centre [m]
+    corners: np.ndarray  # (12, 3) [m], body axes
     half_width: float  # of the attachment points, the midpoints of the named edges [m]
     start: np.ndarray  # (6, 2) int32, faces at each of these
     # (6, w, 10) of each way from there: a corner and the direction of its last edge, the place

@@ -40,6 +40,7 @@ from icofabric_sim.kernels.records import (
     Work,
     Wrapping,
 )
+from icofabric_sim.kernels.wrap_pairs import taut
 from icofabric_sim.kernels.wrap_path import (
     apart,
     leaving,
@@ -48,7 +49,6 @@ from icofabric_sim.kernels.wrap_path import (
     Pose,
     pose_of,
     STRAIGHT,
-    taut,
     turned,
     wound,
 )
