@@ -26,12 +26,20 @@ class ContactSetup(NamedTuple):
 
     half_edge: float  # a [m]
     stiffness: float  # K [N/m]
+    damping: float  # c [s/m]
     planes: np.ndarray  # (k, 4) unit normals and offsets [m]
     names: tuple[str, ...]  # of the planes
     always: bool  # computed also where nothing can touch
     free: bool  # nothing is held: a motion that all have in common counts for nothing
     fall: np.ndarray  # (3,) acceleration that all have in common [m/s^2]
     expected: str  # why contacts are expected; '': they need not happen
+
+    @property
+    def spends(self) -> bool:
+        """
+        Whether contacts take energy from the motion.
+        """
+        return self.damping > 0.0
 
 
 def pack_contact(
@@ -52,6 +60,7 @@ def pack_contact(
         half_edge=scene.geometry.half_edge,
         stiffness=parameters['contact.stiffness'] or own_stiffness(
             scene, planes, moving=moving),
+        damping=parameters['contact.damping'],
         planes=planes,
         names=names,
         always=parameters['contact.mode'] == 'always',

@@ -17,7 +17,7 @@ from icofabric_sim.contact_setup import ContactSetup
 from icofabric_sim.icosahedron import circumscribed_radius, inscribed_radius
 from icofabric_sim.kernels.contact_pair import contact_scratch, OUT_SIZE
 from icofabric_sim.kernels.contacts import contact_look
-from icofabric_sim.kernels.records import Contacts, Model, State, Watch
+from icofabric_sim.kernels.records import ContactLosses, Contacts, Model, State, Watch
 from icofabric_sim.layout import aligned_empty, Layout
 from icofabric_sim.memory import as_number, Memory
 import numpy as np
@@ -101,6 +101,16 @@ class ContactWatch:
         """
         return self._tests + (
             0 if self.contacts is None else int(self.contacts.tests.sum()))
+
+    @property
+    def velocity_rate(self) -> float:
+        """
+        Rate [1/s] at which damping of contacts changes velocities, for overlaps as they should be.
+
+        The power c K delta (d(delta)/dt)^2 is c delta times K (grad delta . u)^2, and the second
+        derivatives of the energy have K grad delta grad delta in them.
+        """
+        return self.setup.damping * self.told * self.rate
 
     @property
     def longest_step(self) -> float:
@@ -318,4 +328,15 @@ class ContactWatch:
             second=np.zeros((threads, 4, 3)),
             aside=np.zeros((count, OUT_SIZE)),
             scratch=contact_scratch(),
+            losses=self._losses(count),
         )
+
+    def _losses(self, count: int) -> ContactLosses | None:
+        """
+        Room for what so many pairs take from the motion.
+        """
+        if not self.setup.spends:
+            return None
+        spent = aligned_empty((1, self._rows.shape[1]))
+        spent[:] = 0.0
+        return ContactLosses(self.setup.damping, np.zeros(count), spent)

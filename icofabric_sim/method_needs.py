@@ -44,6 +44,10 @@ def _reason(scene: Scene) -> str:
     charged = parameters['charge.per_body'] != 0.0 or any(parameters['charge.dipole'])
     if charged and any(parameters['field.magnetic']):
         return 'field.magnetic acts on charges by their velocities'
+    if scene.body_count + len(parameters.names('planes')) > 1 and (
+            parameters['contact.mode'] != 'never'):
+        if parameters['contact.damping'] > 0.0:
+            return 'contact.damping is a force that depends on velocities'
     if scene.connectors.limits is not None:
         return 'connectors that break need steps that end where one does'
     return ''

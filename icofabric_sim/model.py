@@ -84,7 +84,8 @@ class PackedScene:
         """
         Whether forces take energy from the motion.
         """
-        return self.model.damping is not None or self.model.drag is not None
+        return self.model.damping is not None or self.model.drag is not None or (
+            self.contact is not None and self.contact.spends)
 
 
 def pack_scene(

@@ -270,7 +270,14 @@ STATIC: tuple[Specification, ...] = (
         'own scale, for overlaps below 1 % of a',
         minimum=0.0,
     ),
-    _s('contact.damping', 0.0, 'N s/m', 'damping of contacts', **_NOT_BUILT),
+    _s(
+        'contact.damping',
+        0.0,
+        's/m',
+        'c: the push of a contact is multiplied by 1 + c times the rate of its overlap, and never '
+        'pulls; contact.damping_for says which gives a restitution',
+        minimum=0.0,
+    ),
     _s('contact.friction', 0.0, '', 'Coulomb friction of contacts', **_NOT_BUILT),
     _s(
         'initial_random.velocity_sigma',

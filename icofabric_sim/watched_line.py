@@ -117,6 +117,8 @@ class WatchedLine(MainLine):
         Stability limit of the step [s] in the configuration looked at last.
         """
         rate = self.frequency.rate + self.packed.velocity_rate
+        if self.watch is not None:
+            rate += self.watch.velocity_rate
         return self.method.stability / rate if rate > 0.0 else math.inf
 
     def _start(self, *, exact: bool = True) -> None:

@@ -13,7 +13,8 @@ from typing import NamedTuple
 from icofabric_sim.integrators import dop853
 from icofabric_sim.kernels.breakage import is_breaking, note_lengths
 from icofabric_sim.kernels.compiled import compiled
-from icofabric_sim.kernels.contacts import deepest_overlap, touch_all
+from icofabric_sim.kernels.contact_losses import touch_moving
+from icofabric_sim.kernels.contacts import deepest_overlap
 from icofabric_sim.kernels.drives import place_row
 from icofabric_sim.kernels.external import ask_outside
 from icofabric_sim.kernels.lanes import LANES, load, store
@@ -111,7 +112,7 @@ def slope_at(
     place_blocks(model, loads, state, work, time, first, last)
     ways_of(watch, model.blocks, state, time, team.member, first, last)
     wait_for_all(team)
-    touch_all(model.contacts, state.position, state.orientation, team)
+    touch_moving(model.contacts, state, team)
     ask_outside(work.external, state, time, team)
     find_slopes(model, loads, state, work, time, trail.slopes[index], index, first, last)
     wait_for_all(team)

@@ -21,6 +21,7 @@ in the spring nor given back is lost, never gained. The stretch is part of the s
 """
 
 import math
+from typing import Any
 
 from icofabric_sim.kernels.compiled import compiled
 import numpy as np
@@ -31,9 +32,7 @@ Three = tuple[float, float, float]
 
 
 @compiled
-def depth_rate(
-    out: np.ndarray, va: np.ndarray, wa: np.ndarray, vb: np.ndarray, wb: np.ndarray
-) -> float:
+def depth_rate(out: np.ndarray, va: Any, wa: Any, vb: Any, wb: Any) -> float:
     """
     Rate of delta [m/s] by the velocities and angular velocities (3,) of both bodies; 0 if apart.
 
@@ -58,8 +57,7 @@ def damping_factor(damping: float, rate: float) -> float:
 
 @compiled
 def slip(
-    out: np.ndarray, va: np.ndarray, wa: np.ndarray, arm_a: np.ndarray,
-    vb: np.ndarray, wb: np.ndarray, arm_b: np.ndarray
+    out: np.ndarray, va: Any, wa: Any, arm_a: Any, vb: Any, wb: Any, arm_b: Any
 ) -> tuple[Three, Three]:
     """
     Unit normal of the contact, from A to B, and velocity of B over A along it [m/s].

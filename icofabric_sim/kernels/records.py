@@ -333,6 +333,17 @@ class Contacts(NamedTuple):
     second: np.ndarray  # (t, 4, 3) and of the second
     aside: np.ndarray  # (p, 18) as result, for looks
     scratch: Any  # room for looks, see contact_surface.py
+    losses: 'ContactLosses | None' = None
+
+
+class ContactLosses(NamedTuple):
+    """
+    What contacts take from the motion, see kernels/contact_losses.py.
+    """
+
+    damping: float  # c [s/m]
+    power: np.ndarray  # (p,) [W] taken by each pair in the last evaluation
+    spent: np.ndarray  # (1, s) [W] the same by bodies: that of a pair at its first
 
 
 class Model(NamedTuple):

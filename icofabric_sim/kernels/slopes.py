@@ -9,6 +9,7 @@ the velocity, 3 of the spin.
 
 from icofabric_sim.kernels.anchors import anchor_slope
 from icofabric_sim.kernels.compiled import compiled
+from icofabric_sim.kernels.contact_losses import add_taken, losses_of
 from icofabric_sim.kernels.drives import is_wrench, place_row, resist_slopes
 from icofabric_sim.kernels.external import add_external
 from icofabric_sim.kernels.flows import accelerations, place_links
@@ -81,6 +82,7 @@ def find_slopes(
             model.damping, model.links, model, state, work.points, work.speeds, linear, angular,
             block, s)
         spent = add_drag(model.drag, model, state, linear, angular, s, spent)
+        spent = add_taken(losses_of(model.contacts), s, spent)
         add_magnetic(model.magnet, model, state, linear, angular, s)
         note_flow(work.spent, index, s, spent)
         given = add_external(work.external, model, state, linear, angular, s)

@@ -4,6 +4,7 @@
 Shells that meet: what is kept, what a rigid body would do, and what stops a run.
 """
 
+from contact_scenes import A, crowd, loose, momenta, OBLIQUE
 from fabrics import changed, make_scene, same_state
 import icofabric_sim as ico
 from icofabric_sim import crew
@@ -13,38 +14,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-A = 0.01
 # Leapfrog takes a step of its own, one for many radians of a contact.
 METHODS = ('leapfrog', 'dop8')
-
-
-def loose(*bodies, **changes):
-    """
-    Bodies of their own: places, velocities, spins, and orientations where they are given.
-    """
-    flat = {'weave.size': [1, 1, 1], 'weave.connected': False, 'contact.mode': 'auto',
-            'solver.method': 'dop8', 'solver.tolerance': 1e-8, 'contact.stiffness': 2e5}
-    for number, (place, velocity, spin, *turned) in enumerate(bodies):
-        name = f'bodies.b{number}'
-        flat[f'{name}.position'] = [float(x) for x in place]
-        flat[f'{name}.linear_velocity'] = [float(x) for x in velocity]
-        flat[f'{name}.angular_velocity'] = [float(x) for x in spin]
-        if turned:
-            flat[f'{name}.orientation'] = [float(x) for x in turned[0].as_quat()]
-    flat.update({name.replace('__', '.'): value for name, value in changes.items()})
-    return ico.Scene.from_parameters(flat)
-
-
-def momenta(scene, snapshot):
-    mass, inertia = scene.shell.mass, scene.shell.inertia
-    linear = mass * snapshot.linear_velocity
-    angular = np.cross(snapshot.position, linear) + inertia * snapshot.angular_velocity
-    return linear.sum(axis=0), angular.sum(axis=0)
-
-
-# It hits the woven body at the origin off its centre.
-OBLIQUE = ((0.06, 0.004, 0.003), (-1.0, 0.1, 0.2), (3.0, -20.0, 8.0), Rotation.from_euler(
-    'xyz', [0.3, 0.8, -0.4]))
 
 
 @pytest.mark.parametrize('method', METHODS)
@@ -234,16 +205,7 @@ def test_a_plane_without_a_direction_is_refused():
 
 
 def test_a_crowd_keeps_momenta_and_energy_with_the_same_bits_for_any_threads(monkeypatch):
-    # 27 bodies that are thrown at each other, with all kinds of contacts.
-    generator = np.random.default_rng(4)
-    places = 0.045 * np.array(
-        [[x, y, z] for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1)])
-    turned = Rotation.random(27, random_state=generator)
-    bodies = [
-        (place, -6.0 * place + 0.1 * generator.standard_normal(3),
-         10.0 * generator.standard_normal(3), turned[number])
-        for number, place in enumerate(places) if place.any()]
-    scene = loose(*bodies, solver__tolerance=1e-6)
+    scene = crowd()
     assert scene.body_count == 27
     monkeypatch.setattr(crew, 'BODIES_PER_THREAD', 1)
     ends = []
