@@ -14,12 +14,13 @@ from dataclasses import dataclass
 import math
 from typing import NamedTuple
 
+from icofabric_sim.kernels.conjugate import product_of, weighted_square
 from icofabric_sim.scene import Scene
 from icofabric_sim.snapshot import Snapshot
 from icofabric_sim.statics.contacts import Contacts
 from icofabric_sim.statics.fabric import Configuration, StaticFabric
 from icofabric_sim.statics.spectrum import Curvature, judge_curvature
-from icofabric_sim.statics.trust_region import steihaug, Step
+from icofabric_sim.statics.trust_region import steihaug
 import numpy as np
 
 STABLE = 'equilibrium, stable'
@@ -33,8 +34,10 @@ _STEPS = 2_000
 # Products with the Hessian in a step, for each freedom, and at most.
 _PRODUCTS = 2.0
 _MOST_PRODUCTS = 5_000
-# Largest rotation [rad], and displacement over a, of a body in one step.
-_LONGEST = 0.7
+# Largest turn [rad] of a body in one step.
+_LARGEST_TURN = 0.7
+# A step is taken that brings this part of what was expected of it; so many lengths are tried.
+_LEAST_GAIN, _TRIES = 1e-4, 4
 # Residual with which contacts are made stiffer.
 _NEAR = 1e-3
 # Below this part of the energy its differences are rounding.
@@ -145,8 +148,8 @@ class _Search:
         self.tolerance, self.largest, self.progress = tolerance, largest, progress
         self.steps = self.products = 0
         self.free = fabric.free
-        # In coordinates scaled by the roots of masses and inertias.
-        self.scale = np.where(self.free, 1.0 / fabric.root, 0.0)
+        # Lengths of steps are measured in coordinates scaled by the roots of masses and inertias.
+        self.weight = fabric.layout.spread(np.where(self.free, fabric.root**-2.0, 0.0))
         self.radius = 0.1 * fabric.half_edge * fabric.root[0] * math.sqrt(
             max(1, int(self.free.any(axis=1).sum())))
         self.first_gradient = 0.0
@@ -209,47 +212,45 @@ class _Search:
         """
         Try one step; whether it was taken.
         """
-        here, scale = self.here, self.scale
-        gradient = -here.force * scale
-
-        def times(vector: np.ndarray) -> np.ndarray:
-            self.products += 1
-            return scale * here.times(scale * vector)
-
-        size = float(np.linalg.norm(gradient))
+        here, layout = self.here, self.fabric.layout
+        gradient = layout.spread(-self.leftover())
+        size = math.sqrt(weighted_square(self.weight, gradient))
         self.first_gradient = max(self.first_gradient, size)
         accuracy = min(0.1, math.sqrt(size / self.first_gradient), 0.1 * self.residual()**0.25)
         most = min(_MOST_PRODUCTS, int(_PRODUCTS * self.free.sum()) + 20)
-        found = steihaug(times, gradient, self.radius, accuracy, most)
-        motion = scale * found.step
-        longest = max(
-            float(np.abs(motion[:, :3]).max(initial=0.0)) / self.fabric.half_edge,
-            float(np.abs(motion[:, 3:]).max(initial=0.0)))
-        part = min(1.0, _LONGEST / longest) if longest > 0.0 else 1.0
-        if part < 1.0:
-            found = found._replace(step=part * found.step, product=part * found.product)
-            motion = part * motion
-        there = here.moved(motion)
-        gain = self._gain(found, gradient, there)
-        length = float(np.linalg.norm(found.step))
+        found = steihaug(here.multiply, self.weight, gradient, self.radius, accuracy, most)
+        self.products += found.iterations
+        motion = layout.gather(found.step)
+        # Only turns are cut: all of a fabric may move far, and the energy tells what is too far.
+        turn = float(np.abs(motion[:, 3:]).max(initial=0.0))
+        part = _LARGEST_TURN / turn if turn > _LARGEST_TURN else 1.0
+        slope = product_of(gradient, found.step)
+        # Shorter steps in the same direction cost no products (Nocedal and Yuan 1998, Combining
+        # trust region and line search techniques).
+        for _ in range(_TRIES):
+            expected = part * slope + part**2 * (found.expected - slope)
+            there = here.moved(part * motion)
+            gain = self._gain(part * motion, expected, there)
+            if gain > _LEAST_GAIN:
+                break
+            part *= 0.5
+        length = part * found.length
         if gain < 0.25:
-            self.radius = 0.25 * length
+            self.radius = 0.5 * length
         elif gain > 0.75 and (found.on_border or part < 1.0):
             self.radius = max(self.radius, 2.0 * length)
-        if gain > 1e-4:
+        if gain > _LEAST_GAIN:
             self.here = there
             return True
         return False
 
-    def _gain(self, found: Step, gradient: np.ndarray, there: Configuration) -> float:
+    def _gain(self, motion: np.ndarray, expected: float, there: Configuration) -> float:
         """
         How much of what the model expected a step has brought.
         """
         here = self.here
-        expected = found.expected(gradient)
         if not expected < 0.0:
             return -1.0
-        motion = self.scale * found.step
         # Loads without a potential push as at the start of the step.
         pushed = here.acting.wrench - self._dead(here)
         change = there.energy - here.energy - float((pushed * motion).sum())

@@ -16,6 +16,7 @@ from typing import Any
 from icofabric_sim.contact_setup import pack_contact
 from icofabric_sim.initial import InitialState
 from icofabric_sim.inputs import Inputs
+from icofabric_sim.kernels.conjugate import add_own_blocks, add_pair_blocks
 from icofabric_sim.kernels.drives import place_driven
 from icofabric_sim.kernels.flows import keep_accelerations, place_all
 from icofabric_sim.kernels.hessian import hessian_times
@@ -94,7 +95,9 @@ class StaticFabric:
         self.contacts = None if setup is None else StaticContacts(setup, scene.body_count)
         # Whose attachment points are in the room.
         self.placed: Configuration | None = None
+        # Slots without a body stay as they are.
         self.product = aligned_empty((6, self.layout.slot_count))
+        self.product[:] = 0.0
         # [N] of a connector whose length is off by a few last bits.
         connectors = self.packed.connectors
         self.rounding = 0.0 if connectors is None else 1e-14 * float(
@@ -248,23 +251,43 @@ class Configuration:
         """
         Second derivative of the energy along a vector, (n, 6) both; held freedoms count.
         """
+        layout, product = self.fabric.layout, self.fabric.product
+        self.multiply(layout.spread(motion), product, contact=contact)
+        return layout.gather(product)
+
+    def multiply(
+        self, vector: np.ndarray, product: np.ndarray, *, contact: bool = True
+    ) -> None:
+        """
+        The same of vectors (6, s), zero in slots without a body; overwrites `product`.
+        """
         fabric = self.fabric
         points, turns = fabric.room
         self._placed()
         hessian_times(
             self._tangent, self._state, fabric.work.points, points, turns, 1.0, 1.0, None,
-            fabric.layout.spread(motion), fabric.product)
-        result = fabric.layout.gather(fabric.product)
-        for body, block in self._pulled[2]:
-            result[body] += block @ motion[body]
+            vector, product)
+        for slots, blocks in self._own_blocks:
+            add_own_blocks(slots, blocks, vector, product)
         if contact and self.touching is not None:
-            bodies, blocks = self.contact_blocks
-            push = np.einsum('mij,mj->mi', blocks, motion[bodies].reshape(-1, 12))
-            np.add.at(result, bodies[:, 0], push[:, :6])
-            np.add.at(result, bodies[:, 1], push[:, 6:])
+            bodies, pushes = self.contact_blocks
+            add_pair_blocks(fabric.layout.slot[bodies], pushes, vector, product)
+
+    @cached_property
+    def _own_blocks(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """
+        Slots (m,) and second derivatives (m, 6, 6) of anchored bodies, and of dead loads.
+        """
+        slot, found = self.fabric.layout.slot, []
+        pulled = self._pulled[2]
+        if pulled:
+            found.append((
+                slot[[body for body, _ in pulled]], np.array([block for _, block in pulled])))
         if self._turning is not None:
-            result[:, 3:] += np.einsum('nij,nj->ni', self._turning, motion[:, 3:])
-        return np.asarray(result)
+            turning = np.zeros((len(slot), 6, 6))
+            turning[:, 3:, 3:] = self._turning
+            found.append((slot, turning))
+        return found
 
     @cached_property
     def _turning(self) -> np.ndarray | None:

@@ -4,12 +4,17 @@
 Steps of a trust region method for a function with a Hessian that may be singular or indefinite.
 
 Steihaug 1983, SIAM J. Numer. Anal. 20, 626: conjugate gradients on the quadratic model, which end
-at the border of the region, or along a direction of negative curvature on it.
+at the border of the region, or along a direction of negative curvature on it. Lengths of steps
+and of what leads to them follow from the recurrences of Conn, Gould and Toint 2000 (Trust-Region
+Methods, SIAM, 7.5), so an iteration needs one scalar product beside that of the residual.
 """
 
 from collections.abc import Callable
+import math
 from typing import NamedTuple
 
+from icofabric_sim.kernels.conjugate import add_along, advance, product_of, weighted_square
+from icofabric_sim.layout import aligned_empty
 import numpy as np
 
 
@@ -18,66 +23,62 @@ class Step(NamedTuple):
     A step and what the quadratic model expects of it.
     """
 
-    step: np.ndarray
-    product: np.ndarray  # Hessian times the step
+    step: np.ndarray  # (6, s)
+    length: float  # in the metric of the weights
+    expected: float  # change of the function by the model; negative
     iterations: int
-    curved: bool  # it follows a direction of negative curvature
     on_border: bool
-
-    def expected(self, gradient: np.ndarray) -> float:
-        """
-        Change of the function by the model; negative.
-        """
-        return float(np.vdot(gradient, self.step) + 0.5 * np.vdot(self.step, self.product))
 
 
 def steihaug(
-    times: Callable[[np.ndarray], np.ndarray], gradient: np.ndarray, radius: float,
-    accuracy: float, largest: int
+    times: Callable[[np.ndarray, np.ndarray], None], weight: np.ndarray, gradient: np.ndarray,
+    radius: float, accuracy: float, largest: int
 ) -> Step:
     """
-    Approximate minimiser of g.s + s.H s / 2 with |s| <= radius.
+    Approximate minimiser of g.s + s.H s / 2 with s.W^-1 s <= radius^2, all vectors (6, s).
 
-    `times` multiplies by H. Ends where the residual is below `accuracy` times that at 0, or after
-    `largest` products. Directions in which nothing resists and nothing pushes are never entered:
-    all are combinations of H^k g.
+    `times` writes H times its first argument to its second; W is diagonal, `weight`, and 0 where
+    nothing moves. Ends where the residual is below `accuracy` times that at 0, or after `largest`
+    products. Directions in which nothing resists and nothing pushes are never entered: all are
+    combinations of (W H)^k W g.
     """
-    step, product = np.zeros_like(gradient), np.zeros_like(gradient)
-    residual = -gradient
-    direction = residual.copy()
-    square = float(np.vdot(residual, residual))
+    step, product, residual, direction, image = (
+        aligned_empty(gradient.shape) for _ in range(5))
+    step[:] = product[:] = image[:] = 0.0
+    residual[:] = -gradient
+    direction[:] = weight * residual
+    square = weighted_square(weight, residual)
     goal = accuracy**2 * square
+    # Squares of the step and of the direction, and their product, in the metric W^-1.
+    long, ahead, mixed = 0.0, square, 0.0
     most = 0.0  # the largest curvature seen
-    for iteration in range(1, largest + 1):
-        image = times(direction)
-        curvature, length = float(np.vdot(direction, image)), float(np.vdot(direction, direction))
-        most = max(most, abs(curvature) / length)
+    iteration, on_border = 0, False
+    while iteration < largest and square > goal:
+        iteration += 1
+        times(direction, image)
+        curvature = product_of(direction, image)
+        most = max(most, abs(curvature) / ahead)
         # What rounding leaves of a mechanism is no curvature.
-        if curvature <= 1e-14 * most * length:
-            along = _to_border(step, direction, radius)
-            curved = curvature < -1e-10 * most * length
-            return Step(
-                step + along * direction, product + along * image, iteration, curved, True)
-        along = square / curvature
-        longer = step + along * direction
-        if float(np.vdot(longer, longer)) >= radius**2:
-            along = _to_border(step, direction, radius)
-            return Step(
-                step + along * direction, product + along * image, iteration, False, True)
-        step, product = longer, product + along * image
-        residual -= along * image
-        before, square = square, float(np.vdot(residual, residual))
-        if not square > goal:
+        along = square / curvature if curvature > 1e-14 * most * ahead else math.inf
+        if not long + along * (2.0 * mixed + along * ahead) < radius**2:
+            along = _to_border(long, mixed, ahead, radius)
+            add_along(along, direction, step)
+            add_along(along, image, product)
+            long, on_border = radius**2, True
             break
-        direction = residual + (square / before) * direction
-    return Step(step, product, iteration, False, False)
+        after = advance(along, square, weight, step, product, residual, direction, image)
+        long += along * (2.0 * mixed + along * ahead)
+        ratio = after / square
+        mixed = ratio * (mixed + along * ahead)
+        ahead, square = after + ratio**2 * ahead, after
+    expected = product_of(gradient, step) + 0.5 * product_of(step, product)
+    return Step(step, math.sqrt(long), expected, iteration, on_border)
 
 
-def _to_border(step: np.ndarray, direction: np.ndarray, radius: float) -> float:
+def _to_border(long: float, mixed: float, ahead: float, radius: float) -> float:
     """
     How far along the direction the border is; the positive root of a quadratic equation.
     """
-    a, b = float(np.vdot(direction, direction)), float(np.vdot(step, direction))
-    c = float(np.vdot(step, step)) - radius**2
-    root = np.sqrt(max(b * b - a * c, 0.0))
-    return float(-c / (b + root)) if b > 0.0 else float((root - b) / a)
+    rest = max(radius**2 - long, 0.0)
+    root = math.sqrt(mixed * mixed + ahead * rest)
+    return rest / (mixed + root) if mixed > 0.0 else (root - mixed) / ahead

@@ -1,0 +1,108 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+Vectors of the method of conjugate gradients, and parts of a Hessian that come as blocks.
+
+Vectors are (6, s) arrays, slots last, zero where there is no body. Sums are always in the same
+order, and no library of linear algebra divides them among threads.
+"""
+
+from icofabric_sim.kernels.compiled import compiled
+from icofabric_sim.kernels.lanes import fma, LANES, load, splat, store
+from icofabric_sim.kernels.monitor import sum_of_lanes
+import numpy as np
+
+
+@compiled
+def product_of(left: np.ndarray, right: np.ndarray) -> float:
+    """
+    Scalar product.
+    """
+    total = splat(0.0)
+    for k in range(6):
+        for s in range(0, left.shape[1], LANES):
+            total = fma(load(left, k, s), load(right, k, s), total)
+    return sum_of_lanes(total)
+
+
+@compiled
+def weighted_square(weight: np.ndarray, vector: np.ndarray) -> float:
+    """
+    Sum of the squares, each times a weight.
+    """
+    total = splat(0.0)
+    for k in range(6):
+        for s in range(0, vector.shape[1], LANES):
+            value = load(vector, k, s)
+            total = fma(load(weight, k, s) * value, value, total)
+    return sum_of_lanes(total)
+
+
+@compiled
+def add_along(along: float, direction: np.ndarray, vector: np.ndarray) -> None:
+    """
+    Add a multiple of a direction to a vector.
+    """
+    factor = splat(along)
+    for k in range(6):
+        for s in range(0, vector.shape[1], LANES):
+            store(vector, k, s, fma(factor, load(direction, k, s), load(vector, k, s)))
+
+
+@compiled
+def advance(
+    along: float, square: float, weight: np.ndarray, step: np.ndarray, product: np.ndarray,
+    residual: np.ndarray, direction: np.ndarray, image: np.ndarray
+) -> float:
+    """
+    Go `along` the direction, whose product with the Hessian is `image`, and turn to the next.
+
+    `square`: of the residual, weighted; returns that of the next.
+    """
+    factor, total = splat(along), splat(0.0)
+    for k in range(6):
+        for s in range(0, step.shape[1], LANES):
+            ahead = load(image, k, s)
+            store(step, k, s, fma(factor, load(direction, k, s), load(step, k, s)))
+            store(product, k, s, fma(factor, ahead, load(product, k, s)))
+            left = load(residual, k, s) - factor * ahead
+            store(residual, k, s, left)
+            total = fma(load(weight, k, s) * left, left, total)
+    after = sum_of_lanes(total)
+    ratio = splat(after / square)
+    for k in range(6):
+        for s in range(0, step.shape[1], LANES):
+            store(direction, k, s, fma(
+                ratio, load(direction, k, s), load(weight, k, s) * load(residual, k, s)))
+    return after
+
+
+@compiled
+def add_own_blocks(
+    slots: np.ndarray, blocks: np.ndarray, vector: np.ndarray, product: np.ndarray
+) -> None:
+    """
+    Add (m, 6, 6) second derivatives of single bodies in `slots` (m,) times the vector.
+    """
+    for m in range(len(slots)):
+        s = slots[m]
+        for i in range(6):
+            total = 0.0
+            for j in range(6):
+                total += blocks[m, i, j] * vector[j, s]
+            product[i, s] += total
+
+
+@compiled
+def add_pair_blocks(
+    slots: np.ndarray, blocks: np.ndarray, vector: np.ndarray, product: np.ndarray
+) -> None:
+    """
+    Add (m, 12, 12) second derivatives of pairs in `slots` (m, 2) times the vector.
+    """
+    for m in range(len(slots)):
+        for i in range(12):
+            total = 0.0
+            for j in range(12):
+                total += blocks[m, i, j] * vector[j % 6, slots[m, j // 6]]
+            product[i % 6, slots[m, i // 6]] += total
