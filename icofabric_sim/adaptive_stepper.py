@@ -336,6 +336,7 @@ class AdaptiveStepper(Stepper):
         control[pair.SCALES:] = size, 4.0 if self.state.orientation.ndim == 2 else 0.5, (
             size * fastest), fastest
         self._follow_contacts()
+        self._pace(self.step or first)
         self.ledger[monitor.HIGH], self.ledger[monitor.LOW] = math.inf, 0.0
         self.accuracy.looks_left = NEVER
         self.step = self.step or first

@@ -8,19 +8,17 @@ from typing import NamedTuple
 
 from icofabric_sim.contact_setup import ContactSetup
 from icofabric_sim.icosahedron import circumscribed_radius
-from icofabric_sim.kernels.contact_search import (
-    find_close,
-    find_reach,
-    keep_codes,
-    sort_cubes,
-    survey,
-)
-from icofabric_sim.kernels.records import State
+from icofabric_sim.kernels.contact_search import find_reach, refresh, survey
+from icofabric_sim.kernels.records import Nearby, State
 from icofabric_sim.layout import Layout
 import numpy as np
 
-# Spheres around bodies of a list are less than this apart, in parts of a.
-SKIN = 1.6
+# Fabrics of up to so many bodies have long lists; for larger ones these would take much memory.
+SMALL = 20_000
+# The longest reach, in parts of a: at least, for small fabrics, and for large ones.
+_MOST, _MOST_LARGE = 1.0, 0.4
+# How far spheres around bodies of a list are apart at most, in parts of the longest reach.
+_SKIN = 4.0
 _NO_PAIRS = np.zeros((0, 2), np.int32)
 
 
@@ -45,11 +43,31 @@ class ContactLists:
         """
         Start without any.
         """
-        self._setup, self._layout = setup, layout
-        self._radius = circumscribed_radius(setup.half_edge)
-        self._pairs, self._codes = np.zeros((0, 2), np.int32), np.zeros(0, np.int32)
-        self._reference: np.ndarray | None = None
-        self._way = 0.0
+        a, count = setup.half_edge, layout.body_count
+        self.is_small = count <= SMALL
+        # As woven nothing is closer than setup.gap: no reach beyond half of that is of use.
+        self.most = max(_MOST * a, 0.5 * setup.gap) if self.is_small else _MOST_LARGE * a
+        self.skin = _SKIN * self.most
+        self.nearby = Nearby(
+            slots=layout.slot,
+            half_edge=a,
+            radius=circumscribed_radius(a),
+            free=setup.free,
+            planes=setup.planes,
+            counts=np.zeros(2, np.int64),
+            pairs=np.zeros((2, 0, 2), np.int32),
+            codes=np.zeros((2, 0), np.int32),
+            gaps=np.zeros(0),
+            known=np.zeros(0, np.bool_),
+            to_planes=np.zeros((len(setup.planes), count)),
+            axes=np.zeros((count, 9)),
+            reference=np.zeros((count, 3)),
+            velocity=np.zeros(3),
+            heads=np.zeros(1 << max(count - 1, 1).bit_length() + 1, np.int32),
+            cubes=np.zeros((3, count), np.int64),
+            following=np.zeros(count, np.int32),
+        )
+        self._is_made, self._way = False, 0.0
 
     def survey(self, state: State, frame: np.ndarray) -> float:
         """
@@ -57,30 +75,26 @@ class ContactLists:
 
         Not a number where any of the state is none. Notes how far bodies have moved.
         """
-        reference = state.position if self._reference is None else self._reference
-        speed, self._way = survey(
-            *state, self._layout.slot, self._radius, self._setup.free, reference, frame)
+        speed, self._way = survey(self.nearby, state)
+        frame[:] = self.nearby.velocity
         return float(speed)
 
     def find(self, state: State, least: float, most: float) -> Near:
         """
-        Pairs that can touch before a body of a state surveyed has moved by `least` [m].
+        Pairs that can touch before a body of the state surveyed last has moved by `least` [m].
 
         Where there is none the reach is longer, up to `most`: as long as there is none.
         """
-        setup, slots = self._setup, self._layout.slot
         self._refresh(state.position, most)
-        gaps = np.empty(len(self._pairs))
-        to_planes = np.empty((len(setup.planes), len(slots)))
-        reach = find_reach(
-            state.position, state.orientation, slots, setup.half_edge, self._radius, least, most,
-            self._pairs, self._codes, gaps, setup.planes, to_planes)
-        near = np.flatnonzero(gaps < 2.0 * reach)
-        plane, body = np.nonzero(to_planes < reach)
+        nearby = self.nearby
+        reach = max(find_reach(nearby, state.position, least, most), least)
+        count, which = (int(number) for number in nearby.counts)
+        near = np.flatnonzero(nearby.gaps[:count] < 2.0 * reach)
+        plane, body = np.nonzero(nearby.to_planes < reach)
         if not len(near) + len(plane):
             return Near(reach, _NO_PAIRS)
         pairs = np.empty((len(near) + len(plane), 2), np.int32)
-        pairs[:len(near)] = self._pairs[near]
+        pairs[:len(near)] = nearby.pairs[which, near]
         order = np.lexsort((plane, body))
         pairs[len(near):, 0], pairs[len(near):, 1] = body[order], -1 - plane[order]
         return Near(reach, pairs)
@@ -89,22 +103,22 @@ class ContactLists:
         """
         Look for close bodies again where others may have come close.
 
-        Bodies that are in no pair were 2 R + SKIN apart, and are still 2 R + 2 most where none
-        has moved by more than SKIN / 2 - most.
+        Bodies that are in no pair were 2 R + skin apart, and are still 2 R + 2 most where none
+        has moved by more than skin / 2 - most.
         """
-        slots, skin = self._layout.slot, SKIN * self._setup.half_edge
-        if self._reference is not None and 2.0 * (self._way + most) <= skin:
+        if self._is_made and 2.0 * (self._way + most) <= self.skin:
             return
-        self._reference = position.copy()
-        width = 2.0 * self._radius + skin
-        count = len(slots)
-        heads = np.empty(1 << max(count - 1, 1).bit_length() + 1, np.int32)
-        cubes, following = np.empty((3, count), np.int64), np.empty(count, np.int32)
-        sort_cubes(position, slots, width, cubes, heads, following)
-        pairs = np.empty((8 * count, 2), np.int32)
-        while (found := find_close(
-                position, slots, width, cubes, heads, following, pairs)) > len(pairs):
-            pairs = np.empty((found, 2), np.int32)
-        pairs, codes = pairs[:found].copy(), np.empty(found, np.int32)
-        keep_codes(self._pairs, self._codes, pairs, codes)
-        self._pairs, self._codes = pairs, codes
+        self._is_made = True
+        while (found := refresh(
+                self.nearby, position, self.skin)) > (room := len(self.nearby.gaps)):
+            self._make_room(found + found // 4 if self.is_small else found, room)
+
+    def _make_room(self, room: int, before: int) -> None:
+        """
+        Room for more pairs; those of `before` stay.
+        """
+        nearby = self.nearby
+        pairs, codes = np.zeros((2, room, 2), np.int32), np.zeros((2, room), np.int32)
+        pairs[:, :before], codes[:, :before] = nearby.pairs, nearby.codes
+        self.nearby = nearby._replace(
+            pairs=pairs, codes=codes, gaps=np.zeros(room), known=np.zeros(room, np.bool_))

@@ -7,7 +7,7 @@ What a scene says of contact: between which shells and planes, and how stiff it 
 import math
 from typing import NamedTuple
 
-from icofabric_sim.icosahedron import inscribed_radius
+from icofabric_sim.icosahedron import circumscribed_radius, inscribed_radius
 from icofabric_sim.planes import make_planes
 from icofabric_sim.scene import Scene
 import numpy as np
@@ -33,6 +33,7 @@ class ContactSetup(NamedTuple):
     free: bool  # nothing is held: a motion that all have in common counts for nothing
     fall: np.ndarray  # (3,) acceleration that all have in common [m/s^2]
     expected: str  # why contacts are expected; '': they need not happen
+    gap: float = 0.0  # between shells as woven [m], or less
 
     @property
     def spends(self) -> bool:
@@ -67,7 +68,18 @@ def pack_contact(
         free=not held,
         fall=fall,
         expected=_expected(scene),
+        gap=_woven_gap(scene),
     )
+
+
+def _woven_gap(scene: Scene) -> float:
+    """
+    Gap [m] between the spheres around neighbours in the weave, 0 where there are none.
+    """
+    if not scene.connector_count:
+        return 0.0
+    a = scene.geometry.half_edge
+    return max(math.sqrt(2.0) * scene.geometry.pitch - 2.0 * circumscribed_radius(a), 0.0)
 
 
 def _expected(scene: Scene) -> str:

@@ -17,20 +17,35 @@ from icofabric_sim.contact_setup import ContactSetup
 from icofabric_sim.icosahedron import circumscribed_radius, inscribed_radius
 from icofabric_sim.kernels.contact_pair import contact_scratch, OUT_SIZE
 from icofabric_sim.kernels.contacts import contact_look
+from icofabric_sim.kernels.looking import least_reach
 from icofabric_sim.kernels.records import ContactLosses, Contacts, Model, State, Watch
+from icofabric_sim.kernels.ways import (
+    HORIZON,
+    LATE,
+    LEAST,
+    LIMIT_COUNT,
+    longest_step,
+    MOST,
+    MOST_STRIDE,
+    OWN,
+    pace,
+    ROOM,
+    set_reach,
+    SKIN,
+    SOON,
+    SPEED,
+    STRIDE,
+)
 from icofabric_sim.layout import aligned_empty, Layout
 from icofabric_sim.memory import as_number, Memory
 import numpy as np
 
 _LOGGER = logging.getLogger('icofabric_sim')
-# The reach of a look, in parts of a: at least, and at most.
-_LEAST, _MOST = 0.01, 0.4
+# The reach of a look, in parts of a: at least.
+_LEAST = 0.01
 # Evaluations of the forces until the next look, about, where shells are near each other: a look
 # costs as much as some ten.
 LOOK_AFTER = 32
-# Steps between two looks at the ways, times this, must not lead beyond the reach: kernels ask for
-# the next look after half of it.
-_ROOM = 3.0
 # Overlaps, in parts of a, that are told once, and of the inscribed radius that end a run.
 _TOLD, _DEEPEST = 0.01, 0.2
 # Above the largest second derivative of the energy of a contact that a search found, in parts of
@@ -82,13 +97,20 @@ class ContactWatch:
         self.found: Overlap | None = None
         self._announced = False
         self._bodies = np.zeros((0, 2), np.int32)
-        self._speed, self._caution = 0.0, 1.0
+        self._caution = 1.0
         self._listed, self._missed = 0.0, False
         shape = (4, layout.slot_count) if not layout.cosines else (3, 3, layout.slot_count)
-        self.watch = Watch(
+        self.limits = np.zeros(LIMIT_COUNT)
+        self.limits[[LEAST, MOST, SKIN]] = (
+            _LEAST * setup.half_edge, self._lists.most, self._lists.skin)
+        self.limits[[SOON, LATE, STRIDE, MOST_STRIDE]] = math.inf, math.inf, 1, 1
+        self._watch = Watch(
             aligned_empty((3, layout.slot_count)), aligned_empty(shape), np.zeros(7),
-            self._radius, math.inf, math.inf, np.zeros(8 * threads), 1)
-        self.aside = self.watch._replace(far=np.zeros(8 * threads))
+            self._radius, self.limits, np.zeros(8 * threads), self._lists.nearby)
+        # Nobody asks what was seen aside.
+        nobody = self.limits.copy()
+        nobody[STRIDE] = 2.0**62
+        self._aside = self._watch._replace(far=np.zeros(8 * threads), limits=nobody)
         # Bound of what one contact adds to the squared frequency of its bodies [1/s^2].
         self.least_rate = _CURVATURE * setup.stiffness * max(
             model.inverse_mass, setup.half_edge**2 * model.inverse_inertia)
@@ -113,21 +135,35 @@ class ContactWatch:
         return self.setup.damping * self.told * self.rate
 
     @property
+    def watch(self) -> Watch:
+        """
+        What kernels look out for.
+        """
+        return self._watch._replace(nearby=self._lists.nearby)
+
+    @property
+    def aside(self) -> Watch:
+        """
+        The same for steps aside: nobody asks what they saw.
+        """
+        return self._aside._replace(nearby=self._lists.nearby)
+
+    @property
     def longest_step(self) -> float:
         """
         Longest step [s] in which no body moves too far.
         """
-        way = math.sqrt(self.watch.late) / _ROOM
-        return way / self._speed if self._speed > 0.0 else math.inf
+        return float(longest_step(self.limits))
 
-    def pace(self, step: float, stages: int) -> None:
+    def pace(self, step: float, stages: int, *, alone: bool) -> None:
         """
         Say for a `step` [s] after how many of them the ways are asked for.
+
+        `alone`: kernels may look on their own, as the step need not follow.
         """
-        steps = max(LOOK_AFTER // stages, 1)
-        if self._speed > 0.0 and step > 0.0:
-            steps = max(min(int(0.5 * self.longest_step / step), steps), 1)
-        self.watch = self.watch._replace(stride=steps)
+        self.limits[MOST_STRIDE] = max(LOOK_AFTER // stages, 1)
+        pace(self.limits, step)
+        self.limits[OWN] = float(alone and self.contacts is None and self._lists.is_small)
 
     def look(self, time: float, state: State, step: float, steps: float) -> None:
         """
@@ -135,25 +171,24 @@ class ContactWatch:
 
         Within so many `steps` of `step` [s], as contacts ask for; at least until the next look.
         """
-        velocity = np.empty(3)
+        velocity, limits = np.empty(3), self.limits
         speed = self._lists.survey(state, velocity)
         if not speed < math.inf:
             # Who looks at the state next ends the run.
             return
-        frame, self._speed = self.watch.frame, speed
-        frame[0], frame[1:4] = time, velocity
-        frame[4:7] = 0.5 * self.setup.fall if self.setup.free else 0.0
-        a = self.setup.half_edge
-        way = self._speed * step
-        wish = self._caution * way * max(2.0 * steps, 1.1 * _ROOM)
-        least = min(max(wish, _LEAST * a), _MOST * a)
-        np.copyto(self.watch.reference, state.position)
-        np.copyto(self.watch.turned, state.orientation)
-        near = self._lists.find(state, least, _MOST * a)
-        self._take(near, least)
+        watch = self._watch
+        limits[SPEED] = speed
+        watch.frame[0], watch.frame[1:4] = time, velocity
+        watch.frame[4:7] = 0.5 * self.setup.fall if self.setup.free else 0.0
+        limits[HORIZON] = self._caution * step * max(2.0 * steps, 1.1 * ROOM)
+        least = float(least_reach(limits, speed))
+        np.copyto(watch.reference, state.position)
+        np.copyto(watch.turned, state.orientation)
+        self._take(self._lists.find(state, least, limits[MOST]), least)
 
     def _take(self, near: Near, least: float) -> None:
-        self.watch = self.watch._replace(soon=(0.5 * near.reach) ** 2, late=near.reach**2)
+        set_reach(self.limits, near.reach)
+        self.limits[OWN] = 0.0
         self._tests = self.count_tests()
         self._bodies = near.pairs
         self._listed = least if len(near.pairs) or self.setup.always else 0.0
@@ -175,7 +210,8 @@ class ContactWatch:
             self._missed = True
             _LOGGER.warning(
                 'bodies moved so far in one step (up to %.3g m/s) that a contact may have been '
-                'seen late: give a smaller solver.step, or 0 to have it chosen', self._speed)
+                'seen late: give a smaller solver.step, or 0 to have it chosen',
+                self.limits[SPEED])
 
     def energy(self, state: State) -> float:
         """
@@ -222,7 +258,7 @@ class ContactWatch:
         """
         Begin at another `time` [s]: nothing has moved yet.
         """
-        self.watch.frame[0] = time
+        self._watch.frame[0] = time
         if self.found is not None:
             self.found = self.found._replace(time=time)
 
@@ -237,11 +273,13 @@ class ContactWatch:
         """
         Where bodies were looked at, what for, and what was found and said.
         """
-        gather = self._layout.gather
+        gather, watch, limits = self._layout.gather, self._watch, self.limits
         memory: dict[str, Any] = {
-            'reference': gather(self.watch.reference), 'turned': gather(self.watch.turned),
-            'frame': self.watch.frame.copy(), 'late': self.watch.late, 'listed': self._listed,
-            'stride': self.watch.stride, 'speed': self._speed, 'caution': self._caution,
+            'reference': gather(watch.reference), 'turned': gather(watch.turned),
+            'frame': watch.frame.copy(), 'late': float(limits[LATE]), 'listed': self._listed,
+            'stride': int(limits[STRIDE]), 'speed': float(limits[SPEED]),
+            'horizon': float(limits[HORIZON]), 'alone': bool(limits[OWN]),
+            'most_stride': int(limits[MOST_STRIDE]), 'caution': self._caution,
             'missed': self._missed, 'announced': self._announced}
         if self.found is not None:
             memory['found'] = [*self.found]
@@ -251,20 +289,20 @@ class ContactWatch:
         """
         Go on from there.
         """
-        layout, watch = self._layout, self.watch
+        layout, watch, limits = self._layout, self._watch, self.limits
         watch.reference[:] = 0.0
         watch.reference[:, layout.slot] = memory.array('reference', (layout.body_count, 3)).T
         rows = watch.turned.shape[:-1]
         watch.turned[..., layout.slot] = np.moveaxis(
             memory.array('turned', (layout.body_count, *rows)), 0, -1)
         watch.frame[:] = memory.array('frame', (7,))
-        self._speed = memory.number('speed', 0.0)
+        limits[SPEED], limits[HORIZON] = (
+            memory.number('speed', 0.0), memory.number('horizon', 0.0))
         self._caution, self._missed = memory.number('caution', 1.0), memory.flag('missed')
         self._announced = memory.flag('announced')
         self.found = self._judged(memory.entries('found')) if 'found' in memory else None
         late, listed = memory.number('late', 0.0, finite=False), memory.number('listed', 0.0)
-        most = _MOST * self.setup.half_edge
-        reach = math.sqrt(late)
+        reach, most = math.sqrt(late), float(limits[MOST])
         if not reach <= 1.0001 * most:
             raise ValueError('watch.late is longer than any reach')
         reach = min(reach, most)
@@ -274,8 +312,10 @@ class ContactWatch:
             self._lists.survey(there, np.empty(3))
             near = self._lists.find(there, min(listed, most), most)
         self._take(near._replace(reach=reach), listed)
-        self.watch = self.watch._replace(
-            soon=0.25 * late, late=late, stride=memory.count('stride', 1))
+        limits[MOST_STRIDE] = memory.count('most_stride', 1)
+        limits[STRIDE] = memory.count('stride', 1)
+        alone = memory.flag('alone')
+        limits[OWN] = float(alone and self.contacts is None and self._lists.is_small)
 
     def _judged(self, entry: list[Any]) -> Overlap:
         """

@@ -16,6 +16,7 @@ from icofabric_sim.integrators.methods import Method
 from icofabric_sim.kernels import monitor
 from icofabric_sim.kernels.drives import place_driven
 from icofabric_sim.kernels.lanes import LANES
+from icofabric_sim.kernels.looking import MISSED, MOVED_FAR
 from icofabric_sim.kernels.records import Loads, State
 from icofabric_sim.main_line import MainLine, SimulationError
 from icofabric_sim.memory import Memory
@@ -301,8 +302,8 @@ class WatchedLine(MainLine):
             self._meet_obstruction(time)
         if status & (monitor.TOO_DEEP | monitor.DEEP):
             self._meet_overlap(time, stop=bool(status & monitor.TOO_DEEP))
-        if status & (monitor.MOVED_FAR | monitor.MISSED):
-            self._look_again(time, missed=bool(status & monitor.MISSED))
+        if status & (MOVED_FAR | MISSED):
+            self._look_again(time, missed=bool(status & MISSED))
         if status & (monitor.RATE_HIGH | monitor.RATE_LOW):
             self._read_rates()
             if not self.fixed:
@@ -361,8 +362,15 @@ class WatchedLine(MainLine):
         if not self.fixed and (
                 self.watch.rate != before or self._held_back or not self.step <= longest):
             self._follow_contacts()
-        self.watch.pace(self.step, self.method.stages)
+        self._pace(self.step)
         self._require_safe_step(time)
+
+    def _pace(self, step: float) -> None:
+        """
+        Say how often bodies are asked how far they have moved, and whether kernels may look.
+        """
+        if self.watch is not None:
+            self.watch.pace(step, self.method.stages, alone=not self._held_back)
 
     def _follow_contacts(self) -> None:
         """
@@ -476,8 +484,7 @@ class WatchedLine(MainLine):
         """
         rate = self._fastest()
         if self.fixed:
-            if self.watch is not None:
-                self.watch.pace(self.step, self.method.stages)
+            self._pace(self.step)
             if probe:
                 self.accuracy.measure_only(self.step, rate)
             elif self.accuracy.is_new:
@@ -504,8 +511,7 @@ class WatchedLine(MainLine):
         if step != self.step:
             self.origin, self.index, self.step = self.time, 0, step
             self.ledger[monitor.REGULAR] = 0.0
-        if self.watch is not None:
-            self.watch.pace(step, self.method.stages)
+        self._pace(step)
         # Above the first the exact value is computed again once the bound has grown; near the
         # limit of the method at every look.
         ledger = self.ledger

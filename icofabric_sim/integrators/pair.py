@@ -19,11 +19,11 @@ from icofabric_sim.kernels.drives import place_row
 from icofabric_sim.kernels.external import ask_outside
 from icofabric_sim.kernels.lanes import LANES, load, store
 from icofabric_sim.kernels.loads import keep_work
+from icofabric_sim.kernels.looking import judge_ways
 from icofabric_sim.kernels.meters import add_flow, repeat_flow
 from icofabric_sim.kernels.monitor import (
     DEEPEST_LIMIT,
     examine,
-    judge_ways,
     save,
     SAVED_AT,
     TOO_DEEP,
@@ -172,7 +172,7 @@ def fixed_pair(
         since_check += 1
         status, since_check = look(
             model, loads, state, saved, work, team, since_check, check_interval, watch, ledger,
-            done, origin + (index + done) * h, first, last)
+            done, origin + (index + done) * h, h, first, last)
         if status != 0:
             return status, done, since_check
     return 0, done, since_check
@@ -182,10 +182,12 @@ def fixed_pair(
 def look(
     model: Model, loads: Loads | None, state: State, saved: State, work: Work, team: Team,
     since_check: int, check_interval: int, watch: Watch | None, ledger: np.ndarray, done: int,
-    time: float, first: int, last: int
+    time: float, step: float, first: int, last: int
 ) -> tuple[int, int]:
     """
     Examine the state at `time` [s] if that is due, and save it if it is sound.
+
+    Other steps of the length `step` [s] will follow; 0: of any.
 
     Returns the status and the steps since the last examination.
     """
@@ -194,7 +196,7 @@ def look(
     if team.member == 0:
         if examined:
             status = examine(model, loads, state, work, time, ledger)
-        status |= judge_ways(watch, farthest(watch, team.size))
+        status |= judge_ways(watch, farthest(watch, team.size), state, time, step)
         if deepest_overlap(model.contacts, team.size) > ledger[DEEPEST_LIMIT]:
             status |= TOO_DEEP
     status = tell_all(team, status)
@@ -317,7 +319,7 @@ def adaptive_pair(
             else:
                 status, since_check = look(
                     model, loads, state, saved, work, team, since_check, check_interval, watch,
-                    ledger, done, start + length, first, last)
+                    ledger, done, start + length, 0.0, first, last)
     wait_for_all(team)
     if team.member == 0:
         control[START], control[LENGTH], control[NEXT] = start, length, h

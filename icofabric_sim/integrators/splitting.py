@@ -12,11 +12,11 @@ from icofabric_sim.kernels.contacts import deepest_overlap, touch_all
 from icofabric_sim.kernels.flows import drift, push, push_kept
 from icofabric_sim.kernels.lanes import splat
 from icofabric_sim.kernels.loads import keep_work
+from icofabric_sim.kernels.looking import judge_ways
 from icofabric_sim.kernels.monitor import (
     DEEPEST_LIMIT,
     examine,
     judge_roughness,
-    judge_ways,
     REGULAR,
     ROUGHER,
     ROUGHEST,
@@ -29,7 +29,7 @@ from icofabric_sim.kernels.monitor import (
 )
 from icofabric_sim.kernels.records import Contacts, Loads, Model, State, Team, Watch, Work
 from icofabric_sim.kernels.team import own_blocks, tell_all, TILE, wait_for_all
-from icofabric_sim.kernels.ways import add_ways, farthest, note_ways, shift_at
+from icofabric_sim.kernels.ways import add_ways, farthest, note_ways, shift_at, STRIDE
 import numpy as np
 
 # An interval that never ends: nobody looks.
@@ -127,7 +127,7 @@ def stride_of(watch: Watch | None, check_interval: int) -> int:
     """
     if watch is None:
         return check_interval
-    return watch.stride
+    return int(watch.limits[STRIDE])
 
 
 @compiled
@@ -163,12 +163,13 @@ def splitting(
     """
     stages = min(kicks.shape[0], drifts.shape[0])
     first, last = own_blocks(team, model.blocks.slot.shape[0])
-    stride = stride_of(watch, check_interval)
     differences = work.weights.shape[0] - 1
     done = 0
     while done < count:
         # As far as somebody looks at the state.
         ahead = min(count - done, check_interval - since_check)
+        # Read anew: a look on the way may change it.
+        stride = stride_of(watch, check_interval)
         ahead = min(ahead, stride - since_check % stride)
         # Step ends are sampled in windows of as many steps as the difference has, one after the
         # other; only in the last before a look where a step is a single evaluation.
@@ -212,7 +213,8 @@ def splitting(
                 status |= judge_roughness(
                     work, ledger, differences if stages < 4 else check_interval)
         if watched and team.member == 0:
-            status |= judge_ways(watch, farthest(watch, team.size))
+            status |= judge_ways(
+                watch, farthest(watch, team.size), state, origin + (index + done) * h, h)
             if deepest_overlap(model.contacts, team.size) > ledger[DEEPEST_LIMIT]:
                 status |= TOO_DEEP
         if examined or watched:

@@ -12,7 +12,8 @@ away (M. Teschner et al. 2003, Optimized Spatial Hashing).
 import math
 
 from icofabric_sim.kernels.compiled import compiled
-from icofabric_sim.kernels.contact_gap import axes_of, gap_along, plane_gap, widest_gap
+from icofabric_sim.kernels.contact_gap import Axes, axes_of, gap_along, plane_gap, widest_gap
+from icofabric_sim.kernels.records import Nearby, State
 import numpy as np
 
 # Cubes are counted from the origin up to here, either way.
@@ -109,131 +110,167 @@ def keep_codes(
 
 
 @compiled
-def first_gaps(
-    position: np.ndarray, orientation: np.ndarray, slots: np.ndarray, half_edge: float,
-    radius: float, far: float, pairs: np.ndarray, codes: np.ndarray, gaps: np.ndarray
-) -> None:
+def refresh(nearby: Nearby, position: np.ndarray, skin: float) -> int:
+    """
+    Find close bodies anew, those whose spheres are less than `skin` [m] apart.
+
+    Returns how many pairs there are. Where that is more than there is room for the list is that
+    of before.
+    """
+    width = 2.0 * nearby.radius + skin
+    old = int(nearby.counts[1])
+    new = 1 - old
+    sort_cubes(
+        position, nearby.slots, width, nearby.cubes, nearby.heads, nearby.following)
+    found = find_close(
+        position, nearby.slots, width, nearby.cubes, nearby.heads, nearby.following,
+        nearby.pairs[new])
+    if found > nearby.pairs.shape[1]:
+        return found
+    before = int(nearby.counts[0])
+    keep_codes(
+        nearby.pairs[old, :before], nearby.codes[old, :before], nearby.pairs[new, :found],
+        nearby.codes[new, :found])
+    nearby.counts[0], nearby.counts[1] = found, new
+    for b in range(nearby.slots.shape[0]):
+        for k in range(3):
+            nearby.reference[b, k] = position[k, nearby.slots[b]]
+    return found
+
+
+@compiled
+def axes_row(axes: np.ndarray, b: int) -> Axes:
+    """
+    The axes of a body, as they were kept.
+    """
+    return (
+        axes[b, 0], axes[b, 1], axes[b, 2], axes[b, 3], axes[b, 4], axes[b, 5], axes[b, 6],
+        axes[b, 7], axes[b, 8])
+
+
+@compiled
+def first_gaps(nearby: Nearby, position: np.ndarray, far: float) -> int:
     """
     What the axis kept for each pair shows [m]; where spheres around them are `far` apart, that.
+
+    Returns the pair with the least, -1: there is none.
     """
-    for p in range(pairs.shape[0]):
-        s, t = slots[pairs[p, 0]], slots[pairs[p, 1]]
+    slots, gaps, known, axes = nearby.slots, nearby.gaps, nearby.known, nearby.axes
+    pairs, codes = nearby.pairs[nearby.counts[1]], nearby.codes[nearby.counts[1]]
+    least, first = math.inf, -1
+    for p in range(nearby.counts[0]):
+        b, c = pairs[p, 0], pairs[p, 1]
+        s, t = slots[b], slots[c]
         dx, dy = position[0, t] - position[0, s], position[1, t] - position[1, s]
         dz = position[2, t] - position[2, s]
-        gap = math.sqrt(dx * dx + dy * dy + dz * dz) - 2.0 * radius
+        gap = math.sqrt(dx * dx + dy * dy + dz * dz) - 2.0 * nearby.radius
         if gap < far:
             gap = gap_along(
-                codes[p], half_edge, dx, dy, dz, axes_of(orientation, s),
-                axes_of(orientation, t))
-        gaps[p] = gap
+                codes[p], nearby.half_edge, dx, dy, dz, axes_row(axes, b), axes_row(axes, c))
+        gaps[p], known[p] = gap, False
+        if gap < least:
+            least, first = gap, p
+    return first
 
 
 @compiled
-def search_gaps(
-    position: np.ndarray, orientation: np.ndarray, slots: np.ndarray, half_edge: float,
-    wanted: float, pairs: np.ndarray, codes: np.ndarray, gaps: np.ndarray, known: np.ndarray
-) -> float:
+def search_gap(nearby: Nearby, position: np.ndarray, p: int, wanted: float) -> float:
     """
-    Look for axes that show a gap of at least `wanted` [m]; returns the least gap of all pairs.
-
-    `known`: of these pairs the widest gap has been found.
+    Look for an axis that shows a gap of at least `wanted` [m] of a pair; returns what it shows.
     """
-    least = math.inf
-    for p in range(pairs.shape[0]):
-        if gaps[p] < wanted and not known[p]:
-            s, t = slots[pairs[p, 0]], slots[pairs[p, 1]]
-            gap, code = widest_gap(
-                wanted, half_edge, position[0, t] - position[0, s],
-                position[1, t] - position[1, s], position[2, t] - position[2, s],
-                axes_of(orientation, s), axes_of(orientation, t))
-            gaps[p], codes[p] = gap, code
-            known[p] = gap < wanted
-        least = min(least, gaps[p])
-    return least
+    which = nearby.counts[1]
+    b, c = nearby.pairs[which, p, 0], nearby.pairs[which, p, 1]
+    s, t = nearby.slots[b], nearby.slots[c]
+    gap, code = widest_gap(
+        wanted, nearby.half_edge, position[0, t] - position[0, s],
+        position[1, t] - position[1, s], position[2, t] - position[2, s],
+        axes_row(nearby.axes, b), axes_row(nearby.axes, c))
+    nearby.gaps[p], nearby.codes[which, p], nearby.known[p] = gap, code, gap < wanted
+    return gap
 
 
 @compiled
-def plane_gaps(
-    position: np.ndarray, orientation: np.ndarray, slots: np.ndarray, half_edge: float,
-    planes: np.ndarray, gaps: np.ndarray
-) -> None:
+def plane_gaps(nearby: Nearby, position: np.ndarray) -> float:
     """
-    Distances [m] of all bodies from all planes, (k, n).
+    Write distances [m] of all bodies from all planes, (k, n); returns the least.
     """
-    for k in range(planes.shape[0]):
-        for b in range(slots.shape[0]):
-            s = slots[b]
-            gaps[k, b] = plane_gap(
-                planes[k], half_edge, position[0, s], position[1, s], position[2, s],
-                axes_of(orientation, s))
-
-
-@compiled
-def find_reach(
-    position: np.ndarray, orientation: np.ndarray, slots: np.ndarray, half_edge: float,
-    radius: float, least: float, most: float, pairs: np.ndarray, codes: np.ndarray,
-    gaps: np.ndarray, planes: np.ndarray, to_planes: np.ndarray
-) -> float:
-    """
-    Longest way of all bodies, from `least` to `most` [m], before anything can touch.
-
-    `least` where something can before that. Leaves what is known of the gaps, which are exact
-    where they are less than twice the result.
-    """
-    known = np.zeros(pairs.shape[0], np.bool_)
-    first_gaps(
-        position, orientation, slots, half_edge, radius, 2.0 * most, pairs, codes, gaps)
-    plane_gaps(position, orientation, slots, half_edge, planes, to_planes)
     closest = math.inf
-    for k in range(planes.shape[0]):
-        for b in range(slots.shape[0]):
-            closest = min(closest, to_planes[k, b])
-    found = search_gaps(
-        position, orientation, slots, half_edge, 2.0 * least, pairs, codes, gaps, known)
-    if min(0.5 * found, closest) < least:
-        return least
-    reach = least
-    while reach < most:
-        further = min(2.0 * reach, most)
-        found = search_gaps(
-            position, orientation, slots, half_edge, 2.0 * further, pairs, codes, gaps, known)
-        reach = min(min(0.5 * found, closest), further)
-        if reach < further:
-            break
+    for k in range(nearby.planes.shape[0]):
+        for b in range(nearby.slots.shape[0]):
+            s = nearby.slots[b]
+            gap = plane_gap(
+                nearby.planes[k], nearby.half_edge, position[0, s], position[1, s],
+                position[2, s], axes_row(nearby.axes, b))
+            nearby.to_planes[k, b] = gap
+            closest = min(closest, gap)
+    return closest
+
+
+@compiled
+def find_reach(nearby: Nearby, position: np.ndarray, least: float, most: float) -> float:
+    """
+    Longest way of all bodies [m] before anything can touch, at most `most`.
+
+    It depends on where bodies are, not on the axes kept. Where it is less than `least` all gaps
+    of less than twice that are exact. Axes of bodies must be in place (`survey`).
+    """
+    gaps, known = nearby.gaps, nearby.known
+    # The pair that seems to be closest comes first: then few others need be searched.
+    first = first_gaps(nearby, position, 2.0 * most)
+    reach = min(plane_gaps(nearby, position), most)
+    if first >= 0 and gaps[first] < 2.0 * reach:
+        reach = min(0.5 * search_gap(nearby, position, first, 2.0 * reach), reach)
+    for p in range(nearby.counts[0]):
+        if gaps[p] < 2.0 * reach and not known[p]:
+            reach = min(0.5 * search_gap(nearby, position, p, 2.0 * reach), reach)
+    if reach < least:
+        for p in range(nearby.counts[0]):
+            if gaps[p] < 2.0 * least and not known[p]:
+                search_gap(nearby, position, p, 2.0 * least)
     return reach
 
 
 @compiled
-def survey(
-    position: np.ndarray, orientation: np.ndarray, linear: np.ndarray, angular: np.ndarray,
-    slots: np.ndarray, radius: float, free: bool, reference: np.ndarray, frame: np.ndarray
-) -> tuple[float, float]:
+def survey(nearby: Nearby, state: State) -> tuple[float, float]:
     """
-    Largest speed of a point of a body [m/s], and way of a centre from `reference` [m].
+    Largest speed of a point of a body [m/s], and way of a centre since the list was made [m].
 
-    Beside the mean velocity, which goes into `frame` (3,), where all are `free`, and the mean way.
-    The speed is not a number where any of the state is none.
+    Beside the mean velocity, which goes into nearby.velocity, where all are free, and the mean
+    way. The speed is not a number where any of the state is none. Keeps the axes of all bodies.
     """
-    count = slots.shape[0]
-    mean, sound = np.zeros(3), 0.0
-    frame[:] = 0.0
+    slots, axes, mean = nearby.slots, nearby.axes, nearby.velocity
+    reference = nearby.reference
+    position, linear, angular = state.position, state.linear_velocity, state.angular_velocity
+    count, sound = slots.shape[0], 0.0
+    mx, my, mz = 0.0, 0.0, 0.0
+    for k in range(3):
+        mean[k] = 0.0
     for b in range(count):
-        s = slots[b]
+        s, row = slots[b], axes_of(state.orientation, slots[b])
+        (axes[b, 0], axes[b, 1], axes[b, 2], axes[b, 3], axes[b, 4], axes[b, 5], axes[b, 6],
+         axes[b, 7], axes[b, 8]) = row
+        mx += position[0, s] - reference[b, 0]
+        my += position[1, s] - reference[b, 1]
+        mz += position[2, s] - reference[b, 2]
+        sound += 0.0 * (
+            row[0] + row[1] + row[2] + row[3] + row[4] + row[5] + row[6] + row[7] + row[8])
         for k in range(3):
-            mean[k] += (position[k, s] - reference[k, s]) / count
-            sound += 0.0 * position[k, s]
-            if free:
-                frame[k] += linear[k, s] / count
-        for value in axes_of(orientation, s):
-            sound += 0.0 * value
-    speed, way = 0.0, 0.0
+            mean[k] += linear[k, s]
+    part = 1.0 / max(count, 1)
+    mx, my, mz = mx * part, my * part, mz * part
+    for k in range(3):
+        mean[k] = mean[k] * part if nearby.free else 0.0
+    speed, moved = 0.0, 0.0
     for b in range(count):
-        s, square, turning, moved = slots[b], 0.0, 0.0, 0.0
+        s, square, spin = slots[b], 0.0, 0.0
         for k in range(3):
-            square += (linear[k, s] - frame[k]) ** 2
-            turning += angular[k, s] ** 2
-            moved += (position[k, s] - reference[k, s] - mean[k]) ** 2
-        own = math.sqrt(square) + radius * math.sqrt(turning)
+            square += (linear[k, s] - mean[k]) ** 2
+            spin += angular[k, s] ** 2
+        own = math.sqrt(square) + nearby.radius * math.sqrt(spin)
+        speed = max(speed, own)
         sound += 0.0 * own
-        speed, way = max(speed, own), max(way, moved)
-    return speed + sound, math.sqrt(way)
+        ux, uy = position[0, s] - reference[b, 0] - mx, position[1, s] - reference[b, 1] - my
+        uz = position[2, s] - reference[b, 2] - mz
+        moved = max(moved, ux * ux + uy * uy + uz * uz)
+        sound += 0.0 * (ux + uy + uz)
+    return speed + sound, math.sqrt(moved)

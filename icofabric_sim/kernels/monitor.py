@@ -42,7 +42,6 @@ from icofabric_sim.kernels.records import (
     Model,
     State,
     Variety,
-    Watch,
     Work,
     Wrapping,
 )
@@ -50,10 +49,10 @@ from icofabric_sim.kernels.wrapping import wrapping_look
 import numpy as np
 
 # Bits of the status that `examine` returns; the rates concern the bound of the largest frequency.
-RATE_HIGH, RATE_LOW, NOT_FINITE, MOVED_FAR, UNBALANCED, LIVELIER, ROUGHER, OBSTRUCTING = (
-    1, 2, 4, 8, 16, 32, 128, 512)
-# Bodies that moved beyond where contacts are known, and shells that overlap too deeply.
-MISSED, TOO_DEEP, DEEP = 1024, 2048, 4096
+RATE_HIGH, RATE_LOW, NOT_FINITE, UNBALANCED, LIVELIER, ROUGHER, OBSTRUCTING = (
+    1, 2, 4, 16, 32, 128, 512)
+# Shells that overlap too deeply, and more than they should. Others are in kernels/looking.py.
+TOO_DEEP, DEEP = 2048, 4096
 # Not to be saved as a state from which a run can go on.
 UNSOUND = NOT_FINITE | UNBALANCED
 # Places in the ledger. What a look finds: the rate sqrt(bound) + SPIN_WEIGHT x largest spin
@@ -518,18 +517,3 @@ def save(model: Model, state: State, saved: State, first: int, last: int) -> Non
             for i in range(3):
                 for k in range(3):
                     store(saved.orientation[i], k, s, load(state.orientation[i], k, s))
-
-
-@compiled
-def judge_ways(watch: Watch | None, most: float) -> int:
-    """
-    MOVED_FAR where a way has become so long [m^2] that somebody must look, MISSED if too late.
-    """
-    if watch is None:
-        return 0
-    status = 0
-    if most > watch.soon:
-        status |= MOVED_FAR
-    if most > watch.late:
-        status |= MISSED
-    return status

@@ -413,21 +413,46 @@ class Trail(NamedTuple):
     errors: np.ndarray  # one for each thread
 
 
+class Nearby(NamedTuple):
+    """
+    Bodies whose spheres are close, and room to find them; see kernels/contact_search.py.
+
+    Bodies by their numbers, of which there are n; room for p pairs.
+    """
+
+    slots: np.ndarray  # (n,) int32, where the bodies are in all other arrays
+    half_edge: float  # a [m]
+    radius: float  # of the sphere around a body [m]
+    free: bool  # a motion that all have in common counts for nothing
+    planes: np.ndarray  # (k, 4) unit normals and offsets [m]
+    counts: np.ndarray  # (2,) int64: pairs, and which of the two lists holds them
+    pairs: np.ndarray  # (2, p, 2) int32 bodies, the lower number first, sorted
+    codes: np.ndarray  # (2, p) int32 the axis that showed a gap last
+    gaps: np.ndarray  # (p,) [m] what is known of the gaps
+    known: np.ndarray  # (p,) bool, of these pairs the widest gap has been found
+    to_planes: np.ndarray  # (k, n) [m] distances from planes
+    axes: np.ndarray  # (n, 9) world components of the body axes
+    reference: np.ndarray  # (n, 3) [m] where bodies were when the list was made
+    velocity: np.ndarray  # (3,) [m/s] that all have in common
+    heads: np.ndarray  # (h,) int32, a power of two
+    cubes: np.ndarray  # (3, n) int64
+    following: np.ndarray  # (n,) int32
+
+
 class Watch(NamedTuple):
     """
     Places from which bodies may move only so far before closer ones are looked for.
 
-    See kernels/ways.py.
+    See kernels/ways.py and kernels/looking.py.
     """
 
     reference: np.ndarray  # (3, s) [m]
     turned: np.ndarray  # orientations there, in the form of the state
     frame: np.ndarray  # (7,) time [s] of that, velocity [m/s] and half acceleration of all
     radius: float  # of the sphere around a body [m]
-    soon: float  # [m^2] square of the way after which somebody looks
-    late: float  # [m^2] and of that up to which nothing was missed
+    limits: np.ndarray  # (LIMIT_COUNT,) see kernels/ways.py
     far: np.ndarray  # (8 t,) [m^2] the largest squares that each thread has seen
-    stride: int  # steps of one length after which somebody asks for them
+    nearby: Nearby
 
 
 class Sweep(NamedTuple):

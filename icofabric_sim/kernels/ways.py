@@ -19,6 +19,8 @@ other is farther), for direction cosines the squares of all differences add up t
 2 |dx|^2 + 8 R^2 |q - q0|^2, or 2 |dx|^2 + R^2 |C - C0|^2: no root is drawn for any body.
 """
 
+import math
+
 from icofabric_sim.kernels.compiled import compiled
 from icofabric_sim.kernels.lanes import (
     bits,
@@ -32,8 +34,23 @@ from icofabric_sim.kernels.lanes import (
     where,
 )
 from icofabric_sim.kernels.records import Blocks, State, Watch
+import numpy as np
 
 Shift = tuple[float, float, float]
+# Places among the limits of a watch. The squares of the ways [m^2] after which somebody looks, and
+# up to which nothing was missed; steps of one length after which the ways are asked for.
+SOON, LATE, STRIDE = 0, 1, 2
+# Largest speed of a point of a body at the last look [m/s]; time [s] that a reach should last
+# where something is near; the reach is at least and at most [m]; how far beyond spheres bodies of
+# a list are apart [m].
+SPEED, HORIZON, LEAST, MOST, SKIN = 3, 4, 5, 6, 7
+# Most steps between two questions; 1 where kernels may look on their own, else 0.
+MOST_STRIDE, OWN = 8, 9
+LIMIT_COUNT = 10
+# Steps between two looks at the ways, times this, must not lead beyond the reach.
+ROOM = 3.0
+# Part of the reach after which somebody looks.
+_SOON = 0.6
 
 
 @compiled
@@ -135,10 +152,40 @@ def forget_ways(watch: Watch | None, member: int) -> None:
 
 
 @compiled
+def set_reach(limits: np.ndarray, reach: float) -> None:
+    """
+    How far bodies may move [m] from now on.
+    """
+    limits[SOON], limits[LATE] = (_SOON * reach) ** 2, reach * reach
+
+
+@compiled
+def longest_step(limits: np.ndarray) -> float:
+    """
+    Longest step [s] in which no body moves too far.
+    """
+    if not limits[SPEED] > 0.0:
+        return math.inf
+    return math.sqrt(limits[LATE]) / (ROOM * limits[SPEED])
+
+
+@compiled
+def pace(limits: np.ndarray, step: float) -> None:
+    """
+    Set for a `step` [s] after how many of them the ways are asked for.
+    """
+    steps = limits[MOST_STRIDE]
+    longest = longest_step(limits)
+    if longest < math.inf and step > 0.0:
+        steps = max(min(float(int(0.5 * longest / step)), steps), 1.0)
+    limits[STRIDE] = steps
+
+
+@compiled
 def has_missed(watch: Watch | None, member: int) -> bool:
     """
     Whether a body of a thread was where contacts are not known.
     """
     if watch is None:
         return False
-    return watch.far[8 * member] > watch.late
+    return watch.far[8 * member] > watch.limits[LATE]

@@ -12,8 +12,19 @@ from icofabric_sim.initial import InitialState
 from icofabric_sim.kernels.contact_gap import axes_of, widest_gap
 from icofabric_sim.kernels.contact_pair import contact_scratch, OUT_SIZE, touch_pair, touch_plane
 from icofabric_sim.kernels.contact_search import find_close, sort_cubes
+from icofabric_sim.kernels.looking import look_around
 from icofabric_sim.kernels.records import Watch
-from icofabric_sim.kernels.ways import ways_of
+from icofabric_sim.kernels.ways import (
+    LATE,
+    LEAST,
+    LIMIT_COUNT,
+    MOST,
+    MOST_STRIDE,
+    OWN,
+    SKIN,
+    SPEED,
+    ways_of,
+)
 from icofabric_sim.layout import make_layout
 import numpy as np
 import pytest
@@ -63,6 +74,16 @@ def packed_state(layout, position, quaternion):
     return layout.pack(InitialState(position, quaternion, zero, zero))
 
 
+def make_watch(lists, state, frame=None):
+    """
+    A watch of bodies that were where they are in `state`.
+    """
+    limits = np.zeros(LIMIT_COUNT)
+    return Watch(
+        state.position.copy(), state.orientation.copy(), np.zeros(7) if frame is None else frame,
+        lists.nearby.radius, limits, np.zeros(8), lists.nearby)
+
+
 def touching(position, rotation, i, j):
     if j < 0:
         plane = PLANES[-1 - j]
@@ -87,7 +108,7 @@ def test_shells_touch_where_no_axis_shows_a_gap_and_nowhere_else():
 
 
 PLANES = np.array([[0.0, 0.0, 1.0, -14.0], [0.6, 0.8, 0.0, -12.0]])
-SETUP = ContactSetup(1.0, 1.0, PLANES, ('floor', 'wall'), False, False, np.zeros(3), '')
+SETUP = ContactSetup(1.0, 1.0, 0.0, PLANES, ('floor', 'wall'), False, False, np.zeros(3), '')
 
 
 def crowd(generator, count=140):
@@ -105,9 +126,8 @@ def test_nothing_else_touches_before_a_way_is_as_long_as_the_reach(seed):
     position, rotation = crowd(generator)
     lists = ContactLists(SETUP, layout)
     state = packed_state(layout, position, rotation.as_quat())
-    watch = Watch(
-        state.position.copy(), state.orientation.copy(), np.zeros(7), 1.902113032590307, 0.0, 0.0,
-        np.zeros(8), 1)
+    watch = make_watch(lists, state)
+    lists.survey(state, np.empty(3))
     near = lists.find(state, 0.05, 0.4)
     listed = {tuple(pair) for pair in near.pairs.tolist()}
     assert near.reach == 0.05 and len(listed) > 50
@@ -147,12 +167,11 @@ def test_ways_are_those_of_both_rotation_forms_beside_a_moving_frame():
         layout = make_layout(np.zeros((0, 3), np.int32), 20, cosines=cosines)
         before = packed_state(layout, position, rotation.as_quat())
         after = packed_state(layout, position + way + common, turned.as_quat())
-        watch = Watch(
-            before.position, before.orientation, frame, 1.9, 0.0, 0.0, np.zeros(8), 1)
+        watch = make_watch(ContactLists(SETUP, layout), before, frame)
         # Two seconds later.
         ways_of(watch, layout.blocks, after, 3.0, 0, 0, len(layout.blocks.slot))
         far.append(np.sqrt(watch.far[0]))
-    corners = np.linalg.norm(way, axis=1) + 1.9 * (turned * rotation.inv()).magnitude()
+    corners = np.linalg.norm(way, axis=1) + 1.9021 * (turned * rotation.inv()).magnitude()
     assert far[0] == pytest.approx(far[1], rel=1e-3)
     assert corners.max() <= far[0] * (1.0 + 1e-9) and far[0] <= 1.5 * corners.max()
 
@@ -164,9 +183,80 @@ def test_longer_reach_where_nothing_is_near():
     normal = np.ones(3) / np.sqrt(3.0)
     for gap, reach in ((0.3, 0.15), (5.0, 0.4), (0.09, 0.05)):
         position = np.array([np.zeros(3), (2.0 * 1.511522628152342 + gap) * normal])
-        near = lists.find(packed_state(layout, position, straight), 0.05, 0.4)
+        state = packed_state(layout, position, straight)
+        lists.survey(state, np.empty(3))
+        near = lists.find(state, 0.05, 0.4)
         assert near.reach == pytest.approx(reach, rel=1e-12)
         assert len(near.pairs) == (gap < 0.1)
+
+
+def slowly_apart(generator, layout, count):
+    """
+    Loose bodies at places of a coarse grid, that drift and turn; states at several times.
+    """
+    grid = np.stack(np.meshgrid(*[5.0 * np.arange(5)] * 3), axis=-1).reshape(-1, 3)[:count]
+    velocity = 0.05 * generator.standard_normal((count, 3))
+    spin = 0.03 * generator.standard_normal((count, 3))
+    for time in 2.0 * np.arange(8):
+        turn = Rotation.from_rotvec(time * spin).as_quat()
+        yield time, layout.pack(InitialState(grid + time * velocity, turn, velocity, spin))
+
+
+@pytest.mark.parametrize('free', [False, True])
+def test_kernels_look_as_others_do(free):
+    # On the way, with axes and lists of their own; until something is near.
+    count = 120
+    layout = make_layout(np.zeros((0, 3), np.int32), count)
+    setup = SETUP._replace(planes=np.array([[0.0, 0.0, 1.0, -9.0]]), free=free)
+    lists, watch = ContactLists(setup, layout), None
+    reaches = []
+    for time, state in slowly_apart(np.random.default_rng(6), layout, count):
+        fresh = ContactLists(setup, layout)
+        speed = fresh.survey(state, frame := np.empty(3))
+        near = fresh.find(state, 0.02, fresh.most)
+        if watch is None:
+            lists.survey(state, np.empty(3))
+            lists.find(state, 0.02, lists.most)
+            watch = make_watch(lists, state)
+            watch.limits[[LEAST, MOST, SKIN]] = 0.02, lists.most, lists.skin
+            watch.limits[[OWN, MOST_STRIDE]] = 1.0, 8.0
+        looked = look_around(watch, state, time, 1e-3)
+        assert looked == (not len(near.pairs))
+        if looked:
+            assert watch.limits[LATE] == near.reach**2
+            assert watch.limits[SPEED] == speed
+            assert np.array_equal(watch.frame, [time, *frame, 0.0, 0.0, 0.0])
+            assert np.array_equal(watch.reference, state.position)
+            assert np.array_equal(watch.turned, state.orientation)
+            reaches.append(near.reach)
+    assert len(set(reaches)) > 3
+
+
+def test_kernels_do_not_look_where_steps_must_follow_or_lists_have_no_room():
+    layout = make_layout(np.zeros((0, 3), np.int32), 27)
+    setup = SETUP._replace(planes=np.zeros((0, 4)))
+    lists = ContactLists(setup, layout)
+    (_, state), (_, later), *_ = slowly_apart(np.random.default_rng(7), layout, 27)
+    lists.survey(state, np.empty(3))
+    near = lists.find(state, 0.02, lists.most)
+    watch = make_watch(lists, state)
+    watch.limits[[LEAST, MOST, SKIN, OWN]] = 0.02, lists.most, lists.skin, 1.0
+    longest = near.reach / 3.0 / lists.survey(state, np.empty(3))
+    assert not look_around(watch, state, 0.0, 1.01 * longest)
+    assert look_around(watch, state, 0.0, 0.99 * longest)
+    watch.limits[OWN] = 0.0
+    assert not look_around(watch, later, 2.0, 1e-3)
+    watch.limits[OWN] = 1.0
+    assert look_around(watch, later, 2.0, 1e-3)
+    # All bodies elsewhere, in a dense pile: more pairs than there is room for.
+    dense = InitialState(
+        np.random.default_rng(1).uniform(0.0, 9.0, (27, 3)),
+        *(layout.gather(part) for part in state[1:]))
+    before = watch.reference.copy()
+    assert not look_around(watch, layout.pack(dense), 3.0, 1e-3)
+    assert np.array_equal(watch.reference, before)
+    state.position[0, layout.slot[0]] = np.nan
+    assert not look_around(watch, state, 4.0, 1e-3)
 
 
 def test_a_gently_moving_fabric_near_the_least_angle_computes_no_contact():
