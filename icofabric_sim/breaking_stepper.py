@@ -16,9 +16,10 @@ from icofabric_sim.broken import connector_numbers
 from icofabric_sim.first_crossing import first_crossing, Moment
 from icofabric_sim.integrators import pair
 from icofabric_sim.kernels import monitor
-from icofabric_sim.kernels.breakage import TOGETHER
+from icofabric_sim.kernels.breakage import doubt_of, TOGETHER
 from icofabric_sim.kernels.flows import place_all
 from icofabric_sim.kernels.records import Breakage, Connectors, Loads, State
+from icofabric_sim.kernels.wrap_rates import measure_runs
 from icofabric_sim.link_places import link_places
 from icofabric_sim.memory import Memory
 import numpy as np
@@ -191,7 +192,7 @@ class BreakingStepper(AdaptiveStepper):
                 part, np.concatenate([now - longest, shortest - now]),
                 length * np.concatenate([rate, -rate]))
 
-        moment = first_crossing(look, close)
+        moment = first_crossing(look, close, doubt_of(self.model.wrapping))
         if moment is None:
             return None
         reached = moment.reached(close)
@@ -201,11 +202,18 @@ class BreakingStepper(AdaptiveStepper):
         """
         Lengths [m] of some connectors in a state, and their rates [m/s].
         """
+        wrapping, connectors = self.model.wrapping, self._connectors
+        if wrapping is not None:
+            length, rate = np.zeros((2, len(chosen)))
+            measure_runs(
+                wrapping, state, *self._place.slot[:, chosen], connectors.first_edge[chosen],
+                connectors.second_edge[chosen], np.ones(len(chosen), np.uint8), length, rate)
+            return length, rate
         place_all(self.model, state, self.work, 0, len(self.model.blocks.slot))
         points = self.work.points.reshape(6, 3, -1)
         ends = []
         for edges, slot in zip(
-                (self._connectors.first_edge, self._connectors.second_edge), self._place.slot):
+                (connectors.first_edge, connectors.second_edge), self._place.slot):
             s = slot[chosen]
             x = points[edges[chosen], :, s].T
             (sx, sy, sz), (ox, oy, oz) = x - state.position[:, s], state.angular_velocity[:, s]

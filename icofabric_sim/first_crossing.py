@@ -34,14 +34,14 @@ class Moment(NamedTuple):
 
 
 def first_crossing(
-    look: Callable[[float], Moment], close: np.ndarray
+    look: Callable[[float], Moment], close: np.ndarray, doubt: float = DOUBT
 ) -> Moment | None:
     """
     Return the first moment at which one of the numbers is as `close` (m,) to zero, or above.
 
     `look` tells how they are at a part 0 to 1 of the step. Crossings show at moments that were
     looked at: a number above zero, or one that rose before and falls after, with room for zero
-    in between. None where there is none.
+    in between: the part `doubt` of the way from a cubic to the tangents. None where there is none.
     """
     start, end = look(0.0), look(1.0)
     if start.reached(close).any():
@@ -50,7 +50,7 @@ def first_crossing(
     while waiting:
         before, after = waiting.pop()
         reached = after.reached(close).any()
-        x = _likely_place(before, after, humps_only=bool(
+        x = _likely_place(before, after, doubt, humps_only=bool(
             reached and (after.value <= close).all()))
         if x is None or after.x - before.x <= _FINEST:
             if reached:
@@ -63,7 +63,9 @@ def first_crossing(
     return None
 
 
-def _likely_place(before: Moment, after: Moment, *, humps_only: bool = False) -> float | None:
+def _likely_place(
+    before: Moment, after: Moment, doubt: float, *, humps_only: bool = False
+) -> float | None:
     """
     Where between two moments the first of the numbers is likely to reach zero, if any is.
 
@@ -82,7 +84,7 @@ def _likely_place(before: Moment, after: Moment, *, humps_only: bool = False) ->
         x = rise / (rise + fall)
         cubic = _cubic(x, low, rise, high, fall)
         tangent = np.minimum(low + rise * x, high + fall * (1.0 - x))
-        places.append(x[cubic + DOUBT * (tangent - cubic) >= 0.0])
+        places.append(x[cubic + doubt * (tangent - cubic) >= 0.0])
     every = np.concatenate(places) if places else np.zeros(0)
     if not len(every):
         return None

@@ -155,11 +155,13 @@ def velocity_rate(model: Model) -> float:
     The power of damping is the sum of c (n . du)^2 over the connectors, where du = du_2 - du_1 is
     the relative velocity of their ends and (n . du)^2 <= 2 (n . du_1)^2 + 2 (n . du_2)^2, and
     (n . du_i)^2 <= (1/M + s^2/Lambda) times twice the kinetic energy of its body, which has up to
-    12 connectors at the distance s from its centre.
+    12 connectors at the distance s from its centre; those around shells at most that of a corner.
     """
     rate, mass, inertia = 0.0, model.inverse_mass, model.inverse_inertia
     if model.damping is not None and model.links is not None:
         square = model.links.half_width**2
+        if model.wrapping is not None:
+            square = float((model.wrapping.corners[0]**2).sum())
         rate += 2 * LINK_COUNT * model.damping.coefficient * (mass + square * inertia)
     if model.drag is not None:
         rate += max(model.drag.linear * mass, model.drag.angular * inertia)

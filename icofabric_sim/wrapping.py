@@ -31,9 +31,8 @@ import numpy as np
 MOST_EDGES = 5
 # Ways that see less of their last edge, in parts of a, see nothing of it.
 _NARROW = 1e-9
-# What does not go with it, by properties of connectors.
-_UNBUILT = (
-    'damping', 'bending_stiffness', 'break_length_extension', 'break_length_compression')
+# It restores the angle at which a connector leaves its body, which a shell decides here.
+_UNFIT = 'bending_stiffness'
 
 _Pair = tuple[int, int]
 
@@ -152,20 +151,21 @@ def pack_wrapping(parameters: Parameters, half_edge: float) -> Wrapping | None:
 
 def check_wrapping(parameters: Parameters) -> None:
     """
-    Refuse what a connector around a shell cannot do yet.
+    Refuse what a connector around a shell cannot do.
     """
     name = 'connector.obstruction'
     if parameters[name] != 'wrap':
         return
     if are_given(parameters) or parameters['connector.attachment_scale'] != 1.0:
         raise ParameterError(
-            name, f'{name} wrap is built for connectors from edge midpoints only: leave out '
+            name, f'{name} wrap knows the ways from edge midpoints only: leave out '
             'connector.attachment_scale and connector.attachment.*, or take warn')
     prefixes = ['connector'] + [
         f'connector_groups.{group}' for group in parameters.names('connector_groups')]
     for prefix in prefixes:
-        for own in _UNBUILT:
-            if parameters[f'{prefix}.{own}'] > 0.0:
-                raise ParameterError(
-                    name, f'{name} wrap does not go with {prefix}.{own} '
-                    f'{parameters[f"{prefix}.{own}"]!r} yet; set it to 0, or take warn')
+        own = f'{prefix}.{_UNFIT}'
+        if parameters[own] > 0.0:
+            raise ParameterError(
+                name, f'{name} wrap does not go with {own} {parameters[own]!r}: bending restores '
+                'the angle between connector and body, and around a shell that is the angle of '
+                'the shell; set it to 0 (twisting_stiffness can stay), or take warn')

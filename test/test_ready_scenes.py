@@ -16,7 +16,7 @@ SCENES = ready_scenes()
 MOTION = {
     'hanging_slab': 3.0, 'free_slab': 0.2, 'bias_column': 2.0, 'pressed_slab': 0.4,
     'torn_slab': 5.0, 'shaken_slab': 0.2, 'hung_slab': 0.1, 'woven_ball': 1.0,
-    'charged_slab': 0.5}
+    'charged_slab': 0.5, 'twisted_column': 1.0}
 
 
 def test_the_scenes_of_the_readme_are_there():

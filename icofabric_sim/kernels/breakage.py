@@ -23,9 +23,18 @@ from icofabric_sim.kernels.lanes import (
     Vector,
     where,
 )
-from icofabric_sim.kernels.records import Breakage, Links, Model, State, Trail, Work
+from icofabric_sim.kernels.records import (
+    Breakage,
+    Links,
+    Model,
+    State,
+    Trail,
+    Work,
+    Wrapping,
+)
 from icofabric_sim.kernels.slopes import place_blocks
 from icofabric_sim.kernels.team import Team, wait_for_all
+from icofabric_sim.kernels.wrap_rates import change_rates
 import numpy as np
 
 # A length this close to a limit, beside it, has reached it: lengths are rounded.
@@ -33,6 +42,8 @@ TOGETHER = 1e-12
 # The part of the way from the cubic through both ends of a step up to its tangents that is
 # reckoned with where a length turns round; enough for vibrations of up to 2 rad in a step.
 DOUBT = 0.35
+# Ways around shells may change to the other side there, which makes a corner: all of it.
+CORNER_DOUBT = 1.0
 
 
 @compiled
@@ -49,7 +60,9 @@ def note_lengths(
     move_blocks(model, breakage, state, work.points, first, last)
     wait_for_all(team)
     for block in range(first, last):
-        measure(model.links, breakage, work.points, 0.0, block, model.blocks.slot[block])
+        measure(
+            model.wrapping, model.links, breakage, state, work.points, 0.0, block,
+            model.blocks.slot[block])
     wait_for_all(team)
 
 
@@ -69,7 +82,9 @@ def is_breaking(
     wait_for_all(team)
     found = 0.0
     for block in range(first, last):
-        if measure(model.links, breakage, work.points, h, block, model.blocks.slot[block]):
+        if measure(
+                model.wrapping, model.links, breakage, state, work.points, h, block,
+                model.blocks.slot[block]):
             found = 1.0
     trail.errors[team.member] = found
     wait_for_all(team)
@@ -96,7 +111,8 @@ def move_blocks(
 
 @compiled
 def measure(
-    links: Links | None, breakage: Breakage, points: np.ndarray, h: float, block: int, s: int
+    wrapping: Wrapping | None, links: Links | None, breakage: Breakage, state: State,
+    points: np.ndarray, h: float, block: int, s: int
 ) -> bool:
     """
     Lengths of the connectors of a block and their rates; whether one may have reached a limit.
@@ -106,6 +122,7 @@ def measure(
     if links is None:
         return False
     moving, stride = breakage.moving, breakage.length.shape[1]
+    doubt = doubt_of(wrapping)
     found = False
     for edge in range(6):
         at = 3 * edge * stride + s
@@ -121,13 +138,16 @@ def measure(
             inverse = rsqrt(square)
             length = square * inverse
             rate = fma(ux, vx, fma(uy, vy, uz * vz)) * inverse
+            length, rate = change_rates(
+                wrapping, links, state, points, block, link, s, length, rate)
             excess = splat(-1.0)
             if h > 0.0:
                 before, speed = load(breakage.length, link, s), load(breakage.rate, link, s)
                 excess = maximum(
-                    excess_over(load(breakage.longest, link, s), before, speed, length, rate, h),
+                    excess_over(load(breakage.longest, link, s), before, speed, length, rate, h,
+                        doubt),
                     excess_under(
-                        load(breakage.shortest, link, s), before, speed, length, rate, h))
+                        load(breakage.shortest, link, s), before, speed, length, rate, h, doubt))
                 excess = where(bits(links.present[block, link]), excess, splat(-1.0))
                 if any_lane(excess > splat(0.0)):
                     found = True
@@ -139,19 +159,21 @@ def measure(
 
 @compiled
 def excess_over(
-    limit: Vector, before: Vector, speed: Vector, after: Vector, rate: Vector, h: float
+    limit: Vector, before: Vector, speed: Vector, after: Vector, rate: Vector, h: float,
+    doubt: float
 ) -> Vector:
     """
     How far a length has been above a limit [m] within a step, about.
     """
     slack = splat(1.0 - TOGETHER) * limit
     return maximum(
-        maximum(before, after), highest(before, speed, after, rate, h)) - slack
+        maximum(before, after), highest(before, speed, after, rate, h, doubt)) - slack
 
 
 @compiled
 def excess_under(
-    limit: Vector, before: Vector, speed: Vector, after: Vector, rate: Vector, h: float
+    limit: Vector, before: Vector, speed: Vector, after: Vector, rate: Vector, h: float,
+    doubt: float
 ) -> Vector:
     """
     How far a length has been below a limit [m] within a step, about.
@@ -160,11 +182,24 @@ def excess_under(
     slack = splat(1.0 + TOGETHER) * limit
     before, speed, after, rate = zero - before, zero - speed, zero - after, zero - rate
     return maximum(
-        maximum(before, after), highest(before, speed, after, rate, h)) + slack
+        maximum(before, after), highest(before, speed, after, rate, h, doubt)) + slack
 
 
 @compiled
-def highest(before: Vector, speed: Vector, after: Vector, rate: Vector, h: float) -> Vector:
+def doubt_of(wrapping: Wrapping | None) -> float:
+    """
+    The part of the way up to the tangents that is reckoned with.
+    """
+    if wrapping is None:
+        return DOUBT
+    else:
+        return CORNER_DOUBT
+
+
+@compiled
+def highest(
+    before: Vector, speed: Vector, after: Vector, rate: Vector, h: float, doubt: float
+) -> Vector:
     """
     The most that a number has been within a step in which it rose at first and fell at last.
 
@@ -182,4 +217,4 @@ def highest(before: Vector, speed: Vector, after: Vector, rate: Vector, h: float
     tangent = where(other < tangent, other, tangent)
     cubic = before * y * y * (one + x + x) + after * x * x * (one + y + y)
     cubic = fma(x * y, fma(rise, y, fall * x), cubic)
-    return where(turning, fma(splat(DOUBT), tangent - cubic, cubic), after)
+    return where(turning, fma(splat(doubt), tangent - cubic, cubic), after)

@@ -33,6 +33,7 @@ from icofabric_sim.kernels.monitor import rows_of
 from icofabric_sim.kernels.records import Loads, Model, State, Work
 from icofabric_sim.kernels.rotations import orthonormalise
 from icofabric_sim.kernels.viscous import add_damping, add_drag, add_magnetic, place_speeds
+from icofabric_sim.kernels.wrap_rates import add_wrapped_damping
 import numpy as np
 
 
@@ -81,6 +82,9 @@ def find_slopes(
         spent = add_damping(
             model.damping, model.links, model, state, work.points, work.speeds, linear, angular,
             block, s)
+        spent = add_wrapped_damping(
+            model.wrapping, model.damping, model.links, model, state, work.points, work.speeds,
+            linear, angular, block, s, spent)
         spent = add_drag(model.drag, model, state, linear, angular, s, spent)
         spent = add_taken(losses_of(model.contacts), s, spent)
         add_magnetic(model.magnet, model, state, linear, angular, s)
