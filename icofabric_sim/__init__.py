@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from icofabric_sim.shell import Shell
     from icofabric_sim.simulation import compile_scene, Simulation, SimulationError
     from icofabric_sim.snapshot import Snapshot
-    from icofabric_sim.statics.equilibrium import Equilibrium, solve_equilibrium
+    from icofabric_sim.statics.equilibrium import Equilibrium, solve_equilibrium, step_loads
     from icofabric_sim.statics.modes import solve_modes, Spectrum
     from icofabric_sim.statics.periodic import Elasticity, homogenise, solve_bands
     from icofabric_sim.statics.stretching import measure_curve
@@ -50,6 +50,7 @@ _HOMES = {
     'solve_bands': 'statics.periodic',
     'solve_equilibrium': 'statics.equilibrium',
     'solve_modes': 'statics.modes',
+    'step_loads': 'statics.equilibrium',
 }
 
 __all__ = [
@@ -74,6 +75,7 @@ __all__ = [
     'solve_bands',
     'solve_equilibrium',
     'solve_modes',
+    'step_loads',
 ]
 
 

@@ -158,6 +158,8 @@ class BagSummary:
         if not custom:
             return [('recorded by', 'unknown: the bag holds nothing of this simulator')]
         rows = [('recorded by', f'icofabric_sim {custom.get("version", "?")}')]
+        if 'animation' in custom:
+            rows.append(('animation', f'{custom["animation"]}; nothing was simulated'))
         if 'method' in custom:
             reason = f': {custom["method_reason"]}' if 'method_reason' in custom else ''
             rows.append((
@@ -223,7 +225,7 @@ class BagSummary:
     def _ending(self) -> str:
         if 'recording_stopped' in self.custom:
             return f'the recording stopped before the run did: {self.custom["recording_stopped"]}'
-        if self.custom and not self.finished:
+        if self.custom and not self.finished and 'animation' not in self.custom:
             return 'the recorder was killed: this is what was saved of the run'
         if self.custom.get('interrupted') == 'true':
             return 'interrupted by the user; closed properly'

@@ -176,6 +176,7 @@ def test_declared_dependencies_cover_the_imports(manifest):
     keys = {'llvmlite': 'python3-numba', 'matplotlib': 'python3-matplotlib',
             'numba': 'python3-numba', 'numpy': 'python3-numpy',
             'rosbags': 'python3-rosbags-pip', 'scipy': 'python3-scipy', 'yaml': 'python3-yaml',
+            'PIL': 'python3-matplotlib',  # which needs and brings it
             # rosbags needs and brings them; the former is in the standard library since 3.14.
             'backports': 'python3-rosbags-pip', 'lz4': 'python3-rosbags-pip'}
     known = {

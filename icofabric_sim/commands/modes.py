@@ -6,6 +6,8 @@
 
 import argparse
 import math
+import os
+from pathlib import Path
 import time
 from typing import TYPE_CHECKING
 
@@ -15,7 +17,7 @@ from icofabric_sim.commands.rest_outputs import (
     picture_path,
 )
 from icofabric_sim.commands.scenes import add_scene_arguments, read_parameters
-from icofabric_sim.commands.terminal import bad_input, FileSaysNo
+from icofabric_sim.commands.terminal import bad_input, FileSaysNo, InputError, Progress
 
 if TYPE_CHECKING:
     from icofabric_sim.scene import Scene
@@ -23,9 +25,9 @@ if TYPE_CHECKING:
     import numpy as np
 
 _SHOWN = 12
-# Pictures show modes with this largest rotation [rad], or displacement over a.
-_AMPLITUDE = 1.0
-_DRAWN = 5
+_DRAWN = 5  # modes in a picture
+# What somebody may expect of an animation.
+_OTHER_FILES = ('.png', '.jpg', '.jpeg', '.mp4', '.webm', '.avi', '.mov', '.mcap', '.db3')
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -49,6 +51,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--bands', metavar='FILE',
         help='also draw the waves in the endless fabric of this weave to this PNG: band structure '
              'and density of states')
+    parser.add_argument(
+        '--animate', metavar='PATH',
+        help='show one of them in motion: a file that ends in .gif is a picture that moves, any '
+             'other new path the folder of a bag for replay_node and icofabric render')
+    which = parser.add_mutually_exclusive_group()
+    which.add_argument(
+        '--mode', type=int, metavar='N', help='the one to animate, as listed (default: 0)')
+    which.add_argument(
+        '--mechanism', type=int, metavar='N',
+        help='animate one of the motions without energy instead (from 0; of up to 2,400 freedoms)')
     add_output_arguments(parser)
 
 
@@ -59,6 +71,7 @@ def main(arguments: argparse.Namespace) -> int:
     name, parameters = read_parameters(arguments)
     outputs = outputs_of(arguments)
     bands = picture_path(arguments, 'bands')
+    animation = _animation_path(arguments)
     from icofabric_sim.scene import Scene
     from icofabric_sim.statics.equilibrium import solve_equilibrium
     from icofabric_sim.statics.modes import HIGHEST, LOWEST, solve_modes
@@ -88,6 +101,8 @@ def main(arguments: argparse.Namespace) -> int:
                 [number, body, *motion]
                 for number, shape in enumerate(spectrum.shapes[:_SHOWN].tolist())
                 for body, motion in enumerate(shape)))
+    if animation is not None:
+        _animate(animation, name, scene, spectrum, arguments)
     if outputs.picture is not None:
         outputs.draw(name, scene, _pictures(scene, spectrum))
     if bands is not None:
@@ -136,17 +151,61 @@ def summary(spectrum: 'Spectrum', seconds: float) -> list[str]:
 def _pictures(
     scene: 'Scene', spectrum: 'Spectrum'
 ) -> list[tuple['np.ndarray', 'np.ndarray', str]]:
-    from icofabric_sim.rotation_forms import turned_by
-    import numpy as np
+    from icofabric_sim.statics.animation import displaced, scaled_shape
 
     rest = spectrum.snapshot
     states = [(rest.position, rest.orientation, 'at rest')]
     for rate, shape in zip(spectrum.frequencies[:_DRAWN], spectrum.shapes):
-        largest = max(
-            float(np.abs(shape[:, :3]).max()) / scene.geometry.half_edge,
-            float(np.abs(shape[:, 3:]).max()))
-        shape = _AMPLITUDE / largest * shape
-        states.append((
-            rest.position + shape[:, :3], turned_by(shape[:, 3:], rest.orientation),
-            f'{rate:.5g} rad/s'))
+        there = displaced(rest, scaled_shape(scene, shape))
+        states.append((there.position, there.orientation, f'{rate:.5g} rad/s'))
     return states
+
+
+def _animation_path(arguments: argparse.Namespace) -> Path | None:
+    """
+    Where the animation goes: a GIF, or a folder that is not there yet.
+    """
+    wanted = arguments.mode if arguments.mechanism is None else arguments.mechanism
+    if arguments.animate is None:
+        if wanted is not None:
+            raise InputError('--mode and --mechanism say what to animate: give --animate PATH too')
+        return None
+    if wanted is not None and wanted < 0:
+        raise InputError(f'--mode and --mechanism count from 0, got {wanted}')
+    path = Path(arguments.animate).expanduser()
+    suffix = path.suffix.lower()
+    if suffix in _OTHER_FILES:
+        raise InputError(
+            f'--animate {path}: give a file that ends in .gif, or the folder of a new bag')
+    if suffix != '.gif' and os.path.lexists(path):
+        raise InputError(f'--animate {path} exists already, and no bag is overwritten')
+    return path
+
+
+def _animate(
+    path: Path, name: str, scene: 'Scene', spectrum: 'Spectrum', arguments: argparse.Namespace
+) -> None:
+    """
+    Show the mode, or the motion without energy, that is wanted.
+    """
+    from icofabric_sim.statics.animation import HALF, PERIOD, write_bag, write_gif
+
+    if arguments.mechanism is not None:
+        shapes, number = spectrum.mechanisms, arguments.mechanism
+        said = f'motion without energy {number}'
+    else:
+        shapes, number = spectrum.shapes, arguments.mode or 0
+        said = f'mode {number}'
+    if not number < len(shapes):
+        raise InputError(f'--animate: there is no {said}; {len(shapes):,} were found')
+    if arguments.mechanism is None:
+        said += f', {spectrum.frequencies[number]:.5g} rad/s'
+    if path.suffix.lower() == '.gif':
+        with Progress(HALF + 1, 'moments') as progress:
+            write_gif(
+                path, f'{name}: {said}', scene, spectrum.snapshot, shapes[number],
+                progress=progress.update)
+    else:
+        with bad_input():
+            write_bag(path, said, scene, spectrum.snapshot, shapes[number])
+    print(f'{said} animated in {path}: a swing takes {PERIOD:g} s')

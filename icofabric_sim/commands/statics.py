@@ -10,11 +10,15 @@ from typing import TYPE_CHECKING
 
 from icofabric_sim.commands.rest_outputs import add_output_arguments, outputs_of
 from icofabric_sim.commands.scenes import add_scene_arguments, read_parameters
-from icofabric_sim.commands.terminal import bad_input, Progress
+from icofabric_sim.commands.terminal import bad_input, InputError, Progress
 
 if TYPE_CHECKING:
     from icofabric_sim.scene import Scene
     from icofabric_sim.statics.equilibrium import Equilibrium
+
+_STEP_COLUMNS = (
+    'load', 'verdict', 'residual', 'moved_m', 'largest_tension_n', 'reaction_x', 'reaction_y',
+    'reaction_z')
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -32,6 +36,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--steps', type=int, default=2000, metavar='N',
         help='give up after so many steps (%(default)d)')
+    parser.add_argument(
+        '--load-steps', type=int, default=1, metavar='N',
+        help='bring weight, fields, loads and tractions up in N equal parts, each equilibrium '
+             'sought from the one before (%(default)d)')
     add_output_arguments(parser)
 
 
@@ -43,26 +51,74 @@ def main(arguments: argparse.Namespace) -> int:
     """
     name, parameters = read_parameters(arguments)
     outputs = outputs_of(arguments)
+    if not arguments.load_steps >= 1:
+        raise InputError(f'--load-steps must be at least 1, got {arguments.load_steps}')
     from icofabric_sim.scene import Scene
-    from icofabric_sim.statics.equilibrium import Progress as Search
-    from icofabric_sim.statics.equilibrium import solve_equilibrium
-    import numpy as np
 
     with bad_input():
         scene = Scene.from_parameters(parameters)
     print(f'{name}: {scene.body_count:,} bodies, {scene.connector_count:,} connectors')
-    goal = -float(np.log10(arguments.tolerance)) if 0.0 < arguments.tolerance < 1.0 else 1.0
     began = time.monotonic()
-    with Progress(goal, 'decimal places of the residual') as progress, bad_input():
-        def show(search: Search) -> None:
-            progress.update(max(0.0, -float(np.log10(max(search.residual, 1e-300)))))
-
-        result = solve_equilibrium(
-            scene, time=arguments.time, tolerance=arguments.tolerance,
-            largest_step_count=arguments.steps, progress=show)
+    reached = _search(arguments, scene)
+    factor, result = reached[-1]
+    if len(reached) > 1 or factor < 1.0:
+        print('\n'.join(_steps_text(scene, reached)))
     print('\n'.join(summary(scene, result, time.monotonic() - began)))
     outputs.write(name, scene, result.snapshot, result.tension, result.reaction)
+    if outputs.folder is not None and arguments.load_steps > 1:
+        outputs.table('load_steps.csv', _STEP_COLUMNS, (
+            _step_row(scene, *step) for step in reached))
     return 0 if result.converged else 1
+
+
+def _search(
+    arguments: argparse.Namespace, scene: 'Scene'
+) -> list[tuple[float, 'Equilibrium']]:
+    """
+    Equilibria under growing loads, the last one under all, or none.
+    """
+    from icofabric_sim.statics.equilibrium import Progress as Search
+    from icofabric_sim.statics.equilibrium import step_loads
+    import numpy as np
+
+    count = arguments.load_steps
+    goal = -float(np.log10(arguments.tolerance)) if 0.0 < arguments.tolerance < 1.0 else 1.0
+    reached: list[tuple[float, 'Equilibrium']] = []
+    unit = 'decimal places of the residual' if count == 1 else 'load steps'
+    with Progress(goal if count == 1 else count, unit) as progress, bad_input():
+        def show(search: Search) -> None:
+            places = min(goal, max(0.0, -float(np.log10(max(search.residual, 1e-300)))))
+            progress.update(places if count == 1 else len(reached) + places / goal)
+
+        for step in step_loads(
+                scene, [number / count for number in range(1, count + 1)],
+                time=arguments.time, tolerance=arguments.tolerance,
+                largest_step_count=arguments.steps, progress=show):
+            reached.append(step)
+    return reached
+
+
+def _step_row(scene: 'Scene', factor: float, found: 'Equilibrium') -> list[object]:
+    import numpy as np
+
+    moved = float(np.linalg.norm(found.snapshot.position - scene.position, axis=1).max())
+    held = found.reaction[:, :3].sum(axis=0).tolist()
+    pull = float(np.abs(found.tension).max(initial=0.0))
+    return [factor, found.verdict, found.residual, moved, pull, *held]
+
+
+def _steps_text(scene: 'Scene', reached: list[tuple[float, 'Equilibrium']]) -> list[str]:
+    """
+    Lines for the terminal.
+    """
+    lines = ['  load    moved [m]  largest tension [N]']
+    for factor, found in reached:
+        _, verdict, _, moved, pull, *_ = _step_row(scene, factor, found)
+        lines.append(f'  {factor:<6.4g} {moved:10.4g}  {pull:19.5g}  {verdict}')
+    factor, found = reached[-1]
+    if not found.converged:
+        lines.append(f'what follows is the search under {factor:.4g} of the loads')
+    return lines
 
 
 def summary(scene: 'Scene', result: 'Equilibrium', seconds: float) -> list[str]:

@@ -78,6 +78,10 @@ def _verify(
     from icofabric_sim.resimulation import NotRepeatable
     from icofabric_sim.verify import verify_run
     with RecordedRun(path, node) as run:
+        if 'animation' in run.custom:
+            raise InputError(
+                f'{path} is an animation ({run.custom["animation"]}): nothing was simulated that '
+                'could be verified')
         begin = _within(run, start)
         end = run.end if stop is None else min(stop, run.end)
         span = max((end - begin) / _NANOSECONDS, 1e-9)

@@ -9,7 +9,7 @@ turn with their bodies, and torques, have no potential: within a step they count
 start, and as they are found at its end in the next.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 import math
 from typing import NamedTuple
@@ -88,19 +88,23 @@ class Equilibrium:
 
 def solve_equilibrium(
     scene: Scene, *, start: Snapshot | None = None, time: float = 0.0, tolerance: float = 1e-10,
-    largest_step_count: int = _STEPS, progress: Callable[[Progress], None] | None = None
+    largest_step_count: int = _STEPS, load_factor: float = 1.0,
+    progress: Callable[[Progress], None] | None = None
 ) -> Equilibrium:
     """
     Find where a fabric comes to rest under its loads, supports and drives, held at a `time` [s].
 
     Begins at the initial state of the scene, or at a snapshot. `tolerance`: what may be left of
-    forces, in parts of the largest connector force or load. Without friction. Raises
-    ValueError where nothing could ever be in equilibrium.
+    forces, in parts of the largest connector force or load. `load_factor`: of weight, electric
+    fields, loads and tractions. Without friction. Raises ValueError where nothing could ever be in
+    equilibrium.
     """
     if not 0.0 < tolerance < 1.0:
         raise ValueError(
             f'tolerance must be between 0 and 1 (a part of the largest force), got {tolerance!r}')
-    fabric = StaticFabric(scene, time)
+    if not 0.0 <= load_factor < math.inf:
+        raise ValueError(f'load_factor must be finite and not negative, got {load_factor!r}')
+    fabric = StaticFabric(scene, time, load_factor=load_factor)
     here = fabric.start
     if start is not None:
         given = fabric.configuration('start', start)
@@ -113,6 +117,27 @@ def solve_equilibrium(
     # From a start that was given little is left to go.
     search.run(gently=start is None)
     return search.result()
+
+
+def step_loads(
+    scene: Scene, factors: Iterable[float], *, start: Snapshot | None = None, time: float = 0.0,
+    tolerance: float = 1e-10, largest_step_count: int = _STEPS,
+    progress: Callable[[Progress], None] | None = None
+) -> Iterator[tuple[float, Equilibrium]]:
+    """
+    Equilibria under parts of the loads, each sought from the one before.
+
+    `factors`: of weight, electric fields, loads and tractions; drives, anchors and pre-stress are
+    whole from the first. Ends where no equilibrium is found: that one is the last.
+    """
+    for factor in factors:
+        found = solve_equilibrium(
+            scene, start=start, time=time, tolerance=tolerance, load_factor=factor,
+            largest_step_count=largest_step_count, progress=progress)
+        yield factor, found
+        if not found.converged:
+            return
+        start = found.snapshot
 
 
 def refuse_free_fall(fabric: StaticFabric) -> None:

@@ -40,13 +40,14 @@ class StaticFabric:
 
     def __init__(
         self, scene: Scene, time: float = 0.0, *, only: np.ndarray | None = None,
-        contact: bool = True
+        contact: bool = True, load_factor: float = 1.0
     ) -> None:
         """
         Hold loads, drives and points of anchors as they are at `time` [s].
 
         `only`: numbers of the connectors that forces and second derivatives count; None: all.
         `contact`: whether shells and planes push each other, where the scene has it.
+        `load_factor`: of weight, electric fields, loads and tractions.
         Raises ParameterError for what has no place in statics.
         """
         if scene.electric.mutual:
@@ -67,12 +68,14 @@ class StaticFabric:
         self.packed = pack_scene(scene)
         if only is not None:
             self.packed = _with_connectors(self.packed, only)
+        if load_factor != 1.0:
+            self.packed = _with_factor(self.packed, load_factor)
         self.layout, model = self.packed.layout, self.packed.model
         inputs = Inputs(scene)
         while inputs.next_time <= time:
             inputs.apply_next()
         loads = inputs.pack(self.layout)
-        self.loads = DeadLoads(inputs.packed_rows(), time, scene.body_count)
+        self.loads = DeadLoads(inputs.packed_rows(), time, scene.body_count, load_factor)
         self.anchors = AnchorPull(
             loads.anchors, tuple(anchor.body for anchor in scene.anchors.values()),
             inputs.anchor_points(time), time)
@@ -122,6 +125,18 @@ class StaticFabric:
         The length a [m].
         """
         return self.scene.geometry.half_edge
+
+
+def _with_factor(packed: PackedScene, factor: float) -> PackedScene:
+    """
+    Weight, and what electric fields do, times a factor.
+    """
+    model = packed.model
+    if model.gravity is not None:
+        model = model._replace(gravity=factor * model.gravity)
+    if model.dipole is not None:
+        model = model._replace(dipole=model.dipole._replace(field=factor * model.dipole.field))
+    return replace(packed, model=model)
 
 
 def _with_connectors(packed: PackedScene, only: np.ndarray) -> PackedScene:

@@ -29,12 +29,14 @@ class DeadLoads:
     Wrenches at one time; those that turn with their bodies, and torques, have no potential.
     """
 
-    def __init__(self, rows: list[WrenchRow], time: float, body_count: int) -> None:
+    def __init__(
+        self, rows: list[WrenchRow], time: float, body_count: int, factor: float = 1.0
+    ) -> None:
         """
-        Take the wrenches at `time` [s].
+        Take the wrenches at `time` [s], times a `factor`.
         """
         self._count = body_count
-        self._rows = [(row, row.piece.at(time)) for row in rows]
+        self._rows = [(row, factor * row.piece.at(time)) for row in rows]
         self._rows = [(row, factor) for row, factor in self._rows if factor != 0.0]
 
     @property

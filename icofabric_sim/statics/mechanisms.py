@@ -66,7 +66,7 @@ def compatibility_matrix(here: Configuration) -> np.ndarray:
     for row, (body, arm, direction) in enumerate(fabric.anchors.directions(
             here.position, here.axes)):
         rows[len(chosen) + row, body] = -np.hstack([direction, np.cross(arm, direction)])
-    scaled = (rows / fabric.root).reshape(len(rows), -1)
+    scaled = (rows / fabric.root).reshape(len(rows), 6 * scene.body_count)
     return np.ascontiguousarray(scaled[:, fabric.free.ravel()])
 
 

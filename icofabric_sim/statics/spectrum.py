@@ -20,6 +20,8 @@ from scipy.sparse.linalg import splu, SuperLU
 # Freedoms up to which all eigenvalues are computed, and up to which a factorisation counts them:
 # its memory grows with the power 4/3, its time with the square of their number.
 DENSE, COUNTED = 2_400, 60_000
+# Freedoms up to which computing all is as fast as a factorisation.
+_SMALL = 600
 # Products with which the lowest eigenvalue of a larger fabric is sought.
 _LOOKS = 400
 _COLOURS = 13
@@ -119,15 +121,21 @@ def curvature_of(here: Configuration, matrix: sparse.csr_matrix) -> Curvature:
     """
     The same of a matrix that is at hand.
     """
-    if not matrix.shape[0]:
+    size = matrix.shape[0]
+    if not size:
         return Curvature(0, 0)
-    if matrix.shape[0] <= DENSE:
+    if size <= DENSE:
+        # Where all of them are clear of zero one factorisation tells, in a tenth of the time.
+        if size > _SMALL and not count_below(factorise(here, matrix, _ZERO * row_sum(matrix))):
+            return Curvature(0, 0)
         return count_signs(np.linalg.eigvalsh(matrix.toarray()), _ZERO)
     limit = zero_limit(matrix)
-    if matrix.shape[0] > COUNTED:
+    if size > COUNTED:
         return Curvature(-1, -1 if lowest_eigenvalue(matrix) >= -limit else 1)
-    below, above = (
-        count_below(factorise(here, matrix, shift)) for shift in (-limit, limit))
+    above = count_below(factorise(here, matrix, limit))
+    if not above:
+        return Curvature(0, 0)
+    below = count_below(factorise(here, matrix, -limit))
     if below < 0 or above < 0:
         return Curvature(-1, -1)
     return Curvature(above - below, below)

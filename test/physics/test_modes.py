@@ -4,6 +4,9 @@
 Vibrations and mechanisms: closed forms, counts by another way, the frequencies of real motion.
 """
 
+from importlib.util import module_from_spec, spec_from_file_location
+from pathlib import Path
+
 from fabrics import make_scene
 import icofabric_sim as ico
 from icofabric_sim.statics import modes, spectrum
@@ -188,3 +191,33 @@ def test_bad_arguments():
     snapshot = ico.compile_scene(other).snapshot()
     with pytest.raises(ValueError, match='at has'):
         ico.solve_modes(scene, at=snapshot)
+
+
+def test_mechanisms_of_slabs_of_all_sizes_are_counted_alike_in_four_ways():
+    """
+    A part of the sweep over all slabs up to 6 x 6 x 6, variants and angles (docs/statics.md).
+    """
+    path = Path(__file__).resolve().parents[2] / 'benchmarks' / 'mechanism_counts.py'
+    spec = spec_from_file_location('mechanism_counts', path)
+    sweep = module_from_spec(spec)
+    spec.loader.exec_module(sweep)
+    every = list(sweep.slabs(6))
+    assert len(every) == 6**3 * 4 * len(sweep.ANGLES)
+    every = [slab for slab in every if np.prod(slab[0]) > 1]  # some of those have no body
+    chosen = np.random.RandomState(1).choice(len(every), 40, replace=False)
+    most = 0
+    for size, variant, angle in [([6, 6, 6], 1, 0.5), *(every[number] for number in chosen)]:
+        found = sweep.count(make_scene(
+            size, weave={'size': size, 'variant': variant, 'connector_angle': angle}))
+        assert found.agree, (size, variant, angle, found)
+        assert found.rank == found.connectors
+        # No threshold decides: all values are far from it, on either side.
+        assert found.smallest > 0.05 and found.largest < 1e-13
+        most = max(most, found.freedoms)
+    assert most == 648
+
+
+def test_a_body_alone_has_its_rigid_motions_only():
+    found = ico.solve_modes(make_scene((1, 1, 1)))
+    assert found.counts == (6, 0, 0) and found.mechanism_count == found.rigid_count == 6
+    assert not len(found.frequencies) and found.self_stress_count == 0

@@ -339,3 +339,37 @@ def test_a_shell_on_its_edge_stands_but_not_for_long():
     scene = make_scene((1, 1, 1), gravity=[0.0, 0.0, -9.81], contact={'mode': 'always'})
     with pytest.raises(ValueError, match='planes'):
         ico.solve_equilibrium(scene)
+
+
+def test_loads_are_brought_up_in_parts():
+    """
+    Each part is the equilibrium under it; the last one that of all, however it is reached.
+    """
+    sections = {
+        'connector': {'stiffness': 300.0, 'bending_stiffness': 2e-2}, 'groups': {
+            'wall': 'x_min', 'tip': 'x_max'}, 'supports': {'wall': {'group': 'wall'}},
+        'gravity': [0.0, 0.0, -9.81], 'charge': {'per_body': 1e-7, 'dipole': [1e-8, 0.0, 2e-8]},
+        'field': {'electric': [0.0, 2e5, 0.0]},
+        'loads': {'tip': {'group': 'tip', 'force': [0.0, 0.05, 0.0], 'share': 'total'}}}
+    scene = make_scene((3, 2, 2), **sections)
+    seen = []
+    steps = list(ico.step_loads(scene, [0.25, 0.5, 1.0], progress=seen.append))
+    assert [factor for factor, _ in steps] == [0.25, 0.5, 1.0] and seen
+    whole = ico.solve_equilibrium(scene)
+    a = scene.geometry.half_edge
+    assert np.abs(steps[-1][1].snapshot.position - whole.snapshot.position).max() < 1e-8 * a
+    # A half of everything, written into the scene.
+    half = make_scene((3, 2, 2), **{
+        **sections, 'gravity': [0.0, 0.0, -4.905], 'field': {'electric': [0.0, 1e5, 0.0]},
+        'loads': {'tip': {'group': 'tip', 'force': [0.0, 0.025, 0.0], 'share': 'total'}}})
+    there, found = ico.solve_equilibrium(half), steps[1][1]
+    assert np.abs(found.snapshot.position - there.snapshot.position).max() < 1e-8 * a
+    assert found.reaction[:, :3].sum(axis=0) == pytest.approx(
+        0.5 * whole.reaction[:, :3].sum(axis=0), rel=1e-8)
+    moved = [np.abs(step.snapshot.position - scene.position).max() for _, step in steps]
+    assert 0.0 < moved[0] < moved[1] < moved[2]
+    # A search that does not end is the last one.
+    short = list(ico.step_loads(scene, [0.5, 1.0], largest_step_count=1))
+    assert len(short) == 1 and not short[0][1].converged
+    with pytest.raises(ValueError, match='load_factor'):
+        ico.solve_equilibrium(scene, load_factor=-1.0)
