@@ -8,6 +8,7 @@ dense output of that step, so outputs do not touch the sequence. An input gives 
 progress, and takes one to its own time instead.
 """
 
+from collections.abc import Callable
 import math
 from typing import Any
 
@@ -23,7 +24,7 @@ from icofabric_sim.integrators.pair import (
 from icofabric_sim.integrators.splitting import NEVER
 from icofabric_sim.kernels import monitor
 from icofabric_sim.kernels.drives import place_driven
-from icofabric_sim.kernels.records import Loads, Meter, State, Trail
+from icofabric_sim.kernels.records import Loads, Meter, Model, State, Team, Trail
 from icofabric_sim.memory import Memory
 from icofabric_sim.stepper import Stepper
 from icofabric_sim.watched_line import FREE_STEP
@@ -316,6 +317,11 @@ class AdaptiveStepper(Stepper):
                 power = memory.array(f'{name}_power', (layout.body_count, len(_SLOPES)))
                 for number, values in zip(_SLOPES, power.T):
                     meter.power[number, layout.slot] = values
+
+    def _kernel(self) -> tuple[Any, Callable[[Model, Team], tuple[Any, ...]]]:
+        return adaptive_pair, lambda model, team: (
+            DOP8, model, self.loads, self.state, self._saved, self.work, team, self.control, 1, 0,
+            self.look_interval, self._watching(), self.ledger.numbers)
 
     def _choose_step(self, *, probe: bool = False, shorter: float = 1.0) -> None:
         """

@@ -332,6 +332,12 @@ class ContactWatch:
                     float(time), first, second, float(depth), float(part), plane)
         raise ValueError('watch.found is no time, pair of bodies and overlap')
 
+    def nothing(self) -> Contacts:
+        """
+        Contacts that are none, of the type that others have; only while there are none.
+        """
+        return self._pack(Near(0.0, np.zeros((0, 2), np.int32)))
+
     def _pack(self, near: Near) -> Contacts:
         """
         Contacts for the kernels: each pair once, and what acts on each block, in order.

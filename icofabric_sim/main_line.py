@@ -7,6 +7,7 @@ Nothing here decides which steps are taken; see `stepper.py`.
 """
 
 from collections.abc import Callable
+from functools import partial
 import math
 from typing import Any
 
@@ -17,12 +18,13 @@ from icofabric_sim.integrators.methods import Method
 from icofabric_sim.integrators.splitting import NEVER
 from icofabric_sim.kernels import monitor
 from icofabric_sim.kernels.anchors import look_at_anchors
+from icofabric_sim.kernels.contact_pair import contact_scratch
 from icofabric_sim.kernels.contacts import touch_all
 from icofabric_sim.kernels.drives import energy_of_drives
 from icofabric_sim.kernels.flows import keep_accelerations, place_all
 from icofabric_sim.kernels.lanes import LANES
 from icofabric_sim.kernels.meters import flowed
-from icofabric_sim.kernels.records import Loads, Meter, State, Watch, Work
+from icofabric_sim.kernels.records import Loads, Meter, Model, State, Team, Watch, Work
 from icofabric_sim.layout import aligned_empty
 from icofabric_sim.ledger import Ledger
 from icofabric_sim.memory import Memory
@@ -335,6 +337,32 @@ class MainLine:
             lambda team: self.method.advance(
                 self.model, loads, state, self._saved, work, team, origin, index, step, count,
                 since_check, interval, watch, self.ledger.numbers))
+
+    def has_contact_kernels(self) -> bool:
+        """
+        Whether steps with contacts could be taken at once: nothing need be compiled.
+        """
+        watch = self.watch
+        if watch is None or watch.contacts is not None:
+            return True
+        kernel, arguments = self._kernel()
+        if not hasattr(kernel, 'is_ready'):
+            # In plain Python nothing ever is.
+            return True
+        model = self.model._replace(contacts=watch.nothing())
+        team = self.crew.alone()._replace(scratch=contact_scratch())
+        return bool(kernel.is_ready(*arguments(model, team)))
+
+    def _kernel(self) -> tuple[Any, Callable[[Model, Team], tuple[Any, ...]]]:
+        """
+        The kernel that takes steps, and what it is called with.
+        """
+        advance = self.method.advance
+        given = advance.args if isinstance(advance, partial) else ()
+        kernel = advance.func if isinstance(advance, partial) else advance
+        return kernel, lambda model, team: (
+            *given, model, self.loads, self.state, self._saved, self.work, team, self.origin,
+            self.index, self.step, 1, 0, 1, self._watching(), self.ledger.numbers)
 
     def _watching(self, *, aside: bool = False) -> Watch | None:
         """

@@ -9,6 +9,7 @@ import logging
 import math
 import operator
 
+from icofabric_sim.ahead import compile_contact_ahead
 from icofabric_sim.body_force import as_body_force, BodyForce, Force
 from icofabric_sim.checkpoint import Checkpoint
 from icofabric_sim.contact_watch import Overlap
@@ -75,6 +76,7 @@ class Simulation:
         if cosines and body_force is not None:
             raise ValueError("a body_force is given quaternions: rotation must be 'quaternion'")
         self.scene, self.rotation = scene, rotation
+        self._body_wrenches = body_wrenches
         self.body_force = as_body_force(body_force)
         self.packed = pack_scene(scene, cosines=cosines, body_force=self.body_force)
         self._deferred = DeferredInterrupt()
@@ -391,9 +393,15 @@ class Simulation:
     def warm_up(self) -> None:
         """
         Make every kernel that a step needs ready, without taking one.
+
+        Those for contacts that may come later are compiled by another process, if need be.
         """
         self._course.settle_loads()
         self._stepper.warm_up()
+        if self.body_force is None and not self._stepper.has_contact_kernels():
+            compile_contact_ahead(
+                self.scene, method=self.method_name, rotation=self.rotation,
+                body_wrenches=self._body_wrenches)
 
     def checkpoint(self) -> Checkpoint:
         """

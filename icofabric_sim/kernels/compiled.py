@@ -72,6 +72,15 @@ class _Kernel(_Part):
     def get_overload(self, sig: Any) -> Any:
         return self._as_part().get_overload(sig)
 
+    def is_ready(self, *arguments: Any) -> bool:
+        """
+        Whether nothing has to be compiled for such arguments: it is loaded, or on disk.
+        """
+        types = tuple(self.typeof_pyval(argument) for argument in arguments)
+        return types in self.overloads or (
+            isinstance(self._cache, KernelCache)
+            and self._cache.holds(types, self.targetctx))
+
     def _as_part(self) -> _Part:
         # Not at once: where all is on disk nothing asks for it.
         if self._part is None:

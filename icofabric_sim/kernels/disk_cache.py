@@ -106,5 +106,11 @@ class KernelCache(FunctionCache):
                     'compiled kernels cannot be kept on disk, the next start compiles them again: '
                     '%s; NUMBA_CACHE_DIR names another folder for them', error)
 
+    def holds(self, types: tuple[Any, ...], target: Any) -> bool:
+        """
+        Whether there is an entry for arguments of such types.
+        """
+        return self._index_key(types, target.codegen()) in self._cache_file._load_index()
+
     def _index_key(self, sig: Any, codegen: Any) -> Any:
         return *super()._index_key(sig, codegen), _PROCESSOR, self._entrance
