@@ -3,6 +3,8 @@
 """
 Equilibria beside SciPy's general minimisers and a damped run: time, and the force that is left.
 
+With `--growth`: our solver alone, for slabs of 63 to 49,726 bodies, each in a process of its own.
+
 All start from the woven state and get the same energy and forces. SciPy's are given the gradient
 in positions and rotation vectors since the start; a damped run has drag of twice the lowest
 frequency.
@@ -10,6 +12,9 @@ frequency.
 
 import argparse
 from collections.abc import Callable
+import resource
+import subprocess
+import sys
 import time
 from typing import Any, NamedTuple
 
@@ -38,8 +43,35 @@ def cantilever(size: list[int]) -> ico.Scene:
     """
     return ico.Scene.from_parameters({
         'weave': {'size': size}, 'gravity': [0.0, 0.0, -9.81], 'groups': {'wall': 'x_min'},
-        'supports': {'wall': {'group': 'wall'}},
+        'supports': {'wall': {'group': 'wall'}}, 'contact': {'mode': 'never'},
         'connector': {'stiffness': 2000.0, 'bending_stiffness': 0.02}})
+
+
+def hanging(size: list[int]) -> ico.Scene:
+    """
+    A slab of point springs under its ceiling: it folds far before it rests.
+    """
+    return ico.Scene.from_parameters({
+        'weave': {'size': size}, 'gravity': [0.0, 0.0, -9.81], 'groups': {'top': 'z_max'},
+        'supports': {'top': {'group': 'top'}}, 'contact': {'mode': 'never'}})
+
+
+def measure_growth(text: str, kind: str) -> str:
+    """
+    One row for a slab of that size: what it took, and the memory beyond that of the scene.
+    """
+    make = KINDS[kind]
+    # Kernels are compiled or loaded first.
+    ico.solve_equilibrium(make([3, 3, 3]))
+    scene = make([int(part) for part in text.split('x')])
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    began, spent = time.perf_counter(), time.process_time()
+    result = ico.solve_equilibrium(scene)
+    wall, used = time.perf_counter() - began, time.process_time() - spent
+    more = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / scene.body_count
+    return (f'{kind:8} {scene.body_count:7,} bodies {result.step_count:5,} steps '
+            f'{result.product_count:8,} products {wall:8.2f} s, of the processor {used:8.2f} s, '
+            f'{more:6.1f} kB a body; {result.verdict}, residual {result.residual:.1e}')
 
 
 def residual(here: Configuration) -> float:
@@ -143,21 +175,35 @@ def damped(scene: ico.Scene) -> Row:
                left, here.energy)
 
 
+KINDS = {'held': cantilever, 'hanging': hanging}
+GROWTH = ['5x5x5', '11x10x8', '21x21x21', '47x46x46']
+
+
 def main() -> None:
     """
     Measure and print.
     """
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument('--sizes', nargs='*', default=['5x3x3', '9x5x5', '13x7x7'])
+    parser.add_argument('--sizes', nargs='*')
+    parser.add_argument('--growth', nargs='*', choices=KINDS, metavar='KIND', help='held, hanging')
+    parser.add_argument('--one', nargs=2, help=argparse.SUPPRESS)
     arguments = parser.parse_args()
+    if arguments.one:
+        print(measure_growth(*arguments.one), flush=True)
+        return
     print('\n'.join(describe_machine(('scipy',), threads='threads as chosen')))
+    if arguments.growth is not None:
+        for kind in arguments.growth or KINDS:
+            for size in arguments.sizes or GROWTH:
+                subprocess.run([sys.executable, __file__, '--one', size, kind], check=True)
+        return
     solvers: list[Callable[[ico.Scene], Row]] = [
         own,
         lambda scene: general(scene, 'L-BFGS-B', {
             'maxiter': 20_000, 'maxfun': 40_000, 'ftol': 0.0, 'gtol': 0.0, 'maxcor': 20}),
         lambda scene: general(scene, 'CG', {'maxiter': 20_000, 'gtol': 1e-12}),
         damped]
-    for size in arguments.sizes:
+    for size in arguments.sizes or ['5x3x3', '9x5x5', '13x7x7']:
         scene = cantilever([int(part) for part in size.split('x')])
         # Kernels of both kinds are compiled or loaded first.
         own(scene)

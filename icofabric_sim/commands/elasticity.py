@@ -113,7 +113,8 @@ def curve_text(curves: dict[str, list['CurvePoint']]) -> list[str]:
         lines.append(f'  {kind:6} {"strain":>10} {"stress [Pa]":>14} {"stress/strain":>14}')
         for point in points:
             more = f'  {point.obstructed} obstructed' if point.obstructed else ''
-            more += f'  {point.beyond} beyond their break length' if point.beyond else ''
+            more += f'  {point.broken} broken' if point.broken else ''
+            more += f'  {point.touching} pairs touch' if point.touching else ''
             lines.append(
                 f'         {point.strain:10.5g} {point.stress:14.6g} '
                 f'{point.stress / point.strain:14.6g}  {point.verdict}{more}')
@@ -131,5 +132,5 @@ def _write(
         outputs.table(
             'curves.csv',
             ('kind', 'strain', 'stress_pa', 'energy_j', 'verdict', 'residual', 'obstructed',
-             'beyond_break_length'),
+             'beyond_break_length', 'broken', 'touching_pairs'),
             ([kind, *point[:-1]] for kind, points in curves.items() for point in points))

@@ -45,8 +45,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='about the equilibrium under the loads of the scene, as icofabric statics finds it '
              '(default: about its initial configuration)')
     parser.add_argument(
-        '--time', type=float, default=0.0, metavar='S',
-        help='loads, drives and anchors are held as they are at this time [s] (%(default)g)')
+        '--time', type=float, metavar='S',
+        help='loads, drives and anchors are held as they are at this time [s] (needed where they '
+             'change with time)')
     parser.add_argument(
         '--bands', metavar='FILE',
         help='also draw the waves in the endless fabric of this weave to this PNG: band structure '

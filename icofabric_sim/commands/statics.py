@@ -27,8 +27,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """
     add_scene_arguments(parser)
     parser.add_argument(
-        '--time', type=float, default=0.0, metavar='S',
-        help='loads, drives and anchors are held as they are at this time [s] (%(default)g)')
+        '--time', type=float, metavar='S',
+        help='loads, drives and anchors are held as they are at this time [s] (needed where they '
+             'change with time)')
     parser.add_argument(
         '--tolerance', type=float, default=1e-10, metavar='T',
         help='force that may be left, as a part of the largest connector force or load '
@@ -58,6 +59,11 @@ def main(arguments: argparse.Namespace) -> int:
     with bad_input():
         scene = Scene.from_parameters(parameters)
     print(f'{name}: {scene.body_count:,} bodies, {scene.connector_count:,} connectors')
+    from icofabric_sim.statics.held import without_potential
+    turning = without_potential(scene)
+    if turning:
+        print(f'{", ".join(turning)}: turns with its bodies or twists them, so it has no energy; '
+              'it is followed step by step')
     began = time.monotonic()
     reached = _search(arguments, scene)
     factor, result = reached[-1]

@@ -19,6 +19,7 @@ from icofabric_sim.scene import Scene
 from icofabric_sim.snapshot import Snapshot
 from icofabric_sim.statics.contacts import Contacts
 from icofabric_sim.statics.fabric import Configuration, StaticFabric
+from icofabric_sim.statics.held import held_time
 from icofabric_sim.statics.spectrum import Curvature, judge_curvature
 from icofabric_sim.statics.trust_region import steihaug
 import numpy as np
@@ -87,24 +88,27 @@ class Equilibrium:
 
 
 def solve_equilibrium(
-    scene: Scene, *, start: Snapshot | None = None, time: float = 0.0, tolerance: float = 1e-10,
-    largest_step_count: int = _STEPS, load_factor: float = 1.0,
+    scene: Scene, *, start: Snapshot | None = None, time: float | None = None,
+    tolerance: float = 1e-10, largest_step_count: int = _STEPS, load_factor: float = 1.0,
     progress: Callable[[Progress], None] | None = None
 ) -> Equilibrium:
     """
     Find where a fabric comes to rest under its loads, supports and drives, held at a `time` [s].
 
-    Begins at the initial state of the scene, or at a snapshot. `tolerance`: what may be left of
-    forces, in parts of the largest connector force or load. `load_factor`: of weight, electric
-    fields, loads and tractions. Without friction. Raises ValueError where nothing could ever be in
-    equilibrium.
+    A time is needed where drives, anchors, loads or tractions change with it. Begins at the
+    initial state of the scene, or at a snapshot, without what is broken there.
+    `tolerance`: what may be left of forces, in parts of the largest connector force or load.
+    `load_factor`: of weight, electric fields, loads and tractions. Without friction. Raises
+    ValueError where nothing could ever be in equilibrium.
     """
     if not 0.0 < tolerance < 1.0:
         raise ValueError(
             f'tolerance must be between 0 and 1 (a part of the largest force), got {tolerance!r}')
     if not 0.0 <= load_factor < math.inf:
         raise ValueError(f'load_factor must be finite and not negative, got {load_factor!r}')
-    fabric = StaticFabric(scene, time, load_factor=load_factor)
+    fabric = StaticFabric(
+        scene, held_time(scene, time), load_factor=load_factor,
+        broken_since=None if start is None else start.broken_since)
     here = fabric.start
     if start is not None:
         given = fabric.configuration('start', start)
@@ -120,8 +124,8 @@ def solve_equilibrium(
 
 
 def step_loads(
-    scene: Scene, factors: Iterable[float], *, start: Snapshot | None = None, time: float = 0.0,
-    tolerance: float = 1e-10, largest_step_count: int = _STEPS,
+    scene: Scene, factors: Iterable[float], *, start: Snapshot | None = None,
+    time: float | None = None, tolerance: float = 1e-10, largest_step_count: int = _STEPS,
     progress: Callable[[Progress], None] | None = None
 ) -> Iterator[tuple[float, Equilibrium]]:
     """
@@ -207,7 +211,7 @@ class _Search:
 
     def _descend(self, tolerance: float) -> None:
         stuck = 0
-        while self.steps < self.largest and self.residual() > tolerance and stuck < 30:
+        while self.steps < self.largest and stuck < 30 and not self._good(tolerance):
             before = self.residual()
             if self.progress is not None:
                 self.progress(Progress(self.steps, before, self.here.energy))
@@ -225,7 +229,14 @@ class _Search:
         left[:, 3:] /= self.fabric.half_edge
         most, scale = float(left.max(initial=0.0)), self.here.force_scale
         # Where nothing acts, rounding of the lengths is all there is.
-        return most / scale if scale > 10.0 * self.fabric.rounding else 0.0
+        return float(most / scale) if scale > 10.0 * self.fabric.rounding else 0.0
+
+    def _good(self, tolerance: float) -> bool:
+        """
+        Whether no more is left than is tolerated, or than rounding of the lengths may be.
+        """
+        return self.residual() <= max(
+            tolerance, self.fabric.rounding / max(self.here.force_scale, 1e-300))
 
     def leftover(self) -> np.ndarray:
         """
@@ -296,7 +307,7 @@ class _Search:
         Judge where the search stands.
         """
         here, residual = self.here, self.residual()
-        converged = residual <= self.tolerance
+        converged = self._good(self.tolerance)
         curvature = Curvature(-1, -1)
         verdict = NOT_AT_REST
         if converged:

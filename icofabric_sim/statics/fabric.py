@@ -40,7 +40,7 @@ class StaticFabric:
 
     def __init__(
         self, scene: Scene, time: float = 0.0, *, only: np.ndarray | None = None,
-        contact: bool = True, load_factor: float = 1.0
+        contact: bool = True, load_factor: float = 1.0, broken_since: np.ndarray | None = None
     ) -> None:
         """
         Hold loads, drives and points of anchors as they are at `time` [s].
@@ -48,6 +48,7 @@ class StaticFabric:
         `only`: numbers of the connectors that forces and second derivatives count; None: all.
         `contact`: whether shells and planes push each other, where the scene has it.
         `load_factor`: of weight, electric fields, loads and tractions.
+        `broken_since`: as in snapshots (c,); connectors that have broken are left out.
         Raises ParameterError for what has no place in statics.
         """
         if scene.electric.mutual:
@@ -66,6 +67,10 @@ class StaticFabric:
                 'which depend on how it came there; set it to 0 for statics and modes')
         self.scene, self.time = scene, time
         self.packed = pack_scene(scene)
+        self.intact: np.ndarray | None = None
+        if broken_since is not None and not np.isnan(broken_since).all():
+            self.intact, self.broken_since = np.isnan(broken_since), broken_since
+            only = np.flatnonzero(self.intact)
         if only is not None:
             self.packed = _with_connectors(self.packed, only)
         if load_factor != 1.0:
@@ -136,7 +141,9 @@ def _with_factor(packed: PackedScene, factor: float) -> PackedScene:
         model = model._replace(gravity=factor * model.gravity)
     if model.dipole is not None:
         model = model._replace(dipole=model.dipole._replace(field=factor * model.dipole.field))
-    return replace(packed, model=model)
+    gravity, force = (
+        None if part is None else factor * part for part in (packed.gravity, packed.field_force))
+    return replace(packed, model=model, gravity=gravity, field_force=force)
 
 
 def _with_connectors(packed: PackedScene, only: np.ndarray) -> PackedScene:
@@ -184,7 +191,8 @@ class Configuration:
         for array in arrays:
             array.flags.writeable = False
         return Snapshot(
-            fabric.time, *arrays, fabric.scene.connector_count, fabric.packed, books)
+            fabric.time, *arrays, fabric.scene.connector_count, fabric.packed, books,
+            None if fabric.intact is None else fabric.broken_since)
 
     @cached_property
     def energy(self) -> float:
@@ -234,9 +242,11 @@ class Configuration:
     @cached_property
     def tension(self) -> np.ndarray:
         """
-        Tensions of the connectors [N], (c,).
+        Tensions of the connectors [N], (c,); 0 of broken ones.
         """
-        return self.fabric.laws.evaluate(self.snapshot.connector_length)[0]
+        tension, intact = self.fabric.laws.evaluate(
+            self.snapshot.connector_length)[0], self.fabric.intact
+        return tension if intact is None else np.where(intact, tension, 0.0)
 
     @cached_property
     def force_scale(self) -> float:

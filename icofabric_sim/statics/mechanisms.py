@@ -46,14 +46,14 @@ def compatibility_matrix(here: Configuration) -> np.ndarray:
     """
     Changes of length of connectors and anchors per motion of the free freedoms, dense.
 
-    Scaled by the roots of masses and inertias: (c, f), [1/sqrt(kg)]. For connectors without
-    stiffness at this length there is no row.
+    Scaled by the roots of masses and inertias: (c, f), [1/sqrt(kg)]. For connectors that have
+    broken, or have no stiffness at this length, there is no row.
     """
     fabric, snapshot = here.fabric, here.snapshot
     scene, ends = fabric.scene, here.snapshot.connector_ends
     bodies = scene.connectors.bodies if len(ends) else np.zeros((0, 2), int)
     slope = fabric.laws.evaluate(snapshot.connector_length)[1]
-    chosen = np.flatnonzero(slope != 0.0)
+    chosen = np.flatnonzero((slope != 0.0) & snapshot.intact)
     bodies, ends = bodies[chosen], ends[chosen]
     rows = np.zeros((len(chosen) + fabric.anchors.count, scene.body_count, 6))
     reach = ends[:, 1] - ends[:, 0]

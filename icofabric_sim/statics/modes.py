@@ -13,6 +13,7 @@ import math
 from icofabric_sim.scene import Scene
 from icofabric_sim.snapshot import Snapshot
 from icofabric_sim.statics.fabric import Configuration, StaticFabric
+from icofabric_sim.statics.held import held_time
 from icofabric_sim.statics.mechanisms import compatibility_matrix, count_mechanisms, Counts
 from icofabric_sim.statics.spectrum import (
     count_below,
@@ -68,21 +69,23 @@ class Spectrum:
 
 
 def solve_modes(
-    scene: Scene, *, at: Snapshot | None = None, time: float = 0.0, count: int | None = None,
-    which: str = LOWEST
+    scene: Scene, *, at: Snapshot | None = None, time: float | None = None,
+    count: int | None = None, which: str = LOWEST
 ) -> Spectrum:
     """
     Vibrations about the initial configuration of a scene, or about a snapshot (an equilibrium).
 
-    `count`: how many frequencies, the `which`: 'lowest' or 'highest'; None: all of a fabric with
-    up to 2,400 free freedoms, 20 of a larger one. Loads, drives and anchors are held at `time`
-    [s]; dead loads with their point off the centre count, follower loads do not.
+    What is broken in the snapshot is left out. `count`: how many frequencies, the `which`:
+    'lowest' or 'highest'; None: all of a fabric with up to 2,400 free freedoms, 20 of a larger
+    one. Loads, drives and anchors are held at `time` [s]; dead loads with their point off the
+    centre count, follower loads do not.
     """
     if which not in (LOWEST, HIGHEST):
         raise ValueError(f"which must be 'lowest' or 'highest', got {which!r}")
     if count is not None and count < 1:
         raise ValueError(f'count must be at least 1, got {count!r}')
-    fabric = StaticFabric(scene, time)
+    fabric = StaticFabric(
+        scene, held_time(scene, time), broken_since=None if at is None else at.broken_since)
     here = fabric.start if at is None else fabric.configuration('at', at)
     matrix = scaled_hessian(here)
     size = matrix.shape[0]

@@ -8,8 +8,10 @@ A body and its neighbours lie on 13 points of a face-centred cubic lattice, and 
 vectors that are 1 at all bodies of one number give the whole matrix, of any fabric.
 """
 
+import math
 from typing import NamedTuple
 
+from icofabric_sim.kernels.conjugate import add_along, product_of
 from icofabric_sim.statics.dissection import dissection_order
 from icofabric_sim.statics.fabric import Configuration, StaticFabric
 import numpy as np
@@ -114,7 +116,16 @@ def judge_curvature(here: Configuration) -> Curvature:
     """
     Count the free motions that cost no energy and those that lower it.
     """
+    if int(here.fabric.free.sum()) > COUNTED:
+        return judge_ends(*ends_of_spectrum(here))
     return curvature_of(here, scaled_hessian(here))
+
+
+def judge_ends(lowest: float, largest: float) -> Curvature:
+    """
+    What the ends of the spectrum of a fabric that is too large to count tell.
+    """
+    return Curvature(-1, -1 if lowest >= -_LARGE_ZERO * largest else 1)
 
 
 def curvature_of(here: Configuration, matrix: sparse.csr_matrix) -> Curvature:
@@ -131,7 +142,7 @@ def curvature_of(here: Configuration, matrix: sparse.csr_matrix) -> Curvature:
         return count_signs(np.linalg.eigvalsh(matrix.toarray()), _ZERO)
     limit = zero_limit(matrix)
     if size > COUNTED:
-        return Curvature(-1, -1 if lowest_eigenvalue(matrix) >= -limit else 1)
+        return judge_ends(*ends_of_spectrum(here))
     above = count_below(factorise(here, matrix, limit))
     if not above:
         return Curvature(0, 0)
@@ -141,25 +152,33 @@ def curvature_of(here: Configuration, matrix: sparse.csr_matrix) -> Curvature:
     return Curvature(above - below, below)
 
 
-def lowest_eigenvalue(matrix: sparse.csr_matrix) -> float:
+def ends_of_spectrum(here: Configuration) -> tuple[float, float]:
     """
-    The lowest eigenvalue [1/s^2] as Lanczos' iteration sees it after so many products: from above.
+    Lowest and largest squared frequency [1/s^2] as Lanczos' iteration sees them, from inside.
+
+    Without the matrix, so that little memory is needed.
     """
-    current = np.random.RandomState(1).standard_normal(matrix.shape[0])
-    current /= np.linalg.norm(current)
-    previous = np.zeros_like(current)
-    diagonal, off = np.zeros(_LOOKS), np.zeros(_LOOKS)
-    for step in range(_LOOKS):
-        product = matrix @ current
-        diagonal[step] = current @ product
-        product -= diagonal[step] * current
+    fabric = here.fabric
+    scale = fabric.layout.spread(np.where(fabric.free, 1.0 / fabric.root, 0.0))
+    current = scale * fabric.layout.spread(
+        np.random.RandomState(1).standard_normal(fabric.free.shape) * fabric.root)
+    current *= 1.0 / math.sqrt(product_of(current, current))
+    previous, product = np.zeros_like(current), np.zeros_like(current)
+    most = min(_LOOKS, int(fabric.free.sum()))
+    diagonal, off = np.zeros(most), np.zeros(most)
+    for step in range(most):
+        here.multiply(scale * current, product)
+        product *= scale
+        diagonal[step] = product_of(current, product)
+        add_along(-float(diagonal[step]), current, product)
         if step:
-            product -= off[step - 1] * previous
-        off[step] = np.linalg.norm(product)
+            add_along(-float(off[step - 1]), previous, product)
+        off[step] = math.sqrt(product_of(product, product))
         if not off[step] > 1e-14 * np.abs(diagonal).max():
-            return float(eigvalsh_tridiagonal(diagonal[:step + 1], off[:step])[0])
-        previous, current = current, product / off[step]
-    return float(eigvalsh_tridiagonal(diagonal, off[:-1])[0])
+            break
+        previous, current, product = current, product / off[step], previous
+    values = eigvalsh_tridiagonal(diagonal[:step + 1], off[:step])
+    return float(values[0]), float(values[-1])
 
 
 def zero_limit(matrix: sparse.csr_matrix) -> float:

@@ -17,6 +17,7 @@ from icofabric_sim.statics.equilibrium import (
     UNSTABLE,
 )
 from icofabric_sim.statics.fabric import Configuration, StaticFabric
+from icofabric_sim.statics.held import without_potential
 import numpy as np
 import pytest
 
@@ -229,7 +230,8 @@ def test_large_fabrics_are_judged_without_counting(monkeypatch):
     pressed = make_scene((3, 3, 3), connector={'natural_length': 0.031})
     matrix = spectrum.scaled_hessian(StaticFabric(pressed).start)
     values = np.linalg.eigvalsh(matrix.toarray())
-    assert spectrum.lowest_eigenvalue(matrix) == pytest.approx(values[0], rel=1e-6)
+    assert spectrum.ends_of_spectrum(StaticFabric(pressed).start) == pytest.approx(
+        (values[0], values[-1]), rel=1e-6)
     assert values[0] < 0.0
     assert spectrum.judge_curvature(StaticFabric(pressed).start) == (-1, 1)
     with pytest.raises(ValueError, match='highest'):
@@ -264,11 +266,31 @@ def test_drives_stand_where_they_are_at_the_time():
 @pytest.mark.parametrize('sections, words', [
     ({'gravity': [0.0, 0.0, -9.81]}, ['nothing holds', 'supports']),
     ({'charge': {'per_body': 1e-7, 'mutual': True}}, ['charge.mutual']),
+    ({'groups': {'g': 'x_max'}, 'drives': {'shaker': {
+        'group': 'g', 'motion': 'velocity', 'linear': [0.0, 0.0, 1e-3]}}},
+     ['drives.shaker.motion', 'time']),
+    ({'groups': {'g': 'x_max'}, 'supports': {'g': {'group': 'g'}}, 'loads': {'l': {
+        'group': 'g', 'force': [1.0, 0.0, 0.0], 'profile': 'ramp', 'duration': 1.0}}},
+     ['loads.l.profile and 1 more', 'time']),
+    ({'anchors': {'rope': {'body': 0, 'edge': 'up', 'position': [0.0, 0.0, 0.1],
+                           'velocity': [0.0, 0.0, 0.1]}}}, ['anchors.rope.velocity', 'time']),
 ])
 def test_what_cannot_be_at_rest_is_refused(sections, words):
     with pytest.raises(ValueError) as caught:
         ico.solve_equilibrium(make_scene((2, 2, 2), **sections))
     assert all(word in str(caught.value) for word in words)
+    if 'time' in words:
+        with pytest.raises(ValueError, match=words[0]):
+            ico.solve_modes(make_scene((2, 2, 2), **sections))
+
+
+def test_loads_without_a_potential_are_named():
+    scene = make_scene((2, 2, 2), groups={'g': 'x_max'}, loads={
+        'dead': {'group': 'g', 'force': [1.0, 0.0, 0.0], 'point': [0.0, 0.01, 0.0]},
+        'turns': {'group': 'g', 'force': [1.0, 0.0, 0.0], 'frame': 'body'},
+        'twists': {'group': 'g', 'torque': [0.0, 0.1, 0.0]}, 'later': {'group': 'g'}},
+        tractions={'press': {'group': 'g', 'pressure': 10.0}})
+    assert without_potential(scene) == ['loads.turns', 'loads.twists', 'tractions.press']
 
 
 def test_arguments_are_judged():

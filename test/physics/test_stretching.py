@@ -6,6 +6,7 @@ Stress against strain of slabs between two held ends.
 
 from fabrics import make_scene
 import icofabric_sim as ico
+from icofabric_sim.statics.fabric import StaticFabric
 from icofabric_sim.statics.stretching import cross_section
 import numpy as np
 import pytest
@@ -58,11 +59,61 @@ def test_all_axes_are_alike_and_loads_of_the_scene_are_left_out():
     assert stress == pytest.approx([stress[0]] * 3, rel=1e-8) and stress[0] > 0.0
 
 
-def test_a_curve_ends_where_connectors_would_break():
+def test_connectors_break_one_by_one_and_the_load_drops():
+    sections = {'contact': {'mode': 'never'}}
+    limit = 0.051
     scene = slab((5, 3, 3), connector={
-        'bending_stiffness': 0.02, 'break_length_extension': 0.051})
-    points = ico.measure_curve(scene, 'pull', [0.01, 0.1, 0.2, 0.3])
-    assert points[0].beyond == 0 and points[-1].beyond > 0 and len(points) < 4
+        'bending_stiffness': 0.02, 'break_length_extension': limit}, **sections)
+    strains = np.arange(0.02, 0.201, 0.02)
+    points = ico.measure_curve(scene, 'pull', strains)
+    whole = ico.measure_curve(slab((5, 3, 3), **STIFF, **sections), 'pull', strains)
+    broken = np.array([point.broken for point in points])
+    assert broken[0] == 0 and broken[-1] > 3 and (np.diff(broken) >= 0).all()
+    first = int(np.argmax(broken > 0))
+    assert [point.stress for point in points[:first]] == pytest.approx(
+        [point.stress for point in whole[:first]], rel=1e-7)
+    for point, other in zip(points[first:], whole[first:]):
+        assert point.verdict.startswith('equilibrium')
+        assert point.beyond == 0 and point.stress < other.stress
+        # What holds is shorter than it may be; what broke is gone for good.
+        assert point.snapshot.connector_length[point.snapshot.intact].max() < limit
+        assert point.energy < other.energy
+    stress = np.array([point.stress for point in points])
+    assert stress[first:].min() < 0.9 * stress[:first].max()
+    # Nothing but the unbroken ones holds the end: the mechanisms are those of what is left.
+    found = ico.solve_modes(ico.Scene.from_parameters(
+        slab((5, 3, 3), **sections).parameters), at=points[-1].snapshot)
+    assert found.counts.connectors == scene.connector_count - broken[-1]
+
+
+@pytest.mark.parametrize('broken', [False, True])
+def test_forces_under_a_part_of_the_loads_and_without_what_broke(broken):
+    """
+    Minus the gradient of the energy, which the search follows.
+    """
+    scene = slab(
+        (5, 3, 3), **STIFF, gravity=[1.0, 2.0, -9.0],
+        charge={'per_body': 1e-6, 'dipole': [1e-7, 2e-7, -1e-7]},
+        field={'electric': [1e4, 2e4, -3e4]}, groups={'g': 'ids 1 2'},
+        loads={'l': {'group': 'g', 'force': [1.0, 0.0, 0.5], 'point': [0.003, 0.01, 0.0]}})
+    since = np.full(scene.connector_count, np.nan)
+    since[[1, 7, 20]] = 0.0
+    fabric = StaticFabric(
+        scene, contact=False, load_factor=0.4, broken_since=since if broken else None)
+    random = np.random.default_rng(1)
+    shape = scene.body_count, 3
+    here, motion = (fabric.start.moved(np.hstack([
+        1e-3 * random.standard_normal(shape), 0.1 * random.standard_normal(shape)])), np.hstack([
+            1e-2 * random.standard_normal(shape), random.standard_normal(shape)]))
+    h = 1e-5
+    ahead, behind = here.moved(h * motion), here.moved(-h * motion)
+    assert (ahead.energy - behind.energy) / (2.0 * h) == pytest.approx(
+        -float((here.force * motion).sum()), rel=1e-7)
+    change = float(((behind.force - ahead.force) * motion).sum()) / (2.0 * h)
+    assert float((here.times(motion) * motion).sum()) == pytest.approx(change, rel=1e-6)
+    whole = StaticFabric(scene, contact=False).start.energy
+    assert abs(fabric.start.energy - whole) > 1e-3 * abs(whole)
+    assert np.count_nonzero(here.tension == 0.0) == (3 if broken else 0)
 
 
 @pytest.mark.parametrize('arguments, word', [

@@ -1,0 +1,66 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+What of a scene needs a time to be held at, and what of it has no potential.
+"""
+
+from icofabric_sim.scene import Scene
+
+
+def held_time(scene: Scene, time: float | None) -> float:
+    """
+    The time [s] at which a scene is held; None: 0, where nothing in it changes with time.
+
+    Raises ValueError naming what does.
+    """
+    if time is not None:
+        return time
+    moving = varying(scene)
+    if moving:
+        several = f' and {len(moving) - 1} more' if len(moving) > 1 else ''
+        raise ValueError(
+            f'{moving[0]}{several}: changes with time, and a fabric is at rest only where that is '
+            'held; say at which time (time=, or icofabric statics --time S)')
+    return 0.0
+
+
+def varying(scene: Scene) -> list[str]:
+    """
+    Names of parameters that make drives, anchors, loads or tractions change with time.
+    """
+    parameters = scene.parameters
+    found = [
+        f'drives.{name}.motion' for name in parameters.names('drives')
+        if parameters[f'drives.{name}.motion'] != 'hold']
+    for name in parameters.names('anchors'):
+        if parameters[f'anchors.{name}.file']:
+            found.append(f'anchors.{name}.file')
+        elif any(parameters[f'anchors.{name}.velocity']):
+            found.append(f'anchors.{name}.velocity')
+    for section in ('loads', 'tractions'):
+        for name in parameters.names(section):
+            key = f'{section}.{name}'
+            if parameters[f'{key}.profile'] != 'steady':
+                found.append(f'{key}.profile')
+            found += [
+                f'{key}.{when}' for when in ('start', 'duration') if parameters[f'{key}.{when}']]
+    return found
+
+
+def without_potential(scene: Scene) -> list[str]:
+    """
+    Names of loads and tractions that turn with their bodies, or twist them.
+    """
+    parameters = scene.parameters
+    found = []
+    for name in parameters.names('loads'):
+        key = f'loads.{name}'
+        acts = any(parameters[f'{key}.force']) or any(parameters[f'{key}.torque'])
+        if acts and (
+                parameters[f'{key}.frame'] == 'body' or any(parameters[f'{key}.torque'])):
+            found.append(key)
+    found += [
+        f'tractions.{name}' for name in parameters.names('tractions')
+        if parameters[f'tractions.{name}.direction'] == 'follower'
+        or parameters[f'tractions.{name}.frictionless']]
+    return found
