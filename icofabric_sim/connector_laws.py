@@ -37,12 +37,12 @@ class ConnectorLaws(NamedTuple):
         """
         return len(self.extension) == 1 and bool(self.extension[0] == self.compression[0])
 
-    @property
-    def kinked(self) -> bool:
+    def kink_count(self, connectors: int) -> int:
         """
-        Whether the slope of a tension jumps at the natural length.
+        Of how many of all `connectors` the slope of the tension jumps at the natural length.
         """
-        return bool((self.extension != self.compression).any())
+        kinked = self.extension != self.compression
+        return connectors if len(kinked) == 1 and kinked[0] else int(kinked.sum())
 
 
 class ConnectorTables(NamedTuple):

@@ -81,7 +81,8 @@ class Course:
                 parameters['solver.tolerance'],
                 liveliness,
                 fixed_ratio=fixed * frequency.rate if fixed > 0.0 else None,
-                kinked=scene.connectors.laws.kinked or bool(scene.connectors.tables.tables),
+                kinks=scene.connectors.laws.kink_count(scene.connector_count),
+                bent=bool(scene.connectors.tables.tables),
                 strain=expected_strain(scene, liveliness, frequency.rate),
                 contact='' if packed.contact is None else packed.contact.expected)
             # With the room that this method needs.

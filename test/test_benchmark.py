@@ -12,11 +12,13 @@ import icofabric_sim as ico
 from icofabric_sim.benchmarking import own, report, step_speed, work_precision
 from icofabric_sim.benchmarking.contestants import gather
 from icofabric_sim.benchmarking.curves import Curve, Point, trace
+from icofabric_sim.benchmarking.kinked_reference import kinked_reference
 from icofabric_sim.benchmarking.peers import lammps_peer, mujoco_peer, PEERS, scipy_peer
 from icofabric_sim.benchmarking.reference import reference_motion
 from icofabric_sim.benchmarking.scenes import (
     axes_from_midpoints,
     axes_from_quaternions,
+    KINKED,
     Motion,
     motion_error,
     plain_scene,
@@ -101,6 +103,20 @@ def test_reference_agrees_with_our_finest_motion_and_moves(small, truth):
     assert motion_error(truth.motion, start, small.half_edge) > 0.05
     # Displacements that strain springs swing: they neither vanish nor explode in so short a time.
     assert 0.1 < truth.growth < 20.0
+
+
+def test_kinked_reference_agrees_with_our_finest_motion(small, truth):
+    scene = plain_scene('kinked', SMALL, KINKED)
+    assert scene.compression == 0.2 * scene.stiffness
+    reference = kinked_reference(scene, DURATION)
+    assert reference.crossings > 20 and reference.uncertainty < 1e-11
+    parameters = scene_parameters(SMALL, {'method': 'dop8', 'tolerance': 1e-9}, KINKED)
+    simulation = ico.compile_scene(ico.Scene.from_parameters(parameters))
+    simulation.advance_to(DURATION)
+    now = simulation.snapshot()
+    ours = Motion(now.position, axes_from_quaternions(now.orientation))
+    assert motion_error(ours, reference.motion, small.half_edge) < 1e-9 * DURATION
+    assert motion_error(truth.motion, reference.motion, small.half_edge) > 1e-3
 
 
 def test_reference_conserves_momentum(small, truth):
@@ -289,6 +305,20 @@ def test_work_precision_from_end_to_end(tmp_path):
     with open(targets, newline='') as file:
         assert {'0.001', '1e-06', '1e-09'} == {row['error'] for row in csv.DictReader(file)}
     assert picture.read_bytes().startswith(b'\x89PNG')
+
+
+def test_kinked_work_precision_from_end_to_end(tmp_path):
+    result = work_precision.measure(
+        ['scipy', 'mujoco'], rounds=1, size=SMALL, duration=DURATION, longest_run=0.2,
+        kinked=True)
+    lines = '\n'.join(report.work_precision_lines(result))
+    assert 'S1 kinked' in lines and 'kinks located' in lines and 'MuJoCo' not in lines
+    # Steps of one length lose their order, as they meet kinks anywhere.
+    curves = {curve.solver.label: curve for curve in result.curves}
+    assert curves['srkn8'].observed_order() < 4.5
+    assert min(point.error for point in curves['dop8, tolerance'].points) < 1e-4
+    names = [path.name for path in report.write_work_precision(result, tmp_path)]
+    assert names[0] == 'work_precision_kinked.csv' and names[2] == 'work_precision_kinked.png'
 
 
 def test_step_speed_from_end_to_end(tmp_path, monkeypatch):

@@ -23,11 +23,14 @@ class Contestants(NamedTuple):
     missing: list[str]  # one line for each that does not
 
 
-def gather(scene: PlainScene, size: tuple[int, int, int], peers: Iterable[str]) -> Contestants:
+def gather(
+    scene: PlainScene, size: tuple[int, int, int], peers: Iterable[str],
+    changes: own.Changes = None
+) -> Contestants:
     """
     Our own methods first, then the solvers of `peers` (keys of PEERS).
     """
-    solvers, distributions, missing = list(own.solvers(size)), [], []
+    solvers, distributions, missing = list(own.solvers(size, changes)), [], []
     if not own.takes_tolerance():
         missing.append('solver.tolerance has no effect yet: methods run with fixed steps only')
     for name in peers:

@@ -139,17 +139,19 @@ def run_once(solver: Solver, setting: float, duration: float) -> float:
 
 
 def trace(
-    solver: Solver, scene: PlainScene, reference: Reference, *, longest_run: float
+    solver: Solver, scene: PlainScene, reference: Reference, *, longest_run: float,
+    growth: float | None = None
 ) -> Curve:
     """
     Run `solver` from rough to fine until it is better than needed, or a run takes too long [s].
 
-    The times are those of single runs, for a plot; rounds replace those that matter.
+    The times are those of single runs, for a plot; rounds replace those that matter. Each takes
+    `growth` times as many steps as the one before, by default what suits the order of the method.
     """
     curve = Curve(solver, [])
     refused = 0
     warm = False
-    for setting in _settings(solver, reference.duration):
+    for setting in _settings(solver, reference.duration, growth):
         try:
             if not warm:
                 # What is compiled or allocated at the first use is not to be timed.
@@ -172,11 +174,11 @@ def trace(
             break
         # Where stability sets the step, several tolerances give one error.
         stuck = len(curve.points) > 1 and 0.7 * curve.points[-2].error < error < _ROUNDING
-        if stuck and isinstance(solver, StepSolver):
+        if stuck and isinstance(solver, StepSolver) and growth is None:
             curve.remark = 'the error falls no further: rounding'
             curve.points.pop()
             break
-        if max(spent, wall / 9.0) * _growth(solver) > longest_run:
+        if max(spent, wall / 9.0) * (growth or _growth(solver)) > longest_run:
             curve.remark = f'a finer run would take more than {longest_run:g} s'
             break
     if curve.points:
@@ -190,10 +192,10 @@ def _growth(solver: Solver) -> float:
     return 1.4
 
 
-def _settings(solver: Solver, duration: float) -> list[float]:
+def _settings(solver: Solver, duration: float, growth: float | None) -> list[float]:
     if not isinstance(solver, StepSolver):
         assert isinstance(solver, ToleranceSolver)
         return [solver.roughest * 10.0**-k for k in range(13)]
     first = math.ceil(duration / solver.longest)
-    counts = (math.ceil(first * _growth(solver) ** k) for k in range(60))
+    counts = (math.ceil(first * (growth or _growth(solver)) ** k) for k in range(60))
     return [float(count) for count in dict.fromkeys(counts)]

@@ -20,6 +20,7 @@ from icofabric_sim.simulation import compile_scene, Simulation, SimulationError
 
 TOOL = 'icofabric_sim'
 Size = tuple[int, int, int]
+Changes = dict[str, Any] | None
 
 
 class _Own(Solver):
@@ -29,8 +30,8 @@ class _Own(Solver):
 
     tool = TOOL
 
-    def __init__(self, size: Size, method: str) -> None:
-        self._size, self._method = size, method
+    def __init__(self, size: Size, method: str, changes: Changes) -> None:
+        self._size, self._method, self._changes = size, method, changes
         self._simulation: Simulation | None = None
 
     def motion(self) -> Motion:
@@ -42,7 +43,7 @@ class _Own(Solver):
 
     def _compile(self, **solver: Any) -> None:
         try:
-            self._simulation = _compile(self._size, method=self._method, **solver)
+            self._simulation = _compile(self._size, self._changes, method=self._method, **solver)
         except ValueError as error:
             raise Unusable(str(error)) from error
 
@@ -57,11 +58,11 @@ class OwnSteps(_Own, StepSolver):
     A method with a fixed step.
     """
 
-    def __init__(self, size: Size, method: str, frequency: float) -> None:
+    def __init__(self, size: Size, method: str, changes: Changes, frequency: float) -> None:
         """
         `frequency` [rad/s] is the largest of the fabric at the start.
         """
-        super().__init__(size, method)
+        super().__init__(size, method, changes)
         facts = METHODS[method]
         self.label, self.order, self.evaluations = method, facts.order, facts.stages
         self.longest = facts.stability / frequency
@@ -81,11 +82,11 @@ class OwnTolerance(_Own, ToleranceSolver):
     A method, or the automatic choice, with a tolerance.
     """
 
-    def __init__(self, size: Size, method: str) -> None:
+    def __init__(self, size: Size, method: str, changes: Changes) -> None:
         """
         `method` is a key of METHODS or 'auto'.
         """
-        super().__init__(size, method)
+        super().__init__(size, method, changes)
         self.label = f'{method}, tolerance'
         self.order = METHODS[method].order if method in METHODS else 0
 
@@ -107,23 +108,23 @@ def takes_tolerance() -> bool:
     return BY_NAME['solver.tolerance'].built
 
 
-def solvers(size: Size) -> Iterator[Solver]:
+def solvers(size: Size, changes: Changes = None) -> Iterator[Solver]:
     """
     Every method: by tolerance where it adapts its step, by step where not; and the automatic one.
     """
-    frequency = _compile(size).largest_frequency
+    frequency = _compile(size, changes).largest_frequency
     for name, facts in METHODS.items():
         if not facts.adaptive:
-            yield OwnSteps(size, name, frequency)
+            yield OwnSteps(size, name, changes, frequency)
         elif takes_tolerance():
-            yield OwnTolerance(size, name)
+            yield OwnTolerance(size, name, changes)
     if takes_tolerance():
-        yield OwnTolerance(size, 'auto')
+        yield OwnTolerance(size, 'auto', changes)
 
 
-def _compile(size: Size, **solver: Any) -> Simulation:
+def _compile(size: Size, changes: Changes, **solver: Any) -> Simulation:
     if BY_NAME['solver.threads'].built:
         solver['threads'] = 1
-    simulation = compile_scene(Scene.from_parameters(scene_parameters(size, solver)))
+    simulation = compile_scene(Scene.from_parameters(scene_parameters(size, solver, changes)))
     simulation.warm_up()
     return simulation

@@ -15,9 +15,9 @@ import numba
 import numpy as np
 
 # Steps of the midpoint rule in each column of the extrapolation.
-_COLUMNS = np.array([2, 4, 6, 8, 10, 12, 14, 16])
+COLUMNS = np.array([2, 4, 6, 8, 10, 12, 14, 16])
 # Product of the step and the bound on the frequencies.
-_COURANT = 2.5
+COURANT = 2.5
 
 
 class Reference(NamedTuple):
@@ -29,16 +29,21 @@ class Reference(NamedTuple):
     duration: float  # [s]
     uncertainty: float  # difference to steps of two thirds, in the measure of `motion_error`
     growth: float  # of a small displacement from the start to the end, the largest of a few
+    crossings: int = 0  # of connectors through their natural length, where that matters
 
 
-class _Springs(NamedTuple):
+class Springs(NamedTuple):
+    """
+    The connectors, and what moves.
+    """
+
     first: np.ndarray
     second: np.ndarray
     first_axis: np.ndarray
     second_axis: np.ndarray
     first_arm: np.ndarray  # signed distance from the centre [m]
     second_arm: np.ndarray
-    stiffness: float
+    stiffness: np.ndarray  # (c,) [N/m]
     natural_length: float
     mass: float
     inertia: float
@@ -70,7 +75,7 @@ def _rates(springs, y, dy):  # type: ignore[no-untyped-def]
             arm_j[k] = springs.second_arm[c] * y[j, 6 + 3 * springs.second_axis[c] + k]
             pull[k] = y[j, k] + arm_j[k] - y[i, k] - arm_i[k]
             square += pull[k] * pull[k]
-        tension = springs.stiffness * (1.0 - springs.natural_length / np.sqrt(square))
+        tension = springs.stiffness[c] * (1.0 - springs.natural_length / np.sqrt(square))
         for k in range(3):
             pull[k] *= tension
             dy[i, 3 + k] += pull[k] / springs.mass
@@ -82,7 +87,7 @@ def _rates(springs, y, dy):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, error_model='numpy')
-def _extrapolate(springs, start, duration, count, columns):  # type: ignore[no-untyped-def]
+def extrapolate(springs, start, duration, count, columns):  # type: ignore[no-untyped-def]
     """
     Take `count` steps from the state `start` (n, 18); returns the state at the end.
 
@@ -116,23 +121,33 @@ def _extrapolate(springs, start, duration, count, columns):  # type: ignore[no-u
     return y
 
 
-def _springs(scene: PlainScene) -> _Springs:
+def springs_of(scene: PlainScene) -> Springs:
+    """
+    Connectors of a scene, all with the stiffness in extension.
+    """
     axis = (scene.edges // 2 + 2) % 3
     arm = scene.half_width * (1.0 - 2.0 * (scene.edges % 2))
     first, second, first_axis, second_axis, first_arm, second_arm = (
         np.ascontiguousarray(column) for column in (*scene.bodies.T, *axis.T, *arm.T))
-    return _Springs(
-        first, second, first_axis, second_axis, first_arm, second_arm, scene.stiffness,
+    return Springs(
+        first, second, first_axis, second_axis, first_arm, second_arm,
+        np.full(len(first), scene.stiffness),
         scene.natural_length, scene.mass, scene.inertia)
 
 
-def _start(scene: PlainScene) -> np.ndarray:
+def start_of(scene: PlainScene) -> np.ndarray:
+    """
+    State (n, 18) at the start.
+    """
     count = scene.body_count
     return np.hstack(
         [scene.position, scene.velocity, scene.axes.reshape(count, 9), scene.spin])
 
 
-def _motion(state: np.ndarray) -> Motion:
+def motion_of(state: np.ndarray) -> Motion:
+    """
+    Where all bodies are in a state (n, 18).
+    """
     return Motion(state[:, :3].copy(), state[:, 6:15].reshape(-1, 3, 3).copy())
 
 
@@ -145,25 +160,28 @@ def reference_motion(
     The growth is that of random displacements of all bodies, `displacement` (over a, and in rad)
     at the largest.
     """
-    springs, start = _springs(scene), _start(scene)
-    count = int(np.ceil(duration * scene.frequency_bound / _COURANT))
-    end = _extrapolate(springs, start, duration, count, _COLUMNS)
-    finer = _extrapolate(springs, start, duration, (3 * count + 1) // 2, _COLUMNS)
-    uncertainty = motion_error(_motion(end), _motion(finer), scene.half_edge)
+    springs, start = springs_of(scene), start_of(scene)
+    count = int(np.ceil(duration * scene.frequency_bound / COURANT))
+    end = extrapolate(springs, start, duration, count, COLUMNS)
+    finer = extrapolate(springs, start, duration, (3 * count + 1) // 2, COLUMNS)
+    uncertainty = motion_error(motion_of(end), motion_of(finer), scene.half_edge)
     growth = 0.0
     generator = np.random.RandomState(7)
     for _ in range(growth_samples):
-        moved = _displaced(start, generator, displacement, scene.half_edge)
-        before = motion_error(_motion(moved), _motion(start), scene.half_edge)
-        moved = _extrapolate(springs, moved, duration, count, _COLUMNS)
-        after = motion_error(_motion(moved), _motion(end), scene.half_edge)
+        moved = displaced(start, generator, displacement, scene.half_edge)
+        before = motion_error(motion_of(moved), motion_of(start), scene.half_edge)
+        moved = extrapolate(springs, moved, duration, count, COLUMNS)
+        after = motion_error(motion_of(moved), motion_of(end), scene.half_edge)
         growth = max(growth, after / before)
-    return Reference(_motion(finer), duration, uncertainty, growth)
+    return Reference(motion_of(finer), duration, uncertainty, growth)
 
 
-def _displaced(
+def displaced(
     start: np.ndarray, generator: np.random.RandomState, size: float, half_edge: float
 ) -> np.ndarray:
+    """
+    A state (n, 18) with every body moved and turned at random.
+    """
     from scipy.spatial.transform import Rotation
     count = len(start)
     vectors = generator.uniform(-1.0, 1.0, (2, count, 3)) * size / np.sqrt(3.0)

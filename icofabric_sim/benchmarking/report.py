@@ -29,7 +29,9 @@ def work_precision_lines(result: WorkPrecision) -> list[str]:
         f'{scene.connector_count} connectors, {reference.duration:g} s; {result.rounds} rounds',
         *describe_machine(result.contestants.distributions),
         f'reference: direction cosines, extrapolation of order 16; uncertain by '
-        f'{reference.uncertainty:.0e}',
+        f'{reference.uncertainty:.0e}' + (
+            f'; every one of {reference.crossings:,} kinks located' if reference.crossings else
+            ''),
         f'a small displacement grows {reference.growth:.3g} times over the run',
         'error: largest distance over a, or angle in rad, of any body at the end', '']
     if result.contestants.missing:
@@ -77,7 +79,8 @@ def write_work_precision(result: WorkPrecision, folder: Path) -> list[Path]:
     """
     Write points, times at equal error and the picture into `folder`; returns their paths.
     """
-    points = folder / 'work_precision.csv'
+    name = 'work_precision_kinked' if result.reference.crossings else 'work_precision'
+    points = folder / f'{name}.csv'
     with open(points, 'w', newline='', encoding='utf-8') as file:
         table = csv.writer(file)
         table.writerow(['solver', 'tool', 'setting_kind', 'setting', 'error', 'time_s',
@@ -89,7 +92,7 @@ def write_work_precision(result: WorkPrecision, folder: Path) -> list[Path]:
                     curve.solver.label, curve.solver.tool, kind, f'{point.setting:g}',
                     f'{point.error:.6e}', *(f'{v:.6e}' for v in Spread.of(point.times)),
                     len(point.times)])
-    targets = folder / 'work_precision_targets.csv'
+    targets = folder / f'{name}_targets.csv'
     with open(targets, 'w', newline='', encoding='utf-8') as file:
         table = csv.writer(file)
         table.writerow(['solver', 'error', 'time_s', 'time_low_s', 'time_high_s', 'extrapolated',
@@ -102,7 +105,7 @@ def write_work_precision(result: WorkPrecision, folder: Path) -> list[Path]:
                     table.writerow([
                         curve.solver.label, f'{target:g}', *(f'{v:.6e}' for v in spread),
                         int(beyond), *('' if ratio is None else [f'{v:.4g}' for v in ratio])])
-    picture = folder / 'work_precision.png'
+    picture = folder / f'{name}.png'
     draw_work_precision(result, picture)
     return [points, targets, picture]
 

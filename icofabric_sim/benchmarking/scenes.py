@@ -18,9 +18,13 @@ FABRIC: dict[str, Any] = {
     'initial_random': {'velocity_sigma': 0.05, 'spin_sigma': 2.0, 'seed': 1},
     'contact': {'mode': 'never'},
 }
+# Connectors that push a fifth as strongly as they pull.
+KINKED: dict[str, Any] = {'connector': {'stiffness': 500.0, 'stiffness_compression': 100.0}}
 SIZES = {'S1': (5, 5, 5), 'S3': (21, 21, 21)}
 # Time [s] over which the error of S1 is measured.
 DURATION = 0.5
+# And of the same with kinked connectors, whose reference stops at every kink: 26,000 in a second.
+KINKED_DURATION = 0.1
 
 
 class Motion(NamedTuple):
@@ -43,6 +47,7 @@ class PlainScene(NamedTuple):
     mass: float  # [kg]
     inertia: float  # isotropic [kg m^2]
     stiffness: float  # [N/m]
+    compression: float  # [N/m] where they push; mostly the same
     natural_length: float  # [m]
     bodies: np.ndarray  # (c, 2) body numbers
     edges: np.ndarray  # (c, 2) edge codes: up down north south west east
@@ -93,22 +98,26 @@ class PlainScene(NamedTuple):
 
 
 def scene_parameters(
-    size: tuple[int, int, int], solver: dict[str, Any] | None = None
+    size: tuple[int, int, int], solver: dict[str, Any] | None = None,
+    changes: dict[str, Any] | None = None
 ) -> dict[str, Any]:
     """
-    Parameters of the benchmark fabric of `size` grid positions.
+    Parameters of the benchmark fabric of `size` grid positions, with sections of its own.
     """
-    parameters = {**FABRIC, 'weave': {**FABRIC['weave'], 'size': list(size)}}
+    parameters = {**FABRIC, **(changes or {}), 'weave': {**FABRIC['weave'], 'size': list(size)}}
     if solver:
         parameters['solver'] = dict(solver)
     return parameters
 
 
-def plain_scene(name: str, size: tuple[int, int, int] | None = None) -> PlainScene:
+def plain_scene(
+    name: str, size: tuple[int, int, int] | None = None, changes: dict[str, Any] | None = None
+) -> PlainScene:
     """
     Numbers of scene `name` (a key of SIZES, or any name where a `size` is given).
     """
-    scene = Scene.from_parameters(scene_parameters(SIZES[name] if size is None else size))
+    scene = Scene.from_parameters(
+        scene_parameters(SIZES[name] if size is None else size, changes=changes))
     start = scene.initial
     return PlainScene(
         name=name,
@@ -117,6 +126,7 @@ def plain_scene(name: str, size: tuple[int, int, int] | None = None) -> PlainSce
         mass=scene.shell.mass,
         inertia=scene.shell.inertia,
         stiffness=float(scene.connectors.laws.extension[0]),
+        compression=float(scene.connectors.laws.compression[0]),
         natural_length=float(scene.connectors.laws.natural_length[0]),
         bodies=np.array(scene.connectors.bodies, dtype=np.int64),
         edges=np.array(scene.connectors.edges, dtype=np.int64),

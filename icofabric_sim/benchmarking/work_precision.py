@@ -11,8 +11,15 @@ from typing import NamedTuple
 from icofabric_sim.benchmarking import own
 from icofabric_sim.benchmarking.contestants import Contestants, gather
 from icofabric_sim.benchmarking.curves import Curve, run_once, trace
+from icofabric_sim.benchmarking.kinked_reference import kinked_reference
 from icofabric_sim.benchmarking.reference import Reference, reference_motion
-from icofabric_sim.benchmarking.scenes import DURATION, plain_scene, PlainScene, SIZES
+from icofabric_sim.benchmarking.scenes import (
+    DURATION,
+    KINKED,
+    plain_scene,
+    PlainScene,
+    SIZES,
+)
 from icofabric_sim.benchmarking.timing import in_rounds, Spread
 
 TARGETS = (1e-3, 1e-6, 1e-9)
@@ -61,20 +68,29 @@ class WorkPrecision(NamedTuple):
 def measure(
     peers: Iterable[str], *, rounds: int = 5, longest_run: float = 2.0,
     size: tuple[int, int, int] = SIZES['S1'], duration: float = DURATION,
-    say: Callable[[str], None] = lambda text: None,
+    kinked: bool = False, say: Callable[[str], None] = lambda text: None,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> WorkPrecision:
     """
     Trace every contestant's curve, then measure its points in interleaved rounds.
+
+    `kinked`: connectors push less than they pull; of the peers only SciPy takes part.
     """
     say('the reference motion')
-    scene = plain_scene('S1', size)
-    reference = reference_motion(scene, duration)
-    contestants = gather(scene, size, peers)
+    if kinked:
+        peers = [name for name in peers if name == 'scipy']
+        scene = plain_scene('S1 kinked', size, KINKED)
+        reference = kinked_reference(scene, duration)
+    else:
+        scene = plain_scene('S1', size)
+        reference = reference_motion(scene, duration)
+    contestants = gather(scene, size, peers, KINKED if kinked else None)
     curves = []
     for solver in contestants.solvers:
         say(f'{solver.label}: errors')
-        curves.append(trace(solver, scene, reference, longest_run=longest_run))
+        # Errors of kinks go up and down: the order of a method says nothing of where to look.
+        curves.append(trace(
+            solver, scene, reference, longest_run=longest_run, growth=2.0 if kinked else None))
         solver.close()
     tasks, points = [], []
     for curve in curves:

@@ -8,13 +8,15 @@ import argparse
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
+import logging
 from pathlib import Path
 import sys
 import warnings
 
 from icofabric_sim.commands.terminal import bad_input, InputError, Progress
 
-MEASUREMENTS = ('work-precision', 'speed', 'scaling', 'terms', 'contact')
+_LOGGER = logging.getLogger('icofabric_sim')
+MEASUREMENTS = ('work-precision', 'kinked', 'speed', 'scaling', 'terms', 'contact')
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -24,7 +26,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         'what', nargs='*', metavar='WHAT',
         help='work-precision: time for a wanted error, for every method and peer, on a free slab '
-             'of 63 bodies (about 4 min); speed: time of a plain step on 4,631 bodies (about '
+             'of 63 bodies (about 4 min); kinked: the same where connectors push less than they '
+             'pull (about 3 min); speed: time of a plain step on 4,631 bodies (about '
              '2 min); scaling: time, memory and waiting from 63 to 100,000 bodies, and the gain '
              'of threads (about 3 min); terms: what gravity, loads and the like cost (about '
              '1 min); contact: time for each pair of shells, beside the collision library coal '
@@ -96,6 +99,7 @@ def _measure(
         report,
         scaling,
         scaling_report,
+        scenes,
         step_speed,
         terms,
         terms_report,
@@ -115,7 +119,10 @@ def _measure(
         pairs = contact.measure(
             library=bool(peers), rounds=rounds, say=show.say, progress=show.update)
         return contact_report.lines(pairs), partial(contact_report.write, pairs)
-    precision = work_precision.measure(peers, rounds=rounds, say=show.say, progress=show.update)
+    kinked = word == 'kinked'
+    precision = work_precision.measure(
+        peers, rounds=rounds, kinked=kinked, say=show.say, progress=show.update,
+        duration=scenes.KINKED_DURATION if kinked else scenes.DURATION)
     return report.work_precision_lines(precision), partial(report.write_work_precision, precision)
 
 
@@ -150,13 +157,15 @@ class _Show:
 
 @contextmanager
 def _progress() -> Iterator[_Show]:
-    show = _Show()
+    show, level = _Show(), _LOGGER.level
     try:
-        # Peers warn about themselves; that is not about the figures.
+        # Peers warn about themselves, and runs about their scenes; that is not about the figures.
         with warnings.catch_warnings():
             warnings.simplefilter('ignore')
+            _LOGGER.setLevel(logging.ERROR)
             yield show
     finally:
+        _LOGGER.setLevel(level)
         show.clear()
 
 

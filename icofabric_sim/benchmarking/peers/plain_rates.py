@@ -17,7 +17,7 @@ Rates = Callable[[float, np.ndarray], np.ndarray]
 
 
 @numba.njit(cache=True, error_model='numpy', fastmath=True)
-def _rates(flat, connectors, constants, arms):  # type: ignore[no-untyped-def]
+def _rates(flat, connectors, constants, arms, compression):  # type: ignore[no-untyped-def]
     # flat (13 n): for each body position, quaternion x y z w, velocity, spin (world frame).
     inverse_mass, inverse_inertia, half_width, stiffness, natural_length = constants
     count = arms.shape[0]
@@ -52,7 +52,11 @@ def _rates(flat, connectors, constants, arms):  # type: ignore[no-untyped-def]
         dx = state[j, 0] - state[i, 0] + jx - ix
         dy = state[j, 1] - state[i, 1] + jy - iy
         dz = state[j, 2] - state[i, 2] + jz - iz
-        pull = stiffness * (1.0 - natural_length / np.sqrt(dx * dx + dy * dy + dz * dz))
+        strain = 1.0 - natural_length / np.sqrt(dx * dx + dy * dy + dz * dz)
+        if compression is None:
+            pull = stiffness * strain
+        else:
+            pull = (stiffness if strain > 0.0 else compression) * strain
         fx, fy, fz = pull * dx, pull * dy, pull * dz
         rate[i, 7] += inverse_mass * fx
         rate[i, 8] += inverse_mass * fy
@@ -78,9 +82,11 @@ def plain_rates(scene: PlainScene) -> Rates:
         1.0 / scene.mass, 1.0 / scene.inertia, scene.half_width, scene.stiffness,
         scene.natural_length)
     arms = np.zeros((scene.body_count, 6, 3))
+    # Compiled without the question where there is none.
+    compression = None if scene.compression == scene.stiffness else scene.compression
 
     def rates(time: float, flat: np.ndarray) -> np.ndarray:
-        return _rates(flat, connectors, constants, arms)  # type: ignore[no-any-return]
+        return _rates(flat, connectors, constants, arms, compression)  # type: ignore[no-any-return]
 
     return rates
 
