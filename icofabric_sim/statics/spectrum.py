@@ -22,8 +22,8 @@ from scipy.sparse.linalg import splu, SuperLU
 # Freedoms up to which all eigenvalues are computed, and up to which a factorisation counts them:
 # its memory grows with the power 4/3, its time with the square of their number.
 DENSE, COUNTED = 2_400, 60_000
-# Freedoms up to which computing all is as fast as a factorisation.
-_SMALL = 600
+# Freedoms up to which computing all is as fast as a factorisation, however busy the machine is.
+_SMALL = 60
 # Products with which the lowest eigenvalue of a larger fabric is sought.
 _LOOKS = 400
 _COLOURS = 13
