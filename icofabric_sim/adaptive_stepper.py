@@ -178,7 +178,8 @@ class AdaptiveStepper(Stepper):
         self._present_given = self._flow(self.work.given, rest, length)
         state = self._state_within(rest, length)
         self._present_work = work + self._moving(state)
-        self._note_anchors(state, self.time + min(max(rest, 0.0), length))
+        self._note_anchors(
+            state, self.time + min(max(rest, 0.0), length), self._stretch_within(rest, length))
         return state
 
     def _state_within(self, rest: float, length: float) -> State:
@@ -191,6 +192,20 @@ class AdaptiveStepper(Stepper):
         if not rest > 0.0:
             return trail.start
         return self._dense(rest / length)
+
+    def _stretch_within(self, rest: float, length: float) -> np.ndarray | None:
+        """
+        Stretches of friction up to there.
+        """
+        losses = self._losses
+        if losses is None or self._failure is not None or not length > 0.0:
+            return self._stretch()
+        if not rest > 0.0:
+            return losses.start
+        found = dense_sum(
+            DOP8, losses.slopes.reshape(len(losses.slopes), -1), losses.start.ravel(),
+            losses.stretch.ravel(), length, rest / length)
+        return np.asarray(found).reshape(losses.stretch.shape)
 
     def _prepare_dense(self) -> None:
         """
@@ -419,6 +434,9 @@ class AdaptiveStepper(Stepper):
                 np.copyto(self.loads.work, self.loads.earlier_work)
             for meter in self._meters().values():
                 np.copyto(meter.done[0], meter.done[1])
+            losses = self._losses
+            if losses is not None:
+                np.copyto(losses.stretch, losses.start)
             self.control[pair.TOTAL] -= self.control[pair.RATE] * self.control[pair.LENGTH]
             if self._saved_time > self.time:
                 self._save()
@@ -429,6 +447,7 @@ class AdaptiveStepper(Stepper):
         # The work of loads at the start of a step is kept by the steps themselves.
         for target, source in zip(self._saved, self.state):
             np.copyto(target, source)
+        self._save_stretches()
         self._saved_time = self.time if time is None else time
 
     def _return_to_saved(self) -> None:

@@ -27,6 +27,7 @@ class ContactSetup(NamedTuple):
     half_edge: float  # a [m]
     stiffness: float  # K [N/m]
     damping: float  # c [s/m]
+    friction: float  # mu
     planes: np.ndarray  # (k, 4) unit normals and offsets [m]
     names: tuple[str, ...]  # of the planes
     always: bool  # computed also where nothing can touch
@@ -40,7 +41,7 @@ class ContactSetup(NamedTuple):
         """
         Whether contacts take energy from the motion.
         """
-        return self.damping > 0.0
+        return self.damping > 0.0 or self.friction > 0.0
 
 
 def pack_contact(
@@ -62,6 +63,7 @@ def pack_contact(
         stiffness=parameters['contact.stiffness'] or own_stiffness(
             scene, planes, moving=moving),
         damping=parameters['contact.damping'],
+        friction=parameters['contact.friction'],
         planes=planes,
         names=names,
         always=parameters['contact.mode'] == 'always',

@@ -14,11 +14,12 @@ from typing import Any, NamedTuple
 
 from icofabric_sim.contact_lists import ContactLists, Near
 from icofabric_sim.contact_setup import ContactSetup
+from icofabric_sim.contact_stretches import Stretches
 from icofabric_sim.icosahedron import circumscribed_radius, inscribed_radius
 from icofabric_sim.kernels.contact_pair import contact_scratch, OUT_SIZE
 from icofabric_sim.kernels.contacts import contact_look
 from icofabric_sim.kernels.looking import least_reach
-from icofabric_sim.kernels.records import ContactLosses, Contacts, Model, State, Watch
+from icofabric_sim.kernels.records import Contacts, Model, State, Watch
 from icofabric_sim.kernels.ways import (
     HORIZON,
     LATE,
@@ -48,9 +49,6 @@ _LEAST = 0.01
 LOOK_AFTER = 32
 # Overlaps, in parts of a, that are told once, and of the inscribed radius that end a run.
 _TOLD, _DEEPEST = 0.01, 0.2
-# Above the largest second derivative of the energy of a contact that a search found, in parts of
-# K, by the places and a times the rotation angles of both bodies (docs/contact.md).
-_CURVATURE = 7.0
 
 
 class Overlap(NamedTuple):
@@ -112,8 +110,9 @@ class ContactWatch:
         nobody[STRIDE] = 2.0**62
         self._aside = self._watch._replace(far=np.zeros(8 * threads), limits=nobody)
         # Bound of what one contact adds to the squared frequency of its bodies [1/s^2].
-        self.least_rate = _CURVATURE * setup.stiffness * max(
-            model.inverse_mass, setup.half_edge**2 * model.inverse_inertia)
+        self.stretches = Stretches(setup, max(
+            model.inverse_mass, setup.half_edge**2 * model.inverse_inertia))
+        self.least_rate = self.stretches.least_rate
         self._rows = aligned_empty((6, layout.slot_count if layout.body_count else 0))
         self._tests = 0
 
@@ -127,12 +126,15 @@ class ContactWatch:
     @property
     def velocity_rate(self) -> float:
         """
-        Rate [1/s] at which damping of contacts changes velocities, for overlaps as they should be.
+        Rate [1/s] at which contacts change velocities by velocities, at depths as they should be.
 
         The power c K delta (d(delta)/dt)^2 is c delta times K (grad delta . u)^2, and the second
         derivatives of the energy have K grad delta grad delta in them.
         """
-        return self.setup.damping * self.told * self.rate
+        if not self.rate > 0.0:
+            return 0.0
+        own = self.stretches.lag_rate + self.stretches.damping_rate * self.told
+        return own * (self.rate / self.least_rate)
 
     @property
     def watch(self) -> Watch:
@@ -193,6 +195,8 @@ class ContactWatch:
         self._bodies = near.pairs
         self._listed = least if len(near.pairs) or self.setup.always else 0.0
         self.contacts = self._pack(near) if self._listed else None
+        if self.contacts is None:
+            self.stretches.forget()
         self.rate = 0.0
         if len(near.pairs):
             # The form of a pair is at most that times the kinetic form of its two bodies, so all
@@ -213,13 +217,14 @@ class ContactWatch:
                 'seen late: give a smaller solver.step, or 0 to have it chosen',
                 self.limits[SPEED])
 
-    def energy(self, state: State) -> float:
+    def energies(self, state: State, stretches: np.ndarray | None) -> tuple[float, float]:
         """
-        Energy [J] of the contacts in a state near the last look.
+        Energy [J] of the contacts in a state near the last look, and in the springs of friction.
         """
         if self.contacts is None:
-            return 0.0
-        return float(contact_look(self.contacts, state)[0])
+            return 0.0, 0.0
+        energy = float(contact_look(self.contacts, state)[0])
+        return energy, self.stretches.energy(self.contacts, stretches)
 
     def note(self, time: float, state: State) -> Overlap | None:
         """
@@ -283,6 +288,8 @@ class ContactWatch:
             'missed': self._missed, 'announced': self._announced}
         if self.found is not None:
             memory['found'] = [*self.found]
+        if self.setup.friction > 0.0:
+            memory['stretches'] = self.stretches.memory()
         return memory
 
     def recall(self, memory: Memory) -> None:
@@ -311,11 +318,14 @@ class ContactWatch:
         if listed > 0.0:
             self._lists.survey(there, np.empty(3))
             near = self._lists.find(there, min(listed, most), most)
+        self.stretches.forget()
         self._take(near._replace(reach=reach), listed)
         limits[MOST_STRIDE] = memory.count('most_stride', 1)
         limits[STRIDE] = memory.count('stride', 1)
         alone = memory.flag('alone')
         limits[OWN] = float(alone and self.contacts is None and self._lists.is_small)
+        if self.setup.friction > 0.0:
+            self.stretches.recall(memory.part('stretches'))
 
     def _judged(self, entry: list[Any]) -> Overlap:
         """
@@ -374,15 +384,5 @@ class ContactWatch:
             second=np.zeros((threads, 4, 3)),
             aside=np.zeros((count, OUT_SIZE)),
             scratch=contact_scratch(),
-            losses=self._losses(count),
+            losses=self.stretches.room(near.pairs, self._rows.shape[1]),
         )
-
-    def _losses(self, count: int) -> ContactLosses | None:
-        """
-        Room for what so many pairs take from the motion.
-        """
-        if not self.setup.spends:
-            return None
-        spent = aligned_empty((1, self._rows.shape[1]))
-        spent[:] = 0.0
-        return ContactLosses(self.setup.damping, np.zeros(count), spent)

@@ -18,13 +18,23 @@ from icofabric_sim.integrators.methods import Method
 from icofabric_sim.integrators.splitting import NEVER
 from icofabric_sim.kernels import monitor
 from icofabric_sim.kernels.anchors import look_at_anchors
+from icofabric_sim.kernels.contact_losses import losses_of
 from icofabric_sim.kernels.contact_pair import contact_scratch
 from icofabric_sim.kernels.contacts import touch_all
 from icofabric_sim.kernels.drives import energy_of_drives
 from icofabric_sim.kernels.flows import keep_accelerations, place_all
 from icofabric_sim.kernels.lanes import LANES
 from icofabric_sim.kernels.meters import flowed
-from icofabric_sim.kernels.records import Loads, Meter, Model, State, Team, Watch, Work
+from icofabric_sim.kernels.records import (
+    ContactLosses,
+    Loads,
+    Meter,
+    Model,
+    State,
+    Team,
+    Watch,
+    Work,
+)
 from icofabric_sim.layout import aligned_empty
 from icofabric_sim.ledger import Ledger
 from icofabric_sim.memory import Memory
@@ -89,14 +99,15 @@ class MainLine:
         self._saved = packed.layout.like(state)
         self._saved_time = origin
         self._side: tuple[State, np.ndarray] | None = None
+        self._model_aside = self.model
         # [J] by the last run aside
         self._spent_aside = self._given_aside = 0.0
         self._present_work = self._present_spent = self._present_given = 0.0
         self._potential_start = 0.0
         # Energy [J] of the anchors in the state that was shown last.
         self.anchor_energy = 0.0
-        # And of the contacts.
-        self.contact_energy = 0.0
+        # And of the contacts, and the springs of friction in them.
+        self.contact_energy = self._held_energy = 0.0
         self._failure: SimulationError | None = None
 
     @property
@@ -119,7 +130,7 @@ class MainLine:
         """
         Energy [J] spent up to the state that was shown last.
         """
-        return self._present_spent
+        return self._present_spent - self._held_energy
 
     def given_at_state(self) -> float:
         """
@@ -147,6 +158,7 @@ class MainLine:
         np.copyto(acceleration, self.work.acceleration)
         loads = loads or self._scratch_loads()
         work = self._scratch_work()._replace(acceleration=acceleration)
+        self._model_aside = self._scratch_model()
         self._advance(loads, state, work, self.time, 0, step, count, 0, NEVER, aside=True)
         self._spent_aside, self._given_aside = flowed(work.spent), flowed(work.given)
         return state
@@ -156,6 +168,7 @@ class MainLine:
         Take steps, show the state that they lead to, and come back; the state must be saved.
         """
         loads = self._scratch_loads()
+        self._model_aside = self._scratch_model()
         self._advance(
             loads, self.state, self._scratch_work(), self.time, 0, step, count, 0, NEVER,
             aside=True)
@@ -274,13 +287,18 @@ class MainLine:
         order = np.lexsort((loads.wrench[row], body[block[row] + lane]))
         return (LANES * row + lane)[order]
 
-    def _note_work(self, state: State, time: float, *parts: Loads | None) -> None:
+    def _note_work(
+        self, state: State, time: float, stretches: np.ndarray | None, *parts: Loads | None
+    ) -> None:
         done = sum(math.fsum(part.work) for part in parts if part is not None)
         self._present_work = done + self._moving(state)
-        self._note_anchors(state, time)
+        self._note_anchors(state, time, stretches)
 
-    def _note_anchors(self, state: State, time: float) -> None:
-        self.contact_energy = 0.0 if self.watch is None else self.watch.energy(state)
+    def _note_anchors(self, state: State, time: float, stretches: np.ndarray | None) -> None:
+        self.contact_energy = self._held_energy = 0.0
+        if self.watch is not None:
+            energy, self._held_energy = self.watch.energies(state, stretches)
+            self.contact_energy = energy + self._held_energy
         if self.loads is not None and self.loads.anchors is not None:
             _, energy = look_at_anchors(self.model, self.loads, state, time)
             self.anchor_energy = float(energy)
@@ -300,6 +318,30 @@ class MainLine:
         if self.loads is None:
             return None
         return self.loads._replace(work=np.zeros_like(self.loads.work))
+
+    def _scratch_model(self) -> Model:
+        """
+        The same constants, with room of their own for what contacts remember.
+        """
+        losses = self._losses
+        if losses is None or self.model.contacts is None:
+            return self.model
+        copies: dict[str, Any] = {
+            name: value.copy() for name, value in losses._asdict().items()
+            if isinstance(value, np.ndarray)}
+        return self.model._replace(
+            contacts=self.model.contacts._replace(losses=losses._replace(**copies)))
+
+    @property
+    def _losses(self) -> ContactLosses | None:
+        return losses_of(self.model.contacts)
+
+    def _stretch(self, model: Model | None = None) -> np.ndarray | None:
+        """
+        Stretches of friction at the state on the main line, or where a `model` aside has gone.
+        """
+        losses = losses_of((model or self.model).contacts)
+        return None if losses is None else losses.stretch
 
     def _scratch_work(self) -> Work:
         """
@@ -333,9 +375,10 @@ class MainLine:
         step: float, count: int, since_check: int, interval: int, *, aside: bool = False
     ) -> tuple[int, int, int]:
         watch = self._watching(aside=aside)
+        model = self._model_aside if aside else self.model
         return self.crew.run(
             lambda team: self.method.advance(
-                self.model, loads, state, self._saved, work, team, origin, index, step, count,
+                model, loads, state, self._saved, work, team, origin, index, step, count,
                 since_check, interval, watch, self.ledger.numbers))
 
     def has_contact_kernels(self) -> bool:
@@ -398,12 +441,21 @@ class MainLine:
             np.copyto(target, source)
         if self.loads is not None:
             np.copyto(self.loads.earlier_work, self.loads.work)
+        self._save_stretches()
         self._saved_time = self.time if time is None else time
 
     def _restore(self) -> None:
         for target, source in zip(self.state, self._saved):
             np.copyto(target, source)
+        losses = self._losses
+        if losses is not None:
+            np.copyto(losses.stretch, losses.saved)
         self._refresh()
+
+    def _save_stretches(self) -> None:
+        losses = self._losses
+        if losses is not None:
+            np.copyto(losses.saved, losses.stretch)
 
     def _return_to_saved(self) -> None:
         self._restore()

@@ -48,6 +48,8 @@ def _reason(scene: Scene) -> str:
             parameters['contact.mode'] != 'never'):
         if parameters['contact.damping'] > 0.0:
             return 'contact.damping is a force that depends on velocities'
+        if parameters['contact.friction'] > 0.0:
+            return 'contact.friction follows the slip of what touches'
     if scene.connectors.limits is not None:
         return 'connectors that break need steps that end where one does'
     return ''

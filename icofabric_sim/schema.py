@@ -67,7 +67,6 @@ def _positive(**options: Unpack[_Options]) -> _Options:
     return {'minimum': 0.0, 'open_minimum': True, **options}
 
 
-_NOT_BUILT: _Options = {'built': False}
 _ZERO3 = [0.0, 0.0, 0.0]
 # Simulated time is counted in nanoseconds, and told in seconds to about as many digits [s].
 _LONGEST = 1e9
@@ -278,7 +277,14 @@ STATIC: tuple[Specification, ...] = (
         'pulls; contact.damping_for says which gives a restitution',
         minimum=0.0,
     ),
-    _s('contact.friction', 0.0, '', 'Coulomb friction of contacts', **_NOT_BUILT),
+    _s(
+        'contact.friction',
+        0.0,
+        '',
+        'mu: what touches sticks by a spring whose force along the surface is at most mu times '
+        'the push, and slides at that',
+        minimum=0.0,
+    ),
     _s(
         'initial_random.velocity_sigma',
         0.0,

@@ -105,14 +105,14 @@ class Stepper(WatchedLine):
         if self._failure is None:
             self.advance(time)
         rest = time - self.time
-        self._note_work(self.state, self.time, self.loads)
+        self._note_work(self.state, self.time, self._stretch(), self.loads)
         self._present_spent = flowed(self.work.spent)
         self._present_given = flowed(self.work.given)
         if self._failure is not None or not rest > 0.0:
             return self.state
         loads = self._scratch_loads()
         state = self.run_aside(rest, 1, loads)
-        self._note_work(state, time, self.loads, loads)
+        self._note_work(state, time, self._stretch(self._model_aside), self.loads, loads)
         self._present_spent += self._spent_aside
         self._present_given += self._given_aside
         self._require_outside()

@@ -127,6 +127,8 @@ class WatchedLine(MainLine):
         Compute the accelerations, the frequency and the step anew: the state has jumped.
         """
         place_driven(self.model, self.loads, self.state, self.time)
+        if self.watch is not None:
+            self.watch.stretches.forget()
         self._look_for_contacts(self.time)
         self._refresh()
         for meter in self._meters().values():

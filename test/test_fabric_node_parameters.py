@@ -141,7 +141,7 @@ REFUSED = {
     'texts for numbers': (parameter('gravity', ['0', '0', '1']), ['a number']),
     'NaN': (parameter('shell.density', float('nan')), ['finite', 'nan']),
     'infinity in a list': (parameter('gravity', [0.0, 0.0, float('inf')]), ['finite', 'inf']),
-    'not built': (parameter('contact.friction', 0.5), ['not built yet', '0.0']),
+    'out of range': (parameter('contact.friction', -0.5), ['at least', '-0.5']),
     'read only': (parameter('frame_id', 'map'), ['fixed once the node runs']),
     'too thick': (parameter('shell.thickness', 0.5), ['eq 41']),
     'too short': (parameter('weave.connector_length', 0.001), ['eq 54']),

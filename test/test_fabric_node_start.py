@@ -27,7 +27,7 @@ BAD_STARTS = {
                      ['conector.stiffness', 'connector.stiffness']),
     'NaN': ({'shell.density': '.nan'}, [], ['shell.density', 'finite', 'nan']),
     'type': ({'weave.size': 'big'}, [], ['weave.size', 'list of 3', 'big']),
-    'not built': ({'contact.friction': 1.0}, [], ['contact.friction', 'not built yet']),
+    'out of range': ({'contact.friction': -1.0}, [], ['contact.friction', 'at least', '-1.0']),
     'too thick': ({'shell.thickness': 0.016}, [], ['shell.thickness', 'eq 41', '0.0151152']),
     'too short': ({'weave.connector_length': 0.02}, [],
                   ['weave.connector_length', '0.0250664', 'eq 54']),

@@ -8,12 +8,20 @@ step.
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from icofabric_sim.integrators import dop853
 from icofabric_sim.kernels.breakage import is_breaking, note_lengths
 from icofabric_sim.kernels.compiled import compiled
-from icofabric_sim.kernels.contact_losses import touch_moving
+from icofabric_sim.kernels.contact_losses import (
+    accept_stretches,
+    combine_stretches,
+    losses_of,
+    repeat_stretches,
+    save_stretches,
+    stretch_error,
+    touch_moving,
+)
 from icofabric_sim.kernels.contacts import deepest_overlap
 from icofabric_sim.kernels.drives import place_row
 from icofabric_sim.kernels.external import ask_outside
@@ -112,7 +120,7 @@ def slope_at(
     place_blocks(model, loads, state, work, time, first, last)
     ways_of(watch, model.blocks, state, time, team.member, first, last)
     wait_for_all(team)
-    touch_moving(model.contacts, state, team)
+    touch_moving(model.contacts, state, index, team)
     ask_outside(work.external, state, time, team)
     find_slopes(model, loads, state, work, time, trail.slopes[index], index, first, last)
     wait_for_all(team)
@@ -132,6 +140,7 @@ def try_step(
     for weights in pair.stages:
         for block in range(first, last):
             combine(state, trail.slopes, weights, h, trail.stage, model.blocks.slot[block])
+        combine_stretches(losses_of(model.contacts), weights, h, False, team)
         slope_at(
             model, loads, trail.stage, work, trail, index, team, watch,
             time + pair.nodes[index] * h, first, last)
@@ -140,6 +149,7 @@ def try_step(
         s = model.blocks.slot[block]
         combine(state, trail.slopes, pair.step, h, trail.stage, s)
         normalise(trail.stage.orientation, s)
+    combine_stretches(losses_of(model.contacts), pair.step, h, False, team)
     # Forces will be evaluated at the end too.
     ways_of(watch, model.blocks, trail.stage, time + h, team.member, first, last)
 
@@ -162,6 +172,7 @@ def fixed_pair(
             pair, model, loads, state, work, trail, team, watch, origin + (index + done) * h, h,
             first, last)
         save(model, trail.stage, state, first, last)
+        accept_stretches(losses_of(model.contacts), team)
         add_work(loads, h, pair.step, first, last)
         add_flow(work.spent, model.blocks.slot, h, pair.step, first, last)
         add_flow(work.given, model.blocks.slot, h, pair.step, first, last)
@@ -206,6 +217,7 @@ def look(
             if team.member == 0:
                 ledger[SAVED_AT] = done
             save(model, state, saved, first, last)
+            save_stretches(losses_of(model.contacts), team)
     return status, since_check
 
 
@@ -226,6 +238,10 @@ def largest_error(
             model.blocks.slot[block])
         if not error <= largest:
             largest = error
+    error = stretch_error(
+        losses_of(model.contacts), pair.error_5, pair.error_3, control[SCALES], team)
+    if not error <= largest:
+        largest = error
     if has_missed(watch, team.member):
         largest = math.inf
     trail.errors[team.member] = largest
@@ -266,6 +282,7 @@ def adaptive_pair(
     while done < count and start + length <= goal and status == 0:
         if has_last:
             repeat_slope(model, loads, work, trail, first, last)
+            repeat_stretches(losses_of(model.contacts), team)
         else:
             slope_at(
                 model, loads, state, work, trail, 0, team, watch, start + length, first, last)
@@ -296,6 +313,7 @@ def adaptive_pair(
             if accepted:
                 save(model, state, trail.start, first, last)
                 save(model, trail.stage, state, first, last)
+                accept_stretches(losses_of(model.contacts), team)
                 keep_work(loads, first, last)
                 add_work(loads, h, pair.step, first, last)
                 add_flow(work.spent, model.blocks.slot, h, pair.step, first, last)
@@ -368,6 +386,7 @@ def prepare_dense(
     for weights in pair.dense_stages:
         for block in range(first, last):
             combine(trail.start, trail.slopes, weights, h, trail.stage, model.blocks.slot[block])
+        combine_stretches(losses_of(model.contacts), weights, h, True, team)
         slope_at(
             model, loads, trail.stage, work, trail, index, team, watch,
             time + pair.nodes[index] * h, first, last)
@@ -392,15 +411,17 @@ def dense_state(
 
 
 def dense_sum(
-    pair: Pair, rates: np.ndarray, before: float, after: float, h: float, x: float
-) -> float:
+    pair: Pair, rates: np.ndarray, before: Any, after: Any, h: float, x: float
+) -> Any:
     """
-    What a step of length `h` adds up from `rates` (16,) by its part `x`, as `dense_state` does.
+    What a step of length `h` adds up from `rates` by its part `x`, as `dense_state` does.
+
+    (16,) for a number, (16, m) for m of them.
     """
-    rise, first, last = after - before, h * float(rates[0]), h * float(rates[12])
-    total = 0.0
+    rise, first, last = after - before, h * rates[0], h * rates[12]
+    total = 0.0 * rise
     for i in range(len(pair.dense) - 1, -1, -1):
-        part = h * float(pair.dense[i] @ rates[:pair.dense.shape[1]])
+        part = h * (pair.dense[i] @ rates[:pair.dense.shape[1]])
         total = (total + part) * (x if i % 2 == 1 else 1.0 - x)
     total = (total + (rise + rise - first - last)) * x
     total = (total + (first - rise)) * (1.0 - x)

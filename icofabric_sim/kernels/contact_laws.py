@@ -12,12 +12,18 @@ Damping multiplies the push by 1 + c d(delta)/dt, and never pulls (K. H. Hunt an
 Crossley, J. Appl. Mech. 42, 440, 1975). It takes the power c K delta (d(delta)/dt)^2 >= 0, and
 its force begins with 0 at first touch as the push does.
 
-Friction is the force k s of a spring between the surfaces, with a stretch s along them of at most
-limit = mu N / k (P. A. Cundall and O. D. L. Strack, Geotechnique 29, 47, 1979). Its stretch
-follows the slip; from 0.9 of the limit on the part of the slip that would stretch it further is
-lost more and more, at the limit all (as P. Dupont and others, IEEE Trans. Autom. Control 47, 787,
-2002): the bodies stick without creeping below 0.9 mu N, and slide at mu N. What is neither stored
-in the spring nor given back is lost, never gained. The stretch is part of the state of a pair.
+Friction is a slider behind a spring of stiffness k and a dashpot k tau beside it (P. A. Cundall
+and O. D. L. Strack, Geotechnique 29, 47, 1979, with the dashpot). With the slip v along the
+surface and the stretch s of the spring
+
+    force = k q,   q = s + tau v, made no longer than mu N / k,   ds/dt = (q - s) / tau
+
+While q is shorter the bodies stick: ds/dt = v, they do not creep, and swing out. At the limit they
+slide, and s follows q with the rate 1 / tau, however fast they are. What is taken less what the
+spring gains, k q . v - k s . ds/dt = k q . (v - ds/dt) + k tau (ds/dt)^2, is never negative: v -
+ds/dt has the direction of q. A fourth number is the turn about the normal, times the radius of the
+patch that touches: so a face resists being spun, and the four share one limit. The stretch is part
+of the state of a pair.
 """
 
 import math
@@ -26,9 +32,10 @@ from typing import Any
 from icofabric_sim.kernels.compiled import compiled
 import numpy as np
 
-# Part of the limit up to which a stretch is elastic.
-ELASTIC = 0.9
 Three = tuple[float, float, float]
+Four = tuple[float, float, float, float]
+# A disc that is pressed on evenly resists being spun as all of it would there, in radii.
+_SPUN = 2.0 / 3.0
 
 
 @compiled
@@ -88,36 +95,47 @@ def along(v: Three, n: Three) -> Three:
 
 
 @compiled
-def held(stretch: Three, n: Three, limit: float) -> Three:
+def patch_radius(out: np.ndarray) -> float:
     """
-    What is left of a stretch [m] with another normal and limit [m]: never longer.
+    Distance from the contact point [m] at which friction acts against a turn about the normal.
 
-    The force on A is the stiffness k times it, that on B the opposite.
+    out[18] is the squared area [m^4] between the bodies.
     """
-    s = along(stretch, n)
-    length = math.sqrt(s[0] * s[0] + s[1] * s[1] + s[2] * s[2])
-    if not length > limit:
-        return s
-    factor = limit / length
-    return factor * s[0], factor * s[1], factor * s[2]
+    return _SPUN * math.sqrt(math.sqrt(out[18]) / math.pi)
 
 
 @compiled
-def stretch_rate(stretch: Three, velocity: Three, spin: Three, limit: float) -> Three:
+def within(stretch: Four, limit: float) -> Four:
     """
-    Rate of a held stretch [m/s], for the slip, and the mean angular velocity of both bodies.
+    A stretch [m] made no longer than a limit.
+    """
+    x, y, z, u = stretch
+    length = math.sqrt(x * x + y * y + z * z + u * u)
+    if not length > limit:
+        return stretch
+    factor = limit / length
+    return factor * x, factor * y, factor * z, factor * u
 
-    The second turns the spring with the pair. Power lost: stiffness times stretch times the part
-    of the slip that is left out, never negative.
+
+@compiled
+def pull(stretch: Four, slip: Four, lag: float, n: Three, limit: float) -> Four:
     """
-    s, v, w = stretch, velocity, spin
-    length = math.sqrt(s[0] * s[0] + s[1] * s[1] + s[2] * s[2])
-    lost = 0.0
-    if length > ELASTIC * limit:
-        outward = (v[0] * s[0] + v[1] * s[1] + v[2] * s[2]) / length
-        x = min(1.0, (length / limit - ELASTIC) / (1.0 - ELASTIC)) if limit > 0.0 else 1.0
-        lost = x * x * (3.0 - 2.0 * x) * max(0.0, outward) / length
+    The stretch q [m] that acts, for a `lag` tau [s]: the force on A is k times it.
+    """
+    x, y, z = along((stretch[0], stretch[1], stretch[2]), n)
+    return within((
+        x + lag * slip[0], y + lag * slip[1], z + lag * slip[2],
+        stretch[3] + lag * slip[3]), limit)
+
+
+@compiled
+def stretch_rate(stretch: Four, q: Four, lag: float, spin: Three) -> Four:
+    """
+    Rate of a stretch [m/s], where q acts and the pair turns with an angular velocity.
+    """
+    s, w, rate = stretch, spin, 1.0 / lag
     return (
-        v[0] - lost * s[0] + (w[1] * s[2] - w[2] * s[1]),
-        v[1] - lost * s[1] + (w[2] * s[0] - w[0] * s[2]),
-        v[2] - lost * s[2] + (w[0] * s[1] - w[1] * s[0]))
+        rate * (q[0] - s[0]) + (w[1] * s[2] - w[2] * s[1]),
+        rate * (q[1] - s[1]) + (w[2] * s[0] - w[0] * s[2]),
+        rate * (q[2] - s[2]) + (w[0] * s[1] - w[1] * s[0]),
+        rate * (q[3] - s[3]))

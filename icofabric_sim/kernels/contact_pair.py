@@ -51,8 +51,8 @@ import numpy as np
 __all__ = ['contact_scratch', 'OUT_SIZE', 'Scratch', 'touch_pair', 'touch_plane']
 
 # Numbers in `out` of a pair: force on A (3), torques about their centres on A and B (3 each),
-# delta^2 / 2, delta, overlap, unit axis from A to B (3), contact point (3).
-OUT_SIZE = 18
+# delta^2 / 2, delta, overlap, unit axis from A to B (3), contact point (3), squared area between.
+OUT_SIZE = 19
 # Centres closer than this times a coincide: no direction leads apart.
 _COINCIDE = 1e-6
 # From this overlap over a on the surface between the bodies may be in several pieces.
@@ -69,14 +69,14 @@ def touch_pair(
     """
     Whether two shells of half edge a [m] touch, and for a stiffness of 1 N/m how they push.
 
-    Centres [m] (3,), matrices from body to world axes (3, 3). Writes `out` (18,): force on A [N]
+    Centres [m] (3,), matrices from body to world axes (3, 3). Writes `out` (19,): force on A [N]
     (3), its torque about the centre of A [N m] (3), the torque on B about the centre of B (3),
-    energy delta^2 / 2 [J], delta [m], overlap [m], axis (3), contact point [m] (3). B feels the
-    opposite force. The overlap is that along the axis, the normal of the facet of the Minkowski
-    sum that the line of centres leaves through: never less than what would part the bodies. The
-    contact point is where friction acts: the centre of depth of the surface between the
-    bodies, from the middle of both centres. Where they are apart all is 0 but the axis, which
-    has a gap.
+    energy delta^2 / 2 [J], delta [m], overlap [m], axis (3), contact point [m] (3), square of the
+    area between them [m^4]. B feels the opposite force. The overlap is that along the axis, the
+    normal of the facet of the Minkowski sum that the line of centres leaves through: never less
+    than what would part the bodies. The contact point is where friction acts: the centre of depth
+    of the surface between the bodies, from the middle of both centres. Where they are apart all is
+    0 but the axis, which has a gap.
 
     Bodies whose centres coincide push neither way, by symmetry: then delta is rho, its value for
     equal orientations, and the overlap 2 rho.
@@ -203,7 +203,7 @@ def push(
     half_edge: float, ra: np.ndarray, room: np.ndarray, out: np.ndarray
 ) -> None:
     """
-    Write force and torque on A, energy, delta and contact point (from the centre of A).
+    Write force and torque on A, energy, delta, contact point (from the centre of A) and area.
 
     By the place of B, grad delta = -4 (S_1 - (M_1 / M_0) S_0) / M_0, S_k the integral of p^k n.
     """
@@ -222,6 +222,10 @@ def push(
     factor = half_edge / room[SUMS + P1]
     out[15], out[16], out[17] = turn(
         ra, factor * room[SUMS + X1], factor * room[SUMS + X1 + 1], factor * room[SUMS + X1 + 2])
+    square = half_edge * half_edge
+    out[18] = square * square * (
+        room[SUMS + S0] * room[SUMS + S0] + room[SUMS + S0 + 1] * room[SUMS + S0 + 1]
+        + room[SUMS + S0 + 2] * room[SUMS + S0 + 2])
     delta *= half_edge
     out[9] = 0.5 * (delta * delta)
     out[10] = delta

@@ -320,8 +320,9 @@ class Contacts(NamedTuple):
     half_edge: float  # a [m]
     pairs: np.ndarray  # (p, 2) int32 slots, that of the lower body first; -1 - k: plane k
     planes: np.ndarray  # (k, 4) unit normal and offset [m]
-    # (p, 18) for K = 1 N/m: force on the first [N], torques on both [N m], delta^2 / 2 [m^2],
-    # delta and the deepest overlap [m], the axis (3) that kept them apart last, contact point (3)
+    # (p, 19) for K = 1 N/m: force on the first [N], torques on both [N m], delta^2 / 2 [m^2],
+    # delta and the deepest overlap [m], the axis (3) that kept them apart last, contact point (3),
+    # squared area between them [m^4]
     result: np.ndarray
     start: np.ndarray  # (b + 1,) int32: entries start[b] to start[b + 1] act on block b
     slot: np.ndarray  # (e,) int32 of the body that an entry acts on, rising
@@ -331,7 +332,7 @@ class Contacts(NamedTuple):
     tests: np.ndarray  # (8 t,) pairs that were looked at so far
     first: np.ndarray  # (t, 4, 3) place and matrix of the first body, for each thread
     second: np.ndarray  # (t, 4, 3) and of the second
-    aside: np.ndarray  # (p, 18) as result, for looks
+    aside: np.ndarray  # (p, 19) as result, for looks
     scratch: Any  # room for looks, see contact_surface.py
     losses: 'ContactLosses | None' = None
 
@@ -342,8 +343,21 @@ class ContactLosses(NamedTuple):
     """
 
     damping: float  # c [s/m]
+    friction: float  # mu
+    friction_stiffness: float  # k of the springs that stick [N/m]
+    lag: float  # tau [s] of the dashpots beside them
     power: np.ndarray  # (p,) [W] taken by each pair in the last evaluation
     spent: np.ndarray  # (1, s) [W] the same by bodies: that of a pair at its first
+    # Stretches [m] of friction, (p, 4) each, no rows without: x, y, z in the world and the turn
+    # about the normal times the radius of what touches, see contact_losses.py. At the state, and
+    # the same without pairs that are apart; at the start of the step in progress; of the stage in
+    # progress; at the last sound state.
+    stretch: np.ndarray
+    held: np.ndarray
+    start: np.ndarray
+    stage: np.ndarray
+    saved: np.ndarray
+    slopes: np.ndarray  # (16, p, 4) [m/s] at the stages
 
 
 class Model(NamedTuple):

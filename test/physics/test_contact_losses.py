@@ -1,10 +1,10 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
 """
-Contacts that take energy from the motion: damping in simulations.
+Contacts that take energy from the motion: damping and friction in simulations.
 """
 
-from contact_poses import facing, touch_floor, VERTICES
+from contact_poses import facing, NORMALS, RHO, touch_floor, VERTICES
 from contact_scenes import A, crowd, loose, momenta, OBLIQUE
 from fabrics import changed, same_state
 import icofabric_sim as ico
@@ -16,6 +16,8 @@ from scipy.spatial.transform import Rotation
 
 UP = np.array([0.0, 0.0, 1.0])
 ON_VERTEX = facing(np.eye(3), VERTICES[0], -UP)
+ON_FACE = facing(np.eye(3), NORMALS[0], -UP)
+GRAVITY = 9.81
 FLOOR = {'planes__floor__normal': [0.0, 0.0, 1.0], 'planes__floor__offset': -0.05}
 
 
@@ -135,8 +137,11 @@ def test_methods_that_cannot_are_refused():
     # Where nothing touches nothing is damped.
     ico.compile_scene(loose(
         OBLIQUE, contact__damping=1.0, contact__mode='never', solver__method='srkn4'))
-    with pytest.raises(ico.ParameterError, match='contact.damping'):
-        loose(OBLIQUE, contact__damping=-1.0)
+    with pytest.raises(ico.ParameterError, match='contact.friction'):
+        ico.compile_scene(loose(OBLIQUE, contact__friction=0.5, solver__method='leapfrog'))
+    for name in ('contact__damping', 'contact__friction'):
+        with pytest.raises(ico.ParameterError, match=name.replace('__', '.')):
+            loose(OBLIQUE, **{name: -1.0})
 
 
 def test_what_is_not_damped_has_no_losses():
@@ -149,3 +154,210 @@ def test_what_is_not_damped_has_no_losses():
     assert free._stepper.work.spent is None
     # A given step knows its damping.
     assert damped.stability_limit < free.stability_limit
+
+
+def block(tilt, friction, *, spin=0.0, **changes):
+    """
+    Simulation of a shell on a face, on a plane that is inclined by `tilt` [rad]: gravity is.
+    """
+    scene = loose(
+        contact__friction=friction, contact__stiffness=1e4,
+        gravity=[GRAVITY * np.sin(tilt), 0.0, -GRAVITY * np.cos(tilt)],
+        **{**FLOOR, 'contact__damping': 100.0, 'solver__tolerance': 1e-6, **changes})
+    simulation = ico.compile_scene(scene)
+    simulation.set_state(
+        position=np.array([[0.0, 0.0, A * RHO - 0.05]]),
+        orientation=Rotation.from_matrix(ON_FACE).as_quat()[None],
+        angular_velocity=np.array([[0.0, 0.0, spin]]))
+    return simulation
+
+
+@pytest.mark.parametrize('part', [0.5, 0.95])
+def test_a_block_on_an_incline_stays_and_does_not_creep(part):
+    simulation = block(np.arctan(part * 0.4), 0.4)
+    simulation.advance_to(2.1)
+    first = simulation.snapshot()
+    simulation.advance_to(3.1)
+    last = simulation.snapshot()
+    # It has moved by what the spring gives, and moves no more.
+    weight = simulation.scene.shell.mass * GRAVITY * np.sin(np.arctan(part * 0.4))
+    assert 0.0 < weight / (2e4 / 7.0) < first.position[0, 0] < 2e-4
+    assert np.abs(last.position - first.position).max() < 1e-10 * A
+    assert np.abs(last.linear_velocity).max() < 1e-10
+    assert np.abs(last.angular_velocity).max() < 1e-8
+    assert abs(last.energy['balance_error']) < 1e-6 * last.energy['dissipated']
+    # The springs of friction hold some of the energy.
+    losses = simulation._stepper.model.contacts.losses
+    assert weight == pytest.approx(
+        losses.friction_stiffness * np.linalg.norm(losses.stretch[:, :3]), rel=1e-3)
+
+
+@pytest.mark.parametrize('part', [1.05, 2.0])
+def test_above_the_limit_it_slides_with_what_is_left_of_its_weight(part):
+    tilt = np.arctan(part * 0.4)
+    simulation = block(tilt, 0.4)
+    simulation.advance_to(0.3)
+    before = simulation.snapshot()
+    simulation.advance_to(0.5)
+    after = simulation.snapshot()
+    found = (after.linear_velocity[0] - before.linear_velocity[0]) / 0.2
+    expected = GRAVITY * (np.sin(tilt) - 0.4 * np.cos(tilt))
+    assert found == pytest.approx([expected, 0.0, 0.0], abs=1e-6 * GRAVITY)
+    way = after.position[0, 0] - before.position[0, 0]
+    lost = 0.4 * simulation.scene.shell.mass * GRAVITY * np.cos(tilt) * way
+    assert after.energy['dissipated'] - before.energy['dissipated'] == pytest.approx(
+        lost, rel=1e-6)
+    assert abs(after.energy['balance_error']) < 1e-9 * lost
+
+
+def test_a_block_that_spins_on_its_face_stops():
+    simulation = block(0.0, 0.4, spin=30.0)
+    scene = simulation.scene
+    radius = 2.0 / 3.0 * np.sqrt(np.sqrt(3.0) / np.pi) * A
+    deceleration = 0.4 * scene.shell.mass * GRAVITY * radius / scene.shell.inertia
+    spins = []
+    for time in (0.05, 0.1, 30.0 / deceleration + 1.0):
+        simulation.advance_to(time)
+        spins.append(simulation.snapshot().angular_velocity[0, 2])
+    assert (spins[0] - spins[1]) / 0.05 == pytest.approx(deceleration, rel=2e-3)
+    assert 5.0 < spins[1] < spins[0] < 30.0 and abs(spins[2]) < 2e-3
+    energy = simulation.snapshot().energy
+    assert abs(energy['balance_error']) < 1e-8 * energy['dissipated']
+
+
+def test_steps_of_one_length_in_pieces_give_the_same_bits():
+    ends = []
+    for pieces in (1, 7):
+        simulation = block(np.arctan(0.3), 0.4, spin=5.0, solver__step=4e-5, contact__damping=10.0)
+        for piece in range(pieces):
+            simulation.advance_to(0.02 * (piece + 1) / pieces)
+            energy = simulation.snapshot().energy
+            assert abs(energy['balance_error']) < 1e-6 * energy['dissipated']
+        ends.append(simulation.snapshot())
+    assert same_state(*ends) and ends[0].energy == ends[1].energy
+    assert ends[0].energy['dissipated'] > 0.0
+
+
+def test_what_slides_through_a_collision_is_pushed_back_by_its_part():
+    # The impulse along the floor is mu times that across it.
+    simulation = ico.compile_scene(loose(
+        contact__friction=0.1, contact__damping=0.3, **FLOOR))
+    height = A * np.linalg.norm(VERTICES[0])
+    simulation.set_state(
+        position=np.array([[0.0, 0.0, height - 0.049]]),
+        orientation=Rotation.from_matrix(ON_VERTEX).as_quat()[None],
+        linear_velocity=np.array([[1.2, -0.5, -1.0]]))
+    simulation.advance_to(0.004)
+    change = simulation.snapshot().linear_velocity[0] - [1.2, -0.5, -1.0]
+    assert change[2] > 1.2
+    assert np.linalg.norm(change[:2]) == pytest.approx(0.1 * change[2], rel=1e-6)
+    assert change[:2] / np.linalg.norm(change[:2]) == pytest.approx(
+        np.array([-1.2, 0.5]) / 1.3, abs=1e-3)
+    assert simulation.contact_count == 0
+    # Nothing is left of the stretch once it has gone.
+    losses = simulation._stepper.watch.stretches.memory()
+    assert not losses['rows'].any()
+    turned = simulation.snapshot().angular_velocity[0]
+    arm = -height * UP
+    expected = simulation.scene.shell.mass * np.cross(arm, change) / (
+        simulation.scene.shell.inertia)
+    assert turned == pytest.approx(expected, rel=0.04, abs=0.04 * np.linalg.norm(expected))
+
+
+STICKY = {'contact__damping': 0.5, 'contact__friction': 0.6}
+
+
+def test_collisions_with_friction_keep_momenta_and_never_gain():
+    scene = loose(OBLIQUE, **STICKY)
+    simulation = ico.compile_scene(scene)
+    before, start = momenta(scene, simulation.snapshot()), simulation.snapshot().energy
+    lost, most = 0.0, 0.0
+    for time in np.linspace(0.0, 0.07, 600):
+        simulation.advance_to(time)
+        energy = simulation.snapshot().energy
+        assert abs(energy['balance_error']) < 1e-8 * start['total']
+        assert energy['dissipated'] >= lost - 1e-9 * start['total']
+        lost, most = max(lost, energy['dissipated']), max(most, energy['contact'])
+    after = momenta(scene, simulation.snapshot())
+    size = [scene.shell.mass * 1.0, scene.shell.mass * 1.0 * 0.06]
+    for one, other, scale in zip(before, after, size):
+        assert np.abs(one - other).max() < 1e-12 * scale
+    assert lost > 0.05 * start['total'] and most > 0.05 * start['total']
+    # Without friction it ends elsewhere.
+    smooth = ico.compile_scene(changed(scene, {'contact.friction': 0.0}))
+    smooth.advance_to(0.07)
+    spin = smooth.snapshot().angular_velocity - simulation.snapshot().angular_velocity
+    assert np.abs(spin).max() > 1.0
+
+
+def test_a_collision_with_friction_is_the_same_seen_from_another_frame():
+    ends = []
+    frame, drift = Rotation.from_rotvec([0.4, -1.1, 0.7]), np.array([0.3, -0.2, 0.5])
+    for turn, add in ((Rotation.identity(), np.zeros(3)), (frame, drift)):
+        place, velocity, spin, turned = OBLIQUE
+        simulation = ico.compile_scene(loose(
+            ((1.0, 1.0, 1.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)), **STICKY))
+        simulation.set_state(
+            position=turn.apply([(0.0, 0.0, 0.0), place]),
+            orientation=np.array([turn.as_quat(), (turn * turned).as_quat()]),
+            linear_velocity=turn.apply([(0.0, 0.0, 0.0), velocity]) + add,
+            angular_velocity=turn.apply([(0.0, 0.0, 0.0), spin]))
+        simulation.advance_to(0.04)
+        snapshot = simulation.snapshot()
+        ends.append((
+            turn.inv().apply(snapshot.linear_velocity - add),
+            A * turn.inv().apply(snapshot.angular_velocity.copy()), snapshot.energy['dissipated']))
+    for one, other in zip(*ends):
+        assert one == pytest.approx(other, rel=1e-5, abs=1e-5)
+
+
+def test_stretches_are_part_of_checkpoints_and_forgotten_by_a_reset():
+    scene = loose(OBLIQUE, **STICKY)
+    auto, always = (
+        ico.compile_scene(changed(scene, {'contact.mode': mode})) for mode in ('auto', 'always'))
+    auto.advance_to(0.045)
+    checkpoints = []
+    for time in np.linspace(0.0, 0.045, 73):
+        always.advance_to(time)
+        always.snapshot()
+        checkpoints.append(always.checkpoint())
+    assert same_state(auto.snapshot(), always.snapshot())
+    assert auto.snapshot().energy == always.snapshot().energy
+    stretched = 0
+    for checkpoint in checkpoints[::4]:
+        again = ico.compile_scene(changed(scene, {'contact.mode': 'always'}))
+        again.restore(Checkpoint.from_bytes(checkpoint.to_bytes()))
+        stretched += bool(again._stepper.watch.stretches.memory()['rows'].any())
+        again.advance_to(0.045)
+        assert same_state(again.snapshot(), always.snapshot())
+        assert again.snapshot().energy == always.snapshot().energy
+        assert again.checkpoint().difference(always.checkpoint()) == ''
+    assert stretched > 0
+    stuck = next(
+        checkpoint for checkpoint in checkpoints
+        if any(name.endswith('stretches.rows') and rows.any()
+               for name, rows in checkpoint.arrays.items()))
+    again.restore(stuck)
+    again.reset()
+    assert not again._stepper.watch.stretches.memory()['rows'].any()
+    # A checkpoint with pairs that are not there is refused.
+    arrays = {name: rows + 7.0 if name.endswith('stretches.pairs') else rows
+              for name, rows in stuck.arrays.items()}
+    with pytest.raises(ValueError, match='stretches'):
+        again.restore(Checkpoint(stuck.header, arrays))
+
+
+def test_a_crowd_with_friction_is_the_same_bits_for_any_threads(monkeypatch):
+    scene, ends = crowd(**STICKY), []
+    monkeypatch.setattr(crew, 'BODIES_PER_THREAD', 1)
+    for count in (1, 3):
+        monkeypatch.setattr(crew, 'core_count', lambda count=count: count)
+        simulation = ico.compile_scene(scene)
+        before, start = momenta(scene, simulation.snapshot()), simulation.snapshot().energy
+        simulation.advance_to(0.06)
+        ends.append(simulation.snapshot())
+        for one, other, size in zip(before, momenta(scene, ends[-1]), (1.0, 0.1)):
+            assert np.abs(one - other).max() < 1e-12 * 27 * scene.shell.mass * size
+        assert abs(ends[-1].energy['balance_error']) < 1e-6 * start['total']
+        assert ends[-1].energy['dissipated'] > 0.1 * start['total']
+    assert same_state(*ends) and ends[0].energy == ends[1].energy
