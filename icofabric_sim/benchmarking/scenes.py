@@ -20,6 +20,8 @@ FABRIC: dict[str, Any] = {
 }
 # Connectors that push a fifth as strongly as they pull.
 KINKED: dict[str, Any] = {'connector': {'stiffness': 500.0, 'stiffness_compression': 100.0}}
+# L = w = (1 + sqrt 5) a [m].
+FABRIC_LENGTH = (1.0 + 5.0**0.5) * 0.01
 SIZES = {'S1': (5, 5, 5), 'S3': (21, 21, 21)}
 # Time [s] over which the error of S1 is measured.
 DURATION = 0.5

@@ -8,14 +8,21 @@ The bare scene has springs and nothing else. Beside it runs a kernel that knows 
 """
 
 from collections.abc import Callable
-from functools import partial
+from functools import cache, partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
 import time
 from typing import Any, NamedTuple
 
 from icofabric_sim.benchmarking import bare_kernels
 from icofabric_sim.benchmarking.bare_kernels import fresh, Instructions, Kernel
 from icofabric_sim.benchmarking.held_arrays import arrays_of
-from icofabric_sim.benchmarking.scenes import scene_parameters, SIZES
+from icofabric_sim.benchmarking.scenes import (
+    FABRIC,
+    FABRIC_LENGTH,
+    scene_parameters,
+    SIZES,
+)
 from icofabric_sim.benchmarking.step_speed import STEP
 from icofabric_sim.benchmarking.timing import in_rounds, Spread
 from icofabric_sim.body_force import BodyForce
@@ -71,6 +78,8 @@ def terms(body: int) -> list[Term]:
         Term('connectors with laws of their own', {
             'groups': wall,
             'connector_groups': {'soft': {'between': 'wall all', 'stiffness': 100.0}}}),
+        Term('connectors by a table of 5 rows', {'connector': {'law': _table(5)}}),
+        Term('connectors by a table of 100 rows', {'connector': {'law': _table(100)}}),
         Term('connectors that resist bending', {'connector': {'bending_stiffness': 0.1}}),
         Term('connectors that resist twisting', {'connector': {'twisting_stiffness': 0.1}}),
         Term('load on one body', {'groups': {'pushed': f'ids {body}'}, 'loads': loads}),
@@ -115,6 +124,28 @@ def terms(body: int) -> list[Term]:
         Term('attachment points anywhere', {'connector': {'attachment': {
             'up': [0.0, 0.001, 0.0162]}}}),
     ]
+
+
+@cache
+def _folder() -> TemporaryDirectory[str]:
+    """
+    For tables; it goes when the program ends.
+    """
+    return TemporaryDirectory()
+
+
+@cache
+def _table(count: int) -> str:
+    """
+    A law that is as stiff as the springs where it does not pull, and stiffens.
+    """
+    file = Path(_folder().name) / f'law_{count}.csv'
+    strain = np.linspace(-0.5, 0.5, count)
+    rest, stiffness = FABRIC_LENGTH, FABRIC['connector']['stiffness']
+    force = stiffness * rest * (strain + strain**3)
+    file.write_text(''.join(
+        f'{rest * (1.0 + x):.17g}, {f:.17g}\n' for x, f in zip(strain, force)))
+    return str(file)
 
 
 def _pull(
