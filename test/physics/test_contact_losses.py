@@ -4,6 +4,9 @@
 Contacts that take energy from the motion: damping and friction in simulations.
 """
 
+from pathlib import Path
+import sys
+
 from contact_poses import facing, NORMALS, RHO, touch_floor, VERTICES
 from contact_scenes import A, crowd, loose, momenta, OBLIQUE
 from fabrics import changed, same_state
@@ -13,6 +16,9 @@ from icofabric_sim.checkpoint import Checkpoint
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / 'benchmarks'))
+import pile  # noqa: E402 - its path
 
 UP = np.array([0.0, 0.0, 1.0])
 ON_VERTEX = facing(np.eye(3), VERTICES[0], -UP)
@@ -94,7 +100,7 @@ def test_auto_and_always_are_the_same_bits_also_in_pieces_and_from_checkpoints()
 def test_a_damped_crowd_is_the_same_bits_for_any_threads(monkeypatch):
     scene, ends = crowd(contact__damping=2.0), []
     monkeypatch.setattr(crew, 'BODIES_PER_THREAD', 1)
-    for count in (1, 3):
+    for count in (1, 2):
         monkeypatch.setattr(crew, 'core_count', lambda count=count: count)
         simulation = ico.compile_scene(scene)
         before, start = momenta(scene, simulation.snapshot()), simulation.snapshot().energy
@@ -350,14 +356,30 @@ def test_stretches_are_part_of_checkpoints_and_forgotten_by_a_reset():
 def test_a_crowd_with_friction_is_the_same_bits_for_any_threads(monkeypatch):
     scene, ends = crowd(**STICKY), []
     monkeypatch.setattr(crew, 'BODIES_PER_THREAD', 1)
-    for count in (1, 3):
+    for count in (1, 2):
         monkeypatch.setattr(crew, 'core_count', lambda count=count: count)
         simulation = ico.compile_scene(scene)
         before, start = momenta(scene, simulation.snapshot()), simulation.snapshot().energy
-        simulation.advance_to(0.06)
+        simulation.advance_to(0.04)
         ends.append(simulation.snapshot())
         for one, other, size in zip(before, momenta(scene, ends[-1]), (1.0, 0.1)):
             assert np.abs(one - other).max() < 1e-12 * 27 * scene.shell.mass * size
         assert abs(ends[-1].energy['balance_error']) < 1e-6 * start['total']
-        assert ends[-1].energy['dissipated'] > 0.1 * start['total']
+        assert ends[-1].energy['dissipated'] > 0.05 * start['total']
     assert same_state(*ends) and ends[0].energy == ends[1].energy
+
+
+def test_a_pile_of_27_comes_to_rest():
+    simulation = ico.compile_scene(pile.pile((3, 3, 6)))
+    assert simulation.scene.body_count == 27
+    seen = pile.settle(simulation, 2.5)
+    assert seen['rested'] and seen['kinetic'] < 1e-6
+    assert 1e-3 < seen['deepest'] < 0.01 and abs(seen['balance']) < 0.01
+    # Nothing has passed through anything.
+    snapshot = simulation.snapshot()
+    first, second = np.triu_indices(27, 1)
+    gaps = contact.separation(
+        A, (snapshot.position[first], snapshot.orientation[first]),
+        (snapshot.position[second], snapshot.orientation[second])).distance
+    assert gaps.min() > -0.01 * A and seen['outside'] < 0.01
+    assert simulation.contact_count > 30
