@@ -12,6 +12,7 @@ from collections.abc import Callable
 import math
 from typing import Any
 
+from icofabric_sim.contact_watch import ContactWatch
 from icofabric_sim.faults import too_fast
 from icofabric_sim.integrators import dop853, pair
 from icofabric_sim.integrators.pair import (
@@ -39,6 +40,8 @@ _FIRST_STEP = 0.5
 _SHORTEST_PART = 1e-9
 # Squared radians of a contact in which a kink may lie, beside the tolerance for a radian; at most.
 _KINK, _LARGEST_KINK = 1e3, 1e-4
+# Steps for which contacts are known ahead.
+_AHEAD = 6.0
 # Rounding of forces of contacts as it shows in the estimate of the error, or somewhat more.
 _NOISE = float(np.finfo(float).eps)
 # No limit of a length [s], and no wish for an accuracy: as large as a checkpoint may hold.
@@ -362,6 +365,12 @@ class AdaptiveStepper(Stepper):
         self.accuracy.looks_left = NEVER
         self.step = self.step or first
 
+    def _outlook(self, watch: ContactWatch) -> tuple[float, float]:
+        # What is near need not touch: the steps are as long as the motion allows until then.
+        step, steps = super()._outlook(watch)
+        return (step, steps) if self.fixed else (
+            max(step, float(self.control[pair.NEXT])), _AHEAD)
+
     def _follow_contacts(self) -> None:
         """
         Errors and ways decide; but at first touch forces have a kink.
@@ -371,12 +380,14 @@ class AdaptiveStepper(Stepper):
         a few hundred radians of it. And the last bits of positions make noise in large forces.
         """
         control = self.control
-        control[pair.KINK] = control[pair.FLOOR] = 0.0
+        control[pair.KINK] = control[pair.FLOOR] = control[pair.RESUME] = 0.0
         if self.watch is None or not self.watch.rate > 0.0:
             return
         rate = math.sqrt(self.watch.least_rate)
         part = min(_KINK * control[pair.TOLERANCE] / rate, _LARGEST_KINK)
         control[pair.KINK] = math.sqrt(part) / rate
+        # A step of a contact, as far as that can be known before.
+        control[pair.RESUME] = _FIRST_STEP / rate
         noise = self.watch.setup.stiffness * self.model.inverse_mass * self._extent()
         # As errors of velocities count.
         control[pair.FLOOR] = _NOISE * noise * math.sqrt(control[pair.SCALES + 2])

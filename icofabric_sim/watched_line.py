@@ -337,18 +337,25 @@ class WatchedLine(MainLine):
         """
         if self.watch is None:
             return
-        step, steps, before = self.step, 1.0, self.ledger[monitor.CONTACT_RATE]
-        if not self.fixed:
-            steps = LOOK_AFTER / self.method.stages
-            rate = self._fabric.rate + self.packed.velocity_rate
-            step = self.method.chosen / math.hypot(rate, math.sqrt(self.watch.least_rate))
-        self.watch.look(time, self.state, step, steps)
+        before = self.ledger[monitor.CONTACT_RATE]
+        self.watch.look(time, self.state, *self._outlook(self.watch))
         self._follow_watch()
         # The bound that was found at the last look, with the contacts of now.
         ledger = self.ledger
         spin = ledger[monitor.SPIN_WEIGHT] * ledger[monitor.SPIN]
         fabric = max((ledger[monitor.RATE] - spin) ** 2 - before, 0.0)
         ledger[monitor.RATE] = math.sqrt(fabric + self.watch.rate) + spin
+
+    def _outlook(self, watch: ContactWatch) -> tuple[float, float]:
+        """
+        The step [s] that contacts will ask for, and for how many of them to look ahead.
+        """
+        if self.fixed:
+            return self.step, 1.0
+        rate = self._fabric.rate + self.packed.velocity_rate
+        return (
+            self.method.chosen / math.hypot(rate, math.sqrt(watch.least_rate)),
+            LOOK_AFTER / self.method.stages)
 
     def _look_again(self, time: float, *, missed: bool) -> None:
         """

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 from icofabric_sim.integrators import dop853
 from icofabric_sim.kernels.breakage import is_breaking, note_lengths
 from icofabric_sim.kernels.compiled import compiled
+from icofabric_sim.kernels.contact_landing import land, NEVER_MEET
 from icofabric_sim.kernels.contact_losses import (
     accept_stretches,
     combine_stretches,
@@ -63,9 +64,12 @@ import numpy as np
 KINK = 12
 # Error rate [1/s] that rounding makes in stiff contacts: less cannot be asked for.
 FLOOR = 13
+# When a contact begins or ends, for all threads, and the next length [s] after a step that ends
+# there.
+MEETING, RESUME = 14, 15
 # Squared errors of position, orientation, velocity and spin are multiplied by these.
-SCALES = 14
-CONTROL_COUNT = 18
+SCALES = 16
+CONTROL_COUNT = 20
 # A step is aimed at this part of the tolerance and refused above all of it; it may become so many
 # times as long at once.
 _AIM, _SHRINK, _GROW = 0.4, 0.2, 4.0
@@ -263,9 +267,10 @@ def adaptive_pair(
 
     `state` is where the step in progress ends, trail.start where it begins; its slopes are kept
     for states in between. Time is control[START] + control[LENGTH] before and after. A step that
-    errs by more than tolerance x its length, or x control[SPARE], is refused and made shorter,
-    until it is so short that a contact which begins or ends within it changes next to nothing. A
-    step in which a connector may have broken is the last one, and says so.
+    errs by more than tolerance x its length, or x control[SPARE], is refused and made shorter:
+    where a contact begins or ends within it, so that it ends just there, else until it is so short
+    that such a change matters next to nothing. A step in which a connector may have broken is the
+    last one, and says so.
     """
     first, last = own_blocks(team, model.blocks.slot.shape[0])
     trail = some(work.trail)
@@ -277,6 +282,7 @@ def adaptive_pair(
     goal, shortest = control[GOAL], control[SHORTEST]
     tolerance = max(control[TOLERANCE], control[FLOOR])
     longest, spare, kink = control[LONGEST], control[SPARE], control[KINK]
+    meeting, resume = control[MEETING:MEETING + 1], control[RESUME]
     done, status = 0, 0
     note_lengths(model, work.breakage, state, work, team, first, last)
     while done < count and start + length <= goal and status == 0:
@@ -286,7 +292,7 @@ def adaptive_pair(
         else:
             slope_at(
                 model, loads, state, work, trail, 0, team, watch, start + length, first, last)
-        accepted = False
+        accepted = landing = False
         while not accepted:
             forget_ways(watch, team.member)
             try_step(
@@ -324,7 +330,20 @@ def adaptive_pair(
                 if h <= shortest:
                     status = TOO_SHORT
                     accepted = True
-            h = min(max(h * change, shortest), longest)
+            shorter = NEVER_MEET
+            if not accepted and error < math.inf:
+                shorter = land(
+                    model.contacts, team, state, trail.slopes[0], h, 0.1 * kink, meeting)
+            elif not accepted and h > shortest:
+                # Perhaps it only led too far.
+                change = 0.5
+            # If a step that was to end there is refused too, it was foretold too roughly.
+            if shorter < (0.9 * h if landing else NEVER_MEET):
+                h, landing = max(shorter, shortest), True
+            else:
+                h = min(max(h * change, shortest), longest)
+        if landing:
+            h = min(max(h, resume), longest)
         if status == 0:
             slope_at(
                 model, loads, state, work, trail, 12, team, watch, start + length, first, last)
@@ -343,6 +362,7 @@ def adaptive_pair(
         control[START], control[LENGTH], control[NEXT] = start, length, h
         control[TOTAL], control[RATE], control[REFUSED] = total, rate, refused
         control[HAS_LAST] = 1.0 if has_last else 0.0
+        control[MEETING] = 0.0
     return status, done, since_check
 
 
