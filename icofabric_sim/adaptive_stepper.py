@@ -40,8 +40,9 @@ _FIRST_STEP = 0.5
 _SHORTEST_PART = 1e-9
 # Squared radians of a contact in which a kink may lie, beside the tolerance for a radian; at most.
 _KINK, _LARGEST_KINK = 1e3, 1e-4
-# Steps for which contacts are known ahead.
-_AHEAD = 6.0
+# Steps for which contacts are known ahead; part of a way that a look reaches after a step led too
+# far.
+_AHEAD, _FARTHER = 6.0, 1.5
 # Rounding of forces of contacts as it shows in the estimate of the error, or somewhat more.
 _NOISE = float(np.finfo(float).eps)
 # No limit of a length [s], and no wish for an accuracy: as large as a checkpoint may hold.
@@ -381,16 +382,18 @@ class AdaptiveStepper(Stepper):
         """
         control = self.control
         control[pair.KINK] = control[pair.FLOOR] = control[pair.RESUME] = 0.0
-        if self.watch is None or not self.watch.rate > 0.0:
+        if self.watch is None:
             return
+        # Whatever was seen so far: steps must not depend on looks.
         rate = math.sqrt(self.watch.least_rate)
         part = min(_KINK * control[pair.TOLERANCE] / rate, _LARGEST_KINK)
         control[pair.KINK] = math.sqrt(part) / rate
         # A step of a contact, as far as that can be known before.
         control[pair.RESUME] = _FIRST_STEP / rate
-        noise = self.watch.setup.stiffness * self.model.inverse_mass * self._extent()
-        # As errors of velocities count.
-        control[pair.FLOOR] = _NOISE * noise * math.sqrt(control[pair.SCALES + 2])
+        if self.watch.rate > 0.0:
+            noise = self.watch.setup.stiffness * self.model.inverse_mass * self._extent()
+            # As errors of velocities count.
+            control[pair.FLOOR] = _NOISE * noise * math.sqrt(control[pair.SCALES + 2])
 
     def _extent(self) -> float:
         """
@@ -408,30 +411,44 @@ class AdaptiveStepper(Stepper):
         """
         Take up to `count` steps until one ends after `goal`; returns the status of the last.
         """
-        control = self.control
+        control, status = self.control, pair.TOO_FAR
         control[pair.GOAL] = goal
-        before = int(control[pair.LENGTH] > 0.0)
         self._has_dense = False
-        watch = self._watching()
-        self.ledger[monitor.SAVED_AT] = -1.0
-        status, done, self._since_check = self.crew.run(
-            lambda team: adaptive_pair(
-                DOP8, self.model, self.loads, self.state, self._saved, self.work, team, control,
-                count, self._since_check, self.look_interval, watch, self.ledger.numbers))
-        self._require_outside()
-        # The step in progress does not count yet.
-        self.step_count += int(done) + before - int(control[pair.LENGTH] > 0.0)
-        self.step = float(control[pair.LENGTH]) or self.step
-        if self.ledger[monitor.SAVED_AT] == done:
-            self._saved_time = self.end
+        while status & pair.TOO_FAR and count > 0:
+            before = int(control[pair.LENGTH] > 0.0)
+            self.ledger[monitor.SAVED_AT] = -1.0
+            status, done = self._call_pair(count)
+            count -= done
+            self._require_outside()
+            # The step in progress does not count yet.
+            self.step_count += done + before - int(control[pair.LENGTH] > 0.0)
+            self.step = float(control[pair.LENGTH]) or self.step
+            if self.ledger[monitor.SAVED_AT] == done:
+                self._saved_time = self.end
+            if status & pair.TOO_FAR and self.watch is not None:
+                # Before anybody asks for a state: that of dense output is gone.
+                self._look_for_contacts(self.end, way=_FARTHER * self.watch.way)
+                self._pace(self.step)
         if status & pair.TOO_SHORT:
             self._fail(
                 f'no step from t = {self.end:.9g} s on is short enough for solver.tolerance '
                 f'{self.accuracy.tolerance:g}: steps of {control[pair.SHORTEST]:.3g} s still err '
                 'too much; allow a larger tolerance')
-        if status:
+        if status & ~pair.TOO_FAR:
             self._respond(status, self.end)
         return int(status)
+
+    def _call_pair(self, count: int) -> tuple[int, int]:
+        """
+        Let kernels take up to `count` steps; returns the status and how many they took.
+        """
+        watch = self._watching()
+        status, done, self._since_check = self.crew.run(
+            lambda team: adaptive_pair(
+                DOP8, self.model, self.loads, self.state, self._saved, self.work, team,
+                self.control, count, self._since_check, self.look_interval, watch,
+                self.ledger.numbers))
+        return int(status), int(done)
 
     def _give_up_step(self) -> None:
         """

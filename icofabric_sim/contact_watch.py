@@ -167,11 +167,21 @@ class ContactWatch:
         pace(self.limits, step)
         self.limits[OWN] = float(alone and self.contacts is None and self._lists.is_small)
 
-    def look(self, time: float, state: State, step: float, steps: float) -> None:
+    @property
+    def way(self) -> float:
+        """
+        The longest way [m] since the last look that a step has led to.
+        """
+        return math.sqrt(self._watch.far.max(initial=0.0))
+
+    def look(
+        self, time: float, state: State, step: float, steps: float, *, way: float = 0.0
+    ) -> None:
         """
         Find what can touch from `state` on at `time` [s].
 
-        Within so many `steps` of `step` [s], as contacts ask for; at least until the next look.
+        Within so many `steps` of `step` [s], as contacts ask for; at least until the next look,
+        and for a `way` [m] as far as any look reaches.
         """
         velocity, limits = np.empty(3), self.limits
         speed = self._lists.survey(state, velocity)
@@ -183,7 +193,7 @@ class ContactWatch:
         watch.frame[0], watch.frame[1:4] = time, velocity
         watch.frame[4:7] = 0.5 * self.setup.fall if self.setup.free else 0.0
         limits[HORIZON] = self._caution * step * max(2.0 * steps, 1.1 * ROOM)
-        least = float(least_reach(limits, speed))
+        least = min(max(float(least_reach(limits, speed)), way), float(limits[MOST]))
         np.copyto(watch.reference, state.position)
         np.copyto(watch.turned, state.orientation)
         self._take(self._lists.find(state, least, limits[MOST]), least)

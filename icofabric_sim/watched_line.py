@@ -331,14 +331,14 @@ class WatchedLine(MainLine):
                 f'{self.obstruction.found}, and connector.obstruction is stop; warn lets it pass '
                 f'through. The state of t = {self._saved_time:.9g} s is kept')
 
-    def _look_for_contacts(self, time: float) -> None:
+    def _look_for_contacts(self, time: float, *, way: float = 0.0) -> None:
         """
-        Find what can touch from the present state on at `time` [s].
+        Find what can touch from the present state on at `time` [s], for a `way` [m] of bodies.
         """
         if self.watch is None:
             return
         before = self.ledger[monitor.CONTACT_RATE]
-        self.watch.look(time, self.state, *self._outlook(self.watch))
+        self.watch.look(time, self.state, *self._outlook(self.watch), way=way)
         self._follow_watch()
         # The bound that was found at the last look, with the contacts of now.
         ledger = self.ledger

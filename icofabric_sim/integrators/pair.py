@@ -28,7 +28,7 @@ from icofabric_sim.kernels.drives import place_row
 from icofabric_sim.kernels.external import ask_outside
 from icofabric_sim.kernels.lanes import LANES, load, store
 from icofabric_sim.kernels.loads import keep_work
-from icofabric_sim.kernels.looking import judge_ways
+from icofabric_sim.kernels.looking import can_look_farther, judge_ways
 from icofabric_sim.kernels.meters import add_flow, repeat_flow
 from icofabric_sim.kernels.monitor import (
     DEEPEST_LIMIT,
@@ -75,7 +75,9 @@ CONTROL_COUNT = 20
 _AIM, _SHRINK, _GROW = 0.4, 0.2, 4.0
 # The estimate, of order 7, was 30 to 200 times the error in every scene that was measured.
 _ESTIMATE = 0.5
-TOO_SHORT, BREAKING = 64, 256
+TOO_SHORT, BREAKING, TOO_FAR = 64, 256, 8192
+# An error that is none: bodies came to where contacts are not known.
+_MISSED = 1e300
 
 
 class Pair(NamedTuple):
@@ -233,7 +235,7 @@ def largest_error(
     """
     Error of a step of length 1, the largest of all bodies; the same in all threads.
 
-    Infinite where bodies came to where contacts are not known.
+    More than any other where bodies came to where contacts are not known.
     """
     largest = 0.0
     for block in range(first, last):
@@ -246,8 +248,8 @@ def largest_error(
         losses_of(model.contacts), pair.error_5, pair.error_3, control[SCALES], team)
     if not error <= largest:
         largest = error
-    if has_missed(watch, team.member):
-        largest = math.inf
+    if has_missed(watch, team.member) and largest < _MISSED:
+        largest = _MISSED
     trail.errors[team.member] = largest
     wait_for_all(team)
     for member in range(team.size):
@@ -309,7 +311,8 @@ def adaptive_pair(
                 change = min(change, max(_SHRINK, (_AIM * tolerance / error) ** (1.0 / 7.0)))
             elif not error <= tolerance:
                 change = _SHRINK
-            if not accepted and h <= kink and error < math.inf:
+            finite = error < _ESTIMATE * _MISSED
+            if not accepted and h <= kink and finite:
                 accepted = True
                 change = _GROW
                 total += error * h
@@ -331,12 +334,14 @@ def adaptive_pair(
                     status = TOO_SHORT
                     accepted = True
             shorter = NEVER_MEET
-            if not accepted and error < math.inf:
+            if not accepted and finite:
                 shorter = land(
                     model.contacts, team, state, trail.slopes[0], h, 0.1 * kink, meeting)
-            elif not accepted and h > shortest:
-                # Perhaps it only led too far.
+            elif not accepted and error == _ESTIMATE * _MISSED:
+                # Steps do not depend on what was known: the same again after another look.
                 change = 0.5
+                if can_look_farther(watch, start + length):
+                    status, accepted, change = TOO_FAR, True, 1.0
             # If a step that was to end there is refused too, it was foretold too roughly.
             if shorter < (0.9 * h if landing else NEVER_MEET):
                 h, landing = max(shorter, shortest), True

@@ -86,3 +86,14 @@ def look_around(watch: Watch, state: State, time: float, step: float) -> bool:
     watch.reference[:] = state.position
     watch.turned[:] = state.orientation
     return True
+
+
+@compiled
+def can_look_farther(watch: Watch | None, time: float) -> bool:
+    """
+    Whether a look from where bodies are at `time` [s] would have a longer reach than the last.
+    """
+    if watch is None:
+        return False
+    most = (1.0 - 1e-9) * watch.limits[MOST]
+    return watch.frame[0] != time or watch.limits[LATE] < most * most
