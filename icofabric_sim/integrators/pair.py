@@ -347,7 +347,7 @@ def adaptive_pair(
                 h, landing = max(shorter, shortest), True
             else:
                 h = min(max(h * change, shortest), longest)
-        if landing:
+        if landing and status == 0:
             h = min(max(h, resume), longest)
         if status == 0:
             slope_at(

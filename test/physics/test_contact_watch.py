@@ -108,7 +108,7 @@ def test_shells_touch_where_no_axis_shows_a_gap_and_nowhere_else():
 
 
 PLANES = np.array([[0.0, 0.0, 1.0, -14.0], [0.6, 0.8, 0.0, -12.0]])
-SETUP = ContactSetup(1.0, 1.0, 0.0, PLANES, ('floor', 'wall'), False, False, np.zeros(3), '')
+SETUP = ContactSetup(1.0, 1.0, 0.0, 0.0, PLANES, ('floor', 'wall'), False, False, np.zeros(3), '')
 
 
 def crowd(generator, count=140):
