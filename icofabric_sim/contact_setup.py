@@ -94,6 +94,11 @@ def _expected(scene: Scene) -> str:
         return 'loose shells may meet'
     if scene.parameters['contact.mode'] == 'always':
         return 'contact.mode is always'
+    # Between neighbours there is less room than they take up themselves, and something moves them.
+    spacing = math.sqrt(2.0) * scene.geometry.pitch
+    driven = any(scene.parameters['gravity']) or scene.drives
+    if driven and _woven_gap(scene) < 0.5 * spacing:
+        return 'shells of neighbours are close to each other, and driven'
     return ''
 
 
@@ -127,7 +132,9 @@ def own_stiffness(scene: Scene, planes: np.ndarray, *, moving: bool = True) -> f
     if scene.connector_count:
         laws = scene.connectors.laws
         k = float(max(laws.extension.max(), laws.compression.max()))
-        pressed += k * _STRAIN * float(laws.natural_length.max())
+        # A press may take up all of their length.
+        strain = 1.0 if scene.drives else _STRAIN
+        pressed += k * strain * float(laws.natural_length.max())
         stiffness = max(stiffness, _BESIDE_CONNECTORS * k)
     return max(stiffness, pressed / (_OVERLAP * a))
 
