@@ -17,7 +17,6 @@ _HEAD = """# Parameters
 Made by `docs/make_parameters.py` from `icofabric_sim/schema.py`. SI units, radians. One tree for
 the node, for scene files and for Python. *Change* says what a change at run time does: at once
 (the motion goes on), weaves anew (it starts again from the initial state), or fixed at the start.
-*Not built yet*: accepted at its default only, and without effect.
 
 | parameter | default | unit | allowed | change | meaning |
 |---|---|---|---|---|---|
@@ -66,8 +65,11 @@ def text() -> str:
     for family, fields in FAMILIES.items():
         parts += [row(f'{family}.NAME' + (f'.{field.name}' if field.name else ''), field)
                   for field in fields]
-    parts.append('\nNAME: a letter, then letters, digits, single underscores. Not built yet: '
-                 + ', '.join(f'`{family}.*`' for family in UNBUILT_FAMILIES) + '.\n')
+    parts.append('\nNAME: a letter, then letters, digits, single underscores.')
+    if UNBUILT_FAMILIES:
+        names = ', '.join(f'`{family}.*`' for family in UNBUILT_FAMILIES)
+        parts.append(f' Not built yet: {names}.')
+    parts.append('\n')
     parts.append(_METHODS)
     parts += [method_row(name, method) for name, method in METHODS.items()]
     return ''.join(parts)
