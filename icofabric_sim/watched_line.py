@@ -352,10 +352,9 @@ class WatchedLine(MainLine):
         """
         if self.fixed:
             return self.step, 1.0
-        rate = self._fabric.rate + self.packed.velocity_rate
+        # Contacts are stiffer than the fabric, whose frequency is of the state looked at before.
         return (
-            self.method.chosen / math.hypot(rate, math.sqrt(watch.least_rate)),
-            LOOK_AFTER / self.method.stages)
+            self.method.chosen / math.sqrt(watch.least_rate), LOOK_AFTER / self.method.stages)
 
     def _look_again(self, time: float, *, missed: bool) -> None:
         """

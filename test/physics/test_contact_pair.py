@@ -149,7 +149,7 @@ def test_lengths_times_a_power_of_two_give_the_same_bits(scale):
         xa, ra, xb, rb = overlapping(kind, rng, low=-10.0)
         out = touch(xa, ra, xb, rb)[1]
         other = touch(scale * xa, ra, scale * xb, rb, half_edge=scale)[1]
-        powers = np.array([1] * 3 + [2] * 7 + [1] * 2 + [0] * 3 + [1] * 3)
+        powers = np.array([1] * 3 + [2] * 7 + [1] * 2 + [0] * 3 + [1] * 3 + [4])
         assert (other == out * scale ** powers).all() and out[10] > 0.0
         floor = touch_floor((0.0, 0.0, 1.0), -1.4, ORIGIN, ra)[1]
         other = touch_floor((0.0, 0.0, 1.0), -1.4 * scale, ORIGIN, ra, half_edge=scale)[1]
