@@ -429,6 +429,9 @@ class AdaptiveStepper(Stepper):
                 # Before anybody asks for a state: that of dense output is gone.
                 self._look_for_contacts(self.end, way=_FARTHER * self.watch.way)
                 self._pace(self.step)
+                if self.watch.watch.frame[0] != self.end:
+                    # So fast that there was no look: the same step would be asked for for ever.
+                    self._fail(too_fast(self.end))
         if status & pair.TOO_SHORT:
             self._fail(
                 f'no step from t = {self.end:.9g} s on is short enough for solver.tolerance '
