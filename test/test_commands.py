@@ -166,7 +166,7 @@ def test_run_records_to_a_fresh_folder_and_sums_up(recorded: Recorded) -> None:
                   'momentum', 'strain', 'motion', 'overlap', 'bag', 'next'):
         assert re.search(f'^{label} ', out, re.MULTILINE), label
     assert '14 bodies, 36 connectors' in out
-    assert re.search('^method +srkn.: least work for 1e-06', out, re.MULTILINE)
+    assert re.search('^method +dop8: shells of neighbours are close', out, re.MULTILINE)
     assert 'largest frequency' in out
     assert f'{DURATION:g} s of simulated time' in out
     assert str(recorded.bag) in out and f'icofabric info {recorded.bag}' in out
