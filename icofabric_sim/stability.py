@@ -9,12 +9,11 @@ from typing import NamedTuple
 
 from icofabric_sim.anchor_stiffness import anchors_eigenvalue
 from icofabric_sim.kernels.flows import place_all
-from icofabric_sim.kernels.hessian import hessian_times, lanczos_steps
+from icofabric_sim.kernels.hessian import hessian_times
 from icofabric_sim.kernels.monitor import field_bound, frequency_bound
 from icofabric_sim.kernels.records import Loads, State
-from icofabric_sim.kernels.tridiagonal import largest_eigenvalue
 from icofabric_sim.kernels.wrapping import largest_wrapping_bound
-from icofabric_sim.layout import aligned_empty
+from icofabric_sim.lanczos import find_largest, Lanczos, start_vector
 from icofabric_sim.model import PackedScene
 import numpy as np
 
@@ -49,17 +48,14 @@ def largest_frequency(
     """
     Largest frequency [rad/s] of small motions about a configuration, supports respected.
 
-    The largest eigenvalue of M^-1/2 H M^-1/2 by the Lanczos iteration with a fixed start, H the
-    Hessian of the connector energy (kernels/hessian.py), M the masses and inertias. From
-    three-term recurrences: two vectors are kept, not a basis. The Ritz value approaches from
-    below, and an eigenvalue lies within the residual of it; the nearer of that and of the proved
-    bound is returned once they agree. `locate` also finds the bodies. What electric fields and
-    lying around shells add is bounded: the largest eigenvalue of a sum is at most the sum of the
-    largest.
+    The largest eigenvalue of M^-1/2 H M^-1/2 by the Lanczos iteration (lanczos.py, which modes
+    use too), H the Hessian of the connector energy (kernels/hessian.py), M the masses and
+    inertias. `locate` also finds the bodies. What electric fields and lying around shells add is
+    bounded: the largest eigenvalue of a sum is at most the sum of the largest.
     """
     model, layout = packed.model, packed.layout
-    start = start_vector(packed)
-    if start is None:
+    start = start_vector(layout, model.supports)
+    if not start.any():
         return Frequency(0.0, (), 0)
     more = 0.0
     if model.dipole is not None or model.coulomb is not None:
@@ -78,42 +74,17 @@ def largest_frequency(
     if not math.isfinite(upper + more):
         # Numbers too large to multiply: nothing is safe.
         return Frequency(math.inf, (), 0)
-    accuracy = ACCURACY if count <= _SMALL else _LARGE_ACCURACY
-    every = _ITERATIONS if count <= _SMALL else _LARGE_ITERATIONS
-    # Slots without a body are read too: they must hold numbers.
-    moved, product = np.zeros_like(work.points), work.acceleration
-    turns = np.zeros((3, layout.slot_count))
-    current: np.ndarray | None = start
-    previous = np.zeros_like(start)
-    largest = min(LARGEST_ITERATION_COUNT, 6 * count)
-    diagonal, off = np.zeros(largest), np.zeros(largest)
-    value, weights, done = 0.0, np.ones(1), 0
-    while done < largest:
-        last = min(done + every, largest)
-        lanczos_steps(
-            model, state, work.points, moved, turns, previous, current, product, diagonal, off,
-            done, last, None, weights)
-        done = last
-        ended = np.flatnonzero(~(off[:done] > 0.0))
-        size = int(ended[0]) + 1 if len(ended) else done
-        if not np.isfinite(diagonal[:size]).all():
-            return Frequency(math.inf, (), done)
-        weights = np.empty(size)
-        ritz = largest_eigenvalue(diagonal[:size], off[:size - 1], weights)
-        value = min(ritz + off[size - 1] * abs(float(weights[-1])), max(upper, ritz))
-        if value - ritz <= accuracy * abs(ritz) or len(ended):
-            break
+    most = min(LARGEST_ITERATION_COUNT, 6 * count)
+    run = Lanczos(model, state, work, start, most)
+    found = find_largest(
+        run, upper, ACCURACY if count <= _SMALL else _LARGE_ACCURACY,
+        _ITERATIONS if count <= _SMALL else _LARGE_ITERATIONS)
     bodies: tuple[int, ...] = ()
-    if locate:
-        shape = np.zeros_like(current)
-        current, previous = start_vector(packed), np.zeros_like(previous)
-        assert current is not None
-        lanczos_steps(
-            model, state, work.points, moved, turns, previous, current, product, diagonal, off, 0,
-            len(weights), shape, weights)
+    if locate and math.isfinite(found.value):
+        shape = run.combine(start, found.weights[:, None])[0]
         share = layout.gather(shape**2).sum(axis=1)
         bodies = tuple(int(b) for b in np.argsort(-share, kind='stable')[:4] if share[b] > 0.0)
-    return Frequency(float(np.sqrt(max(value, 0.0) + more)), bodies, done)
+    return Frequency(float(np.sqrt(max(found.value, 0.0) + more)), bodies, run.done)
 
 
 def with_anchors(
@@ -149,26 +120,6 @@ def hessian_product(
         1.0, 1.0, None, vector, product)
     result = layout.gather(product)
     return result[:, :3], result[:, 3:]
-
-
-def start_vector(packed: PackedScene) -> np.ndarray | None:
-    """
-    Unit vector to start from, (6, s), without held freedoms; None where all are held.
-
-    Noise has a part of every mode and no symmetry that could hide one.
-    """
-    layout, supports = packed.layout, packed.model.supports
-    start = aligned_empty((6, layout.slot_count))
-    start[:] = 0.0
-    start[:, layout.slot] = np.random.RandomState(1).standard_normal((6, layout.body_count))
-    if supports is not None:
-        start[:3] *= supports.inverse_mass > 0.0
-        start[3:] *= supports.inverse_inertia > 0.0
-    size = float(np.sqrt((start * start).sum()))
-    if not size > 0.0:
-        return None
-    start /= size
-    return start
 
 
 def fastest_motion(

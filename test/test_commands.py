@@ -593,6 +593,9 @@ def test_modes_lists_frequencies_and_mechanisms(tmp_path: Path) -> None:
     rates = (tmp_path / 'out' / 'frequencies.csv').read_text().splitlines()[1:]
     found = re.search(r'zero energy (\d+)', done.out)
     assert found is not None and int(held[1]) == len(rates) + int(found[1])
+    largest = re.search(r'largest +([0-9.]+) rad/s', done.out)
+    assert largest is not None
+    assert float(largest[1]) == pytest.approx(float(rates[-1].split(',')[1]), rel=1e-5)
     assert (tmp_path / 'm.png').is_file() and (tmp_path / 'b.png').is_file()
     about = command('modes', 'swing.yaml', '--equilibrium', '--count', '3', folder=tmp_path)
     assert about.status == 0 and 'equilibrium, stable' in about.out

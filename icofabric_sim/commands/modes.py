@@ -143,6 +143,10 @@ def summary(spectrum: 'Spectrum', seconds: float) -> list[str]:
             for number, rate in enumerate(rates[:_SHOWN].tolist())]
         if len(rates) > _SHOWN:
             lines.append(f'  ... and {len(rates) - _SHOWN:,} more')
+        largest = spectrum.largest_frequency
+        lines.append(
+            f'largest     {largest:.6g} rad/s ({largest / (2 * math.pi):.6g} Hz), by the search '
+            'that chooses steps')
     else:
         lines.append('frequencies none')
     lines.append(f'{seconds:.3g} s')

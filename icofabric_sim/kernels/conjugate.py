@@ -10,6 +10,7 @@ order, and no library of linear algebra divides them among threads.
 from icofabric_sim.kernels.compiled import compiled
 from icofabric_sim.kernels.lanes import fma, LANES, load, splat, store
 from icofabric_sim.kernels.monitor import sum_of_lanes
+from icofabric_sim.kernels.records import SecondDerivatives
 import numpy as np
 
 
@@ -106,3 +107,25 @@ def add_pair_blocks(
             for j in range(12):
                 total += blocks[m, i, j] * vector[j % 6, slots[m, j // 6]]
             product[i % 6, slots[m, i // 6]] += total
+
+
+@compiled
+def add_own_terms(own: SecondDerivatives | None, vector: np.ndarray, product: np.ndarray) -> None:
+    """
+    Add what single bodies add, where they do.
+    """
+    if own is None:
+        return
+    add_own_blocks(own.slots, own.values, vector, product)
+
+
+@compiled
+def add_pair_terms(
+    pairs: SecondDerivatives | None, vector: np.ndarray, product: np.ndarray
+) -> None:
+    """
+    Add what pairs add, where they do.
+    """
+    if pairs is None:
+        return
+    add_pair_blocks(pairs.slots, pairs.values, vector, product)

@@ -10,6 +10,7 @@ or forces and torques; in the recurrences both are scaled by the roots of mass a
 import math
 
 from icofabric_sim.kernels.compiled import compiled
+from icofabric_sim.kernels.conjugate import add_own_terms, add_pair_terms
 from icofabric_sim.kernels.connectors import arm_of, Six, slope_of
 from icofabric_sim.kernels.lanes import (
     bits,
@@ -28,7 +29,7 @@ from icofabric_sim.kernels.lanes import (
 from icofabric_sim.kernels.law_tables import tabled_pull
 from icofabric_sim.kernels.moment_hessian import add_bending_product, add_twisting_product
 from icofabric_sim.kernels.monitor import sum_of_lanes
-from icofabric_sim.kernels.records import Links, Model, State, Supports, Variety
+from icofabric_sim.kernels.records import Links, Model, SecondDerivatives, State, Supports, Variety
 import numpy as np
 
 _SMALLEST = 1e-300
@@ -208,21 +209,26 @@ def hessian_times(
 @compiled
 def lanczos_steps(
     model: Model, state: State, points: np.ndarray, moved: np.ndarray, turns: np.ndarray,
-    previous: np.ndarray, current: np.ndarray, product: np.ndarray, diagonal: np.ndarray,
-    off: np.ndarray, first: int, last: int, shape: np.ndarray | None, weights: np.ndarray
+    own: SecondDerivatives | None, pairs: SecondDerivatives | None, previous: np.ndarray,
+    current: np.ndarray, product: np.ndarray, diagonal: np.ndarray, off: np.ndarray, first: int,
+    last: int, shapes: np.ndarray | None, weights: np.ndarray
 ) -> None:
     """
     Steps first to last of the three-term recurrence for M^-1/2 H M^-1/2.
 
+    `own` and `pairs`: what single bodies and pairs of them (anchors, loads, contacts) add to it.
     `current` is the unit vector of step `first`, `previous` that before it (zero at the start);
     both are overwritten. The tridiagonal matrix goes into `diagonal` and `off`: off[i] couples
-    steps i and i + 1. Where `shape` is given, weights[i] times the vector of step i is added.
+    steps i and i + 1. Where `shapes` (j, 6, s) are given, weights[i] (i, j) times the vector of
+    step i is added to them.
     """
     root_m, root_i = math.sqrt(model.inverse_mass), math.sqrt(model.inverse_inertia)
     for step in range(first, last):
-        add_shape(shape, weights, step, current)
+        add_shapes(shapes, weights, step, current)
         hessian_times(
             model, state, points, moved, turns, root_m, root_i, model.supports, current, product)
+        add_own_terms(own, current, product)
+        add_pair_terms(pairs, current, product)
         alpha = dot(model, current, product)
         beta = off[step - 1] if step > 0 else 0.0
         square = subtract(model, alpha, current, beta, previous, product)
@@ -233,17 +239,18 @@ def lanczos_steps(
 
 
 @compiled
-def add_shape(
-    shape: np.ndarray | None, weights: np.ndarray, step: int, current: np.ndarray
+def add_shapes(
+    shapes: np.ndarray | None, weights: np.ndarray, step: int, current: np.ndarray
 ) -> None:
     """
     Add weights[step] times the present vector.
     """
-    if shape is None:
+    if shapes is None:
         return
-    for k in range(6):
-        for s in range(current.shape[1]):
-            shape[k, s] += weights[step] * current[k, s]
+    for j in range(shapes.shape[0]):
+        for k in range(6):
+            for s in range(current.shape[1]):
+                shapes[j, k, s] += weights[step, j] * current[k, s]
 
 
 @compiled

@@ -202,6 +202,15 @@ class Drives(NamedTuple):
     first: np.ndarray  # orientations at the start, in the form of the state
 
 
+class SecondDerivatives(NamedTuple):
+    """
+    Second derivatives of the energy that come as blocks, of bodies or of pairs.
+    """
+
+    slots: np.ndarray  # (m,) or (m, 2)
+    values: np.ndarray  # (m, 6, 6) or (m, 12, 12)
+
+
 class Anchors(NamedTuple):
     """
     Connectors from bodies to points of the world, see kernels/anchors.py.

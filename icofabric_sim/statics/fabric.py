@@ -290,16 +290,16 @@ class Configuration:
         points, turns = fabric.room
         self._placed()
         hessian_times(
-            self._tangent, self._state, fabric.work.points, points, turns, 1.0, 1.0, None,
+            self.tangent, self.state, fabric.work.points, points, turns, 1.0, 1.0, None,
             vector, product)
-        for slots, blocks in self._own_blocks:
+        for slots, blocks in self.own_blocks:
             add_own_blocks(slots, blocks, vector, product)
         if contact and self.touching is not None:
             bodies, pushes = self.contact_blocks
             add_pair_blocks(fabric.layout.slot[bodies], pushes, vector, product)
 
     @cached_property
-    def _own_blocks(self) -> list[tuple[np.ndarray, np.ndarray]]:
+    def own_blocks(self) -> list[tuple[np.ndarray, np.ndarray]]:
         """
         Slots (m,) and second derivatives (m, 6, 6) of anchored bodies, and of dead loads.
         """
@@ -327,7 +327,10 @@ class Configuration:
         return own if turning is None else turning + own
 
     @cached_property
-    def _tangent(self) -> Any:
+    def tangent(self) -> Any:
+        """
+        The model with the laws of connectors as they are here, without supports.
+        """
         return self.fabric.laws.model(self.snapshot.connector_length)._replace(supports=None)
 
     @cached_property
@@ -335,7 +338,10 @@ class Configuration:
         return self.fabric.anchors.act(self.position, self.axes)
 
     @cached_property
-    def _state(self) -> Any:
+    def state(self) -> Any:
+        """
+        The same for the kernels, at rest.
+        """
         zero = np.zeros_like(self.position)
         return self.fabric.layout.pack(
             InitialState(self.position, self.orientation, zero, zero))
@@ -346,6 +352,6 @@ class Configuration:
         """
         fabric = self.fabric
         if fabric.placed is not self:
-            place_all(fabric.model, self._state, fabric.work, 0, len(fabric.layout.blocks.slot))
+            place_all(fabric.model, self.state, fabric.work, 0, len(fabric.layout.blocks.slot))
             fabric.placed = self
-        return self._state
+        return self.state

@@ -7,13 +7,15 @@ Motions that cost no energy are counted and kept apart: the rigid ones of the wh
 mechanisms within it.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
 import math
 
 from icofabric_sim.scene import Scene
 from icofabric_sim.snapshot import Snapshot
 from icofabric_sim.statics.fabric import Configuration, StaticFabric
 from icofabric_sim.statics.held import held_time
+from icofabric_sim.statics.iteration import largest_square
 from icofabric_sim.statics.mechanisms import compatibility_matrix, count_mechanisms, Counts
 from icofabric_sim.statics.spectrum import (
     count_below,
@@ -59,6 +61,14 @@ class Spectrum:
     # By the geometry of the connectors alone; None for large fabrics.
     counts: Counts | None
     snapshot: Snapshot  # the configuration
+    here: Configuration = field(repr=False)  # the same with all that acts in it
+
+    @cached_property
+    def largest_frequency(self) -> float:
+        """
+        The largest of all [rad/s], by the iteration that chooses steps (lanczos.py).
+        """
+        return math.sqrt(largest_square(self.here))
 
     @property
     def self_stress_count(self) -> int:
@@ -99,7 +109,8 @@ def solve_modes(
         frequencies=np.sqrt(values), shapes=_shapes(here, vectors),
         mechanism_count=curvature.zero, mechanisms=np.zeros((0, scene.body_count, 6)),
         rigid_count=rigid_count(here), growth_rates=np.zeros(0),
-        unstable_count=curvature.negative, freedoms=size, counts=None, snapshot=here.snapshot)
+        unstable_count=curvature.negative, freedoms=size, counts=None, snapshot=here.snapshot,
+        here=here)
 
 
 def _all_modes(
@@ -117,7 +128,7 @@ def _all_modes(
         mechanism_count=curvature.zero, mechanisms=_shapes(here, vectors[:, zero]),
         rigid_count=rigid_count(here), growth_rates=np.sqrt(-values[:zero.start]),
         unstable_count=curvature.negative, freedoms=len(values), counts=counts,
-        snapshot=here.snapshot)
+        snapshot=here.snapshot, here=here)
 
 
 def _highest(

@@ -8,12 +8,11 @@ A body and its neighbours lie on 13 points of a face-centred cubic lattice, and 
 vectors that are 1 at all bodies of one number give the whole matrix, of any fabric.
 """
 
-import math
 from typing import NamedTuple
 
-from icofabric_sim.kernels.conjugate import add_along, product_of
 from icofabric_sim.statics.dissection import dissection_order
 from icofabric_sim.statics.fabric import Configuration, StaticFabric
+from icofabric_sim.statics.iteration import begin
 import numpy as np
 from scipy import sparse
 from scipy.linalg import eigvalsh_tridiagonal
@@ -158,26 +157,11 @@ def ends_of_spectrum(here: Configuration) -> tuple[float, float]:
 
     Without the matrix, so that little memory is needed.
     """
-    fabric = here.fabric
-    scale = fabric.layout.spread(np.where(fabric.free, 1.0 / fabric.root, 0.0))
-    current = scale * fabric.layout.spread(
-        np.random.RandomState(1).standard_normal(fabric.free.shape) * fabric.root)
-    current *= 1.0 / math.sqrt(product_of(current, current))
-    previous, product = np.zeros_like(current), np.zeros_like(current)
-    most = min(_LOOKS, int(fabric.free.sum()))
-    diagonal, off = np.zeros(most), np.zeros(most)
-    for step in range(most):
-        here.multiply(scale * current, product)
-        product *= scale
-        diagonal[step] = product_of(current, product)
-        add_along(-float(diagonal[step]), current, product)
-        if step:
-            add_along(-float(off[step - 1]), previous, product)
-        off[step] = math.sqrt(product_of(product, product))
-        if not off[step] > 1e-14 * np.abs(diagonal).max():
-            break
-        previous, current, product = current, product / off[step], previous
-    values = eigvalsh_tridiagonal(diagonal[:step + 1], off[:step])
+    run, start = begin(here, min(_LOOKS, int(here.fabric.free.sum())))
+    if not start.any():
+        return 0.0, 0.0
+    run.go_on(_LOOKS)
+    values = eigvalsh_tridiagonal(run.diagonal[:run.size], run.off[:run.size - 1])
     return float(values[0]), float(values[-1])
 
 

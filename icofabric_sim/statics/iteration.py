@@ -1,0 +1,70 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+The Lanczos iteration (lanczos.py) of a configuration at rest, with all that acts in it.
+"""
+
+from icofabric_sim.kernels.flows import place_all
+from icofabric_sim.kernels.records import SecondDerivatives, Supports
+from icofabric_sim.lanczos import find_largest, Lanczos, start_vector
+from icofabric_sim.statics.fabric import Configuration
+import numpy as np
+
+# Relative accuracy of the largest squared frequency; a step is content with 1e-4.
+_ACCURACY = 1e-9
+_MOST = 3_000  # products
+_LOOKS = 16  # products between two looks at what has converged
+
+
+def begin(here: Configuration, most: int) -> tuple[Lanczos, np.ndarray]:
+    """
+    The iteration of a configuration, for at most so many steps, and the vector it begins with.
+
+    Contacts, anchors, loads and what pre-stress does count. The vector is 0 where all is held.
+    """
+    fabric = here.fabric
+    layout, model = fabric.layout, here.tangent
+    supports, free = None, fabric.free
+    if not free.all():
+        # Bodies that are driven are held too.
+        supports = Supports(
+            layout.spread(np.where(free[:, :3], model.inverse_mass, 0.0)),
+            layout.spread(np.where(free[:, 3:4], model.inverse_inertia, 0.0)))
+    work = layout.room(model.links)
+    place_all(model, here.state, work, 0, len(layout.blocks.slot))
+    start = start_vector(layout, supports)
+    scale = layout.spread(np.where(free, 1.0 / fabric.root, 0.0))
+    run = Lanczos(
+        model._replace(supports=supports), here.state, work, start, most,
+        own=_own_blocks(here, scale), pairs=_pair_blocks(here, scale))
+    return run, start
+
+
+def _own_blocks(here: Configuration, scale: np.ndarray) -> SecondDerivatives | None:
+    if not here.own_blocks:
+        return None
+    slots, values = (np.concatenate(parts) for parts in zip(*here.own_blocks))
+    weights = scale[:, slots].T
+    return SecondDerivatives(slots, values * weights[:, :, None] * weights[:, None, :])
+
+
+def _pair_blocks(here: Configuration, scale: np.ndarray) -> SecondDerivatives | None:
+    bodies, values = here.contact_blocks
+    if not len(bodies):
+        return None
+    slots = here.fabric.layout.slot[bodies]
+    weights = np.moveaxis(scale[:, slots], 0, 2).reshape(-1, 12)
+    return SecondDerivatives(slots, values * weights[:, :, None] * weights[:, None, :])
+
+
+def largest_square(here: Configuration) -> float:
+    """
+    Largest squared frequency [1/s^2], by what also chooses steps (stability.py).
+
+    The step choice counts the stiffer side of connectors with two stiffnesses, and bounds of what
+    contacts, anchors, fields and ways around shells add: it is never below this.
+    """
+    run, start = begin(here, min(_MOST, 6 * here.fabric.scene.body_count))
+    if not start.any():
+        return 0.0
+    return max(0.0, find_largest(run, np.inf, _ACCURACY, _LOOKS).value)
