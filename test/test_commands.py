@@ -582,6 +582,32 @@ def test_statics_says_where_a_scene_comes_to_rest(tmp_path: Path) -> None:
     assert falls.status == 2 and 'supports' in falls.err and 'Traceback' not in falls.err
 
 
+@pytest.mark.parametrize('verb', ['statics', 'modes', 'elasticity'])
+def test_what_statics_leaves_out_is_refused_with_the_way_out(tmp_path: Path, verb: str) -> None:
+    small = ['-p', 'weave.size:=[2, 2, 2]']
+    rubs = command(verb, 'hanging_slab', *small, '-p', 'contact.friction:=0.3', folder=tmp_path)
+    assert rubs.status == 2 and 'Traceback' not in rubs.err and 'zero energy' not in rubs.out
+    for words in ('contact.friction 0.3', 'rests in many ways', 'set it to 0.0', 'drag.linear'):
+        assert words in rubs.err
+    # Refused at once, not after other results.
+    assert 'stiffness [Pa]' not in rubs.out and 'verdict' not in rubs.out
+    around = command(verb, 'twisted_column', folder=tmp_path)
+    assert around.status == 2 and 'Traceback' not in around.err
+    for words in ('connector.obstruction wrap', 'derivatives', 'take warn', 'run with drag'):
+        assert words in around.err
+    assert 'stiffness [Pa]' not in around.out
+
+
+def test_friction_does_not_matter_where_nothing_touches(tmp_path: Path) -> None:
+    done = command(
+        'modes', 'free_slab', '-p', 'weave.size:=[2, 2, 2]', '-p', 'contact.friction:=0.3', '-p',
+        'contact.mode:=never', folder=tmp_path)
+    assert done.status == 0 and 'zero energy' in done.out
+    endless = command(
+        'elasticity', 'free_slab', '-p', 'contact.friction:=0.3', '--kinds', folder=tmp_path)
+    assert endless.status == 0 and 'cost no energy' in endless.out
+
+
 def test_modes_lists_frequencies_and_mechanisms(tmp_path: Path) -> None:
     (tmp_path / 'swing.yaml').write_text(SWING)
     done = command(

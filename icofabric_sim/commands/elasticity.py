@@ -49,12 +49,15 @@ def main(arguments: argparse.Namespace) -> int:
     if not arguments.points >= 1:
         raise InputError(f'--points must be at least 1, got {arguments.points}')
     from icofabric_sim.scene import Scene
+    from icofabric_sim.statics.held import refuse_in_statics
     from icofabric_sim.statics.periodic import homogenise
     from icofabric_sim.statics.stretching import measure_curve
     import numpy as np
 
     with bad_input():
         scene = Scene.from_parameters(parameters)
+        if arguments.kinds:
+            refuse_in_statics(scene)
         constants = homogenise(scene)
     print(f'{name}: the endless fabric')
     print('\n'.join(constants_text(constants)))

@@ -23,11 +23,11 @@ from icofabric_sim.kernels.hessian import hessian_times
 from icofabric_sim.layout import aligned_empty
 from icofabric_sim.link_places import link_places
 from icofabric_sim.model import pack_scene, PackedScene
-from icofabric_sim.parameters import ParameterError
 from icofabric_sim.rotation_forms import cosines_from_quaternions, turned_by
 from icofabric_sim.scene import Scene
 from icofabric_sim.snapshot import Snapshot
 from icofabric_sim.statics.contacts import Contacts, StaticContacts
+from icofabric_sim.statics.held import refuse_in_statics
 from icofabric_sim.statics.loads import Acting, AnchorPull, DeadLoads, turned_potential
 from icofabric_sim.statics.tangent import TangentLaws
 import numpy as np
@@ -51,20 +51,9 @@ class StaticFabric:
         `broken_since`: as in snapshots (c,); connectors that have broken are left out.
         Raises ParameterError for what has no place in statics.
         """
-        if scene.electric.mutual:
-            raise ParameterError(
-                'charge.mutual', 'charge.mutual: Coulomb forces between bodies are not part of '
-                'statics and modes; set it to false')
-        if scene.parameters['connector.obstruction'] == 'wrap':
-            raise ParameterError(
-                'connector.obstruction', 'connector.obstruction wrap: second derivatives of '
-                'connectors around shells are not part of statics and modes; take warn')
+        refuse_in_statics(scene, contact=contact)
         if not 0.0 <= time < math.inf:
             raise ValueError(f'time must be finite and not negative [s], got {time!r}')
-        if contact and scene.parameters['contact.friction'] != 0.0:
-            raise ParameterError(
-                'contact.friction', 'contact.friction: with friction a fabric rests in many ways, '
-                'which depend on how it came there; set it to 0 for statics and modes')
         self.scene, self.time = scene, time
         self.packed = pack_scene(scene)
         self.intact: np.ndarray | None = None

@@ -1,18 +1,48 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
 """
-What of a scene needs a time to be held at, and what of it has no potential.
+What of a scene has no place at rest, needs a time to be held at, or has no potential.
 """
 
+from icofabric_sim.parameters import ParameterError
 from icofabric_sim.scene import Scene
+
+_RUN = 'let a run with drag come to rest (drag.linear, drag.angular; icofabric run)'
+
+
+def refuse_in_statics(scene: Scene, *, contact: bool = True) -> None:
+    """
+    Refuse what statics and modes leave out, with the reason; `contact`: whether it counts.
+
+    Raises ParameterError.
+    """
+    parameters = scene.parameters
+    if scene.electric.mutual:
+        raise ParameterError(
+            'charge.mutual', 'charge.mutual: Coulomb forces between bodies are not part of '
+            f'statics and modes; set it to false, or {_RUN}')
+    if parameters['connector.obstruction'] == 'wrap':
+        raise ParameterError(
+            'connector.obstruction', 'connector.obstruction wrap: statics and modes need second '
+            'derivatives, and those of connectors that lie around shells are not known; take '
+            f'warn, where connectors pass through and are counted, or {_RUN}')
+    friction = parameters['contact.friction']
+    # Without contact nothing rubs.
+    if contact and friction != 0.0 and parameters['contact.mode'] != 'never':
+        raise ParameterError(
+            'contact.friction', f'contact.friction {friction:g}: statics and modes go by the '
+            'energy, and friction has none: with it a fabric rests in many ways, which depend on '
+            'how it came there; set it to 0.0 for what holds without friction, or take '
+            f'contact.mode never, or {_RUN}')
 
 
 def held_time(scene: Scene, time: float | None) -> float:
     """
     The time [s] at which a scene is held; None: 0, where nothing in it changes with time.
 
-    Raises ValueError naming what does.
+    Raises ValueError naming what does, or what has no place at rest at all.
     """
+    refuse_in_statics(scene)
     if time is not None:
         return time
     moving = varying(scene)
