@@ -97,6 +97,9 @@ def main() -> None:
     parser.add_argument('--friction', type=float, default=0.4)
     parser.add_argument('--damping', type=float, default=5.0, help='ours [s/m]')
     parser.add_argument('--tolerance', type=float, default=1.0, help='ours')
+    parser.add_argument('--steps', type=float, nargs='*', default=STEPS, help="MuJoCo's [s]")
+    parser.add_argument('--stiffnesses', type=float, nargs='*', default=STIFFNESSES,
+                        help='of our contacts [N/m]')
     parser.add_argument('--until', type=float, default=0.4, help='simulated time [s]')
     given = parser.parse_args()
     changes = {'contact.friction': given.friction, 'contact.damping': given.damping,
@@ -105,12 +108,12 @@ def main() -> None:
     print(describe_machine())
     print(f'{scene.body_count} bodies to t = {given.until:g} s, friction {given.friction:g}')
     print(f'{"":28} {"deepest overlap":>16} {"wall time":>10} {"mean height":>12}')
-    for step in STEPS:
+    for step in given.steps:
         seen = run_mujoco(scene, given.friction, step, given.until)
         show(f'MuJoCo, steps of {step:g} s', seen)
     # Kernels are compiled by a run that does not count.
     run_own(pile((1, 1, 4), **changes), given.until)
-    for stiffness in STIFFNESSES:
+    for stiffness in given.stiffnesses:
         seen = run_own(
             pile(tuple(given.size), **changes, **{'contact.stiffness': stiffness}), given.until)
         show(f'icofabric, K = {stiffness:.0e} N/m', seen)

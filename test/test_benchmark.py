@@ -28,6 +28,7 @@ from icofabric_sim.benchmarking.scenes import (
 from icofabric_sim.benchmarking.solver import StepSolver, ToleranceSolver, Unusable
 from icofabric_sim.benchmarking.timing import in_rounds, Spread
 from icofabric_sim.commands.main import main
+from icofabric_sim.icosahedron import vertices
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -196,6 +197,14 @@ def test_mujoco_reads_the_scene(small):
     assert len(tendons) == small.connector_count
     assert {end.get('site') for tendon in tendons for end in tendon} == sites
     assert {float(tendon.get('springlength')) for tendon in tendons} == {small.natural_length}
+    assert not list(root.iter('geom')) and root.find('option/flag').get('contact') == 'disable'
+    floor = ElementTree.fromstring(mujoco_peer.model_text(small, floor=-0.25))
+    assert [geom.get('type') for geom in floor.iter('geom')] == ['plane'] + (
+        ['mesh'] * small.body_count)
+    assert floor.find('option').get('gravity') == '0 0 -9.81'
+    assert floor.find('option/flag').get('contact') is None
+    corners = np.array(floor.find('asset/mesh').get('vertex').split(), float).reshape(12, 3)
+    assert np.array_equal(corners, vertices(small.half_edge))
 
 
 class Power(StepSolver):

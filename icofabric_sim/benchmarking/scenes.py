@@ -118,8 +118,14 @@ def plain_scene(
     """
     Numbers of scene `name` (a key of SIZES, or any name where a `size` is given).
     """
-    scene = Scene.from_parameters(
-        scene_parameters(SIZES[name] if size is None else size, changes=changes))
+    return plain_numbers(name, Scene.from_parameters(
+        scene_parameters(SIZES[name] if size is None else size, changes=changes)))
+
+
+def plain_numbers(name: str, scene: Scene) -> PlainScene:
+    """
+    Numbers of any fabric whose connectors are all alike, at its start.
+    """
     start = scene.initial
     return PlainScene(
         name=name,

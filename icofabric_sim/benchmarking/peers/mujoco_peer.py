@@ -10,6 +10,7 @@ from typing import Any
 
 from icofabric_sim.benchmarking.scenes import axes_from_quaternions, Motion, PlainScene
 from icofabric_sim.benchmarking.solver import Solver, StepSolver
+from icofabric_sim.icosahedron import vertices
 import numpy as np
 
 DISTRIBUTION = 'mujoco'
@@ -63,9 +64,12 @@ class MuJoCo(StepSolver):
         return Motion(places[:, :3].copy(), axes_from_quaternions(places[:, [4, 5, 6, 3]]))
 
 
-def model_text(scene: PlainScene) -> str:
+def model_text(scene: PlainScene, *, floor: float | None = None) -> str:
     """
     Description of `scene`: sites at the edge midpoints in use, tendons between them.
+
+    With a `floor` at that height [m] they have weight, and shells as convex meshes that meet each
+    other and the floor without friction.
     """
     used = sorted({
         (int(body), int(edge))
@@ -73,19 +77,27 @@ def model_text(scene: PlainScene) -> str:
     points, sites = scene.edge_points, [''] * scene.body_count
     for body, edge in used:
         sites[body] += f'<site name="s{body}_{edge}" pos="{_numbers(points[edge])}"/>'
+    assets, shell, ground, memory, weight = '', '', '', '256M', '0 0 0'
+    unused = 'contact="disable" constraint="disable" gravity="disable" '
+    if floor is not None:
+        corners = _numbers(vertices(scene.half_edge).ravel())
+        assets = f'<asset><mesh name="shell" vertex="{corners}"/></asset>'
+        shell = '<geom type="mesh" mesh="shell" condim="1"/>'
+        ground = f'<geom type="plane" size="1 1 1" pos="0 0 {floor!r}" condim="1"/>'
+        unused, memory, weight = '', '4G', '0 0 -9.81'
     bodies = ''.join(
         f'<body><freejoint/><inertial pos="0 0 0" mass="{scene.mass!r}" '
-        f'diaginertia="{_numbers([scene.inertia] * 3)}"/>{own}</body>' for own in sites)
+        f'diaginertia="{_numbers([scene.inertia] * 3)}"/>{shell}{own}</body>' for own in sites)
     spring = f'stiffness="{scene.stiffness!r}" springlength="{scene.natural_length!r}"'
     tendons = ''.join(
         f'<spatial {spring}><site site="s{i}_{e}"/><site site="s{j}_{f}"/></spatial>'
         for (i, j), (e, f) in zip(scene.bodies.tolist(), scene.edges.tolist()))
     return (
         '<mujoco><compiler balanceinertia="false" boundmass="0" boundinertia="0"/>'
-        '<size memory="256M"/><option gravity="0 0 0" jacobian="sparse"><flag contact="disable" '
-        'constraint="disable" gravity="disable" sensor="disable" actuation="disable" '
+        f'<size memory="{memory}"/><option gravity="{weight}" jacobian="sparse"><flag {unused}'
+        'sensor="disable" actuation="disable" '
         'limit="disable" equality="disable" frictionloss="disable" autoreset="disable"/></option>'
-        f'<worldbody>{bodies}</worldbody><tendon>{tendons}</tendon></mujoco>')
+        f'{assets}<worldbody>{ground}{bodies}</worldbody><tendon>{tendons}</tendon></mujoco>')
 
 
 def solvers(scene: PlainScene) -> Iterator[Solver]:
