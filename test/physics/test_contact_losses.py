@@ -356,17 +356,35 @@ def test_a_crowd_that_loses_energy_is_the_same_bits_for_any_threads(
     assert same_state(*ends) and ends[0].energy == ends[1].energy
 
 
-def test_a_pile_of_27_comes_to_rest():
-    simulation = ico.compile_scene(pile.pile((3, 3, 6)))
-    assert simulation.scene.body_count == 27
-    seen = pile.settle(simulation, 2.5)
+@pytest.mark.parametrize('size, friction, damping, calm', [
+    ((3, 3, 6), 0.4, 5.0, 0.0), ((1, 1, 10), 0.0, 10.0, 1e-3)], ids=['friction', 'walls'])
+def test_a_pile_comes_to_rest(size, friction, damping, calm):
+    simulation = ico.compile_scene(
+        pile.pile(size, **{'contact.friction': friction, 'contact.damping': damping}))
+    seen, simulation = pile.come_to_rest(simulation, calm, 2.5)
     assert seen['rested'] and seen['kinetic'] < 1e-6
     assert 1e-3 < seen['deepest'] < 0.01 and abs(seen['balance']) < 0.01
     # Nothing has passed through anything.
     snapshot = simulation.snapshot()
-    first, second = np.triu_indices(27, 1)
+    first, second = np.triu_indices(simulation.scene.body_count, 1)
     gaps = contact.separation(
         A, (snapshot.position[first], snapshot.orientation[first]),
         (snapshot.position[second], snapshot.orientation[second])).distance
     assert gaps.min() > -0.01 * A and seen['outside'] < 0.01
-    assert simulation.contact_count > 30
+    assert simulation.contact_count > simulation.scene.body_count
+
+
+def test_a_pile_without_losses_keeps_its_energy():
+    simulation = ico.compile_scene(pile.pile(
+        (3, 3, 4), **{'contact.friction': 0.0, 'contact.damping': 0.0, 'contact.stiffness': 1e7,
+                      'solver.tolerance': 1e-6}))
+    peak, met = 0.0, 0
+    for time in np.linspace(0.01, 0.4, 40):
+        simulation.advance_to(time)
+        energy = simulation.snapshot().energy
+        peak = max(peak, energy['kinetic'])
+        met += energy['contact'] > 0.0
+        assert abs(energy['balance_error']) < 1e-6 * peak
+    # They still bounce.
+    assert met > 5 and energy['kinetic'] > 0.3 * peak
+    assert 0.0 < simulation.deepest_overlap < 0.01 * A and pile.outside(simulation) < 0.01

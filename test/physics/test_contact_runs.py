@@ -65,10 +65,10 @@ def test_auto_and_always_are_the_same_bits_also_in_pieces_and_from_checkpoints(m
         assert again.checkpoint().difference(always.checkpoint()) == ''
 
 
-@pytest.mark.parametrize(
-    'method', [name for name, method in ico.METHODS.items() if method.symplectic])
+@pytest.mark.parametrize('method', ico.METHODS)
 def test_energy_errs_by_the_square_of_the_step_through_contacts(method):
     # The force has a kink at first touch, wherever in a step that is: a mean over eight places.
+    # Given steps do not end there, also those of dop8.
     steps, errors = 4e-5 / 2.0 ** np.arange(5), []
     for step in steps:
         scene = loose(
@@ -107,7 +107,7 @@ def test_a_vertex_on_a_floor_is_hit_as_a_rigid_body_is(velocity, spin):
     arm = arms[np.argmin(arms[:, 2])]
     assert np.hypot(*arm[:2]) > 0.1 * A
     errors = []
-    for stiffness in (1e5, 1.6e6, 2.56e7):
+    for stiffness in (1.6e6, 2.56e7, 4.096e8):
         scene = make_scene((1, 1, 1), {
             'weave.connected': False, 'solver.method': 'dop8', 'solver.tolerance': 1e-8,
             'contact.mode': 'auto', 'contact.stiffness': stiffness,
@@ -132,9 +132,9 @@ def test_a_vertex_on_a_floor_is_hit_as_a_rigid_body_is(velocity, spin):
         error = max(error, A * np.abs(snapshot.angular_velocity[0] - turning).max())
         errors.append(error / abs(approach))
     # The body turns while it touches, for a time that falls as the root of the stiffness.
-    rates = np.log2(np.array(errors[:-1]) / errors[1:]) / 2.0
-    assert errors[-1] < 5e-3
-    assert rates.min() > 0.7
+    orders = np.log2(np.array(errors[:-1]) / errors[1:]) / 4.0
+    assert orders == pytest.approx(0.5, abs=0.02)
+    assert errors[-1] < 1e-3
 
 
 def test_a_drop_comes_back_to_its_height():
