@@ -46,11 +46,14 @@ class Lanczos:
         self._terms = own, pairs
         # Slots without a body are read too: they must hold numbers.
         self._moved, self._turns = np.zeros_like(work.points), np.zeros((3, start.shape[1]))
-        self._begin(start)
         self.diagonal, self.off = np.zeros(most), np.zeros(most)
-        self.done = 0  # steps
+        self.begin_with(start)
 
-    def _begin(self, start: np.ndarray) -> None:
+    def begin_with(self, start: np.ndarray) -> None:
+        """
+        Begin anew.
+        """
+        self.done = 0  # steps
         self._current, self._previous = aligned_empty(start.shape), np.zeros_like(start)
         self._current[:] = start
 
@@ -82,8 +85,10 @@ class Lanczos:
         Sums (j, 6, s) of the vectors of the first steps, times weights (i, j): once more.
         """
         shapes = np.zeros((weights.shape[1], *start.shape))
-        self._begin(start)
+        done = self.done
+        self.begin_with(start)
         self._steps(0, len(weights), shapes, weights)
+        self.done = done
         return shapes
 
     def _steps(
@@ -116,7 +121,9 @@ def find_largest(run: Lanczos, upper: float, accuracy: float, every: int) -> Lar
     return Largest(value, weights)
 
 
-def start_vector(layout: Layout, supports: Supports | None) -> np.ndarray:
+def start_vector(
+    layout: Layout, supports: Supports | None, seed: int = 1
+) -> np.ndarray:
     """
     Unit vector to start from, (6, s), without held freedoms; zero where all are held.
 
@@ -124,7 +131,8 @@ def start_vector(layout: Layout, supports: Supports | None) -> np.ndarray:
     """
     start = aligned_empty((6, layout.slot_count))
     start[:] = 0.0
-    start[:, layout.slot] = np.random.RandomState(1).standard_normal((6, layout.body_count))
+    start[:, layout.slot] = np.random.RandomState(seed).standard_normal(
+        (6, layout.body_count))
     if supports is not None:
         start[:3] *= supports.inverse_mass > 0.0
         start[3:] *= supports.inverse_inertia > 0.0

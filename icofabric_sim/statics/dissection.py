@@ -13,9 +13,11 @@ import numpy as np
 _LEAF = 6  # bodies
 
 
-def dissection_order(grid: np.ndarray) -> np.ndarray:
+def dissection_parts(grid: np.ndarray, leaf: int = _LEAF) -> list[np.ndarray]:
     """
-    Numbers of the bodies at grid points (n, 3), in the order of elimination.
+    Numbers of the bodies at grid points (n, 3): parts to be eliminated together, in their order.
+
+    Up to `leaf` bodies are not parted any more.
     """
     parts: list[np.ndarray] = []
     # Backwards: the separator, then either side, each before its own parts.
@@ -25,7 +27,7 @@ def dissection_order(grid: np.ndarray) -> np.ndarray:
         here = grid[bodies]
         extent = np.ptp(here, axis=0) if len(bodies) else np.zeros(3, int)
         axis = int(np.argmax(extent))
-        if len(bodies) <= _LEAF or extent[axis] < 2:
+        if len(bodies) <= leaf or extent[axis] < 2:
             parts.append(bodies)
             continue
         along = here[:, axis]
@@ -33,4 +35,11 @@ def dissection_order(grid: np.ndarray) -> np.ndarray:
         middle = min(max(middle, int(along.min()) + 1), int(along.max()) - 1)
         parts.append(bodies[along == middle])
         waiting += [bodies[along < middle], bodies[along > middle]]
-    return np.concatenate([np.zeros(0, np.int64), *parts[::-1]])
+    return parts[::-1]
+
+
+def dissection_order(grid: np.ndarray) -> np.ndarray:
+    """
+    The same numbers, one after the other.
+    """
+    return np.concatenate([np.zeros(0, np.int64), *dissection_parts(grid)])

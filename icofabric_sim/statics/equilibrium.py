@@ -67,7 +67,7 @@ class Equilibrium:
     residual: float
     verdict: str
     # Motions that cost no energy, rigid ones of the whole included; -1: not counted, because the
-    # fabric is not in equilibrium or has more than 60,000 freedoms.
+    # fabric is not in equilibrium or has more than 400,000 freedoms.
     mechanism_count: int
     unstable_count: int  # motions that lower it; -1: not counted; of large fabrics 1: some
     force_scale: float  # [N]

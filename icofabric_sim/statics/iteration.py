@@ -16,7 +16,7 @@ _MOST = 3_000  # products
 _LOOKS = 16  # products between two looks at what has converged
 
 
-def begin(here: Configuration, most: int) -> tuple[Lanczos, np.ndarray]:
+def begin(here: Configuration, most: int, *, seed: int = 1) -> tuple[Lanczos, np.ndarray]:
     """
     The iteration of a configuration, for at most so many steps, and the vector it begins with.
 
@@ -32,7 +32,7 @@ def begin(here: Configuration, most: int) -> tuple[Lanczos, np.ndarray]:
             layout.spread(np.where(free[:, 3:4], model.inverse_inertia, 0.0)))
     work = layout.room(model.links)
     place_all(model, here.state, work, 0, len(layout.blocks.slot))
-    start = start_vector(layout, supports)
+    start = start_vector(layout, supports, seed)
     scale = layout.spread(np.where(free, 1.0 / fabric.root, 0.0))
     run = Lanczos(
         model._replace(supports=supports), here.state, work, start, most,

@@ -16,14 +16,18 @@ from icofabric_sim.snapshot import Snapshot
 from icofabric_sim.statics.fabric import Configuration, StaticFabric
 from icofabric_sim.statics.held import held_time
 from icofabric_sim.statics.iteration import largest_square
+from icofabric_sim.statics.lowest import lowest_modes
 from icofabric_sim.statics.mechanisms import compatibility_matrix, count_mechanisms, Counts
+from icofabric_sim.statics.one_thread import one_thread
 from icofabric_sim.statics.spectrum import (
     count_below,
     count_signs,
+    count_under,
     Curvature,
     curvature_of,
     DENSE,
     Factor,
+    FACTORED,
     factorise,
     row_sum,
     scaled_hessian,
@@ -78,6 +82,7 @@ class Spectrum:
         return -1 if self.counts is None else self.counts.self_stresses
 
 
+@one_thread()
 def solve_modes(
     scene: Scene, *, at: Snapshot | None = None, time: float | None = None,
     count: int | None = None, which: str = LOWEST
@@ -149,6 +154,12 @@ def _lowest(
     from scipy.sparse.linalg import eigsh, LinearOperator
 
     below = curvature.zero + curvature.negative
+    if matrix.shape[0] > FACTORED:
+        def between(value: float) -> int:
+            return count_under(here, matrix, value) - below
+
+        return lowest_modes(
+            here, count, zero_limit(matrix), None if curvature.zero < 0 else between)
     if curvature.zero < 0:
         raise ValueError(
             'the zero-energy motions of this fabric could not be counted, and with them the '

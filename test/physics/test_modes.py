@@ -225,6 +225,66 @@ def test_large_fabrics_are_counted_by_factorisation(sections, monkeypatch):
         assert np.array_equal(again.shapes, found.shapes)
 
 
+@pytest.mark.parametrize('size, sections', [
+    ((5, 5, 5), CANTILEVER), ((5, 5, 5), {}),
+    # Three waves have each frequency, and the iteration finds one of them at a time.
+    ((4, 4, 4), {'connector': {'bending_stiffness': 5e-3}})])
+@pytest.mark.parametrize('counted', [True, False])
+def test_lowest_without_factors(size, sections, counted, monkeypatch):
+    """
+    As beyond 60,000 freedoms, and beyond those whose motions are counted.
+    """
+    scene = make_scene(size, **sections)
+    whole = ico.solve_modes(scene)
+    for module, name in ((modes, 'DENSE'), (spectrum, 'DENSE'), (modes, 'FACTORED')):
+        monkeypatch.setattr(module, name, 10)
+    if not counted:
+        monkeypatch.setattr(spectrum, 'COUNTED', 10)
+    count = 11
+    found = ico.solve_modes(scene, count=count)
+    expected = whole.frequencies[:count]
+    if size == (4, 4, 4):
+        assert np.diff(expected).min() < 1e-9 * expected[0]
+    assert found.mechanism_count == (whole.mechanism_count if counted else -1)
+    assert found.frequencies == pytest.approx(expected, rel=1e-9)
+    # They are orthogonal, and each is a mode.
+    root = found.here.fabric.root
+    flat = (found.shapes * root).reshape(count, -1)
+    assert np.abs(flat @ flat.T - np.eye(count)).max() < 1e-9
+    for rate, shape in zip(found.frequencies, found.shapes):
+        wanted = rate**2 * root**2 * shape
+        left = np.where(found.here.fabric.free, found.here.times(shape) - wanted, 0.0)
+        assert np.abs(left / root).max() < 1e-6 * np.abs(wanted / root).max()
+    again = ico.solve_modes(scene, count=count)
+    assert np.array_equal(again.shapes, found.shapes)
+
+
+def test_elimination_counts_what_all_eigenvalues_say(monkeypatch):
+    """
+    Part by part, with contacts between bodies that no connector joins, and under pressure.
+    """
+    monkeypatch.setattr(spectrum, '_PART', 2)
+    for size, sections in (
+            ((5, 4, 4), {'contact': {'mode': 'always', 'stiffness': 1e4}}),
+            ((4, 4, 4), {'connector': {'natural_length': 0.03}}), ((6, 3, 3), CANTILEVER),
+            ((3, 3, 3), {'bodies': {'one': {'position': [0.0, 0.0, 0.5]}}})):
+        scene = make_scene(size, **sections)
+        here = StaticFabric(scene).configuration('moved', rotated_by_noise(scene, 0.3))
+        if 'contact' in sections:
+            # Squeezed until shells touch that are no neighbours.
+            here.position[:] *= 0.45
+            joined = {tuple(sorted(pair)) for pair in scene.connectors.bodies.tolist()}
+            assert {tuple(pair) for pair in np.sort(here.touching.pairs).tolist()} - joined
+        matrix = scaled_hessian(here)
+        values = np.linalg.eigvalsh(matrix.toarray())
+        for part in (-0.3, -1e-3, 1e-3, 0.02, 0.2, 0.9):
+            shift = part * float(np.abs(values).max())
+            below = int(np.count_nonzero(values < shift))
+            assert spectrum.count_under(here, matrix, shift) == below
+        assert spectrum.count_under(here, matrix, 2.0 * float(values[-1])) == len(values)
+        assert np.count_nonzero(values < -1e-3 * values[-1]) > 3
+
+
 def test_matrix_is_the_product_column_by_column():
     scene = make_scene((3, 3, 3), **CANTILEVER)
     here = StaticFabric(scene).start
