@@ -21,12 +21,15 @@ from icofabric_sim.fabric_polygons import (
     View,
 )
 from icofabric_sim.markers import held_bodies, STRAIN_CLASSES
+from icofabric_sim.plane_pictures import plane_pictures
 from icofabric_sim.scene import Scene
 import numpy as np
 
 _DOTS_PER_INCH = 100.0
 _LEAST_LINE_PIXELS = 1.6
 _TEXT_COLOR = '0.25'
+# Colours of floors and walls and of the lines on them; how much hides what is behind a wall.
+_PLANE_COLOR, _LINE_COLOR, _VEIL = '0.95', '0.86', 0.12
 # Heights [inches] of the heading, of the legend and of a caption.
 _HEADING, _FOOTING, _CAPTION = 0.42, 0.62, 0.30
 # Height [inches] of the strip of the scale bar, and room around the fabric.
@@ -150,6 +153,7 @@ class Renderer:
             broken=moment.broken,
             line_width=max(0.16 * scene.shell.half_edge, _LEAST_LINE_PIXELS * pixel),
         )
+        _planes(axes, scene, self.view, self.bounds)
         large = scene.shell.half_edge > 6.0 * pixel
         axes.add_collection(
             PolyCollection(
@@ -159,6 +163,7 @@ class Renderer:
                 edgecolors=(0.86 if large else 0.95) * shapes.colors,
                 linewidths=0.5 if large else 0.3,
                 joinstyle='round',
+                zorder=1.0,
             ),
             autolim=False,
         )
@@ -202,6 +207,22 @@ class Renderer:
             columnspacing=1.6,
             borderaxespad=0.1,
         )
+
+
+def _planes(axes: Any, scene: Scene, view: View, bounds: Bounds) -> None:
+    """
+    Draw floors and walls: behind the fabric, or as a veil before it where it is behind them.
+    """
+    from matplotlib.collections import LineCollection, PolyCollection
+
+    for picture in plane_pictures(scene, view, bounds):
+        order = 0.0 if picture.faces_viewer else 2.0
+        axes.add_collection(PolyCollection(
+            [picture.corners], facecolors=_PLANE_COLOR, edgecolors=_LINE_COLOR, linewidths=0.8,
+            alpha=1.0 if picture.faces_viewer else _VEIL, zorder=order), autolim=False)
+        axes.add_collection(LineCollection(
+            list(picture.lines), colors=_LINE_COLOR, linewidths=0.6,
+            alpha=1.0 if picture.faces_viewer else 2.0 * _VEIL, zorder=order), autolim=False)
 
 
 def _scale_bar(axes: Any, corner: np.ndarray, meters: float, inches: float) -> None:
