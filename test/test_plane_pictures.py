@@ -85,4 +85,4 @@ def test_a_floor_is_behind_the_fabric_and_a_veil_before_it(tmp_path: Path) -> No
     # All but the pixels at their edges.
     assert (seen[0][dark] == seen[1][dark]).mean() > 0.95
     assert (seen[1][empty] < 0.98).any()
-    assert dark.sum() > 500 and (seen[2][dark] > seen[0][dark]).mean() > 0.8
+    assert dark.sum() > 500 and (seen[2][dark] > seen[0][dark]).mean() > 0.5
