@@ -16,6 +16,9 @@ import numpy as np
 PAIRS = -1
 # Overlap in parts of a with which a search begins, and how much stiffer contacts get at a time.
 _DEEP, _STIFFER = 0.1, 3.0
+# So many times softer is a search that does not come to an end: then contacts are about as soft
+# as connectors.
+_SOFTER = 6
 # Step of the differences of forces, in parts of a and in rad.
 _STEP = 1e-6
 
@@ -62,7 +65,16 @@ class StaticContacts:
         softest = min(force / (_DEEP * self._setup.half_edge), whole)
         if not softest > 0.0:
             return [whole]
-        count = int(np.ceil(np.log(whole / softest) / np.log(_STIFFER)))
+        return self._rising(int(np.ceil(np.log(whole / softest) / np.log(_STIFFER))))
+
+    def softer(self) -> list[float]:
+        """
+        The same for a search that has come close, and is held up by stiff contacts.
+        """
+        return self._rising(_SOFTER)
+
+    def _rising(self, count: int) -> list[float]:
+        whole = self._setup.stiffness
         return [*(whole / _STIFFER**k for k in range(count, 0, -1)), whole]
 
     def act(self, position: np.ndarray, axes: np.ndarray) -> Contacts:

@@ -39,8 +39,8 @@ _MOST_PRODUCTS = 5_000
 _LARGEST_TURN = 0.7
 # A step is taken that brings this part of what was expected of it; so many lengths are tried.
 _LEAST_GAIN, _TRIES = 1e-4, 4
-# Residual with which contacts are made stiffer.
-_NEAR = 1e-3
+# Residual with which contacts are made stiffer; steps after which they are made softer again.
+_NEAR, _PATIENCE = 1e-3, (200, 400, 800, math.inf)
 # Below this part of the energy its differences are rounding.
 _ROUNDING = 1e-9
 
@@ -189,19 +189,31 @@ class _Search:
 
         `gently`: contacts are soft at first, and stiffer each time that an equilibrium is near.
         Stiff ones change within steps as short as their overlaps, and stop bodies that have far
-        to go.
+        to go. Where they do so for long they are made soft once more.
         """
         contacts = self.fabric.contacts
         if contacts is None:
             self._descend(self.tolerance)
             return
-        for stiffness in contacts.stages(self._acting()) if gently else [contacts.stiffness]:
-            contacts.stiffness = stiffness
-            self.here = Configuration(
-                self.fabric, self.here.position.copy(), self.here.orientation.copy())
-            self._descend(
-                max(self.tolerance, _NEAR) if stiffness < contacts.whole else self.tolerance)
-        contacts.stiffness = contacts.whole
+        stages = contacts.stages(self._acting()) if gently else [contacts.whole]
+        for patience in _PATIENCE:
+            for stiffness in stages[:-1]:
+                self._press(stiffness, max(self.tolerance, _NEAR), self.largest)
+            self._press(contacts.whole, self.tolerance, patience)
+            if self.steps >= self.largest or self._good(self.tolerance):
+                return
+            # Where much touches for a moment only, stiff contacts begin and end at every step.
+            stages = contacts.softer()
+
+    def _press(self, stiffness: float, tolerance: float, most: float) -> None:
+        """
+        Search with contacts of a stiffness [N/m], for so many steps at most.
+        """
+        assert self.fabric.contacts is not None
+        self.fabric.contacts.stiffness = stiffness
+        self.here = Configuration(
+            self.fabric, self.here.position.copy(), self.here.orientation.copy())
+        self._descend(tolerance, self.steps + most)
 
     def _acting(self) -> float:
         """
@@ -209,9 +221,9 @@ class _Search:
         """
         return max(self.here.force_scale, float(np.abs(self.leftover()[:, :3]).max(initial=0.0)))
 
-    def _descend(self, tolerance: float) -> None:
+    def _descend(self, tolerance: float, last: float = math.inf) -> None:
         stuck = 0
-        while self.steps < self.largest and stuck < 30 and not self._good(tolerance):
+        while self.steps < min(self.largest, last) and stuck < 30 and not self._good(tolerance):
             before = self.residual()
             if self.progress is not None:
                 self.progress(Progress(self.steps, before, self.here.energy))

@@ -52,6 +52,25 @@ def test_point_springs_let_an_orthogonal_slab_be_pushed_for_nothing():
         assert abs(point.stress) < 1e-6 * 0.02 * 500.0 / scene.geometry.pitch
 
 
+def test_a_crumpled_slab_rests_though_its_shells_touch_for_a_moment_only():
+    """
+    A turned slab of point springs, pushed by 40 %: nothing is left, where contacts come and go.
+    """
+    scene = make_scene(
+        (6, 4, 4), weave={'kind': 'bias', 'size': [6, 4, 4], 'connector_angle': 0.3},
+        contact={'mode': 'auto'})
+    points = ico.measure_curve(scene, 'push', np.linspace(0.05, 0.4, 8))
+    assert len(points) == 8 and points[-1].obstructed > 30
+    modulus = float(np.abs(ico.homogenise(scene).stiffness).max())
+    for point in points:
+        assert point.verdict == 'equilibrium, with mechanisms' and point.residual < 1e-10
+        assert abs(point.stress) < 1e-9 * modulus
+    # Without softer contacts the search does not come to an end there.
+    contacts = StaticFabric(scene).contacts
+    soft = contacts.softer()
+    assert soft[-1] == contacts.whole and soft[0] == pytest.approx(contacts.whole / 3**6)
+
+
 def test_all_axes_are_alike_and_loads_of_the_scene_are_left_out():
     scene = slab((5, 5, 5), gravity=[0.0, 0.0, -9.81], groups={'g': 'ids 1'},
                  loads={'l': {'group': 'g', 'force': [1.0, 0.0, 0.0]}}, **STIFF)
