@@ -1,12 +1,13 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
 """
-Counts of mechanisms of every slab up to 6 x 6 x 6, in four ways, all variants and several angles.
+Counts of mechanisms of every slab up to 6 x 6 x 6, in five ways, all variants and several angles.
 
 A dense singular value decomposition of a compatibility matrix that is put together here, from
 nothing but the places of the attachment points; that of the package; all eigenvalues of the
-Hessian; and the pivots of its factorisation, as they are used for large fabrics. Wide gaps between
-the values that count as zero and all others show that no threshold decides.
+Hessian; and the pivots of an elimination of it, and of A^T A, A the compatibility matrix, as they
+are used for large fabrics. Wide gaps between the values that count as zero and all others show
+that no threshold decides.
 """
 
 import argparse
@@ -18,12 +19,16 @@ from typing import NamedTuple
 import icofabric_sim as ico
 from icofabric_sim.benchmarking.machine import describe_machine
 from icofabric_sim.statics.fabric import StaticFabric
-from icofabric_sim.statics.mechanisms import compatibility_matrix, count_mechanisms
+from icofabric_sim.statics.mechanisms import (
+    compatibility_matrix,
+    count_by_elimination,
+    count_mechanisms,
+)
+from icofabric_sim.statics.one_thread import one_thread
 from icofabric_sim.statics.spectrum import (
-    count_below,
     count_signs,
+    count_under,
     Curvature,
-    factorise,
     scaled_hessian,
     zero_limit,
 )
@@ -45,6 +50,7 @@ class Found(NamedTuple):
     by_matrix: int  # motions without energy, by singular values of the package's matrix
     by_eigenvalues: Curvature
     by_pivots: Curvature
+    by_elimination: int  # of the geometry alone
     smallest: float  # singular value that counts, over the largest
     largest: float  # that does not, over the largest
 
@@ -54,7 +60,7 @@ class Found(NamedTuple):
         Whether all ways count the same.
         """
         wanted = self.freedoms - self.rank
-        return self.by_matrix == wanted and (
+        return self.by_matrix == self.by_elimination == wanted and (
             self.by_eigenvalues == self.by_pivots == Curvature(wanted, 0))
 
 
@@ -83,6 +89,7 @@ def plain_matrix(scene: ico.Scene) -> np.ndarray:
     return matrix
 
 
+@one_thread()
 def count(scene: ico.Scene) -> Found:
     """
     Count in all ways.
@@ -97,12 +104,13 @@ def count(scene: ico.Scene) -> Found:
     pivots = Curvature(matrix.shape[0], 0)
     if matrix.nnz:
         limit = zero_limit(matrix)
-        below, above = (count_below(factorise(here, matrix, s)) for s in (-limit, limit))
+        below, above = (count_under(here, matrix, s) for s in (-limit, limit))
         pivots = Curvature(above - below, below)
     return Found(
         6 * scene.body_count, scene.connector_count, rank,
         count_mechanisms(compatibility_matrix(here)).mechanisms,
         count_signs(np.linalg.eigvalsh(matrix.toarray()), 1e-10), pivots,
+        -1 if (geometric := count_by_elimination(here)) is None else geometric.mechanisms,
         float(values[:rank].min(initial=1.0)), float(values[rank:].max(initial=0.0)))
 
 

@@ -12,10 +12,13 @@ f - c = mechanisms - states of self-stress, because both counts use the one rank
 from typing import NamedTuple
 
 from icofabric_sim.statics.fabric import Configuration
+from icofabric_sim.statics.spectrum import count_under, row_sum
 import numpy as np
+from scipy import sparse
 
-# Singular values below this part of the largest are zero.
-_ZERO = 1e-9
+# Singular values below this part of the largest are zero, and their squares where these are
+# counted; those of woven slabs are 0 or above 0.09 (docs/statics.md).
+_ZERO, _ZERO_SQUARE = 1e-9, 1e-10
 
 
 class Counts(NamedTuple):
@@ -42,9 +45,9 @@ class Counts(NamedTuple):
         return self.connectors - self.rank
 
 
-def compatibility_matrix(here: Configuration) -> np.ndarray:
+def sparse_compatibility(here: Configuration) -> sparse.csr_matrix:
     """
-    Changes of length of connectors and anchors per motion of the free freedoms, dense.
+    Changes of length of connectors and anchors per motion of the free freedoms.
 
     Scaled by the roots of masses and inertias: (c, f), [1/sqrt(kg)]. For connectors that have
     broken, or have no stiffness at this length, there is no row.
@@ -55,19 +58,47 @@ def compatibility_matrix(here: Configuration) -> np.ndarray:
     slope = fabric.laws.evaluate(snapshot.connector_length)[1]
     chosen = np.flatnonzero((slope != 0.0) & snapshot.intact)
     bodies, ends = bodies[chosen], ends[chosen]
-    rows = np.zeros((len(chosen) + fabric.anchors.count, scene.body_count, 6))
     reach = ends[:, 1] - ends[:, 0]
     direction = reach / np.linalg.norm(reach, axis=1, keepdims=True)
-    number = np.arange(len(chosen))
+    # Of each row the numbers of the bodies and what their motions do to the length.
+    joined, changes = [bodies[:, 0], bodies[:, 1]], []
     for end, sign in ((0, -1.0), (1, 1.0)):
         arm = ends[:, end] - here.position[bodies[:, end]]
-        np.add.at(rows, (number, bodies[:, end]), sign * np.hstack(
-            [direction, np.cross(arm, direction)]))
-    for row, (body, arm, direction) in enumerate(fabric.anchors.directions(
-            here.position, here.axes)):
-        rows[len(chosen) + row, body] = -np.hstack([direction, np.cross(arm, direction)])
-    scaled = (rows / fabric.root).reshape(len(rows), 6 * scene.body_count)
-    return np.ascontiguousarray(scaled[:, fabric.free.ravel()])
+        changes.append(sign * np.hstack([direction, np.cross(arm, direction)]))
+    anchors = fabric.anchors.directions(here.position, here.axes)
+    joined.append(np.array([body for body, _, _ in anchors], int))
+    changes.append(np.array([
+        -np.hstack([along, np.cross(arm, along)]) for _, arm, along in anchors]).reshape(-1, 6))
+    number = np.arange(len(chosen))
+    rows = np.concatenate([number, number, len(chosen) + np.arange(len(anchors))])
+    columns = 6 * np.concatenate(joined)[:, None] + np.arange(6)
+    matrix = sparse.csr_matrix(
+        ((np.concatenate(changes) / fabric.root).ravel(),
+         (np.repeat(rows, 6), columns.ravel())),
+        shape=(len(chosen) + len(anchors), 6 * scene.body_count))
+    return matrix[:, np.flatnonzero(fabric.free.ravel())]
+
+
+def compatibility_matrix(here: Configuration) -> np.ndarray:
+    """
+    The same, dense.
+    """
+    return np.ascontiguousarray(sparse_compatibility(here).toarray())
+
+
+def count_by_elimination(here: Configuration) -> Counts | None:
+    """
+    The counts of a large fabric, from the signs of the pivots of A^T A less a little.
+
+    None where an elimination cannot tell.
+    """
+    matrix = sparse_compatibility(here)
+    connectors, freedoms = matrix.shape
+    if not matrix.nnz:
+        return Counts(freedoms, connectors, 0)
+    square = sparse.csr_matrix(matrix.T @ matrix)
+    zero = count_under(here, square, _ZERO_SQUARE * row_sum(square))
+    return None if zero < 0 else Counts(freedoms, connectors, freedoms - zero)
 
 
 def count_mechanisms(matrix: np.ndarray) -> Counts:

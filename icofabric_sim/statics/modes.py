@@ -17,12 +17,18 @@ from icofabric_sim.statics.fabric import Configuration, StaticFabric
 from icofabric_sim.statics.held import held_time
 from icofabric_sim.statics.iteration import largest_square
 from icofabric_sim.statics.lowest import lowest_modes
-from icofabric_sim.statics.mechanisms import compatibility_matrix, count_mechanisms, Counts
+from icofabric_sim.statics.mechanisms import (
+    compatibility_matrix,
+    count_by_elimination,
+    count_mechanisms,
+    Counts,
+)
 from icofabric_sim.statics.one_thread import one_thread
 from icofabric_sim.statics.spectrum import (
     count_below,
     count_signs,
     count_under,
+    COUNTED,
     Curvature,
     curvature_of,
     DENSE,
@@ -62,7 +68,7 @@ class Spectrum:
     growth_rates: np.ndarray
     unstable_count: int  # how many there are; -1: not counted
     freedoms: int
-    # By the geometry of the connectors alone; None for large fabrics.
+    # By the geometry of the connectors alone; None above 400,000 freedoms.
     counts: Counts | None
     snapshot: Snapshot  # the configuration
     here: Configuration = field(repr=False)  # the same with all that acts in it
@@ -114,8 +120,9 @@ def solve_modes(
         frequencies=np.sqrt(values), shapes=_shapes(here, vectors),
         mechanism_count=curvature.zero, mechanisms=np.zeros((0, scene.body_count, 6)),
         rigid_count=rigid_count(here), growth_rates=np.zeros(0),
-        unstable_count=curvature.negative, freedoms=size, counts=None, snapshot=here.snapshot,
-        here=here)
+        unstable_count=curvature.negative, freedoms=size,
+        counts=count_by_elimination(here) if size <= COUNTED else None,
+        snapshot=here.snapshot, here=here)
 
 
 def _all_modes(

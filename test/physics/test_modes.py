@@ -219,7 +219,9 @@ def test_large_fabrics_are_counted_by_factorisation(sections, monkeypatch):
         assert found.mechanism_count == whole.mechanism_count
         assert found.unstable_count == whole.unstable_count
         assert found.frequencies == pytest.approx(whole.frequencies[part], rel=1e-8)
-        assert found.counts is None and found.self_stress_count == -1
+        # By the pivots what singular values say.
+        assert found.counts == whole.counts
+        assert found.self_stress_count == whole.self_stress_count
         assert found.shapes.shape == (7, scene.body_count, 6)
         again = ico.solve_modes(scene, count=7, which=which)
         assert np.array_equal(again.shapes, found.shapes)
@@ -239,13 +241,15 @@ def test_lowest_without_factors(size, sections, counted, monkeypatch):
     for module, name in ((modes, 'DENSE'), (spectrum, 'DENSE'), (modes, 'FACTORED')):
         monkeypatch.setattr(module, name, 10)
     if not counted:
-        monkeypatch.setattr(spectrum, 'COUNTED', 10)
+        for module in (modes, spectrum):
+            monkeypatch.setattr(module, 'COUNTED', 10)
     count = 11
     found = ico.solve_modes(scene, count=count)
     expected = whole.frequencies[:count]
     if size == (4, 4, 4):
         assert np.diff(expected).min() < 1e-9 * expected[0]
     assert found.mechanism_count == (whole.mechanism_count if counted else -1)
+    assert found.counts == (whole.counts if counted else None)
     assert found.frequencies == pytest.approx(expected, rel=1e-9)
     # They are orthogonal, and each is a mode.
     root = found.here.fabric.root
@@ -332,7 +336,7 @@ def test_bad_arguments():
         ico.solve_modes(scene, at=snapshot)
 
 
-def test_mechanisms_of_slabs_of_all_sizes_are_counted_alike_in_four_ways():
+def test_mechanisms_of_slabs_of_all_sizes_are_counted_alike_in_five_ways():
     """
     A part of the sweep over all slabs up to 6 x 6 x 6, variants and angles (docs/statics.md).
     """
