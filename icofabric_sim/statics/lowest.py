@@ -18,8 +18,8 @@ from icofabric_sim.statics.iteration import begin
 import numpy as np
 from scipy.linalg import eigh_tridiagonal, eigvalsh_tridiagonal
 
-# Steps at most; after how many to look first, and how much longer until the next look.
-_MOST, _FIRST, _LONGER = 40_000, 100, 1.25
+# After how many steps to look first, and how much longer until the next look.
+_FIRST, _LONGER = 100, 1.25
 # Residual of a squared frequency, in parts of it.
 _RESIDUAL = 1e-8
 # Part of the start below which a value was only found again; what is left of a vector without
@@ -30,20 +30,27 @@ _SAME, _ROUNDING = 1e-7, 1e-12
 _PASSES = 8
 
 
+class NotFoundError(ValueError):
+    """
+    Frequencies did not come out of as many products as there may be.
+    """
+
+
 def lowest_modes(
-    here: Configuration, count: int, zero: float, below: Callable[[float], int] | None
+    here: Configuration, count: int, zero: float, below: Callable[[float], int] | None,
+    most: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """
     `count` squared frequencies above `zero` [1/s^2], rising, and scaled free motions (f, count).
 
     `below` tells how many there are between zero and a value, and so whether one is missing; None
     where that is too large to count: then passes are made until one brings nothing new. Raises
-    ValueError where they do not come out.
+    NotFoundError where they do not come out of `most` products.
     """
     layout, free = here.fabric.layout, here.fabric.free
     values, vectors = np.zeros(0), np.zeros((0, int(free.sum())))
     for number in range(_PASSES):
-        run, start = begin(here, min(_MOST, 4 * len(vectors.T)), seed=number + 1)
+        run, start = begin(here, min(most, 4 * len(vectors.T)), seed=number + 1)
         if number:
             scaled = layout.gather(start)[free]
             scaled -= vectors.T @ (vectors @ scaled)
@@ -109,7 +116,7 @@ def _converged(run: Lanczos, count: int, zero: float) -> tuple[np.ndarray, np.nd
         if len(good) == count and good.all():
             return found, vectors
         if run.ended:
-            raise ValueError(
+            raise NotFoundError(
                 f'of the {count} lowest frequencies of this fabric only {good.sum()} came out of '
                 f'{run.done:,} products: they lie too close to zero or to each other; ask for '
                 "fewer, or for which='highest'")

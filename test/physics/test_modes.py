@@ -263,6 +263,20 @@ def test_lowest_without_factors(size, sections, counted, monkeypatch):
     assert np.array_equal(again.shapes, found.shapes)
 
 
+def test_long_thin_fabrics_take_factors_where_iteration_does_not_end(monkeypatch):
+    scene = make_scene((21, 2, 2), **CANTILEVER)
+    whole = ico.solve_modes(scene)
+    for module, name in ((modes, 'DENSE'), (spectrum, 'DENSE'), (modes, 'ITERATED')):
+        monkeypatch.setattr(module, name, 10)
+    monkeypatch.setattr(modes, '_FEW', 60)
+    found = ico.solve_modes(scene, count=3)
+    assert found.frequencies == pytest.approx(whole.frequencies[:3], rel=1e-8)
+    monkeypatch.setattr(modes, 'FACTORED', 10)
+    monkeypatch.setattr(modes, '_MOST', 60)
+    with pytest.raises(ValueError, match='of the 3 lowest .* 60 products'):
+        ico.solve_modes(scene, count=3)
+
+
 def test_elimination_counts_what_all_eigenvalues_say(monkeypatch):
     """
     Part by part, with contacts between bodies that no connector joins, and under pressure.
