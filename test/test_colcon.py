@@ -50,7 +50,9 @@ def sourced(install, command, **words):
     """
     return subprocess.Popen(
         ['bash', '-c', f'source "{install}/setup.bash" && {command}'], cwd=install.parent,
-        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, **words)
+        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+        # What runs in the background of a script ignores it, and so would all that it starts.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler), **words)
 
 
 def output_of(install, command):
