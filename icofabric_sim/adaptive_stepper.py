@@ -388,6 +388,7 @@ class AdaptiveStepper(Stepper):
         rate = math.sqrt(self.watch.least_rate)
         part = min(_KINK * control[pair.TOLERANCE] / rate, _LARGEST_KINK)
         control[pair.KINK] = math.sqrt(part) / rate
+        # A step that short is always taken: it must not count as too short before.
         control[pair.SHORTEST] = min(control[pair.SHORTEST], control[pair.KINK])
         # A step of a contact, as far as that can be known before.
         control[pair.RESUME] = _FIRST_STEP / rate

@@ -21,7 +21,7 @@ class ContactLine(MainLine):
     # The largest frequency of the fabric alone, in the configuration looked at last.
     _fabric: Frequency
     # Whether it is the speed of bodies that limits the step.
-    _held_back = False
+    _held_back: bool
 
     @property
     def frequency(self) -> Frequency:
@@ -72,35 +72,12 @@ class ContactLine(MainLine):
         return (
             self.method.chosen / math.sqrt(watch.least_rate), LOOK_AFTER / self.method.stages)
 
-    def _look_again(self, time: float, *, missed: bool) -> None:
-        """
-        Bodies have moved far: find what can touch now, and follow it with the step.
-        """
-        if self.watch is None:
-            return
-        if missed:
-            self.watch.miss()
-        before = self.watch.rate
-        self._look_for_contacts(time)
-        longest = self.watch.longest_step
-        if not self.fixed and (
-                self.watch.rate != before or self._held_back or not self.step <= longest):
-            self._follow_contacts()
-        self._pace(self.step)
-        self._require_safe_step(time)
-
     def _pace(self, step: float) -> None:
         """
         Say how often bodies are asked how far they have moved, and whether kernels may look.
         """
         if self.watch is not None:
             self.watch.pace(step, self.method.stages, alone=not self._held_back)
-
-    def _follow_contacts(self) -> None:
-        """
-        Choose the step anew: contacts have begun, or are over, or bodies have become fast.
-        """
-        raise NotImplementedError
 
     def _require_room(self) -> None:
         """

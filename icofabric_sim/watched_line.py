@@ -298,6 +298,23 @@ class WatchedLine(ContactLine):
                 self._choose_step(probe=True)
             self._require_safe_step(time)
 
+    def _look_again(self, time: float, *, missed: bool) -> None:
+        """
+        Bodies have moved far: find what can touch now, and follow it with the step.
+        """
+        if self.watch is None:
+            return
+        if missed:
+            self.watch.miss()
+        before = self.watch.rate
+        self._look_for_contacts(time)
+        longest = self.watch.longest_step
+        if not self.fixed and (
+                self.watch.rate != before or self._held_back or not self.step <= longest):
+            self._follow_contacts()
+        self._pace(self.step)
+        self._require_safe_step(time)
+
     def _follow_contacts(self) -> None:
         """
         Choose the step anew: contacts have begun, or are over, or bodies have become fast.
