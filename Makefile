@@ -3,7 +3,7 @@
 
 SHELL := /bin/bash
 .DEFAULT_GOAL := help
-.PHONY: help run test lint clean
+.PHONY: help run test test-long lint clean
 .SILENT:
 
 # What a sourced ROS installation, or another environment of ROS wheels, leaves in the shell
@@ -14,8 +14,8 @@ endif
 unexport PYTHONPATH PYTHONHOME AMENT_PREFIX_PATH COLCON_PREFIX_PATH RMW_IMPLEMENTATION
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE PIP_USER PIP_TARGET PIP_PREFIX
 
-test: export ROS_PYTHON_CHECK_FIELDS := 1
-test: export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
+test test-long: export ROS_PYTHON_CHECK_FIELDS := 1
+test test-long: export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 
 # $(call stage,name,command): one headed stage, and a clear line where it stops.
 stage = printf '\n== %s\n' '$(1)'; $(2) || { printf '\nstopped at: %s\n' '$(1)' >&2; exit 1; }
@@ -24,6 +24,7 @@ help:
 	echo 'make run     set up .venv, then show a fabric that falls, swings and answers a push'
 	echo '             (ARGS="..." is handed on; PYTHON=python3.12 chooses the Python)'
 	echo 'make test    set up .venv, then lint, types and all tests (ARGS="..." for pytest)'
+	echo 'make test-long  what takes too long for make test'
 	echo 'make lint    set up .venv, then lint and types only'
 	echo 'make clean   remove .venv and everything built; recorded runs stay'
 
@@ -40,9 +41,13 @@ test: lint
 ifneq ($(ARGS),)
 	$(call stage,tests (pytest),.venv/bin/python -m pytest $(ARGS))
 else
-	$(call stage,tests side by side (pytest),.venv/bin/python -m pytest -m 'not graph' -n auto)
-	$(call stage,tests of nodes (pytest),.venv/bin/python -m pytest -m graph)
+	$(call stage,tests side by side (pytest),.venv/bin/python -m pytest -m 'not graph and not long' -n auto)
+	$(call stage,tests of nodes (pytest),.venv/bin/python -m pytest -m 'graph and not long')
 endif
+
+test-long:
+	.ci/environment test
+	$(call stage,long tests (pytest),.venv/bin/python -m pytest -m long $(ARGS))
 
 clean:
 	rm -rf .venv build install log dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .coverage

@@ -15,7 +15,7 @@ import time
 from typing import Any
 
 import icofabric_sim as ico
-from icofabric_sim.icosahedron import circumscribed_radius
+from icofabric_sim.geometry.icosahedron import circumscribed_radius
 from machine import describe_machine
 import numpy as np
 
@@ -41,9 +41,7 @@ def box(size: tuple[int, int, int], **changes: Any) -> ico.Scene:
 
 
 def touching(simulation: ico.Simulation) -> set[tuple[int, int]]:
-    """
-    Pairs that touch where the forces were evaluated last; a wall is a negative number.
-    """
+    """Pairs that touch where the forces were evaluated last; a wall is a negative number."""
     contacts = simulation._stepper.model.contacts
     if contacts is None:
         return set()
@@ -51,10 +49,8 @@ def touching(simulation: ico.Simulation) -> set[tuple[int, int]]:
 
 
 def main() -> None:
-    """
-    Run until there were as many collisions as asked for.
-    """
-    parser = argparse.ArgumentParser(description=__doc__.split('\n')[1])
+    """Run until there were as many collisions as asked for."""
+    parser = argparse.ArgumentParser(description=__doc__.strip().splitlines()[0])
     parser.add_argument('--size', type=int, nargs=3, default=(20, 10, 10), help='weave.size')
     parser.add_argument('--collisions', type=int, default=10_000)
     parser.add_argument('--tolerance', type=float, default=1e-6, help='solver.tolerance')

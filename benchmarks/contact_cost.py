@@ -16,8 +16,8 @@ import time
 from typing import Any
 
 import icofabric_sim as ico
-from icofabric_sim.parameter_file import load_parameter_file
-from icofabric_sim.ready_scenes import ready_scenes
+from icofabric_sim.parameters.file import load_parameter_file
+from icofabric_sim.parameters.ready_scenes import ready_scenes
 from machine import describe_machine
 import numpy as np
 
@@ -30,9 +30,7 @@ GENTLE: dict[str, Any] = {
 
 
 def measure(flat: dict[str, Any], until: float, rounds: int) -> tuple[list[float], Any]:
-    """
-    Time with `auto` over that with `never`, round by round; and the simulation with `auto`.
-    """
+    """Time with `auto` over that with `never`, round by round; and the simulation with `auto`."""
     runs = {mode: ico.compile_scene(ico.Scene.from_parameters({**flat, 'contact.mode': mode}))
             for mode in ('never', 'auto')}
     for simulation in runs.values():
@@ -50,10 +48,8 @@ def measure(flat: dict[str, Any], until: float, rounds: int) -> tuple[list[float
 
 
 def main() -> None:
-    """
-    Print a table.
-    """
-    parser = argparse.ArgumentParser(description=__doc__.split('\n')[1])
+    """Print a table."""
+    parser = argparse.ArgumentParser(description=__doc__.strip().splitlines()[0])
     parser.add_argument('--rounds', type=int, default=9)
     given = parser.parse_args()
     logging.disable(logging.WARNING)

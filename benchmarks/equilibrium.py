@@ -26,9 +26,7 @@ from scipy.optimize import minimize
 
 
 class Row(NamedTuple):
-    """
-    What a solver reached.
-    """
+    """What a solver reached."""
 
     name: str
     seconds: float
@@ -38,9 +36,7 @@ class Row(NamedTuple):
 
 
 def cantilever(size: list[int]) -> ico.Scene:
-    """
-    A slab with bending stiffness, held at one side, under its weight.
-    """
+    """A slab with bending stiffness, held at one side, under its weight."""
     return ico.Scene.from_parameters({
         'weave': {'size': size}, 'gravity': [0.0, 0.0, -9.81], 'groups': {'wall': 'x_min'},
         'supports': {'wall': {'group': 'wall'}}, 'contact': {'mode': 'never'},
@@ -48,18 +44,14 @@ def cantilever(size: list[int]) -> ico.Scene:
 
 
 def hanging(size: list[int]) -> ico.Scene:
-    """
-    A slab of point springs under its ceiling: it folds far before it rests.
-    """
+    """A slab of point springs under its ceiling: it folds far before it rests."""
     return ico.Scene.from_parameters({
         'weave': {'size': size}, 'gravity': [0.0, 0.0, -9.81], 'groups': {'top': 'z_max'},
         'supports': {'top': {'group': 'top'}}, 'contact': {'mode': 'never'}})
 
 
 def measure_growth(text: str, kind: str) -> str:
-    """
-    One row for a slab of that size: what it took, and the memory beyond that of the scene.
-    """
+    """One row for a slab of that size: what it took, and the memory beyond that of the scene."""
     make = KINDS[kind]
     # Kernels are compiled or loaded first.
     ico.solve_equilibrium(make([3, 3, 3]))
@@ -84,9 +76,7 @@ def residual(here: Configuration) -> float:
 
 
 def own(scene: ico.Scene) -> Row:
-    """
-    Our solver.
-    """
+    """Our solver."""
     began = time.perf_counter()
     result = ico.solve_equilibrium(scene)
     return Row('solve_equilibrium', time.perf_counter() - began, result.product_count,
@@ -94,9 +84,7 @@ def own(scene: ico.Scene) -> Row:
 
 
 def energy_of(scene: ico.Scene, snapshot: ico.Snapshot) -> float:
-    """
-    Potential energy [J].
-    """
+    """Potential energy [J]."""
     return Configuration(
         StaticFabric(scene), snapshot.position.copy(), snapshot.orientation.copy()).energy
 
@@ -107,24 +95,18 @@ class Chart:
     """
 
     def __init__(self, scene: ico.Scene) -> None:
-        """
-        Begin at the woven state.
-        """
+        """Begin at the woven state."""
         self.fabric = StaticFabric(scene)
         self.scale = np.where(self.fabric.free, 1.0 / self.fabric.root, 0.0)
         self.unit = self.fabric.start.force_scale * self.fabric.half_edge
         self.calls = 0
 
     def at(self, vector: np.ndarray) -> Configuration:
-        """
-        The configuration of a vector.
-        """
+        """The configuration of a vector."""
         return self.fabric.start.moved(self.scale * vector.reshape(self.scale.shape))
 
     def energy_and_gradient(self, vector: np.ndarray) -> tuple[float, np.ndarray]:
-        """
-        In units of the weight of a body times a.
-        """
+        """In units of the weight of a body times a."""
         self.calls += 1
         here, motion = self.at(vector), self.scale * vector.reshape(self.scale.shape)
         slope = -here.force
@@ -141,9 +123,7 @@ class Chart:
 
 
 def general(scene: ico.Scene, method: str, options: dict[str, Any]) -> Row:
-    """
-    A minimiser of SciPy's.
-    """
+    """A minimiser of SciPy's."""
     chart = Chart(scene)
     began = time.perf_counter()
     found = minimize(
@@ -155,9 +135,7 @@ def general(scene: ico.Scene, method: str, options: dict[str, Any]) -> Row:
 
 
 def damped(scene: ico.Scene) -> Row:
-    """
-    A run with drag until less than 1e-8 of the forces is left, or for 20 periods.
-    """
+    """A run with drag until less than 1e-8 of the forces is left, or for 20 periods."""
     rate = 2.0 * float(ico.solve_modes(scene, count=1).frequencies[0])
     drag = {'drag.linear': rate * scene.shell.mass, 'drag.angular': rate * scene.shell.inertia,
             'solver.tolerance': 1e-8, 'contact.mode': 'never'}
@@ -180,9 +158,7 @@ GROWTH = ['5x5x5', '11x10x8', '21x21x21', '47x46x46']
 
 
 def main() -> None:
-    """
-    Measure and print.
-    """
+    """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--sizes', nargs='*')
     parser.add_argument('--growth', nargs='*', choices=KINDS, metavar='KIND', help='held, hanging')

@@ -16,7 +16,6 @@ Its contacts are constraints that lose energy, ours a potential. Needs mujoco.
 
 import argparse
 from collections.abc import Iterator
-from importlib import import_module
 import logging
 import math
 import time
@@ -26,9 +25,9 @@ import icofabric_sim as ico
 from icofabric_sim import contact
 from icofabric_sim.benchmarking.peers import mujoco_peer
 from icofabric_sim.benchmarking.scenes import plain_numbers
-from icofabric_sim.icosahedron import circumscribed_radius, vertices
-from icofabric_sim.initial import InitialState
-from machine import describe_machine
+from icofabric_sim.geometry.icosahedron import circumscribed_radius, vertices
+from icofabric_sim.scene.initial import InitialState
+from machine import describe_machine, import_mujoco
 import numpy as np
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
@@ -48,9 +47,7 @@ ABOVE = 5e-4
 
 
 class Row(NamedTuple):
-    """
-    One contestant at one stage.
-    """
+    """One contestant at one stage."""
 
     label: str
     steps: int
@@ -62,9 +59,7 @@ class Row(NamedTuple):
 
 
 def fold(size: tuple[int, int, int], radius: float, **changes: Any) -> ico.Scene:
-    """
-    The slab as woven, above a floor on which it lies once it is bent about `radius` [m].
-    """
+    """The slab as woven, above a floor on which it lies once it is bent about `radius` [m]."""
     flat: dict[str, Any] = {
         'weave.size': list(size), 'connector.stiffness': 500.0, 'gravity': [0.0, 0.0, -9.81],
         'planes.floor.normal': [0.0, 0.0, 1.0], 'solver.threads': 1, **changes}
@@ -98,9 +93,7 @@ def hairpin(scene: ico.Scene, radius: float, tilt: float) -> InitialState:
 
 
 def give(simulation: ico.Simulation, state: InitialState) -> ico.Simulation:
-    """
-    Have a simulation stand in a state.
-    """
+    """Have a simulation stand in a state."""
     simulation.warm_up()
     simulation.set_state(
         position=state.position, orientation=state.orientation,
@@ -112,9 +105,7 @@ def stages(
     size: tuple[int, int, int], radius: float, tilt: float, stiffness: float, wanted: list[int],
     longest: float
 ) -> Iterator[tuple[float, int, InitialState]]:
-    """
-    Time [s], touching pairs and state at the start, and whenever so many pairs touch.
-    """
+    """Time [s], touching pairs and state at the start, and whenever so many pairs touch."""
     shell = fold(size, radius).shell
     scene = fold(size, radius, **{
         'contact.stiffness': stiffness, 'contact.damping': DAMPING,
@@ -135,9 +126,7 @@ def stages(
 
 
 def own_row(scene: ico.Scene, state: InitialState, span: float) -> Row:
-    """
-    Our own steps over `span` [s]; the quickest of some runs.
-    """
+    """Our own steps over `span` [s]; the quickest of some runs."""
     simulation, taken = ico.compile_scene(scene), math.inf
     # Whatever is needed where shells touch is compiled and found in the first.
     for _ in range(RUNS):
@@ -156,10 +145,8 @@ def own_row(scene: ico.Scene, state: InitialState, span: float) -> Row:
 
 
 def mujoco_row(model: Any, solver: str, step: float, state: InitialState, count: int) -> Row:
-    """
-    `count` steps of MuJoCo; the quickest of some runs.
-    """
-    mujoco: Any = import_module('mujoco')
+    """`count` steps of MuJoCo; the quickest of some runs."""
+    mujoco = import_mujoco()
     model.opt.timestep, model.opt.integrator = step, mujoco.mjtIntegrator.mjINT_EULER
     model.opt.solver = getattr(mujoco.mjtSolver, f'mjSOL_{solver.upper()}')
     model.geom_solref[:] = 2.0 * step, 1.0
@@ -201,9 +188,7 @@ def overlap(scene: ico.Scene, row: Row) -> float:
 
 
 def show(scene: ico.Scene, row: Row, reference: Row) -> None:
-    """
-    One line.
-    """
+    """One line."""
     single = f'{1e3 * row.taken / row.stages:8.3f} ms' if row.stages else 11 * ' '
     apart = np.linalg.norm(row.place - reference.place, axis=1).max() / scene.geometry.half_edge
     same = f'{apart:9.4f} a' if math.isclose(
@@ -214,10 +199,8 @@ def show(scene: ico.Scene, row: Row, reference: Row) -> None:
 
 
 def main() -> None:
-    """
-    Print a table for each stage.
-    """
-    parser = argparse.ArgumentParser(description=__doc__.split('\n')[1])
+    """Print a table for each stage."""
+    parser = argparse.ArgumentParser(description=__doc__.strip().splitlines()[0])
     parser.add_argument('--size', type=int, nargs=3, default=(124, 40, 2), help='weave.size')
     parser.add_argument('--radius', type=float, default=0.07, help='of the bend [m]')
     parser.add_argument('--tilt', type=float, default=0.01, help='of the upper half [rad]')
@@ -229,6 +212,7 @@ def main() -> None:
     parser.add_argument('--most', type=int, default=20, help='steps of MuJoCo')
     given = parser.parse_args()
     logging.disable(logging.WARNING)
+    mujoco = import_mujoco()
     common = {'contact.stiffness': given.stiffness}
     size = tuple(given.size)
     own = [fold(size, given.radius, **common, **solver) for solver in (
@@ -236,7 +220,6 @@ def main() -> None:
         {'solver.method': 'dop8', 'solver.tolerance': TOLERANCE},
         {'solver.method': SPLITTING, 'solver.step': SPLITTING_STEP})]
     plain = plain_numbers('fold', own[0])
-    mujoco: Any = import_module('mujoco')
     model = mujoco.MjModel.from_xml_string(mujoco_peer.model_text(
         plain, floor=float(own[0].parameters['planes.floor.offset'])))
     print(describe_machine() + f', MuJoCo {mujoco.__version__}; one thread each')

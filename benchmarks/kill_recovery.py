@@ -26,14 +26,14 @@ from typing import Any, NamedTuple
 
 import icofabric_sim as ico
 from icofabric_sim.bag import BagError, BagReader, recover_bag
+from icofabric_sim.bag.recorded_run import RecordedRun
 from icofabric_sim.messages import WrenchStampedBytes
-from icofabric_sim.outputs import CLOCK
-from icofabric_sim.recorded_run import RecordedRun
-from icofabric_sim.recording import BagSink
-from icofabric_sim.run_records import WrenchInput
-from icofabric_sim.runner import Runner
-from icofabric_sim.simulation import compile_scene
-from icofabric_sim.verify import verify_run
+from icofabric_sim.messages.topics import CLOCK
+from icofabric_sim.running.recording import BagSink
+from icofabric_sim.running.replay.verify import verify_run
+from icofabric_sim.running.run_records import WrenchInput
+from icofabric_sim.running.runner import Runner
+from icofabric_sim.simulation.simulation import compile_scene
 import numpy as np
 
 SLAB = Path(__file__).resolve().parents[1] / 'config' / 'hanging_slab.yaml'
@@ -52,9 +52,7 @@ _STAMPS = 1_000_000
 
 
 class StampSink:
-    """
-    Notes when each time on /clock was handed over, in a file that outlives the process.
-    """
+    """Notes when each time on /clock was handed over, in a file that outlives the process."""
 
     is_bag = False
 
@@ -77,17 +75,13 @@ class StampSink:
 
 
 def read_stamps(path: Path) -> np.ndarray:
-    """
-    Wall and simulated times [ns] that a killed process has noted.
-    """
+    """Wall and simulated times [ns] that a killed process has noted."""
     stamps = np.memmap(path, np.int64, 'r', shape=(_STAMPS, 2))
     return np.array(stamps[:np.count_nonzero(stamps[:, 0])])
 
 
 def drive(runner: Runner, folder: Path, generator: random.Random) -> None:
-    """
-    Do to a run what a client may, until it is killed.
-    """
+    """Do to a run what a client may, until it is killed."""
     number = 0
     while True:
         time.sleep(generator.uniform(0.01, 0.06))
@@ -115,9 +109,7 @@ def drive(runner: Runner, folder: Path, generator: random.Random) -> None:
 
 
 def record(folder: Path, variant: int, seed: int) -> None:
-    """
-    Simulate and record until killed.
-    """
+    """Simulate and record until killed."""
     name, recording = VARIANTS[variant]
     parameters = ico.Scene.from_parameters(TINY).parameters if name == 'tiny' else (
         ico.load_scene(SLAB).parameters)
@@ -137,9 +129,7 @@ def record(folder: Path, variant: int, seed: int) -> None:
 
 
 class Outcome(NamedTuple):
-    """
-    What was saved of one recording.
-    """
+    """What was saved of one recording."""
 
     recorded: float  # simulated time reached [s]
     messages: int
@@ -148,9 +138,7 @@ class Outcome(NamedTuple):
 
 
 def kill(folder: Path, variant: int, seed: int, life: float) -> Outcome:
-    """
-    Record for `life` [s], kill, recover, verify.
-    """
+    """Record for `life` [s], kill, recover, verify."""
     with subprocess.Popen(
         [sys.executable, __file__, '--record', str(folder), str(variant), str(seed)],
         stdout=subprocess.PIPE, text=True,
@@ -167,9 +155,7 @@ def kill(folder: Path, variant: int, seed: int, life: float) -> Outcome:
 
 
 def judge(folder: Path) -> Outcome:
-    """
-    Recover what was killed, and compare with what had been handed over.
-    """
+    """Recover what was killed, and compare with what had been handed over."""
     walls, times = read_stamps(folder / 'stamps').T
     if not len(times):
         return Outcome(0.0, 0, 0.0, 'killed before it began')

@@ -33,14 +33,10 @@ _SILENCE = 1.0
 
 
 class Listener:
-    """
-    Subscriptions, and what came.
-    """
+    """Subscriptions, and what came."""
 
     def __init__(self, node: Any, topics: list[tuple[str, str]]) -> None:
-        """
-        Listen to /clock, and to the (name, type) pairs when told.
-        """
+        """Listen to /clock, and to the (name, type) pairs when told."""
         self._node, self._topics = node, topics
         self._clock, self._last = 0, 0.0
         self._received: dict[str, list[list[int]]] = {name: [] for name, _ in topics}
@@ -49,9 +45,7 @@ class Listener:
             raw=True)
 
     def answer(self, word: str) -> Any:
-        """
-        Do what a line says, and return what to answer.
-        """
+        """Do what a line says, and return what to answer."""
         if word == 'clock':
             before = self._clock
             while self._clock == before:

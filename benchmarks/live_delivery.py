@@ -21,18 +21,16 @@ from typing import Any, NamedTuple
 import zlib
 
 import icofabric_sim as ico
-from icofabric_sim.outputs import CONNECTORS, Outputs, POSES, Topic
-from icofabric_sim.parameter_text import dump_parameters, flatten_parameters
-from icofabric_sim.schedule import Schedule, seconds
+from icofabric_sim.messages.schedule import Schedule, seconds
+from icofabric_sim.messages.topics import CONNECTORS, Outputs, POSES, Topic
+from icofabric_sim.parameters.text import dump_parameters, flatten_parameters
 
 _HERE = Path(__file__).resolve().parent
 _TICK = os.sysconf('SC_CLK_TCK')
 
 
 class Case(NamedTuple):
-    """
-    A fabric, and how often its messages come.
-    """
+    """A fabric, and how often its messages come."""
 
     size: tuple[int, int, int]
     step: float  # [s]
@@ -42,9 +40,7 @@ class Case(NamedTuple):
 
     @property
     def parameters(self) -> dict[str, Any]:
-        """
-        Scene of the node; it runs until it is stopped.
-        """
+        """Scene of the node; it runs until it is stopped."""
         return {
             'weave': {'size': list(self.size)},
             'connector': {'stiffness': self.stiffness},
@@ -67,26 +63,20 @@ _WATCHED = 10.0
 
 
 class Watched(NamedTuple):
-    """
-    What was seen of a node for a while.
-    """
+    """What was seen of a node for a while."""
 
     wall: float  # [s]
     cpu: float  # [s] of all its threads
     simulated: float  # [s]
 
     def text(self) -> str:
-        """
-        Both rates.
-        """
+        """Both rates."""
         return (f'{self.cpu / self.wall:.2f} CPU seconds per second at '
                 f'{self.simulated / self.wall:.2f} times real time')
 
 
 class Result(NamedTuple):
-    """
-    Figures of a case.
-    """
+    """Figures of a case."""
 
     bodies: int
     alone: Watched
@@ -98,17 +88,13 @@ class Result(NamedTuple):
 
     @property
     def cost(self) -> float:
-        """
-        CPU seconds for each second of simulated time that the listener has cost the node.
-        """
+        """CPU seconds for each second of simulated time that the listener has cost the node."""
         alone, heard = (watched.cpu / watched.simulated for watched in (self.alone, self.heard))
         return heard - alone
 
 
 class _Listener:
-    """
-    The subscriber, see listener.py.
-    """
+    """The subscriber, see listener.py."""
 
     def __init__(self, topics: Sequence[Topic]) -> None:
         self._names = [topic.name.replace('~', '/icofabric') for topic in topics]
@@ -123,9 +109,7 @@ class _Listener:
         return json.loads(self._process.stdout.readline())
 
     def end(self) -> list[list[list[int]]]:
-        """
-        What came, topic by topic: stamp, marker, size, checksum.
-        """
+        """What came, topic by topic: stamp, marker, size, checksum."""
         received = self.ask('end')
         self._process.wait(60)
         return [received[name] for name in self._names]
@@ -197,9 +181,7 @@ def _is_same(data: bytes, size: int, checksum: int) -> bool:
 
 
 def report(case: Case, result: Result) -> list[str]:
-    """
-    Lines for a terminal.
-    """
+    """Lines for a terminal."""
     counts = ' and '.join(
         f'{result.received[name]} of {result.expected[name]} messages of {name}'
         for name in result.expected)
@@ -232,9 +214,7 @@ def _node(scene: Path, log: Path) -> Iterator[subprocess.Popen[bytes]]:
 
 
 def _environment() -> dict[str, str]:
-    """
-    That of this process, in which this package is found also where it is not installed.
-    """
+    """That of this process, in which this package is found also where it is not installed."""
     path = os.pathsep.join([str(_HERE.parent), *filter(None, [os.environ.get('PYTHONPATH')])])
     return {**os.environ, 'PYTHONPATH': path}
 
@@ -253,8 +233,6 @@ def _watch(node: 'subprocess.Popen[bytes]', listener: _Listener, wanted: float) 
 
 
 def _cpu_seconds(process: int) -> float:
-    """
-    Of all threads, in user and in kernel mode.
-    """
+    """Of all threads, in user and in kernel mode."""
     fields = Path(f'/proc/{process}/stat').read_text(encoding='utf-8').rpartition(')')[2].split()
     return (int(fields[11]) + int(fields[12])) / _TICK

@@ -40,9 +40,7 @@ _ZERO = 1e-9
 
 
 class Found(NamedTuple):
-    """
-    Motions without energy of one slab.
-    """
+    """Motions without energy of one slab."""
 
     freedoms: int
     connectors: int
@@ -56,18 +54,14 @@ class Found(NamedTuple):
 
     @property
     def agree(self) -> bool:
-        """
-        Whether all ways count the same.
-        """
+        """Whether all ways count the same."""
         wanted = self.freedoms - self.rank
         return self.by_matrix == self.by_elimination == wanted and (
             self.by_eigenvalues == self.by_pivots == Curvature(wanted, 0))
 
 
 def plain_matrix(scene: ico.Scene) -> np.ndarray:
-    """
-    Changes of the connectors' lengths by displacements over a and turns of bodies, (c, 6 n).
-    """
+    """Changes of the connectors' lengths by displacements over a and turns of bodies, (c, 6 n)."""
     count = scene.body_count
     matrix = np.zeros((scene.connector_count, 6 * count))
     if not scene.connector_count:
@@ -91,9 +85,7 @@ def plain_matrix(scene: ico.Scene) -> np.ndarray:
 
 @one_thread()
 def count(scene: ico.Scene) -> Found:
-    """
-    Count in all ways.
-    """
+    """Count in all ways."""
     values = np.zeros(0)
     if scene.connector_count:
         values = np.linalg.svd(plain_matrix(scene), compute_uv=False)
@@ -115,18 +107,14 @@ def count(scene: ico.Scene) -> Found:
 
 
 def slabs(largest: int) -> Iterator[tuple[list[int], int, float]]:
-    """
-    All sizes with all variants and angles.
-    """
+    """All sizes with all variants and angles."""
     for size in product(range(1, largest + 1), repeat=3):
         for variant, angle in product(range(4), ANGLES):
             yield list(size), variant, angle
 
 
 def main() -> int:
-    """
-    Count and print; 1 where two ways differ.
-    """
+    """Count and print; 1 where two ways differ."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--largest', type=int, default=6, help='of all sizes (%(default)d)')
     arguments = parser.parse_args()

@@ -35,9 +35,7 @@ FABRICS: dict[str, tuple[str, dict[str, Any]]] = {
 
 
 def make_slab(kind: str, connector: dict[str, Any], size: list[int], contact: bool) -> ico.Scene:
-    """
-    A slab that fills the same box, whatever its weave.
-    """
+    """A slab that fills the same box, whatever its weave."""
     return ico.Scene.from_parameters({
         'weave': {'kind': kind, 'size': size, 'connector_angle': ANGLE},
         'connector': {'stiffness': 500.0, **connector},
@@ -45,9 +43,7 @@ def make_slab(kind: str, connector: dict[str, Any], size: list[int], contact: bo
 
 
 def main() -> None:
-    """
-    Measure, write and draw.
-    """
+    """Measure, write and draw."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--size', default='9x5x5')
     parser.add_argument('--points', type=int, default=12, help='of a curve (%(default)d)')
@@ -82,9 +78,7 @@ def main() -> None:
 
 
 def write(path: Path, curves: dict[tuple[str, str], list[CurvePoint]]) -> None:
-    """
-    Write all states to one table.
-    """
+    """Write all states to one table."""
     with open(path, 'w', newline='', encoding='utf-8') as stream:
         table = csv.writer(stream)
         table.writerow(('fabric', 'kind', *CurvePoint._fields[:-1]))
@@ -94,9 +88,7 @@ def write(path: Path, curves: dict[tuple[str, str], list[CurvePoint]]) -> None:
 
 
 def draw(path: Path, curves: dict[tuple[str, str], list[CurvePoint]]) -> None:
-    """
-    Draw stress against strain, a panel for each kind of motion.
-    """
+    """Draw stress against strain, a panel for each kind of motion."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(12.0, 4.2), layout='constrained')

@@ -18,7 +18,7 @@ import time
 from typing import Any
 
 import icofabric_sim as ico
-from icofabric_sim.icosahedron import circumscribed_radius, inscribed_radius
+from icofabric_sim.geometry.icosahedron import circumscribed_radius, inscribed_radius
 from machine import describe_machine
 import numpy as np
 
@@ -98,9 +98,7 @@ def come_to_rest(
 
 
 def outside(simulation: ico.Simulation) -> float:
-    """
-    How far a centre is nearer to a plane than the inscribed radius, over a, at most.
-    """
+    """How far a centre is nearer to a plane than the inscribed radius, over a, at most."""
     place, values = simulation.snapshot().position, simulation.scene.parameters
     heights = [
         place @ np.array(values[f'planes.{name}.normal']) - values[f'planes.{name}.offset']
@@ -109,10 +107,8 @@ def outside(simulation: ico.Simulation) -> float:
 
 
 def main() -> None:
-    """
-    Run one pile and print what was seen.
-    """
-    parser = argparse.ArgumentParser(description=__doc__.split('\n')[1])
+    """Run one pile and print what was seen."""
+    parser = argparse.ArgumentParser(description=__doc__.strip().splitlines()[0])
     parser.add_argument('--size', type=int, nargs=3, default=(6, 6, 12), help='weave.size')
     parser.add_argument('--friction', type=float, default=0.4)
     parser.add_argument('--damping', type=float, default=5.0, help='[s/m]')

@@ -13,13 +13,11 @@ ours falls with contact.stiffness. What collisions lose differs between the laws
 """
 
 import argparse
-from importlib import import_module
 import time
-from typing import Any
 
 import icofabric_sim as ico
-from icofabric_sim.icosahedron import vertices
-from machine import describe_machine
+from icofabric_sim.geometry.icosahedron import vertices
+from machine import describe_machine, import_mujoco
 import numpy as np
 from pile import A, pile
 
@@ -28,9 +26,7 @@ STIFFNESSES = (1e5, 3e5, 1e6, 3e6)
 
 
 def description(scene: ico.Scene, friction: float) -> str:
-    """
-    The scene in MuJoCo's own format; lengths in m.
-    """
+    """The scene in MuJoCo's own format; lengths in m."""
     points = ' '.join(f'{x:.17g}' for x in vertices(A).ravel())
     mass, inertia = scene.shell.mass, scene.shell.inertia
     inertial = (f'<inertial pos="0 0 0" mass="{mass:.17g}" '
@@ -55,10 +51,8 @@ def description(scene: ico.Scene, friction: float) -> str:
 def run_mujoco(
     scene: ico.Scene, friction: float, solver: str, step: float, until: float
 ) -> dict[str, float]:
-    """
-    Deepest overlap over a, and time of the processor [s], with steps of one length.
-    """
-    mujoco: Any = import_module('mujoco')
+    """Deepest overlap over a, and time of the processor [s], with steps of one length."""
+    mujoco = import_mujoco()
     model = mujoco.MjModel.from_xml_string(description(scene, friction))
     model.opt.timestep = step
     model.opt.solver = getattr(mujoco.mjtSolver, f'mjSOL_{solver.upper()}')
@@ -81,9 +75,7 @@ def run_mujoco(
 
 
 def run_own(scene: ico.Scene, until: float) -> dict[str, float]:
-    """
-    The same for this project.
-    """
+    """The same for this project."""
     simulation = ico.compile_scene(scene)
     simulation.warm_up()
     began = time.process_time()
@@ -93,10 +85,8 @@ def run_own(scene: ico.Scene, until: float) -> dict[str, float]:
 
 
 def main() -> None:
-    """
-    Run both and print a table.
-    """
-    parser = argparse.ArgumentParser(description=__doc__.split('\n')[1])
+    """Run both and print a table."""
+    parser = argparse.ArgumentParser(description=__doc__.strip().splitlines()[0])
     parser.add_argument('--size', type=int, nargs=3, default=(6, 6, 12), help='weave.size')
     parser.add_argument('--friction', type=float, default=0.4)
     parser.add_argument('--damping', type=float, default=5.0, help='ours [s/m]')
@@ -125,9 +115,7 @@ def main() -> None:
 
 
 def show(label: str, seen: dict[str, float]) -> None:
-    """
-    One row.
-    """
+    """One row."""
     print(f'{label:28} {100.0 * seen["overlap"]:10.3f} % a {seen["taken"]:8.2f} s '
           f'{1e3 * seen["height"]:9.2f} mm', flush=True)
 

@@ -18,8 +18,8 @@ import time
 from geometry_msgs.msg import Point, Pose, PoseArray
 import icofabric_sim as ico
 from icofabric_sim.messages import decode_pose_array
-from icofabric_sim.outputs import Outputs
-from icofabric_sim.snapshot import Snapshot
+from icofabric_sim.messages.topics import Outputs
+from icofabric_sim.simulation.model.snapshot import Snapshot
 from live_delivery import CASES, measure, report
 from machine import describe_machine
 import rclpy
@@ -98,7 +98,7 @@ def compare_ways(rounds: int) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[1])
+    parser = argparse.ArgumentParser(description=__doc__.strip().splitlines()[0])
     parser.add_argument('--rounds', type=int, default=5)
     parser.add_argument('--only', choices=('messages', 'listeners'))
     arguments = parser.parse_args()

@@ -10,8 +10,8 @@ second derivatives at rest, with least squares where bodies move at no cost.
 import sys
 
 import icofabric_sim as ico
-from icofabric_sim.model import pack_scene
-from icofabric_sim.stability import hessian_product
+from icofabric_sim.simulation.model.packing import pack_scene
+from icofabric_sim.simulation.model.stability import hessian_product
 import numpy as np
 
 SIZE = (5, 5, 5)
@@ -21,9 +21,7 @@ CASES = ((0.0, 0.0), (0.01, 0.0), (0.1, 0.0), (1.0, 0.0), (0.0, 0.01), (0.0, 0.1
 
 
 def assembled(scene: ico.Scene) -> np.ndarray:
-    """
-    Second derivatives of the connector energy in the woven state, (6 n, 6 n).
-    """
+    """Second derivatives of the connector energy in the woven state, (6 n, 6 n)."""
     packed, count = pack_scene(scene), scene.body_count
     state = packed.layout.pack(scene.initial)
     columns = [
@@ -33,9 +31,7 @@ def assembled(scene: ico.Scene) -> np.ndarray:
 
 
 def moduli(scene: ico.Scene) -> tuple[float, float]:
-    """
-    Shear modulus along x and Young's modulus along z [N/m^2], between rigid plates.
-    """
+    """Shear modulus along x and Young's modulus along z [N/m^2], between rigid plates."""
     matrix, count = assembled(scene), scene.body_count
     level = scene.weave.grid[:, 2]
     plate = (level == level.min()) | (level == level.max())
@@ -54,9 +50,7 @@ def moduli(scene: ico.Scene) -> tuple[float, float]:
 
 
 def main() -> None:
-    """
-    Print a table in units of k / W.
-    """
+    """Print a table in units of k / W."""
     print('| kappa_b / (k a^2) | kappa_t / (k a^2) | shear G W / k | Young E W / k |')
     print('|---|---|---|---|')
     for bending, twisting in CASES:

@@ -57,9 +57,7 @@ TEN_MINUTES = 600.0
 
 
 class Setting(NamedTuple):
-    """
-    What all parts are given.
-    """
+    """What all parts are given."""
 
     folder: Path
     domain: int
@@ -68,9 +66,7 @@ class Setting(NamedTuple):
 
 
 def soak(setting: Setting) -> None:
-    """
-    Everything that a client may do and should not, for as long as is wanted.
-    """
+    """Everything that a client may do and should not, for as long as is wanted."""
     arguments, table = setting.arguments, setting.table
     table.begin('soak', f'{arguments.minutes:g} minutes at random, seed {arguments.seed}')
     bag = setting.folder / 'bag'
@@ -104,9 +100,7 @@ def soak(setting: Setting) -> None:
 
 
 def verify60(setting: Setting) -> None:
-    """
-    One bag of a run that is driven from outside, simulated again on one and on two threads.
-    """
+    """One bag of a run that is driven from outside, simulated again on one and on two threads."""
     arguments, table = setting.arguments, setting.table
     table.begin('verify60', f'{arguments.seconds:g} s of simulated time, seed {arguments.seed}')
     bag = setting.folder / 'bag'
@@ -137,9 +131,7 @@ def verify60(setting: Setting) -> None:
 
 
 def kills(setting: Setting) -> None:
-    """
-    See kill_recovery.py.
-    """
+    """See kill_recovery.py."""
     table = setting.table
     table.begin('kills', 'kill -9 of recordings, see kill_recovery.py')
     command = [sys.executable, str(ROOT / 'benchmarks' / 'kill_recovery.py'), '--kills',
@@ -154,9 +146,7 @@ def kills(setting: Setting) -> None:
 
 
 def latency(setting: Setting) -> None:
-    """
-    Start, end, parameters beside a large re-weave, services.
-    """
+    """Start, end, parameters beside a large re-weave, services."""
     table, count = setting.table, setting.arguments.starts
     table.begin('latency', f'{count} starts and ends')
     starts, ends = [], {signal.SIGINT: [], signal.SIGTERM: []}
@@ -263,9 +253,7 @@ def _services(setting: Setting) -> None:
 
 
 def slow_subscriber(setting: Setting) -> None:
-    """
-    A reliable subscriber that is stopped with SIGSTOP beside a fabric of 10,206 bodies.
-    """
+    """A reliable subscriber that is stopped with SIGSTOP beside a fabric of 10,206 bodies."""
     table, watched = setting.table, setting.arguments.watched
     table.begin('slow-subscriber', f'10,206 bodies, {watched:g} s each, wanted real-time factor '
                 f'{setting.arguments.factor:g}')
@@ -352,9 +340,7 @@ def dying_subscribers(setting: Setting) -> None:
 
 
 def _factor(watch: Watch, wanted: float) -> float:
-    """
-    Simulated over wall time for a while, once what began before is over.
-    """
+    """Simulated over wall time for a while, once what began before is over."""
     time.sleep(2.0)
     first = watch.ticks[-1]
     time.sleep(wanted)
@@ -423,9 +409,7 @@ def _judge_clock(table: Table, watch: Watch) -> None:
 
 
 def _judge_bags(table: Table, bag: Path, threads: int) -> int:
-    """
-    Wrenches that acted, by the bags.
-    """
+    """Wrenches that acted, by the bags."""
     paths = sorted(path for path in bag.parent.glob('bag*') if not path.name.endswith('points'))
     open_ones = [path for path in paths if not (path / 'metadata.yaml').is_file()]
     checks = [check_bag(path, CLOCK_RATE, threads=threads) for path in paths]

@@ -1,8 +1,6 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-For soak.py: whatever a client may do to the node, and should not, at random moments.
-"""
+"""For soak.py: whatever a client may do to the node, and should not, at random moments."""
 
 from collections import Counter
 from collections.abc import Callable
@@ -45,9 +43,7 @@ def wrench(
     frame: str, force: tuple[float, ...] = (0.0, 0.0, 0.0),
     torque: tuple[float, ...] = (0.0, 0.0, 0.0), stamp: int = 0,
 ) -> bytes:
-    """
-    A message.
-    """
+    """A message."""
     message = WrenchStampedBytes(frame)
     message.force[:], message.torque[:] = force, torque
     return message.stamped(stamp)
@@ -61,9 +57,7 @@ class Driver:
     """
 
     def __init__(self, graph: Graph, watch: Watch, generator: random.Random) -> None:
-        """
-        Begin while a bag is open and time runs.
-        """
+        """Begin while a bag is open and time runs."""
         self.graph, self.watch, self.generator = graph, watch, generator
         self.done: Counter[str] = Counter()
         self.sent = 0
@@ -78,9 +72,7 @@ class Driver:
             (3.0, self.ask_nonsense), (0.7, self.overload))
 
     def drive(self, until: Callable[[], bool], names: frozenset[str] = frozenset()) -> None:
-        """
-        Go on `until` that is true, with all that can be done or with what is named.
-        """
+        """Go on `until` that is true, with all that can be done or with what is named."""
         deeds = [(weight, deed) for weight, deed in self._deeds
                  if not names or deed.__name__ in names]
         weights, actions = zip(*deeds)
@@ -102,17 +94,13 @@ class Driver:
     # Wrenches.
 
     def push(self) -> None:
-        """
-        Up to ten at once, on channels and single bodies.
-        """
+        """Up to ten at once, on channels and single bodies."""
         if self._recording:
             for _ in range(self.generator.randint(1, 10)):
                 self._push(0)
 
     def push_ahead(self) -> None:
-        """
-        Some that act later, or whose stamp has passed.
-        """
+        """Some that act later, or whose stamp has passed."""
         if self._recording:
             for _ in range(5):
                 self._push(self.watch.now + self.generator.randint(-10**8, 3 * 10**8))
@@ -135,9 +123,7 @@ class Driver:
         self.sent += 1
 
     def nonsense(self) -> tuple[str, bytes]:
-        """
-        A topic, and a message that must be dropped there.
-        """
+        """A topic, and a message that must be dropped there."""
         generator, good = self.generator, wrench('icosahedron_0', (0.001, 0.0, 0.0))
         broken = bytearray(good)
         struct.pack_into('<I', broken, 12, generator.choice([0, 2**31, 2**32 - 1]))
@@ -158,16 +144,12 @@ class Driver:
         ])
 
     def send_nonsense(self) -> None:
-        """
-        A few that must be dropped.
-        """
+        """A few that must be dropped."""
         for _ in range(self.generator.randint(1, 5)):
             self._send(*self.nonsense())
 
     def burst(self) -> None:
-        """
-        Thousands of them at once.
-        """
+        """Thousands of them at once."""
         self._burst([self.nonsense() for _ in range(20)], self.generator.randint(2000, 5000))
 
     def fill_queues(self) -> None:
@@ -193,9 +175,7 @@ class Driver:
             self.problems.append(f'{arrived} of a burst of {count} were dropped')
 
     def overload(self) -> None:
-        """
-        A force that nothing stands: dropped, or the simulation stops, until a reset.
-        """
+        """A force that nothing stands: dropped, or the simulation stops, until a reset."""
         if not self._recording:
             return
         first, before = len(self.watch.events), self.settle()
@@ -215,9 +195,7 @@ class Driver:
     # What is done to the run.
 
     def reweave(self) -> None:
-        """
-        Another weave, by one change of several parameters or by several changes.
-        """
+        """Another weave, by one change of several parameters or by several changes."""
         generator = self.generator
         wanted: dict[str, Any] = {}
         for name, value in (
@@ -235,9 +213,7 @@ class Driver:
                 self.problems.append(f'{wanted} was refused: {result.reason}')
 
     def retune(self) -> None:
-        """
-        Live values.
-        """
+        """Live values."""
         generator = self.generator
         results, _ = self.graph.set(
             publish_rate=generator.choice([30.0, 60.0, 97.0]),
@@ -247,9 +223,7 @@ class Driver:
             self.problems.append(f'rates were refused: {results[0].reason}')
 
     def pause_and_step(self) -> None:
-        """
-        A pause, with steps in it or none, while wrenches come.
-        """
+        """A pause, with steps in it or none, while wrenches come."""
         self.expect('pause', data=True)
         self.push()
         for _ in range(self.generator.randint(0, 2)):
@@ -258,28 +232,20 @@ class Driver:
         self.expect('pause', data=False)
 
     def reset(self) -> None:
-        """
-        Of the state, and of the time where reset_time says so.
-        """
+        """Of the state, and of the time where reset_time says so."""
         self.expect('reset')
 
     def save(self) -> None:
-        """
-        A checkpoint.
-        """
+        """A checkpoint."""
         self.expect('save_checkpoint')
 
     def restore(self) -> None:
-        """
-        The last one, which is refused where another fabric was woven meanwhile.
-        """
+        """The last one, which is refused where another fabric was woven meanwhile."""
         answer, _ = self.graph.call('restore_checkpoint')
         self.done['restore, refused'] += not answer.success
 
     def switch_recording(self) -> None:
-        """
-        Off, or on again.
-        """
+        """Off, or on again."""
         if self._recording:
             self.settle()
             self._recording = False
@@ -289,9 +255,7 @@ class Driver:
             self._recording = True
 
     def ask_nonsense(self) -> None:
-        """
-        Changes that must be refused.
-        """
+        """Changes that must be refused."""
         name, value = self.generator.choice([
             ('weave.size', [1000, 1000, 1000]), ('weave.size', [0, 3, 3]),
             ('weave.size', [-2**62, 2**62, 3]), ('shell.density', float('nan')),
@@ -306,9 +270,7 @@ class Driver:
     # Between deeds.
 
     def expect(self, service: str, **fields: Any) -> None:
-        """
-        Call a service that must do what is asked for.
-        """
+        """Call a service that must do what is asked for."""
         answer, _ = self.graph.call(service, 'SetBool' if fields else 'Trigger', **fields)
         if not answer.success:
             self.problems.append(f'~/{service} {fields or ""}: {answer.message}')
@@ -331,9 +293,7 @@ class Driver:
             before = dropped
 
     def finish(self) -> int:
-        """
-        Leave time running and a bag open; returns how many wrenches were dropped.
-        """
+        """Leave time running and a bag open; returns how many wrenches were dropped."""
         if not self._recording:
             self.switch_recording()
         return self.settle(_LATE)

@@ -1,8 +1,6 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-For soak.py: a `fabric_node` in a process of its own, and the graph as seen from another one.
-"""
+"""For soak.py: a `fabric_node` in a process of its own, and the graph as seen from another one."""
 
 from collections.abc import Callable
 from contextlib import suppress
@@ -18,7 +16,7 @@ import time
 from typing import Any, NamedTuple, Self
 
 from icofabric_sim.messages import decode_clock, decode_diagnostic_array, decode_string
-from icofabric_sim.parameter_text import dump_parameters, flatten_parameters
+from icofabric_sim.parameters.text import dump_parameters, flatten_parameters
 from icofabric_sim.ros.live_sink import message_class
 import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
@@ -46,15 +44,11 @@ _FIRST_PORT, _PORTS, _DOMAINS = 7400, 250, 102
 
 
 class Trouble(RuntimeError):
-    """
-    The node is gone, or does not answer.
-    """
+    """The node is gone, or does not answer."""
 
 
 class Use(NamedTuple):
-    """
-    What a process uses at one moment.
-    """
+    """What a process uses at one moment."""
 
     wall: float  # [s]
     memory: float  # resident [MB]
@@ -63,16 +57,12 @@ class Use(NamedTuple):
 
 
 class FabricProcess:
-    """
-    The node; all that it says goes to a file.
-    """
+    """The node; all that it says goes to a file."""
 
     def __init__(
         self, folder: Path, scene: dict[str, Any], domain: int, **parameters: Any
     ) -> None:
-        """
-        Start with the sections of `scene`, and parameters whose dots are written as `__`.
-        """
+        """Start with the sections of `scene`, and parameters whose dots are written as `__`."""
         folder.mkdir(parents=True, exist_ok=True)
         self.log_path = folder / 'log'
         path = folder / 'scene.yaml'
@@ -99,9 +89,7 @@ class FabricProcess:
         self, condition: Callable[[], Any], what: str, limit: float = PATIENCE,
         pause: float = 0.005,
     ) -> Any:
-        """
-        First true value of `condition`.
-        """
+        """First true value of `condition`."""
         deadline = time.monotonic() + limit
         while not (value := condition()):
             if self.process.poll() is not None:
@@ -112,9 +100,7 @@ class FabricProcess:
         return value
 
     def use(self) -> Use | None:
-        """
-        What it uses now; None once it has ended.
-        """
+        """What it uses now; None once it has ended."""
         folder = Path('/proc') / str(self.process.pid)
         with suppress(OSError, KeyError):
             lines = (folder / 'status').read_text(encoding='utf-8').splitlines()
@@ -125,9 +111,7 @@ class FabricProcess:
         return None
 
     def stop(self, number: int = signal.SIGINT) -> tuple[int, float]:
-        """
-        Exit status after a signal, and the wall time until then [s].
-        """
+        """Exit status after a signal, and the wall time until then [s]."""
         began = time.monotonic()
         self.process.send_signal(number)
         try:
@@ -148,14 +132,10 @@ class FabricProcess:
 
 
 class Graph:
-    """
-    This process in the graph of the node: raw messages, parameters and services.
-    """
+    """This process in the graph of the node: raw messages, parameters and services."""
 
     def __init__(self, domain: int) -> None:
-        """
-        Join; what arrives is handled in a thread of its own.
-        """
+        """Join; what arrives is handled in a thread of its own."""
         self._context = rclpy.Context()
         self._context.init(domain_id=domain)
         self.node = rclpy.create_node('soak', context=self._context, enable_rosout=False)
@@ -170,24 +150,18 @@ class Graph:
     def listen(
         self, topic: tuple[str, str], take: Callable[[bytes], Any], *, depth: int = 100
     ) -> Any:
-        """
-        Hear a topic (name, type) as bytes; returns the subscription.
-        """
+        """Hear a topic (name, type) as bytes; returns the subscription."""
         name, type_name = topic
         quality = QoSProfile(depth=depth, reliability=ReliabilityPolicy.RELIABLE)
         return self.node.create_subscription(
             message_class(type_name), name, take, quality, raw=True)
 
     def forget(self, subscription: Any) -> None:
-        """
-        End a subscription.
-        """
+        """End a subscription."""
         self.node.destroy_subscription(subscription)
 
     def publish(self, topic: str, data: bytes, type_name: str = WRENCH) -> None:
-        """
-        Send bytes as they are, once the node listens.
-        """
+        """Send bytes as they are, once the node listens."""
         if topic not in self._publishers:
             publisher = self.node.create_publisher(message_class(type_name), topic, 1000)
             wait_for(publisher.get_subscription_count, f'a subscriber of {topic}')
@@ -195,9 +169,7 @@ class Graph:
         self._publishers[topic].publish(data)
 
     def call(self, service: str, kind: str = 'Trigger', **fields: Any) -> tuple[Any, float]:
-        """
-        Response of a service of the node, and the time it took [s].
-        """
+        """Response of a service of the node, and the time it took [s]."""
         name = f'{NODE}/{service}'
         if name not in self._clients:
             module, word = _SERVICES[kind]
@@ -227,9 +199,7 @@ class Graph:
         return list(answer.results), took
 
     def get(self, *names: str) -> float:
-        """
-        Time that it took to get parameters [s].
-        """
+        """Time that it took to get parameters [s]."""
         return self.call('get_parameters', 'get', names=list(names))[1]
 
     def close(self) -> None:
@@ -252,14 +222,10 @@ class Graph:
 
 
 class Watch:
-    """
-    What the node says: every tick of its clock, its events and diagnostics, what it uses.
-    """
+    """What the node says: every tick of its clock, its events and diagnostics, what it uses."""
 
     def __init__(self, graph: Graph, process: FabricProcess) -> None:
-        """
-        Listen from now on.
-        """
+        """Listen from now on."""
         self.process = process
         self.ticks: list[tuple[float, int]] = []  # wall time [s], stamp [ns]
         self.events: list[dict[str, Any]] = []
@@ -275,30 +241,22 @@ class Watch:
 
     @property
     def now(self) -> int:
-        """
-        Latest simulated time [ns].
-        """
+        """Latest simulated time [ns]."""
         return self.ticks[-1][1]
 
     @property
     def figures(self) -> dict[str, str]:
-        """
-        Latest figures of the diagnostics.
-        """
+        """Latest figures of the diagnostics."""
         return dict(self.reports[-1][1].values)
 
     def next_reports(self, count: int = 1) -> list[Any]:
-        """
-        The next so many reports.
-        """
+        """The next so many reports."""
         first = len(self.reports)
         self.process.wait_for(lambda: len(self.reports) >= first + count, 'diagnostics')
         return [report for _, report in self.reports[first:first + count]]
 
     def next_event(self, name: str, first: int) -> dict[str, Any]:
-        """
-        The first event of that name after the first `first` ones.
-        """
+        """The first event of that name after the first `first` ones."""
         def found() -> Any:
             return next(
                 ([event] for event in self.events[first:] if event['event'] == name), None)
@@ -326,9 +284,7 @@ class Watch:
 
 
 def free_domain() -> int:
-    """
-    ROS_DOMAIN_ID that no process on this machine uses: another fabric would be heard too.
-    """
+    """ROS_DOMAIN_ID that no process on this machine uses: another fabric would be heard too."""
     used = set()
     for name in ('udp', 'udp6'):
         with suppress(OSError):
@@ -340,17 +296,13 @@ def free_domain() -> int:
 
 
 def environment(domain: int) -> dict[str, str]:
-    """
-    That of this process, in which this package is found also where it is not installed.
-    """
+    """That of this process, in which this package is found also where it is not installed."""
     path = os.pathsep.join([str(ROOT), *filter(None, [os.environ.get('PYTHONPATH')])])
     return {**os.environ, 'PYTHONPATH': path, 'ROS_DOMAIN_ID': str(domain)}
 
 
 def wait_for(condition: Callable[[], Any], what: str, limit: float = PATIENCE) -> None:
-    """
-    Wait until `condition` is true.
-    """
+    """Wait until `condition` is true."""
     deadline = time.monotonic() + limit
     while not condition():
         if time.monotonic() > deadline:

@@ -1,8 +1,6 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-For soak.py: what is judged, without ROS: ticks of the clock, memory, bags; and the table.
-"""
+"""For soak.py: what is judged, without ROS: ticks of the clock, memory, bags; and the table."""
 
 from collections.abc import Collection, Iterable, Sequence
 import csv
@@ -10,18 +8,16 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from icofabric_sim.bag import BagError
-from icofabric_sim.recorded_run import RecordedEvent, RecordedRun
-from icofabric_sim.schedule import Schedule
-from icofabric_sim.verify import verify_run
+from icofabric_sim.bag.recorded_run import RecordedEvent, RecordedRun
+from icofabric_sim.messages.schedule import Schedule
+from icofabric_sim.running.replay.verify import verify_run
 import numpy as np
 
 NANOSECONDS = 1e9
 
 
 class Moments(NamedTuple):
-    """
-    Simulated times [ns] at which the clock may do more than tick.
-    """
+    """Simulated times [ns] at which the clock may do more than tick."""
 
     shown: set[int]  # the state is shown, and repeated while time stands still
     stepped: set[int]  # reached by steps, which tick at their end only
@@ -29,9 +25,7 @@ class Moments(NamedTuple):
 
 
 def moments_of(events: Iterable[tuple[str, float, dict[str, Any]]], begin: int) -> Moments:
-    """
-    From the events (name, time [s], facts) of a run that begins at `begin` [ns].
-    """
+    """From the events (name, time [s], facts) of a run that begins at `begin` [ns]."""
     shown, stepped, jumped = {begin}, set(), {begin}
     for name, time, facts in events:
         at = round(time * NANOSECONDS)
@@ -46,9 +40,7 @@ def moments_of(events: Iterable[tuple[str, float, dict[str, Any]]], begin: int) 
 
 
 def clock_faults(stamps: Sequence[int], moments: Moments, rate: float) -> list[str]:
-    """
-    Ticks that are off the grid, missing, or there twice, in words.
-    """
+    """Ticks that are off the grid, missing, or there twice, in words."""
     schedule, faults = Schedule(rate), []
     previous: int | None = None
     for stamp in stamps:
@@ -67,9 +59,7 @@ def clock_faults(stamps: Sequence[int], moments: Moments, rate: float) -> list[s
 
 
 class Pace(NamedTuple):
-    """
-    Simulated over wall time while time ran undisturbed.
-    """
+    """Simulated over wall time while time ran undisturbed."""
 
     first: float  # half
     second: float
@@ -77,16 +67,12 @@ class Pace(NamedTuple):
 
     @property
     def drift(self) -> float:
-        """
-        How much faster it has become.
-        """
+        """How much faster it has become."""
         return self.second - self.first
 
 
 def pace_of(ticks: Sequence[tuple[float, int]], moments: Moments, rate: float) -> Pace:
-    """
-    From ticks (wall time [s], stamp [ns]) that follow each other on the grid.
-    """
+    """From ticks (wall time [s], stamp [ns]) that follow each other on the grid."""
     schedule, spans = Schedule(rate), []
     for (wall, stamp), (later, after) in zip(ticks, ticks[1:]):
         if schedule.after(stamp) == after and not {stamp, after} & moments.shown:
@@ -101,9 +87,7 @@ def pace_of(ticks: Sequence[tuple[float, int]], moments: Moments, rate: float) -
 
 
 def slope(times: Sequence[float], values: Sequence[float]) -> float:
-    """
-    Rise for each second over the second half, by least squares.
-    """
+    """Rise for each second over the second half, by least squares."""
     half = np.array(times) > 0.5 * (times[0] + times[-1])
     if half.sum() < 3:
         return 0.0
@@ -111,9 +95,7 @@ def slope(times: Sequence[float], values: Sequence[float]) -> float:
 
 
 class BagCheck(NamedTuple):
-    """
-    What is in a bag, and whether it is right.
-    """
+    """What is in a bag, and whether it is right."""
 
     path: Path
     begin: int  # [ns]
@@ -125,16 +107,12 @@ class BagCheck(NamedTuple):
 
     @property
     def is_good(self) -> bool:
-        """
-        Whether it verifies, with every tick of the clock.
-        """
+        """Whether it verifies, with every tick of the clock."""
         return self.verdict == 'identical' and not self.clock
 
 
 def check_bag(path: Path, rate: float, *, threads: int = 0) -> BagCheck:
-    """
-    Read a bag, look at its clock and simulate it again.
-    """
+    """Read a bag, look at its clock and simulate it again."""
     try:
         with RecordedRun(path) as run:
             stamps = [
@@ -157,9 +135,7 @@ def _facts(events: Iterable[RecordedEvent]) -> Iterable[tuple[str, float, dict[s
 
 
 class Row(NamedTuple):
-    """
-    A figure; `good` is None where nothing is judged by it.
-    """
+    """A figure; `good` is None where nothing is judged by it."""
 
     part: str
     name: str
@@ -169,22 +145,16 @@ class Row(NamedTuple):
 
 
 class Table:
-    """
-    Figures, printed as they come, then written as CSV.
-    """
+    """Figures, printed as they come, then written as CSV."""
 
     def __init__(self, *, wall_limits: bool = True) -> None:
-        """
-        Without `wall_limits` figures in wall time are shown and not judged.
-        """
+        """Without `wall_limits` figures in wall time are shown and not judged."""
         self.part = ''
         self.rows: list[Row] = []
         self._wall_limits = wall_limits
 
     def begin(self, part: str, text: str) -> None:
-        """
-        Head a part.
-        """
+        """Head a part."""
         self.part = part
         print(f'{part}: {text}', flush=True)
 
@@ -192,9 +162,7 @@ class Table:
         self, name: str, value: str, limit: str = '', good: bool | None = None, *,
         wall: bool = False,
     ) -> None:
-        """
-        A figure with its limit; `wall` where that is one on wall time.
-        """
+        """A figure with its limit; `wall` where that is one on wall time."""
         if wall and not self._wall_limits:
             good = None
         self.rows.append(Row(self.part, name, value, limit, good))
@@ -202,24 +170,18 @@ class Table:
         print(f'  {name:44s}  {value:>26s}  {limit:>22s}  {word}'.rstrip(), flush=True)
 
     def details(self, lines: Collection[str]) -> None:
-        """
-        What is behind a figure, the first few.
-        """
+        """What is behind a figure, the first few."""
         for line in list(lines)[:5]:
             print(f'      {line}')
 
     @property
     def is_good(self) -> bool:
-        """
-        Whether something was judged and nothing is bad.
-        """
+        """Whether something was judged and nothing is bad."""
         judged = [row.good for row in self.rows if row.good is not None]
         return bool(judged) and all(judged)
 
     def write(self, path: Path) -> None:
-        """
-        As CSV.
-        """
+        """As CSV."""
         path.parent.mkdir(parents=True, exist_ok=True)
         with path.open('w', newline='', encoding='utf-8') as file:
             writer = csv.writer(file)

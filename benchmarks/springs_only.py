@@ -9,10 +9,10 @@ nothing that could be left out. What the package takes more than this is the pri
 scene does not have.
 """
 
-import icofabric_sim.kernels.lanes as lanes
-from icofabric_sim.kernels.lanes import fma, load, load_at, splat, store, store_at
 from icofabric_sim.kernels.records import Links, State
 from icofabric_sim.kernels.rotations import half_angle_factors
+import icofabric_sim.kernels.runtime.lanes as lanes
+from icofabric_sim.kernels.runtime.lanes import fma, load, load_at, splat, store, store_at
 import numba
 import numpy as np
 
@@ -24,9 +24,7 @@ compiled = numba.njit(nogil=True, error_model='numpy')
 
 @compiled
 def pull(links, points, stride, block, first, stiffness, minus_rest, px, py, pz):
-    """
-    Pull of the two connectors at one edge, whose points are p.
-    """
+    """Pull of the two connectors at one edge, whose points are p."""
     zero = splat(0.0)
     fx, fy, fz = zero, zero, zero
     for link in range(first, first + 2):
@@ -43,9 +41,7 @@ def pull(links, points, stride, block, first, stiffness, minus_rest, px, py, pz)
 
 @compiled
 def springs(links, points, stride, block, s):
-    """
-    Force and torque of all springs on a block.
-    """
+    """Force and torque of all springs on a block."""
     zero = splat(0.0)
     fx, fy, fz, tx, ty, tz = zero, zero, zero, zero, zero, zero
     stiffness = splat(links.stiffness)
@@ -71,9 +67,7 @@ def springs(links, points, stride, block, s):
 
 @compiled
 def kick(state, a, h, s):
-    """
-    Add h times the accelerations to the velocities of a block.
-    """
+    """Add h times the accelerations to the velocities of a block."""
     step = splat(h)
     velocity, spin = state.linear_velocity, state.angular_velocity
     for k in range(3):
@@ -84,9 +78,7 @@ def kick(state, a, h, s):
 @compiled
 def push(links, slot, inverse_mass, inverse_inertia, state, points, acceleration, h, again, keep,
          first, last):
-    """
-    Kick by `h`, and by `again` where that is not 0; keep the accelerations where `keep`.
-    """
+    """Kick by `h`, and by `again` where that is not 0; keep the accelerations where `keep`."""
     stride = state.position.shape[1]
     mass, inertia = splat(inverse_mass), splat(inverse_inertia)
     for block in range(first, last):
@@ -104,9 +96,7 @@ def push(links, slot, inverse_mass, inverse_inertia, state, points, acceleration
 
 @compiled
 def push_once(links, slot, inverse_mass, inverse_inertia, state, points, h, first, last):
-    """
-    Kick by `h` and no more: the least that a step can do.
-    """
+    """Kick by `h` and no more: the least that a step can do."""
     stride = state.position.shape[1]
     mass, inertia = splat(inverse_mass), splat(inverse_inertia)
     for block in range(first, last):
@@ -118,9 +108,7 @@ def push_once(links, slot, inverse_mass, inverse_inertia, state, points, h, firs
 
 @compiled
 def push_kept(slot, state, acceleration, h, first, last):
-    """
-    Kick by `h` with accelerations that were kept.
-    """
+    """Kick by `h` with accelerations that were kept."""
     step = splat(h)
     for block in range(first, last):
         s = slot[block]
@@ -133,9 +121,7 @@ def push_kept(slot, state, acceleration, h, first, last):
 
 @compiled
 def drift(half_width, slot, state, points, h, first, last):
-    """
-    Move and turn freely over `h`, then place the attachment points.
-    """
+    """Move and turn freely over `h`, then place the attachment points."""
     step, zero, width = splat(h), splat(0.0), splat(half_width)
     twice, less = splat(2.0 * half_width), splat(-2.0 * half_width)
     position, orientation = state.position, state.orientation
@@ -176,9 +162,7 @@ def drift(half_width, slot, state, points, h, first, last):
 
 @compiled
 def place(points, at, stride, px, py, pz, ax, ay, az):
-    """
-    Both points of an axis of the bodies.
-    """
+    """Both points of an axis of the bodies."""
     store_at(points, at, px + ax)
     store_at(points, at + stride, py + ay)
     store_at(points, at + 2 * stride, pz + az)
@@ -191,9 +175,7 @@ def place(points, at, stride, px, py, pz, ax, ay, az):
 def leapfrog(links: Links, slot: np.ndarray, reach: int, inverse_mass: float,
              inverse_inertia: float, state: State, points: np.ndarray, acceleration: np.ndarray,
              h: float, count: int) -> None:
-    """
-    Take `count` steps: kick, drift, kick; the accelerations of the state are in place.
-    """
+    """Take `count` steps: kick, drift, kick; the accelerations of the state are in place."""
     last = slot.shape[0]
     push_kept(slot, state, acceleration, 0.5 * h, 0, last)
     for step in range(count):

@@ -8,15 +8,16 @@ python docs/make_parameters.py
 
 from pathlib import Path
 
-from icofabric_sim.integrators.methods import Method, METHODS
-from icofabric_sim.schema import FAMILIES, Specification, STATIC, UNBUILT_FAMILIES
+from icofabric_sim.parameters.table import FAMILIES, Specification, STATIC, UNBUILT_FAMILIES
+from icofabric_sim.simulation.stepping.methods import Method, METHODS
 
 _CHANGE = {'weave': 'weaves anew', 'live': 'at once', 'start': 'fixed at the start'}
 _HEAD = """# Parameters
 
-Made by `docs/make_parameters.py` from `icofabric_sim/schema.py`. SI units, radians. One tree for
-the node, for scene files and for Python. *Change* says what a change at run time does: at once
-(the motion goes on), weaves anew (it starts again from the initial state), or fixed at the start.
+Made by `docs/make_parameters.py` from `icofabric_sim/parameters/table.py`. SI units, radians.
+One tree for the node, for scene files and for Python. *Change* says what a change at run time
+does: at once (the motion goes on), weaves anew (it starts again from the initial state), or fixed
+at the start.
 
 | parameter | default | unit | allowed | change | meaning |
 |---|---|---|---|---|---|

@@ -11,42 +11,43 @@ no display; only `icofabric_sim.ros` imports rclpy. Names are loaded when first 
 from importlib import import_module
 from typing import Any, TYPE_CHECKING
 
+from icofabric_sim.version import __version__  # noqa: F401 - a documented name
+
 if TYPE_CHECKING:
-    from icofabric_sim.body_force import BodyForce
-    from icofabric_sim.checkpoint import Checkpoint
-    from icofabric_sim.growth import Growth, measure_growth
-    from icofabric_sim.integrators.methods import METHODS
-    from icofabric_sim.parameters import ParameterError
-    from icofabric_sim.scene import load_scene, Scene
-    from icofabric_sim.shell import Shell
-    from icofabric_sim.simulation import compile_scene, Simulation, SimulationError
-    from icofabric_sim.snapshot import Snapshot
+    from icofabric_sim.geometry.shell import Shell
+    from icofabric_sim.parameters.validation import ParameterError
+    from icofabric_sim.scene.scene import load_scene, Scene
+    from icofabric_sim.simulation.checkpoint import Checkpoint
+    from icofabric_sim.simulation.divergence import Growth, measure_growth
+    from icofabric_sim.simulation.errors import SimulationError
+    from icofabric_sim.simulation.model.body_force import BodyForce
+    from icofabric_sim.simulation.model.snapshot import Snapshot
+    from icofabric_sim.simulation.simulation import compile_scene, Simulation
+    from icofabric_sim.simulation.stepping.methods import METHODS
     from icofabric_sim.statics.equilibrium import Equilibrium, solve_equilibrium, step_loads
     from icofabric_sim.statics.modes import solve_modes, Spectrum
     from icofabric_sim.statics.periodic import Elasticity, homogenise, solve_bands
     from icofabric_sim.statics.stretching import measure_curve
 
-__version__ = '0.1.0'
-
 _HOMES = {
-    'BodyForce': 'body_force',
-    'Checkpoint': 'checkpoint',
+    'BodyForce': 'simulation.model.body_force',
+    'Checkpoint': 'simulation.checkpoint',
     'Elasticity': 'statics.periodic',
     'Equilibrium': 'statics.equilibrium',
-    'Growth': 'growth',
-    'METHODS': 'integrators.methods',
-    'ParameterError': 'parameters',
-    'Scene': 'scene',
-    'Shell': 'shell',
-    'Simulation': 'simulation',
-    'SimulationError': 'simulation',
-    'Snapshot': 'snapshot',
+    'Growth': 'simulation.divergence',
+    'METHODS': 'simulation.stepping.methods',
+    'ParameterError': 'parameters.validation',
+    'Scene': 'scene.scene',
+    'Shell': 'geometry.shell',
+    'Simulation': 'simulation.simulation',
+    'SimulationError': 'simulation.errors',
+    'Snapshot': 'simulation.model.snapshot',
     'Spectrum': 'statics.modes',
-    'compile_scene': 'simulation',
+    'compile_scene': 'simulation.simulation',
     'homogenise': 'statics.periodic',
-    'load_scene': 'scene',
+    'load_scene': 'scene.scene',
     'measure_curve': 'statics.stretching',
-    'measure_growth': 'growth',
+    'measure_growth': 'simulation.divergence',
     'solve_bands': 'statics.periodic',
     'solve_equilibrium': 'statics.equilibrium',
     'solve_modes': 'statics.modes',

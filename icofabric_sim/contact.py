@@ -14,24 +14,21 @@ docs/contact.md.
 import math
 from typing import Any, NamedTuple
 
+from icofabric_sim import checks
 import numpy as np
 
 Pose = tuple[Any, Any]
 
 
 class Separation(NamedTuple):
-    """
-    How far two shells are apart.
-    """
+    """How far two shells are apart."""
 
     distance: Any  # [m], (n,); negative: the least shift that would part them
     axis: np.ndarray  # along which, from the first to the second, (n, 3)
 
 
 class Push(NamedTuple):
-    """
-    What contact does to two shells, or to a shell and a plane; 0 where they do not touch.
-    """
+    """What contact does to two shells, or to a shell and a plane; 0 where they do not touch."""
 
     touching: Any  # bool, (n,)
     force: np.ndarray  # on the first [N], (n, 3); the second, or the plane, feels the opposite
@@ -47,25 +44,23 @@ def separation(half_edge: float, first: Pose, second: Pose) -> Separation:
 
     The depth is the least shift that parts them. Looks at every feature of both.
     """
-    from icofabric_sim.kernels.contact_many import signed_distances
+    from icofabric_sim.kernels.contact.many import signed_distances
 
-    _check_positive('half_edge', half_edge, 'm')
-    (xa, ra), (xb, rb), single = _poses(first, second)
+    half_edge = checks.positive('half_edge', half_edge, 'm')
+    (xa, ra), (xb, rb), single = _poses(first=first, second=second)
     distance, axis = np.zeros(len(xa)), np.zeros((len(xa), 3))
     signed_distances(float(half_edge), xa, ra, xb, rb, distance, axis)
     return Separation(*_rows(single, distance, axis))
 
 
 def push(half_edge: float, first: Pose, second: Pose, stiffness: float) -> Push:
-    """
-    How two shells of half edge a [m] push each other, for a contact stiffness [N/m].
-    """
-    from icofabric_sim.kernels.contact_many import touch_pairs
-    from icofabric_sim.kernels.contact_pair import contact_scratch, OUT_SIZE
+    """How two shells of half edge a [m] push each other, for a contact stiffness [N/m]."""
+    from icofabric_sim.kernels.contact.many import touch_pairs
+    from icofabric_sim.kernels.contact.pair import contact_scratch, OUT_SIZE
 
-    _check_positive('half_edge', half_edge, 'm')
-    _check_positive('stiffness', stiffness, 'N/m')
-    (xa, ra), (xb, rb), single = _poses(first, second)
+    half_edge = checks.positive('half_edge', half_edge, 'm')
+    stiffness = checks.positive('stiffness', stiffness, 'N/m')
+    (xa, ra), (xb, rb), single = _poses(first=first, second=second)
     touching, out = np.zeros(len(xa), bool), np.zeros((len(xa), OUT_SIZE))
     touch_pairs(float(half_edge), xa, ra, xb, rb, contact_scratch(), touching, out)
     return _push(single, touching, out, stiffness)
@@ -74,23 +69,20 @@ def push(half_edge: float, first: Pose, second: Pose, stiffness: float) -> Push:
 def push_of_plane(
     half_edge: float, normal: Any, offset: float, pose: Pose, stiffness: float
 ) -> Push:
-    """
-    How a rigid plane pushes a shell; its free side is normal . x >= offset [m].
-    """
-    from icofabric_sim.kernels.contact_many import touch_planes
-    from icofabric_sim.kernels.contact_pair import contact_scratch, OUT_SIZE
+    """How a rigid plane pushes a shell; its free side is normal . x >= offset [m]."""
+    from icofabric_sim.kernels.contact.many import touch_planes
+    from icofabric_sim.kernels.contact.pair import contact_scratch, OUT_SIZE
 
-    _check_positive('half_edge', half_edge, 'm')
-    _check_positive('stiffness', stiffness, 'N/m')
-    up = np.array(normal, dtype=np.float64)
-    length = np.linalg.norm(up)
-    if up.shape != (3,) or not 0.0 < length < math.inf:
-        raise ValueError(f'normal must be three numbers, not all 0, got {normal!r}')
-    if not math.isfinite(offset):
-        raise ValueError(f'offset must be finite, got {offset!r} m')
-    (x, r), _, single = _poses(pose, pose)
+    half_edge = checks.positive('half_edge', half_edge, 'm')
+    stiffness = checks.positive('stiffness', stiffness, 'N/m')
+    up = checks.array('normal', normal, (3,))
+    length = math.hypot(*up)
+    if not 0.0 < length < math.inf:
+        raise ValueError(f'normal must be three numbers, not all 0, got {checks.shown(normal)}')
+    offset = checks.number('offset', offset, unit='m')
+    (x, r), _, single = _poses(pose=pose)
     touching, out = np.zeros(len(x), bool), np.zeros((len(x), OUT_SIZE))
-    touch_planes(float(half_edge), up / length, float(offset) / length, x, r, contact_scratch(),
+    touch_planes(float(half_edge), up / length, offset / length, x, r, contact_scratch(),
                  touching, out)
     return _push(single, touching, out, stiffness)
 
@@ -99,15 +91,15 @@ def restitution(damping: float, speed: float) -> float:
     """
     Speed after over speed before of a damped collision in which one point touches.
 
-    `damping` c [s/m] as in kernels/contact_laws.py, `speed` the rate of delta at first touch
+    `damping` c [s/m] as in kernels/contact/laws.py, `speed` the rate of delta at first touch
     [m/s]. It depends on u = c speed only: u - ln(1 + u) = -e u - ln(1 - e u).
     """
     from scipy.optimize import brentq
 
-    if not 0.0 <= damping < math.inf:
-        raise ValueError(f'damping must be 0 or positive and finite, got {damping!r} s/m')
-    _check_positive('speed', speed, 'm/s')
-    u = damping * speed
+    u = checks.number('damping', damping, unit='s/m', least=0.0) * checks.positive(
+        'speed', speed, 'm/s')
+    if u == math.inf:
+        return 0.0
     if u < 1e-4:
         # Here the equation loses its digits; the next term is below 1e-12.
         return 1.0 - 2.0 * u / 3.0 + 4.0 * u * u / 9.0
@@ -118,14 +110,12 @@ def restitution(damping: float, speed: float) -> float:
 
 
 def damping_for(wanted: float, speed: float) -> float:
-    """
-    The damping c [s/m] with which a collision at this rate of delta [m/s] has a restitution.
-    """
+    """The damping c [s/m] with which a collision at this rate of delta [m/s] has a restitution."""
     from scipy.optimize import brentq
 
-    if not 0.0 < wanted <= 1.0:
-        raise ValueError(f'restitution must be above 0 and at most 1, got {wanted!r}')
-    _check_positive('speed', speed, 'm/s')
+    wanted = checks.number(
+        'wanted', wanted, above=0.0, most=1.0, wish='a number above 0 and at most 1')
+    speed = checks.positive('speed', speed, 'm/s')
     if wanted == 1.0:
         return 0.0
     highest = 1.0
@@ -145,48 +135,38 @@ def _rows(single: bool, *arrays: np.ndarray) -> list[Any]:
     return [array[0] for array in arrays] if single else list(arrays)
 
 
-def _poses(
-    first: Pose, second: Pose
-) -> tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray], bool]:
+def _poses(**poses: Pose) -> tuple[
+        tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray], bool]:
     """
-    Places (n, 3) and matrices (n, 3, 3) of both, and whether all was given for one pair.
+    Places (n, 3) and matrices (n, 3, 3) of the first and last, and whether all are of one pair.
     """
-    given = []
-    for name, pose in (('first', first), ('second', second)):
-        place, orientation = (np.array(part, dtype=np.float64) for part in pose)
-        if place.shape[-1:] != (3,) or place.ndim > 2 or not np.isfinite(place).all():
-            raise ValueError(f'the centre of the {name} must be (3,) or (n, 3) finite numbers [m]')
-        norm = np.linalg.norm(orientation, axis=-1)
-        if orientation.shape[-1:] != (4,) or orientation.ndim > 2 or not (
-                np.abs(norm - 1.0) < 1e-3).all():
-            raise ValueError(
-                f'the orientation of the {name} must be (4,) or (n, 4): unit quaternions '
-                'x, y, z, w')
-        given += [place, _matrices(orientation / norm[..., None])]
-    single = given[0].ndim == given[2].ndim == 1 and given[1].ndim == given[3].ndim == 2
+    given, single = [], True
+    for name, pose in poses.items():
+        if not isinstance(pose, (tuple, list, np.ndarray)) or len(pose) != 2:
+            kind = ValueError if isinstance(pose, (tuple, list, np.ndarray)) else TypeError
+            raise kind(
+                f'{name} must be a pose: a centre (3,) [m] and a unit quaternion (4,), or (n, 3) '
+                f'and (n, 4), got {checks.shown(pose)}')
+        place = checks.array(f'the centre of {name}', pose[0], ('[n]', 3), 'm')
+        turn = checks.quaternions(f'the orientation of {name}', pose[1], ('[n]', 4))
+        single = single and place.ndim == turn.ndim == 1
+        given += [np.atleast_2d(place), _matrices(np.atleast_2d(turn))]
     try:
-        (count,) = np.broadcast_shapes(
-            *((1,) if part.ndim == ndim else part.shape[:1]
-              for part, ndim in zip(given, (1, 2, 1, 2))))
+        (count,) = np.broadcast_shapes(*(part.shape[:1] for part in given))
     except ValueError:
-        raise ValueError('both poses must have the same number of rows, or one') from None
-    whole = [np.ascontiguousarray(np.broadcast_to(part, (count, *part.shape[-ndim:])))
-             for part, ndim in zip(given, (1, 2, 1, 2))]
-    return (whole[0], whole[1]), (whole[2], whole[3]), single
+        raise ValueError(
+            f'the centres and orientations of {" and ".join(poses)} must have the same number of '
+            'rows, or one') from None
+    whole = [
+        np.ascontiguousarray(np.broadcast_to(part, (count, *part.shape[1:]))) for part in given]
+    return (whole[0], whole[1]), (whole[-2], whole[-1]), single
 
 
 def _matrices(orientation: np.ndarray) -> np.ndarray:
-    """
-    Matrices (..., 3, 3) from body to world axes of unit quaternions x, y, z, w (..., 4).
-    """
+    """Matrices (..., 3, 3) from body to world axes of unit quaternions x, y, z, w (..., 4)."""
     x, y, z, w = np.moveaxis(orientation, -1, 0)
     rows = np.array([
         [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)],
         [2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)],
         [2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)]])
     return np.moveaxis(rows, (0, 1), (-2, -1))
-
-
-def _check_positive(name: str, value: float, unit: str) -> None:
-    if not 0.0 < value < math.inf:
-        raise ValueError(f'{name} must be positive and finite, got {value!r} {unit}')

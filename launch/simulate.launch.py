@@ -56,9 +56,7 @@ def generate_launch_description():
 
 
 def find_scene(share, scene):
-    """
-    Return the path of a scene's parameter file: a ready scene's name goes before a path.
-    """
+    """Return the path of a scene's parameter file: a ready scene's name goes before a path."""
     ready = {path.stem: path for path in sorted((share / 'config').glob('*.yaml'))}
     path = ready.get(scene, Path(scene).expanduser())
     if not path.is_file():

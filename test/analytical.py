@@ -9,14 +9,12 @@ Equation numbers are those of "A Mathematical Model of Icosahedral Materials".
 import math
 from typing import NamedTuple
 
-from icofabric_sim.integrators.pair import DOP8
+from icofabric_sim.kernels.integrators.embedded import DOP8
 import numpy as np
 
 
 def projectile(position, velocity, gravity, time):
-    """
-    Return R0 + V0 t + g t^2 / 2, the solution of M R'' = M g (eq 45).
-    """
+    """Return R0 + V0 t + g t^2 / 2, the solution of M R'' = M g (eq 45)."""
     return position + velocity * time + 0.5 * np.asarray(gravity) * time**2
 
 
@@ -32,9 +30,7 @@ def quaternion_product(left, right):
 
 
 def rotation_quaternion(vector):
-    """
-    Return exp(vector / 2) of rotation vectors (..., 3) [rad].
-    """
+    """Return exp(vector / 2) of rotation vectors (..., 3) [rad]."""
     vector = np.asarray(vector, dtype=float)
     angle = np.linalg.norm(vector, axis=-1, keepdims=True)
     # numpy.sinc(x) is sin(pi x) / (pi x), smooth at zero.
@@ -86,9 +82,7 @@ def leapfrog_frequency(frequency, step):
 
 
 def amplification(method, product):
-    """
-    Largest eigenvalue of a step of `product` / omega of the oscillator u'' = -omega^2 u.
-    """
+    """Largest eigenvalue of a step of `product` / omega of the oscillator u'' = -omega^2 u."""
     if not method.symplectic:
         # The stability function 1 + z b.(1 - z A)^-1 1 on the imaginary axis.
         count, z = method.stages, 1j * product
@@ -109,9 +103,7 @@ def amplification(method, product):
 
 
 class PairMode(NamedTuple):
-    """
-    Small motion of two bodies and their connector, per unit of the connector's lengthening.
-    """
+    """Small motion of two bodies and their connector, per unit of the connector's lengthening."""
 
     frequency: float  # [rad/s]
     shift: np.ndarray  # (2, 3) [m / m]
@@ -158,14 +150,10 @@ def rocking_frequencies(stiffness, natural_length, arm, distance, inertia):
 
 
 def momentum(mass, linear_velocity):
-    """
-    Sum of M V [kg m/s].
-    """
+    """Sum of M V [kg m/s]."""
     return mass * linear_velocity.sum(axis=0)
 
 
 def angular_momentum(mass, inertia, position, linear_velocity, angular_velocity):
-    """
-    Sum of R x M V + Lambda omega about the origin [kg m^2/s].
-    """
+    """Sum of R x M V + Lambda omega about the origin [kg m^2/s]."""
     return (mass * np.cross(position, linear_velocity) + inertia * angular_velocity).sum(axis=0)

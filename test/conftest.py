@@ -1,17 +1,29 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
 """
-Marks the tests that start nodes: what they hear depends on what else the machine does.
+Marks the tests that start nodes, and those that `make test` leaves to `make test-long`.
+
+What nodes hear depends on what else the machine does. Long are repetitions of what a shorter test
+of the same file shows: the other rotation form, further tolerances, further seeds.
 """
 import os
+import re
 
 # The tests that ask for it say so.
 os.environ.setdefault('ICOFABRIC_COMPILE_AHEAD', '0')
 # Those that start them through other programs.
-_FILES = ('test_colcon', 'test_kill_recovery', 'test_live_sink', 'test_soak')
+_FILES = ('test_colcon', 'test_first_light', 'test_kill_recovery', 'test_live_sink', 'test_soak')
+_LONG = re.compile(
+    r'test_ready_scenes\[.*-(0\.0001|1e-08)\]'  # of test_tolerance
+    r'|test_random_scenes\[[2-4][0-9]\]'
+    r'|test_splittings_of_higher_order_keep_it\[.*direction_cosines.*\]'
+    r'|test_energy_is_bounded_without_trend_over_a_million_steps\[.*direction_cosines.*\]'
+    r'|test_units_by_powers_of_four_give_the_same_bits\[True.*\]')
 
 
 def pytest_collection_modifyitems(items):
     for item in items:
         if 'NodeProcess' in vars(item.module) or item.module.__name__ in _FILES:
             item.add_marker('graph')
+        if _LONG.fullmatch(item.name):
+            item.add_marker('long')

@@ -1,11 +1,9 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-Pairs of icosahedra at first touch, and an independent way to integrate over their overlap.
-"""
+"""Pairs of icosahedra at first touch, and an independent way to integrate over their overlap."""
 
-from icofabric_sim.icosahedron import face_geometry, inscribed_radius, vertices
-from icofabric_sim.kernels.contact_pair import contact_scratch, OUT_SIZE, touch_pair, touch_plane
+from icofabric_sim.geometry.icosahedron import face_geometry, inscribed_radius, vertices
+from icofabric_sim.kernels.contact.pair import contact_scratch, OUT_SIZE, touch_pair, touch_plane
 import numpy as np
 from scipy.optimize import linprog
 from scipy.spatial import ConvexHull, HalfspaceIntersection
@@ -20,9 +18,7 @@ KINDS = ('random', 'alike', 'face on face', 'tilted face', 'vertex on vertex', '
 
 
 def touch(xa, ra, xb, rb, half_edge=1.0):
-    """
-    What `touch_pair` says, as (whether, out).
-    """
+    """What `touch_pair` says, as (whether, out)."""
     out = np.full(OUT_SIZE, np.nan)
     touching = touch_pair(
         half_edge, np.array(xa, float), np.array(ra, order='C'), np.array(xb, float),
@@ -31,9 +27,7 @@ def touch(xa, ra, xb, rb, half_edge=1.0):
 
 
 def touch_floor(normal, offset, xa, ra, half_edge=1.0):
-    """
-    The same of `touch_plane`.
-    """
+    """The same of `touch_plane`."""
     out = np.full(OUT_SIZE, np.nan)
     touching = touch_plane(half_edge, np.array(normal, float), float(offset),
                            np.array(xa, float), np.array(ra, order='C'), SCRATCH, out)
@@ -41,32 +35,24 @@ def touch_floor(normal, offset, xa, ra, half_edge=1.0):
 
 
 def wrench(out):
-    """
-    Forces and torques about their own centres on A and B, (12,).
-    """
+    """Forces and torques about their own centres on A and B, (12,)."""
     return np.concatenate([out[0:3], out[3:6], -out[0:3], out[6:9]])
 
 
 def turned(rotation, axis, angle):
-    """
-    A matrix after a further turn about an axis of the world.
-    """
+    """A matrix after a further turn about an axis of the world."""
     axis = np.asarray(axis) / np.linalg.norm(axis)
     return Rotation.from_rotvec(axis * angle).as_matrix() @ rotation
 
 
 def facing(rotation, own, target):
-    """
-    The rotation turned so that a direction in body axes looks along another of the world.
-    """
+    """The rotation turned so that a direction in body axes looks along another of the world."""
     now = rotation @ own
     return Rotation.align_vectors([target], [now])[0].as_matrix() @ rotation
 
 
 def pose(kind, rng):
-    """
-    Two matrices and a unit vector, along which the second body comes to the first.
-    """
+    """Two matrices and a unit vector, along which the second body comes to the first."""
     ra, rb = (Rotation.random(random_state=rng).as_matrix() for _ in range(2))
     way = rng.normal(size=3)
     if kind == 'alike':
@@ -102,9 +88,7 @@ def pose(kind, rng):
 
 
 def first_touch(ra, rb, way):
-    """
-    Distance of the centres at which they begin to touch.
-    """
+    """Distance of the centres at which they begin to touch."""
     low, high = 1.0, 4.0
     for _ in range(54):
         middle = (low + high) / 2.0
@@ -116,9 +100,7 @@ def first_touch(ra, rb, way):
 
 
 def half_spaces(x, rotation):
-    """
-    Rows (n, -rho - n . x): n . y + b is minus the depth of y below a face.
-    """
+    """Rows (n, -rho - n . x): n . y + b is minus the depth of y below a face."""
     normals = NORMALS @ rotation.T
     return np.c_[normals, -RHO - normals @ x]
 
@@ -147,9 +129,7 @@ def moments(*bodies):
 
 
 def deepest(rows):
-    """
-    The centre of the largest ball inside half spaces, or None.
-    """
+    """The centre of the largest ball inside half spaces, or None."""
     sizes = np.linalg.norm(rows[:, :3], axis=1)
     some = sizes > 1e-9
     if (rows[~some, 3] > 0.0).any():

@@ -1,8 +1,6 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-Loose shells that meet.
-"""
+"""Loose shells that meet."""
 
 import icofabric_sim as ico
 import numpy as np
@@ -15,9 +13,7 @@ OBLIQUE = ((0.06, 0.004, 0.003), (-1.0, 0.1, 0.2), (3.0, -20.0, 8.0), Rotation.f
 
 
 def loose(*bodies, **changes):
-    """
-    Bodies of their own: places, velocities, spins, and orientations where they are given.
-    """
+    """Bodies of their own: places, velocities, spins, and orientations where they are given."""
     flat = {'weave.size': [1, 1, 1], 'weave.connected': False, 'contact.mode': 'auto',
             'solver.method': 'dop8', 'solver.tolerance': 1e-8, 'contact.stiffness': 2e5}
     for number, (place, velocity, spin, *turned) in enumerate(bodies):
@@ -32,9 +28,7 @@ def loose(*bodies, **changes):
 
 
 def momenta(scene, snapshot):
-    """
-    Momentum and angular momentum about the origin of all bodies.
-    """
+    """Momentum and angular momentum about the origin of all bodies."""
     mass, inertia = scene.shell.mass, scene.shell.inertia
     linear = mass * snapshot.linear_velocity
     angular = np.cross(snapshot.position, linear) + inertia * snapshot.angular_velocity
@@ -42,9 +36,7 @@ def momenta(scene, snapshot):
 
 
 def crowd(seed=4, **changes):
-    """
-    27 bodies that are thrown at each other, with all kinds of contacts.
-    """
+    """27 bodies that are thrown at each other, with all kinds of contacts."""
     generator = np.random.default_rng(seed)
     places = 0.045 * np.array(
         [[x, y, z] for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1)])

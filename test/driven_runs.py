@@ -1,19 +1,17 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-Recorded runs that are driven from outside while they run, as the node is, but without ROS.
-"""
+"""Recorded runs that are driven from outside while they run, as the node is, but without ROS."""
 
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from icofabric_sim.outputs import CLOCK
-from icofabric_sim.recording import BagSink, summarise_run
-from icofabric_sim.reweave import concerns_runner_only
-from icofabric_sim.runner import Runner
-from icofabric_sim.scene import Scene
-from icofabric_sim.simulation import compile_scene
+from icofabric_sim.messages.topics import CLOCK
+from icofabric_sim.running.recording import BagSink, summarise_run
+from icofabric_sim.running.reweave import concerns_runner_only
+from icofabric_sim.running.runner import Runner
+from icofabric_sim.scene.scene import Scene
+from icofabric_sim.simulation.simulation import compile_scene
 import numpy as np
 from recorded_runs import swing_scene, wrench
 
@@ -22,16 +20,12 @@ Act = Callable[['Drive'], Any]
 
 
 class Drive:
-    """
-    A runner with a bag, and a script of what is done to it at which simulated time.
-    """
+    """A runner with a bag, and a script of what is done to it at which simulated time."""
 
     is_bag = False
 
     def __init__(self, path: Path, scene: Scene, script: list[tuple[int, Act]], **options: Any):
-        """
-        Record to `path`; the script names times [ms] on /clock, ascending.
-        """
+        """Record to `path`; the script names times [ms] on /clock, ascending."""
         simulation = compile_scene(scene, body_wrenches=True)
         simulation.warm_up()
         self.folder = path.parent
@@ -44,18 +38,14 @@ class Drive:
         self._building = False
 
     def run(self) -> 'Drive':
-        """
-        Run to the end of the duration, and close the bag.
-        """
+        """Run to the end of the duration, and close the bag."""
         self.runner.run(until_finished=True)
         assert not self.script
         self.close()
         return self
 
     def close(self) -> None:
-        """
-        Close the bag, and see that all that was asked for was done.
-        """
+        """Close the bag, and see that all that was asked for was done."""
         self.bag.close(summary=summarise_run(self.runner.status()))
         assert not self._building
         for answer in self.answers:
@@ -64,9 +54,7 @@ class Drive:
     # What a script may do.
 
     def push(self, key: str | int, force: Any, *, after: float = 0.0) -> None:
-        """
-        Send a wrench that acts at once, or `after` so many seconds.
-        """
+        """Send a wrench that acts at once, or `after` so many seconds."""
         topic, frame = f'/icofabric/loads/{key}', ''
         if isinstance(key, int):
             topic, frame = '/icofabric/wrench', f'icosahedron_{key}'
@@ -88,39 +76,29 @@ class Drive:
         self.runner.change(wanted)
 
     def pause_and_step(self) -> None:
-        """
-        Pause, take steps, and go on.
-        """
+        """Pause, take steps, and go on."""
         self.runner.set_paused(True)
         taken = self.runner.take_steps()
         self.answers.append(taken)
         taken.add_done_callback(lambda _: self.runner.set_paused(False))
 
     def save(self) -> None:
-        """
-        Save a checkpoint beside the bag; time stands still until it is on the disk.
-        """
+        """Save a checkpoint beside the bag; time stands still until it is on the disk."""
         self.runner.set_paused(True)
         saved = self.runner.save_checkpoint(self.folder / 'saved.checkpoint')
         self.answers.append(saved)
         saved.add_done_callback(lambda _: self.runner.set_paused(False))
 
     def restore(self) -> None:
-        """
-        Go back to it.
-        """
+        """Go back to it."""
         self.answers.append(self.runner.restore_checkpoint(self.folder / 'saved.checkpoint'))
 
     def record(self, on: bool) -> None:
-        """
-        Switch the recording.
-        """
+        """Switch the recording."""
         self.answers.append(self.runner.set_recording(on))
 
     def reset(self) -> None:
-        """
-        Go back to the initial state.
-        """
+        """Go back to the initial state."""
         self.answers.append(self.runner.reset())
 
     def _rebuilt(self, wanted: Any, reason: str) -> None:
@@ -167,9 +145,7 @@ def lively_scene(**changes: Any) -> Scene:
 
 
 def random_pushes(seed: int, count: int, end: int) -> list[tuple[int, Act]]:
-    """
-    Wrenches at random moments up to `end` [ms], on channels and bodies, some ahead of time.
-    """
+    """Wrenches at random moments up to `end` [ms], on channels and bodies, some ahead of time."""
     generator = np.random.default_rng(seed)
     keys: list[str | int] = ['tip', 'side', 0, 3, 9]
 
@@ -183,7 +159,5 @@ def random_pushes(seed: int, count: int, end: int) -> list[tuple[int, Act]]:
 
 
 def in_order(*scripts: list[tuple[int, Act]]) -> list[tuple[int, Act]]:
-    """
-    One script of several.
-    """
+    """One script of several."""
     return sorted((entry for script in scripts for entry in script), key=lambda entry: entry[0])

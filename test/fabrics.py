@@ -1,17 +1,15 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-Scenes that several tests use.
-"""
+"""Scenes that several tests use."""
 
 from typing import NamedTuple
 
 import icofabric_sim as ico
-from icofabric_sim.initial import InitialState
-from icofabric_sim.inputs import Inputs
 from icofabric_sim.kernels.flows import keep_accelerations, place_all
 from icofabric_sim.kernels.loads import kick_load
-from icofabric_sim.model import pack_scene
+from icofabric_sim.scene.initial import InitialState
+from icofabric_sim.simulation.inputs import Inputs
+from icofabric_sim.simulation.model.packing import pack_scene
 import numpy as np
 
 FORMS = ('quaternion', 'direction_cosines')
@@ -30,9 +28,7 @@ def make_scene(size=(2, 2, 2), changes=None, **sections):
 
 
 def changed(scene, changes):
-    """
-    The same scene with some parameters changed (dotted names).
-    """
+    """The same scene with some parameters changed (dotted names)."""
     return ico.Scene.from_parameters(scene.parameters.with_changes(changes))
 
 
@@ -89,25 +85,19 @@ def pair_face_to_face(scene, distance):
 
 
 def stretched(scene, factor):
-    """
-    Rest positions (n, 3), pulled to `factor` times their distance along x.
-    """
+    """Rest positions (n, 3), pulled to `factor` times their distance along x."""
     return scene.position * np.array([factor, 1.0, 1.0])
 
 
 class Wrenches(NamedTuple):
-    """
-    What acts on the bodies, bodies first.
-    """
+    """What acts on the bodies, bodies first."""
 
     force: np.ndarray  # (n, 3) [N]
     torque: np.ndarray  # (n, 3) about each centre [N m], world frame
 
 
 def packed_state(packed, position, orientation, linear_velocity=None, angular_velocity=None):
-    """
-    State for kernels from arrays of bodies; at rest unless told.
-    """
+    """State for kernels from arrays of bodies; at rest unless told."""
     rest = np.zeros_like(position)
     return packed.layout.pack(InitialState(
         position, orientation,
@@ -140,9 +130,7 @@ def wrenches(scene, position, orientation, *, cosines=False, loaded=False):
 
 
 def loaded_fabric(changes=None):
-    """
-    Fabric in random motion with two load channels, `tip` and `two`.
-    """
+    """Fabric in random motion with two load channels, `tip` and `two`."""
     return make_scene(
         (3, 2, 2),
         {
@@ -161,9 +149,7 @@ def loaded_fabric(changes=None):
 
 
 def same_state(one, other):
-    """
-    Whether two snapshots have the same bits.
-    """
+    """Whether two snapshots have the same bits."""
     return all(np.array_equal(getattr(one, name), getattr(other, name)) for name in STATE)
 
 

@@ -1,8 +1,6 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-Messages as bytes beside the values that any decoder must find in them.
-"""
+"""Messages as bytes beside the values that any decoder must find in them."""
 from __future__ import annotations
 
 import dataclasses
@@ -18,9 +16,7 @@ Case = tuple[str, str, bytes, dict[str, Any]]
 
 
 def plain(message: Any) -> Any:
-    """
-    Turn a decoded message of rosbags or rclpy into dictionaries, lists and numbers.
-    """
+    """Turn a decoded message of rosbags or rclpy into dictionaries, lists and numbers."""
     if hasattr(message, 'get_fields_and_field_types'):
         names = list(message.get_fields_and_field_types())
     elif dataclasses.is_dataclass(message):

@@ -1,29 +1,34 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-Small recorded runs for tests of what reads them.
-"""
+"""Small recorded runs for tests of what reads them."""
 
 from pathlib import Path
 from typing import Any
 
 from icofabric_sim.messages import WrenchStampedBytes
-from icofabric_sim.recording import BagSink, summarise_run
-from icofabric_sim.run_records import WrenchInput
-from icofabric_sim.runner import Runner
-from icofabric_sim.scene import Scene
-from icofabric_sim.simulation import compile_scene
+from icofabric_sim.running.recording import BagSink, summarise_run
+from icofabric_sim.running.run_records import WrenchInput
+from icofabric_sim.running.runner import Runner
+from icofabric_sim.scene.scene import Scene
+from icofabric_sim.simulation.simulation import compile_scene
 import numpy as np
 
 PUSH_START, PUSH_END = 100_000_000, 200_000_000  # [ns]
 FORCE = (0.0, 0.75, 0.0)  # [N]
 DURATION = 0.3  # [s]
+# A slab whose top can be taken over by a twist.
+DRIVEN_SCENE = {
+    'weave': {'size': [2, 2, 2]},
+    'contact': {'mode': 'never'},
+    'gravity': [0.0, 0.0, -9.81],
+    'groups': {'top': 'z_max'},
+    'drives': {'top': {'group': 'top'}},
+    'solver': {'method': 'srkn4'},
+}
 
 
 def swing_scene(**changes: Any) -> Scene:
-    """
-    A slab that falls from the side at which it is held.
-    """
+    """A slab that falls from the side at which it is held."""
     return Scene.from_parameters({
         'weave.size': [3, 3, 3],
         'weave.connector_angle': 0.3,
@@ -48,9 +53,7 @@ def wrench(topic: str, key: str | int, stamp: int, force: Any, frame: str = '') 
 
 
 def record_run(path: Path, scene: Scene, *inputs: WrenchInput, **summary: str) -> None:
-    """
-    Simulate a scene with inputs and record it.
-    """
+    """Simulate a scene with inputs and record it."""
     simulation = compile_scene(scene)
     bag = BagSink(path, simulation, live=False, storage='mcap')
     runner = Runner(simulation, [bag])
@@ -62,9 +65,7 @@ def record_run(path: Path, scene: Scene, *inputs: WrenchInput, **summary: str) -
 
 
 def record_push(path: Path, scene: Scene) -> None:
-    """
-    Simulate a scene whose tip is pushed for a while.
-    """
+    """Simulate a scene whose tip is pushed for a while."""
     record_run(
         path, scene,
         wrench('/icofabric/loads/tip', 'tip', PUSH_START, FORCE),

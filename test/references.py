@@ -27,9 +27,7 @@ TOLERANCE = 1e-12
 
 
 class Motion(NamedTuple):
-    """
-    State at one time, world frame.
-    """
+    """State at one time, world frame."""
 
     position: np.ndarray  # R (n, 3) [m]
     axes: np.ndarray  # mu (n, 3, 3), row i is e_i in world components
@@ -38,9 +36,7 @@ class Motion(NamedTuple):
 
 
 def axes_of(quaternion):
-    """
-    Return the direction cosines (n, 3, 3) of unit quaternions (n, 4): e_i = q e0_i q*.
-    """
+    """Return the direction cosines (n, 3, 3) of unit quaternions (n, 4): e_i = q e0_i q*."""
     v, w = quaternion[:, :3], quaternion[:, 3:]
     rows = []
     for unit in np.eye(3):
@@ -50,9 +46,7 @@ def axes_of(quaternion):
 
 
 def resultants(scene, position, axes):
-    """
-    Sum of the forces and of their moments about each centre, (n, 3) and (n, 3).
-    """
+    """Sum of the forces and of their moments about each centre, (n, 3) and (n, 3)."""
     force = np.zeros_like(position)
     moment = np.zeros_like(position)
 
@@ -83,9 +77,7 @@ def resultants(scene, position, axes):
 
 
 def accelerations(scene, position, axes):
-    """
-    R'' and d(omega)/dt; zero in held freedoms.
-    """
+    """R'' and d(omega)/dt; zero in held freedoms."""
     force, moment = resultants(scene, position, axes)
     linear, angular = force / scene.shell.mass, moment / scene.shell.inertia
     if scene.supports is not None:
@@ -124,9 +116,7 @@ def _scales(scene, duration):
 
 
 def integrate_quaternions(scene, duration):
-    """
-    Motion of a `scene` from its initial state after `duration` [s], eqs 21-27 and 45-49.
-    """
+    """Motion of a `scene` from its initial state after `duration` [s], eqs 21-27 and 45-49."""
 
     def derivative(position, quaternion, velocity, omega):
         linear, angular = accelerations(scene, position, axes_of(quaternion))
@@ -145,9 +135,7 @@ def integrate_quaternions(scene, duration):
 
 
 def integrate_cosines(scene, duration):
-    """
-    Motion of a `scene` from its initial state after `duration` [s], eqs 16-20 and 45-49.
-    """
+    """Motion of a `scene` from its initial state after `duration` [s], eqs 16-20 and 45-49."""
 
     def derivative(position, axes, velocity, omega):
         linear, angular = accelerations(scene, position, axes)

@@ -1,8 +1,6 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-Small made-up recordings for tests of the replay: no simulation is needed for them.
-"""
+"""Small made-up recordings for tests of the replay: no simulation is needed for them."""
 from icofabric_sim.bag import BagRecorder
 from icofabric_sim.messages import (
     ClockBytes,
@@ -66,9 +64,7 @@ TYPES = {
 
 
 def records():
-    """
-    Two seconds of a fabric that is woven anew after one; in order of time.
-    """
+    """Two seconds of a fabric that is woven anew after one; in order of time."""
     found = [
         (0, f'{NODE}/weave', text('first')),
         (0, '/b/fabric/weave', text('other')),
@@ -111,9 +107,7 @@ def recorded(topic, *, after=-1):
 
 
 def in_force(name, at):
-    """
-    The last messages of a topic at or before a time, found the plain way.
-    """
+    """The last messages of a topic at or before a time, found the plain way."""
     times = [time_ for time_, topic, _ in RECORDS if topic == name and time_ <= at]
     return [data for time_, topic, data in RECORDS
             if topic == name and times and time_ == times[-1]]

@@ -1,8 +1,6 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-The node from the outside: a process of its own, and a client that reads its topics as bytes.
-"""
+"""The node from the outside: a process of its own, and a client that reads its topics as bytes."""
 import os
 
 # Read when the message classes are imported, here and in the processes started from here.
@@ -19,8 +17,8 @@ import threading
 import time
 
 from icofabric_sim import messages
-from icofabric_sim.outputs import TOPICS
-from icofabric_sim.parameter_text import dump_parameters, flatten_parameters
+from icofabric_sim.messages.topics import TOPICS
+from icofabric_sim.parameters.text import dump_parameters, flatten_parameters
 import pytest
 
 pytest.importorskip('rclpy', reason='rclpy is not installed on this machine')
@@ -47,9 +45,7 @@ TYPES = {topic.name.replace('~', '/icofabric'): topic.type for topic in TOPICS}
 
 
 def _free_domain():
-    """
-    First of three domains that no process on this machine uses.
-    """
+    """First of three domains that no process on this machine uses."""
     # Ports of a domain begin at 7400 + 250 times its number.
     used = {
         (int(line.split()[1].rpartition(':')[2], 16) - 7400) // 250
@@ -64,16 +60,12 @@ _DOMAIN = _free_domain()
 
 
 def domain(offset=0):
-    """
-    Domain of this test process, so that runs side by side do not hear each other.
-    """
+    """Domain of this test process, so that runs side by side do not hear each other."""
     return (_DOMAIN + offset) % 102
 
 
 def next_line(process, limit=PATIENCE):
-    """
-    Next line that a process prints; fails where none comes.
-    """
+    """Next line that a process prints; fails where none comes."""
     lines = []
     reader = threading.Thread(target=lambda: lines.append(process.stdout.readline()), daemon=True)
     reader.start()
@@ -84,17 +76,13 @@ def next_line(process, limit=PATIENCE):
 
 
 def write_scene(path, sections):
-    """
-    Parameter file of nested sections.
-    """
+    """Parameter file of nested sections."""
     path.write_text(dump_parameters(flatten_parameters(sections)))
     return path
 
 
 def type_of(topic):
-    """
-    Type of a topic of a fabric, in whatever namespace.
-    """
+    """Type of a topic of a fabric, in whatever namespace."""
     return TYPES.get(topic) or TYPES['/icofabric' + topic.partition('/icofabric')[2]]
 
 
@@ -104,9 +92,7 @@ def ros_class(type_name):
 
 
 def wait_for(condition, what, *, node=None, limit=PATIENCE):
-    """
-    First true value of `condition`; fails with `what`, and the node's log, when none comes.
-    """
+    """First true value of `condition`; fails with `what`, and the node's log, when none comes."""
     deadline = time.monotonic() + limit
     while True:
         value = condition()
@@ -123,17 +109,13 @@ def wait_for(condition, what, *, node=None, limit=PATIENCE):
 
 
 class NodeProcess:
-    """
-    `fabric_node` in a process of its own; its log goes to a file.
-    """
+    """`fabric_node` in a process of its own; its log goes to a file."""
 
     MODULE = 'icofabric_sim.ros.fabric_node'
     READY = ' bodies, '  # stands in its log once it runs
 
     def __init__(self, log_path, *arguments, parameters=None, scene=None, offset=0):
-        """
-        Start with `parameters` (name: value) over the file `scene`, and more command line.
-        """
+        """Start with `parameters` (name: value) over the file `scene`, and more command line."""
         command = [sys.executable, '-m', self.MODULE, '--ros-args']
         if scene is not None:
             command += ['--params-file', str(scene)]
@@ -152,24 +134,18 @@ class NodeProcess:
         return self.log_path.read_text(errors='replace')
 
     def lines(self, word):
-        """
-        Lines of the log that hold `word`.
-        """
+        """Lines of the log that hold `word`."""
         return [line for line in self.log().splitlines() if word in line]
 
     def send(self, number):
         self.process.send_signal(number)
 
     def wait(self, limit=PATIENCE):
-        """
-        Exit status.
-        """
+        """Exit status."""
         return self.process.wait(limit)
 
     def stop(self, number=signal.SIGINT):
-        """
-        Ask the node to end, and return its exit status; no traceback may be in its log.
-        """
+        """Ask the node to end, and return its exit status; no traceback may be in its log."""
         if self.process.poll() is None:
             self.send(number)
         try:
@@ -196,9 +172,7 @@ class Client:
     """
 
     def __init__(self, node=None, *, offset=0):
-        """
-        Join the graph of `node`, whose log is shown when something does not come.
-        """
+        """Join the graph of `node`, whose log is shown when something does not come."""
         self.process = node
         if node is not None:
             # Participants that announce themselves to one that is there find each other at once;
@@ -240,9 +214,7 @@ class Client:
     # Topics.
 
     def listen(self, topic, *, latched=False, depth=1000):
-        """
-        Start to keep the messages of `topic`, decoded; returns the list that grows.
-        """
+        """Start to keep the messages of `topic`, decoded; returns the list that grows."""
         topic = topic.replace('~', '/icofabric')
         decode, kept = DECODERS[type_of(topic)], self.received[topic]
         if topic not in self._subscriptions:
@@ -255,17 +227,13 @@ class Client:
         return kept
 
     def forget(self, topic):
-        """
-        End a subscription.
-        """
+        """End a subscription."""
         topic = topic.replace('~', '/icofabric')
         self.node.destroy_subscription(self._subscriptions.pop(topic))
         self.received.pop(topic)
 
     def next(self, topic, condition=lambda message: True, **options):
-        """
-        First message of `topic` from now on that fulfils `condition`.
-        """
+        """First message of `topic` from now on that fulfils `condition`."""
         kept = self.listen(topic, **options)
         start = len(kept)
 
@@ -276,9 +244,7 @@ class Client:
 
     @property
     def clock(self):
-        """
-        Latest simulated time [ns].
-        """
+        """Latest simulated time [ns]."""
         kept = self.listen('/clock')
         return self.wait_for(lambda: kept[-1:], '/clock')[0]
 
@@ -286,9 +252,7 @@ class Client:
         self.wait_for(lambda: self.clock >= nanoseconds, f'simulated time {nanoseconds} ns')
 
     def publisher(self, topic, type_name='geometry_msgs/msg/WrenchStamped'):
-        """
-        Publisher that the node is connected to.
-        """
+        """Publisher that the node is connected to."""
         topic = topic.replace('~', '/icofabric')
         if topic not in self._publishers:
             self._publishers[topic] = self.node.create_publisher(ros_class(type_name), topic, 1000)
@@ -297,9 +261,7 @@ class Client:
         return publisher
 
     def push(self, topic, force=(0.0, 0.0, 0.0), torque=(0.0, 0.0, 0.0), *, frame='', stamp=0):
-        """
-        Publish a wrench as objects, as any user would.
-        """
+        """Publish a wrench as objects, as any user would."""
         message = ros_class('geometry_msgs/msg/WrenchStamped')()
         message.header.frame_id = frame
         message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, 10**9)
@@ -311,9 +273,7 @@ class Client:
     # Services.
 
     def begin(self, service, type_name, **fields):
-        """
-        Future of a service call.
-        """
+        """Future of a service call."""
         service = service.replace('~', '/icofabric')
         kind = ros_class(type_name)
         if service not in self._clients:
@@ -323,17 +283,13 @@ class Client:
         return client.call_async(kind.Request(**fields))
 
     def call(self, service, type_name='std_srvs/srv/Trigger', **fields):
-        """
-        Response of a service.
-        """
+        """Response of a service."""
         future = self.begin(service, type_name, **fields)
         self.wait_for(future.done, f'answer of {service}')
         return future.result()
 
     def pause(self, paused=True):
-        """
-        Pause or go on; the simulated time [ns] at which that was.
-        """
+        """Pause or go on; the simulated time [ns] at which that was."""
         response = self.call('~/pause', 'std_srvs/srv/SetBool', data=paused)
         assert response.success, response.message
         word, _, time = response.message.removesuffix(' s').partition(', t = ')
@@ -341,22 +297,16 @@ class Client:
         return round(float(time) * 1e9)
 
     def settle(self):
-        """
-        Wait until what was sent before has reached the simulation.
-        """
+        """Wait until what was sent before has reached the simulation."""
         for _ in range(2):  # messages that arrive first are handled first
             self.get('step_count')
 
     def set_each(self, **values):
-        """
-        Results of `set_parameters`; dots in names are written as `__`.
-        """
+        """Results of `set_parameters`; dots in names are written as `__`."""
         return self.set_messages([parameter(name, value) for name, value in values.items()])
 
     def set_messages(self, wanted, *, atomically=False):
-        """
-        Results of a parameter service for a list of rcl_interfaces/Parameter.
-        """
+        """Results of a parameter service for a list of rcl_interfaces/Parameter."""
         if atomically:
             return self.call('~/set_parameters_atomically',
                              'rcl_interfaces/srv/SetParametersAtomically',
@@ -365,31 +315,23 @@ class Client:
                          parameters=wanted).results
 
     def set(self, *, atomically=False, **values):
-        """
-        Set parameters, which must be accepted.
-        """
+        """Set parameters, which must be accepted."""
         wanted = [parameter(name, value) for name, value in values.items()]
         results = self.set_messages(wanted, atomically=atomically)
         for result in [results] if atomically else results:
             assert result.successful, result.reason
 
     def get(self, *names):
-        """
-        Values of parameters, as a node would hold them.
-        """
+        """Values of parameters, as a node would hold them."""
         values = self.call('~/get_parameters', 'rcl_interfaces/srv/GetParameters',
                            names=list(names)).values
         return [rclpy.parameter.parameter_value_to_python(value) for value in values]
 
     def health(self, condition=lambda status: True):
-        """
-        Next status of the node on /diagnostics that fulfils `condition`.
-        """
+        """Next status of the node on /diagnostics that fulfils `condition`."""
         return self.next('/diagnostics', lambda message: condition(message[1][0]))[1][0]
 
 
 def parameter(name, value):
-    """
-    A rcl_interfaces/Parameter; dots in the name may be written as `__`.
-    """
+    """A rcl_interfaces/Parameter; dots in the name may be written as `__`."""
     return Parameter(name.replace('__', '.'), value=value).to_parameter_msg()

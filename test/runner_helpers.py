@@ -1,15 +1,13 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-A runner without ROS: a sink that keeps messages, and a run in a thread of its own.
-"""
+"""A runner without ROS: a sink that keeps messages, and a run in a thread of its own."""
 import threading
 import time
 
 import icofabric_sim as ico
 from icofabric_sim.messages import WrenchStampedBytes
-from icofabric_sim.run_records import WrenchInput
-from icofabric_sim.runner import Runner
+from icofabric_sim.running.run_records import WrenchInput
+from icofabric_sim.running.runner import Runner
 import numpy as np
 
 SCENE = {
@@ -25,9 +23,7 @@ FORCE = np.array([0.0, 0.0, 0.05])
 
 
 class ListSink:
-    """
-    Keeps what it is sent; wants the given topics only.
-    """
+    """Keeps what it is sent; wants the given topics only."""
 
     is_bag = False
 
@@ -68,17 +64,13 @@ def push(runner, key='tip', *, stamp=0, force=FORCE, topic='/loads/tip'):
 
 
 def run(runner):
-    """
-    To the end of its duration, as fast as possible.
-    """
+    """To the end of its duration, as fast as possible."""
     runner.run(until_finished=True)
     return runner
 
 
 class Beside:
-    """
-    A runner in a thread of its own, as in the node.
-    """
+    """A runner in a thread of its own, as in the node."""
 
     def __init__(self, runner):
         self.runner = runner

@@ -14,9 +14,7 @@ from std_msgs.msg import Header
 
 
 def record(name, fields=(), **constants):
-    """
-    A class with `fields` (name: maker of its default) and constants.
-    """
+    """A class with `fields` (name: maker of its default) and constants."""
     fields = dict(fields)
 
     def begin(self, **values):
@@ -110,9 +108,7 @@ class SimulateSteps:
 
 
 def install(monkeypatch, *, without=()):
-    """
-    Have these stand for the installed package, less the services and actions `without`.
-    """
+    """Have these stand for the installed package, less the services and actions `without`."""
     parts = {
         'msg': vars(Messages), 'srv': vars(Services), 'action': {'SimulateSteps': SimulateSteps}}
     monkeypatch.setitem(

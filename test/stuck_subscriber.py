@@ -1,11 +1,9 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-A user's script, not a test: listens to the topics of a fabric until it is stopped (SIGSTOP).
-"""
+"""A user's script, not a test: listens to the topics of a fabric until it is stopped (SIGSTOP)."""
 import sys
 
-from icofabric_sim.outputs import CLOCK, CONNECTORS, POSES, STATE
+from icofabric_sim.messages.topics import CLOCK, CONNECTORS, POSES, STATE
 from icofabric_sim.ros.live_sink import message_class
 import rclpy
 from rclpy.qos import QoSProfile, ReliabilityPolicy

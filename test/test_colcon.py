@@ -1,8 +1,6 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-The tree builds with colcon as a ROS package, and what colcon installs runs.
-"""
+"""The tree builds with colcon as a ROS package, and what colcon installs runs."""
 import os
 from pathlib import Path
 import shutil
@@ -24,9 +22,7 @@ pytestmark = pytest.mark.skipif(
 
 @pytest.fixture(scope='module')
 def install(tmp_path_factory):
-    """
-    The install folder of a workspace with only this package in it.
-    """
+    """The install folder of a workspace with only this package in it."""
     workspace = tmp_path_factory.mktemp('workspace')
     source = workspace / 'src' / 'icofabric_sim'
     source.mkdir(parents=True)

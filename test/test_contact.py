@@ -1,8 +1,6 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-Contact of single pairs for users: distances, pushes, and what is refused.
-"""
+"""Contact of single pairs for users: distances, pushes, and what is refused."""
 
 from contact_poses import half_spaces, KINDS, NORMALS, pose, RHO, touch
 from icofabric_sim import contact
@@ -85,11 +83,11 @@ def test_plane_of_any_length_of_normal():
 
 
 @pytest.mark.parametrize('arguments, words', [
-    ((0.0, HOME, HOME, 1.0), 'half_edge must be positive'),
-    ((1.0, HOME, HOME, float('nan')), 'stiffness must be positive'),
-    ((1.0, ((0.0, 0.0), HOME[1]), HOME, 1.0), 'centre of the first'),
-    ((1.0, HOME, ((0.0, 0.0, float('inf')), HOME[1]), 1.0), 'centre of the second'),
-    ((1.0, HOME, (HOME[0], (0.0, 0.0, 0.0, 2.0)), 1.0), 'orientation of the second'),
+    ((0.0, HOME, HOME, 1.0), 'half_edge must be a positive'),
+    ((1.0, HOME, HOME, float('nan')), 'stiffness must be a positive'),
+    ((1.0, ((0.0, 0.0), HOME[1]), HOME, 1.0), 'centre of first'),
+    ((1.0, HOME, ((0.0, 0.0, float('inf')), HOME[1]), 1.0), 'centre of second'),
+    ((1.0, HOME, (HOME[0], (0.0, 0.0, 0.0, 2.0)), 1.0), 'orientation of second'),
     ((1.0, (np.zeros((2, 3)), HOME[1]), (np.zeros((3, 3)), HOME[1]), 1.0), 'same number of rows'),
 ], ids=lambda value: value if isinstance(value, str) else '')
 def test_what_cannot_be_a_pair_is_refused(arguments, words):

@@ -1,18 +1,22 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-What the documents say is what the program does.
-"""
+"""What the documents say is what the program does."""
 
+import argparse
+from fnmatch import fnmatch
+import importlib
 import importlib.util
 from pathlib import Path
 import re
 
-from icofabric_sim.outputs import STRAIN_CLASSES, TOPICS
+import icofabric_sim
+from icofabric_sim.commands.main import VERBS
+from icofabric_sim.messages.topics import STRAIN_CLASSES, TOPICS
+from icofabric_sim.parameters.table import FAMILIES, STATIC
 import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
-DOCUMENTS = sorted([ROOT / 'README.md', ROOT / 'CHANGELOG.md', *(ROOT / 'docs').glob('*.md')])
+DOCUMENTS = sorted([ROOT / 'README.md', ROOT / 'CHANGELOG.md', *(ROOT / 'docs').rglob('*.md')])
 
 
 def test_parameter_table_is_made_from_the_schema():
@@ -24,7 +28,7 @@ def test_parameter_table_is_made_from_the_schema():
     assert written == module.text(), 'run python docs/make_parameters.py'
 
 
-@pytest.mark.parametrize('path', DOCUMENTS, ids=lambda path: path.name)
+@pytest.mark.parametrize('path', DOCUMENTS, ids=lambda path: str(path.relative_to(ROOT)))
 def test_files_that_are_named_exist(path):
     text = path.read_text(encoding='utf-8')
     named = re.findall(r'`((?:config|docs|benchmarks|launch|rviz|test)/[\w./*-]*\w)`', text)
@@ -34,7 +38,84 @@ def test_files_that_are_named_exist(path):
         assert list(base.glob(name)), f'{path.name} names {name}'
 
 
-def test_readme_names_every_topic_and_strain_class():
-    text = (ROOT / 'README.md').read_text(encoding='utf-8')
+def test_page_of_the_node_names_every_topic_and_strain_class():
+    text = (ROOT / 'docs' / 'ros.md').read_text(encoding='utf-8')
     assert all(f'`{topic.name}`' in text for topic in TOPICS)
     assert all(entry.name in text for entry in STRAIN_CLASSES)
+
+
+def quoted(text):
+    """What stands in backticks or in blocks of code."""
+    blocks = re.findall(r'^```.*?^```', text, re.DOTALL | re.MULTILINE)
+    rest = re.sub(r'^```.*?^```', '', text, flags=re.DOTALL | re.MULTILINE)
+    lines = re.findall(r'^    +\S.*$', rest, re.MULTILINE)
+    return [*re.findall(r'`([^`]+)`', rest), *(
+        line for block in [*blocks, *lines] for line in block.splitlines())]
+
+
+MODULES = sorted(
+    str(path) for folder in ('icofabric_sim', 'benchmarks', 'docs', 'examples', 'launch', 'test')
+    for path in (ROOT / folder).rglob('*.py'))
+SOURCE = '\n'.join(
+    Path(name).read_text('utf-8') for name in MODULES if '/icofabric_sim/' in name)
+EXECUTABLES = re.findall(
+    r"'(\w+) = icofabric_sim\.", (ROOT / 'setup.py').read_text(encoding='utf-8'))
+
+
+def options_of(verb):
+    """All options of `icofabric VERB`."""
+    parser = argparse.ArgumentParser()
+    importlib.import_module(f'icofabric_sim.commands.{verb}').add_arguments(parser)
+    parsers = [parser]
+    for action in parser._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            parsers += action.choices.values()
+    return {option for one in parsers for option in one._option_string_actions}
+
+
+def is_python(name):
+    """Whether it is something in a module of the package, such as contact.restitution."""
+    module, _, attribute = name.partition('.')
+    return importlib.util.find_spec(f'icofabric_sim.{module}') is not None and hasattr(
+        importlib.import_module(f'icofabric_sim.{module}'), attribute)
+
+
+@pytest.mark.parametrize('path', DOCUMENTS, ids=lambda path: str(path.relative_to(ROOT)))
+def test_executables_verbs_and_options_that_are_named_exist(path):
+    text = path.read_text(encoding='utf-8')
+    assert 'fabric_node' in EXECUTABLES and 'icofabric' in EXECUTABLES
+    for name in re.findall(r'(?<![\w/.])([a-z]\w*_node)\b(?!\.)', text):
+        assert name in EXECUTABLES, f'{path.name} names the executable {name}'
+    for words in quoted(text):
+        for verb, options in re.findall(
+                r'(?<![\w/.:])(?:\.venv/bin/)?icofabric ([a-z][\w-]*)([^|&;#\n]*)', words):
+            assert verb in VERBS, f'{path.name} names icofabric {verb}'
+            for option in re.findall(r'(?<![\w-])(--[a-z][a-z-]*)', options):
+                assert option in options_of(verb), f'{path.name} names {option} of {verb}'
+
+
+@pytest.mark.parametrize('path', DOCUMENTS, ids=lambda path: str(path.relative_to(ROOT)))
+def test_names_of_parameters_topics_modules_and_python_exist(path):
+    known = {setting.name for setting in STATIC} | {
+        f'{family}.NAME.{field.name}' for family, fields in FAMILIES.items() for field in fields}
+    text = path.read_text(encoding='utf-8')
+    first_words = {name.split('.')[0] for name in known}
+    for words in quoted(text):
+        for name in re.findall(r'^([a-z_]+(?:\.[a-zA-Z_*]+)+)(?=$|[: =])', words):
+            family = name.split('.')[0]
+            if family not in first_words or name.endswith(('.py', '.yaml', '.csv')):
+                continue
+            pattern = re.escape(name).replace(r'\*', r'[\w.]+').replace('EDGE', r'\w+')
+            assert any(re.fullmatch(pattern, one) or one.startswith(f'{name}.')
+                       for one in known) or is_python(name), f'{path.name} names {name}'
+        for name in re.findall(r'(?<!\w)(~/[a-z_]+)', words):
+            assert f"'{name}" in SOURCE, f'{path.name} names the topic {name}'
+        for name in re.findall(r'^((?:[\w*]+/)*[\w*]+\.py)\b', words):
+            assert any(fnmatch(module, f'*/{name}') for module in MODULES), (
+                f'{path.name} names {name}')
+        for name in re.findall(r'(?<![\w.])ico\.(\w+)', words):
+            assert hasattr(icofabric_sim, name), f'{path.name} names ico.{name}'
+        for target in re.findall(r'^\s*make ([a-z][\w-]*)', words):
+            assert re.search(
+                rf'^{target}:', (ROOT / 'Makefile').read_text('utf-8'), re.MULTILINE), (
+                f'{path.name} names make {target}')

@@ -1,21 +1,26 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-The Foxglove layout in config/: panels that are there, topics that the node publishes.
-"""
+"""The Foxglove layout in config/: panels that are there, topics that the node publishes."""
 import json
 from pathlib import Path
 import re
 
-from icofabric_sim.health import HealthReport
 from icofabric_sim.messages import (
     decode_diagnostic_array,
     Float64MultiArrayBytes,
     MarkerBytes,
     PoseArrayBytes,
 )
-from icofabric_sim.outputs import CONNECTORS, DIAGNOSTICS, ENERGIES, ICOSAHEDRA, POSES, TOPICS
-from icofabric_sim.schema import BY_NAME
+from icofabric_sim.messages.topics import (
+    CONNECTORS,
+    DIAGNOSTICS,
+    ENERGIES,
+    ICOSAHEDRA,
+    POSES,
+    TOPICS,
+)
+from icofabric_sim.parameters.table import BY_NAME
+from icofabric_sim.running.diagnostics import HealthReport
 import pytest
 from runner_helpers import make_runner
 
@@ -36,9 +41,7 @@ def layout():
 
 
 def leaves(node):
-    """
-    Panels of a part of the window, each of which is halved or holds one.
-    """
+    """Panels of a part of the window, each of which is halved or holds one."""
     if isinstance(node, str):
         return [node]
     assert node['direction'] in ('row', 'column') and 0 < node['splitPercentage'] < 100

@@ -1,8 +1,6 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-The manifests agree with each other and with the tree, and only `ros/` knows ROS.
-"""
+"""The manifests agree with each other and with the tree, and only `ros/` knows ROS."""
 import ast
 import configparser
 from pathlib import Path
@@ -49,9 +47,7 @@ def manifest():
 
 @pytest.fixture(scope='module')
 def distribution(tmp_path_factory):
-    """
-    What setup.py says, as a package index or colcon would read it.
-    """
+    """What setup.py says, as a package index or colcon would read it."""
     base = tmp_path_factory.mktemp('egg')
     subprocess.run(
         [sys.executable, 'setup.py', '-q', 'egg_info', '--egg-base', str(base)], cwd=ROOT,
@@ -61,9 +57,7 @@ def distribution(tmp_path_factory):
 
 @pytest.fixture(scope='module')
 def data_files():
-    """
-    Files by installation folder, from the arguments that setup.py hands to setuptools.
-    """
+    """Files by installation folder, from the arguments that setup.py hands to setuptools."""
     code = ('import json, setuptools\n'
             'setuptools.setup = lambda **words: print(json.dumps(words["data_files"]))\n'
             'import runpy; runpy.run_path("setup.py")\n')
@@ -88,7 +82,7 @@ def test_one_version(manifest, distribution):
     assert f'## [{version}]' in (ROOT / 'CHANGELOG.md').read_text()
     written = [str(path.relative_to(ROOT)) for path in [ROOT / 'setup.py', *sources(PACKAGE)]
                if re.search(rf'[\'"]{re.escape(version)}[\'"]', path.read_text())]
-    assert written in ([], ['icofabric_sim/__init__.py'])
+    assert written in ([], ['icofabric_sim/version.py'])
     import icofabric_sim
     assert getattr(icofabric_sim, '__version__', version) == version
 
@@ -225,7 +219,7 @@ except ImportError:
 
 
 def test_headers():
-    for folder in ('icofabric_sim', 'test', 'launch', 'benchmarks'):
+    for folder in ('icofabric_sim', 'test', 'launch', 'benchmarks', 'examples'):
         for path in sources(ROOT / folder):
             assert path.read_text().startswith(HEADER), path.relative_to(ROOT)
     assert (ROOT / 'setup.py').read_text().startswith(HEADER)

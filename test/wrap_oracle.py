@@ -6,7 +6,7 @@ Shortest ways around shells by brute force.
 Points along all edges, and Dijkstra's algorithm; or every pair of ways, one after the other.
 """
 
-from icofabric_sim.icosahedron import (
+from icofabric_sim.geometry.icosahedron import (
     edge_midpoints,
     EDGES,
     face_geometry,
@@ -14,7 +14,7 @@ from icofabric_sim.icosahedron import (
     NAMED_EDGE_FACES,
     vertices,
 )
-from icofabric_sim.kernels.wrap_pairs import both_allowed, tighten
+from icofabric_sim.kernels.wrap.pairs import both_allowed, tighten
 from numba import njit
 import numpy as np
 from scipy.sparse import coo_array

@@ -1,13 +1,11 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-Recorded runs: writing them beside the simulation, reading them, making a killed one whole.
-"""
+"""Recorded runs: writing them beside the simulation, reading them, making a killed one whole."""
 from icofabric_sim.bag.handover import RecorderStatistics
 from icofabric_sim.bag.reader import BagReader, BagTopic
 from icofabric_sim.bag.recorder import BagRecorder
 from icofabric_sim.bag.recovery import recover_bag, recover_mcap, RecoveryReport
-from icofabric_sim.bag.storage import BagError, next_free_path
+from icofabric_sim.bag.storage import BagError, next_free_path, STOPPED
 
 __all__ = [
     'BagError',
@@ -19,4 +17,5 @@ __all__ = [
     'recover_mcap',
     'RecorderStatistics',
     'RecoveryReport',
+    'STOPPED',
 ]

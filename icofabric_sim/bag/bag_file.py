@@ -1,8 +1,6 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-One bag being written: a folder, its files one after the other, and the metadata at the end.
-"""
+"""One bag being written: a folder, its files one after the other, and the metadata at the end."""
 from __future__ import annotations
 
 import contextlib
@@ -24,9 +22,7 @@ from icofabric_sim.bag.storage import (
 
 
 class BagFile:
-    """
-    One new bag; every call must come from the thread that made it, as SQLite demands.
-    """
+    """One new bag; every call must come from the thread that made it, as SQLite demands."""
 
     def __init__(
         self, path: Path, storage: str, *,
@@ -81,9 +77,7 @@ class BagFile:
         self._file.add_topic(topic)
 
     def must_split(self, nanoseconds: int) -> bool:
-        """
-        Whether a message of this time belongs into the next file, by the rules of rosbag2.
-        """
+        """Whether a message of this time belongs into the next file, by the rules of rosbag2."""
         first = self._current_first
         if first is None:
             return False
@@ -91,9 +85,7 @@ class BagFile:
                 or 0 < self._split_duration < nanoseconds - first)
 
     def split(self) -> None:
-        """
-        Finish the present file and begin the next, with the same topics.
-        """
+        """Finish the present file and begin the next, with the same topics."""
         self._finish_current()
         self._open_next()
         for topic in self._topics:
@@ -105,32 +97,24 @@ class BagFile:
         self._file.write(topic, nanoseconds, data)
 
     def flush(self) -> None:
-        """
-        Bring everything written so far to the file.
-        """
+        """Bring everything written so far to the file."""
         self._file.flush()
         _check_there(self._file)
 
     @property
     def message_count(self) -> int:
-        """
-        Messages that are in the files, those that still wait not counted.
-        """
+        """Messages that are in the files, those that still wait not counted."""
         count = sum(tally.message_count for _, tally in self._finished)
         return count + (self._current.tally.message_count if self._current is not None else 0)
 
     def close(self, custom: dict[str, str]) -> None:
-        """
-        Finish the bag, with its metadata.
-        """
+        """Finish the bag, with its metadata."""
         self._custom = dict(custom)
         self._finish_current()
         write_metadata(self.path, self._describe(self._finished))
 
     def salvage(self, custom: dict[str, str]) -> bool:
-        """
-        After an error make a whole bag of what is in the files; False where that fails too.
-        """
+        """After an error make a whole bag of what is in the files; False where that fails too."""
         try:
             if self._current is not None:
                 try:
@@ -144,9 +128,7 @@ class BagFile:
         return True
 
     def abandon(self) -> None:
-        """
-        Let go of a bag that cannot be written any more.
-        """
+        """Let go of a bag that cannot be written any more."""
         current, self._current = self._current, None
         if current is not None:
             current.abandon()
@@ -188,8 +170,6 @@ class BagFile:
 
 
 def _check_there(file: StorageFile) -> None:
-    """
-    Notice what the system does not tell: whoever writes to a removed file hears of no error.
-    """
+    """Notice what the system does not tell: whoever writes to a removed file hears of no error."""
     if not os.path.lexists(file.path):
         raise BagError(f'{file.path} was removed')

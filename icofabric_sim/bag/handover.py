@@ -1,8 +1,6 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-The queue between those who record and the thread that writes: bounded in bytes, in order.
-"""
+"""The queue between those who record and the thread that writes: bounded in bytes, in order."""
 from __future__ import annotations
 
 from collections import deque
@@ -14,9 +12,7 @@ from icofabric_sim.bag.storage import TopicEntry
 
 
 class RecorderStatistics(NamedTuple):
-    """
-    What became of the messages handed over, and how far behind the writer is.
-    """
+    """What became of the messages handed over, and how far behind the writer is."""
 
     written: int  # messages given to the file
     written_bytes: int
@@ -28,18 +24,14 @@ class RecorderStatistics(NamedTuple):
 
 
 class Heading(NamedTuple):
-    """
-    What the files that begin after this say of themselves: one entry of their custom data.
-    """
+    """What the files that begin after this say of themselves: one entry of their custom data."""
 
     key: str
     value: str
 
 
 class Message(NamedTuple):
-    """
-    A message and its simulated time [ns].
-    """
+    """A message and its simulated time [ns]."""
 
     topic: str
     nanoseconds: int
@@ -47,9 +39,7 @@ class Message(NamedTuple):
 
 
 class End(NamedTuple):
-    """
-    The last item: the bag is to be finished.
-    """
+    """The last item: the bag is to be finished."""
 
 
 Item = TopicEntry | Heading | Message | End
@@ -77,13 +67,16 @@ class Handover:
         self._queued_bytes = 0
 
     def put_notice(self, notice: TopicEntry | Heading) -> None:
-        """
-        Append what is no message and takes no room.
-        """
+        """Append what is no message and takes no room."""
         with self._lock:
             if not self._stopped:
                 self._items.append(notice)
                 self._filled.notify()
+
+    def has_room(self, size: int) -> bool:
+        """Whether a message of `size` [bytes] that is not essential would be taken at once."""
+        with self._lock:
+            return not (self._stopped or 0 < self._queued_bytes > self._capacity - size)
 
     def put(self, topic: str, nanoseconds: int, data: bytes, *, essential: bool) -> bool:
         """
@@ -135,9 +128,7 @@ class Handover:
             return item
 
     def end(self) -> None:
-        """
-        Take no more messages; those that are queued are still written.
-        """
+        """Take no more messages; those that are queued are still written."""
         with self._lock:
             if not self._stopped:
                 self._stopped = True

@@ -1,8 +1,6 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-Reading an MCAP file from its start, as far as it goes: one that was killed has no index.
-"""
+"""Reading an MCAP file from its start, as far as it goes: one that was killed has no index."""
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
@@ -20,15 +18,11 @@ _LENGTH = struct.Struct('<BQ')
 
 
 class Damage(Exception):
-    """
-    The place up to which a file can be read.
-    """
+    """The place up to which a file can be read."""
 
 
 class ScannedTopic(NamedTuple):
-    """
-    A channel: its topic, the type and its definition, the profiles and the hash where known.
-    """
+    """A channel: its topic, the type and its definition, the profiles and the hash where known."""
 
     name: str
     type_name: str
@@ -38,9 +32,7 @@ class ScannedTopic(NamedTuple):
 
 
 class ScannedMessage(NamedTuple):
-    """
-    A message, and how far the file is read [bytes].
-    """
+    """A message, and how far the file is read [bytes]."""
 
     topic: ScannedTopic
     nanoseconds: int
@@ -49,14 +41,10 @@ class ScannedMessage(NamedTuple):
 
 
 class McapScan:
-    """
-    One pass over the records of a file; no more than a chunk is in memory.
-    """
+    """One pass over the records of a file; no more than a chunk is in memory."""
 
     def __init__(self, path: Path, *, on_damage: Callable[[str], None]) -> None:
-        """
-        Look at the file at `path`; `on_damage` hears of chunks that are left out.
-        """
+        """Look at the file at `path`; `on_damage` hears of chunks that are left out."""
         self.path = path
         self.compressed = False  # whether a chunk was, among those read so far
         self._on_damage = on_damage

@@ -28,15 +28,11 @@ _PIECE_BYTES = 2**14
 
 
 class McapFile:
-    """
-    One .mcap file being written.
-    """
+    """One .mcap file being written."""
 
     def __init__(self, path: Path, *, compression: str, metadata: str) -> None:
-        """
-        Begin a new file; `metadata` says what is known of the bag so far.
-        """
-        from icofabric_sim import __version__
+        """Begin a new file; `metadata` says what is known of the bag so far."""
+        from icofabric_sim.version import __version__
 
         self.path = path
         self.tally = Tally()
@@ -96,9 +92,7 @@ class McapFile:
             self.flush()
 
     def flush(self) -> None:
-        """
-        Close the chunk; one without messages is kept back, it would carry the times of none.
-        """
+        """Close the chunk; one without messages is kept back, it would carry the times of none."""
         if not self._index:
             return
         pieces, stored, checksum = self._pieces, self._chunk_size, 0
@@ -182,9 +176,7 @@ class McapFile:
             pieces.append(piece)
 
     def _put(self, pieces: Iterable[bytes]) -> None:
-        """
-        Write at the end; what an error leaves behind it is not yet part of the file.
-        """
+        """Write at the end; what an error leaves behind it is not yet part of the file."""
         end = self._end
         for piece in pieces:
             view = memoryview(piece)

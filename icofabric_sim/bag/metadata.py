@@ -1,8 +1,6 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-The metadata of a bag, version 9 as Jazzy writes it; older ones are read too.
-"""
+"""The metadata of a bag, version 9 as Jazzy writes it; older ones are read too."""
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -28,9 +26,7 @@ _ROOT = 'rosbag2_bagfile_information'
 
 
 def distribution() -> str:
-    """
-    Name of the ROS distribution that a bag is said to be recorded with.
-    """
+    """Name of the ROS distribution that a bag is said to be recorded with."""
     return os.environ.get('ROS_DISTRO') or 'jazzy'
 
 
@@ -38,9 +34,7 @@ def describe_bag(
     storage: str, compression: str, files: Sequence[tuple[str, Tally]],
     topics: Sequence[TopicEntry], custom: dict[str, str],
 ) -> dict[str, Any]:
-    """
-    Lay out the metadata of a bag with `files`, names and contents in the order of recording.
-    """
+    """Lay out the metadata of a bag with `files`, names and contents in the order of recording."""
     total = Tally()
     for _, tally in files:
         total.merge(tally)
@@ -77,18 +71,14 @@ def describe_bag(
 
 
 def write_metadata(folder: Path, described: dict[str, Any]) -> None:
-    """
-    Put the metadata into the folder of a bag, whole or not at all.
-    """
+    """Put the metadata into the folder of a bag, whole or not at all."""
     temporary = folder / f'{FILE_NAME}.tmp'
     temporary.write_text(to_yaml({_ROOT: described}), 'utf-8')
     temporary.replace(folder / FILE_NAME)
 
 
 class MetadataTopic(NamedTuple):
-    """
-    A topic as the metadata describe it.
-    """
+    """A topic as the metadata describe it."""
 
     name: str
     type_name: str
@@ -98,9 +88,7 @@ class MetadataTopic(NamedTuple):
 
 
 class MetadataFile(NamedTuple):
-    """
-    A file of a bag, and the times of its first and last message [ns] where they are known.
-    """
+    """A file of a bag, and the times of its first and last message [ns] where they are known."""
 
     path: Path
     first: int | None
@@ -108,9 +96,7 @@ class MetadataFile(NamedTuple):
 
 
 class Metadata(NamedTuple):
-    """
-    What the metadata of a bag say.
-    """
+    """What the metadata of a bag say."""
 
     topics: list[MetadataTopic]
     files: list[MetadataFile]
@@ -122,9 +108,7 @@ class Metadata(NamedTuple):
 
 
 def read_metadata(folder: Path) -> Metadata:
-    """
-    Read the metadata of a bag; BagError says what is wrong with them.
-    """
+    """Read the metadata of a bag; BagError says what is wrong with them."""
     path = folder / FILE_NAME
     try:
         root = from_yaml(path.read_bytes())

@@ -1,8 +1,6 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-One file of a bag that is read, whatever its storage.
-"""
+"""One file of a bag that is read, whatever its storage."""
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator
@@ -19,9 +17,7 @@ from rosbags.rosbag2 import Reader
 
 
 class PartTopic(NamedTuple):
-    """
-    A topic as one file holds it.
-    """
+    """A topic as one file holds it."""
 
     name: str
     type_name: str
@@ -40,14 +36,10 @@ class _Stored(Protocol):
 
 
 class Part:
-    """
-    One .mcap or .db3 file, or one that rosbag2 has compressed as a whole (.zstd).
-    """
+    """One .mcap or .db3 file, or one that rosbag2 has compressed as a whole (.zstd)."""
 
     def __init__(self, path: Path, *, compression_mode: str = '') -> None:
-        """
-        Open the file; `compression_mode` is that of the metadata, where there are any.
-        """
+        """Open the file; `compression_mode` is that of the metadata, where there are any."""
         self._folder: tempfile.TemporaryDirectory[str] | None = None
         if compression_mode == 'file':
             self._folder = tempfile.TemporaryDirectory(prefix='icofabric-')
@@ -72,32 +64,24 @@ class Part:
             raise
 
     def tally(self) -> Tally:
-        """
-        Count the messages of each topic.
-        """
+        """Count the messages of each topic."""
         return self._stored.tally()
 
     def messages(
         self, names: Collection[str], start: int | None, stop: int | None,
     ) -> Iterator[tuple[str, int, bytes]]:
-        """
-        Yield messages in order of time, those of one time as written.
-        """
+        """Yield messages in order of time, those of one time as written."""
         return self._stored.messages(names, start, stop)
 
     def close(self) -> None:
-        """
-        Let go of the file.
-        """
+        """Let go of the file."""
         self._stored.close()
         if self._folder is not None:
             self._folder.cleanup()
 
 
 class _McapReader:
-    """
-    A finished .mcap file, through rosbags, which holds one chunk in memory at a time.
-    """
+    """A finished .mcap file, through rosbags, which holds one chunk in memory at a time."""
 
     def __init__(self, path: Path, *, unwrap: bool) -> None:
         self._reader = Reader(path)

@@ -1,8 +1,6 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-Reading a recorded run: its topics, its messages in time order, and what it says of itself.
-"""
+"""Reading a recorded run: its topics, its messages in time order, and what it says of itself."""
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator
@@ -24,9 +22,7 @@ _KEPT_OPEN = 16
 
 
 class BagTopic(NamedTuple):
-    """
-    A topic of a bag; latched: offered transient local.
-    """
+    """A topic of a bag; latched: offered transient local."""
 
     type_name: str
     message_count: int
@@ -44,9 +40,7 @@ class BagReader:
     """
 
     def __init__(self, path: str | Path) -> None:
-        """
-        Open the bag; BagError says what is wrong with it and what helps.
-        """
+        """Open the bag; BagError says what is wrong with it and what helps."""
         self.path = Path(path).expanduser()
         check_finished(self.path)
         self._open_parts: dict[Path, Part] = {}
@@ -78,23 +72,17 @@ class BagReader:
 
     @property
     def start_time(self) -> int:
-        """
-        Time of the first message [ns]; 0 in an empty bag.
-        """
+        """Time of the first message [ns]; 0 in an empty bag."""
         return self._span[0]
 
     @property
     def end_time(self) -> int:
-        """
-        Time of the last message [ns]; 0 in an empty bag.
-        """
+        """Time of the last message [ns]; 0 in an empty bag."""
         return self._span[1]
 
     @property
     def custom(self) -> dict[str, str]:
-        """
-        The custom data: from the metadata, else from the messages that repeat it.
-        """
+        """The custom data: from the metadata, else from the messages that repeat it."""
         if self._custom:
             return dict(self._custom)
         for topic, _, data in self.messages():
@@ -141,9 +129,7 @@ class BagReader:
                 'saves what comes before') from error
 
     def close(self) -> None:
-        """
-        Let go of the files; a second call changes nothing.
-        """
+        """Let go of the files; a second call changes nothing."""
         self._closed = True
         while self._open_parts:
             self._open_parts.popitem()[1].close()
@@ -200,9 +186,7 @@ class BagReader:
 
 
 def _overlapping(files: list[MetadataFile]) -> Iterator[list[MetadataFile]]:
-    """
-    Group files whose times overlap: those of another recorder may, by a message or two.
-    """
+    """Group files whose times overlap: those of another recorder may, by a message or two."""
     group: list[MetadataFile] = []
     latest = -1
     for file in files:
@@ -217,9 +201,7 @@ def _overlapping(files: list[MetadataFile]) -> Iterator[list[MetadataFile]]:
 
 
 def _outside(group: list[MetadataFile], start: int | None, stop: int | None) -> bool:
-    """
-    Whether none of the files can hold a message of the wanted times.
-    """
+    """Whether none of the files can hold a message of the wanted times."""
     return all(
         file.first is not None and file.last is not None and (
             (start is not None and file.last < start) or (stop is not None and file.first >= stop))
@@ -227,9 +209,7 @@ def _outside(group: list[MetadataFile], start: int | None, stop: int | None) -> 
 
 
 def storage_files(path: Path) -> list[Path]:
-    """
-    Return the .mcap and .db3 files of a bag, in the order in which they were recorded.
-    """
+    """Return the .mcap and .db3 files of a bag, in the order in which they were recorded."""
     if path.is_dir():
         found = [item for item in path.iterdir() if item.suffix in _SUFFIXES]
         return sorted(found, key=lambda item: (len(item.name), item.name))
@@ -237,9 +217,7 @@ def storage_files(path: Path) -> list[Path]:
 
 
 def check_finished(path: Path) -> None:
-    """
-    Refuse, with the way out, what is not a bag and a recording that was never finished.
-    """
+    """Refuse, with the way out, what is not a bag and a recording that was never finished."""
     if not path.exists():
         raise BagError(f'{path} does not exist')
     try:

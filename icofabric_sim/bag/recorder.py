@@ -1,8 +1,6 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-Recording beside the simulation: messages are handed over, a thread of its own writes them.
-"""
+"""Recording beside the simulation: messages are handed over, a thread of its own writes them."""
 from __future__ import annotations
 
 import atexit
@@ -23,6 +21,7 @@ from icofabric_sim.bag.storage import (
     encode_custom,
     PART,
     quality_of_service,
+    STOPPED,
     TopicEntry,
 )
 from icofabric_sim.messages import StringBytes
@@ -115,9 +114,7 @@ class BagRecorder:
 
     @property
     def survives_kill(self) -> bool:
-        """
-        Whether what was flushed can always be recovered when the process is killed.
-        """
+        """Whether what was flushed can always be recovered when the process is killed."""
         return self.storage == 'mcap'
 
     def add_topic(
@@ -143,9 +140,7 @@ class BagRecorder:
     def write(
         self, topic: str, nanoseconds: SupportsIndex, data: bytes, *, essential: bool = False,
     ) -> bool:
-        """
-        Hand over a message at its simulated time [ns]; False when it will not be in the bag.
-        """
+        """Hand over a message at its simulated time [ns]; False when it will not be in the bag."""
         nanoseconds = operator.index(nanoseconds)
         if not 0 <= nanoseconds < 2**63:
             raise ValueError(f'the time of a message on {topic} must lie in 0 to 2^63 ns, '
@@ -165,19 +160,19 @@ class BagRecorder:
                 'fewer outputs'))
             return False
 
+    def has_room(self, size: int) -> bool:
+        """Whether a message of `size` [bytes] that is not essential would find room now."""
+        return self._handover.has_room(size)
+
     def set_custom(self, key: str, value: str) -> None:
-        """
-        Set one entry of the custom data, in the metadata and as a message of its own.
-        """
+        """Set one entry of the custom data, in the metadata and as a message of its own."""
         _check_custom({key: value})
         self._custom = {**self._custom, key: value}  # the writing thread may read the old one
         self._handover.put_notice(Heading(key, value))
         self._announce({key: value})
 
     def set_heading(self, key: str, value: str) -> None:
-        """
-        Set what the later files of a split bag say of themselves, and only they.
-        """
+        """Set what the later files of a split bag say of themselves, and only they."""
         _check_custom({key: value})
         self._handover.put_notice(Heading(key, value))
 
@@ -216,9 +211,7 @@ class BagRecorder:
     def _run(
         self, compression: str, split_size: int, split_duration: int, custom: dict[str, str],
     ) -> None:
-        """
-        Open, fill and close the bag: all in this thread, as SQLite demands.
-        """
+        """Open, fill and close the bag: all in this thread, as SQLite demands."""
         try:
             file = BagFile(
                 self.path, self.storage, compression=compression, split_size=split_size,
@@ -240,7 +233,7 @@ class BagRecorder:
         except Exception as error:
             # Whatever it is, the simulation goes on and must hear of it.
             said = (error.strerror if isinstance(error, OSError) else str(error)) or repr(error)
-            whole = file.salvage({**self._custom, 'recording_stopped': said})
+            whole = file.salvage({**self._custom, STOPPED: said})
             self._handover.give_up(written=max(0, file.message_count - writing.extra))
             self._fail(self._explain(error, said, whole))
 
@@ -278,9 +271,7 @@ class BagRecorder:
 
 
 class _Writing:
-    """
-    The bag as the writing thread fills it, file after file.
-    """
+    """The bag as the writing thread fills it, file after file."""
 
     def __init__(self, file: BagFile, custom_topic: str, heading: dict[str, str]) -> None:
         self.file, self.heading = file, heading

@@ -1,8 +1,6 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-Making a whole bag of one whose recorder was killed or ran out of disk.
-"""
+"""Making a whole bag of one whose recorder was killed or ran out of disk."""
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
@@ -96,16 +94,12 @@ def recover_bag(
 
 
 def recover_mcap(source: str | Path, destination: str | Path) -> RecoveryReport:
-    """
-    Make a killed MCAP bag whole; `recover_bag` with its defaults.
-    """
+    """Make a killed MCAP bag whole; `recover_bag` with its defaults."""
     return recover_bag(source, destination)
 
 
 class _Copy:
-    """
-    The new bag; its folder appears with the first message.
-    """
+    """The new bag; its folder appears with the first message."""
 
     def __init__(self, path: Path, storage: str) -> None:
         self.path, self.storage = path, storage
@@ -119,9 +113,7 @@ class _Copy:
         self._split_due = False
 
     def begin_file(self) -> None:
-        """
-        Have the next message begin a file of its own, as in the source.
-        """
+        """Have the next message begin a file of its own, as in the source."""
         self._split_due = self._file is not None
 
     def write(self, message: ScannedMessage) -> None:
@@ -167,9 +159,7 @@ _Read = Iterator[tuple[float, ScannedMessage]]  # with the part of the file that
 
 
 def _read(path: Path, writer: _Copy, damages: list[str]) -> _Read:
-    """
-    Yield what can be read of a file, and note what cannot.
-    """
+    """Yield what can be read of a file, and note what cannot."""
     read = _read_mcap if path.suffix == '.mcap' else _read_sqlite3
     try:
         yield from read(path, writer, damages)
@@ -208,9 +198,7 @@ def _read_sqlite3(path: Path, writer: _Copy, damages: list[str]) -> _Read:
 
 
 def _open_sqlite3(path: Path, beside: Path, stack: contextlib.ExitStack) -> Sqlite3Reader:
-    """
-    Open a file; where a transaction was broken off, a copy of it, for SQLite to make good.
-    """
+    """Open a file; where a transaction was broken off, a copy of it, for SQLite to make good."""
     companions = [Path(f'{path}{ending}') for ending in ('-journal', '-wal')]
     if not any(item.exists() and item.stat().st_size for item in companions):
         return Sqlite3Reader(path)

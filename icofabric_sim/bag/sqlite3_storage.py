@@ -1,8 +1,6 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-One SQLite file of a bag, written and read; its tables are those of rosbag2's own plugin.
-"""
+"""One SQLite file of a bag, written and read; its tables are those of rosbag2's own plugin."""
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator
@@ -47,14 +45,10 @@ CREATE INDEX timestamp_idx ON messages (timestamp ASC);
 
 
 class Sqlite3File:
-    """
-    One .db3 file being written, a transaction for each flush.
-    """
+    """One .db3 file being written, a transaction for each flush."""
 
     def __init__(self, path: Path, *, compression: str, metadata: str, distribution: str) -> None:
-        """
-        Begin a new file; `metadata` says what is known of the bag so far.
-        """
+        """Begin a new file; `metadata` says what is known of the bag so far."""
         self.path = path
         self.tally = Tally()
         self._pending = Tally()
@@ -139,9 +133,7 @@ class Sqlite3File:
 
 
 class StoredTopic(NamedTuple):
-    """
-    A topic as a file holds it.
-    """
+    """A topic as a file holds it."""
 
     number: int
     name: str
@@ -152,21 +144,15 @@ class StoredTopic(NamedTuple):
 
     @property
     def qos(self) -> list[Qos]:
-        """
-        The profiles, read.
-        """
+        """The profiles, read."""
         return parse_qualities_of_service(self.profiles)
 
 
 class Sqlite3Reader:
-    """
-    One .db3 file that is read; nothing is changed on the disk, and no lock is taken.
-    """
+    """One .db3 file that is read; nothing is changed on the disk, and no lock is taken."""
 
     def __init__(self, path: Path, *, unfinished: bool = False) -> None:
-        """
-        Open the file; an `unfinished` one is first made good by SQLite, which writes to it.
-        """
+        """Open the file; an `unfinished` one is first made good by SQLite, which writes to it."""
         mode = 'rw' if unfinished else 'ro&immutable=1'
         self.path = path
         try:
@@ -184,9 +170,7 @@ class Sqlite3Reader:
             raise BagError(f'{path} cannot be read by SQLite: {error}') from error
 
     def tally(self) -> Tally:
-        """
-        Count all messages.
-        """
+        """Count all messages."""
         names = {topic.number: topic.name for topic in self.topics}
         tally = Tally()
         for number, count, first, last in self._database.execute(
@@ -201,9 +185,7 @@ class Sqlite3Reader:
         self, names: Collection[str] | None, start: int | None, stop: int | None,
         *, by_time: bool = True,
     ) -> Iterator[tuple[str, int, bytes]]:
-        """
-        Yield messages in order of time, those of one time as written; else all as written.
-        """
+        """Yield messages in order of time, those of one time as written; else all as written."""
         topics = {topic.number: topic.name for topic in self.topics
                   if names is None or topic.name in names}
         wanted = ', '.join(str(number) for number in topics)
@@ -220,9 +202,7 @@ class Sqlite3Reader:
             yield topics[number], nanoseconds, data
 
     def is_finished(self) -> bool:
-        """
-        Whether the recorder came to its end: then the metadata tell of the messages.
-        """
+        """Whether the recorder came to its end: then the metadata tell of the messages."""
         if not self._has('metadata'):
             return True  # rosbag2 before Iron
         stored = self._metadata()

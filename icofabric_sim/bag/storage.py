@@ -1,8 +1,6 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-What a bag is made of: message types, qualities of service, custom data, folders.
-"""
+"""What a bag is made of: message types, qualities of service, custom data, folders."""
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
@@ -36,36 +34,30 @@ UNKNOWN_HASH = 'RIHS01_' + 64 * '0'
 _NO_LIMIT = QosTime(9223372036, 854775807)
 # Key in the custom data of which file of a split bag they begin, but for the first.
 PART = 'part'
+# Key under which a bag says why its recording ended early.
+STOPPED = 'recording_stopped'
 # Level of zstd: the positions of bodies hardly shrink, so the quickest is the best.
 ZSTD_LEVEL = 1
 
 
 class BagError(ValueError):
-    """
-    A bag that cannot be written or read; the text says why, and the way out.
-    """
+    """A bag that cannot be written or read; the text says why, and the way out."""
 
 
 class Definition(NamedTuple):
-    """
-    A message type as a bag stores it: its text, and its hash (RIHS01, REP 2011).
-    """
+    """A message type as a bag stores it: its text, and its hash (RIHS01, REP 2011)."""
 
     text: str
     digest: str
 
     @property
     def encoding(self) -> str:
-        """
-        Name that rosbag2 gives to the language of the text.
-        """
+        """Name that rosbag2 gives to the language of the text."""
         return 'ros2idl' if self.text.startswith(_IDL_START) else 'ros2msg'
 
 
 class TopicEntry(NamedTuple):
-    """
-    A topic of a bag that is being written.
-    """
+    """A topic of a bag that is being written."""
 
     name: str
     type_name: str
@@ -75,9 +67,7 @@ class TopicEntry(NamedTuple):
 
 @dataclass
 class Tally:
-    """
-    Number of messages of each topic, and the span of their times [ns].
-    """
+    """Number of messages of each topic, and the span of their times [ns]."""
 
     counts: dict[str, int] = field(default_factory=dict)
     first: int = 2**63 - 1
@@ -100,9 +90,7 @@ class Tally:
 
     @property
     def duration(self) -> int:
-        """
-        Nanoseconds between the first and the last message.
-        """
+        """Nanoseconds between the first and the last message."""
         return max(0, self.last - self.first)
 
 
@@ -116,54 +104,36 @@ class StorageFile(Protocol):
 
     @property
     def size(self) -> int:
-        """
-        Bytes so far, those that still wait included where it is known how many that will be.
-        """
+        """Bytes so far, those that still wait included where it is known how many that will be."""
 
     def add_topic(self, topic: TopicEntry) -> None:
-        """
-        Make a topic known before its first message.
-        """
+        """Make a topic known before its first message."""
 
     def write(self, topic: str, nanoseconds: int, data: bytes) -> None:
-        """
-        Append a message.
-        """
+        """Append a message."""
 
     def flush(self) -> None:
-        """
-        Give everything written so far to the system.
-        """
+        """Give everything written so far to the system."""
 
     def roll_back(self) -> None:
-        """
-        Forget what was written since the last flush that worked.
-        """
+        """Forget what was written since the last flush that worked."""
 
     def finish(self, metadata: str) -> None:
-        """
-        Make the file whole, with the metadata of its bag, and close it; after `flush`.
-        """
+        """Make the file whole, with the metadata of its bag, and close it; after `flush`."""
 
     def abandon(self) -> None:
-        """
-        Let go of a file that cannot be written any more.
-        """
+        """Let go of a file that cannot be written any more."""
 
 
 @functools.cache
 def typestore() -> Typestore:
-    """
-    Return the message types of ROS 2 Jazzy, loaded when first needed.
-    """
+    """Return the message types of ROS 2 Jazzy, loaded when first needed."""
     return get_typestore(Stores.ROS2_JAZZY)
 
 
 @functools.cache
 def definition(type_name: str) -> Definition:
-    """
-    Return the definition of a message type of ROS 2 Jazzy.
-    """
+    """Return the definition of a message type of ROS 2 Jazzy."""
     store = typestore()
     if type_name not in store.fielddefs:
         raise ValueError(f'{type_name!r} is not a message type of ROS 2 Jazzy')
@@ -175,9 +145,7 @@ _IDL_START = '=' * 80 + '\nIDL: '
 
 
 def foreign_definition(type_name: str, text: str) -> Definition:
-    """
-    Return the definition of any message type from the text that another bag holds of it.
-    """
+    """Return the definition of any message type from the text that another bag holds of it."""
     store = Typestore()
     try:
         if text.startswith(_IDL_START):
@@ -190,9 +158,7 @@ def foreign_definition(type_name: str, text: str) -> Definition:
 
 
 def quality_of_service(*, latched: bool, depth: int) -> Qos:
-    """
-    Return the profile of a reliable topic, as rosbag2 stores it for players to offer again.
-    """
+    """Return the profile of a reliable topic, as rosbag2 stores it for players to offer again."""
     return Qos(
         history=QosHistory.KEEP_LAST,
         depth=depth,
@@ -206,9 +172,7 @@ def quality_of_service(*, latched: bool, depth: int) -> Qos:
 
 
 def qos_entries(profiles: Sequence[Qos]) -> list[dict[str, Any]]:
-    """
-    Lay out profiles as version 9 of rosbag2's metadata has them: policies by their names.
-    """
+    """Lay out profiles as version 9 of rosbag2's metadata has them: policies by their names."""
     def time(value: QosTime) -> dict[str, int]:
         return {'sec': value.sec, 'nsec': value.nsec}
 
@@ -226,9 +190,7 @@ def qos_entries(profiles: Sequence[Qos]) -> list[dict[str, Any]]:
 
 
 def parse_qualities_of_service(stored: Any) -> list[Qos]:
-    """
-    Read the profiles that a bag holds of a topic; none where they are unreadable.
-    """
+    """Read the profiles that a bag holds of a topic; none where they are unreadable."""
     try:
         return parse_qos(stored)
     except Exception:  # noqa: BLE001 - whatever a foreign writer left there, messages matter more
@@ -236,9 +198,7 @@ def parse_qualities_of_service(stored: Any) -> list[Qos]:
 
 
 def to_yaml(content: Any) -> str:
-    """
-    Write YAML that every reader of rosbag2's own takes.
-    """
+    """Write YAML that every reader of rosbag2's own takes."""
     dumper = getattr(yaml, 'CSafeDumper', yaml.SafeDumper)
     text: str = yaml.dump(
         content, Dumper=dumper, sort_keys=False, allow_unicode=True, default_flow_style=False)
@@ -246,23 +206,17 @@ def to_yaml(content: Any) -> str:
 
 
 def from_yaml(text: str | bytes) -> Any:
-    """
-    Read YAML; no object but plain ones is ever made of it.
-    """
+    """Read YAML; no object but plain ones is ever made of it."""
     return yaml.load(text, Loader=getattr(yaml, 'CSafeLoader', yaml.SafeLoader))
 
 
 def encode_custom(custom: dict[str, str]) -> bytes:
-    """
-    Write custom data as a message of JSON.
-    """
+    """Write custom data as a message of JSON."""
     return StringBytes(json.dumps(custom, ensure_ascii=False)).to_bytes()
 
 
 def decode_custom(type_name: str, data: bytes) -> dict[str, str] | None:
-    """
-    Read custom data from a message; None where it is any other message.
-    """
+    """Read custom data from a message; None where it is any other message."""
     if type_name != StringBytes.TYPE:
         return None
     try:
@@ -291,18 +245,14 @@ def merge_custom(
 
 
 def absolute_path(path: str | Path) -> Path:
-    """
-    Return the path of a bag, wherever the process goes afterwards.
-    """
+    """Return the path of a bag, wherever the process goes afterwards."""
     if not str(path) or '\0' in str(path):
         raise BagError(f'record.path: {str(path)!r} names no folder for the bag')
     return Path(path).expanduser().absolute()
 
 
 def next_free_path(path: str | Path) -> Path:
-    """
-    Return the first of PATH, PATH_1, PATH_2 ... that does not exist.
-    """
+    """Return the first of PATH, PATH_1, PATH_2 ... that does not exist."""
     first = absolute_path(path)
     candidate, number = first, 0
     while os.path.lexists(candidate):

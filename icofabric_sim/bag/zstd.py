@@ -1,8 +1,6 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-The zstd of the standard library, or the package that brings it to older Pythons.
-"""
+"""The zstd of the standard library, or the package that brings it to older Pythons."""
 import sys
 
 if sys.version_info >= (3, 14):

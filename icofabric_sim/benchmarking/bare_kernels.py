@@ -1,8 +1,6 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-The leapfrog of the package without its surroundings, and the one that knows only springs.
-"""
+"""The leapfrog of the package without its surroundings, and the one that knows only springs."""
 
 from collections.abc import Callable
 from functools import cache
@@ -12,13 +10,13 @@ from typing import Any, NamedTuple
 
 from icofabric_sim.benchmarking.instructions import loop_instructions
 from icofabric_sim.benchmarking.step_speed import STEP
-from icofabric_sim.crew import Crew
-from icofabric_sim.integrators.methods import METHODS
 from icofabric_sim.kernels import flows, monitor
 from icofabric_sim.kernels.records import State, Work
-from icofabric_sim.model import PackedScene
-from icofabric_sim.scene import Scene
-from icofabric_sim.simulation import Simulation
+from icofabric_sim.scene.scene import Scene
+from icofabric_sim.simulation.model.packing import PackedScene
+from icofabric_sim.simulation.simulation import Simulation
+from icofabric_sim.simulation.stepping.methods import METHODS
+from icofabric_sim.simulation.stepping.thread_team import Crew
 import numpy as np
 
 SPRINGS_ONLY = Path(__file__).resolve().parents[2] / 'benchmarks' / 'springs_only.py'
@@ -28,9 +26,7 @@ _NEVER = 2**62
 
 
 class Instructions(NamedTuple):
-    """
-    Machine instructions in the loop of a kernel.
-    """
+    """Machine instructions in the loop of a kernel."""
 
     kernel: str
     package: int | None
@@ -38,9 +34,7 @@ class Instructions(NamedTuple):
     leanest: int | None
 
     def difference(self) -> float | None:
-        """
-        How many more the package has, in parts of the springs-only kernel's.
-        """
+        """How many more the package has, in parts of the springs-only kernel's."""
         if self.package is None or self.springs_only is None:
             return None
         return self.package / self.springs_only - 1.0
@@ -48,9 +42,7 @@ class Instructions(NamedTuple):
 
 @cache
 def load_springs_only() -> Any:
-    """
-    The module in benchmarks/; its kernels are compiled once.
-    """
+    """The module in benchmarks/; its kernels are compiled once."""
     specification = importlib.util.spec_from_file_location('springs_only', SPRINGS_ONLY)
     assert specification is not None and specification.loader is not None
     module = importlib.util.module_from_spec(specification)
@@ -59,9 +51,7 @@ def load_springs_only() -> Any:
 
 
 def count_instructions(packed: PackedScene, scene: Scene, other: Any) -> list[Instructions]:
-    """
-    Instructions in the loops of the two flows, ours and those of the other kernel.
-    """
+    """Instructions in the loops of the two flows, ours and those of the other kernel."""
     model, (state, work) = packed.model, fresh(packed, scene)
     slot, last = model.blocks.slot, len(model.blocks.slot)
     masses = model.inverse_mass, model.inverse_inertia
@@ -87,9 +77,7 @@ def count_instructions(packed: PackedScene, scene: Scene, other: Any) -> list[In
 
 
 def fresh(packed: PackedScene, scene: Scene) -> tuple[State, Work]:
-    """
-    The initial state with the accelerations in it.
-    """
+    """The initial state with the accelerations in it."""
     state, work = packed.layout.pack(scene.initial), packed.layout.room(packed.model.links)
     last = len(packed.model.blocks.slot)
     flows.place_all(packed.model, state, work, 0, last)
@@ -98,9 +86,7 @@ def fresh(packed: PackedScene, scene: Scene) -> tuple[State, Work]:
 
 
 def require_same_motion(bare: Simulation, kernels: list[Kernel]) -> None:
-    """
-    The kernels must lead to the same state but for rounding, or their times mean nothing.
-    """
+    """The kernels must lead to the same state but for rounding, or their times mean nothing."""
     ends = []
     for run in kernels:
         state, work = fresh(bare.packed, bare.scene)
@@ -112,9 +98,7 @@ def require_same_motion(bare: Simulation, kernels: list[Kernel]) -> None:
 
 
 def package_kernel(packed: PackedScene) -> Kernel:
-    """
-    The package's own, with a look at the state never.
-    """
+    """The package's own, with a look at the state never."""
     ledger = np.zeros(monitor.LEDGER_COUNT)
     ledger[monitor.OBSTRUCTED_LIMIT] = np.inf
     team = Crew(1, packed).team(0)
@@ -130,9 +114,7 @@ def package_kernel(packed: PackedScene) -> Kernel:
 
 
 def springs_kernel(packed: PackedScene, other: Any) -> Kernel:
-    """
-    The other one: kick, drift, kick.
-    """
+    """The other one: kick, drift, kick."""
     model = packed.model
 
     def run(state: State, work: Work, count: int) -> None:
@@ -143,9 +125,7 @@ def springs_kernel(packed: PackedScene, other: Any) -> Kernel:
 
 
 def leanest_kernel(packed: PackedScene, other: Any) -> Kernel:
-    """
-    The other one with one kick for each step.
-    """
+    """The other one with one kick for each step."""
     model = packed.model
 
     def run(state: State, work: Work, count: int) -> None:

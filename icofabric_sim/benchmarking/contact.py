@@ -15,9 +15,9 @@ from typing import Any, NamedTuple
 
 from icofabric_sim.benchmarking.contact_pairs import families, HALF_EDGE, Pairs
 from icofabric_sim.benchmarking.timing import in_rounds, Spread
-from icofabric_sim.icosahedron import FACES, vertices
-from icofabric_sim.kernels.contact_many import apart_pairs, separations_on, touch_pairs
-from icofabric_sim.kernels.contact_pair import contact_scratch, OUT_SIZE
+from icofabric_sim.geometry.icosahedron import FACES, vertices
+from icofabric_sim.kernels.contact.many import apart_pairs, separations_on, touch_pairs
+from icofabric_sim.kernels.contact.pair import contact_scratch, OUT_SIZE
 import numpy as np
 
 LIBRARY = 'coal'
@@ -30,25 +30,19 @@ _SAMPLE = 5_000
 
 
 class ContactTime(NamedTuple):
-    """
-    Times of one way to look at one family of pairs, one for each round.
-    """
+    """Times of one way to look at one family of pairs, one for each round."""
 
     family: str
     what: str
     times: list[float]  # [s] of the processor for each pair
 
     def per_pair(self) -> Spread:
-        """
-        Time for each pair [ns].
-        """
+        """Time for each pair [ns]."""
         return Spread.of([1e9 * value for value in self.times])
 
 
 class Contact(NamedTuple):
-    """
-    All families.
-    """
+    """All families."""
 
     rows: list[ContactTime]
     touching: dict[str, float]  # share of pairs that touch, by family
@@ -59,15 +53,11 @@ class Contact(NamedTuple):
     rounds: int
 
     def row(self, family: str, what: str) -> ContactTime | None:
-        """
-        The row of a family.
-        """
+        """The row of a family."""
         return next((row for row in self.rows if (row.family, row.what) == (family, what)), None)
 
     def ratio(self, family: str, ours: str, theirs: str) -> Spread | None:
-        """
-        The library's time over ours, round by round.
-        """
+        """The library's time over ours, round by round."""
         own, other = self.row(family, ours), self.row(family, theirs)
         if own is None or other is None:
             return None
@@ -79,9 +69,7 @@ def measure(
     say: Callable[[str], None] = lambda text: None,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Contact:
-    """
-    Time all ways to look at all families of `count` pairs, in rounds.
-    """
+    """Time all ways to look at all families of `count` pairs, in rounds."""
     say('compiling and placing pairs')
     coal, missing = None, ''
     if library:
@@ -112,9 +100,7 @@ def measure(
 
 
 class _Own:
-    """
-    Our kernels on one family.
-    """
+    """Our kernels on one family."""
 
     def __init__(self, pairs: Pairs) -> None:
         count = len(pairs.xa)
@@ -145,9 +131,7 @@ class _Own:
 
 
 class _Library:
-    """
-    The library on the first pairs of a family.
-    """
+    """The library on the first pairs of a family."""
 
     def __init__(self, coal: Any, pairs: Pairs, count: int) -> None:
         points, triangles = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
@@ -166,9 +150,7 @@ class _Library:
         self._distance = coal.DistanceRequest(), coal.DistanceResult()
 
     def depths(self) -> np.ndarray:
-        """
-        Which pairs overlap by more than its accuracy.
-        """
+        """Which pairs overlap by more than its accuracy."""
         request, result = self._distance
         found = np.zeros(self.count)
         for k, (one, two) in enumerate(zip(self._first, self._second)):

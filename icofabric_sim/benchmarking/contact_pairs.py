@@ -7,10 +7,10 @@ Families of pairs of shells for `icofabric benchmark contact`, at known distance
 import math
 from typing import NamedTuple
 
-from icofabric_sim.icosahedron import face_geometry, inscribed_radius
-from icofabric_sim.kernels.contact_many import touch_pairs
-from icofabric_sim.kernels.contact_pair import contact_scratch, OUT_SIZE
-from icofabric_sim.kernels.contact_shape import OUTER
+from icofabric_sim.geometry.icosahedron import face_geometry, inscribed_radius
+from icofabric_sim.kernels.contact.many import touch_pairs
+from icofabric_sim.kernels.contact.pair import contact_scratch, OUT_SIZE
+from icofabric_sim.kernels.contact.shape import OUTER
 import numpy as np
 
 # Half edge [m].
@@ -18,9 +18,7 @@ HALF_EDGE = 0.01
 
 
 class Pairs(NamedTuple):
-    """
-    Pairs of one kind.
-    """
+    """Pairs of one kind."""
 
     label: str
     xa: np.ndarray  # centres [m], (n, 3)
@@ -30,9 +28,7 @@ class Pairs(NamedTuple):
 
 
 def families(count: int, seed: int = 1) -> list[Pairs]:
-    """
-    All kinds, `count` pairs each.
-    """
+    """All kinds, `count` pairs each."""
     rng = np.random.default_rng(seed)
     a = HALF_EDGE
     inner = inscribed_radius(1.0)
@@ -75,9 +71,7 @@ def _rotations(rng: np.random.Generator, count: int) -> np.ndarray:
 
 
 def _half_turns(normals: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """
-    Rotations by pi about axes across the normals: faces that looked away look back.
-    """
+    """Rotations by pi about axes across the normals: faces that looked away look back."""
     across = _unit(np.cross(normals, rng.normal(size=normals.shape)))
     return 2.0 * across[:, :, None] * across[:, None, :] - np.eye(3)
 

@@ -1,8 +1,6 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-The figures of `contact` as tables and as a CSV file.
-"""
+"""The figures of `contact` as tables and as a CSV file."""
 
 import csv
 from pathlib import Path
@@ -24,9 +22,7 @@ COMPARED = ((KEPT, COLLIDE), (APART, COLLIDE), (APART, DISTANCE), (PUSH, DISTANC
 
 
 def lines(result: Contact) -> list[str]:
-    """
-    Tables for a terminal.
-    """
+    """Tables for a terminal."""
     times = [['pairs, and how many touch', 'what is found', 'ns for each pair, median (range)']]
     ratios = [['the library over ours', '', 'median (range)']]
     for family, share in result.touching.items():
@@ -53,9 +49,7 @@ def lines(result: Contact) -> list[str]:
 
 
 def write(result: Contact, folder: Path) -> list[Path]:
-    """
-    Write the figures into `folder`; returns their paths.
-    """
+    """Write the figures into `folder`; returns their paths."""
     path = folder / 'contact.csv'
     with open(path, 'w', newline='', encoding='utf-8') as file:
         rows = csv.writer(file)

@@ -1,8 +1,6 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-Who takes part: the package, and each peer that is installed.
-"""
+"""Who takes part: the package, and each peer that is installed."""
 
 from collections.abc import Iterable
 from typing import NamedTuple
@@ -14,9 +12,7 @@ from icofabric_sim.benchmarking.solver import Solver
 
 
 class Contestants(NamedTuple):
-    """
-    Solvers, and why others are missing.
-    """
+    """Solvers, and why others are missing."""
 
     solvers: list[Solver]
     distributions: list[str]  # of the peers that take part
@@ -27,9 +23,7 @@ def gather(
     scene: PlainScene, size: tuple[int, int, int], peers: Iterable[str],
     changes: own.Changes = None
 ) -> Contestants:
-    """
-    Our own methods first, then the solvers of `peers` (keys of PEERS).
-    """
+    """Our own methods first, then the solvers of `peers` (keys of PEERS)."""
     solvers, distributions, missing = list(own.solvers(size, changes)), [], []
     if not own.takes_tolerance():
         missing.append('solver.tolerance has no effect yet: methods run with fixed steps only')

@@ -1,8 +1,6 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-Work against precision of one solver: its error and its time from rough to fine settings.
-"""
+"""Work against precision of one solver: its error and its time from rough to fine settings."""
 
 from dataclasses import dataclass, field
 import math
@@ -24,9 +22,7 @@ _REFUSALS = 12
 
 @dataclass
 class Point:
-    """
-    One setting: a number of steps, or a tolerance.
-    """
+    """One setting: a number of steps, or a tolerance."""
 
     setting: float
     error: float
@@ -34,26 +30,20 @@ class Point:
 
     @property
     def time(self) -> float:
-        """
-        Median time [s].
-        """
+        """Median time [s]."""
         return statistics.median(self.times)
 
 
 @dataclass
 class Curve:
-    """
-    A solver and its points, from rough to fine.
-    """
+    """A solver and its points, from rough to fine."""
 
     solver: Solver
     points: list[Point]
     remark: str = ''
 
     def needed(self, targets: tuple[float, ...]) -> list[Point]:
-        """
-        Points that the times at the errors `targets` are computed from.
-        """
+        """Points that the times at the errors `targets` are computed from."""
         chosen: list[Point] = []
         for target in targets:
             for k in self._around(target):
@@ -119,17 +109,13 @@ class Curve:
 def _between(
     before: Point, last: Point, target: float, time_before: float, time_last: float
 ) -> float:
-    """
-    Time at the error `target` between two points, on logarithmic scales.
-    """
+    """Time at the error `target` between two points, on logarithmic scales."""
     part = math.log(before.error / target) / math.log(before.error / last.error)
     return float(time_before ** (1.0 - part) * time_last**part)
 
 
 def run_once(solver: Solver, setting: float, duration: float) -> float:
-    """
-    Time [s] of a run over `duration` [s].
-    """
+    """Time [s] of a run over `duration` [s]."""
     if isinstance(solver, StepSolver):
         steps, count = solver, round(setting)
         return timed(lambda: steps.start(duration / count), lambda: steps.advance(count))

@@ -1,20 +1,16 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-Which arrays a compiled scene holds.
-"""
+"""Which arrays a compiled scene holds."""
 
 from collections.abc import Iterator
 from typing import Any
 
-from icofabric_sim.simulation import Simulation
+from icofabric_sim.simulation.simulation import Simulation
 import numpy as np
 
 
 def arrays_of(simulation: Simulation) -> dict[str, int]:
-    """
-    Bytes of every array that a compiled scene holds beside the scene itself, by name.
-    """
+    """Bytes of every array that a compiled scene holds beside the scene itself, by name."""
     found: dict[str, int] = {}
     seen = {id(simulation.scene)}
     for name, array in _walk('', simulation, seen):

@@ -1,8 +1,6 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-Counts the machine instructions that a compiled function spends in its loops.
-"""
+"""Counts the machine instructions that a compiled function spends in its loops."""
 
 from collections.abc import Callable
 import re

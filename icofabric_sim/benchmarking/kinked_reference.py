@@ -32,9 +32,7 @@ _NEWTON = 12
 def kinked_reference(
     scene: PlainScene, duration: float, *, displacement: float = 1e-7
 ) -> Reference:
-    """
-    Return the true motion of `scene` at `duration` [s]; growth of one displacement.
-    """
+    """Return the true motion of `scene` at `duration` [s]; growth of one displacement."""
     start = start_of(scene)
     count = int(np.ceil(duration * scene.frequency_bound / (_PART * COURANT)))
     end, _ = follow(scene, start, duration, count)
@@ -110,9 +108,7 @@ def _first_crossing(
 def _roots(
     low: np.ndarray, rise: np.ndarray, high: np.ndarray, slope: np.ndarray
 ) -> np.ndarray:
-    """
-    Where cubics from `low` >= 0 down to `high` < 0 are 0, in parts of the way, by bisection.
-    """
+    """Where cubics from `low` >= 0 down to `high` < 0 are 0, in parts of the way, by bisection."""
     left, right = np.zeros_like(low), np.ones_like(low)
     for _ in range(50):
         x = 0.5 * (left + right)
@@ -124,9 +120,7 @@ def _roots(
 def _cubic(
     x: np.ndarray, low: np.ndarray, rise: np.ndarray, high: np.ndarray, slope: np.ndarray
 ) -> np.ndarray:
-    """
-    From `low` with the slope `rise` at 0 to `high` with `slope` at 1.
-    """
+    """From `low` with the slope `rise` at 0 to `high` with `slope` at 1."""
     y = 1.0 - x
     return np.asarray(
         low * y * y * (1.0 + 2.0 * x) + high * x * x * (1.0 + 2.0 * y)

@@ -1,8 +1,6 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-What the figures were measured on: printed above every table.
-"""
+"""What the figures were measured on: printed above every table."""
 
 from collections.abc import Iterable
 from importlib import metadata
@@ -19,17 +17,13 @@ _WIDTHS = (('avx512f', 'AVX-512'), ('avx2', 'AVX2'), ('avx', 'AVX'), ('sse2', 'S
 
 
 def use_one_thread() -> None:
-    """
-    Tell all libraries that are loaded from now on to compute with one thread.
-    """
+    """Tell all libraries that are loaded from now on to compute with one thread."""
     for name in THREAD_VARIABLES:
         os.environ[name] = '1'
 
 
 def processor() -> tuple[str, str]:
-    """
-    Name of the processor, and the width of its vectors.
-    """
+    """Name of the processor, and the width of its vectors."""
     name, flags = platform.machine() or 'unknown processor', set()
     try:
         text = Path('/proc/cpuinfo').read_text(encoding='utf-8')
@@ -45,9 +39,7 @@ def processor() -> tuple[str, str]:
 
 
 def versions(distributions: Iterable[str]) -> str:
-    """
-    Names and versions of what is installed of these.
-    """
+    """Names and versions of what is installed of these."""
     found = []
     for name in distributions:
         try:
@@ -60,10 +52,8 @@ def versions(distributions: Iterable[str]) -> str:
 def describe_machine(
     distributions: Iterable[str], *, threads: str = 'one thread each'
 ) -> list[str]:
-    """
-    Lines: processor, vectors and cores; versions.
-    """
-    from icofabric_sim import __version__
+    """Lines: processor, vectors and cores; versions."""
+    from icofabric_sim.version import __version__
     name, width = processor()
     cores = len(os.sched_getaffinity(0))
     load = os.getloadavg()[0]

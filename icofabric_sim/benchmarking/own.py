@@ -7,16 +7,13 @@ The package itself as a contestant: one for each method of METHODS, through the 
 from collections.abc import Iterator
 from typing import Any
 
-from icofabric_sim.benchmarking.scenes import (
-    axes_from_quaternions,
-    Motion,
-    scene_parameters,
-)
+from icofabric_sim.benchmarking.scenes import axes_from_quaternions, Motion, scene_parameters
 from icofabric_sim.benchmarking.solver import Solver, StepSolver, ToleranceSolver, Unusable
-from icofabric_sim.integrators.methods import METHODS
-from icofabric_sim.scene import Scene
-from icofabric_sim.schema import BY_NAME
-from icofabric_sim.simulation import compile_scene, Simulation, SimulationError
+from icofabric_sim.parameters.table import BY_NAME
+from icofabric_sim.scene.scene import Scene
+from icofabric_sim.simulation.errors import SimulationError
+from icofabric_sim.simulation.simulation import compile_scene, Simulation
+from icofabric_sim.simulation.stepping.methods import METHODS
 
 TOOL = 'icofabric_sim'
 Size = tuple[int, int, int]
@@ -24,9 +21,7 @@ Changes = dict[str, Any] | None
 
 
 class _Own(Solver):
-    """
-    A simulation, made anew for every setting.
-    """
+    """A simulation, made anew for every setting."""
 
     tool = TOOL
 
@@ -54,14 +49,10 @@ class _Own(Solver):
 
 
 class OwnSteps(_Own, StepSolver):
-    """
-    A method with a fixed step.
-    """
+    """A method with a fixed step."""
 
     def __init__(self, size: Size, method: str, changes: Changes, frequency: float) -> None:
-        """
-        `frequency` [rad/s] is the largest of the fabric at the start.
-        """
+        """`frequency` [rad/s] is the largest of the fabric at the start."""
         super().__init__(size, method, changes)
         facts = METHODS[method]
         self.label, self.order, self.evaluations = method, facts.order, facts.stages
@@ -78,14 +69,10 @@ class OwnSteps(_Own, StepSolver):
 
 
 class OwnTolerance(_Own, ToleranceSolver):
-    """
-    A method, or the automatic choice, with a tolerance.
-    """
+    """A method, or the automatic choice, with a tolerance."""
 
     def __init__(self, size: Size, method: str, changes: Changes) -> None:
-        """
-        `method` is a key of METHODS or 'auto'.
-        """
+        """`method` is a key of METHODS or 'auto'."""
         super().__init__(size, method, changes)
         self.label = f'{method}, tolerance'
         self.order = METHODS[method].order if method in METHODS else 0
@@ -102,9 +89,7 @@ class OwnTolerance(_Own, ToleranceSolver):
 
 
 def takes_tolerance() -> bool:
-    """
-    Whether `solver.tolerance` has an effect yet.
-    """
+    """Whether `solver.tolerance` has an effect yet."""
     return BY_NAME['solver.tolerance'].built
 
 

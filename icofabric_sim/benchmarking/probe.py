@@ -58,9 +58,7 @@ def resident(key: str) -> int:
 
 
 def forget_peak() -> None:
-    """
-    Let the peak start anew from what is resident now, where the system can do that.
-    """
+    """Let the peak start anew from what is resident now, where the system can do that."""
     try:
         Path('/proc/self/clear_refs').write_text('5', encoding='ascii')
     except OSError:
@@ -68,9 +66,7 @@ def forget_peak() -> None:
 
 
 def measure(kind: str, size: Size) -> dict[str, float]:
-    """
-    Figures of this process, which has done nothing else yet.
-    """
+    """Figures of this process, which has done nothing else yet."""
     marks = [time.perf_counter()]
     # What a user waits for after typing `import`.
     import icofabric_sim as ico
@@ -104,24 +100,22 @@ def measure(kind: str, size: Size) -> dict[str, float]:
 
 def _scene(size: Size, **changes: Any) -> Any:
     from icofabric_sim.benchmarking.scenes import scene_parameters
-    from icofabric_sim.scene import Scene
+    from icofabric_sim.scene.scene import Scene
     return Scene.from_parameters({**scene_parameters(size), **changes})
 
 
 def _step(size: Size) -> Any:
-    from icofabric_sim.simulation import compile_scene
+    from icofabric_sim.simulation.simulation import compile_scene
     simulation = compile_scene(_scene(size))
     simulation.advance_steps(_STEPS)
     return simulation
 
 
 def _record(size: Size) -> Any:
-    """
-    As `icofabric run` does without a companion: poses and connectors, as fast as possible.
-    """
-    from icofabric_sim.recording import BagSink
-    from icofabric_sim.runner import Runner
-    from icofabric_sim.simulation import compile_scene
+    """As `icofabric run` does without a companion: poses and connectors, as fast as possible."""
+    from icofabric_sim.running.recording import BagSink
+    from icofabric_sim.running.runner import Runner
+    from icofabric_sim.simulation.simulation import compile_scene
     simulation = compile_scene(_scene(
         size, duration=_RECORDED, real_time_factor=0.0, publish_rate=_RATE, marker_rate=_RATE))
     with tempfile.TemporaryDirectory(prefix='icofabric_benchmark_') as folder:
@@ -135,9 +129,7 @@ def _record(size: Size) -> Any:
 
 
 def main(words: Sequence[str]) -> None:
-    """
-    Measure and print.
-    """
+    """Measure and print."""
     kind, x, y, z = words
     print(json.dumps(measure(kind, (int(x), int(y), int(z)))))
 

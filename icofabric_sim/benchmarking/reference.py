@@ -21,9 +21,7 @@ COURANT = 2.5
 
 
 class Reference(NamedTuple):
-    """
-    The motion at the end, and how much may be wrong with it.
-    """
+    """The motion at the end, and how much may be wrong with it."""
 
     motion: Motion
     duration: float  # [s]
@@ -33,9 +31,7 @@ class Reference(NamedTuple):
 
 
 class Springs(NamedTuple):
-    """
-    The connectors, and what moves.
-    """
+    """The connectors, and what moves."""
 
     first: np.ndarray
     second: np.ndarray
@@ -122,9 +118,7 @@ def extrapolate(springs, start, duration, count, columns):  # type: ignore[no-un
 
 
 def springs_of(scene: PlainScene) -> Springs:
-    """
-    Connectors of a scene, all with the stiffness in extension.
-    """
+    """Connectors of a scene, all with the stiffness in extension."""
     axis = (scene.edges // 2 + 2) % 3
     arm = scene.half_width * (1.0 - 2.0 * (scene.edges % 2))
     first, second, first_axis, second_axis, first_arm, second_arm = (
@@ -136,18 +130,14 @@ def springs_of(scene: PlainScene) -> Springs:
 
 
 def start_of(scene: PlainScene) -> np.ndarray:
-    """
-    State (n, 18) at the start.
-    """
+    """State (n, 18) at the start."""
     count = scene.body_count
     return np.hstack(
         [scene.position, scene.velocity, scene.axes.reshape(count, 9), scene.spin])
 
 
 def motion_of(state: np.ndarray) -> Motion:
-    """
-    Where all bodies are in a state (n, 18).
-    """
+    """Where all bodies are in a state (n, 18)."""
     return Motion(state[:, :3].copy(), state[:, 6:15].reshape(-1, 3, 3).copy())
 
 
@@ -179,9 +169,7 @@ def reference_motion(
 def displaced(
     start: np.ndarray, generator: np.random.RandomState, size: float, half_edge: float
 ) -> np.ndarray:
-    """
-    A state (n, 18) with every body moved and turned at random.
-    """
+    """A state (n, 18) with every body moved and turned at random."""
     from scipy.spatial.transform import Rotation
     count = len(start)
     vectors = generator.uniform(-1.0, 1.0, (2, count, 3)) * size / np.sqrt(3.0)

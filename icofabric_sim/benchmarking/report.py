@@ -1,8 +1,6 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-The figures as tables, as CSV files and as a picture.
-"""
+"""The figures as tables, as CSV files and as a picture."""
 
 from collections.abc import Sequence
 import csv
@@ -20,9 +18,7 @@ _ORDER_SLACK = 0.3
 
 
 def work_precision_lines(result: WorkPrecision) -> list[str]:
-    """
-    Tables for a terminal.
-    """
+    """Tables for a terminal."""
     scene, reference = result.scene, result.reference
     lines = [
         f'Work against precision, {scene.name}: {scene.body_count} bodies, '
@@ -55,9 +51,7 @@ def work_precision_lines(result: WorkPrecision) -> list[str]:
 
 
 def step_speed_lines(result: StepSpeed) -> list[str]:
-    """
-    Table for a terminal.
-    """
+    """Table for a terminal."""
     scene = result.scene
     rows = [['plain step', 'evaluations', 'ns per connector and step, median (range)',
              'over our cheapest', f'error after {CHECKED:g} s']]
@@ -76,9 +70,7 @@ def step_speed_lines(result: StepSpeed) -> list[str]:
 
 
 def write_work_precision(result: WorkPrecision, folder: Path) -> list[Path]:
-    """
-    Write points, times at equal error and the picture into `folder`; returns their paths.
-    """
+    """Write points, times at equal error and the picture into `folder`; returns their paths."""
     name = 'work_precision_kinked' if result.reference.crossings else 'work_precision'
     points = folder / f'{name}.csv'
     with open(points, 'w', newline='', encoding='utf-8') as file:
@@ -111,9 +103,7 @@ def write_work_precision(result: WorkPrecision, folder: Path) -> list[Path]:
 
 
 def write_step_speed(result: StepSpeed, folder: Path) -> list[Path]:
-    """
-    Write the times into `folder`; returns the path.
-    """
+    """Write the times into `folder`; returns the path."""
     path = folder / 'step_speed.csv'
     with open(path, 'w', newline='', encoding='utf-8') as file:
         table = csv.writer(file)
@@ -130,9 +120,7 @@ def write_step_speed(result: StepSpeed, folder: Path) -> list[Path]:
 
 
 def draw_work_precision(result: WorkPrecision, path: Path) -> None:
-    """
-    Error over time of every curve.
-    """
+    """Error over time of every curve."""
     from matplotlib.figure import Figure
     figure = Figure(figsize=(8.0, 6.0), layout='constrained')
     axes = figure.add_subplot()
@@ -188,9 +176,7 @@ def _time(spread: Spread) -> str:
 
 
 def table(rows: Sequence[Sequence[str]]) -> list[str]:
-    """
-    Columns as wide as their widest entry, the first to the left, numbers to the right.
-    """
+    """Columns as wide as their widest entry, the first to the left, numbers to the right."""
     widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
     last = len(widths) - 1
     return ['  '.join(

@@ -1,23 +1,21 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-How time, memory and waiting grow with the number of bodies, and what threads gain.
-"""
+"""How time, memory and waiting grow with the number of bodies, and what threads gain."""
 
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 import statistics
 import tempfile
-import time
 from typing import NamedTuple
 
 from icofabric_sim.benchmarking import probe
 from icofabric_sim.benchmarking.scenes import scene_parameters
 from icofabric_sim.benchmarking.step_speed import STEP
-from icofabric_sim.benchmarking.timing import in_rounds, Spread
-from icofabric_sim.scene import Scene
-from icofabric_sim.simulation import compile_scene, Simulation
+from icofabric_sim.benchmarking.timing import in_rounds, Spread, STEPS_BLOCK, timed
+from icofabric_sim.scene.scene import Scene
+from icofabric_sim.simulation.checkpoint import Checkpoint
+from icofabric_sim.simulation.simulation import compile_scene, Simulation
 import numpy as np
 
 Size = tuple[int, int, int]
@@ -27,16 +25,15 @@ SIZES: tuple[Size, ...] = (
 LARGEST = 101_000
 # What others are compared with: about 10,000 bodies.
 UNIT: Size = (27, 27, 28)
-# A block of steps takes about this long [s], and has at least so many.
-_BLOCK, _FEWEST = 0.15, 10
+# A timed run takes steps of so many bodies in all, at least so many; and steps before it, which
+# bring the arrays back into the cache as far as they fit, and wake the threads.
+_BODY_STEPS, _FEWEST, _WARM_UP = 2_000_000, 10, 2
 # Waiting is measured in so many processes as there are rounds up to here, in one above.
 _QUICK = 12_000
 
 
 class SizeResult(NamedTuple):
-    """
-    Figures of one number of bodies; lists hold one for each round.
-    """
+    """Figures of one number of bodies; lists hold one for each round."""
 
     size: Size
     body_count: int
@@ -49,37 +46,27 @@ class SizeResult(NamedTuple):
     recording: float  # the same while a bag is recorded
 
     def per_body(self, times: list[float]) -> Spread:
-        """
-        Time for each body and step [ns].
-        """
+        """Time for each body and step [ns]."""
         return Spread.of([value * 1e9 / self.body_count for value in times])
 
     def gain(self) -> Spread:
-        """
-        What threads gain, round by round.
-        """
+        """What threads gain, round by round."""
         return Spread.of([alone / shared for alone, shared in zip(self.one, self.all)])
 
     def wait(self, name: str) -> float:
-        """
-        Median [s] over the processes.
-        """
+        """Median [s] over the processes."""
         return statistics.median(wait[name] for wait in self.waits)
 
 
 class Scaling(NamedTuple):
-    """
-    All sizes, from few bodies to many.
-    """
+    """All sizes, from few bodies to many."""
 
     rows: list[SizeResult]
     first_ever: dict[str, float]  # [s] with no kernels on disk; empty: not measured
     rounds: int
 
     def relative(self, row: SizeResult, *, threads: bool) -> Spread | None:
-        """
-        Time for each body and step over that of UNIT, round by round.
-        """
+        """Time for each body and step over that of UNIT, round by round."""
         unit = next((other for other in self.rows if other.size == UNIT), None)
         if unit is None:
             return None
@@ -114,9 +101,10 @@ def measure(
         pair = []
         for threads in (1, 0):
             say(f'{size[0]} x {size[1]} x {size[2]}, {"one thread" if threads else "threads"}')
-            simulation = _compile(size, threads)
-            pair.append(simulation)
-            tasks.append(partial(_block, simulation, _block_length(simulation)))
+            pair.append(_compile(size, threads))
+        # The same for any number of threads.
+        start = pair[0].checkpoint()
+        tasks += [partial(_block, simulation, start) for simulation in pair]
         simulations += pair
         scene = pair[0].scene
         rows.append(SizeResult(
@@ -128,7 +116,7 @@ def measure(
     for simulation in simulations:
         _check(simulation)
     # Gives their memory back before others need it.
-    del tasks, simulations, pair, simulation
+    del tasks, simulations, pair, simulation, start
     rows = [row._replace(one=times[2 * k], all=times[2 * k + 1]) for k, row in enumerate(rows)]
     waits = _waits(rows, rounds, say)
     finished = []
@@ -149,9 +137,7 @@ def measure(
 def _waits(
     rows: list[SizeResult], rounds: int, say: Callable[[str], None]
 ) -> list[list[dict[str, float]]]:
-    """
-    Waiting times of fresh processes, the sizes interleaved.
-    """
+    """Waiting times of fresh processes, the sizes interleaved."""
     # The kernels must be on disk, also those of a path that this process has not needed.
     probe.run('compile', rows[0].size)
     waits: list[list[dict[str, float]]] = [[] for _ in rows]
@@ -170,28 +156,19 @@ def _compile(size: Size, threads: int) -> Simulation:
     return simulation
 
 
-def _block_length(simulation: Simulation) -> int:
-    simulation.advance_steps(2)
-    started = time.perf_counter()
-    simulation.advance_steps(_FEWEST)
-    return max(_FEWEST, round(_BLOCK * _FEWEST / (time.perf_counter() - started)))
+def _block(simulation: Simulation, start: Checkpoint) -> float:
+    """Time of a step [s], from the same start each time."""
+    count = max(_FEWEST, _BODY_STEPS // simulation.scene.body_count)
 
+    def prepare() -> None:
+        simulation.restore(start)
+        simulation.advance_steps(_WARM_UP)
 
-def _block(simulation: Simulation, count: int) -> float:
-    """
-    Time of a step [s].
-    """
-    # Brings the arrays back into the cache as far as they fit, and wakes the threads.
-    simulation.advance_steps(2)
-    started = time.perf_counter()
-    simulation.advance_steps(count)
-    return (time.perf_counter() - started) / count
+    return timed(prepare, lambda: simulation.advance_steps(count), block=STEPS_BLOCK) / count
 
 
 def _check(simulation: Simulation) -> None:
-    """
-    The motion must be one: finite, its energy in balance, away from the start.
-    """
+    """The motion must be one: finite, its energy in balance, away from the start."""
     now = simulation.snapshot()
     moved = np.abs(now.position - simulation.scene.position).max()
     if not (np.isfinite(now.position).all() and moved > 0.0

@@ -1,8 +1,6 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-The figures of `scaling` as tables, as a CSV file and as a picture.
-"""
+"""The figures of `scaling` as tables, as a CSV file and as a picture."""
 
 import csv
 from pathlib import Path
@@ -15,9 +13,7 @@ from icofabric_sim.benchmarking.timing import Spread
 
 
 def lines(result: Scaling) -> list[str]:
-    """
-    Tables for a terminal.
-    """
+    """Tables for a terminal."""
     speed = [['bodies', 'connectors', 'ns per body and step, one thread', 'threads',
               'ns with these', 'gain of threads', 'over 10,000 bodies', 'the same with threads']]
     for row in result.rows:
@@ -52,9 +48,7 @@ def lines(result: Scaling) -> list[str]:
 
 
 def write(result: Scaling, folder: Path) -> list[Path]:
-    """
-    Write figures and picture into `folder`; returns their paths.
-    """
+    """Write figures and picture into `folder`; returns their paths."""
     path = folder / 'scaling.csv'
     with open(path, 'w', newline='', encoding='utf-8') as file:
         rows = csv.writer(file)
@@ -74,9 +68,7 @@ def write(result: Scaling, folder: Path) -> list[Path]:
 
 
 def draw(result: Scaling, path: Path) -> None:
-    """
-    Time for each body and step over the number of bodies.
-    """
+    """Time for each body and step over the number of bodies."""
     from matplotlib.figure import Figure
     figure = Figure(figsize=(8.0, 5.0), layout='constrained')
     axes = figure.add_subplot()

@@ -1,12 +1,10 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-The scenes of the benchmarks, and the plain numbers that a peer builds them from.
-"""
+"""The scenes of the benchmarks, and the plain numbers that a peer builds them from."""
 
 from typing import Any, NamedTuple
 
-from icofabric_sim.scene import Scene
+from icofabric_sim.scene.scene import Scene
 import numpy as np
 
 # A free slab with random velocities: a = 0.01 m, T = 0.002 m, rho = 1200 kg/m^3, L = w,
@@ -30,18 +28,14 @@ KINKED_DURATION = 0.1
 
 
 class Motion(NamedTuple):
-    """
-    Where all bodies are at one time; world frame.
-    """
+    """Where all bodies are at one time; world frame."""
 
     position: np.ndarray  # (n, 3) [m]
     axes: np.ndarray  # (n, 3, 3): row i is body axis i in world components
 
 
 class PlainScene(NamedTuple):
-    """
-    A free fabric as numbers, for tools that know nothing of weaves.
-    """
+    """A free fabric as numbers, for tools that know nothing of weaves."""
 
     name: str
     half_edge: float  # a [m]
@@ -60,16 +54,12 @@ class PlainScene(NamedTuple):
 
     @property
     def body_count(self) -> int:
-        """
-        Count the bodies.
-        """
+        """Count the bodies."""
         return len(self.position)
 
     @property
     def connector_count(self) -> int:
-        """
-        Count the connectors.
-        """
+        """Count the connectors."""
         return len(self.bodies)
 
     @property
@@ -85,16 +75,12 @@ class PlainScene(NamedTuple):
 
     @property
     def axes(self) -> np.ndarray:
-        """
-        Body axes (n, 3, 3) at the start.
-        """
+        """Body axes (n, 3, 3) at the start."""
         return axes_from_quaternions(self.orientation)
 
     @property
     def edge_points(self) -> np.ndarray:
-        """
-        Midpoints (6, 3) of the edges by code [m], body frame.
-        """
+        """Midpoints (6, 3) of the edges by code [m], body frame."""
         unit = np.array([[0, 0, 1], [0, 0, -1], [1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]])
         return self.half_width * unit
 
@@ -103,9 +89,7 @@ def scene_parameters(
     size: tuple[int, int, int], solver: dict[str, Any] | None = None,
     changes: dict[str, Any] | None = None
 ) -> dict[str, Any]:
-    """
-    Parameters of the benchmark fabric of `size` grid positions, with sections of its own.
-    """
+    """Parameters of the benchmark fabric of `size` grid positions, with sections of its own."""
     parameters = {**FABRIC, **(changes or {}), 'weave': {**FABRIC['weave'], 'size': list(size)}}
     if solver:
         parameters['solver'] = dict(solver)
@@ -115,17 +99,13 @@ def scene_parameters(
 def plain_scene(
     name: str, size: tuple[int, int, int] | None = None, changes: dict[str, Any] | None = None
 ) -> PlainScene:
-    """
-    Numbers of scene `name` (a key of SIZES, or any name where a `size` is given).
-    """
+    """Numbers of scene `name` (a key of SIZES, or any name where a `size` is given)."""
     return plain_numbers(name, Scene.from_parameters(
         scene_parameters(SIZES[name] if size is None else size, changes=changes)))
 
 
 def plain_numbers(name: str, scene: Scene) -> PlainScene:
-    """
-    Numbers of any fabric whose connectors are all alike, at its start.
-    """
+    """Numbers of any fabric whose connectors are all alike, at its start."""
     start = scene.initial
     return PlainScene(
         name=name,
@@ -159,9 +139,7 @@ def axes_from_quaternions(orientation: np.ndarray) -> np.ndarray:
 
 
 def axes_from_midpoints(points: np.ndarray) -> Motion:
-    """
-    Motion of bodies from the world positions (n, 6, 3) of their edge midpoints by code.
-    """
+    """Motion of bodies from the world positions (n, 6, 3) of their edge midpoints by code."""
     position = points.mean(axis=1)
     axes = np.stack(
         [points[:, 2] - points[:, 3], points[:, 4] - points[:, 5], points[:, 0] - points[:, 1]],

@@ -1,8 +1,6 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-What a measurement asks of every contestant, the package itself included.
-"""
+"""What a measurement asks of every contestant, the package itself included."""
 
 from abc import ABC, abstractmethod
 
@@ -10,15 +8,11 @@ from icofabric_sim.benchmarking.scenes import Motion
 
 
 class Unusable(Exception):
-    """
-    The contestant refuses this setting, or its motion did not survive it.
-    """
+    """The contestant refuses this setting, or its motion did not survive it."""
 
 
 class Solver(ABC):
-    """
-    One method of one tool on one scene, from the initial state on; single thread.
-    """
+    """One method of one tool on one scene, from the initial state on; single thread."""
 
     label: str  # as printed
     tool: str  # 'icofabric_sim' or a key of PEERS
@@ -26,53 +20,37 @@ class Solver(ABC):
 
     @abstractmethod
     def motion(self) -> Motion:
-        """
-        Where all bodies are now.
-        """
+        """Where all bodies are now."""
 
     def close(self) -> None:
-        """
-        Give back what the tool holds.
-        """
+        """Give back what the tool holds."""
         return
 
 
 class StepSolver(Solver):
-    """
-    Takes steps of a given length.
-    """
+    """Takes steps of a given length."""
 
     evaluations: int  # of all forces, for each step
     longest: float  # step [s] worth trying first
 
     @abstractmethod
     def start(self, step: float) -> None:
-        """
-        Go to the initial state, ready for steps of length `step` [s]; not timed.
-        """
+        """Go to the initial state, ready for steps of length `step` [s]; not timed."""
 
     @abstractmethod
     def advance(self, count: int) -> None:
-        """
-        Take `count` steps; timed.
-        """
+        """Take `count` steps; timed."""
 
 
 class ToleranceSolver(Solver):
-    """
-    Chooses its steps for a tolerance.
-    """
+    """Chooses its steps for a tolerance."""
 
     roughest = 0.1  # tolerance worth trying first
 
     @abstractmethod
     def start(self, tolerance: float, duration: float) -> None:
-        """
-        Go to the initial state, ready for a run of `duration` [s]; not timed.
-        """
+        """Go to the initial state, ready for a run of `duration` [s]; not timed."""
 
     @abstractmethod
     def finish(self) -> None:
-        """
-        Run to the end; timed.
-        """
+        """Run to the end; timed."""

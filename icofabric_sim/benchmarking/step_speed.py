@@ -1,11 +1,9 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-Time of a plain step on S3: each tool's own steps, all of the same length.
-"""
+"""Time of a plain step on S3: each tool's own steps, all of the same length."""
 
 from collections.abc import Callable, Iterable
-import time
+from functools import partial
 from typing import NamedTuple
 
 from icofabric_sim.benchmarking import own
@@ -13,37 +11,30 @@ from icofabric_sim.benchmarking.contestants import Contestants, gather
 from icofabric_sim.benchmarking.reference import Reference, reference_motion
 from icofabric_sim.benchmarking.scenes import motion_error, plain_scene, PlainScene, SIZES
 from icofabric_sim.benchmarking.solver import StepSolver, Unusable
-from icofabric_sim.benchmarking.timing import in_rounds, Spread
+from icofabric_sim.benchmarking.timing import in_rounds, Spread, STEPS_BLOCK, timed
 
 # Step [s], and the time [s] after which the motions are compared with the reference.
 STEP, CHECKED = 1e-4, 2e-3
-# A block of steps takes about this long [s].
-_BLOCK = 0.15
+# Evaluations of all forces in a timed run: two looks at the state, of ours; and steps before it.
+_EVALUATIONS, _WARM_UP = 128, 2
 # A motion this far from the reference after CHECKED is another one; the leapfrog's is 5e-5.
 _ANOTHER = 1e-2
 
 
 class StepTime(NamedTuple):
-    """
-    Times of one solver, one for each round.
-    """
+    """Times of one solver, one for each round."""
 
     solver: StepSolver
-    block: int  # steps in a block
     times: list[float]  # [s] for each step
     error: float  # after CHECKED
 
     def per_connector(self, scene: PlainScene) -> Spread:
-        """
-        Time of a step for each connector [ns].
-        """
+        """Time of a step for each connector [ns]."""
         return Spread.of([value * 1e9 / scene.connector_count for value in self.times])
 
 
 class StepSpeed(NamedTuple):
-    """
-    All solvers, ours first.
-    """
+    """All solvers, ours first."""
 
     scene: PlainScene
     reference: Reference
@@ -53,16 +44,12 @@ class StepSpeed(NamedTuple):
     rounds: int
 
     def own_best(self) -> StepTime | None:
-        """
-        Our own cheapest step.
-        """
+        """Our own cheapest step."""
         ours = [row for row in self.rows if row.solver.tool == own.TOOL]
         return min(ours, key=lambda row: Spread.of(row.times).median, default=None)
 
     def ratios(self, row: StepTime) -> Spread | None:
-        """
-        Time of a step over that of our cheapest, round by round.
-        """
+        """Time of a step over that of our cheapest, round by round."""
         best = self.own_best()
         if best is None:
             return None
@@ -74,9 +61,7 @@ def measure(
     say: Callable[[str], None] = lambda text: None,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> StepSpeed:
-    """
-    Check that every tool moves the same fabric the same way, then time its steps in rounds.
-    """
+    """Check that every tool moves the same fabric the same way, then time its steps in rounds."""
     say('the reference motion')
     scene = plain_scene('S3', size)
     reference = reference_motion(scene, CHECKED, growth_samples=0)
@@ -88,11 +73,7 @@ def measure(
         say(f'{solver.label}: the same motion?')
         try:
             solver.start(STEP)
-            # The first call compiles and allocates; the second tells how many steps make a block.
-            solver.advance(round(CHECKED / STEP) // 2)
-            started = time.perf_counter()
-            solver.advance(round(CHECKED / STEP) // 2)
-            each = (time.perf_counter() - started) / (round(CHECKED / STEP) // 2)
+            solver.advance(round(CHECKED / STEP))
         except Unusable as problem:
             remarks.append(f'{solver.label}: {problem}')
             continue
@@ -100,9 +81,8 @@ def measure(
         if not error < _ANOTHER:
             remarks.append(f'{solver.label} moves otherwise: {error:.1e} after {CHECKED} s')
             continue
-        count = max(20, round(_BLOCK / each))
-        rows.append(StepTime(solver, count, [], error))
-        tasks.append(_block(solver, count))
+        rows.append(StepTime(solver, [], error))
+        tasks.append(partial(_block, solver))
     say(f'{rounds} rounds of {len(tasks)} solvers')
     total = rounds * len(tasks)
     results = in_rounds(tasks, rounds, lambda done: progress(done, total))
@@ -110,9 +90,13 @@ def measure(
     return StepSpeed(scene, reference, contestants, timed, remarks, rounds)
 
 
-def _block(solver: StepSolver, count: int) -> Callable[[], float]:
-    def run() -> float:
-        started = time.perf_counter()
-        solver.advance(count)
-        return (time.perf_counter() - started) / count
-    return run
+def _block(solver: StepSolver) -> float:
+    """Time of a step [s], from the same start each time."""
+    count = -(-_EVALUATIONS // solver.evaluations)
+
+    def prepare() -> None:
+        solver.start(STEP)
+        # Memory that the start has asked for comes with the first steps.
+        solver.advance(_WARM_UP)
+
+    return timed(prepare, lambda: solver.advance(count), block=STEPS_BLOCK) / count

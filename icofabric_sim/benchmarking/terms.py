@@ -11,24 +11,19 @@ from collections.abc import Callable
 from functools import cache, partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
-import time
 from typing import Any, NamedTuple
 
 from icofabric_sim.benchmarking import bare_kernels
 from icofabric_sim.benchmarking.bare_kernels import fresh, Instructions, Kernel
 from icofabric_sim.benchmarking.held_arrays import arrays_of
-from icofabric_sim.benchmarking.scenes import (
-    FABRIC,
-    FABRIC_LENGTH,
-    scene_parameters,
-    SIZES,
-)
+from icofabric_sim.benchmarking.scenes import FABRIC, FABRIC_LENGTH, scene_parameters, SIZES
 from icofabric_sim.benchmarking.step_speed import STEP
-from icofabric_sim.benchmarking.timing import in_rounds, Spread
-from icofabric_sim.body_force import BodyForce
-from icofabric_sim.crew import core_count
-from icofabric_sim.scene import Scene
-from icofabric_sim.simulation import compile_scene, Simulation
+from icofabric_sim.benchmarking.timing import in_rounds, Spread, STEPS_BLOCK, timed
+from icofabric_sim.scene.scene import Scene
+from icofabric_sim.simulation.checkpoint import Checkpoint
+from icofabric_sim.simulation.model.body_force import BodyForce
+from icofabric_sim.simulation.simulation import compile_scene, Simulation
+from icofabric_sim.simulation.stepping.thread_team import core_count
 import numpy as np
 
 Size = tuple[int, int, int]
@@ -37,15 +32,16 @@ BARE = 'bare scene: springs alone'
 ADAPTIVE = 'bare scene by dop8'
 UNWATCHED, KERNEL, LEANEST = (
     'without looks at the state', 'springs-only kernel', 'springs-only kernel, one kick a step')
-# A block of steps takes about this long [s].
-_BLOCK = 0.15
+# Steps that are timed, after so many that are not. Two looks at the state; S3 meets its first
+# contact at step 922.
+_STEPS, _WARM_UP = 128, 2
+# The same for terms whose steps take a hundred times as long.
+_FEW_STEPS = 16
 _PUSH = {'force': [1e-3, 0.0, 5e-4], 'torque': [0.0, 1e-6, 0.0]}
 
 
 class Term(NamedTuple):
-    """
-    The bare scene with one thing more.
-    """
+    """The bare scene with one thing more."""
 
     label: str
     parameters: dict[str, Any]
@@ -53,19 +49,16 @@ class Term(NamedTuple):
     threads: int = 1
     method: str = 'leapfrog'
     body_force: BodyForce | None = None
+    steps: int = _STEPS
 
     @property
     def over(self) -> str:
-        """
-        The row that it is compared with.
-        """
+        """The row that it is compared with."""
         return BARE if self.method == 'leapfrog' else ADAPTIVE
 
 
 def terms(body: int) -> list[Term]:
-    """
-    Every term that a scene can have or lack; `body` is the one that a single load acts on.
-    """
+    """Every term that a scene can have or lack; `body` is the one that a single load acts on."""
     loads = {'push': {'group': 'pushed', **_PUSH}}
     charge = {'per_body': 1e-8, 'dipole': [1e-9, 0.0, 2e-9]}
     wall = {'wall': 'x_min'}
@@ -96,7 +89,8 @@ def terms(body: int) -> list[Term]:
             'charge': {'per_body': 1e-8}, 'field': {'electric': [0.0, 0.0, 1e4]}}),
         Term('dipoles in an electric field', {
             'charge': charge, 'field': {'electric': [0.0, 0.0, 1e4]}}),
-        Term('charges on each other', {'charge': {'per_body': 1e-8, 'mutual': True}}),
+        Term('charges on each other', {
+            'charge': {'per_body': 1e-8, 'mutual': True}}, steps=_FEW_STEPS),
         Term('contact watch', {'contact': {'mode': 'auto'}}),
         Term('direction cosines', {}, rotation='direction_cosines'),
         Term(f'team of {core_count()} threads', {}, threads=0),
@@ -117,7 +111,7 @@ def terms(body: int) -> list[Term]:
         Term('body force, compiled', {}, method='dop8', body_force=BodyForce(
             _pull, compiled=True)),
         Term('body force, called by Python', {}, method='dop8', body_force=BodyForce(
-            _pull_all, compiled=False)),
+            _pull_all, compiled=False), steps=_FEW_STEPS),
         Term('an anchor', {'anchors': {'hook': {
             'body': 0, 'edge': 'up', 'position': [0.0, 0.0, 0.0485]}}}),
         Term('connectors around their shells', {'connector': {'obstruction': 'wrap'}}),
@@ -128,17 +122,13 @@ def terms(body: int) -> list[Term]:
 
 @cache
 def _folder() -> TemporaryDirectory[str]:
-    """
-    For tables; it goes when the program ends.
-    """
+    """For tables; it goes when the program ends."""
     return TemporaryDirectory()
 
 
 @cache
 def _table(count: int) -> str:
-    """
-    A law that is as stiff as the springs where it does not pull, and stiffens.
-    """
+    """A law that is as stiff as the springs where it does not pull, and stiffens."""
     file = Path(_folder().name) / f'law_{count}.csv'
     strain = np.linspace(-0.5, 0.5, count)
     rest, stiffness = FABRIC_LENGTH, FABRIC['connector']['stiffness']
@@ -163,9 +153,7 @@ def _pull_all(
 
 
 class Cost(NamedTuple):
-    """
-    One row: a term, or a kernel beside the bare scene.
-    """
+    """One row: a term, or a kernel beside the bare scene."""
 
     label: str
     body_count: int
@@ -174,16 +162,12 @@ class Cost(NamedTuple):
     over: str = BARE  # the row that it is compared with
 
     def per_body(self) -> Spread:
-        """
-        Time for each body and step [ns].
-        """
+        """Time for each body and step [ns]."""
         return Spread.of([value * 1e9 / self.body_count for value in self.times])
 
 
 class Terms(NamedTuple):
-    """
-    All figures; the bare scene comes first.
-    """
+    """All figures; the bare scene comes first."""
 
     rows: list[Cost]
     bare_arrays: dict[str, int]  # bytes by name
@@ -192,15 +176,11 @@ class Terms(NamedTuple):
     rounds: int
 
     def row(self, label: str) -> Cost | None:
-        """
-        The row of this name.
-        """
+        """The row of this name."""
         return next((row for row in self.rows if row.label == label), None)
 
     def ratio(self, row: Cost, label: str | None = None) -> Spread | None:
-        """
-        Time of `row` over that of another, its bare scene unless told, round by round.
-        """
+        """Time of `row` over that of another, its bare scene unless told, round by round."""
         other = self.row(label or row.over)
         if other is None:
             return None
@@ -212,26 +192,22 @@ def measure(
     say: Callable[[str], None] = lambda text: None,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Terms:
-    """
-    Time the bare scene, the same with each term, and the other kernel, in rounds.
-    """
+    """Time the bare scene, the same with each term, and the other kernel, in rounds."""
     bare = _compile(size, Term(BARE, {}))
     count = bare.scene.body_count
     rows, tasks, remarks = [], [], []
     for term in terms(count // 2):
         say(term.label)
         simulation = _compile(size, term)
-        steps = _block_length(simulation)
         label = term.label
         if term.threads == 0 and simulation.thread_count == 1:
             remarks.append(f'{label}: one thread is all that pays here')
         rows.append(Cost(
             label, simulation.scene.body_count, [], sum(arrays_of(simulation).values()),
             term.over))
-        tasks.append(partial(_block, size, term, steps))
+        tasks.append(partial(_block, simulation, term, _start(simulation)))
     kernels, instructions = [], []
     say('kernels')
-    steps = _block_length(bare)
     kernels.append((UNWATCHED, bare_kernels.package_kernel(bare.packed)))
     if bare_kernels.SPRINGS_ONLY.is_file():
         other = bare_kernels.load_springs_only()
@@ -243,7 +219,7 @@ def measure(
                        'this in a clone')
     for label, run in kernels:
         rows.append(Cost(label, count, [], None))
-        tasks.append(partial(_kernel_block, bare, run, steps))
+        tasks.append(partial(_kernel_block, bare, run))
     if len(kernels) > 1:
         bare_kernels.require_same_motion(bare, [run for _, run in kernels[:2]])
     say(f'{rounds} rounds of {len(tasks)} runs')
@@ -267,34 +243,37 @@ def _compile(size: Size, term: Term) -> Simulation:
     return simulation
 
 
-def _block_length(simulation: Simulation) -> int:
-    simulation.advance_steps(20)
-    started = time.perf_counter()
-    simulation.advance_steps(40)
-    return max(20, round(_BLOCK * 40.0 / (time.perf_counter() - started)))
+def _start(simulation: Simulation) -> Checkpoint:
+    """Where every timed run of a scene begins: past its first steps, with all kernels loaded."""
+    simulation.advance_steps(_WARM_UP)
+    return simulation.checkpoint()
 
 
-def _block(size: Size, term: Term, count: int) -> float:
+def _block(simulation: Simulation, term: Term, start: Checkpoint) -> float:
     """
     Time of a step [s]; from the same start each time, as the motion itself can change the cost.
     """
-    simulation = _compile(size, term)
-    simulation.advance_steps(2)
-    started = time.perf_counter()
-    simulation.advance_steps(count)
-    spent = (time.perf_counter() - started) / count
+    spent = timed(
+        lambda: simulation.restore(start), lambda: simulation.advance_steps(term.steps),
+        block=STEPS_BLOCK)
     moved = np.abs(simulation.snapshot().position - simulation.scene.position).max()
     if not (moved > 0.0 and simulation.balance.worst < simulation.balance.limit):
         raise RuntimeError(f'{term.label}: the bodies do not move as they should')
-    return spent
+    return spent / term.steps
 
 
-def _kernel_block(bare: Simulation, run: Kernel, count: int) -> float:
+def _kernel_block(bare: Simulation, run: Kernel) -> float:
+    start, room = fresh(bare.packed, bare.scene)
+    run(start, room, _WARM_UP)
     state, work = fresh(bare.packed, bare.scene)
-    run(state, work, 2)
-    started = time.perf_counter()
-    run(state, work, count)
-    spent = (time.perf_counter() - started) / count
+
+    def prepare() -> None:
+        for target, source in zip(state, start):
+            np.copyto(target, source)
+        for target, source in ((work.acceleration, room.acceleration), (work.points, room.points)):
+            np.copyto(target, source)
+
+    spent = timed(prepare, lambda: run(state, work, _STEPS), block=STEPS_BLOCK)
     if not np.isfinite(state.position).all():
         raise RuntimeError('the kernels do not move the bodies as they should')
-    return spent
+    return spent / _STEPS

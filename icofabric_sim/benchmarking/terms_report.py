@@ -1,8 +1,6 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-The figures of `terms` as tables and as a CSV file.
-"""
+"""The figures of `terms` as tables and as a CSV file."""
 
 import csv
 from pathlib import Path
@@ -14,9 +12,7 @@ from icofabric_sim.benchmarking.terms import ADAPTIVE, BARE, KERNEL, LEANEST, Te
 
 
 def lines(result: Terms) -> list[str]:
-    """
-    Tables for a terminal.
-    """
+    """Tables for a terminal."""
     bare = result.row(BARE)
     assert bare is not None and bare.held is not None
     costs = [['one thing more', 'ns per body and step, median (range)', 'over its bare scene',
@@ -55,9 +51,7 @@ def lines(result: Terms) -> list[str]:
 
 
 def write(result: Terms, folder: Path) -> list[Path]:
-    """
-    Write the figures into `folder`; returns their paths.
-    """
+    """Write the figures into `folder`; returns their paths."""
     path = folder / 'terms.csv'
     with open(path, 'w', newline='', encoding='utf-8') as file:
         rows = csv.writer(file)

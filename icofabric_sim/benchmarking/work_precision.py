@@ -1,8 +1,6 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-Work against precision on S1: time for the motion over half a second at a wanted error.
-"""
+"""Work against precision on S1: time for the motion over half a second at a wanted error."""
 
 from collections.abc import Callable, Iterable
 from functools import partial
@@ -13,13 +11,7 @@ from icofabric_sim.benchmarking.contestants import Contestants, gather
 from icofabric_sim.benchmarking.curves import Curve, run_once, trace
 from icofabric_sim.benchmarking.kinked_reference import kinked_reference
 from icofabric_sim.benchmarking.reference import Reference, reference_motion
-from icofabric_sim.benchmarking.scenes import (
-    DURATION,
-    KINKED,
-    plain_scene,
-    PlainScene,
-    SIZES,
-)
+from icofabric_sim.benchmarking.scenes import DURATION, KINKED, plain_scene, PlainScene, SIZES
 from icofabric_sim.benchmarking.timing import in_rounds, Spread
 
 TARGETS = (1e-3, 1e-6, 1e-9)
@@ -28,9 +20,7 @@ _CHEAP = 0.15
 
 
 class WorkPrecision(NamedTuple):
-    """
-    All curves, each point with its times in all rounds.
-    """
+    """All curves, each point with its times in all rounds."""
 
     scene: PlainScene
     reference: Reference
@@ -39,24 +29,18 @@ class WorkPrecision(NamedTuple):
     rounds: int
 
     def own_best(self, target: float) -> Curve | None:
-        """
-        Our own fastest curve at this error.
-        """
+        """Our own fastest curve at this error."""
         ours = [curve for curve in self.curves
                 if curve.solver.tool == own.TOOL and not curve.time_at(target)[1]]
         return min(ours, key=lambda curve: curve.time_at(target)[0], default=None)
 
     def times(self, curve: Curve, target: float) -> tuple[Spread, bool]:
-        """
-        Time [s] of `curve` at this error over the rounds; True: extrapolated.
-        """
+        """Time [s] of `curve` at this error over the rounds; True: extrapolated."""
         turns = [curve.time_at(target, turn) for turn in range(self.rounds)]
         return Spread.of([value for value, _ in turns]), turns[0][1]
 
     def ratios(self, curve: Curve, target: float) -> Spread | None:
-        """
-        Time of `curve` over that of our fastest, round by round.
-        """
+        """Time of `curve` over that of our fastest, round by round."""
         best = self.own_best(target)
         if best is None:
             return None

@@ -1,5 +1,3 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-The command line `icofabric`: one verb per file.
-"""
+"""The command line `icofabric`: one verb per file."""

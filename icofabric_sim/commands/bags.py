@@ -1,23 +1,27 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-The argument BAG, for all verbs that read one.
-"""
+"""The argument BAG, for all verbs that read one."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from icofabric_sim.commands.terminal import FileSaysNo, InputError
+from icofabric_sim.terminal import FileSaysNo, InputError
 
 _SUFFIXES = ('.mcap', '.db3')
 
 
 def is_bag(path: Path) -> bool:
-    """
-    Whether this is meant as a bag: a folder, or a file of one.
-    """
+    """Whether this is meant as a bag: a folder, or a file of one."""
     return path.is_dir() or path.suffix in _SUFFIXES
+
+
+def bag_path(text: str) -> Path:
+    """Where the argument BAG is; an empty one is no bag, though Path takes it for this folder."""
+    if not text:
+        raise InputError(
+            'an empty name is that of no bag: give the folder of a recorded run, or its file')
+    return Path(text).expanduser()
 
 
 @contextmanager

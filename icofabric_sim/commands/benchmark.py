@@ -1,8 +1,6 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-`icofabric benchmark [WHAT ...]`.
-"""
+"""`icofabric benchmark [WHAT ...]`."""
 
 import argparse
 from collections.abc import Callable, Iterator
@@ -13,16 +11,14 @@ from pathlib import Path
 import sys
 import warnings
 
-from icofabric_sim.commands.terminal import bad_input, InputError, Progress
+from icofabric_sim.terminal import InputError, Progress, require_place
 
 _LOGGER = logging.getLogger('icofabric_sim')
 MEASUREMENTS = ('work-precision', 'kinked', 'speed', 'scaling', 'terms', 'contact')
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """
-    Declare what the verb takes.
-    """
+    """Declare what the verb takes."""
     parser.add_argument(
         'what', nargs='*', metavar='WHAT',
         help='work-precision: time for a wanted error, for every method and peer, on a free slab '
@@ -48,9 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(arguments: argparse.Namespace) -> int:
-    """
-    Measure, print and write what was asked for.
-    """
+    """Measure, print and write what was asked for."""
     wanted = arguments.what or list(MEASUREMENTS)
     for word in wanted:
         if word not in MEASUREMENTS:
@@ -67,8 +61,8 @@ def main(arguments: argparse.Namespace) -> int:
     folder = None
     if arguments.output is not None:
         folder = Path(arguments.output).expanduser()
-        with bad_input():
-            folder.mkdir(parents=True, exist_ok=True)
+        require_place('--output', folder, is_folder=True)
+        folder.mkdir(parents=True, exist_ok=True)
     for k, word in enumerate(dict.fromkeys(wanted)):
         if k:
             print()
@@ -90,9 +84,7 @@ def _run(
 def _measure(
     word: str, peers: list[str], rounds: int, largest: int, show: '_Show'
 ) -> tuple[list[str], Callable[[Path], list[Path]]]:
-    """
-    What to print, and what writes the files.
-    """
+    """What to print, and what writes the files."""
     from icofabric_sim.benchmarking import (
         contact,
         contact_report,
@@ -127,9 +119,7 @@ def _measure(
 
 
 class _Show:
-    """
-    What is being done, and how far the rounds are.
-    """
+    """What is being done, and how far the rounds are."""
 
     def __init__(self) -> None:
         self._bar: Progress | None = None

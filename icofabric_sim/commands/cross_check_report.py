@@ -1,18 +1,16 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-What `icofabric run SCENE --cross-check` does and says.
-"""
+"""What `icofabric run SCENE --cross-check` does and says."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
 import logging
 from typing import TYPE_CHECKING
 
-from icofabric_sim.commands.terminal import bad_input, Progress
+from icofabric_sim.terminal import bad_input, Progress
 
 if TYPE_CHECKING:
-    from icofabric_sim.parameters import Parameters
+    from icofabric_sim.parameters.validation import Parameters
 
 _LARGEST_TABLE = 16
 
@@ -21,9 +19,9 @@ def report_cross_check(name: str, parameters: 'Parameters') -> int:
     """
     Compare the rotation formulations; 0: they agree as far as rounding allows, 1: they do not.
     """
-    from icofabric_sim.cross_check import cross_check
-    from icofabric_sim.scene import Scene
-    from icofabric_sim.simulation import compile_scene, SimulationError
+    from icofabric_sim.running.cross_check import cross_check
+    from icofabric_sim.scene.scene import Scene
+    from icofabric_sim.simulation.simulation import compile_scene, SimulationError
 
     with bad_input():
         scene = Scene.from_parameters(parameters)
@@ -65,9 +63,7 @@ def report_cross_check(name: str, parameters: 'Parameters') -> int:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """
-    Keep back the warnings that a run gives anyway: here each would come three times.
-    """
+    """Keep back the warnings that a run gives anyway: here each would come three times."""
     logger = logging.getLogger('icofabric_sim')
     before = logger.disabled
     logger.disabled = True

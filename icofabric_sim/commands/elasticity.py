@@ -1,15 +1,18 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-`icofabric elasticity SCENE`.
-"""
+"""`icofabric elasticity SCENE`."""
 
 import argparse
 from typing import TYPE_CHECKING
 
-from icofabric_sim.commands.rest_outputs import add_output_arguments, outputs_of, RestOutputs
+from icofabric_sim.commands.rest_outputs import (
+    add_output_arguments,
+    kink_text,
+    outputs_of,
+    RestOutputs,
+)
 from icofabric_sim.commands.scenes import add_scene_arguments, read_parameters
-from icofabric_sim.commands.terminal import bad_input, InputError, Progress
+from icofabric_sim.terminal import bad_input, InputError, Progress
 
 if TYPE_CHECKING:
     from icofabric_sim.statics.periodic import Elasticity
@@ -21,9 +24,7 @@ _VOIGT = ('xx', 'yy', 'zz', 'yz', 'xz', 'xy')
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """
-    Declare what the verb takes.
-    """
+    """Declare what the verb takes."""
     add_scene_arguments(parser)
     parser.add_argument(
         '--strain', type=float, default=0.1, metavar='E',
@@ -48,7 +49,7 @@ def main(arguments: argparse.Namespace) -> int:
     outputs = outputs_of(arguments)
     if not arguments.points >= 1:
         raise InputError(f'--points must be at least 1, got {arguments.points}')
-    from icofabric_sim.scene import Scene
+    from icofabric_sim.scene.scene import Scene
     from icofabric_sim.statics.held import refuse_in_statics
     from icofabric_sim.statics.periodic import homogenise
     from icofabric_sim.statics.stretching import measure_curve
@@ -75,7 +76,7 @@ def main(arguments: argparse.Namespace) -> int:
         print('\n'.join(curve_text(curves)))
     _write(outputs, constants, curves)
     if outputs.picture is not None:
-        from icofabric_sim.statics.elastic_picture import draw_elasticity
+        from icofabric_sim.pictures.elastic_picture import draw_elasticity
         outputs.picture.parent.mkdir(parents=True, exist_ok=True)
         draw_elasticity(outputs.picture, name, constants, curves)
         print(f'drawn to {outputs.picture}')
@@ -83,9 +84,63 @@ def main(arguments: argparse.Namespace) -> int:
 
 
 def constants_text(constants: 'Elasticity') -> list[str]:
-    """
-    Lines for the terminal.
-    """
+    """Lines for the terminal."""
+    if not constants.branches:
+        return [*_branch_text(constants), *_limits_text(constants)]
+    lines = [
+        f'  {kink_text(constants.at_kink)} (of a cell)',
+        '  Such a fabric has no single tangent: elastic constants depend on the kind and sign of',
+        '  a strain. One twice as large meets the same modulus, but strains and waves do not '
+        'superpose.']
+    lines += _one_sided_text(constants)
+    for branch, said in _BRANCHES.items():
+        lines.append(f'  bounds, {branch}: {said}')
+        lines += [f'  {line}' for line in _branch_text(constants.branches[branch])]
+    return lines
+
+
+_BRANCHES = {
+    'pull': 'as if all connectors had k_e', 'push': 'as if all connectors had k_c'}
+
+
+def _one_sided_text(constants: 'Elasticity') -> list[str]:
+    """What small strains of either sign meet."""
+    import numpy as np
+
+    lines = [f'  small strain {"sign":>5} {"modulus [Pa]":>14}  stress [Pa] for a strain of 1: '
+             + ', '.join(_VOIGT)]
+    for number, label in enumerate(_VOIGT):
+        for sign in (1.0, -1.0):
+            found = constants.response(sign * np.eye(6)[number])
+            largest = float(np.abs(found.stress).max())
+            cells = (0.0 if abs(value) < 1e-9 * largest else value
+                     for value in found.stress.tolist())
+            lines.append(
+                f'  {label:>12} {"+" if sign > 0.0 else "-":>5} {found.modulus:14.6g}  '
+                + ''.join(f'{value:12.5g}' for value in cells))
+    for label, direction in _DIRECTIONS.items():
+        pull, push = (
+            constants.pulled(np.array(direction, float), sign).modulus for sign in (1.0, -1.0))
+        lines.append(
+            f"  Young's modulus along {label:3} {pull:12.6g} Pa pulled, {push:12.6g} Pa pushed")
+    return lines
+
+
+def _limits_text(constants: 'Elasticity') -> list[str]:
+    """Strains at which the first connector changes side."""
+    import numpy as np
+
+    limits = [
+        (label + sign, constants.response(value * np.eye(6)[number]).limit)
+        for number, label in enumerate(_VOIGT) for sign, value in (('+', 1.0), ('-', -1.0))]
+    if not any(np.isfinite(limit) for _, limit in limits):
+        return []
+    return ['  hold to the strain at which the first connector comes from pulling to pushing or '
+            'back: ' + ', '.join(
+                f'{label} {limit:.4g}' for label, limit in limits if np.isfinite(limit))]
+
+
+def _branch_text(constants: 'Elasticity') -> list[str]:
     import numpy as np
 
     largest = float(np.abs(constants.stiffness).max())
@@ -108,9 +163,7 @@ def constants_text(constants: 'Elasticity') -> list[str]:
 
 
 def curve_text(curves: dict[str, list['CurvePoint']]) -> list[str]:
-    """
-    Lines for the terminal.
-    """
+    """Lines for the terminal."""
     lines = []
     for kind, points in curves.items():
         lines.append(f'  {kind:6} {"strain":>10} {"stress [Pa]":>14} {"stress/strain":>14}')
@@ -118,6 +171,7 @@ def curve_text(curves: dict[str, list['CurvePoint']]) -> list[str]:
             more = f'  {point.obstructed} obstructed' if point.obstructed else ''
             more += f'  {point.broken} broken' if point.broken else ''
             more += f'  {point.touching} pairs touch' if point.touching else ''
+            more += f'  {point.at_kink} at their kink' if point.at_kink else ''
             lines.append(
                 f'         {point.strain:10.5g} {point.stress:14.6g} '
                 f'{point.stress / point.strain:14.6g}  {point.verdict}{more}')
@@ -129,11 +183,20 @@ def _write(
 ) -> None:
     if outputs.folder is None:
         return
-    outputs.table('stiffness.csv', ('', *_VOIGT), (
-        [label, *row] for label, row in zip(_VOIGT, constants.stiffness.tolist())))
+    tables = {'stiffness.csv': constants} if not constants.branches else {
+        f'stiffness_{branch}.csv': one for branch, one in constants.branches.items()}
+    for file, one in tables.items():
+        outputs.table(file, ('', *_VOIGT), (
+            [label, *row] for label, row in zip(_VOIGT, one.stiffness.tolist())))
+    if constants.branches:
+        import numpy as np
+        outputs.table('one_sided.csv', ('strain', 'sign', 'modulus_pa', *_VOIGT), (
+            [label, sign, found.modulus, *found.stress.tolist()]
+            for number, label in enumerate(_VOIGT) for sign in (1, -1)
+            for found in [constants.response(sign * np.eye(6)[number])]))
     if curves:
         outputs.table(
             'curves.csv',
             ('kind', 'strain', 'stress_pa', 'energy_j', 'verdict', 'residual', 'obstructed',
-             'beyond_break_length', 'broken', 'touching_pairs'),
+             'beyond_break_length', 'broken', 'touching_pairs', 'at_kink'),
             ([kind, *point[:-1]] for kind, points in curves.items() for point in points))

@@ -1,38 +1,31 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-`icofabric info SCENE|BAG`.
-"""
+"""`icofabric info SCENE|BAG`."""
 
 import argparse
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-from icofabric_sim.commands.bags import bag_errors, is_bag
+from icofabric_sim.commands.bags import bag_errors, bag_path, is_bag
 from icofabric_sim.commands.scenes import add_scene_arguments, read_parameters
-from icofabric_sim.commands.terminal import bad_input, InputError
+from icofabric_sim.terminal import bad_input, InputError
 
 if TYPE_CHECKING:
-    from icofabric_sim.simulation import Simulation
+    from icofabric_sim.simulation.simulation import Simulation
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """
-    Declare what the verb takes.
-    """
+    """Declare what the verb takes."""
     add_scene_arguments(parser, 'SCENE|BAG')
 
 
 def main(arguments: argparse.Namespace) -> int:
-    """
-    Describe a scene, or summarise a bag.
-    """
-    from icofabric_sim.ready_scenes import ready_scenes
-    path = Path(arguments.scene).expanduser()
+    """Describe a scene, or summarise a bag."""
+    from icofabric_sim.parameters.ready_scenes import ready_scenes
+    path = bag_path(arguments.scene)
     if arguments.scene not in ready_scenes() and is_bag(path):
         if arguments.parameter:
             raise InputError('-p changes a scene; a recorded run stays as it was')
-        from icofabric_sim.bag_summary import summarise_bag
+        from icofabric_sim.bag.summary import summarise_bag
         with bag_errors(path):
             print('\n'.join(summarise_bag(path).lines()))
         return 0
@@ -41,9 +34,9 @@ def main(arguments: argparse.Namespace) -> int:
 
 def _describe(arguments: argparse.Namespace) -> int:
     from icofabric_sim.commands.run_summary import method_rows
-    from icofabric_sim.scene import Scene
-    from icofabric_sim.scene_summary import as_lines, describe_scene
-    from icofabric_sim.simulation import compile_scene
+    from icofabric_sim.scene.scene import Scene
+    from icofabric_sim.scene.summary import as_lines, describe_scene
+    from icofabric_sim.simulation.simulation import compile_scene
 
     name, parameters = read_parameters(arguments)
     with bad_input():

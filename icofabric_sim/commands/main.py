@@ -14,7 +14,7 @@ import signal
 import sys
 from typing import NoReturn
 
-from icofabric_sim.commands.terminal import FileSaysNo, InputError
+from icofabric_sim.terminal import FileSaysNo, InputError
 
 # Verb, and what it does; the module has the same name.
 VERBS = {
@@ -32,9 +32,7 @@ DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 
 
 class _Help(argparse.HelpFormatter):
-    """
-    Keeps every verb on the line of its summary: argparse counts their indent too short.
-    """
+    """Keeps every verb on the line of its summary: argparse counts their indent too short."""
 
     def __init__(self, prog: str) -> None:
         super().__init__(prog)
@@ -42,9 +40,7 @@ class _Help(argparse.HelpFormatter):
 
 
 class _Parser(argparse.ArgumentParser):
-    """
-    Says in one line what is wrong.
-    """
+    """Says in one line what is wrong."""
 
     def error(self, message: str) -> NoReturn:
         print(f'{self.prog}: {message} (see {self.prog} --help)', file=sys.stderr)
@@ -65,7 +61,7 @@ def main(argv: list[str] | None = None) -> int:
         sys.stdout.flush()
         return status
     except InputError as error:
-        print(f'{name}: {error}', file=sys.stderr)
+        print(f'{name}: {_one_line(error)}', file=sys.stderr)
         return BAD_INPUT
     except FileSaysNo as error:
         print(f'{name}: {error}', file=sys.stderr)
@@ -81,7 +77,8 @@ def main(argv: list[str] | None = None) -> int:
         print(f'{name}: there is not enough memory for this; choose less', file=sys.stderr)
         return FAILED
     except OSError as error:
-        print(f'{name}: {error}', file=sys.stderr)
+        place = f'{error.filename}: ' if error.filename else ''
+        print(f'{name}: {place}{error.strerror or error}', file=sys.stderr)
         return FAILED
 
 
@@ -91,7 +88,7 @@ def _run(words: list[str]) -> int:
         description='Simulate icosahedral fabric without a ROS graph.',
         formatter_class=_Help,
         epilog='icofabric VERB --help explains a verb.')
-    from icofabric_sim import __version__
+    from icofabric_sim.version import __version__
     parser.add_argument('--version', action='version', version=f'icofabric_sim {__version__}')
     verbs = parser.add_subparsers(dest='verb', metavar='VERB', required=True)
     # A word that is no verb needs the names only.
@@ -103,8 +100,16 @@ def _run(words: list[str]) -> int:
             module = import_module(f'icofabric_sim.commands.{verb}')
             module.add_arguments(sub)
             sub.set_defaults(main=module.main)
+    if wanted in VERBS:
+        # Words that are left over are reported with the verb.
+        parser.prog = f'icofabric {wanted}'
     arguments = parser.parse_args(words)
     return int(arguments.main(arguments))
+
+
+def _one_line(error: Exception) -> str:
+    # A name of a file may have line breaks.
+    return ' '.join(str(error).splitlines())
 
 
 def _interrupt(number: int, frame: object) -> NoReturn:

@@ -1,8 +1,6 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-`icofabric modes SCENE`.
-"""
+"""`icofabric modes SCENE`."""
 
 import argparse
 import math
@@ -13,14 +11,17 @@ from typing import TYPE_CHECKING
 
 from icofabric_sim.commands.rest_outputs import (
     add_output_arguments,
+    kink_text,
     outputs_of,
     picture_path,
+    RestOutputs,
+    touch_text,
 )
 from icofabric_sim.commands.scenes import add_scene_arguments, read_parameters
-from icofabric_sim.commands.terminal import bad_input, FileSaysNo, InputError, Progress
+from icofabric_sim.terminal import bad_input, FileSaysNo, InputError, Progress, require_place
 
 if TYPE_CHECKING:
-    from icofabric_sim.scene import Scene
+    from icofabric_sim.scene.scene import Scene
     from icofabric_sim.statics.modes import Spectrum
     import numpy as np
 
@@ -31,15 +32,18 @@ _OTHER_FILES = ('.png', '.jpg', '.jpeg', '.mp4', '.webm', '.avi', '.mov', '.mcap
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """
-    Declare what the verb takes.
-    """
+    """Declare what the verb takes."""
     add_scene_arguments(parser)
     parser.add_argument(
         '--count', type=int, metavar='N',
         help='so many frequencies (default: all of up to 2,400 freedoms, else 20)')
     parser.add_argument(
         '--highest', action='store_true', help='the highest instead of the lowest')
+    parser.add_argument(
+        '--branch', choices=('pull', 'push'),
+        help='where connectors are at their natural length and pull otherwise than they push: '
+             'which of the two all of them do, in what is drawn and animated (default: push; what '
+             'is listed and written is of both, bands are drawn of both)')
     parser.add_argument(
         '--equilibrium', action='store_true',
         help='about the equilibrium under the loads of the scene, as icofabric statics finds it '
@@ -66,14 +70,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(arguments: argparse.Namespace) -> int:
-    """
-    Find the vibrations, and count the motions without any.
-    """
+    """Find the vibrations, and count the motions without any."""
     name, parameters = read_parameters(arguments)
     outputs = outputs_of(arguments)
     bands = picture_path(arguments, 'bands')
     animation = _animation_path(arguments)
-    from icofabric_sim.scene import Scene
+    from icofabric_sim.scene.scene import Scene
     from icofabric_sim.statics.equilibrium import solve_equilibrium
     from icofabric_sim.statics.modes import HIGHEST, LOWEST, solve_modes
 
@@ -91,35 +93,51 @@ def main(arguments: argparse.Namespace) -> int:
             at = found.snapshot
         spectrum = solve_modes(
             scene, at=at, time=arguments.time, count=arguments.count,
-            which=HIGHEST if arguments.highest else LOWEST)
+            which=HIGHEST if arguments.highest else LOWEST, branch=arguments.branch)
     print('\n'.join(summary(spectrum, time.monotonic() - began)))
-    if outputs.folder is not None:
-        outputs.table('frequencies.csv', ('mode', 'rad_per_s', 'hertz'), (
-            [number, rate, rate / (2.0 * math.pi)]
-            for number, rate in enumerate(spectrum.frequencies.tolist())))
-        outputs.table(
-            'shapes.csv', ('mode', 'body', 'x', 'y', 'z', 'turn_x', 'turn_y', 'turn_z'), (
-                [number, body, *motion]
-                for number, shape in enumerate(spectrum.shapes[:_SHOWN].tolist())
-                for body, motion in enumerate(shape)))
+    _write(outputs, spectrum)
     if animation is not None:
         _animate(animation, name, scene, spectrum, arguments)
     if outputs.picture is not None:
         outputs.draw(name, scene, _pictures(scene, spectrum))
     if bands is not None:
-        from icofabric_sim.statics.band_picture import draw_bands
+        from icofabric_sim.pictures.band_picture import draw_bands
         bands.parent.mkdir(parents=True, exist_ok=True)
         with bad_input():
-            draw_bands(bands, name, scene)
+            draw_bands(bands, name, scene, branch=arguments.branch)
         print(f'drawn to {bands}')
     return 0
 
 
 def summary(spectrum: 'Spectrum', seconds: float) -> list[str]:
-    """
-    Lines for the terminal.
-    """
+    """Lines for the terminal."""
     lines = [f'freedoms    {spectrum.freedoms:,}']
+    if spectrum.first_touches:
+        lines.append(f'touching    {touch_text(spectrum.first_touches)}')
+    if not spectrum.branches:
+        lines += _spectrum_text(spectrum)
+    else:
+        lines.append(f'at its kink {kink_text(len(spectrum.at_kink), spectrum.anchors_at_kink)}')
+        lines += [f'            {words}' for words in _KINK]
+        for branch, said in _BRANCHES.items():
+            lines.append(f'{branch}, {said}')
+            lines += [f'  {line}' for line in _spectrum_text(spectrum.branches[branch])]
+        lines += _bounds_text(spectrum)
+    lines.append(f'{seconds:.3g} s')
+    return lines
+
+
+_KINK = (
+    'Such a fabric has no single frequency of a kind. Two branches bound it: all of these',
+    'pull (k_e), or all push (k_c). The k-th frequency of every mixture lies between theirs.',
+    'A small motion twice as large takes the same time, but motions do not superpose.')
+_BRANCHES = {'pull': 'k_e in all at their kink', 'push': 'k_c in all at their kink'}
+
+
+def _spectrum_text(spectrum: 'Spectrum') -> list[str]:
+    import numpy as np
+
+    lines = []
     if spectrum.mechanism_count < 0:
         lines.append('zero energy not counted')
     else:
@@ -138,25 +156,69 @@ def summary(spectrum: 'Spectrum', seconds: float) -> list[str]:
         lines.append(
             f'frequencies {len(rates):,}, {rates[0]:.6g} to {rates[-1]:.6g} rad/s '
             f'({rates[0] / (2 * math.pi):.6g} to {rates[-1] / (2 * math.pi):.6g} Hz)')
-        lines += [
-            f'  {number:4d}  {rate:14.8g} rad/s  {rate / (2 * math.pi):14.8g} Hz'
-            for number, rate in enumerate(rates[:_SHOWN].tolist())]
+        # What has no kink holds for any small amplitude; at the kink it is 0.
+        factors = spectrum.amplitudes[:_SHOWN]
+        holds = np.isfinite(factors) & (factors > 0.0)
+        for number, rate in enumerate(rates[:_SHOWN].tolist()):
+            line = f'  {number:4d}  {rate:14.8g} rad/s  {rate / (2 * math.pi):14.8g} Hz'
+            if holds[number]:
+                shape = np.abs(factors[number] * spectrum.shapes[number])
+                line += f'  to {shape[:, :3].max():.3g} m, {shape[:, 3:].max():.3g} rad'
+            lines.append(line)
         if len(rates) > _SHOWN:
             lines.append(f'  ... and {len(rates) - _SHOWN:,} more')
+        if holds.any():
+            lines.append(
+                '  to: largest displacement and turn of a body at which the first connector comes '
+                'from pulling to pushing or back')
         largest = spectrum.largest_frequency
         lines.append(
             f'largest     {largest:.6g} rad/s ({largest / (2 * math.pi):.6g} Hz), by the search '
             'that chooses steps')
     else:
         lines.append('frequencies none')
-    lines.append(f'{seconds:.3g} s')
     return lines
+
+
+def _bounds_text(spectrum: 'Spectrum') -> list[str]:
+    bounds = spectrum.bounds
+    if bounds is None:
+        return ['between     not known: motions without energy were not counted']
+    lines = [
+        'between     frequencies of every mixture, by their place among all motions; those '
+        'without energy come first, as 0']
+    lines += [
+        f'  {spectrum.bounds_from + row:4d}  {least:14.8g} to {most:14.8g} rad/s'
+        for row, (least, most) in enumerate(bounds[:_SHOWN].tolist())]
+    if len(bounds) > _SHOWN:
+        lines.append(f'  ... and {len(bounds) - _SHOWN:,} more')
+    return lines
+
+
+def _write(outputs: RestOutputs, spectrum: 'Spectrum') -> None:
+    if outputs.folder is None:
+        return
+    branches = {f'_{name}': one for name, one in spectrum.branches.items()} or {'': spectrum}
+    for suffix, one in branches.items():
+        outputs.table(f'frequencies{suffix}.csv', ('mode', 'rad_per_s', 'hertz'), (
+            [number, rate, rate / (2.0 * math.pi)]
+            for number, rate in enumerate(one.frequencies.tolist())))
+        outputs.table(
+            f'shapes{suffix}.csv',
+            ('mode', 'body', 'x', 'y', 'z', 'turn_x', 'turn_y', 'turn_z'), (
+                [number, body, *motion]
+                for number, shape in enumerate(one.shapes[:_SHOWN].tolist())
+                for body, motion in enumerate(shape)))
+    if spectrum.bounds is not None:
+        outputs.table('frequency_bounds.csv', ('place', 'least_rad_per_s', 'most_rad_per_s'), (
+            [spectrum.bounds_from + row, *pair]
+            for row, pair in enumerate(spectrum.bounds.tolist())))
 
 
 def _pictures(
     scene: 'Scene', spectrum: 'Spectrum'
 ) -> list[tuple['np.ndarray', 'np.ndarray', str]]:
-    from icofabric_sim.statics.animation import displaced, scaled_shape
+    from icofabric_sim.pictures.mode_animation import displaced, scaled_shape
 
     rest = spectrum.snapshot
     states = [(rest.position, rest.orientation, 'at rest')]
@@ -167,9 +229,7 @@ def _pictures(
 
 
 def _animation_path(arguments: argparse.Namespace) -> Path | None:
-    """
-    Where the animation goes: a GIF, or a folder that is not there yet.
-    """
+    """Where the animation goes: a GIF, or a folder that is not there yet."""
     wanted = arguments.mode if arguments.mechanism is None else arguments.mechanism
     if arguments.animate is None:
         if wanted is not None:
@@ -184,16 +244,14 @@ def _animation_path(arguments: argparse.Namespace) -> Path | None:
             f'--animate {path}: give a file that ends in .gif, or the folder of a new bag')
     if suffix != '.gif' and os.path.lexists(path):
         raise InputError(f'--animate {path} exists already, and no bag is overwritten')
-    return path
+    return require_place('--animate', path)
 
 
 def _animate(
     path: Path, name: str, scene: 'Scene', spectrum: 'Spectrum', arguments: argparse.Namespace
 ) -> None:
-    """
-    Show the mode, or the motion without energy, that is wanted.
-    """
-    from icofabric_sim.statics.animation import HALF, PERIOD, write_bag, write_gif
+    """Show the mode, or the motion without energy, that is wanted."""
+    from icofabric_sim.pictures.mode_animation import HALF, PERIOD, write_bag, write_gif
 
     if arguments.mechanism is not None:
         shapes, number = spectrum.mechanisms, arguments.mechanism

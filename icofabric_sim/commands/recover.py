@@ -1,19 +1,16 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-`icofabric recover BAG [DESTINATION]`.
-"""
+"""`icofabric recover BAG [DESTINATION]`."""
 
 import argparse
 from pathlib import Path
 
-from icofabric_sim.commands.terminal import FileSaysNo, InputError, Progress
+from icofabric_sim.commands.bags import bag_path
+from icofabric_sim.terminal import FileSaysNo, InputError, Progress, require_place
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """
-    Declare what the verb takes.
-    """
+    """Declare what the verb takes."""
     parser.add_argument('bag', metavar='BAG', help='folder of the bag, or its .mcap or .db3 file')
     parser.add_argument(
         'destination', metavar='DESTINATION', nargs='?', default='',
@@ -21,23 +18,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(arguments: argparse.Namespace) -> int:
-    """
-    Copy all that can be read into a new bag.
-    """
+    """Copy all that can be read into a new bag."""
     from icofabric_sim.bag import BagError, next_free_path, recover_bag
     from icofabric_sim.bag.reader import storage_files
-    from icofabric_sim.schedule import seconds
+    from icofabric_sim.messages.schedule import seconds
 
-    source = Path(arguments.bag).expanduser()
+    source = bag_path(arguments.bag)
     if not source.exists():
         raise InputError(f'{source} does not exist')
     if not any(file.suffix in ('.mcap', '.db3') for file in storage_files(source)):
         raise InputError(f'{source} is not a bag: it holds no .mcap or .db3 file')
     name = source.name if source.is_dir() else source.stem
     if arguments.destination:
-        destination = Path(arguments.destination)
+        destination = Path(arguments.destination).expanduser()
         if destination.exists():
             raise InputError(f'{destination} exists and is never overwritten; choose another')
+        require_place('DESTINATION', destination)
     else:
         destination = next_free_path(source.absolute().with_name(f'{name}_recovered'))
     with Progress(100.0, '%') as progress:

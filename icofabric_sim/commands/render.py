@@ -1,8 +1,6 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-`icofabric render BAG`.
-"""
+"""`icofabric render BAG`."""
 
 import argparse
 import math
@@ -10,8 +8,8 @@ from pathlib import Path
 import re
 from typing import TYPE_CHECKING
 
-from icofabric_sim.commands.bags import bag_errors
-from icofabric_sim.commands.terminal import InputError, Progress
+from icofabric_sim.commands.bags import bag_errors, bag_path
+from icofabric_sim.terminal import InputError, Progress, require_place
 
 if TYPE_CHECKING:
     import numpy as np
@@ -21,9 +19,7 @@ _SMALLEST, _LARGEST = 320, 16000  # pixels
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """
-    Declare what the verb takes.
-    """
+    """Declare what the verb takes."""
     parser.add_argument('bag', metavar='BAG', help='folder of a recorded run, or its file')
     which = parser.add_mutually_exclusive_group()
     which.add_argument(
@@ -48,19 +44,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(arguments: argparse.Namespace) -> int:
-    """
-    Draw frames, a sheet, or both.
-    """
+    """Draw frames, a sheet, or both."""
     size = _size(arguments.size)
     view = _angles(arguments.view)
-    path = Path(arguments.bag).expanduser()
+    path = bag_path(arguments.bag)
     sheet = None if arguments.sheet is None else Path(arguments.sheet).expanduser()
     if sheet is not None and sheet.suffix.lower() != '.png':
         raise InputError(f'--sheet {sheet}: give a file that ends in .png')
+    if sheet is not None:
+        require_place('--sheet', sheet)
+    if arguments.output:
+        require_place('--output', Path(arguments.output).expanduser(), is_folder=True)
     from icofabric_sim.bag import next_free_path
-    from icofabric_sim.fabric_polygons import LARGEST_SHELL_COUNT, View
-    from icofabric_sim.recorded_run import RecordedRun
-    from icofabric_sim.render import RunPictures
+    from icofabric_sim.bag.recorded_run import RecordedRun
+    from icofabric_sim.pictures.fabric_polygons import LARGEST_SHELL_COUNT, View
+    from icofabric_sim.pictures.render import RunPictures
 
     with bag_errors(path), RecordedRun(path) as run:
         recorded = run.pose_times()
@@ -88,10 +86,8 @@ def main(arguments: argparse.Namespace) -> int:
 
 
 def _times(arguments: argparse.Namespace, recorded: 'np.ndarray') -> 'np.ndarray':
-    """
-    Recorded times [ns] of the moments that are wanted.
-    """
-    from icofabric_sim.render import nearest_times, spread_times
+    """Recorded times [ns] of the moments that are wanted."""
+    from icofabric_sim.pictures.render import nearest_times, spread_times
     import numpy as np
     if not len(recorded):
         raise InputError(f'{arguments.bag} holds no poses to draw')
@@ -105,9 +101,10 @@ def _times(arguments: argparse.Namespace, recorded: 'np.ndarray') -> 'np.ndarray
     if arguments.every is not None:
         if not 0.0 < arguments.every < math.inf:
             raise InputError(f'--every must be above 0 s, got {arguments.every:g} s')
-        count = int((last - first) / (arguments.every * 1e9) + 1e-9)
-        if count >= len(recorded):
+        intervals = (last - first) / 1e9 / arguments.every + 1e-9
+        if intervals >= len(recorded):
             return recorded
+        count = int(intervals)
         return nearest_times(recorded, first + arguments.every * 1e9 * np.arange(count + 1))
     count = _DEFAULT_COUNT if arguments.frames is None else arguments.frames
     if not count >= 1:

@@ -1,8 +1,6 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-Files that `icofabric statics` and `icofabric modes` leave: tables, and pictures.
-"""
+"""Files that `icofabric statics` and `icofabric modes` leave: tables, and pictures."""
 
 import argparse
 import csv
@@ -10,11 +8,11 @@ import math
 from pathlib import Path
 from typing import NamedTuple, TYPE_CHECKING
 
-from icofabric_sim.commands.terminal import InputError
+from icofabric_sim.terminal import InputError, require_place
 
 if TYPE_CHECKING:
-    from icofabric_sim.scene import Scene
-    from icofabric_sim.snapshot import Snapshot
+    from icofabric_sim.scene.scene import Scene
+    from icofabric_sim.simulation.model.snapshot import Snapshot
     import numpy as np
 
 _BODIES = (
@@ -23,10 +21,22 @@ _BODIES = (
 _CONNECTORS = ('connector', 'first', 'second', 'length', 'tension')
 
 
+def kink_text(connectors: int, anchors: tuple[str, ...] = ()) -> str:
+    """What is at its kink, and where; for the terminal."""
+    parts = [f'{connectors:,} connectors'] if connectors else []
+    parts += [f'anchors.{name}' for name in anchors]
+    return f'{", ".join(parts)}: at the natural length, where k_e is not k_c'
+
+
+def touch_text(count: int) -> str:
+    """What is at its first touch; for the terminal."""
+    return (
+        f'{count:,} contacts at their first touch: they count as open, and resist when they are '
+        'pressed')
+
+
 class RestOutputs(NamedTuple):
-    """
-    Where to write, if anywhere.
-    """
+    """Where to write, if anywhere."""
 
     folder: Path | None
     picture: Path | None
@@ -35,9 +45,7 @@ class RestOutputs(NamedTuple):
         self, name: str, scene: 'Scene', snapshot: 'Snapshot', tension: 'np.ndarray',
         reaction: 'np.ndarray'
     ) -> None:
-        """
-        Tables of bodies and connectors at rest, and a picture of the start and the end.
-        """
+        """Tables of bodies and connectors at rest, and a picture of the start and the end."""
         if self.folder is not None:
             bodies = ([number, *place, *turn, *held] for number, (place, turn, held) in enumerate(
                 zip(snapshot.position.tolist(), snapshot.orientation.tolist(),
@@ -53,9 +61,7 @@ class RestOutputs(NamedTuple):
                 (snapshot.position, snapshot.orientation, 'at rest')])
 
     def table(self, file: str, head: tuple[str, ...], rows: object) -> None:
-        """
-        Write a CSV file of that name.
-        """
+        """Write a CSV file of that name."""
         assert self.folder is not None
         self.folder.mkdir(parents=True, exist_ok=True)
         path = self.folder / file
@@ -68,11 +74,9 @@ class RestOutputs(NamedTuple):
     def draw(
         self, name: str, scene: 'Scene', states: list[tuple['np.ndarray', 'np.ndarray', str]]
     ) -> None:
-        """
-        Draw configurations side by side.
-        """
-        from icofabric_sim.drawing import Moment, Renderer
-        from icofabric_sim.fabric_polygons import bounds_of, View
+        """Draw configurations side by side."""
+        from icofabric_sim.pictures.drawing import Moment, Renderer
+        from icofabric_sim.pictures.fabric_polygons import bounds_of, View
 
         assert self.picture is not None
         view, half_edge = View(), scene.geometry.half_edge
@@ -86,32 +90,28 @@ class RestOutputs(NamedTuple):
 
 
 def add_output_arguments(parser: argparse.ArgumentParser) -> None:
-    """
-    Declare --output and --picture.
-    """
+    """Declare --output and --picture."""
     parser.add_argument('--output', metavar='DIR', help='folder for tables (CSV)')
     parser.add_argument('--picture', metavar='FILE', help='draw it to this PNG')
 
 
 def outputs_of(arguments: argparse.Namespace) -> RestOutputs:
-    """
-    What was asked for.
-    """
+    """What was asked for."""
     folder = None if arguments.output is None else Path(arguments.output).expanduser()
     picture = picture_path(arguments, 'picture')
     if folder is not None and folder.exists() and not folder.is_dir():
         raise InputError(f'--output {folder} is a file; name a folder')
+    if folder is not None:
+        require_place('--output', folder, is_folder=True)
     return RestOutputs(folder, picture)
 
 
 def picture_path(arguments: argparse.Namespace, name: str) -> Path | None:
-    """
-    The PNG file that an option names.
-    """
+    """The PNG file that an option names."""
     text = getattr(arguments, name)
     if text is None:
         return None
     path = Path(text).expanduser()
     if path.suffix.lower() != '.png':
         raise InputError(f'--{name} {path}: give a file that ends in .png')
-    return path
+    return require_place(f'--{name}', path)

@@ -1,8 +1,6 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-`icofabric run SCENE`.
-"""
+"""`icofabric run SCENE`."""
 
 import argparse
 from collections.abc import Iterator
@@ -14,23 +12,22 @@ import time
 from typing import TYPE_CHECKING
 
 from icofabric_sim.commands.scenes import add_scene_arguments, read_parameters
-from icofabric_sim.commands.terminal import bad_input, InputError, notes, Progress
+from icofabric_sim.kernels.runtime.interrupts import leaving
+from icofabric_sim.terminal import bad_input, InputError, notes, Progress, require_place
 
 if TYPE_CHECKING:
-    from icofabric_sim.growth import Growth
-    from icofabric_sim.parameters import Parameters
-    from icofabric_sim.recording import BagSink
-    from icofabric_sim.run_records import Errors
-    from icofabric_sim.runner import Runner
-    from icofabric_sim.simulation import Simulation
+    from icofabric_sim.parameters.validation import Parameters
+    from icofabric_sim.running.recording import BagSink
+    from icofabric_sim.running.run_records import Errors
+    from icofabric_sim.running.runner import Runner
+    from icofabric_sim.simulation.divergence import Growth
+    from icofabric_sim.simulation.simulation import Simulation
 
 _NAME = 'icofabric run'
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """
-    Declare what the verb takes.
-    """
+    """Declare what the verb takes."""
     add_scene_arguments(parser)
     parser.add_argument(
         '--duration', type=float, metavar='S',
@@ -46,8 +43,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--no-growth', action='store_true',
         help='do not measure how a small disturbance grows in this motion: a second, displaced '
-             'run beside the first, which doubles the work (with solver.tolerance above 1e-6 and '
-             'no solver.step: two more runs)')
+             'run beside the first, which doubles the work (with solver.tolerance above 4e-9 in '
+             'a radian of the fastest vibration, and no solver.step: two more runs)')
     parser.add_argument(
         '--cross-check', action='store_true',
         help='record nothing; integrate with quaternions and with direction cosines side by side '
@@ -55,17 +52,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(arguments: argparse.Namespace) -> int:
-    """
-    Simulate to the end of the duration; the record is kept and closed whatever happens.
-    """
+    """Simulate to the end of the duration; the record is kept and closed whatever happens."""
     name, parameters = read_parameters(arguments)
     parameters = _complete(arguments, parameters)
     if arguments.cross_check:
         from icofabric_sim.commands.cross_check_report import report_cross_check
         return report_cross_check(name, parameters)
-    from icofabric_sim.scene import Scene
-    from icofabric_sim.simulation import compile_scene
+    from icofabric_sim.scene.scene import Scene
+    from icofabric_sim.simulation.simulation import compile_scene
 
+    path = _bag_path(arguments, name, parameters)
     with bad_input():
         scene = Scene.from_parameters(parameters)
         _say(f'{name}: {scene.body_count:,} bodies, {scene.connector_count:,} connectors')
@@ -75,19 +71,16 @@ def main(arguments: argparse.Namespace) -> int:
         progress = stack.enter_context(Progress(parameters['duration'], 's'))
         stack.enter_context(notes(progress, _NAME))
         return _Run(
-            name, simulation, progress, _bag_path(arguments, name, parameters),
-            with_growth=not arguments.no_growth).run()
+            name, simulation, progress, path, with_growth=not arguments.no_growth).run()
 
 
 class _Run:
-    """
-    One run from its start to its summary.
-    """
+    """One run from its start to its summary."""
 
     def __init__(
             self, name: str, simulation: 'Simulation', progress: Progress,
             bag_path: Path | None, *, with_growth: bool) -> None:
-        from icofabric_sim.run_monitor import RunMonitor
+        from icofabric_sim.running.run_monitor import RunMonitor
         self.name, self.progress = name, progress
         self.simulation = simulation
         self.monitor = RunMonitor(simulation, with_growth=with_growth)
@@ -98,36 +91,47 @@ class _Run:
         self.growth: Growth | None = None
 
     def run(self) -> int:
-        from icofabric_sim.commands.run_summary import run_summary
-        from icofabric_sim.health import HealthReport
-        from icofabric_sim.runner import Runner
+        from icofabric_sim.commands.run_summary import broken_off_summary, run_summary
+        from icofabric_sim.kernels.runtime.compile_notice import compile_notice
+        from icofabric_sim.running.diagnostics import HealthReport
+        from icofabric_sim.running.runner import Runner
 
         runner = Runner(
             self.simulation, [self.monitor] if self.bag is None else [self.monitor, self.bag],
             report=HealthReport('/icofabric').bytes)
         self.runner = runner
-        aside = self._seconds_aside()
+        aside, compiled = self._seconds_aside(), compile_notice.seconds
         started = time.monotonic()
         try:
             with self._stopped_by_signals(runner):
-                runner.run(until_finished=True, progress=self.progress.update)
-                wall = time.monotonic() - started
-                aside = self._seconds_aside() - aside
-                self._judge(runner)
-                # A signal here must not tear the bag.
-                self._close()
-        except BaseException:
-            self._close()
-            raise
-        self.progress.clear()
-        status = runner.status()
-        # What was interrupted after its last step is not interrupted.
-        interrupted = self.interrupted and not (status.finished or status.failure)
+                try:
+                    runner.run(until_finished=True, progress=self.progress.update)
+                    wall = time.monotonic() - started - (compile_notice.seconds - compiled)
+                    aside = self._seconds_aside() - aside
+                    self._judge(runner)
+                finally:
+                    # A signal here must not tear the bag.
+                    self._close()
+                self.progress.clear()
+                status = runner.status()
+                # What was interrupted after its last step is not interrupted.
+                interrupted = self.interrupted and not (status.finished or status.failure)
+                lines = run_summary(
+                    self.name, self.simulation, self.monitor, status, wall - aside, aside,
+                    errors=self.errors, growth=self.growth,
+                    bag=None if self.bag is None else self.bag.recorder,
+                    interrupted=interrupted, compiling=compile_notice.seconds)
+        except KeyboardInterrupt:
+            if not self.interrupted:
+                raise
+            # In the midst of what leaves no state to describe.
+            self.progress.clear()
+            print('\n'.join(broken_off_summary(
+                self.name, self.simulation, runner.status(), compile_notice.seconds,
+                bag=None if self.bag is None else self.bag.recorder)))
+            return 130
         lost = '' if self.bag is None or self.bag.error is None else str(self.bag.error)
-        print('\n'.join(run_summary(
-            self.name, self.simulation, self.monitor, status, wall - aside, aside,
-            errors=self.errors, growth=self.growth,
-            bag=None if self.bag is None else self.bag.recorder, interrupted=interrupted)))
+        print('\n'.join(lines))
         if interrupted and not lost:
             return 130
         return 1 if status.failure or lost else 0
@@ -137,11 +141,9 @@ class _Run:
         return 0.0 if companion is None else companion.seconds
 
     def _judge(self, runner: 'Runner') -> None:
-        """
-        Find out how accurate the run was; that takes a moment where the step was given.
-        """
-        from icofabric_sim.run_records import Errors
-        self.errors = Errors(self.simulation.error_rate, self.simulation.error_estimate)
+        """Find out how accurate the run was."""
+        from icofabric_sim.running.run_records import errors_of
+        self.errors = errors_of(self.simulation)
         companion = self.monitor.companion
         if companion is not None:
             if runner.finished:
@@ -149,7 +151,7 @@ class _Run:
             self.growth = companion.result()
 
     def _open(self, path: Path) -> 'BagSink':
-        from icofabric_sim.recording import BagSink
+        from icofabric_sim.running.recording import BagSink
         with bad_input():
             path.parent.mkdir(parents=True, exist_ok=True)
             return BagSink(
@@ -165,7 +167,7 @@ class _Run:
     def _close(self) -> None:
         if self.bag is None or self.runner is None:
             return
-        from icofabric_sim.recording import summarise_growth, summarise_run
+        from icofabric_sim.running.recording import summarise_growth, summarise_run
         status = self.runner.status()
         self.bag.close(summary={
             **summarise_run(status._replace(errors=self.errors or status.errors)),
@@ -177,6 +179,8 @@ class _Run:
         def stop(number: int, frame: object) -> None:
             self.interrupted = True
             runner.stop()
+            # What does not hear that, the compiler above all, is broken off.
+            leaving.request()
 
         before = {number: signal.signal(number, stop)
                   for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -186,12 +190,11 @@ class _Run:
         finally:
             for number, handler in before.items():
                 signal.signal(number, handler)
+            leaving.withdraw()
 
 
 def _complete(arguments: argparse.Namespace, parameters: 'Parameters') -> 'Parameters':
-    """
-    Parameters with what the command line changes: the pace, the duration, the storage.
-    """
+    """Parameters with what the command line changes: the pace, the duration, the storage."""
     changes: dict[str, object] = {}
     given = {rule.partition(':=')[0] for rule in arguments.parameter}
     if 'real_time_factor' not in given:
@@ -217,9 +220,9 @@ def _bag_path(
     if arguments.no_record:
         return None
     if arguments.record is not None:
-        return Path(arguments.record).expanduser()
+        return require_place('--record', Path(arguments.record).expanduser())
     if parameters['record.path']:
-        return Path(parameters['record.path']).expanduser()
+        return require_place('record.path', Path(parameters['record.path']).expanduser())
     return next_free_path(Path('runs') / name)
 
 

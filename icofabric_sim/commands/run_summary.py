@@ -1,35 +1,39 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-What `icofabric run` says at its end.
-"""
+"""What `icofabric run` says at its end."""
 
 import math
 
 from icofabric_sim.bag import BagRecorder
-from icofabric_sim.growth import Growth
-from icofabric_sim.run_monitor import RunMonitor
-from icofabric_sim.run_records import Errors, Status
-from icofabric_sim.scene_summary import as_lines, Row, times, vector
-from icofabric_sim.schedule import seconds
-from icofabric_sim.simulation import Simulation
+from icofabric_sim.messages.schedule import seconds
+from icofabric_sim.running.run_monitor import RunMonitor
+from icofabric_sim.running.run_records import Errors, Status, step_limit
+from icofabric_sim.scene.summary import as_lines, Row, times, vector
+from icofabric_sim.simulation.divergence import Growth
+from icofabric_sim.simulation.simulation import Simulation
+from icofabric_sim.simulation.stepping.methods import METHODS
 import numpy as np
+
+# Less of the compiler [s] is not worth a line.
+_MENTIONED = 0.5
 
 
 def run_summary(
         name: str, simulation: Simulation, monitor: RunMonitor, status: Status, wall: float,
         aside: float, *, errors: Errors | None, growth: Growth | None, bag: BagRecorder | None,
-        interrupted: bool) -> list[str]:
+        interrupted: bool, compiling: float = 0.0) -> list[str]:
     """
     Lines of the summary.
 
-    `wall` is the wall time of the run itself [s], `aside` that of measuring the growth.
+    `wall` is the wall time of the run itself [s], `aside` that of measuring the growth, and
+    `compiling` that of the compiler, before the run and in it.
     """
     scene = simulation.scene
     rows = [
         ('scene', f'{name}: {scene.body_count:,} bodies, {scene.connector_count:,} connectors'),
         *method_rows(simulation),
         ('run', _pace(scene.body_count, status, wall, aside)),
+        *_compiler(compiling),
         *([] if errors is None else accuracy_rows(simulation, errors, growth)),
         ('energy', _energy(simulation, monitor)),
         ('', _balance(simulation)),
@@ -44,20 +48,27 @@ def run_summary(
         rows.append(('stopped', status.failure))
     elif interrupted:
         rows.append(('stopped', f'by the user at t = {seconds(status.time):.6g} s'))
-    if bag is None:
-        rows.append(('bag', 'nothing was recorded'))
-    else:
-        rows.append(('bag', _bag(bag)))
-        if bag.error is None:
-            rows.append(('next', f'icofabric info {bag.path}'))
-            rows.append(('', f'icofabric render {bag.path} --sheet {name}.png'))
+    rows += _recorded(name, bag)
     return as_lines(rows)
 
 
+def broken_off_summary(
+        name: str, simulation: Simulation, status: Status, compiling: float, *,
+        bag: BagRecorder | None) -> list[str]:
+    """
+    Lines for a run that the user ended in the midst of long work: its last state is not known.
+    """
+    return as_lines([
+        ('scene', f'{name}: {simulation.scene.body_count:,} bodies, '
+                  f'{simulation.scene.connector_count:,} connectors'),
+        *_compiler(compiling),
+        ('stopped', f'by the user at t = {seconds(status.time):.6g} s, while kernels were being '
+                    'compiled or the step was being measured: no figures of the run'),
+        *_recorded(name, bag)])
+
+
 def method_rows(simulation: Simulation) -> list[Row]:
-    """
-    What takes the steps, and why.
-    """
+    """What takes the steps, and why."""
     wanted = simulation.scene.parameters['solver.threads']
     threads = f'{simulation.thread_count}, ' + (
         f'of solver.threads {wanted}' if wanted else 'as many as cores and bodies are worth')
@@ -70,9 +81,7 @@ def method_rows(simulation: Simulation) -> list[Row]:
 
 def accuracy_rows(
         simulation: Simulation, errors: Errors, growth: Growth | None) -> list[Row]:
-    """
-    What was achieved beside what was asked for, and what it means for the end of the run.
-    """
+    """What was achieved beside what was asked for, and what it means for the end of the run."""
     parameters = simulation.scene.parameters
     tolerance = parameters['solver.tolerance']
     given = parameters['solver.step'] > 0.0
@@ -80,15 +89,14 @@ def accuracy_rows(
             f'over a, or rad); solver.tolerance is {tolerance:g} per second')
     if errors.rate > tolerance:
         text += ': not met by the step that was given' if given else ': not met'
-    return [('accuracy', text), *(
+    lacks = simulation.error_estimate_lacks
+    return [('accuracy', text), *([('', f'not covered by that: {lacks}')] if lacks else []), *(
         [('growth', 'not measured')] if growth is None
         else growth_rows(growth, 0.0 if given else tolerance))]
 
 
 def growth_rows(growth: Growth, tolerance: float) -> list[Row]:
-    """
-    How a small disturbance grew, and the verdict; `tolerance` 0: the step was given.
-    """
+    """How a small disturbance grew, and the verdict; `tolerance` 0: the step was given."""
     text = f'a small disturbance grew {times(growth.largest, growth.at_least)}'
     if growth.ended:
         text += f' until t = {growth.time[-1]:.6g} s, when {growth.ended}'
@@ -109,18 +117,37 @@ def growth_rows(growth: Growth, tolerance: float) -> list[Row]:
 
 
 def step_reason(simulation: Simulation) -> str:
-    """
-    The step in use, and where it comes from.
-    """
+    """The step in use, and where it comes from."""
     text = f'{simulation.step:.6g} s'
-    rate = simulation.largest_frequency
+    rate, limit = simulation.largest_frequency, step_limit(simulation)
     if simulation.scene.parameters['solver.step'] > 0.0:
-        return f'{text}, given as solver.step; the limit is {simulation.stability_limit:.6g} s'
+        return f'{text}, given as solver.step; the limit is {limit:.6g} s'
+    if limit == math.inf and METHODS[simulation.method_name].adaptive:
+        when = 'to begin with' if simulation.step_count == 0 else (
+            f'at last, {simulation.time / simulation.step_count:.3g} s on average')
+        return f'{text} {when}: each is as long as its error allows'
     if rate > 0.0:
         return (
             f'{text}, chosen: {simulation.step * rate:.2g} over the largest frequency of the '
-            f'fabric, {rate:.6g} rad/s; the limit is {simulation.stability_limit:.6g} s')
+            f'fabric, {rate:.6g} rad/s; the limit is {limit:.6g} s')
     return f'{text}, chosen: no connector sets a frequency'
+
+
+def _recorded(name: str, bag: BagRecorder | None) -> list[Row]:
+    if bag is None:
+        return [('bag', 'nothing was recorded')]
+    if bag.error is not None:
+        return [('bag', _bag(bag))]
+    return [
+        ('bag', _bag(bag)),
+        ('next', f'icofabric info {bag.path}'),
+        ('', f'icofabric render {bag.path} --sheet {name}.png')]
+
+
+def _compiler(compiling: float) -> list[Row]:
+    if compiling < _MENTIONED:
+        return []
+    return [('', f'{compiling:.3g} s of wall time more to compile kernels, before it and in it')]
 
 
 def _pace(body_count: int, status: Status, wall: float, aside: float) -> str:
@@ -151,8 +178,9 @@ def _energy(simulation: Simulation, monitor: RunMonitor) -> str:
 def _balance(simulation: Simulation) -> str:
     balance = simulation.balance
     work = f', of which {balance.work:.3g} J were put in' if balance.work != 0.0 else ''
-    return (f'balance: off by at most {balance.worst:.1e} of the largest energy seen or work done '
-            f'({balance.scale:.3g} J{work}); solver.energy_limit is {balance.limit:g}')
+    return (f'balance: off by at most {balance.worst:.1e} of the largest energy that moved, was '
+            f'exchanged or put in ({balance.scale:.3g} J{work}); solver.energy_limit is '
+            f'{balance.limit:g}')
 
 
 def _loads_act(simulation: Simulation) -> bool:
@@ -199,9 +227,7 @@ def _strain(simulation: Simulation, monitor: RunMonitor) -> str:
 
 
 def _breaks(simulation: Simulation) -> list[Row]:
-    """
-    How many connectors broke, when, and what that cost; nothing where none can.
-    """
+    """How many connectors broke, when, and what that cost; nothing where none can."""
     snapshot = simulation.snapshot()
     if simulation.scene.connectors.limits is None and snapshot.intact.all():
         return []

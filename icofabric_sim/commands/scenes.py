@@ -1,23 +1,19 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-The argument SCENE with its overrides, for all verbs that take one.
-"""
+"""The argument SCENE with its overrides, for all verbs that take one."""
 
 import argparse
 from typing import TYPE_CHECKING
 
-from icofabric_sim.commands.terminal import bad_input
+from icofabric_sim.terminal import bad_input
 
 if TYPE_CHECKING:
-    from icofabric_sim.parameters import Parameters
+    from icofabric_sim.parameters.validation import Parameters
 
 
 def add_scene_arguments(parser: argparse.ArgumentParser, metavar: str = 'SCENE') -> None:
-    """
-    Declare SCENE and `-p name:=value`.
-    """
-    from icofabric_sim.ready_scenes import ready_scenes
+    """Declare SCENE and `-p name:=value`."""
+    from icofabric_sim.parameters.ready_scenes import ready_scenes
     names = ', '.join(ready_scenes()) or 'none is installed'
     text = f'parameter file of a scene, or the name of a ready scene ({names})'
     if metavar != 'SCENE':
@@ -29,12 +25,10 @@ def add_scene_arguments(parser: argparse.ArgumentParser, metavar: str = 'SCENE')
 
 
 def read_parameters(arguments: argparse.Namespace) -> tuple[str, 'Parameters']:
-    """
-    Name of the scene, and its parameters with the overrides.
-    """
-    from icofabric_sim.parameter_file import load_parameter_file, parse_parameter_override
-    from icofabric_sim.parameters import make_parameters
-    from icofabric_sim.ready_scenes import find_scene
+    """Name of the scene, and its parameters with the overrides."""
+    from icofabric_sim.parameters.file import load_parameter_file, parse_parameter_override
+    from icofabric_sim.parameters.ready_scenes import find_scene
+    from icofabric_sim.parameters.validation import make_parameters
     with bad_input():
         path = find_scene(arguments.scene)
         flat = load_parameter_file(path)

@@ -1,19 +1,22 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-`icofabric statics SCENE`.
-"""
+"""`icofabric statics SCENE`."""
 
 import argparse
 import time
 from typing import TYPE_CHECKING
 
-from icofabric_sim.commands.rest_outputs import add_output_arguments, outputs_of
+from icofabric_sim.commands.rest_outputs import (
+    add_output_arguments,
+    kink_text,
+    outputs_of,
+    touch_text,
+)
 from icofabric_sim.commands.scenes import add_scene_arguments, read_parameters
-from icofabric_sim.commands.terminal import bad_input, InputError, Progress
+from icofabric_sim.terminal import bad_input, InputError, Progress
 
 if TYPE_CHECKING:
-    from icofabric_sim.scene import Scene
+    from icofabric_sim.scene.scene import Scene
     from icofabric_sim.statics.equilibrium import Equilibrium
 
 _STEP_COLUMNS = (
@@ -22,9 +25,7 @@ _STEP_COLUMNS = (
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """
-    Declare what the verb takes.
-    """
+    """Declare what the verb takes."""
     add_scene_arguments(parser)
     parser.add_argument(
         '--time', type=float, metavar='S',
@@ -54,7 +55,7 @@ def main(arguments: argparse.Namespace) -> int:
     outputs = outputs_of(arguments)
     if not arguments.load_steps >= 1:
         raise InputError(f'--load-steps must be at least 1, got {arguments.load_steps}')
-    from icofabric_sim.scene import Scene
+    from icofabric_sim.scene.scene import Scene
 
     with bad_input():
         scene = Scene.from_parameters(parameters)
@@ -80,9 +81,7 @@ def main(arguments: argparse.Namespace) -> int:
 def _search(
     arguments: argparse.Namespace, scene: 'Scene'
 ) -> list[tuple[float, 'Equilibrium']]:
-    """
-    Equilibria under growing loads, the last one under all, or none.
-    """
+    """Equilibria under growing loads, the last one under all, or none."""
     from icofabric_sim.statics.equilibrium import Progress as Search
     from icofabric_sim.statics.equilibrium import step_loads
     import numpy as np
@@ -91,7 +90,9 @@ def _search(
     goal = -float(np.log10(arguments.tolerance)) if 0.0 < arguments.tolerance < 1.0 else 1.0
     reached: list[tuple[float, 'Equilibrium']] = []
     unit = 'decimal places of the residual' if count == 1 else 'load steps'
-    with Progress(goal if count == 1 else count, unit) as progress, bad_input():
+    # A residual falls by leaps: its pace says nothing of the rest.
+    with Progress(
+            goal if count == 1 else count, unit, foreseen=count > 1) as progress, bad_input():
         def show(search: Search) -> None:
             places = min(goal, max(0.0, -float(np.log10(max(search.residual, 1e-300)))))
             progress.update(places if count == 1 else len(reached) + places / goal)
@@ -114,9 +115,7 @@ def _step_row(scene: 'Scene', factor: float, found: 'Equilibrium') -> list[objec
 
 
 def _steps_text(scene: 'Scene', reached: list[tuple[float, 'Equilibrium']]) -> list[str]:
-    """
-    Lines for the terminal.
-    """
+    """Lines for the terminal."""
     lines = ['  load    moved [m]  largest tension [N]']
     for factor, found in reached:
         _, verdict, _, moved, pull, *_ = _step_row(scene, factor, found)
@@ -128,9 +127,7 @@ def _steps_text(scene: 'Scene', reached: list[tuple[float, 'Equilibrium']]) -> l
 
 
 def summary(scene: 'Scene', result: 'Equilibrium', seconds: float) -> list[str]:
-    """
-    Lines for the terminal.
-    """
+    """Lines for the terminal."""
     import numpy as np
 
     lines = [
@@ -147,6 +144,14 @@ def summary(scene: 'Scene', result: 'Equilibrium', seconds: float) -> list[str]:
             'lower it')
     else:
         lines.append('motions    those without energy could not be counted')
+    if result.converged and result.branches:
+        lines.append(f'at a kink  {kink_text(len(result.at_kink), result.anchors_at_kink)}')
+        lines += [
+            f'           if all of these {branch}: {counts.zero:,} motions cost no energy, '
+            f'{counts.negative:,} lower it'
+            for branch, counts in result.branches.items() if counts.zero >= 0]
+        lines.append(
+            '           small motions about it do not superpose')
     if len(result.tension):
         lines.append(
             f'connectors {float(result.tension.min()):.4g} to {float(result.tension.max()):.4g} N '
@@ -167,4 +172,6 @@ def summary(scene: 'Scene', result: 'Equilibrium', seconds: float) -> list[str]:
             f'contact    {len(touching.pairs):,} pairs of shells and '
             f'{sum(map(len, touching.planes)):,} shells on planes; deepest overlap '
             f'{touching.depth / scene.geometry.half_edge:.2g} a')
+    if result.first_touches:
+        lines.append(f'touching   {touch_text(result.first_touches)}')
     return lines

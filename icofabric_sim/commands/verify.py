@@ -1,18 +1,16 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-`icofabric verify BAG ...`.
-"""
+"""`icofabric verify BAG ...`."""
 
 import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from icofabric_sim.commands.bags import bag_errors
-from icofabric_sim.commands.terminal import InputError, notes, Progress
+from icofabric_sim.commands.bags import bag_errors, bag_path
+from icofabric_sim.terminal import InputError, notes, Progress
 
 if TYPE_CHECKING:
-    from icofabric_sim.recorded_run import RecordedRun
+    from icofabric_sim.bag.recorded_run import RecordedRun
 
 _NAME = 'icofabric verify'
 _NANOSECONDS = 10**9
@@ -21,9 +19,7 @@ _LATEST = 9e9
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """
-    Declare what the verb takes.
-    """
+    """Declare what the verb takes."""
     parser.add_argument(
         'bags', metavar='BAG', nargs='+',
         help='folder of a bag, or its .mcap or .db3 file; several are verified one by one')
@@ -42,9 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(arguments: argparse.Namespace) -> int:
-    """
-    Simulate each run again and compare; 1 where one differs.
-    """
+    """Simulate each run again and compare; 1 where one differs."""
     if arguments.threads < 0:
         raise InputError(f'--threads must be at least 0, got {arguments.threads}')
     start, stop = (_nanoseconds(name, getattr(arguments, name)) for name in ('start', 'stop'))
@@ -54,7 +48,7 @@ def main(arguments: argparse.Namespace) -> int:
     for number, name in enumerate(arguments.bags):
         if number:
             print()
-        path = Path(name).expanduser()
+        path = bag_path(name)
         with bag_errors(path):
             for node in _nodes(path, arguments.node):
                 good &= _verify(path, node, arguments.threads, start, stop)
@@ -62,7 +56,7 @@ def main(arguments: argparse.Namespace) -> int:
 
 
 def _nodes(path: Path, wanted: str) -> list[str]:
-    from icofabric_sim.recorded_run import RecordedRun
+    from icofabric_sim.bag.recorded_run import RecordedRun
     with RecordedRun(path) as run:
         if wanted and not any(name.startswith(f'{wanted}/') for name in run.topics):
             raise InputError(
@@ -74,9 +68,9 @@ def _nodes(path: Path, wanted: str) -> list[str]:
 def _verify(
     path: Path, node: str, threads: int, start: int | None, stop: int | None
 ) -> bool:
-    from icofabric_sim.recorded_run import RecordedRun
-    from icofabric_sim.resimulation import NotRepeatable
-    from icofabric_sim.verify import verify_run
+    from icofabric_sim.bag.recorded_run import RecordedRun
+    from icofabric_sim.running.replay.resimulation import NotRepeatable
+    from icofabric_sim.running.replay.verify import verify_run
     with RecordedRun(path, node) as run:
         if 'animation' in run.custom:
             raise InputError(

@@ -1,12 +1,13 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-Connectors from edges to points of the world, fixed or moving: eq 49 with one end prescribed.
-"""
+"""Connectors from edges to points of the world, fixed or moving: eq 49 with one end prescribed."""
 
-from icofabric_sim.kernels.compiled import compiled
 from icofabric_sim.kernels.connectors import Six
-from icofabric_sim.kernels.lanes import (
+from icofabric_sim.kernels.loads import inverses
+from icofabric_sim.kernels.records import Anchors, Loads, Model, State
+from icofabric_sim.kernels.rotations import turn_to_world
+from icofabric_sim.kernels.runtime.compiled import compiled
+from icofabric_sim.kernels.runtime.lanes import (
     bits,
     fabs,
     fma,
@@ -22,24 +23,17 @@ from icofabric_sim.kernels.lanes import (
     Vector,
     where,
 )
-from icofabric_sim.kernels.loads import inverses
-from icofabric_sim.kernels.records import Anchors, Loads, Model, State
-from icofabric_sim.kernels.rotations import turn_to_world
 
 
 @compiled
 def anchor_of(anchors: Anchors, number: int) -> int:
-    """
-    Which anchor a row of the loads is; negative where it is none.
-    """
+    """Which anchor a row of the loads is; negative where it is none."""
     return -1 - number - anchors.first
 
 
 @compiled
 def world_point(anchors: Anchors, a: int, k: int, time: float) -> float:
-    """
-    Coordinate `k` [m] of the point of an anchor at `time` [s].
-    """
+    """Coordinate `k` [m] of the point of an anchor at `time` [s]."""
     t, cubic = time - anchors.start[a], anchors.cubic
     return float(cubic[a, 0, k] + t * (
         cubic[a, 1, k] + t * (cubic[a, 2, k] + t * cubic[a, 3, k])))
@@ -47,9 +41,7 @@ def world_point(anchors: Anchors, a: int, k: int, time: float) -> float:
 
 @compiled
 def world_speed(anchors: Anchors, a: int, k: int, time: float) -> float:
-    """
-    Its velocity [m/s].
-    """
+    """Its velocity [m/s]."""
     t, cubic = time - anchors.start[a], anchors.cubic
     return float(cubic[a, 1, k] + t * (2.0 * cubic[a, 2, k] + t * (3.0 * cubic[a, 3, k])))
 
@@ -58,9 +50,7 @@ def world_speed(anchors: Anchors, a: int, k: int, time: float) -> float:
 def reach_of(
     anchors: Anchors, state: State, a: int, s: int, time: float
 ) -> tuple[Vector, Vector, Vector, Vector, Vector, Vector]:
-    """
-    Arms of a block to its end of an anchor, and from there to the point of the world [m].
-    """
+    """Arms of a block to its end of an anchor, and from there to the point of the world [m]."""
     px, py, pz = turn_to_world(
         state.orientation, s, splat(anchors.arm[a, 0]), splat(anchors.arm[a, 1]),
         splat(anchors.arm[a, 2]))
@@ -76,9 +66,7 @@ def reach_of(
 def tension_of(
     anchors: Anchors, ux: Vector, uy: Vector, uz: Vector
 ) -> tuple[Vector, Vector, Vector]:
-    """
-    1 / l [1/m], stretch l - D [m] and slope k_e or k_c [N/m] of an anchor (eqs 1 and 2).
-    """
+    """1 / l [1/m], stretch l - D [m] and slope k_e or k_c [N/m] of an anchor (eqs 1 and 2)."""
     squared = maximum(fma(ux, ux, fma(uy, uy, uz * uz)), splat(1e-300))
     inverse = rsqrt(squared)
     stretch = fma(squared, inverse, splat(-anchors.natural_length))
@@ -89,9 +77,7 @@ def tension_of(
 
 @compiled
 def pull_of(anchors: Anchors, state: State, a: int, s: int, time: float) -> Six:
-    """
-    Force [N] and torque about the centre [N m] of an anchor on a block, world frame.
-    """
+    """Force [N] and torque about the centre [N m] of an anchor on a block, world frame."""
     px, py, pz, ux, uy, uz = reach_of(anchors, state, a, s, time)
     inverse, stretch, slope = tension_of(anchors, ux, uy, uz)
     tension = slope * stretch * inverse
@@ -101,9 +87,7 @@ def pull_of(anchors: Anchors, state: State, a: int, s: int, time: float) -> Six:
 
 @compiled
 def power_of(anchors: Anchors, pull: Six, a: int, time: float) -> Vector:
-    """
-    Power [W] of whoever moves the point of an anchor.
-    """
+    """Power [W] of whoever moves the point of an anchor."""
     return fma(pull[0], splat(world_speed(anchors, a, 0, time)), fma(
         pull[1], splat(world_speed(anchors, a, 1, time)),
         pull[2] * splat(world_speed(anchors, a, 2, time))))
@@ -113,9 +97,7 @@ def power_of(anchors: Anchors, pull: Six, a: int, time: float) -> Vector:
 def add_pull(
     model: Model, loads: Loads, state: State, pull: Six, m: int, s: int, h: float
 ) -> None:
-    """
-    Add h F / M and h N / Lambda to the velocities of the bodies of row `m`.
-    """
+    """Add h F / M and h N / Lambda to the velocities of the bodies of row `m`."""
     velocity, spin = state.linear_velocity, state.angular_velocity
     mx, my, mz, inertia = inverses(
         model.supports, model.inverse_mass, model.inverse_inertia, s)
@@ -212,9 +194,7 @@ def anchor_look(
 def look_at_anchors(
     model: Model, loads: Loads | None, state: State, time: float
 ) -> tuple[float, float]:
-    """
-    The largest bound of a body [1/s^2] and the energy [J] of all anchors.
-    """
+    """The largest bound of a body [1/s^2] and the energy [J] of all anchors."""
     largest, total = 0.0, 0.0
     if loads is None:
         return largest, total

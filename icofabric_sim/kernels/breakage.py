@@ -8,9 +8,11 @@ there and is on its way back, so that it may have been there in between. `first_
 says whether, and when.
 """
 
-from icofabric_sim.kernels.compiled import compiled
 from icofabric_sim.kernels.hessian import move_links
-from icofabric_sim.kernels.lanes import (
+from icofabric_sim.kernels.records import Breakage, Links, Model, State, Trail, Work, Wrapping
+from icofabric_sim.kernels.rhs import place_blocks
+from icofabric_sim.kernels.runtime.compiled import compiled
+from icofabric_sim.kernels.runtime.lanes import (
     any_lane,
     bits,
     fma,
@@ -23,18 +25,8 @@ from icofabric_sim.kernels.lanes import (
     Vector,
     where,
 )
-from icofabric_sim.kernels.records import (
-    Breakage,
-    Links,
-    Model,
-    State,
-    Trail,
-    Work,
-    Wrapping,
-)
-from icofabric_sim.kernels.slopes import place_blocks
-from icofabric_sim.kernels.team import Team, wait_for_all
-from icofabric_sim.kernels.wrap_rates import change_rates
+from icofabric_sim.kernels.runtime.team import Team, wait_for_all
+from icofabric_sim.kernels.wrap.rates import change_rates
 import numpy as np
 
 # A length this close to a limit, beside it, has reached it: lengths are rounded.
@@ -51,9 +43,7 @@ def note_lengths(
     model: Model, breakage: Breakage | None, state: State, work: Work, team: Team, first: int,
     last: int
 ) -> None:
-    """
-    Lengths and their rates where a step begins; for blocks first to last.
-    """
+    """Lengths and their rates where a step begins; for blocks first to last."""
     if breakage is None:
         return
     place_blocks(model, None, state, work, 0.0, first, last)
@@ -98,9 +88,7 @@ def is_breaking(
 def move_blocks(
     model: Model, breakage: Breakage, state: State, points: np.ndarray, first: int, last: int
 ) -> None:
-    """
-    Velocities v + omega x s [m/s] of the attachment points of blocks first to last.
-    """
+    """Velocities v + omega x s [m/s] of the attachment points of blocks first to last."""
     velocity, spin = state.linear_velocity, state.angular_velocity
     for block in range(first, last):
         s = model.blocks.slot[block]
@@ -162,9 +150,7 @@ def excess_over(
     limit: Vector, before: Vector, speed: Vector, after: Vector, rate: Vector, h: float,
     doubt: float
 ) -> Vector:
-    """
-    How far a length has been above a limit [m] within a step, about.
-    """
+    """How far a length has been above a limit [m] within a step, about."""
     slack = splat(1.0 - TOGETHER) * limit
     return maximum(
         maximum(before, after), highest(before, speed, after, rate, h, doubt)) - slack
@@ -175,9 +161,7 @@ def excess_under(
     limit: Vector, before: Vector, speed: Vector, after: Vector, rate: Vector, h: float,
     doubt: float
 ) -> Vector:
-    """
-    How far a length has been below a limit [m] within a step, about.
-    """
+    """How far a length has been below a limit [m] within a step, about."""
     zero = splat(0.0)
     slack = splat(1.0 + TOGETHER) * limit
     before, speed, after, rate = zero - before, zero - speed, zero - after, zero - rate
@@ -187,9 +171,7 @@ def excess_under(
 
 @compiled
 def doubt_of(wrapping: Wrapping | None) -> float:
-    """
-    The part of the way up to the tangents that is reckoned with.
-    """
+    """The part of the way up to the tangents that is reckoned with."""
     if wrapping is None:
         return DOUBT
     else:

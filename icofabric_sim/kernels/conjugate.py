@@ -7,18 +7,16 @@ Vectors are (6, s) arrays, slots last, zero where there is no body. Sums are alw
 order, and no library of linear algebra divides them among threads.
 """
 
-from icofabric_sim.kernels.compiled import compiled
-from icofabric_sim.kernels.lanes import fma, LANES, load, splat, store
 from icofabric_sim.kernels.monitor import sum_of_lanes
 from icofabric_sim.kernels.records import SecondDerivatives
+from icofabric_sim.kernels.runtime.compiled import compiled
+from icofabric_sim.kernels.runtime.lanes import fma, LANES, load, splat, store
 import numpy as np
 
 
 @compiled
 def product_of(left: np.ndarray, right: np.ndarray) -> float:
-    """
-    Scalar product.
-    """
+    """Scalar product."""
     total = splat(0.0)
     for k in range(6):
         for s in range(0, left.shape[1], LANES):
@@ -28,9 +26,7 @@ def product_of(left: np.ndarray, right: np.ndarray) -> float:
 
 @compiled
 def weighted_square(weight: np.ndarray, vector: np.ndarray) -> float:
-    """
-    Sum of the squares, each times a weight.
-    """
+    """Sum of the squares, each times a weight."""
     total = splat(0.0)
     for k in range(6):
         for s in range(0, vector.shape[1], LANES):
@@ -41,9 +37,7 @@ def weighted_square(weight: np.ndarray, vector: np.ndarray) -> float:
 
 @compiled
 def add_along(along: float, direction: np.ndarray, vector: np.ndarray) -> None:
-    """
-    Add a multiple of a direction to a vector.
-    """
+    """Add a multiple of a direction to a vector."""
     factor = splat(along)
     for k in range(6):
         for s in range(0, vector.shape[1], LANES):
@@ -82,9 +76,7 @@ def advance(
 def add_own_blocks(
     slots: np.ndarray, blocks: np.ndarray, vector: np.ndarray, product: np.ndarray
 ) -> None:
-    """
-    Add (m, 6, 6) second derivatives of single bodies in `slots` (m,) times the vector.
-    """
+    """Add (m, 6, 6) second derivatives of single bodies in `slots` (m,) times the vector."""
     for m in range(len(slots)):
         s = slots[m]
         for i in range(6):
@@ -98,9 +90,7 @@ def add_own_blocks(
 def add_pair_blocks(
     slots: np.ndarray, blocks: np.ndarray, vector: np.ndarray, product: np.ndarray
 ) -> None:
-    """
-    Add (m, 12, 12) second derivatives of pairs in `slots` (m, 2) times the vector.
-    """
+    """Add (m, 12, 12) second derivatives of pairs in `slots` (m, 2) times the vector."""
     for m in range(len(slots)):
         for i in range(12):
             total = 0.0
@@ -111,9 +101,7 @@ def add_pair_blocks(
 
 @compiled
 def add_own_terms(own: SecondDerivatives | None, vector: np.ndarray, product: np.ndarray) -> None:
-    """
-    Add what single bodies add, where they do.
-    """
+    """Add what single bodies add, where they do."""
     if own is None:
         return
     add_own_blocks(own.slots, own.values, vector, product)
@@ -123,9 +111,7 @@ def add_own_terms(own: SecondDerivatives | None, vector: np.ndarray, product: np
 def add_pair_terms(
     pairs: SecondDerivatives | None, vector: np.ndarray, product: np.ndarray
 ) -> None:
-    """
-    Add what pairs add, where they do.
-    """
+    """Add what pairs add, where they do."""
     if pairs is None:
         return
     add_pair_blocks(pairs.slots, pairs.values, vector, product)

@@ -8,8 +8,10 @@ end, with exactly opposite results. That costs less than half of what it saves: 
 scattered, so bodies are computed side by side and in any order, by any number of threads.
 """
 
-from icofabric_sim.kernels.compiled import compiled
-from icofabric_sim.kernels.lanes import (
+from icofabric_sim.kernels.law_tables import tabled_factor
+from icofabric_sim.kernels.records import Links, Variety
+from icofabric_sim.kernels.runtime.compiled import compiled
+from icofabric_sim.kernels.runtime.lanes import (
     bits,
     fma,
     load,
@@ -20,8 +22,6 @@ from icofabric_sim.kernels.lanes import (
     Vector,
     where,
 )
-from icofabric_sim.kernels.law_tables import tabled_factor
-from icofabric_sim.kernels.records import Links, Variety
 import numpy as np
 
 # A squared length below this is taken for it: the pull of a spring of no length has no direction
@@ -51,9 +51,7 @@ def pulls(
     attachment: np.ndarray | None, links: Links, points: np.ndarray, position: np.ndarray,
     block: int, s: int
 ) -> Six:
-    """
-    The same for connectors that attach on the body axes, or anywhere.
-    """
+    """The same for connectors that attach on the body axes, or anywhere."""
     if attachment is None:
         return pulls_on_axes(links, points, position.shape[1], block, s)
     else:
@@ -64,9 +62,7 @@ def pulls(
 def pulls_anywhere(
     links: Links, points: np.ndarray, position: np.ndarray, block: int, s: int
 ) -> Six:
-    """
-    The same for any attachment points.
-    """
+    """The same for any attachment points."""
     zero, stride = splat(0.0), position.shape[1]
     fx, fy, fz, tx, ty, tz = zero, zero, zero, zero, zero, zero
     stiffness = splat(links.stiffness)
@@ -90,9 +86,7 @@ def pulls_anywhere(
 def pulls_on_axes(
     links: Links, points: np.ndarray, stride: int, block: int, s: int
 ) -> Six:
-    """
-    The same for points on the body axes, as far out on either side; `stride` slots each row.
-    """
+    """The same for points on the body axes, as far out on either side; `stride` slots each row."""
     zero = splat(0.0)
     fx, fy, fz, tx, ty, tz = zero, zero, zero, zero, zero, zero
     stiffness = splat(links.stiffness)
@@ -122,9 +116,7 @@ def pulls_on_axes(
 def arm_of(
     attachment: np.ndarray | None, points: np.ndarray, position: np.ndarray, edge: int, s: int
 ) -> tuple[Vector, Vector, Vector]:
-    """
-    Arms [m] from the centres of a block to an attachment point, world frame.
-    """
+    """Arms [m] from the centres of a block to an attachment point, world frame."""
     stride = position.shape[1]
     at = 3 * edge * stride + s
     if attachment is None:
@@ -145,9 +137,7 @@ def edge_pull(
     links: Links, points: np.ndarray, stride: int, block: int, s: int, first_link: int,
     stiffness: Vector, minus_rest: Vector, px: Vector, py: Vector, pz: Vector
 ) -> tuple[Vector, Vector, Vector]:
-    """
-    Pull [N] of the two connectors at one edge, whose points are p.
-    """
+    """Pull [N] of the two connectors at one edge, whose points are p."""
     zero = splat(0.0)
     fx, fy, fz = zero, zero, zero
     for link in range(first_link, first_link + 2):

@@ -13,9 +13,11 @@ for the displacement of the middle of the bodies (rows 0-2) [m] and for a rotati
 
 import math
 
-from icofabric_sim.kernels.compiled import compiled
 from icofabric_sim.kernels.connectors import Six
-from icofabric_sim.kernels.lanes import (
+from icofabric_sim.kernels.loads import turned
+from icofabric_sim.kernels.records import Anchors, Drives, Loads, Model, State
+from icofabric_sim.kernels.runtime.compiled import compiled
+from icofabric_sim.kernels.runtime.lanes import (
     bits,
     fma,
     LANES,
@@ -27,16 +29,12 @@ from icofabric_sim.kernels.lanes import (
     Vector,
     where,
 )
-from icofabric_sim.kernels.loads import turned
-from icofabric_sim.kernels.records import Anchors, Drives, Loads, Model, State
 import numpy as np
 
 
 @compiled
 def is_wrench(drives: Drives | None, anchors: Anchors | None, number: int) -> bool:
-    """
-    Whether a row of the loads is a wrench; others are drives, the first of them number -1.
-    """
+    """Whether a row of the loads is a wrench; others are drives, the first of them number -1."""
     if drives is None and anchors is None:
         return True
     return number >= 0
@@ -44,18 +42,14 @@ def is_wrench(drives: Drives | None, anchors: Anchors | None, number: int) -> bo
 
 @compiled
 def path_of(drives: Drives, number: int) -> int:
-    """
-    On which path the bodies of a row of the loads are; negative where on none.
-    """
+    """On which path the bodies of a row of the loads are; negative where on none."""
     p = -1 - number
     return p if p < drives.start.shape[0] else -1
 
 
 @compiled
 def displacement(drives: Drives, p: int, k: int, after: float) -> float:
-    """
-    Coordinate `k` of path `p` at a time [s] after its piece began.
-    """
+    """Coordinate `k` of path `p` at a time [s] after its piece began."""
     cubic = drives.cubic
     return float(
         cubic[p, 0, k] + after * (
@@ -65,9 +59,7 @@ def displacement(drives: Drives, p: int, k: int, after: float) -> float:
 
 @compiled
 def velocity(drives: Drives, p: int, k: int, after: float) -> float:
-    """
-    Its derivative.
-    """
+    """Its derivative."""
     cubic, rate = drives.cubic, drives.rate[p]
     return float(
         cubic[p, 1, k] + after * (2.0 * cubic[p, 2, k] + after * (3.0 * cubic[p, 3, k]))
@@ -141,9 +133,7 @@ def place_row(
 
 @compiled
 def put(array: np.ndarray, k: int, s: int, mine: Vector, value: Vector) -> None:
-    """
-    Write the lanes that are meant.
-    """
+    """Write the lanes that are meant."""
     store(array, k, s, where(mine, value, load(array, k, s)))
 
 
@@ -152,9 +142,7 @@ def turn_bodies(
     first: np.ndarray, orientation: np.ndarray, s: int, mine: Vector,
     axis: tuple[Vector, Vector, Vector], qw: Vector
 ) -> None:
-    """
-    Orientations Q q0 of a block, from those at the start.
-    """
+    """Orientations Q q0 of a block, from those at the start."""
     qx, qy, qz = axis
     if orientation.ndim == 2:
         x, y, z, w = load(first, 0, s), load(first, 1, s), load(first, 2, s), load(first, 3, s)
@@ -175,13 +163,15 @@ def turn_bodies(
 @compiled
 def resist(
     drives: Drives | None, model: Model, loads: Loads, state: State, a: Six, m: int, s: int,
-    h: float
+    h: float, again: float
 ) -> Six:
     """
     Accelerations of a block without those of the bodies of row `m`, whose path bears the forces.
 
     The work [J] of the path against the forces over a kick of `h`, - h (F . v + N . omega), is
-    what time's own momentum loses: so the balance closes with the order of the method.
+    what time's own momentum loses: so the balance closes with the order of the method. Two kicks
+    with the same forces, `h` and `again`, are added one after the other: the bits of the work
+    must not depend on whether one call of a kernel takes both.
     """
     if drives is None:
         return a
@@ -190,16 +180,17 @@ def resist(
             return a
         mine = bits(loads.lanes[m])
         done = load_at(loads.work, LANES * m)
-        more = done - splat(h) * path_power(model, state, a, s)
+        power = path_power(model, state, a, s)
+        more = done - splat(h) * power
+        if again != 0.0:
+            more = more - splat(again) * power
         store_at(loads.work, LANES * m, where(mine, more, done))
         return without(mine, a)
 
 
 @compiled
 def path_power(model: Model, state: State, a: Six, s: int) -> Vector:
-    """
-    Power [W] of the forces that would give these accelerations to the bodies of a block.
-    """
+    """Power [W] of the forces that would give these accelerations to the bodies of a block."""
     speed, spin = state.linear_velocity, state.angular_velocity
     linear = fma(a[0], load(speed, 0, s), fma(a[1], load(speed, 1, s), a[2] * load(speed, 2, s)))
     angular = fma(a[3], load(spin, 0, s), fma(a[4], load(spin, 1, s), a[5] * load(spin, 2, s)))
@@ -209,9 +200,7 @@ def path_power(model: Model, state: State, a: Six, s: int) -> Vector:
 
 @compiled
 def without(mine: Vector, a: Six) -> Six:
-    """
-    Zero in the lanes that are meant.
-    """
+    """Zero in the lanes that are meant."""
     zero = splat(0.0)
     return (
         where(mine, zero, a[0]), where(mine, zero, a[1]), where(mine, zero, a[2]),
@@ -223,9 +212,7 @@ def resist_slopes(
     drives: Drives | None, model: Model, loads: Loads, state: State, linear: np.ndarray,
     angular: np.ndarray, m: int, s: int, index: int
 ) -> None:
-    """
-    The same for the slopes of a Runge-Kutta stage; the power [W] of the path is noted.
-    """
+    """The same for the slopes of a Runge-Kutta stage; the power [W] of the path is noted."""
     if drives is None:
         return
     else:
@@ -244,9 +231,7 @@ def resist_slopes(
 
 @compiled
 def moving_energy(drives: Drives | None, model: Model, loads: Loads, state: State) -> float:
-    """
-    Kinetic energy [J] of all driven bodies: nobody but their path has given it.
-    """
+    """Kinetic energy [J] of all driven bodies: nobody but their path has given it."""
     total = 0.0
     if drives is None:
         return total
@@ -267,9 +252,7 @@ def moving_energy(drives: Drives | None, model: Model, loads: Loads, state: Stat
 
 @compiled
 def energy_of_drives(model: Model, loads: Loads | None, state: State) -> float:
-    """
-    The same where there may be no loads at all.
-    """
+    """The same where there may be no loads at all."""
     if loads is None:
         return 0.0
     else:
@@ -278,9 +261,7 @@ def energy_of_drives(model: Model, loads: Loads | None, state: State) -> float:
 
 @compiled
 def place_driven(model: Model, loads: Loads | None, state: State, time: float) -> None:
-    """
-    Put all driven bodies where their paths are at `time` [s].
-    """
+    """Put all driven bodies where their paths are at `time` [s]."""
     if loads is None:
         return
     else:

@@ -12,10 +12,10 @@ numbers, which ends the run.
 import ctypes
 from typing import Any
 
-from icofabric_sim.kernels.compiled import compiled
-from icofabric_sim.kernels.lanes import fma, load, splat, Vector
 from icofabric_sim.kernels.records import External, Model, State, Team
-from icofabric_sim.kernels.team import wait_for_all
+from icofabric_sim.kernels.runtime.compiled import compiled
+from icofabric_sim.kernels.runtime.lanes import fma, load, splat, Vector
+from icofabric_sim.kernels.runtime.team import wait_for_all
 from icofabric_sim.kernels.viscous import add_force
 from llvmlite import ir
 from numba import types
@@ -29,9 +29,7 @@ C_FUNCTION: Any = ctypes.CFUNCTYPE(
 def call_function(
     address: int, time: float, numbers: np.ndarray, result: np.ndarray
 ) -> int:
-    """
-    Call the function at an address.
-    """
+    """Call the function at an address."""
     status = C_FUNCTION(address)(time, len(numbers), numbers.ctypes.data, result.ctypes.data)
     return int(status)
 
@@ -65,9 +63,7 @@ def ask_outside(external: External | None, state: State, time: float, team: Team
 
 @compiled
 def ask_alone(external: External, state: State, time: float) -> None:
-    """
-    The same by one thread.
-    """
+    """The same by one thread."""
     numbers, result, rows = external.numbers, external.result, external.rows
     count = external.slots.shape[0]
     for b in range(count):
@@ -92,9 +88,7 @@ def add_external(
     external: External | None, model: Model, state: State, linear: np.ndarray,
     angular: np.ndarray, s: int
 ) -> Vector:
-    """
-    Add what it gave to the slopes of a block; returns its power [W].
-    """
+    """Add what it gave to the slopes of a block; returns its power [W]."""
     power = splat(0.0)
     if external is None:
         return power

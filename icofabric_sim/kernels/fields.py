@@ -6,9 +6,11 @@ Forces of electric fields on charged shells: a uniform field on dipoles, and cha
 A uniform field on the charges is an acceleration like gravity and is packed with it.
 """
 
-from icofabric_sim.kernels.compiled import compiled
 from icofabric_sim.kernels.connectors import Six
-from icofabric_sim.kernels.lanes import (
+from icofabric_sim.kernels.records import Coulomb, Dipole, Model, State
+from icofabric_sim.kernels.rotations import turn_to_world
+from icofabric_sim.kernels.runtime.compiled import compiled
+from icofabric_sim.kernels.runtime.lanes import (
     bits,
     fma,
     lane,
@@ -20,8 +22,6 @@ from icofabric_sim.kernels.lanes import (
     Vector,
     where,
 )
-from icofabric_sim.kernels.records import Coulomb, Dipole, Model, State
-from icofabric_sim.kernels.rotations import turn_to_world
 import numpy as np
 
 _SMALLEST = 1e-300
@@ -31,9 +31,7 @@ _SMALLEST = 1e-300
 def add_dipole(
     dipole: Dipole | None, orientation: np.ndarray, alive: int, s: int, force: Six
 ) -> Six:
-    """
-    Add the torque p x E of a uniform field on a dipole that turns with the body.
-    """
+    """Add the torque p x E of a uniform field on a dipole that turns with the body."""
     if dipole is None:
         return force
     else:
@@ -101,9 +99,7 @@ def field_parts(
 
 @compiled
 def dipole_energy(dipole: Dipole | None, orientation: np.ndarray, s: int) -> Vector:
-    """
-    Energies |p| |E| - p . E [J] of a block: none where the dipole points along the field.
-    """
+    """Energies |p| |E| - p . E [J] of a block: none where the dipole points along the field."""
     if dipole is None:
         return splat(0.0)
     else:
@@ -116,9 +112,7 @@ def dipole_energy(dipole: Dipole | None, orientation: np.ndarray, s: int) -> Vec
 
 @compiled
 def dipole_bound(dipole: Dipole | None, inverse_inertia: float) -> Vector:
-    """
-    Bound |p| |E| / Lambda of the squared frequency of dipoles [1/s^2].
-    """
+    """Bound |p| |E| / Lambda of the squared frequency of dipoles [1/s^2]."""
     if dipole is None:
         return splat(0.0)
     else:
@@ -127,9 +121,7 @@ def dipole_bound(dipole: Dipole | None, inverse_inertia: float) -> Vector:
 
 @compiled
 def coulomb_strength(coulomb: Coulomb | None) -> float:
-    """
-    Energy of two charges times their distance [J m].
-    """
+    """Energy of two charges times their distance [J m]."""
     if coulomb is None:
         return 0.0
     else:
@@ -140,9 +132,7 @@ def coulomb_strength(coulomb: Coulomb | None) -> float:
 def coulomb_sums(
     coulomb: Coulomb | None, position: np.ndarray, s: int
 ) -> tuple[Vector, Vector]:
-    """
-    Sums of 1 / r [1/m] and 1 / r^3 [1/m^3] over all other charges for each body of a block.
-    """
+    """Sums of 1 / r [1/m] and 1 / r^3 [1/m^3] over all other charges for each body of a block."""
     zero = splat(0.0)
     sums, cubes = zero, zero
     if coulomb is None:
@@ -161,9 +151,7 @@ def coulomb_sums(
 
 @compiled
 def field_energy(model: Model, state: State) -> float:
-    """
-    Energy [J] of all dipoles in the field and of all charges on each other.
-    """
+    """Energy [J] of all dipoles in the field and of all charges on each other."""
     total = 0.0
     for block in range(model.blocks.slot.shape[0]):
         _, energy = field_parts(

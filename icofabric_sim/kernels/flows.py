@@ -10,17 +10,17 @@ prunes such a branch only where the term is an argument of its own).
 """
 
 from icofabric_sim.kernels.anchors import kick_anchor
-from icofabric_sim.kernels.compiled import compiled
 from icofabric_sim.kernels.connectors import add_connectors, Six
-from icofabric_sim.kernels.contacts import add_contact
+from icofabric_sim.kernels.contact.forces import add_contact
 from icofabric_sim.kernels.drives import is_wrench, place_row, resist
 from icofabric_sim.kernels.fields import add_coulomb, add_dipole
-from icofabric_sim.kernels.lanes import bits, fma, load, splat, store, where
 from icofabric_sim.kernels.loads import kick_load, work_load
 from icofabric_sim.kernels.moments import add_bending, add_twisting
 from icofabric_sim.kernels.records import Links, Loads, Model, State, Supports, Work
 from icofabric_sim.kernels.rotations import place_anywhere, place_points, rotate
-from icofabric_sim.kernels.wrapping import add_wrapping
+from icofabric_sim.kernels.runtime.compiled import compiled
+from icofabric_sim.kernels.runtime.lanes import bits, fma, load, splat, store, where
+from icofabric_sim.kernels.wrap.forces import add_wrapping
 import numpy as np
 
 
@@ -58,9 +58,7 @@ def drift(
 
 @compiled
 def place_links(links: Links | None, state: State, work: Work, s: int) -> None:
-    """
-    Attachment points of a block, if anything is attached.
-    """
+    """Attachment points of a block, if anything is attached."""
     if links is None:
         return
     place_attachments(
@@ -72,9 +70,7 @@ def place_attachments(
     attachment: np.ndarray | None, half_width: float, position: np.ndarray,
     orientation: np.ndarray, points: np.ndarray, s: int
 ) -> None:
-    """
-    Attachment points of a block: on the body axes, or anywhere.
-    """
+    """Attachment points of a block: on the body axes, or anywhere."""
     if attachment is None:
         place_points(half_width, position, orientation, points, s)
     else:
@@ -83,9 +79,7 @@ def place_attachments(
 
 @compiled
 def place_all(model: Model, state: State, work: Work, first: int, last: int) -> None:
-    """
-    Attachment points of blocks first to last where nothing moves.
-    """
+    """Attachment points of blocks first to last where nothing moves."""
     for block in range(first, last):
         place_links(model.links, state, work, model.blocks.slot[block])
 
@@ -111,7 +105,7 @@ def push(
                 store(work.acceleration, k + 3, s, a[k + 3])
         if loads is not None:
             for m in range(loads.start[block], loads.start[block + 1]):
-                a = resist(loads.drives, model, loads, state, a, m, s, h + again)
+                a = resist(loads.drives, model, loads, state, a, m, s, h, again)
         kick(state, a, h, s)
         if loads is not None:
             for m in range(loads.start[block], loads.start[block + 1]):
@@ -132,9 +126,7 @@ def push_kept(
     model: Model, loads: Loads | None, state: State, work: Work, time: float, h: float, first: int,
     last: int
 ) -> None:
-    """
-    Flow of the potential energy at `time` [s] over `h` with accelerations that were kept.
-    """
+    """Flow of the potential energy at `time` [s] over `h` with accelerations that were kept."""
     for block in range(first, last):
         s = model.blocks.slot[block]
         a = (
@@ -143,7 +135,7 @@ def push_kept(
             load(work.acceleration, 4, s), load(work.acceleration, 5, s))
         if loads is not None:
             for m in range(loads.start[block], loads.start[block + 1]):
-                a = resist(loads.drives, model, loads, state, a, m, s, h)
+                a = resist(loads.drives, model, loads, state, a, m, s, h, 0.0)
         kick(state, a, h, s)
         if loads is not None:
             for m in range(loads.start[block], loads.start[block + 1]):
@@ -156,9 +148,7 @@ def push_kept(
 def keep_accelerations(
     model: Model, state: State, work: Work, time: float, first: int, last: int
 ) -> None:
-    """
-    Store the accelerations of blocks first to last at `time` [s]; their points are in place.
-    """
+    """Store the accelerations of blocks first to last at `time` [s]; their points are in place."""
     for block in range(first, last):
         s = model.blocks.slot[block]
         a = accelerations(model, state, work.points, time, block, s)
@@ -196,9 +186,7 @@ def accelerations(
 def accelerate(
     supports: Supports | None, inverse_mass: float, inverse_inertia: float, force: Six, s: int
 ) -> Six:
-    """
-    Accelerations from forces and torques, none along held freedoms.
-    """
+    """Accelerations from forces and torques, none along held freedoms."""
     fx, fy, fz, tx, ty, tz = force
     if supports is None:
         mass, inertia = splat(inverse_mass), splat(inverse_inertia)
@@ -216,9 +204,7 @@ def accelerate(
 def add_gravity(
     gravity: np.ndarray | None, supports: Supports | None, alive: int, s: int, a: Six
 ) -> Six:
-    """
-    Add gravity where there is a body that is free to fall.
-    """
+    """Add gravity where there is a body that is free to fall."""
     if gravity is None:
         return a
     else:
@@ -237,9 +223,7 @@ def add_gravity(
 
 @compiled
 def kick(state: State, a: Six, h: float, s: int) -> None:
-    """
-    Add h times the accelerations to the velocities of a block.
-    """
+    """Add h times the accelerations to the velocities of a block."""
     step = splat(h)
     velocity, spin = state.linear_velocity, state.angular_velocity
     for k in range(3):

@@ -6,7 +6,7 @@ Fronts of a multifrontal elimination (statics/fronts.py): what parts hand on to 
 What is handed on is symmetric; its lower triangle is kept, column by column, in one array.
 """
 
-from icofabric_sim.kernels.compiled import compiled
+from icofabric_sim.kernels.runtime.compiled import compiled
 import numpy as np
 
 
@@ -35,9 +35,7 @@ def add_update(
 
 @compiled
 def pack_lower(rest: np.ndarray, packed: np.ndarray) -> None:
-    """
-    Lower triangle of `rest` (b, b) into `packed` (b (b + 1) / 2,).
-    """
+    """Lower triangle of `rest` (b, b) into `packed` (b (b + 1) / 2,)."""
     position = 0
     for j in range(rest.shape[0]):
         for i in range(j, rest.shape[0]):

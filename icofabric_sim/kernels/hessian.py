@@ -9,10 +9,14 @@ or forces and torques; in the recurrences both are scaled by the roots of mass a
 
 import math
 
-from icofabric_sim.kernels.compiled import compiled
 from icofabric_sim.kernels.conjugate import add_own_terms, add_pair_terms
 from icofabric_sim.kernels.connectors import arm_of, Six, slope_of
-from icofabric_sim.kernels.lanes import (
+from icofabric_sim.kernels.law_tables import tabled_pull
+from icofabric_sim.kernels.moment_hessian import add_bending_product, add_twisting_product
+from icofabric_sim.kernels.monitor import sum_of_lanes
+from icofabric_sim.kernels.records import Links, Model, SecondDerivatives, State, Supports, Variety
+from icofabric_sim.kernels.runtime.compiled import compiled
+from icofabric_sim.kernels.runtime.lanes import (
     bits,
     fma,
     load,
@@ -26,10 +30,6 @@ from icofabric_sim.kernels.lanes import (
     Vector,
     where,
 )
-from icofabric_sim.kernels.law_tables import tabled_pull
-from icofabric_sim.kernels.moment_hessian import add_bending_product, add_twisting_product
-from icofabric_sim.kernels.monitor import sum_of_lanes
-from icofabric_sim.kernels.records import Links, Model, SecondDerivatives, State, Supports, Variety
 import numpy as np
 
 _SMALLEST = 1e-300
@@ -52,9 +52,7 @@ def scaled_motion(
 def inverse_roots(
     supports: Supports | None, root_m: float, root_i: float, s: int
 ) -> tuple[Vector, Vector, Vector, Vector]:
-    """
-    Roots of the inverse masses along x, y, z and of the inverse inertia; 0 where held.
-    """
+    """Roots of the inverse masses along x, y, z and of the inverse inertia; 0 where held."""
     if supports is None:
         return splat(root_m), splat(root_m), splat(root_m), splat(root_i)
     else:
@@ -88,9 +86,7 @@ def move_links(
     links: Links | None, points: np.ndarray, position: np.ndarray, motion: Six,
     moved: np.ndarray, s: int
 ) -> None:
-    """
-    The same, if anything is attached.
-    """
+    """The same, if anything is attached."""
     if links is None:
         return
     move_points(links.attachment, points, position, motion, moved, s)
@@ -157,9 +153,7 @@ def slope_and_pull(
     variety: Variety | None, link: int, s: int, square: Vector, inverse: Vector,
     stiffness: Vector, minus_rest: Vector
 ) -> tuple[Vector, Vector]:
-    """
-    Slope of the tension [N/m] and tension [N] of a connector of squared length `square`.
-    """
+    """Slope of the tension [N/m] and tension [N] of a connector of squared length `square`."""
     if variety is None:
         return stiffness, stiffness * fma(square, inverse, minus_rest)
     else:
@@ -242,9 +236,7 @@ def lanczos_steps(
 def add_shapes(
     shapes: np.ndarray | None, weights: np.ndarray, step: int, current: np.ndarray
 ) -> None:
-    """
-    Add weights[step] times the present vector.
-    """
+    """Add weights[step] times the present vector."""
     if shapes is None:
         return
     for j in range(shapes.shape[0]):
@@ -255,9 +247,7 @@ def add_shapes(
 
 @compiled
 def dot(model: Model, left: np.ndarray, right: np.ndarray) -> float:
-    """
-    Scalar product, always in the same order.
-    """
+    """Scalar product, always in the same order."""
     total = splat(0.0)
     for block in range(model.blocks.slot.shape[0]):
         s = model.blocks.slot[block]
@@ -271,9 +261,7 @@ def subtract(
     model: Model, alpha: float, current: np.ndarray, beta: float, previous: np.ndarray,
     product: np.ndarray
 ) -> float:
-    """
-    Product - alpha current - beta previous, in place; its square.
-    """
+    """Product - alpha current - beta previous, in place; its square."""
     a, b, total = splat(-alpha), splat(-beta), splat(0.0)
     for block in range(model.blocks.slot.shape[0]):
         s = model.blocks.slot[block]
@@ -289,9 +277,7 @@ def subtract(
 def shift(
     model: Model, scale: float, previous: np.ndarray, current: np.ndarray, product: np.ndarray
 ) -> None:
-    """
-    The next vector, scale times the product, and the one before it.
-    """
+    """The next vector, scale times the product, and the one before it."""
     factor = splat(scale)
     for block in range(model.blocks.slot.shape[0]):
         s = model.blocks.slot[block]

@@ -9,7 +9,7 @@ triangles share: the counts of a closed mesh add up to nothing far outside, to t
 where one goes exactly through an edge or a corner.
 """
 
-from icofabric_sim.kernels.compiled import compiled
+from icofabric_sim.kernels.runtime.compiled import compiled
 import numpy as np
 
 
@@ -46,9 +46,7 @@ def mark_inside(
 
 @compiled
 def passed(corners: np.ndarray, x: float, y: float, z: float) -> int:
-    """
-    1 or -1 where the ray up from a point passes a triangle (3, 3), by its side; else 0.
-    """
+    """1 or -1 where the ray up from a point passes a triangle (3, 3), by its side; else 0."""
     # Winding of the triangle's shadow round the point: of its edges that cross the line along x
     # through the point, those beyond it.
     wound = 0

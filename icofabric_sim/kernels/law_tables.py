@@ -7,17 +7,24 @@ Each lane looks up its own piece by bisection: neighbouring bodies have other le
 comparisons for all lanes as a table has rows would cost more beyond some twenty rows.
 """
 
-from icofabric_sim.kernels.compiled import compiled
-from icofabric_sim.kernels.lanes import insert, lane, LANES, load, rsqrt, splat, Vector, where
 from icofabric_sim.kernels.records import LawTables
+from icofabric_sim.kernels.runtime.compiled import compiled
+from icofabric_sim.kernels.runtime.lanes import (
+    insert,
+    lane,
+    LANES,
+    load,
+    rsqrt,
+    splat,
+    Vector,
+    where,
+)
 import numpy as np
 
 
 @compiled
 def piece_of(rows: np.ndarray, first: int, length: float) -> int:
-    """
-    Row of the piece of a table that begins in row `first`, for a `length` [m].
-    """
+    """Row of the piece of a table that begins in row `first`, for a `length` [m]."""
     low, high = first, int(rows[first, 7])
     while low < high:
         middle = (low + high + 1) >> 1
@@ -30,9 +37,7 @@ def piece_of(rows: np.ndarray, first: int, length: float) -> int:
 
 @compiled
 def table_tension(rows: np.ndarray, first: Vector, length: Vector, value: Vector) -> Vector:
-    """
-    Tension [N] where there is a table (`first` is not negative), `value` elsewhere.
-    """
+    """Tension [N] where there is a table (`first` is not negative), `value` elsewhere."""
     for i in range(LANES):
         start = int(lane(first, i))
         if start >= 0:
@@ -46,9 +51,7 @@ def table_tension(rows: np.ndarray, first: Vector, length: Vector, value: Vector
 
 @compiled
 def table_energy(rows: np.ndarray, first: Vector, length: Vector, value: Vector) -> Vector:
-    """
-    Energy [J] where there is a table, `value` elsewhere.
-    """
+    """Energy [J] where there is a table, `value` elsewhere."""
     for i in range(LANES):
         start = int(lane(first, i))
         if start >= 0:
@@ -80,9 +83,7 @@ def tabled_factor(
 def tabled_pull(
     tables: LawTables | None, link: int, s: int, length: Vector, pull: Vector
 ) -> Vector:
-    """
-    Tension [N] of a connector; `pull` without table.
-    """
+    """Tension [N] of a connector; `pull` without table."""
     if tables is None:
         return pull
     else:
@@ -93,9 +94,7 @@ def tabled_pull(
 def tabled_energy(
     tables: LawTables | None, link: int, s: int, length: Vector, energy: Vector
 ) -> Vector:
-    """
-    Energy [J] of a connector; `energy` without table.
-    """
+    """Energy [J] of a connector; `energy` without table."""
     if tables is None:
         return energy
     else:

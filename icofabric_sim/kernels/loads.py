@@ -10,8 +10,10 @@ as long as what it computes.
 
 import math
 
-from icofabric_sim.kernels.compiled import compiled
-from icofabric_sim.kernels.lanes import (
+from icofabric_sim.kernels.records import Loads, Model, State, Supports, Varying
+from icofabric_sim.kernels.rotations import half_angle_factors, turn_to_world
+from icofabric_sim.kernels.runtime.compiled import compiled
+from icofabric_sim.kernels.runtime.lanes import (
     bits,
     fma,
     LANES,
@@ -23,8 +25,6 @@ from icofabric_sim.kernels.lanes import (
     Vector,
     where,
 )
-from icofabric_sim.kernels.records import Loads, Model, State, Supports, Varying
-from icofabric_sim.kernels.rotations import half_angle_factors, turn_to_world
 import numpy as np
 
 Three = tuple[Vector, Vector, Vector]
@@ -63,9 +63,7 @@ def kick_load(
 def inverses(
     supports: Supports | None, inverse_mass: float, inverse_inertia: float, s: int
 ) -> tuple[Vector, Vector, Vector, Vector]:
-    """
-    Inverse masses along x, y, z [1/kg] and inverse inertias [1/(kg m^2)] of a block.
-    """
+    """Inverse masses along x, y, z [1/kg] and inverse inertias [1/(kg m^2)] of a block."""
     if supports is None:
         mass = splat(inverse_mass)
         return mass, mass, mass, splat(inverse_inertia)
@@ -77,9 +75,7 @@ def inverses(
 
 @compiled
 def factor_of(varying: Varying | None, w: int, time: float) -> float:
-    """
-    What wrench `w` is multiplied by at `time` [s].
-    """
+    """What wrench `w` is multiplied by at `time` [s]."""
     if varying is None:
         return 1.0
     else:
@@ -124,9 +120,7 @@ def normal_of(varying: Varying | None, orientation: np.ndarray, w: int, s: int) 
 
 @compiled
 def part_along(fx: Vector, fy: Vector, fz: Vector, normal: Three | None) -> Three:
-    """
-    The part of a force along a unit normal; all of it where that is zero.
-    """
+    """The part of a force along a unit normal; all of it where that is zero."""
     if normal is None:
         return fx, fy, fz
     else:
@@ -140,9 +134,7 @@ def part_along(fx: Vector, fy: Vector, fz: Vector, normal: Three | None) -> Thre
 
 @compiled
 def point_of(loads: Loads, orientation: np.ndarray, w: int, s: int) -> Three:
-    """
-    Where a wrench acts, from the centres of a block [m], world frame.
-    """
+    """Where a wrench acts, from the centres of a block [m], world frame."""
     return turn_to_world(
         orientation, s, splat(loads.point[w, 0]), splat(loads.point[w, 1]),
         splat(loads.point[w, 2]))
@@ -188,9 +180,7 @@ def mean_power(
 def power_after(
     loads: Loads, state: State, w: int, s: int, time: float, later: float
 ) -> Vector:
-    """
-    Power [W] of a wrench on a block `later` [s] than `time`, after free flight.
-    """
+    """Power [W] of a wrench on a block `later` [s] than `time`, after free flight."""
     velocity, spin = state.linear_velocity, state.angular_velocity
     ox, oy, oz = load(spin, 0, s), load(spin, 1, s), load(spin, 2, s)
     cosine, sine = half_angle_factors(later, ox, oy, oz)
@@ -215,9 +205,7 @@ def power_after(
 
 @compiled
 def turned(vector: Three, cosine: Vector, ux: Vector, uy: Vector, uz: Vector) -> Three:
-    """
-    A vector turned by the unit quaternion (u, cosine).
-    """
+    """A vector turned by the unit quaternion (u, cosine)."""
     x, y, z = vector
     two = splat(2.0)
     tx, ty, tz = two * (uy * z - uz * y), two * (uz * x - ux * z), two * (ux * y - uy * x)
@@ -230,9 +218,7 @@ def turned(vector: Three, cosine: Vector, ux: Vector, uy: Vector, uz: Vector) ->
 def turned_normal(
     normal: Three | None, cosine: Vector, ux: Vector, uy: Vector, uz: Vector
 ) -> Three | None:
-    """
-    The same for a normal, if there is one.
-    """
+    """The same for a normal, if there is one."""
     if normal is None:
         return None
     else:
@@ -269,9 +255,7 @@ def mean_power_steady(loads: Loads, state: State, w: int, s: int, h: float) -> V
 
 @compiled
 def keep_work(loads: Loads | None, first: int, last: int) -> None:
-    """
-    Note the work so far, to come back to.
-    """
+    """Note the work so far, to come back to."""
     if loads is None:
         return
     for m in range(loads.start[first], loads.start[last]):

@@ -4,17 +4,15 @@
 Energies that flow into or out of the bodies, summed up from their powers at Runge-Kutta stages.
 """
 
-from icofabric_sim.kernels.compiled import compiled
-from icofabric_sim.kernels.lanes import fma, load, splat, store, Vector
 from icofabric_sim.kernels.records import Meter
+from icofabric_sim.kernels.runtime.compiled import compiled
+from icofabric_sim.kernels.runtime.lanes import fma, load, splat, store, Vector
 import numpy as np
 
 
 @compiled
 def note_flow(meter: Meter | None, index: int, s: int, power: Vector) -> None:
-    """
-    Power [W] of a block at a stage.
-    """
+    """Power [W] of a block at a stage."""
     if meter is None:
         return
     store(meter.power, index, s, power)
@@ -43,9 +41,7 @@ def add_flow(
 
 @compiled
 def repeat_flow(meter: Meter | None, slot: np.ndarray, first: int, last: int) -> None:
-    """
-    The powers at the end of a step are those at the start of the next.
-    """
+    """The powers at the end of a step are those at the start of the next."""
     if meter is None:
         return
     for block in range(first, last):
@@ -55,9 +51,7 @@ def repeat_flow(meter: Meter | None, slot: np.ndarray, first: int, last: int) ->
 
 @compiled
 def flowed(meter: Meter | None) -> float:
-    """
-    All that flowed so far [J].
-    """
+    """All that flowed so far [J]."""
     total = 0.0
     if meter is None:
         return total

@@ -1,13 +1,19 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-What bending and twisting add to the energy of a block, and to the bound of its frequency.
-"""
+"""What bending and twisting add to the energy of a block, and to the bound of its frequency."""
 
 import math
 
-from icofabric_sim.kernels.compiled import compiled
-from icofabric_sim.kernels.lanes import (
+from icofabric_sim.kernels.moments import (
+    apart,
+    partner_slot,
+    since_woven,
+    stiffness_of,
+    woven_directions,
+)
+from icofabric_sim.kernels.records import Bending, Links, Twisting
+from icofabric_sim.kernels.runtime.compiled import compiled
+from icofabric_sim.kernels.runtime.lanes import (
     fabs,
     fma,
     load,
@@ -18,14 +24,6 @@ from icofabric_sim.kernels.lanes import (
     sqrt,
     Vector,
 )
-from icofabric_sim.kernels.moments import (
-    apart,
-    partner_slot,
-    since_woven,
-    stiffness_of,
-    woven_directions,
-)
-from icofabric_sim.kernels.records import Bending, Links, Twisting
 import numpy as np
 
 _SMALLEST = 1e-300
@@ -149,9 +147,7 @@ def twisting_look(
 def gram(
     b: tuple[Vector, ...], r0: Vector, r1: Vector, r2: Vector, r3: Vector, r4: Vector, r5: Vector
 ) -> tuple[Vector, ...]:
-    """
-    Add r r^T to a symmetric 6 x 6 matrix, given by the 21 elements of its upper half.
-    """
+    """Add r r^T to a symmetric 6 x 6 matrix, given by the 21 elements of its upper half."""
     return (
         fma(r0, r0, b[0]), fma(r0, r1, b[1]), fma(r0, r2, b[2]), fma(r0, r3, b[3]),
         fma(r0, r4, b[4]), fma(r0, r5, b[5]), fma(r1, r1, b[6]), fma(r1, r2, b[7]),
@@ -163,9 +159,7 @@ def gram(
 
 @compiled
 def largest_row(b: tuple[Vector, ...]) -> Vector:
-    """
-    Largest absolute row sum of such a matrix, whose diagonal is not negative.
-    """
+    """Largest absolute row sum of such a matrix, whose diagonal is not negative."""
     b1, b2, b3, b4, b5 = fabs(b[1]), fabs(b[2]), fabs(b[3]), fabs(b[4]), fabs(b[5])
     b7, b8, b9, b10 = fabs(b[7]), fabs(b[8]), fabs(b[9]), fabs(b[10])
     b12, b13, b14 = fabs(b[12]), fabs(b[13]), fabs(b[14])

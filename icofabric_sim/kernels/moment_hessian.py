@@ -7,17 +7,12 @@ The configuration is x + dx, exp(dtheta) R, as in kernels/hessian.py; seen from 
 is then the first.
 """
 
-from icofabric_sim.kernels.compiled import compiled
 from icofabric_sim.kernels.connectors import Six
-from icofabric_sim.kernels.lanes import fma, load, load_at, rsqrt, splat, Vector, where
-from icofabric_sim.kernels.moments import (
-    partner_slot,
-    since_woven,
-    stiffness_of,
-    woven_directions,
-)
+from icofabric_sim.kernels.moments import partner_slot, since_woven, stiffness_of, woven_directions
 from icofabric_sim.kernels.records import Bending, Links, Twisting
 from icofabric_sim.kernels.rotations import Three
+from icofabric_sim.kernels.runtime.compiled import compiled
+from icofabric_sim.kernels.runtime.lanes import fma, load, load_at, rsqrt, splat, Vector, where
 import numpy as np
 
 _SMALLEST = 1e-300
@@ -25,25 +20,19 @@ _SMALLEST = 1e-300
 
 @compiled
 def cross(a: Three, b: Three) -> Three:
-    """
-    Cross product.
-    """
+    """Cross product."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 @compiled
 def inner(a: Three, b: Three) -> Vector:
-    """
-    Scalar product.
-    """
+    """Scalar product."""
     return fma(a[0], b[0], fma(a[1], b[1], a[2] * b[2]))
 
 
 @compiled
 def turned_twice(turn: Three, arm: Three, along: Three) -> Three:
-    """
-    Half the gradient over `turn` of along . [turn x (turn x arm)].
-    """
+    """Half the gradient over `turn` of along . [turn x (turn x arm)]."""
     half = splat(0.5)
     first, second, third = half * inner(turn, arm), half * inner(turn, along), inner(along, arm)
     return (

@@ -10,9 +10,11 @@ smooth for any rotation but where a connector has no length, and like springs co
 end with opposite forces.
 """
 
-from icofabric_sim.kernels.compiled import compiled
 from icofabric_sim.kernels.connectors import Six
-from icofabric_sim.kernels.lanes import (
+from icofabric_sim.kernels.records import Bending, Links, Moments, Twisting
+from icofabric_sim.kernels.rotations import axes_of_lanes, Nine, on_axes, Three
+from icofabric_sim.kernels.runtime.compiled import compiled
+from icofabric_sim.kernels.runtime.lanes import (
     bits,
     fma,
     load,
@@ -22,8 +24,6 @@ from icofabric_sim.kernels.lanes import (
     Vector,
     where,
 )
-from icofabric_sim.kernels.records import Bending, Links, Moments, Twisting
-from icofabric_sim.kernels.rotations import axes_of_lanes, Nine, on_axes, Three
 import numpy as np
 
 # Squared lengths up to this have no direction, and nothing bends.
@@ -43,9 +43,7 @@ def partner_slot(links: Links, stride: int, block: int, link: int) -> int:
 def stiffness_of(
     uniform: float, variety: np.ndarray | None, present: int, link: int, s: int
 ) -> Vector:
-    """
-    Stiffness [N m/rad] of a connector against a moment, 0 where there is none.
-    """
+    """Stiffness [N m/rad] of a connector against a moment, 0 where there is none."""
     if variety is None:
         return where(bits(present), splat(uniform), splat(0.0))
     else:
@@ -76,9 +74,7 @@ def since_woven(woven: np.ndarray | None, orientation: np.ndarray, s: int) -> Ni
 def woven_direction(
     direction: np.ndarray, directions: np.ndarray | None, link: int, s: int
 ) -> Three:
-    """
-    Where a connector pointed in the woven fabric, in the axes of `since_woven`.
-    """
+    """Where a connector pointed in the woven fabric, in the axes of `since_woven`."""
     if directions is None:
         return splat(direction[link, 0]), splat(direction[link, 1]), splat(direction[link, 2])
     else:
@@ -91,9 +87,7 @@ def woven_direction(
 def woven_directions(
     bending: Bending, own: Nine, other: Nine, link: int, s: int
 ) -> tuple[Vector, Vector, Vector, Vector, Vector, Vector]:
-    """
-    The same turned with its own body and with the other, world components.
-    """
+    """The same turned with its own body and with the other, world components."""
     x, y, z = woven_direction(bending.direction, bending.directions, link, s)
     nx, ny, nz = on_axes(own, x, y, z)
     mx, my, mz = on_axes(other, x, y, z)
@@ -195,9 +189,7 @@ def add_twisting(
 
 @compiled
 def apart(e: Nine, g: Nine) -> Vector:
-    """
-    1 - cos phi between the axes of two bodies: sum |g_i - e_i|^2 / 4, without cancellation.
-    """
+    """1 - cos phi between the axes of two bodies: sum |g_i - e_i|^2 / 4, without cancellation."""
     total = splat(0.0)
     for k in range(9):
         total = fma(g[k] - e[k], g[k] - e[k], total)

@@ -10,12 +10,27 @@ import math
 from typing import Any
 
 from icofabric_sim.kernels.anchors import anchor_look
-from icofabric_sim.kernels.compiled import compiled
 from icofabric_sim.kernels.connectors import arm_of, slope_of
-from icofabric_sim.kernels.contacts import contact_look
+from icofabric_sim.kernels.contact.forces import contact_look
 from icofabric_sim.kernels.drives import energy_of_drives
 from icofabric_sim.kernels.fields import field_parts
-from icofabric_sim.kernels.lanes import (
+from icofabric_sim.kernels.law_tables import tabled_energy, tabled_pull
+from icofabric_sim.kernels.meters import flowed
+from icofabric_sim.kernels.moment_bounds import bending_look, twisting_look
+from icofabric_sim.kernels.obstruction import obstructed_lanes
+from icofabric_sim.kernels.records import (
+    Dipole,
+    LawTables,
+    Links,
+    Loads,
+    Model,
+    State,
+    Variety,
+    Work,
+    Wrapping,
+)
+from icofabric_sim.kernels.runtime.compiled import compiled
+from icofabric_sim.kernels.runtime.lanes import (
     bits,
     fabs,
     fma,
@@ -31,27 +46,14 @@ from icofabric_sim.kernels.lanes import (
     Vector,
     where,
 )
-from icofabric_sim.kernels.law_tables import tabled_energy, tabled_pull
-from icofabric_sim.kernels.meters import flowed
-from icofabric_sim.kernels.moment_bounds import bending_look, twisting_look
-from icofabric_sim.kernels.obstruction import obstructed_lanes
-from icofabric_sim.kernels.records import (
-    LawTables,
-    Links,
-    Loads,
-    Model,
-    State,
-    Variety,
-    Work,
-    Wrapping,
-)
-from icofabric_sim.kernels.wrapping import wrapping_look
+from icofabric_sim.kernels.wrap.forces import wrapping_look
 import numpy as np
 
 # Bits of the status that `examine` returns; the rates concern the bound of the largest frequency.
 RATE_HIGH, RATE_LOW, NOT_FINITE, UNBALANCED, LIVELIER, ROUGHER, OBSTRUCTING = (
     1, 2, 4, 16, 32, 128, 512)
-# Shells that overlap too deeply, and more than they should. Others are in kernels/looking.py.
+# Shells that overlap too deeply, and more than they should. Others are in
+# kernels/contact/rebuild_check.py.
 TOO_DEEP, DEEP = 2048, 4096
 # Not to be saved as a state from which a run can go on.
 UNSOUND = NOT_FINITE | UNBALANCED
@@ -62,8 +64,8 @@ RATE, SPIN, KINETIC, STORED, HEIGHT, WORK = 0, 1, 2, 3, 4, 5
 # above.
 HIGH, LOW, SPIN_WEIGHT, LIVELY = 6, 7, 8, 9
 # The balance: energy less work and with what was spent at the start, height at the start [J],
-# the largest energy seen or work done [J], the largest error beside that, and the present and
-# largest allowed part of it.
+# the largest sum of the magnitudes of what moves, was exchanged or was done [J], the largest error
+# beside the scale, the present error [J] and the part of the scale that is allowed.
 BASE, BASE_HEIGHT, SCALE, WORST, ERROR, LIMIT = 10, 11, 12, 13, 14, 15
 # Work of loads before the present ones [J], and steps of this call when the state was saved.
 EARLIER_WORK, SAVED_AT = 16, 17
@@ -84,14 +86,22 @@ UNTIL_OBSTRUCTED, OBSTRUCTED_EVERY = 27, 28
 CONTACT, TOUCHING, DEEPEST, DEEPEST_EVER, DEEPEST_LIMIT, TOLD_LIMIT = 29, 30, 31, 32, 33, 34
 # What contacts that may happen before the next look add to the squared frequency [1/s^2] at most.
 CONTACT_RATE = 35
-LEDGER_COUNT = 36
+# Energies of connectors, of moments and ways around shells, of charges and dipoles, and of anchors
+# [J]; what these and the contacts had at the start; the magnitudes of all work [J].
+LINKED, BENT, FIELD, ANCHORED = 36, 37, 38, 39
+BASE_LINKED, BASE_BENT, BASE_FIELD, BASE_ANCHORED, BASE_CONTACT, WORKED = 40, 41, 42, 43, 44, 45
+# Sum of the tensions' magnitudes [N], the largest coordinate [m], the number of bodies, the part
+# of a number that counts as rounding; from them the energy that rounding may make [J], at most so
+# far. What the tolerance may make of it [J]; looks so far.
+TENSIONS, EXTENT, BODIES, ROUNDING, NOISE, FLOOR, LOOKS = 46, 47, 48, 49, 50, 51, 52
+LEDGER_COUNT = 53
+# Evaluations of the forces between two looks, or somewhat more: each rounds places once.
+_ROUNDINGS = 100.0
 
 
 @compiled
 def largest_lane(value: Vector) -> float:
-    """
-    Largest number of a vector; infinite where one is not a number.
-    """
+    """Largest number of a vector; infinite where one is not a number."""
     largest = 0.0
     for i in range(LANES):
         number = lane(value, i)
@@ -102,9 +112,7 @@ def largest_lane(value: Vector) -> float:
 
 @compiled
 def sum_of_lanes(value: Vector) -> float:
-    """
-    Sum of the numbers of a vector.
-    """
+    """Sum of the numbers of a vector."""
     total = 0.0
     for i in range(LANES):
         total += lane(value, i)
@@ -115,9 +123,9 @@ def sum_of_lanes(value: Vector) -> float:
 def block_bound(
     links: Links | None, inverse_mass: float, inverse_inertia: float, points: np.ndarray,
     position: np.ndarray, block: int, s: int
-) -> tuple[Vector, Vector]:
+) -> tuple[Vector, Vector, Vector]:
     """
-    Bound of the squared frequency [1/s^2] for each body of a block, and its connector energy [J].
+    Bound of the squared frequency [1/s^2] for each body of a block; connector energy and tension.
 
     The second variation of a connector's energy for small motions (dx, dtheta) of its two bodies
     is k (n.du)^2 + f/l |P du|^2 + moments of f, with du = du_2 - du_1 and
@@ -126,12 +134,12 @@ def block_bound(
     its largest eigenvalue, in mass-scaled coordinates, bounds that of the fabric. Each 6 x 6
     block is bounded by its largest absolute row sum. In the woven rest state the bound is close,
     because neighbours that move against each other make (x - y)^2 = 2 x^2 + 2 y^2. Half of each
-    connector's energy counts for either end.
+    connector's energy [J] and of the magnitude of its tension [N] counts for either end.
     """
     zero = splat(0.0)
     energy = zero
     if links is None:
-        return zero, energy
+        return zero, energy, zero
     else:
         root_m, root_i = math.sqrt(inverse_mass), math.sqrt(inverse_inertia)
         stride = position.shape[1]
@@ -193,7 +201,7 @@ def block_bound(
         upper = fma(twice, upper, spread * tension)
         lower = fma(twice, lower, fma(spread, tension, moment * pulls))
         share = 0.25 * links.stiffness if links.variety is None else 0.25
-        return maximum(upper, lower), energy * splat(share)
+        return maximum(upper, lower), energy * splat(share), splat(0.5) * pulls
 
 
 @compiled
@@ -221,9 +229,7 @@ def stored_part(
     tables: LawTables | None, variety: Variety | None, link: int, s: int, there: Any,
     length: Vector, stretch: Vector, pull: Vector, energy: Vector
 ) -> Vector:
-    """
-    Add the energy of a connector, by a table where it has one, but for a common factor.
-    """
+    """Add the energy of a connector, by a table where it has one, but for a common factor."""
     if tables is None:
         return energy_part(variety, stretch, pull, energy)
     else:
@@ -235,9 +241,7 @@ def stored_part(
 def energy_part(
     variety: Variety | None, stretch: Vector, pull: Vector, energy: Vector
 ) -> Vector:
-    """
-    Add the energy of a connector, but for a common factor.
-    """
+    """Add the energy of a connector, but for a common factor."""
     if variety is None:
         return fma(stretch, stretch, energy)
     else:
@@ -245,15 +249,16 @@ def energy_part(
 
 
 @compiled
-def bound_and_energy(
+def bound_and_energies(
     model: Model, state: State, work: Work, block: int, s: int
-) -> tuple[Vector, Vector]:
+) -> tuple[Vector, Vector, Vector, Vector, Vector]:
     """
-    Bound of the squared frequency [1/s^2] of each body of a block, and its stored energy [J].
+    Bound of the squared frequency [1/s^2] of each body of a block, and its stored energies [J].
 
-    Of a sum of energies: the sum of their bounds.
+    Those of connectors, of moments and ways around shells, and of fields; then the magnitudes of
+    tensions [N]. Of a sum of energies the bound is the sum of their bounds.
     """
-    bound, energy = block_bound(
+    bound, linked, pulls = block_bound(
         model.links, model.inverse_mass, model.inverse_inertia, work.points, state.position,
         block, s)
     more, bent = bending_look(
@@ -266,26 +271,23 @@ def bound_and_energy(
     around, wound, _ = wrapping_look(
         model.wrapping, model.links, model.inverse_mass, model.inverse_inertia, state.position,
         state.orientation, work.points, block, s)
-    return bound + more + most + field + around, energy + bent + twisted + potential + wound
+    return bound + more + most + field + around, linked, bent + twisted + wound, potential, pulls
 
 
 @compiled
 def frequency_bound(model: Model, state: State, work: Work) -> float:
-    """
-    Upper bound of the largest squared frequency [1/s^2] of the fabric, see `block_bound`.
-    """
+    """Upper bound of the largest squared frequency [1/s^2] of the fabric, see `block_bound`."""
     largest = splat(0.0)
     for block in range(model.blocks.slot.shape[0]):
-        bound, _ = bound_and_energy(model, state, work, block, model.blocks.slot[block])
+        bound, _, _, _, _ = bound_and_energies(
+            model, state, work, block, model.blocks.slot[block])
         largest = maximum(bound, largest)
     return largest_lane(largest)
 
 
 @compiled
 def field_bound(model: Model, state: State) -> float:
-    """
-    What electric fields add to that at most [1/s^2].
-    """
+    """What electric fields add to that at most [1/s^2]."""
     largest = splat(0.0)
     for block in range(model.blocks.slot.shape[0]):
         bound, _ = field_parts(
@@ -305,16 +307,19 @@ def examine(
     Its attachment points are in place.
     """
     zero = splat(0.0)
-    largest, spin, linear, angular, stored, height = zero, zero, zero, zero, zero, zero
+    largest, spin, linear, angular, height, extent = zero, zero, zero, zero, zero, zero
+    linked, bent, field, anchored, tensions = zero, zero, zero, zero, zero
     for block in range(model.blocks.slot.shape[0]):
         s = model.blocks.slot[block]
-        bound, energy = bound_and_energy(model, state, work, block, s)
+        bound, straight, around, potential, pulls = bound_and_energies(
+            model, state, work, block, s)
+        linked, bent, field = linked + straight, bent + around, field + potential
+        tensions = tensions + pulls
         if loads is not None:
             for m in range(loads.start[block], loads.start[block + 1]):
                 more, part = anchor_look(loads.anchors, model, loads, state, m, s, time)
-                bound, energy = bound + more, energy + part
+                bound, anchored = bound + more, anchored + part
         largest = maximum(bound, largest)
-        stored = stored + energy
         square = zero
         for k in range(3):
             v, o = load(state.linear_velocity, k, s), load(state.angular_velocity, k, s)
@@ -324,22 +329,30 @@ def examine(
         spin = maximum(square, spin)
         for k in range(3):
             # Also with no weight: what is not finite shows in the sum.
-            weight = splat(gravity_along(model.gravity, k))
-            height = fma(weight, load(state.position, k, s), height)
+            weight, place = splat(gravity_along(model.gravity, k)), load(state.position, k, s)
+            height = fma(weight, place, height)
+            extent = maximum(fabs(place), extent)
     mass, inertia = 1.0 / model.inverse_mass, 1.0 / model.inverse_inertia
     ledger[SPIN] = math.sqrt(largest_lane(spin))
-    ledger[RATE] = math.sqrt(largest_lane(largest) + ledger[CONTACT_RATE])
-    ledger[RATE] += ledger[SPIN_WEIGHT] * ledger[SPIN]
+    rate = math.sqrt(largest_lane(largest) + ledger[CONTACT_RATE])
+    ledger[RATE] = rate + ledger[SPIN_WEIGHT] * ledger[SPIN]
     ledger[KINETIC] = 0.5 * mass * sum_of_lanes(linear) + 0.5 * inertia * sum_of_lanes(angular)
     ledger[CONTACT], ledger[DEEPEST], ledger[TOUCHING] = contact_look(model.contacts, state)
     ledger[DEEPEST_EVER] = max(ledger[DEEPEST_EVER], ledger[DEEPEST])
-    ledger[STORED] = sum_of_lanes(stored) + ledger[CONTACT]
+    ledger[LINKED], ledger[BENT] = sum_of_lanes(linked), sum_of_lanes(bent)
+    ledger[FIELD], ledger[ANCHORED] = sum_of_lanes(field), sum_of_lanes(anchored)
+    ledger[STORED] = ledger[LINKED] + ledger[BENT] + ledger[FIELD] + ledger[ANCHORED]
+    ledger[STORED] += ledger[CONTACT]
     ledger[HEIGHT] = -mass * sum_of_lanes(height)
+    ledger[TENSIONS], ledger[EXTENT] = sum_of_lanes(tensions), largest_lane(extent)
     # What driven bodies move with is work of their drives too.
     ledger[WORK] = ledger[EARLIER_WORK] + energy_of_drives(model, loads, state)
+    ledger[WORKED] = abs(ledger[WORK]) + work_size(loads) + abs(flowed(work.given))
     ledger[WORK] += work_done(loads) + flowed(work.given)
     ledger[SPENT] = flowed(work.spent)
     status = balance(ledger)
+    if status != NOT_FINITE:
+        status |= judge_balance(model, ledger, rate)
     if not ledger[RATE] <= ledger[HIGH]:
         status |= RATE_HIGH
     if ledger[RATE] < ledger[LOW]:
@@ -412,9 +425,7 @@ def sample(
 
 @compiled
 def rows_of(orientation: np.ndarray) -> np.ndarray:
-    """
-    Orientations as (4, s) or (9, s).
-    """
+    """Orientations as (4, s) or (9, s)."""
     if orientation.ndim == 3:
         return orientation.reshape(9, orientation.shape[2])
     else:
@@ -423,9 +434,7 @@ def rows_of(orientation: np.ndarray) -> np.ndarray:
 
 @compiled
 def roughness(work: Work, ledger: np.ndarray) -> float:
-    """
-    The largest difference of a body: of its position over a, or of its orientation in rad.
-    """
+    """The largest difference of a body: of its position over a, or of its orientation in rad."""
     difference = work.difference
     largest = splat(0.0)
     # A small rotation by x changes the quaternion by x / 2, the cosines by sqrt(2) x.
@@ -445,9 +454,7 @@ def roughness(work: Work, ledger: np.ndarray) -> float:
 
 @compiled
 def judge_roughness(work: Work, ledger: np.ndarray, interval: int) -> int:
-    """
-    ROUGHER where the motion has become so; needs `interval` steps of one length.
-    """
+    """ROUGHER where the motion has become so; needs `interval` steps of one length."""
     ledger[ROUGH] = -1.0
     roughest = ledger[ROUGHEST]
     ledger[ROUGHEST] = 0.0
@@ -459,9 +466,7 @@ def judge_roughness(work: Work, ledger: np.ndarray, interval: int) -> int:
 
 @compiled
 def gravity_along(gravity: np.ndarray | None, k: int) -> float:
-    """
-    Gravity [m/s^2] along an axis.
-    """
+    """Gravity [m/s^2] along an axis."""
     if gravity is None:
         return 0.0
     return gravity[k]
@@ -469,9 +474,7 @@ def gravity_along(gravity: np.ndarray | None, k: int) -> float:
 
 @compiled
 def work_done(loads: Loads | None) -> float:
-    """
-    Work [J] of the present loads.
-    """
+    """Work [J] of the present loads."""
     total = 0.0
     if loads is None:
         return total
@@ -481,29 +484,110 @@ def work_done(loads: Loads | None) -> float:
 
 
 @compiled
+def work_size(loads: Loads | None) -> float:
+    """Sum of the magnitudes of the work [J] of the present loads, each on each body."""
+    total = 0.0
+    if loads is None:
+        return total
+    for m in range(loads.work.shape[0]):
+        total += abs(loads.work[m])
+    return total
+
+
+@compiled
+def gravity_size(gravity: np.ndarray | None) -> float:
+    """Magnitude of gravity [m/s^2]."""
+    if gravity is None:
+        return 0.0
+    return math.sqrt(gravity[0] ** 2 + gravity[1] ** 2 + gravity[2] ** 2)
+
+
+@compiled
+def dipole_size(dipole: Dipole | None) -> float:
+    """Largest energy [J] of a dipole in the field, over two."""
+    if dipole is None:
+        return 0.0
+    else:
+        return dipole.largest
+
+
+@compiled
 def balance(ledger: np.ndarray) -> int:
     """
     Compare all energy, less the work done and with what was spent, with what it was at the start.
+
+    The scale is a sum of magnitudes, in which nothing cancels: kinetic energy, work, what was
+    spent and lost, and the change of every potential energy, as where these are zero means nothing
+    (tables, weight, charges), or only what the fabric is held with (pre-stress).
     """
-    energy = ledger[KINETIC] + ledger[STORED]
-    total = energy + ledger[HEIGHT]
-    if not math.isfinite(total + ledger[WORK] + ledger[SPENT]):
+    total = ledger[KINETIC] + ledger[STORED] + ledger[HEIGHT]
+    if not math.isfinite(total + ledger[WORKED] + ledger[SPENT]):
         return NOT_FINITE
-    fallen = abs(ledger[HEIGHT] - ledger[BASE_HEIGHT])
-    ledger[SCALE] = max(ledger[SCALE], energy, fallen, abs(ledger[WORK]))
+    changed = abs(ledger[LINKED] - ledger[BASE_LINKED]) + abs(ledger[BENT] - ledger[BASE_BENT])
+    changed += abs(ledger[FIELD] - ledger[BASE_FIELD])
+    changed += abs(ledger[ANCHORED] - ledger[BASE_ANCHORED])
+    changed += abs(ledger[CONTACT] - ledger[BASE_CONTACT])
+    changed += abs(ledger[HEIGHT] - ledger[BASE_HEIGHT])
+    done = ledger[WORKED] + abs(ledger[SPENT]) + abs(ledger[LOST])
+    ledger[SCALE] = max(ledger[SCALE], ledger[KINETIC] + changed + done)
     ledger[ERROR] = total - ledger[WORK] + ledger[SPENT] + ledger[LOST] - ledger[BASE]
-    if ledger[SCALE] > 0.0:
-        ledger[WORST] = max(ledger[WORST], abs(ledger[ERROR]) / ledger[SCALE])
-        if abs(ledger[ERROR]) > ledger[LIMIT] * ledger[SCALE]:
+    return 0
+
+
+@compiled
+def judge_balance(model: Model, ledger: np.ndarray, rate: float) -> int:
+    """
+    UNBALANCED where the error is more than allowed, and more than rounding and tolerance may make.
+
+    `rate` [rad/s] bounds the fastest motion.
+    """
+    ledger[LOOKS] += 1.0
+    noise = rounding_energy(model, ledger, rate)
+    if noise < math.inf:
+        ledger[NOISE] = max(ledger[NOISE], noise)
+    scale = least_scale(ledger)
+    if scale > 0.0:
+        ledger[WORST] = max(ledger[WORST], abs(ledger[ERROR]) / scale)
+        if abs(ledger[ERROR]) > ledger[LIMIT] * scale:
             return UNBALANCED
     return 0
 
 
 @compiled
+def least_scale(ledger: np.ndarray) -> float:
+    """Scale [J] of the balance: so large that what rounding and tolerance make is allowed."""
+    if not ledger[LIMIT] > 0.0:
+        return ledger[SCALE]
+    return max(ledger[SCALE], (ledger[NOISE] + ledger[FLOOR]) / ledger[LIMIT])
+
+
+@compiled
+def rounding_energy(model: Model, ledger: np.ndarray, rate: float) -> float:
+    """
+    Energy [J] that rounding may make, or hide.
+
+    A place is known to u times its largest coordinate X, with u = ledger[ROUNDING], an orientation
+    to u. So tensions f make f u X of each connector. Energies E that are never negative and whose
+    second derivative by mass-scaled coordinates y is at most W^2, W = `rate`, have a slope of at
+    most W sqrt(2 E), and make W sqrt(2 E) |dy| + W^2 |dy|^2 / 2, with |dy|^2 = u^2 (M X^2 +
+    Lambda) for each body; the last part again in each step. Sums are rounded themselves.
+    """
+    u, bodies = ledger[ROUNDING], ledger[BODIES]
+    # Attachment points and contacts are beside the centres.
+    extent = ledger[EXTENT] + 2.0 / math.sqrt(max(ledger[INVERSE_SIZE], 1e-300))
+    mass, inertia = 1.0 / model.inverse_mass, 1.0 / model.inverse_inertia
+    displaced = u * math.sqrt(bodies * (mass * extent * extent + inertia))
+    others = abs(ledger[BENT]) + abs(ledger[FIELD]) + abs(ledger[ANCHORED]) + ledger[CONTACT]
+    held = mass * gravity_size(model.gravity) * extent + dipole_size(model.dipole)
+    summed = abs(ledger[LINKED]) + others + bodies * held + ledger[KINETIC] + ledger[WORKED]
+    return u * (extent * ledger[TENSIONS] + math.sqrt(bodies) * summed) + (
+        rate * displaced * math.sqrt(2.0 * others)) + (
+        0.5 * (1.0 + _ROUNDINGS * ledger[LOOKS]) * (rate * displaced) ** 2)
+
+
+@compiled
 def save(model: Model, state: State, saved: State, first: int, last: int) -> None:
-    """
-    Copy the state of blocks first to last.
-    """
+    """Copy the state of blocks first to last."""
     for block in range(first, last):
         s = model.blocks.slot[block]
         for k in range(3):

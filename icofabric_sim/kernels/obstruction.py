@@ -14,8 +14,11 @@ vertex and outside. A point inside the shell has its connector inside from the s
 
 from typing import Any
 
-from icofabric_sim.kernels.compiled import compiled
-from icofabric_sim.kernels.lanes import (
+from icofabric_sim.kernels.outlines import edge_point
+from icofabric_sim.kernels.records import Blocks, Connectors, Links, Shells
+from icofabric_sim.kernels.rotations import axes_of_lanes
+from icofabric_sim.kernels.runtime.compiled import compiled
+from icofabric_sim.kernels.runtime.lanes import (
     bits,
     fabs,
     fma,
@@ -25,9 +28,6 @@ from icofabric_sim.kernels.lanes import (
     Vector,
     where,
 )
-from icofabric_sim.kernels.outlines import edge_point
-from icofabric_sim.kernels.records import Blocks, Connectors, Links, Shells
-from icofabric_sim.kernels.rotations import axes_of_lanes
 import numpy as np
 
 # 1 / tau^2: the dihedral angle of the icosahedron is 138.19 degrees.
@@ -59,9 +59,7 @@ def obstructed_in(
     shells: Shells | None, links: Links, orientation: np.ndarray, points: np.ndarray,
     stride: int, block: int, s: int
 ) -> Vector:
-    """
-    How many enter the shells of a block.
-    """
+    """How many enter the shells of a block."""
     if shells is None:
         return obstructed_at_edges(links, points, stride, block, s)
     else:
@@ -73,9 +71,7 @@ def obstructed_anywhere(
     shells: Shells, links: Links, orientation: np.ndarray, points: np.ndarray, stride: int,
     block: int, s: int
 ) -> Vector:
-    """
-    The same from any attachment points.
-    """
+    """The same from any attachment points."""
     zero, one = splat(0.0), splat(1.0)
     total = zero
     ax, ay, az, bx, by, bz, cx, cy, cz = axes_of_lanes(orientation, s)
@@ -108,9 +104,7 @@ def obstructed_anywhere(
 def obstructed_at_edges(
     links: Links, points: np.ndarray, stride: int, block: int, s: int
 ) -> Vector:
-    """
-    The same from edge midpoints.
-    """
+    """The same from edge midpoints."""
     zero, one = splat(0.0), splat(1.0)
     total = zero
     for link in range(12):
@@ -178,9 +172,7 @@ def enters(
     shells: Shells | None, orientation: np.ndarray, b: int, edge: int, dx: float, dy: float,
     dz: float
 ) -> bool:
-    """
-    Whether a connector that leads by this [m] from an edge of body `b` enters its shell.
-    """
+    """Whether a connector that leads by this [m] from an edge of body `b` enters its shell."""
     x, y, z, w = orientation[b, 0], orientation[b, 1], orientation[b, 2], orientation[b, 3]
     # Into the axes of the body: the inverse of eq 26.
     tx, ty, tz = 2.0 * (dy * z - dz * y), 2.0 * (dz * x - dx * z), 2.0 * (dx * y - dy * x)

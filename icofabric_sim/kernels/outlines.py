@@ -10,8 +10,8 @@ way.
 
 import math
 
-from icofabric_sim.kernels.compiled import compiled
 from icofabric_sim.kernels.records import Connectors
+from icofabric_sim.kernels.runtime.compiled import compiled
 import numpy as np
 
 
@@ -32,9 +32,7 @@ def edge_point(
 def arm_at(
     attachment: np.ndarray | None, half_width: float, orientation: np.ndarray, b: int, edge: int
 ) -> tuple[float, float, float]:
-    """
-    The same from the centre of the body.
-    """
+    """The same from the centre of the body."""
     if attachment is None:
         return arm_on_axis(half_width, orientation, b, edge)
     else:
@@ -50,9 +48,7 @@ def arm_at(
 def arm_on_axis(
     half_width: float, orientation: np.ndarray, b: int, edge: int
 ) -> tuple[float, float, float]:
-    """
-    The same for a point on a body axis.
-    """
+    """The same for a point on a body axis."""
     x, y, z, w = orientation[b, 0], orientation[b, 1], orientation[b, 2], orientation[b, 3]
     h = half_width
     axis = edge >> 1
@@ -76,9 +72,7 @@ def arm_on_axis(
 def fill_lengths(
     connectors: Connectors, position: np.ndarray, orientation: np.ndarray, lengths: np.ndarray
 ) -> None:
-    """
-    Lengths [m] of all connectors, `lengths` (c,).
-    """
+    """Lengths [m] of all connectors, `lengths` (c,)."""
     for c in range(connectors.first.shape[0]):
         x0, y0, z0 = edge_point(
             connectors, position, orientation, connectors.first[c], connectors.first_edge[c])
@@ -115,9 +109,7 @@ def fill_lines(
     connectors: Connectors, position: np.ndarray, orientation: np.ndarray, classes: np.ndarray,
     wanted: int, points: np.ndarray
 ) -> None:
-    """
-    Both ends [m] of every connector of the class `wanted`, in order: `points` (2 m, 3).
-    """
+    """Both ends [m] of every connector of the class `wanted`, in order: `points` (2 m, 3)."""
     row = 0
     for c in range(classes.shape[0]):
         if classes[c] == wanted:

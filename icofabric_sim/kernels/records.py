@@ -34,9 +34,7 @@ class Connectors(NamedTuple):
 
 
 class Blocks(NamedTuple):
-    """
-    Runs of LANES slots that are computed together, in the order in which they are computed.
-    """
+    """Runs of LANES slots that are computed together, in the order in which they are computed."""
 
     slot: np.ndarray  # (b,) int32, first slot
     alive: np.ndarray  # (b,) uint8, bit l: lane l holds a body
@@ -44,9 +42,7 @@ class Blocks(NamedTuple):
 
 
 class Variety(NamedTuple):
-    """
-    Laws of the connectors at each body, where they are not one symmetric law; (12, s) each.
-    """
+    """Laws of the connectors at each body, where they are not one symmetric law; (12, s) each."""
 
     extension: np.ndarray  # k_e [N/m]
     compression: np.ndarray  # k_c [N/m]
@@ -54,9 +50,7 @@ class Variety(NamedTuple):
 
 
 class LawTables(NamedTuple):
-    """
-    Tensions by table, see kernels/law_tables.py.
-    """
+    """Tensions by table, see kernels/law_tables.py."""
 
     first: np.ndarray  # (12, s) first row of a connector's table, -1 where it has none
     # (m, 8) least length, anchor [m], f [N], d, c, b, energy [J], last row of the table
@@ -92,7 +86,7 @@ class Shells(NamedTuple):
 
 class Wrapping(NamedTuple):
     """
-    The shell that connectors lie around, and their ways over its edges, see kernels/wrap_path.py.
+    The shell that connectors lie around, and their ways over its edges, see kernels/wrap/path.py.
     """
 
     normals: np.ndarray  # (20, 3) outward unit normals, body axes
@@ -108,9 +102,7 @@ class Wrapping(NamedTuple):
 
 
 class Bending(NamedTuple):
-    """
-    What resists a change of the angle between connectors and bodies, see kernels/moments.py.
-    """
+    """What resists a change of the angle between connectors and bodies, see kernels/moments.py."""
 
     stiffness: float  # kappa_b [N m/rad]; of many the largest
     # Where connectors point in the weave, unit vectors: (12, 3) in body axes, or, where bodies are
@@ -122,9 +114,7 @@ class Bending(NamedTuple):
 
 
 class Twisting(NamedTuple):
-    """
-    What resists rotations of two connected bodies against each other.
-    """
+    """What resists rotations of two connected bodies against each other."""
 
     stiffness: float  # kappa_t [N m/rad]; of many the largest
     variety: np.ndarray | None  # (12, s) [N m/rad] where not all are alike
@@ -132,9 +122,7 @@ class Twisting(NamedTuple):
 
 
 class Moments(NamedTuple):
-    """
-    The same connector by connector; stiffnesses have shape (c,), or (1,) for all alike.
-    """
+    """The same connector by connector; stiffnesses have shape (c,), or (1,) for all alike."""
 
     bodies: np.ndarray  # (c, 2) int32
     bending: np.ndarray  # [N m/rad]
@@ -161,9 +149,7 @@ class Breakage(NamedTuple):
 
 
 class Supports(NamedTuple):
-    """
-    Inverse masses with held freedoms set to zero.
-    """
+    """Inverse masses with held freedoms set to zero."""
 
     inverse_mass: np.ndarray  # (3, s) [1/kg], world axes
     inverse_inertia: np.ndarray  # (1, s) [1/(kg m^2)]
@@ -187,9 +173,7 @@ class Varying(NamedTuple):
 
 
 class Drives(NamedTuple):
-    """
-    Paths on which bodies are moved, see kernels/drives.py; world frame.
-    """
+    """Paths on which bodies are moved, see kernels/drives.py; world frame."""
 
     start: np.ndarray  # (p,) [s] when the pieces of the paths began
     cubic: np.ndarray  # (p, 4, 6) [m], [rad], and by powers of [s]
@@ -203,18 +187,14 @@ class Drives(NamedTuple):
 
 
 class SecondDerivatives(NamedTuple):
-    """
-    Second derivatives of the energy that come as blocks, of bodies or of pairs.
-    """
+    """Second derivatives of the energy that come as blocks, of bodies or of pairs."""
 
     slots: np.ndarray  # (m,) or (m, 2)
     values: np.ndarray  # (m, 6, 6) or (m, 12, 12)
 
 
 class Anchors(NamedTuple):
-    """
-    Connectors from bodies to points of the world, see kernels/anchors.py.
-    """
+    """Connectors from bodies to points of the world, see kernels/anchors.py."""
 
     first: int  # paths of drives, whose numbers come before
     start: np.ndarray  # (a,) [s] when the pieces of the points' paths began
@@ -226,9 +206,7 @@ class Anchors(NamedTuple):
 
 
 class Loads(NamedTuple):
-    """
-    Wrenches, each on any number of bodies: a row for every block that it acts on.
-    """
+    """Wrenches, each on any number of bodies: a row for every block that it acts on."""
 
     start: np.ndarray  # (b + 1,) int32: rows start[b] to start[b + 1] act on block b
     wrench: np.ndarray  # (m,) int32, which of the w wrenches; -1 - p: bodies are on path p,
@@ -248,27 +226,21 @@ class Loads(NamedTuple):
 
 
 class Damping(NamedTuple):
-    """
-    Damping along the connectors.
-    """
+    """Damping along the connectors."""
 
     coefficient: float  # c [N s/m]; of many the largest
     own: np.ndarray | None  # (12, s) [N s/m] of the connectors at each body, where not all alike
 
 
 class Drag(NamedTuple):
-    """
-    Drag on every body.
-    """
+    """Drag on every body."""
 
     linear: float  # gamma [N s/m]
     angular: float  # gamma' [N m s/rad]
 
 
 class Magnet(NamedTuple):
-    """
-    A uniform magnetic field, and the charges that move in it.
-    """
+    """A uniform magnetic field, and the charges that move in it."""
 
     field: np.ndarray  # (3,) B [T]
     charge: float  # q [C]
@@ -277,9 +249,7 @@ class Magnet(NamedTuple):
 
 
 class Dipole(NamedTuple):
-    """
-    A uniform electric field, and the dipoles that turn in it.
-    """
+    """A uniform electric field, and the dipoles that turn in it."""
 
     field: np.ndarray  # (3,) E [V/m]
     moment: np.ndarray  # (3,) p [C m], body axes
@@ -287,27 +257,21 @@ class Dipole(NamedTuple):
 
 
 class Coulomb(NamedTuple):
-    """
-    Equal charges at the centres of all bodies.
-    """
+    """Equal charges at the centres of all bodies."""
 
     strength: float  # kappa = q^2 / (4 pi eps_0) [J m]
     slots: np.ndarray  # (n,) int32, the slots of the bodies
 
 
 class Meter(NamedTuple):
-    """
-    Energy that flows at the bodies, integrated with the weights of a Runge-Kutta method.
-    """
+    """Energy that flows at the bodies, integrated with the weights of a Runge-Kutta method."""
 
     power: np.ndarray  # (16, s) [W] at the stages
     done: np.ndarray  # (2, s) [J] so far, and when the step in progress began
 
 
 class External(NamedTuple):
-    """
-    A function outside that says what acts on the bodies, see kernels/external.py.
-    """
+    """A function outside that says what acts on the bodies, see kernels/external.py."""
 
     address: int  # of the C function
     slots: np.ndarray  # (n,) int32 of the bodies
@@ -347,9 +311,7 @@ class Contacts(NamedTuple):
 
 
 class ContactLosses(NamedTuple):
-    """
-    What contacts take from the motion, see kernels/contact_losses.py.
-    """
+    """What contacts take from the motion, see kernels/contact/losses.py."""
 
     damping: float  # c [s/m]
     friction: float  # mu
@@ -370,9 +332,7 @@ class ContactLosses(NamedTuple):
 
 
 class Model(NamedTuple):
-    """
-    Constants of a compiled scene.
-    """
+    """Constants of a compiled scene."""
 
     inverse_mass: float  # [1/kg]
     inverse_inertia: float  # [1/(kg m^2)]
@@ -393,9 +353,7 @@ class Model(NamedTuple):
 
 
 class State(NamedTuple):
-    """
-    Evolving state, world frame, written by kernels.
-    """
+    """Evolving state, world frame, written by kernels."""
 
     position: np.ndarray  # (3, s) [m]
     orientation: np.ndarray  # (4, s) x y z w, or (3, 3, s) direction cosines
@@ -404,9 +362,7 @@ class State(NamedTuple):
 
 
 class Work(NamedTuple):
-    """
-    What follows from the state: attachment points, and accelerations where a call ends.
-    """
+    """What follows from the state: attachment points, and accelerations where a call ends."""
 
     # Attachment points [m], (18 s,): coordinate k of edge e of slot s at (3 e + k) stride + s,
     # where the stride is the number of slots; nothing without links.
@@ -426,19 +382,18 @@ class Work(NamedTuple):
 
 
 class Trail(NamedTuple):
-    """
-    What a Runge-Kutta step leaves behind.
-    """
+    """What a Runge-Kutta step leaves behind."""
 
-    slopes: np.ndarray  # (16, r, s), see kernels/slopes.py
+    slopes: np.ndarray  # (16, r, s), see kernels/rhs.py
     stage: State  # the stage in progress, then the end of the step
     start: State
     errors: np.ndarray  # one for each thread
+    probable: np.ndarray  # what steps probably err by, likewise
 
 
 class Nearby(NamedTuple):
     """
-    Bodies whose spheres are close, and room to find them; see kernels/contact_search.py.
+    Bodies whose spheres are close, and room to find them; see kernels/contact/search.py.
 
     Bodies by their numbers, of which there are n; room for p pairs.
     """
@@ -466,22 +421,20 @@ class Watch(NamedTuple):
     """
     Places from which bodies may move only so far before closer ones are looked for.
 
-    See kernels/ways.py and kernels/looking.py.
+    See kernels/contact/displacement.py and kernels/contact/rebuild_check.py.
     """
 
     reference: np.ndarray  # (3, s) [m]
     turned: np.ndarray  # orientations there, in the form of the state
     frame: np.ndarray  # (7,) time [s] of that, velocity [m/s] and half acceleration of all
     radius: float  # of the sphere around a body [m]
-    limits: np.ndarray  # (LIMIT_COUNT,) see kernels/ways.py
+    limits: np.ndarray  # (LIMIT_COUNT,) see kernels/contact/displacement.py
     far: np.ndarray  # (8 t,) [m^2] the largest squares that each thread has seen
     nearby: Nearby
 
 
 class Sweep(NamedTuple):
-    """
-    In which order a thread goes over its blocks, see sweep.py.
-    """
+    """In which order a thread goes over its blocks, see sweep.py."""
 
     drifts: np.ndarray  # (b,) uint32, its blocks as they drift
     pushes: np.ndarray  # (b,) uint32, the same blocks as they are pushed
@@ -490,12 +443,10 @@ class Sweep(NamedTuple):
 
 
 class Team(NamedTuple):
-    """
-    Threads that share a call; each takes a run of blocks.
-    """
+    """Threads that share a call; each takes a run of blocks."""
 
     member: int
     size: int
-    flags: np.ndarray  # int64, see kernels/team.py
+    flags: np.ndarray  # int64, see kernels/runtime/team.py
     sweep: Sweep
     scratch: Any  # room for contacts, see contact_surface.py; None where there are none

@@ -10,8 +10,8 @@ components. The number of dimensions is a constant of the compiled kernel.
 
 import math
 
-from icofabric_sim.kernels.compiled import compiled
-from icofabric_sim.kernels.lanes import (
+from icofabric_sim.kernels.runtime.compiled import compiled
+from icofabric_sim.kernels.runtime.lanes import (
     any_lane,
     fma,
     insert,
@@ -37,9 +37,7 @@ Nine = tuple[Vector, Vector, Vector, Vector, Vector, Vector, Vector, Vector, Vec
 def to_world(
     orientation: np.ndarray, s: int, x: float, y: float, z: float
 ) -> tuple[float, float, float]:
-    """
-    World components of a vector given on the axes of the body in slot `s` (eq 26).
-    """
+    """World components of a vector given on the axes of the body in slot `s` (eq 26)."""
     if orientation.ndim == 2:
         qx, qy, qz, qw = orientation[0, s], orientation[1, s], orientation[2, s], orientation[3, s]
         tx = 2.0 * (qy * z - qz * y)
@@ -62,9 +60,7 @@ def to_world(
 def turn_to_world(
     orientation: np.ndarray, s: int, x: Vector, y: Vector, z: Vector
 ) -> tuple[Vector, Vector, Vector]:
-    """
-    World components of vectors given on the axes of the bodies of a block (eq 26).
-    """
+    """World components of vectors given on the axes of the bodies of a block (eq 26)."""
     if orientation.ndim == 2:
         qx, qy = load(orientation, 0, s), load(orientation, 1, s)
         qz, qw = load(orientation, 2, s), load(orientation, 3, s)
@@ -84,9 +80,7 @@ def turn_to_world(
 
 @compiled
 def axes_of_lanes(orientation: np.ndarray, s: int) -> Nine:
-    """
-    World components of the body axes (eqs 16 and 26) of the block at slot `s`.
-    """
+    """World components of the body axes (eqs 16 and 26) of the block at slot `s`."""
     if orientation.ndim == 2:
         x, y = load(orientation, 0, s), load(orientation, 1, s)
         z, w = load(orientation, 2, s), load(orientation, 3, s)
@@ -105,9 +99,7 @@ def axes_of_lanes(orientation: np.ndarray, s: int) -> Nine:
 
 @compiled
 def on_axes(axes: Nine, x: Vector, y: Vector, z: Vector) -> Three:
-    """
-    World components of a vector given on body axes.
-    """
+    """World components of a vector given on body axes."""
     return (
         fma(x, axes[0], fma(y, axes[3], z * axes[6])),
         fma(x, axes[1], fma(y, axes[4], z * axes[7])),
@@ -116,9 +108,7 @@ def on_axes(axes: Nine, x: Vector, y: Vector, z: Vector) -> Three:
 
 @compiled
 def half_angle_factors(h: float, ox: Vector, oy: Vector, oz: Vector) -> tuple[Vector, Vector]:
-    """
-    cos(|omega| h / 2) and sin(|omega| h / 2) / |omega|, smooth at zero.
-    """
+    """cos(|omega| h / 2) and sin(|omega| h / 2) / |omega|, smooth at zero."""
     half = 0.5 * h
     square = fma(ox, ox, fma(oy, oy, oz * oz)) * splat(half * half)
     # Horner's rule; the first term left out is 1e-19 at the end of the range.
@@ -209,9 +199,7 @@ def orthonormalise(orientation: np.ndarray, s: int) -> None:
 def _products(
     first: np.ndarray, second: np.ndarray, third: np.ndarray, s: int, i: int, j: int
 ) -> Vector:
-    """
-    Element (i, j) of M^T M.
-    """
+    """Element (i, j) of M^T M."""
     return fma(
         load(first, i, s), load(first, j, s),
         fma(load(second, i, s), load(second, j, s), load(third, i, s) * load(third, j, s)))
@@ -255,9 +243,7 @@ def arm_lanes(
 def place_points(
     half_width: float, position: np.ndarray, orientation: np.ndarray, points: np.ndarray, s: int
 ) -> None:
-    """
-    Attachment points [m] of the block at slot `s`: the six edge midpoints (eq 49).
-    """
+    """Attachment points [m] of the block at slot `s`: the six edge midpoints (eq 49)."""
     stride = position.shape[1]
     x, y, z = load(position, 0, s), load(position, 1, s), load(position, 2, s)
     for pair in range(3):
@@ -276,9 +262,7 @@ def place_anywhere(
     attachment: np.ndarray, position: np.ndarray, orientation: np.ndarray, points: np.ndarray,
     s: int
 ) -> None:
-    """
-    Attachment points [m] of the block at slot `s`: any six, (6, 3) in body axes.
-    """
+    """Attachment points [m] of the block at slot `s`: any six, (6, 3) in body axes."""
     stride = position.shape[1]
     x, y, z = load(position, 0, s), load(position, 1, s), load(position, 2, s)
     axes = axes_of_lanes(orientation, s)

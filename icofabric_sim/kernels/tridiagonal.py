@@ -6,7 +6,7 @@ The largest eigenvalue of a symmetric tridiagonal matrix, as the Lanczos iterati
 
 import math
 
-from icofabric_sim.kernels.compiled import compiled
+from icofabric_sim.kernels.runtime.compiled import compiled
 import numpy as np
 
 # Each halves the interval of the eigenvalue, or finds it to rounding before.
@@ -19,9 +19,7 @@ _SHIFT = 4e-15
 
 @compiled
 def is_above(diagonal: np.ndarray, off: np.ndarray, value: float, smallest: float) -> bool:
-    """
-    Whether all eigenvalues lie below `value`: no pivot of T - value is positive (Sturm).
-    """
+    """Whether all eigenvalues lie below `value`: no pivot of T - value is positive (Sturm)."""
     pivot = diagonal[0] - value
     if pivot > 0.0:
         return False

@@ -7,8 +7,11 @@ For slopes of Runge-Kutta methods: what they add to the slopes of velocity and s
 the power [W] that they take from the motion.
 """
 
-from icofabric_sim.kernels.compiled import compiled
-from icofabric_sim.kernels.lanes import (
+from icofabric_sim.kernels.loads import inverses
+from icofabric_sim.kernels.records import Damping, Drag, Links, Magnet, Model, State, Supports
+from icofabric_sim.kernels.rotations import turn_to_world
+from icofabric_sim.kernels.runtime.compiled import compiled
+from icofabric_sim.kernels.runtime.lanes import (
     bits,
     fma,
     load,
@@ -21,9 +24,6 @@ from icofabric_sim.kernels.lanes import (
     Vector,
     where,
 )
-from icofabric_sim.kernels.loads import inverses
-from icofabric_sim.kernels.records import Damping, Drag, Links, Magnet, Model, State, Supports
-from icofabric_sim.kernels.rotations import turn_to_world
 import numpy as np
 
 _SMALLEST = 1e-300
@@ -110,9 +110,7 @@ def add_damping(
 def coefficient_of(
     own: np.ndarray | None, coefficient: float, link: int, s: int
 ) -> Vector:
-    """
-    Damping [N s/m] of a connector at each body of a block.
-    """
+    """Damping [N s/m] of a connector at each body of a block."""
     if own is None:
         return splat(coefficient)
     else:

@@ -7,11 +7,7 @@ Building a message from objects costs a hundred times more than the step it repo
 here writes the unchanging parts of its message once and exposes the numbers as an array. What a
 publisher sends and what a bag stores are the same bytes.
 """
-from icofabric_sim.messages.arrays import (
-    Float64MultiArrayBytes,
-    StringBytes,
-    UInt8MultiArrayBytes,
-)
+from icofabric_sim.messages.arrays import Float64MultiArrayBytes, StringBytes, UInt8MultiArrayBytes
 from icofabric_sim.messages.decode import (
     decode_clock,
     decode_diagnostic_array,

@@ -1,8 +1,6 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-Messages of std_msgs: text, bytes, and arrays of numbers with a label for each dimension.
-"""
+"""Messages of std_msgs: text, bytes, and arrays of numbers with a label for each dimension."""
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -10,6 +8,7 @@ from functools import cached_property
 import math
 from typing import ClassVar
 
+from icofabric_sim import checks
 from icofabric_sim.messages.cdr import aligned_buffer, CdrBuilder
 from icofabric_sim.messages.draft import Draft, Fill
 import numpy as np
@@ -17,15 +16,13 @@ from numpy.typing import NDArray
 
 
 class StringBytes:
-    """
-    A std_msgs/String.
-    """
+    """A std_msgs/String."""
 
     TYPE: ClassVar[str] = 'std_msgs/msg/String'
 
     def __init__(self, text: str) -> None:
         layout = CdrBuilder()
-        layout.string(text)
+        layout.string(text, 'text')
         self._message = bytes(layout.data)
 
     def to_bytes(self) -> bytes:
@@ -33,13 +30,13 @@ class StringBytes:
 
 
 class UInt8MultiArrayBytes:
-    """
-    A std_msgs/UInt8MultiArray: a row of bytes, without labels.
-    """
+    """A std_msgs/UInt8MultiArray: a row of bytes, without labels."""
 
     TYPE: ClassVar[str] = 'std_msgs/msg/UInt8MultiArray'
 
     def __init__(self, data: bytes) -> None:
+        if not isinstance(data, (bytes, bytearray, memoryview)):
+            raise TypeError(f'data must be bytes, got {checks.shown(data)}')
         if not len(data) < 2**32:
             raise ValueError(f'a ROS sequence holds less than 2^32 bytes, got {len(data)}')
         layout = CdrBuilder()
@@ -60,14 +57,21 @@ class Float64MultiArrayBytes:
     TYPE: ClassVar[str] = 'std_msgs/msg/Float64MultiArray'
 
     def __init__(self, labels: Sequence[str], shape: Sequence[int]) -> None:
+        labels = checks.items('labels', labels, 'texts')
+        shape = [
+            checks.count('each size in shape', size)
+            for size in checks.items('shape', shape, 'sizes')]
         if len(labels) != len(shape):
-            raise ValueError(f'{len(shape)} dimensions need as many labels, got {list(labels)!r}')
-        if not all(0 <= size and math.prod(shape[i:]) < 2**32 for i, size in enumerate(shape)):
-            raise ValueError(f'sizes must be at least 0 and below 2^32 in all, got {shape!r}')
+            raise ValueError(
+                f'labels must be as many as the {len(shape)} dimensions of shape, got '
+                f'{checks.shown(labels)}')
+        if not all(math.prod(shape[i:]) < 2**32 for i in range(len(shape))):
+            raise ValueError(
+                f'sizes in shape must be below 2^32 in all, got {checks.shown(shape)}')
         layout = CdrBuilder()
         layout.numbers('I', len(shape))
         for dimension, (label, size) in enumerate(zip(labels, shape)):
-            layout.string(label)
+            layout.string(label, 'labels')
             # The stride of a dimension is the count of numbers from it inwards
             # (std_msgs/MultiArrayLayout), so the first one is the count of all.
             layout.numbers('I', size, math.prod(shape[dimension:]))
@@ -81,9 +85,7 @@ class Float64MultiArrayBytes:
 
     @cached_property
     def _message(self) -> NDArray[np.uint8]:
-        """
-        The message that is kept, and copied each time; made when it is first needed.
-        """
+        """The message that is kept, and copied each time; made when it is first needed."""
         start = len(self._head)
         message = aligned_buffer(start + 8 * math.prod(self._shape))
         message[:start] = np.frombuffer(self._head, np.uint8)
@@ -102,6 +104,7 @@ class Float64MultiArrayBytes:
 
         It is laid out once, where it stays, and `values` is not touched.
         """
+        checks.function('fill', fill)
         start = len(self._head)
         draft = Draft(start + 8 * math.prod(self._shape))
         draft.put(0, self._head)

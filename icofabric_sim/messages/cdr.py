@@ -10,16 +10,18 @@ its length and its items. Messages are written little endian.
 """
 from __future__ import annotations
 
-import operator
 import struct
 from typing import SupportsIndex
 
+from icofabric_sim import checks
 import numpy as np
 from numpy.typing import NDArray
 
 HEADER_SIZE = 4
 LITTLE_ENDIAN_HEADER = b'\x00\x01\x00\x00'
 NANOSECONDS_PER_SECOND = 1_000_000_000
+# A ROS stamp holds 0 to 2^31 s.
+_LAST_NANOSECOND = 2**31 * NANOSECONDS_PER_SECOND - 1
 # A message may be padded to a multiple of four bytes (DDS-XTypes 1.3, section 7.6.3.1.2), and
 # rclpy also makes room for the alignment of a last sequence of float64 that is empty.
 PADDING_BELOW = 8
@@ -29,14 +31,9 @@ _SIZES = {'B': 1, 'i': 4, 'I': 4, 'f': 4, 'd': 8}
 
 
 def split_nanoseconds(nanoseconds: SupportsIndex) -> tuple[int, int]:
-    """
-    Split a time in integer nanoseconds into the seconds and nanoseconds of a ROS stamp.
-    """
-    seconds, rest = divmod(operator.index(nanoseconds), NANOSECONDS_PER_SECOND)
-    if not 0 <= seconds < 2**31:
-        raise ValueError(
-            f'a ROS stamp holds 0 to 2^31 s, got {operator.index(nanoseconds)} ns')
-    return seconds, rest
+    """Split a time in integer nanoseconds into the seconds and nanoseconds of a ROS stamp."""
+    return divmod(
+        checks.count('nanoseconds', nanoseconds, 0, _LAST_NANOSECOND), NANOSECONDS_PER_SECOND)
 
 
 def aligned_buffer(size: int) -> NDArray[np.uint8]:
@@ -51,56 +48,57 @@ def aligned_buffer(size: int) -> NDArray[np.uint8]:
 
 
 class CdrBuilder:
-    """
-    Lays out the parts of a message one after the other.
-    """
+    """Lays out the parts of a message one after the other."""
 
     def __init__(self, *, offset: int | None = None) -> None:
-        """
-        Start a message; with `offset`, a part that follows that many bytes of one.
-        """
+        """Start a message; with `offset`, a part that follows that many bytes of one."""
         self.data = bytearray(LITTLE_ENDIAN_HEADER if offset is None else b'')
         self._offset = offset or 0
 
     @property
     def size(self) -> int:
-        """
-        Bytes of the message so far, those before `offset` included.
-        """
+        """Bytes of the message so far, those before `offset` included."""
         return self._offset + len(self.data)
 
     def align(self, size: int) -> None:
         self.data.extend(bytes((HEADER_SIZE - self.size) % size))
 
     def numbers(self, kind: str, *values: float) -> None:
-        """
-        Append numbers of one `struct` kind: B, i, I, f or d.
-        """
+        """Append numbers of one `struct` kind: B, i, I, f or d."""
         self.align(_SIZES[kind])
         self.data.extend(struct.pack(f'<{len(values)}{kind}', *values))
 
-    def string(self, text: str) -> None:
-        if '\0' in text:
-            raise ValueError(f'a ROS string cannot hold a NUL character, got {text!r}')
-        encoded = text.encode() + b'\0'
+    def string(self, text: str, name: str = 'text') -> None:
+        """Append a text; `name` is that of the argument that it was."""
+        if '\0' in checks.text(name, text):
+            raise ValueError(
+                f'{name} must be a text without the NUL character, got {checks.shown(text)}')
+        try:
+            encoded = text.encode() + b'\0'
+        except UnicodeEncodeError:
+            raise ValueError(
+                f'{name} must be a text that UTF-8 can hold, got {checks.shown(text)}') from None
         self.numbers('I', len(encoded))
         self.data.extend(encoded)
 
     def header(self, frame_id: str) -> None:
-        """
-        Append a std_msgs/Header with stamp zero.
-        """
+        """Append a std_msgs/Header with stamp zero."""
         self.numbers('I', 0, 0)
-        self.string(frame_id)
+        self.string(frame_id, 'frame_id')
 
 
 class CdrReader:
-    """
-    Reads the parts of a message in order; whatever does not fit raises ValueError.
-    """
+    """Reads the parts of a message in order; whatever does not fit raises ValueError."""
 
     def __init__(self, data: bytes | bytearray | memoryview, type_name: str) -> None:
-        self._view = memoryview(data).cast('B')
+        try:
+            view = memoryview(data)
+            if view.itemsize != 1:
+                raise TypeError
+            self._view = view.cast('B')
+        except TypeError:
+            raise TypeError(
+                f'data must be the bytes of a {type_name}, got {checks.shown(data)}') from None
         self._type_name = type_name
         self._position = HEADER_SIZE
         if len(self._view) < HEADER_SIZE:
@@ -125,17 +123,13 @@ class CdrReader:
         return start
 
     def integer(self, kind: str) -> int:
-        """
-        Read one integer of a `struct` kind: B, i or I.
-        """
+        """Read one integer of a `struct` kind: B, i or I."""
         size = _SIZES[kind]
         value: int = struct.unpack_from(self._prefix + kind, self._view, self._take(size, size))[0]
         return value
 
     def time(self) -> int:
-        """
-        Read a stamp; integer nanoseconds, negative before the epoch.
-        """
+        """Read a stamp; integer nanoseconds, negative before the epoch."""
         seconds = self.integer('i')
         return seconds * NANOSECONDS_PER_SECOND + self.integer('I')
 
@@ -153,9 +147,7 @@ class CdrReader:
             raise self.error(f'the string at byte {start} is not UTF-8 ({error.reason})') from None
 
     def count(self, item_size: int) -> int:
-        """
-        Read the length of a sequence whose items take at least `item_size` bytes each.
-        """
+        """Read the length of a sequence whose items take at least `item_size` bytes each."""
         count = self.integer('I')
         if not count * item_size <= len(self._view) - self._position:
             raise self.error(
@@ -163,9 +155,7 @@ class CdrReader:
         return count
 
     def floats(self, count: int, kind: str = 'd') -> NDArray[np.float64]:
-        """
-        Read `count` numbers; a read-only view where the message allows one.
-        """
+        """Read `count` numbers; a read-only view where the message allows one."""
         if count == 0:  # nothing is written for an empty sequence, not even its alignment
             return np.empty(0)
         size = _SIZES[kind]
@@ -176,9 +166,7 @@ class CdrReader:
         return values
 
     def take(self, size: int) -> bytes:
-        """
-        Read `size` bytes as they are.
-        """
+        """Read `size` bytes as they are."""
         start = self._take(size, 1)
         return bytes(self._view[start:start + size])
 

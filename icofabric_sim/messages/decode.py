@@ -11,11 +11,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from icofabric_sim.messages.arrays import (
-    Float64MultiArrayBytes,
-    StringBytes,
-    UInt8MultiArrayBytes,
-)
+from icofabric_sim.messages.arrays import Float64MultiArrayBytes, StringBytes, UInt8MultiArrayBytes
 from icofabric_sim.messages.cdr import CdrReader
 from icofabric_sim.messages.diagnostics import DiagnosticArrayBytes, DiagnosticStatus
 from icofabric_sim.messages.marker import MarkerBytes
@@ -33,9 +29,7 @@ Floats = NDArray[np.float64]
 
 
 class PoseArrayValues(NamedTuple):
-    """
-    A PoseArray: `values` (n, 7) holds position [m] and orientation x, y, z, w.
-    """
+    """A PoseArray: `values` (n, 7) holds position [m] and orientation x, y, z, w."""
 
     nanoseconds: int
     frame_id: str
@@ -54,9 +48,7 @@ class StampedPair(NamedTuple):
 
 
 class MarkerPoints(NamedTuple):
-    """
-    A Marker with its points [m] (m, 3); `marker_type` and `action` are the numbers of ROS.
-    """
+    """A Marker with its points [m] (m, 3); `marker_type` and `action` are the numbers of ROS."""
 
     nanoseconds: int
     frame_id: str
@@ -71,18 +63,14 @@ class MarkerPoints(NamedTuple):
 
 
 class LabelledArray(NamedTuple):
-    """
-    A Float64MultiArray: one label for each dimension of `values`.
-    """
+    """A Float64MultiArray: one label for each dimension of `values`."""
 
     labels: tuple[str, ...]
     values: Floats
 
 
 def decode_pose_array(data: Buffer) -> PoseArrayValues:
-    """
-    Return (nanoseconds, frame_id, values).
-    """
+    """Return (nanoseconds, frame_id, values)."""
     reader = CdrReader(data, PoseArrayBytes.TYPE)
     nanoseconds, frame_id = reader.time(), reader.string()
     count = reader.count(56)
@@ -92,16 +80,12 @@ def decode_pose_array(data: Buffer) -> PoseArrayValues:
 
 
 def decode_wrench_stamped(data: Buffer) -> StampedPair:
-    """
-    Return (nanoseconds, frame_id, force, torque).
-    """
+    """Return (nanoseconds, frame_id, force, torque)."""
     return _decode_pair(CdrReader(data, WrenchStampedBytes.TYPE))
 
 
 def decode_twist_stamped(data: Buffer) -> StampedPair:
-    """
-    Return (nanoseconds, frame_id, linear, angular).
-    """
+    """Return (nanoseconds, frame_id, linear, angular)."""
     return _decode_pair(CdrReader(data, TwistStampedBytes.TYPE))
 
 
@@ -113,9 +97,7 @@ def _decode_pair(reader: CdrReader) -> StampedPair:
 
 
 def decode_clock(data: Buffer) -> int:
-    """
-    Return the time [ns].
-    """
+    """Return the time [ns]."""
     reader = CdrReader(data, ClockBytes.TYPE)
     nanoseconds = reader.time()
     reader.finish()
@@ -123,9 +105,7 @@ def decode_clock(data: Buffer) -> int:
 
 
 def decode_string(data: Buffer) -> str:
-    """
-    Return the text.
-    """
+    """Return the text."""
     reader = CdrReader(data, StringBytes.TYPE)
     text = reader.string()
     reader.finish()
@@ -133,9 +113,7 @@ def decode_string(data: Buffer) -> str:
 
 
 def decode_uint8_multi_array(data: Buffer) -> bytes:
-    """
-    Return the bytes, whatever shape they are said to have.
-    """
+    """Return the bytes, whatever shape they are said to have."""
     reader = CdrReader(data, UInt8MultiArrayBytes.TYPE)
     for _ in range(reader.count(12)):
         reader.string()
@@ -148,9 +126,7 @@ def decode_uint8_multi_array(data: Buffer) -> bytes:
 
 
 def decode_float64_multi_array(data: Buffer) -> LabelledArray:
-    """
-    Return the labels and the numbers in their shape; one that announces no shape is a row.
-    """
+    """Return the labels and the numbers in their shape; one that announces no shape is a row."""
     reader = CdrReader(data, Float64MultiArrayBytes.TYPE)
     labels, shape = [], []
     for _ in range(reader.count(12)):
@@ -169,9 +145,7 @@ def decode_float64_multi_array(data: Buffer) -> LabelledArray:
 
 
 def decode_marker_points(data: Buffer) -> MarkerPoints:
-    """
-    Return a marker that is a list of points; its colors per point and texture are read over.
-    """
+    """Return a marker that is a list of points; its colors per point and texture are read over."""
     reader = CdrReader(data, MarkerBytes.TYPE)
     nanoseconds, frame_id, namespace = reader.time(), reader.string(), reader.string()
     marker_id, marker_type, action = (reader.integer('i') for _ in range(3))
@@ -199,9 +173,7 @@ def decode_marker_points(data: Buffer) -> MarkerPoints:
 
 
 def decode_diagnostic_array(data: Buffer) -> tuple[int, list[DiagnosticStatus]]:
-    """
-    Return the stamp [ns] and the statuses.
-    """
+    """Return the stamp [ns] and the statuses."""
     reader = CdrReader(data, DiagnosticArrayBytes.TYPE)
     nanoseconds, _ = reader.time(), reader.string()
     statuses = []

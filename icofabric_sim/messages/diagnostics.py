@@ -1,14 +1,13 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-A diagnostic_msgs/DiagnosticArray: the health of named parts, once a second.
-"""
+"""A diagnostic_msgs/DiagnosticArray: the health of named parts, once a second."""
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 import struct
 from typing import ClassVar, NamedTuple, SupportsIndex
 
+from icofabric_sim import checks
 from icofabric_sim.messages.cdr import CdrBuilder, split_nanoseconds
 
 # Levels of diagnostic_msgs/DiagnosticStatus.
@@ -16,9 +15,7 @@ OK, WARN, ERROR, STALE = range(4)
 
 
 class DiagnosticStatus(NamedTuple):
-    """
-    The health of one part: level OK, WARN, ERROR or STALE, a sentence, and figures as text.
-    """
+    """The health of one part: level OK, WARN, ERROR or STALE, a sentence, and figures as text."""
 
     level: int
     name: str
@@ -28,9 +25,7 @@ class DiagnosticStatus(NamedTuple):
 
 
 class DiagnosticArrayBytes:
-    """
-    A diagnostic_msgs/DiagnosticArray; small and different each time, so built when asked.
-    """
+    """A diagnostic_msgs/DiagnosticArray; small and different each time, so built when asked."""
 
     TYPE: ClassVar[str] = 'diagnostic_msgs/msg/DiagnosticArray'
 
@@ -40,23 +35,19 @@ class DiagnosticArrayBytes:
         self._head = bytes(layout.data)
 
     def stamped(self, nanoseconds: SupportsIndex, statuses: Iterable[DiagnosticStatus]) -> bytes:
-        """
-        Return the message with this stamp, integer nanoseconds of simulated time.
-        """
+        """Return the message with this stamp, integer nanoseconds of simulated time."""
         layout = CdrBuilder()
         layout.data[:] = self._head
         struct.pack_into('<II', layout.data, 4, *split_nanoseconds(nanoseconds))
-        statuses = list(statuses)
+        statuses = checks.items('statuses', statuses, 'DiagnosticStatus')
         layout.numbers('I', len(statuses))
         for status in statuses:
-            if not OK <= status.level <= STALE:
-                raise ValueError(f'level must lie in {OK} to {STALE}, got {status.level!r}')
-            layout.numbers('B', status.level)
-            layout.string(status.name)
-            layout.string(status.message)
-            layout.string(status.hardware_id)
-            layout.numbers('I', len(status.values))
+            checks.instance('each of statuses', status, DiagnosticStatus)
+            layout.numbers('B', checks.count('level of a status', status.level, OK, STALE))
+            for name in ('name', 'message', 'hardware_id'):
+                layout.string(getattr(status, name), f'{name} of a status')
+            layout.numbers('I', len(checks.mapping('values of a status', status.values)))
             for key, value in status.values.items():
-                layout.string(key)
-                layout.string(value)
+                layout.string(key, 'a name in values of a status')
+                layout.string(value, f'{key} of values of a status')
         return bytes(layout.data)

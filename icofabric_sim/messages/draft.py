@@ -1,8 +1,6 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-A large message written where it will stay, so that at no time there is a second copy of it.
-"""
+"""A large message written where it will stay, so that at no time there is a second copy of it."""
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -30,9 +28,7 @@ class Draft:
         self._file.write(b'\0')  # and zeros before it, in one piece
 
     def put(self, start: int, data: bytes | memoryview) -> None:
-        """
-        Write `data` at byte `start`.
-        """
+        """Write `data` at byte `start`."""
         self._file.seek(start)
         self._file.write(data)
 
@@ -47,7 +43,5 @@ class Draft:
             fill(np.frombuffer(self._file.getbuffer(), '<f8', count, start).reshape(shape))
 
     def finish(self) -> bytes:
-        """
-        Return the message.
-        """
+        """Return the message."""
         return self._file.getvalue()

@@ -1,16 +1,14 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-A visualization_msgs/Marker made of points: lines between bodies, or triangles of shells.
-"""
+"""A visualization_msgs/Marker made of points: lines between bodies, or triangles of shells."""
 from __future__ import annotations
 
 from collections.abc import Sequence
 import enum
-import math
 import struct
 from typing import ClassVar, SupportsIndex
 
+from icofabric_sim import checks
 from icofabric_sim.messages.cdr import aligned_buffer, CdrBuilder, split_nanoseconds
 from icofabric_sim.messages.draft import Draft, Fill
 import numpy as np
@@ -18,18 +16,14 @@ from numpy.typing import NDArray
 
 
 class MarkerType(enum.IntEnum):
-    """
-    Kinds of marker that are lists of points, by their number in visualization_msgs/Marker.
-    """
+    """Kinds of marker that are lists of points, by their number in visualization_msgs/Marker."""
 
     LINE_LIST = 5
     TRIANGLE_LIST = 11
 
 
 class MarkerAction(enum.IntEnum):
-    """
-    What a viewer does with the marker, by its number in visualization_msgs/Marker.
-    """
+    """What a viewer does with the marker, by its number in visualization_msgs/Marker."""
 
     ADD = 0
     DELETE = 2
@@ -62,14 +56,13 @@ class MarkerBytes:
         Of the scale, a LINE_LIST uses x only, as the width of its lines (default 0.001 m); a
         TRIANGLE_LIST multiplies its points with it (default 1).
         """
-        self.marker_type = MarkerType(marker_type)
-        if not -2**31 <= marker_id < 2**31:
-            raise ValueError(f'marker_id must fit 32 bits, got {marker_id!r}')
+        self.marker_type = checks.member('marker_type', marker_type, MarkerType)
+        marker_id = checks.count('marker_id', marker_id, -2**31, 2**31 - 1)
         if scale is None:
             scale = (0.001, 0.0, 0.0) if self.marker_type is MarkerType.LINE_LIST else (1, 1, 1)
         layout = CdrBuilder()
         layout.header(frame_id)
-        layout.string(namespace)
+        layout.string(namespace, 'namespace')
         layout.numbers('i', marker_id)
         layout.numbers('i', self.marker_type)
         self._action_offset = layout.size
@@ -107,8 +100,8 @@ class MarkerBytes:
 
         self._count = 0
         self._reserve(0, np.frombuffer(layout.data, np.uint8))
-        self.color = tuple(color)
-        self.scale = tuple(scale)
+        self.color = color
+        self.scale = scale
 
     def _reserve(self, capacity: int, head: NDArray[np.uint8]) -> None:
         self._buffer = aligned_buffer(self._points_offset + 24 * capacity)
@@ -122,7 +115,7 @@ class MarkerBytes:
 
     @point_count.setter
     def point_count(self, count: int) -> None:
-        self._check(count)
+        count = self._checked('point_count', count)
         if count > len(self._points):
             self._reserve(
                 max(count, 2 * len(self._points)), self._buffer[:self._points_offset])
@@ -130,9 +123,7 @@ class MarkerBytes:
 
     @property
     def points(self) -> NDArray[np.float64]:
-        """
-        The points of the next message [m], (point_count, 3): a view into it.
-        """
+        """The points of the next message [m], (point_count, 3): a view into it."""
         return self._points[:self._count]
 
     @property
@@ -141,9 +132,10 @@ class MarkerBytes:
 
     @color.setter
     def color(self, value: Sequence[float]) -> None:
-        if len(value) != 4 or not all(0.0 <= part <= 1.0 for part in value):
-            raise ValueError(f'color must be four numbers from 0 to 1, got {value!r}')
-        struct.pack_into('<4f', self._memory, self._color_offset, *value)
+        numbers = checks.array('color', value, (4,))
+        if not ((numbers >= 0.0) & (numbers <= 1.0)).all():
+            raise ValueError(f'color must be four numbers from 0 to 1, got {checks.shown(value)}')
+        struct.pack_into('<4f', self._memory, self._color_offset, *numbers)
 
     @property
     def scale(self) -> tuple[float, ...]:
@@ -151,9 +143,11 @@ class MarkerBytes:
 
     @scale.setter
     def scale(self, value: Sequence[float]) -> None:
-        if len(value) != 3 or not all(math.isfinite(part) and part >= 0.0 for part in value):
-            raise ValueError(f'scale must be three lengths of at least 0 m, got {value!r}')
-        struct.pack_into('<3d', self._memory, self._scale_offset, *value)
+        numbers = checks.array('scale', value, (3,), 'm')
+        if not (numbers >= 0.0).all():
+            raise ValueError(
+                f'scale must be three lengths of at least 0 m, got {checks.shown(value)}')
+        struct.pack_into('<3d', self._memory, self._scale_offset, *numbers)
 
     def stamped(
         self, nanoseconds: SupportsIndex, *, action: MarkerAction = MarkerAction.ADD,
@@ -163,6 +157,7 @@ class MarkerBytes:
 
         DELETE removes the marker of this namespace and id, DELETEALL every marker of the topic.
         """
+        action = checks.member('action', action, MarkerAction)
         count = self._count if action == MarkerAction.ADD else 0
         end = self._stamp(nanoseconds, action, count)
         return b''.join((self._memory[:end + 24 * count], self._rest))
@@ -173,7 +168,8 @@ class MarkerBytes:
 
         It is laid out once, where it stays; `points` and `point_count` are not touched.
         """
-        self._check(count)
+        count = self._checked('count', count)
+        checks.function('fill', fill)
         start = self._stamp(nanoseconds, MarkerAction.ADD, count)
         end = start + 24 * count
         draft = Draft(end + len(self._rest))
@@ -182,16 +178,16 @@ class MarkerBytes:
         draft.fill(start, (count, 3), fill)
         return draft.finish()
 
-    def _check(self, count: int) -> None:
+    def _checked(self, name: str, count: int) -> int:
         step = _POINTS_PER_ITEM[self.marker_type]
-        if not 0 <= count < 2**32 or count % step:
+        if checks.count(name, count, 0, 2**32 - 1) % step:
             raise ValueError(
-                f'a {self.marker_type.name} holds a multiple of {step} points, got {count!r}')
+                f'{name}: a {self.marker_type.name} holds a multiple of {step} points, got '
+                f'{count!r}')
+        return int(count)
 
     def _stamp(self, nanoseconds: SupportsIndex, action: MarkerAction, count: int) -> int:
-        """
-        Complete what comes before the points; return where it ends.
-        """
+        """Complete what comes before the points; return where it ends."""
         struct.pack_into('<II', self._memory, 4, *split_nanoseconds(nanoseconds))
         struct.pack_into('<i', self._memory, self._action_offset, action)
         struct.pack_into('<I', self._memory, self._count_offset, count)

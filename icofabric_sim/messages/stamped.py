@@ -1,8 +1,6 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-Messages of numbers under a stamp: poses, wrenches, twists, and the clock.
-"""
+"""Messages of numbers under a stamp: poses, wrenches, twists, and the clock."""
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -11,6 +9,7 @@ import math
 import struct
 from typing import ClassVar, SupportsIndex
 
+from icofabric_sim import checks
 from icofabric_sim.messages.cdr import (
     aligned_buffer,
     CdrBuilder,
@@ -23,17 +22,13 @@ from numpy.typing import NDArray
 
 
 class _StampedNumbers:
-    """
-    A header followed by float64 numbers; `count_written` puts their rows before them.
-    """
+    """A header followed by float64 numbers; `count_written` puts their rows before them."""
 
     def __init__(
         self, frame_id: str, rows: int, columns: int, *, count_written: bool,
         first: Sequence[float] = (0.0,),
     ) -> None:
-        """
-        Lay out the head; each row of the message that is kept reads `first` at first.
-        """
+        """Lay out the head; each row of the message that is kept reads `first` at first."""
         layout = CdrBuilder()
         layout.header(frame_id)
         if count_written:
@@ -46,9 +41,7 @@ class _StampedNumbers:
 
     @cached_property
     def _message(self) -> NDArray[np.uint8]:
-        """
-        The message that is kept, and copied each time; made when it is first needed.
-        """
+        """The message that is kept, and copied each time; made when it is first needed."""
         start = len(self._head)
         message = aligned_buffer(start + 8 * math.prod(self._shape))
         message[:start] = np.frombuffer(self._head, np.uint8)
@@ -60,9 +53,7 @@ class _StampedNumbers:
         return self._message[len(self._head):].view('<f8').reshape(self._shape)
 
     def stamped(self, nanoseconds: SupportsIndex) -> bytes:
-        """
-        Return the message with this stamp, integer nanoseconds of simulated time.
-        """
+        """Return the message with this stamp, integer nanoseconds of simulated time."""
         self._message[4:12].view('<u4')[:] = split_nanoseconds(nanoseconds)
         return self._message.tobytes()
 
@@ -77,8 +68,7 @@ class PoseArrayBytes(_StampedNumbers):
     TYPE: ClassVar[str] = 'geometry_msgs/msg/PoseArray'
 
     def __init__(self, frame_id: str, body_count: int) -> None:
-        if not 0 <= body_count < 2**32:
-            raise ValueError(f'body_count must lie in 0 to 2^32 - 1, got {body_count!r}')
+        body_count = checks.count('body_count', body_count, 0, 2**32 - 1)
         super().__init__(
             frame_id, body_count, 7, count_written=True, first=(0, 0, 0, 0, 0, 0, 1))
 
@@ -92,6 +82,7 @@ class PoseArrayBytes(_StampedNumbers):
 
         It is laid out once, where it stays, and `values` is not touched.
         """
+        checks.function('fill', fill)
         start = len(self._head)
         draft = Draft(start + 8 * math.prod(self._shape))
         draft.put(0, self._head)
@@ -101,9 +92,7 @@ class PoseArrayBytes(_StampedNumbers):
 
 
 class WrenchStampedBytes(_StampedNumbers):
-    """
-    A geometry_msgs/WrenchStamped; `force` [N] and `torque` [N m] are views into the message.
-    """
+    """A geometry_msgs/WrenchStamped; `force` [N] and `torque` [N m] are views into the message."""
 
     TYPE: ClassVar[str] = 'geometry_msgs/msg/WrenchStamped'
 
@@ -127,14 +116,10 @@ class TwistStampedBytes(_StampedNumbers):
 
 
 class ClockBytes:
-    """
-    A rosgraph_msgs/Clock.
-    """
+    """A rosgraph_msgs/Clock."""
 
     TYPE: ClassVar[str] = 'rosgraph_msgs/msg/Clock'
 
     def stamped(self, nanoseconds: SupportsIndex) -> bytes:
-        """
-        Return the message with this time, integer nanoseconds of simulated time.
-        """
+        """Return the message with this time, integer nanoseconds of simulated time."""
         return LITTLE_ENDIAN_HEADER + struct.pack('<II', *split_nanoseconds(nanoseconds))

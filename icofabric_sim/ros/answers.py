@@ -1,8 +1,6 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-Between the executor's thread and others: work handed over, and answers that take a while.
-"""
+"""Between the executor's thread and others: work handed over, and answers that take a while."""
 
 from collections import deque
 from collections.abc import Callable
@@ -26,9 +24,7 @@ class Answers:
     """
 
     def __init__(self, node: Node) -> None:
-        """
-        Serve `node`.
-        """
+        """Serve `node`."""
         self._context = node.context
         self._handed: deque[Callable[[], None]] = deque()
         # It ends the executor's wait for work that other threads hand over.
@@ -37,15 +33,11 @@ class Answers:
         self._ended = ''
 
     def __len__(self) -> int:
-        """
-        Count the requests that wait.
-        """
+        """Count the requests that wait."""
         return len(self._waiting)
 
     def hand_over(self, work: Callable[[], None]) -> None:
-        """
-        Have `work` done in the executor's thread, from any other.
-        """
+        """Have `work` done in the executor's thread, from any other."""
         self._handed.append(work)
         if self._context.ok():
             self._guard.trigger()
@@ -75,9 +67,7 @@ class Answers:
         return future.result()
 
     def end(self, reason: str) -> None:
-        """
-        Let everyone who still waits know why there will be no other answer.
-        """
+        """Let everyone who still waits know why there will be no other answer."""
         self._ended = reason
         self._run_handed()
         for promise in list(self._waiting):
@@ -89,9 +79,7 @@ class Answers:
 
 
 def begin_aside(work: Callable[[], Any]) -> 'Future[Any]':
-    """
-    Begin `work` in a thread of its own; the result comes with the future.
-    """
+    """Begin `work` in a thread of its own; the result comes with the future."""
     future: Future[Any] = Future()
 
     def run() -> None:

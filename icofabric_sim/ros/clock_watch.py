@@ -1,10 +1,8 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-Looks for others who publish /clock too: a graph can follow one clock only.
-"""
+"""Looks for others who publish /clock too: a graph can follow one clock only."""
 
-from icofabric_sim.outputs import CLOCK
+from icofabric_sim.messages.topics import CLOCK
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
@@ -12,14 +10,10 @@ _INTERVAL = 1.0  # [s] of wall time
 
 
 class ClockWatch:
-    """
-    Says once for each other publisher of /clock that it is one, and keeps it in `note`.
-    """
+    """Says once for each other publisher of /clock that it is one, and keeps it in `note`."""
 
     def __init__(self, node: Node) -> None:
-        """
-        Watch for `node`, which publishes /clock itself.
-        """
+        """Watch for `node`, which publishes /clock itself."""
         self._node = node
         self._own = node.get_fully_qualified_name()
         self._told: set[str] = set()

@@ -11,16 +11,8 @@ import time
 from typing import Any
 
 from icofabric_sim.bag import BagError
-from icofabric_sim.health import (
-    HealthReport,
-    NOT_TAKEN,
-    RECORDER_DROPPED,
-    RECORDER_LAG,
-    WRENCHES_DROPPED,
-)
-from icofabric_sim.outputs import CLOCK, TOPICS
-from icofabric_sim.parameters import find_specification, Parameters
-from icofabric_sim.recording import BagSink, summarise_run
+from icofabric_sim.messages.topics import CLOCK, TOPICS
+from icofabric_sim.parameters.validation import find_specification, Parameters
 from icofabric_sim.ros.answers import Answers
 from icofabric_sim.ros.clock_watch import ClockWatch
 from icofabric_sim.ros.live_sink import LiveSink
@@ -28,13 +20,21 @@ from icofabric_sim.ros.parameter_service import GuardedParameterService
 from icofabric_sim.ros.process import log_to_ros, Server
 from icofabric_sim.ros.ros_parameters import describe, is_foreign, ParameterGate
 from icofabric_sim.ros.standard_services import offer_standard_services
-from icofabric_sim.ros.start import StopSignals
+from icofabric_sim.ros.start import READY, StopSignals
 from icofabric_sim.ros.verbs import Verbs
 from icofabric_sim.ros.wrench_topics import WrenchTopics
-from icofabric_sim.run_records import Status
-from icofabric_sim.runner import Runner
-from icofabric_sim.scene import Scene
-from icofabric_sim.simulation import compile_scene, Simulation
+from icofabric_sim.running.diagnostics import (
+    HealthReport,
+    NOT_TAKEN,
+    RECORDER_DROPPED,
+    RECORDER_LAG,
+    WRENCHES_DROPPED,
+)
+from icofabric_sim.running.recording import BagSink, summarise_run
+from icofabric_sim.running.run_records import Status
+from icofabric_sim.running.runner import Runner
+from icofabric_sim.scene.scene import Scene
+from icofabric_sim.simulation.simulation import compile_scene, Simulation
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
@@ -43,9 +43,7 @@ _LAST_ANSWERS = 0.2
 
 
 class FabricNode(Node):
-    """
-    Translates between the graph and a runner; no physics here.
-    """
+    """Translates between the graph and a runner; no physics here."""
 
     def __init__(
         self,
@@ -96,9 +94,7 @@ class FabricNode(Node):
         self._thread = threading.Thread(target=self._simulate, name='simulation', daemon=True)
 
     def start(self) -> None:
-        """
-        Let simulated time run.
-        """
+        """Let simulated time run."""
         self._thread.start()
 
     def is_done(self) -> bool:
@@ -108,9 +104,7 @@ class FabricNode(Node):
         return self.stop_wanted or not self._thread.is_alive()
 
     def close(self) -> None:
-        """
-        Stop the simulation and close the bag; may be called twice.
-        """
+        """Stop the simulation and close the bag; may be called twice."""
         self.runner.stop()
         if self._thread.is_alive():
             self._thread.join()
@@ -119,9 +113,7 @@ class FabricNode(Node):
         self.bag.close(summary=self._summarise(self.runner.status()))
 
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> Any:
-        """
-        Judge a change before rclpy sees it; both parameter services come through here.
-        """
+        """Judge a change before rclpy sees it; both parameter services come through here."""
         if self._gate is None:
             return super().set_parameters_atomically(parameter_list)
         return self._gate.set_atomically(parameter_list, super().set_parameters_atomically)
@@ -147,9 +139,7 @@ class FabricNode(Node):
         return bag
 
     def _declare(self, parameters: Parameters) -> None:
-        """
-        Have the node hold just these parameters of the scene: named ones come and go.
-        """
+        """Have the node hold just these parameters of the scene: named ones come and go."""
         for name, value in parameters.items():
             if not self.has_parameter(name):
                 self.declare_parameter(
@@ -220,12 +210,11 @@ class FabricNode(Node):
 
 
 def run_node(node: FabricNode, signals: StopSignals) -> int:
-    """
-    Run a node until it is done or stopped; returns the exit status.
-    """
+    """Run a node until it is done or stopped; returns the exit status."""
     simulation = node.runner.simulation
     node.get_logger().info(
-        f'{simulation.scene.body_count} bodies, {simulation.scene.connector_count} connectors, '
+        f'{READY}{simulation.scene.body_count} bodies, '
+        f'{simulation.scene.connector_count} connectors, '
         f'{simulation.method_name}, step {simulation.step:.3g} s'
     )
     server = Server(node)

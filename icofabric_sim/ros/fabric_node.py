@@ -8,8 +8,8 @@ Everything that takes time to import is imported once signals are heard.
 
 import sys
 
-from icofabric_sim import __version__
 from icofabric_sim.ros.start import arguments_of_its_own, importing, StopSignals
+from icofabric_sim.version import __version__
 
 _USAGE = """usage: fabric_node [--ros-args --params-file SCENE -p name:=value ...]
 ready scenes are in config/; docs/parameters.md lists all parameters"""
@@ -49,7 +49,7 @@ def _run(arguments: list[str], signals: StopSignals) -> int:
     if own:
         raise ValueError(f'{" ".join(own)!r} is not an argument of fabric_node\n{_USAGE}')
     with importing():
-        from icofabric_sim.parameter_file import check_ros_arguments
+        from icofabric_sim.parameters.file import check_ros_arguments
         from icofabric_sim.ros.ros_parameters import make_start_parameters
 
     parameters = make_start_parameters(check_ros_arguments(arguments[1:]))

@@ -8,20 +8,21 @@ sent over ROS 2, the summary and the picture are read back from the recorded bag
 """
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 import os
 from pathlib import Path
-import subprocess
 import sys
 import time
 
 from geometry_msgs.msg import PoseArray, WrenchStamped
-from icofabric_sim.bag_summary import summarise_bag
+from icofabric_sim.bag.summary import summarise_bag
 from icofabric_sim.messages import decode_pose_array
-from icofabric_sim.ready_scenes import find_scene
-from icofabric_sim.render import draw_sheet
-from icofabric_sim.schedule import NANOSECONDS
+from icofabric_sim.messages.schedule import NANOSECONDS
+from icofabric_sim.parameters.ready_scenes import find_scene
+from icofabric_sim.pictures.render import draw_sheet
+from icofabric_sim.ros.node_watch import NodeStuck, watched_node
+from icofabric_sim.ros.start import READY
 import rclpy
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
@@ -32,25 +33,22 @@ DURATION = 4.0  # [s] of simulated time
 PUSH_START, PUSH_END = 1.0, 1.5  # [s] of simulated time
 PUSH_FORCE = (0.0, 2.0, 0.0)  # [N], shared out over the free side
 CHANNEL = '/icofabric/loads/tip'
-# The node compiles its kernels when it first runs on a machine.
-_PATIENCE = 120.0
+POSES = '/icofabric/poses'
 MOMENTS = 6
+# Time [s] in which nodes that run already are found; the own one takes longer to start.
+_LOOK_AROUND = 0.5
 
 
 class Pusher(Node):
-    """
-    Sends the push in time, and watches the poses answer.
-    """
+    """Sends the push in time, and watches the poses answer."""
 
     def __init__(self, tip: list[int]) -> None:
-        """
-        Watch the bodies `tip`.
-        """
+        """Watch the bodies `tip`."""
         super().__init__('first_light')
         self._tip = tip
         self._publisher = self.create_publisher(WrenchStamped, CHANNEL, 10)
         self.create_subscription(
-            PoseArray, '/icofabric/poses', self._see, QoSProfile(depth=100), raw=True)
+            PoseArray, POSES, self._see, QoSProfile(depth=100), raw=True)
         self._resume = self.create_client(SetBool, '/icofabric/pause')
         self._resumed = False
         self.first_seen: float | None = None
@@ -59,10 +57,24 @@ class Pusher(Node):
         self._next_report = 0.0
 
     def listeners(self) -> int:
-        """
-        Count who takes the push.
-        """
+        """Count who takes the push."""
         return int(self._publisher.get_subscription_count())
+
+    def seen_of_node(self) -> str:
+        """What of the node can be seen from here; '': nothing."""
+        return f'{POSES} is seen, but no pose has come' if self.count_publishers(POSES) else ''
+
+    def find_others(self) -> str:
+        """What is wrong where another fabric is in the graph already; '': nothing."""
+        end = time.monotonic() + _LOOK_AROUND
+        while time.monotonic() < end and not self.count_publishers(POSES):
+            rclpy.spin_once(self, timeout_sec=0.05)
+        if not self.count_publishers(POSES):
+            return ''
+        return (
+            f'another node publishes {POSES} already, and its poses would be taken for those of '
+            f'this run: end it, or set another ROS_DOMAIN_ID (now '
+            f'{os.environ.get("ROS_DOMAIN_ID", "0")})')
 
     def start_when_met(self) -> None:
         """
@@ -75,9 +87,7 @@ class Pusher(Node):
             self._resumed = True
 
     def push(self) -> None:
-        """
-        Send the force with the simulated time at which it begins, and its end the same way.
-        """
+        """Send the force with the simulated time at which it begins, and its end the same way."""
         for when, force in ((PUSH_START, PUSH_FORCE), (PUSH_END, (0.0, 0.0, 0.0))):
             message = WrenchStamped()
             message.header.stamp.sec = int(when)
@@ -103,9 +113,7 @@ class Pusher(Node):
 
 
 def main() -> int:
-    """
-    Run the demonstration; returns the exit status.
-    """
+    """Run the demonstration; returns the exit status."""
     parser = argparse.ArgumentParser(prog='make run', description=__doc__.strip().splitlines()[0])
     parser.add_argument('--output', default='', help='folder for the bag and the picture')
     options = parser.parse_args()
@@ -133,25 +141,38 @@ def main() -> int:
 
 
 def _run_node(scene_file: Path, bag: Path) -> int:
-    started = time.monotonic()
-    command = [
+    from icofabric_sim.scene.scene import load_scene
+    tip = load_scene(scene_file).groups['tip'].tolist()
+    return follow_node([
         sys.executable, '-m', 'icofabric_sim.ros.fabric_node', '--ros-args',
         '--params-file', str(scene_file), '-p', f'duration:={DURATION}',
-        '-p', f'record.path:={bag}', '-p', 'start_paused:=true']
-    from icofabric_sim.scene import load_scene
-    with _process(command) as node, _context():
-        pusher = Pusher(load_scene(scene_file).groups['tip'].tolist())
-        while node.poll() is None:
-            rclpy.spin_once(pusher, timeout_sec=0.05)
-            pusher.start_when_met()
-            if pusher.first_seen is None and time.monotonic() - started > _PATIENCE:
-                print(f'no pose came within {_PATIENCE:g} s; is ROS_DOMAIN_ID shared with a node '
-                      'that is stuck?', file=sys.stderr)
+        '-p', f'record.path:={bag}', '-p', 'start_paused:=true'], tip)
+
+
+def follow_node(command: Sequence[str], tip: list[int]) -> int:
+    """Run a node to its end, and push its bodies `tip`; returns the exit status."""
+    with _context():
+        pusher, started = Pusher(tip), time.monotonic()
+        with watched_node(command, READY) as node:
+            others = pusher.find_others()
+            if others:
+                print(others, file=sys.stderr)
                 return 1
-        code = node.wait()
+            while not node.has_ended:
+                rclpy.spin_once(pusher, timeout_sec=0.05)
+                pusher.start_when_met()
+                if pusher.first_seen is None:
+                    try:
+                        node.judge(pusher.seen_of_node)
+                    except NodeStuck as reason:
+                        print(reason, file=sys.stderr)
+                        return 1
+            code, was_ready = node.wait(), node.is_ready
     if code != 0:
-        print(f'fabric_node ended with status {code}', file=sys.stderr)
-        return code
+        print(f'fabric_node ended with status {code}'
+              + ('' if was_ready else ' before it was ready: its own words above say why'),
+              file=sys.stderr)
+        return code if code > 0 else 1
     if pusher.first_seen is None or not pusher.pushed:
         print('the node ran, but its poses did not reach this process over ROS 2: is a firewall '
               'in the way of the loopback interface?', file=sys.stderr)
@@ -159,17 +180,6 @@ def _run_node(scene_file: Path, bag: Path) -> int:
     print(f'\n   {pusher.pose_count} poses came over ROS 2, the first '
           f'{pusher.first_seen - started:.1f} s after the start')
     return 0
-
-
-@contextmanager
-def _process(command: list[str]) -> Iterator['subprocess.Popen[bytes]']:
-    process = subprocess.Popen(command)
-    try:
-        yield process
-    finally:
-        if process.poll() is None:
-            process.terminate()
-            process.wait()
 
 
 @contextmanager
@@ -195,7 +205,7 @@ def _what_next(bag: Path) -> str:
   .venv/bin/icofabric run free_slab --duration 2
   .venv/bin/fabric_node --ros-args --params-file config/bias_column.yaml
       a node to drive from your own code: wrenches on /icofabric/loads/head, poses on
-      /icofabric/poses, weave changes through its parameters; README.md shows all of it"""
+      /icofabric/poses, weave changes through its parameters; docs/ros.md shows all of it"""
 
 
 if __name__ == '__main__':

@@ -13,17 +13,15 @@ from typing import Any, TYPE_CHECKING
 from icofabric_sim.ros.start import StopSignals
 
 if TYPE_CHECKING:
-    from icofabric_sim.parameters import Parameters
-    from icofabric_sim.simulation import Simulation
+    from icofabric_sim.parameters.validation import Parameters
+    from icofabric_sim.simulation.simulation import Simulation
 
 # Where to, and whose clock it is, was the recorded run's own business.
 _OWN = ('record.path', 'record.storage', 'publish_clock')
 
 
 class GoingLive:
-    """
-    One recorded run on its way to a running simulation.
-    """
+    """One recorded run on its way to a running simulation."""
 
     def __init__(self, path: Path, fabric: str, paused: bool) -> None:
         """
@@ -36,9 +34,7 @@ class GoingLive:
         self.abandoned = False  # true ends the building
 
     def build(self, time: int) -> 'Future[None]':
-        """
-        Simulate the recorded run again up to `time` [ns], in a thread of its own.
-        """
+        """Simulate the recorded run again up to `time` [ns], in a thread of its own."""
         future: Future[None] = Future()
 
         def work() -> None:
@@ -54,8 +50,8 @@ class GoingLive:
 
     def _build(self, time: int) -> None:
         # Imported here: they bring the compiler, and a replay has no need of it.
-        from icofabric_sim.recorded_run import RecordedRun
-        from icofabric_sim.resimulation import resimulate_to
+        from icofabric_sim.bag.recorded_run import RecordedRun
+        from icofabric_sim.running.replay.resimulation import resimulate_to
 
         with RecordedRun(self._path, self._fabric) as run:
             simulation = resimulate_to(run, time, on_time=self._note)

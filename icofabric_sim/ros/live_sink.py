@@ -1,8 +1,6 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-Publishers of the node as a sink of the runner.
-"""
+"""Publishers of the node as a sink of the runner."""
 
 from collections.abc import Callable, Iterable
 from functools import partial
@@ -11,10 +9,10 @@ import threading
 import time
 from typing import Any
 
-from icofabric_sim.outputs import Topic, TOPICS
-from icofabric_sim.parameters import Parameters
-from icofabric_sim.run_records import Status
-from icofabric_sim.simulation import Simulation
+from icofabric_sim.messages.topics import Topic, TOPICS
+from icofabric_sim.parameters.validation import Parameters
+from icofabric_sim.running.run_records import Status
+from icofabric_sim.simulation.simulation import Simulation
 from rclpy.duration import Duration
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
@@ -44,9 +42,7 @@ def quality(topic: Topic) -> QoSProfile:
 
 
 def message_class(type_name: str) -> Any:
-    """
-    Class of a message type such as `std_msgs/msg/String`.
-    """
+    """Class of a message type such as `std_msgs/msg/String`."""
     package, _, name = type_name.split('/')
     return getattr(import_module(f'{package}.msg'), name)
 
@@ -72,9 +68,7 @@ class LiveSink:
     """
 
     def __init__(self, node: Node, topics: Iterable[Topic] = TOPICS) -> None:
-        """
-        Create the publishers of `node`.
-        """
+        """Create the publishers of `node`."""
         self._outlets = {
             topic.name: _Outlet(
                 node.create_publisher(message_class(topic.type), topic.name, quality(topic)),
@@ -90,15 +84,11 @@ class LiveSink:
 
     @property
     def is_bag(self) -> bool:
-        """
-        Whether messages are kept.
-        """
+        """Whether messages are kept."""
         return False
 
     def wants(self, topic: Topic) -> bool:
-        """
-        Whether anyone listens; a latched message waits for those who come later.
-        """
+        """Whether anyone listens; a latched message waits for those who come later."""
         with self._lock:
             outlet = self._outlets.get(topic.name)
             if self._closed or outlet is None:
@@ -108,9 +98,7 @@ class LiveSink:
             return bool(self._guarded(outlet.publisher.get_subscription_count))
 
     def send(self, topic: Topic, nanoseconds: int, data: bytes) -> None:
-        """
-        Publish.
-        """
+        """Publish."""
         with self._lock:
             if self._closed:
                 return
@@ -120,9 +108,7 @@ class LiveSink:
             outlet.unconfirmed += 1
 
     def _look(self, outlet: _Outlet) -> None:
-        """
-        Count what the next message displaces while a subscriber is stuck.
-        """
+        """Count what the next message displaces while a subscriber is stuck."""
         now = time.monotonic()
         passed, outlet.sent_at = now - outlet.sent_at, now
         if outlet.unconfirmed >= outlet.depth and passed > _ANSWER:
@@ -135,9 +121,7 @@ class LiveSink:
             self.not_taken += 1
 
     def _guarded(self, call: Callable[[], Any]) -> Any:
-        """
-        Result of `call`; None once an interrupt has ended the context under the simulation.
-        """
+        """Result of `call`; None once an interrupt has ended the context under the simulation."""
         try:
             return call()
         except rclpy_implementation.RCLError:
@@ -147,21 +131,15 @@ class LiveSink:
             return None
 
     def send_input(self, topic: str, type_name: str, nanoseconds: int, data: bytes) -> None:
-        """
-        Inputs came from the graph and are not sent back.
-        """
+        """Inputs came from the graph and are not sent back."""
 
     def time_jumped_back(
         self, simulation: Simulation, parameters: Parameters, ended: Status
     ) -> None:
-        """
-        Publishers need not know: /clock tells everyone.
-        """
+        """Publishers need not know: /clock tells everyone."""
 
     def close(self) -> None:
-        """
-        Publish no more, once listeners have what was sent: the context is about to end.
-        """
+        """Publish no more, once listeners have what was sent: the context is about to end."""
         with self._lock:
             deadline = time.monotonic() + _LAST_WORDS
             for outlet in self._outlets.values():

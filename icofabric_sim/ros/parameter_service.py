@@ -1,13 +1,11 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-The standard parameter services, with an answer to every request.
-"""
+"""The standard parameter services, with an answer to every request."""
 
 from collections.abc import Iterable
 from typing import Any
 
-from icofabric_sim.complaints import shortened
+from icofabric_sim.running.complaints import shortened
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.parameter import Parameter
@@ -15,9 +13,7 @@ from rclpy.parameter_service import ParameterService
 
 
 class GuardedParameterService(ParameterService):
-    """
-    Refuses what rclpy's own service breaks off on, e.g. a type code that does not exist.
-    """
+    """Refuses what rclpy's own service breaks off on, e.g. a type code that does not exist."""
 
     def _set_parameters_callback(self, request: Any, response: Any) -> Any:
         response.results = [self._set([message]) for message in request.parameters]

@@ -1,16 +1,14 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-A node as a process: its start, its signals, its log, and a spin that no request can end.
-"""
+"""A node as a process: its start, its signals, its log, and a spin that no request can end."""
 
 from collections.abc import Callable
 import logging
 import re
 
-from icofabric_sim.complaints import Complaints, shortened
 from icofabric_sim.ros.shared_memory import SharedMemory
 from icofabric_sim.ros.start import arguments_of_its_own, INTERRUPTED, StopSignals
+from icofabric_sim.running.complaints import Complaints, shortened
 import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.impl.rcutils_logger import RcutilsLogger
@@ -38,9 +36,7 @@ _shared_memory: SharedMemory | None = None
 
 
 def start_ros(arguments: list[str]) -> None:
-    """
-    Begin with ROS; a command line that it does not take is a ValueError.
-    """
+    """Begin with ROS; a command line that it does not take is a ValueError."""
     global _shared_memory
     _shared_memory = SharedMemory()
     try:
@@ -50,23 +46,17 @@ def start_ros(arguments: list[str]) -> None:
 
 
 def plain_reason(error: BaseException) -> str:
-    """
-    What an error of rcl says to a user.
-    """
+    """What an error of rcl says to a user."""
     if type(error).__name__ == 'UnknownROSArgsError':
         return f'unknown ROS arguments: {error}'
     return shortened(' '.join(_RCL_PLACE.sub('', str(error)).split()))
 
 
 class RosLogHandler(logging.Handler):
-    """
-    Lines of the ROS-free part go to a node's log.
-    """
+    """Lines of the ROS-free part go to a node's log."""
 
     def __init__(self, logger: RcutilsLogger) -> None:
-        """
-        Hand on to `logger`.
-        """
+        """Hand on to `logger`."""
         super().__init__()
         self._logger = logger
 
@@ -82,9 +72,7 @@ class RosLogHandler(logging.Handler):
 
 
 def log_to_ros(logger: RcutilsLogger | None = None) -> None:
-    """
-    Send the log of the ROS-free part to ROS, under the name of a node once there is one.
-    """
+    """Send the log of the ROS-free part to ROS, under the name of a node once there is one."""
     log = logging.getLogger('icofabric_sim')
     for handler in [item for item in log.handlers if isinstance(item, RosLogHandler)]:
         log.removeHandler(handler)
@@ -94,14 +82,10 @@ def log_to_ros(logger: RcutilsLogger | None = None) -> None:
 
 
 class Server:
-    """
-    Serves the graph for one node; what a client sends cannot end it.
-    """
+    """Serves the graph for one node; what a client sends cannot end it."""
 
     def __init__(self, node: Node) -> None:
-        """
-        Make ready to serve `node`.
-        """
+        """Make ready to serve `node`."""
         if _shared_memory is not None:
             _shared_memory.close()
         self._executor = SingleThreadedExecutor()
@@ -109,9 +93,7 @@ class Server:
         self._complaints = Complaints(node.get_logger().error)
 
     def serve(self, is_over: Callable[[], bool]) -> None:
-        """
-        Go on until the context ends or `is_over`.
-        """
+        """Go on until the context ends or `is_over`."""
         while rclpy.ok() and not is_over():
             try:
                 self._executor.spin_once(timeout_sec=_SPIN_WAIT)
@@ -124,7 +106,5 @@ class Server:
 
 
 def spin(node: Node, is_over: Callable[[], bool]) -> None:
-    """
-    Serve the graph for `node` until the context ends or `is_over`.
-    """
+    """Serve the graph for `node` until the context ends or `is_over`."""
     Server(node).serve(is_over)

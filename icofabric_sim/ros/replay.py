@@ -1,8 +1,6 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-The replay node: a player, which has a thread of its own, and its translation for the graph.
-"""
+"""The replay node: a player, which has a thread of its own, and its translation for the graph."""
 
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future
@@ -13,19 +11,10 @@ import threading
 import time
 from typing import Any
 
-from icofabric_sim import outputs
 from icofabric_sim.bag.storage import absolute_path
-from icofabric_sim.outputs import Topic
-from icofabric_sim.replay import Player, ReplayStatus
-from icofabric_sim.replay_parameters import (
-    begin_of,
-    judge_option,
-    judge_seek,
-    OPTIONS,
-    ReplayParameterError,
-)
-from icofabric_sim.replay_report import ReplayReport
-from icofabric_sim.replay_source import ReplaySource
+from icofabric_sim.messages import topics as outputs
+from icofabric_sim.messages.schedule import NANOSECONDS, seconds
+from icofabric_sim.messages.topics import Topic
 from icofabric_sim.ros.answers import Answers
 from icofabric_sim.ros.clock_watch import ClockWatch
 from icofabric_sim.ros.going_live import GoingLive
@@ -34,7 +23,16 @@ from icofabric_sim.ros.parameter_service import GuardedParameterService
 from icofabric_sim.ros.process import Server
 from icofabric_sim.ros.ros_parameters import is_foreign
 from icofabric_sim.ros.start import StopSignals
-from icofabric_sim.schedule import NANOSECONDS, seconds
+from icofabric_sim.running.replay.player import Player, ReplayStatus
+from icofabric_sim.running.replay.replay_parameters import (
+    begin_of,
+    judge_option,
+    judge_seek,
+    OPTIONS,
+    ReplayParameterError,
+)
+from icofabric_sim.running.replay.report import ReplayReport
+from icofabric_sim.running.replay.source import ReplaySource
 from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor, SetParametersResult
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.exceptions import InvalidTopicNameException
@@ -48,16 +46,12 @@ _PATIENCE, _LAST_ANSWERS = 0.5, 0.2
 
 
 class ReplayNode(Node):
-    """
-    Translates between the graph and a player, which has a thread of its own.
-    """
+    """Translates between the graph and a player, which has a thread of its own."""
 
     _player: Player | None = None
 
     def __init__(self, options: Mapping[str, Any], source: ReplaySource) -> None:
-        """
-        Play `source` with the judged `options`; raises ValueError where these do not fit it.
-        """
+        """Play `source` with the judged `options`; raises ValueError where these do not fit it."""
         begin = begin_of(options, source.start, source.end)
         super().__init__('icofabric', start_parameter_services=False)
         self.source = source
@@ -98,21 +92,15 @@ class ReplayNode(Node):
         self._thread = threading.Thread(target=self._play, name='replay', daemon=True)
 
     def start(self) -> None:
-        """
-        Begin to play.
-        """
+        """Begin to play."""
         self._thread.start()
 
     def is_over(self) -> bool:
-        """
-        Whether the replay has come to its end, or gives way to a simulation.
-        """
+        """Whether the replay has come to its end, or gives way to a simulation."""
         return self.gives_way or not self._thread.is_alive()
 
     def close(self) -> None:
-        """
-        Stop playing and let go of the bag; may be called twice.
-        """
+        """Stop playing and let go of the bag; may be called twice."""
         self.player.stop()
         if self.going_live is not None:
             self.going_live.abandoned = True
@@ -124,9 +112,7 @@ class ReplayNode(Node):
             self.source.close()
 
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
-        """
-        Judge a change before rclpy sees it; both parameter services come through here.
-        """
+        """Judge a change before rclpy sees it; both parameter services come through here."""
         if self._player is None:
             return super().set_parameters_atomically(parameter_list)
         try:
@@ -223,9 +209,7 @@ class ReplayNode(Node):
     async def _continue(
         self, request: Trigger.Request, response: Trigger.Response
     ) -> Trigger.Response:
-        """
-        Simulate from the present recorded moment on, once the run is rebuilt up to there.
-        """
+        """Simulate from the present recorded moment on, once the run is rebuilt up to there."""
         if self.going_live is not None:
             response.success, response.message = False, 'the simulation is being built already'
             return response
@@ -263,9 +247,7 @@ class ReplayNode(Node):
 
 
 def _why_not(topic: Topic) -> str:
-    """
-    Why a recorded topic cannot be published; '': it can.
-    """
+    """Why a recorded topic cannot be published; '': it can."""
     try:
         validate_topic_name(topic.name)
         message_class(topic.type)
@@ -277,9 +259,7 @@ def _why_not(topic: Topic) -> str:
 
 
 def _seek_class() -> Any:
-    """
-    The standard service type to seek; None where it is not installed.
-    """
+    """The standard service type to seek; None where it is not installed."""
     try:
         return import_module('rosbag2_interfaces.srv').Seek
     except ImportError:

@@ -9,8 +9,8 @@ Everything that takes time to import is imported once signals are heard.
 from pathlib import Path
 import sys
 
-from icofabric_sim import __version__
 from icofabric_sim.ros.start import arguments_of_its_own, importing, StopSignals
+from icofabric_sim.version import __version__
 
 _USAGE = """usage: replay_node BAG [--ros-args -p name:=value ...]
 docs/replay.md says what it can do; its parameters:
@@ -30,7 +30,7 @@ def main(argv: list[str] | None = None) -> int:
         print(f'replay_node of icofabric_sim {__version__}: plays recorded fabric\n{_usage()}')
         return 0
     with importing():
-        from icofabric_sim.commands.terminal import FileSaysNo, InputError
+        from icofabric_sim.terminal import FileSaysNo, InputError
         import rclpy
         from rclpy.impl.implementation_singleton import rclpy_implementation
 
@@ -58,11 +58,11 @@ def _run(arguments: list[str], signals: StopSignals) -> int:
             'replay_node --help shows its parameters')
     with importing():
         from icofabric_sim.commands.bags import bag_errors
-        from icofabric_sim.parameter_file import check_ros_arguments
-        from icofabric_sim.replay_parameters import begin_of, judge_options
+        from icofabric_sim.parameters.file import check_ros_arguments
+        from icofabric_sim.running.replay.replay_parameters import begin_of, judge_options
 
     options = judge_options(check_ros_arguments(arguments[1:]), own[0] if own else None)
-    from icofabric_sim.replay_source import ReplaySource
+    from icofabric_sim.running.replay.source import ReplaySource
 
     path = Path(options['bag']).expanduser()
     with bag_errors(path):
@@ -80,7 +80,7 @@ def _run(arguments: list[str], signals: StopSignals) -> int:
 
 
 def _usage() -> str:
-    from icofabric_sim.replay_parameters import OPTIONS
+    from icofabric_sim.running.replay.replay_parameters import OPTIONS
 
     width = max(map(len, OPTIONS))
     return _USAGE + '\n'.join(

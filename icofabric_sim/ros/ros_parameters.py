@@ -8,17 +8,17 @@ from array import array
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
-from icofabric_sim.complaints import shortened
-from icofabric_sim.parameters import (
+from icofabric_sim.parameters.table import FAMILIES, Specification
+from icofabric_sim.parameters.validation import (
     find_specification,
     judge,
     make_parameters,
     ParameterError,
     Parameters,
 )
-from icofabric_sim.reweave import changed_names
-from icofabric_sim.scene import check_parameters, estimate_bodies, Scene
-from icofabric_sim.schema import FAMILIES, Specification
+from icofabric_sim.running.complaints import shortened
+from icofabric_sim.running.reweave import changed_names
+from icofabric_sim.scene.scene import check_parameters, estimate_bodies, Scene
 from rcl_interfaces.msg import (
     FloatingPointRange,
     IntegerRange,
@@ -36,16 +36,12 @@ _HUGE = 1.7976931348623157e308
 
 
 def is_foreign(name: str) -> bool:
-    """
-    Whether a parameter belongs to ROS and not to the scene.
-    """
+    """Whether a parameter belongs to ROS and not to the scene."""
     return name in ROS_NAMES or name.startswith(_FOREIGN)
 
 
 def describe(name: str, entry: Specification) -> ParameterDescriptor:
-    """
-    Descriptor of one parameter: what it is, its unit and its range.
-    """
+    """Descriptor of one parameter: what it is, its unit and its range."""
     descriptor = ParameterDescriptor(
         name=name,
         read_only=entry.change == 'start',
@@ -82,9 +78,7 @@ def describe(name: str, entry: Specification) -> ParameterDescriptor:
 
 
 def make_start_parameters(overrides: Mapping[str, Any]) -> Parameters:
-    """
-    Parameters of the node at its start, judged; raises ParameterError or ValueError.
-    """
+    """Parameters of the node at its start, judged; raises ParameterError or ValueError."""
     own = {name: value for name, value in overrides.items() if not is_foreign(name)}
     parameters = make_parameters(own)
     check_parameters(parameters)
@@ -168,9 +162,7 @@ class ParameterGate:
         return changed, stored
 
     def _check_fabric(self, changed: Parameters) -> None:
-        """
-        Refuse now what building would refuse, as far as that takes a moment only.
-        """
+        """Refuse now what building would refuse, as far as that takes a moment only."""
         check_parameters(changed)
         names = changed_names(self.accepted, changed)
         step = changed['solver.step']
@@ -185,9 +177,7 @@ class ParameterGate:
 
 
 def _refusal(wanted: list[Parameter], reason: str) -> SetParametersResult:
-    """
-    Refusal that names what was sent, though the reason may lie with another parameter.
-    """
+    """Refusal that names what was sent, though the reason may lie with another parameter."""
     names = [parameter.name for parameter in wanted]
     if not any(name and name in reason for name in names):
         reason = f'{", ".join(names)}: {reason}'

@@ -53,9 +53,7 @@ _PROFILE = """<?xml version="1.0" encoding="UTF-8" ?>
 
 
 class SharedMemory:
-    """
-    A larger segment for the participants of this process, wherever that is possible.
-    """
+    """A larger segment for the participants of this process, wherever that is possible."""
 
     def __init__(self) -> None:
         """
@@ -82,9 +80,7 @@ class SharedMemory:
         os.environ[_OWN_SETTINGS[0]] = name
 
     def close(self) -> None:
-        """
-        Remove the file, which has been read once there is a node.
-        """
+        """Remove the file, which has been read once there is a node."""
         if self._profile is not None:
             self._profile.unlink(missing_ok=True)
             os.environ.pop(_OWN_SETTINGS[0], None)

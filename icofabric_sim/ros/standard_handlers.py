@@ -12,14 +12,14 @@ from functools import partial
 from typing import Any, NamedTuple
 
 from geometry_msgs.msg import Vector3
-from icofabric_sim.entities import Box, checked_parts, Entities, entity_name, Query, Sphere
-from icofabric_sim.icosahedron import vertices
+from icofabric_sim.geometry.icosahedron import vertices
+from icofabric_sim.messages.schedule import NANOSECONDS
 from icofabric_sim.ros.answers import Answers, begin_aside
-from icofabric_sim.runner import Runner
-from icofabric_sim.scene import Scene
-from icofabric_sim.schedule import NANOSECONDS
-from icofabric_sim.snapshot import Snapshot
-from icofabric_sim.stepping import StepRequest
+from icofabric_sim.running.entities import Box, checked_parts, Entities, entity_name, Query, Sphere
+from icofabric_sim.running.runner import Runner
+from icofabric_sim.running.step_requests import StepRequest
+from icofabric_sim.scene.scene import Scene
+from icofabric_sim.simulation.model.snapshot import Snapshot
 import numpy as np
 
 # Features that come with a service or action; what a release of the package lacks is left out.
@@ -45,9 +45,7 @@ MOST_STATES = 10_000
 
 
 class Refused(Exception):
-    """
-    A request that is answered with a result code other than OK.
-    """
+    """A request that is answered with a result code other than OK."""
 
     def __init__(self, code: int, text: str) -> None:
         super().__init__(text)
@@ -55,9 +53,7 @@ class Refused(Exception):
 
 
 class View(NamedTuple):
-    """
-    The fabric at one moment.
-    """
+    """The fabric at one moment."""
 
     time: int  # [ns]
     scene: Scene
@@ -65,16 +61,12 @@ class View(NamedTuple):
 
 
 class StandardHandlers:
-    """
-    One coroutine for each service, by its name in the package; all in the executor's thread.
-    """
+    """One coroutine for each service, by its name in the package; all in the executor's thread."""
 
     def __init__(
         self, messages: Any, runner: Runner, answers: Answers, stop: Callable[[], None]
     ) -> None:
-        """
-        Speak for `runner`; `stop` ends the node.
-        """
+        """Speak for `runner`; `stop` ends the node."""
         self._messages, self._result = messages, messages.Result
         self._runner, self._answers, self._stop = runner, answers, stop
         self._frame_id = runner.parameters['frame_id']
@@ -83,9 +75,7 @@ class StandardHandlers:
         self.offered: set[str] = set()
 
     async def handle(self, name: str, request: Any, response: Any) -> Any:
-        """
-        Answer a request of the service `name`, whatever it holds.
-        """
+        """Answer a request of the service `name`, whatever it holds."""
         code, text = self._result.RESULT_OK, ''
         try:
             text = await getattr(self, name)(request, response) or ''
@@ -102,9 +92,7 @@ class StandardHandlers:
     # The simulator.
 
     async def GetSimulatorFeatures(self, request: Any, response: Any) -> None:
-        """
-        Tell what of this module is really offered.
-        """
+        """Tell what of this module is really offered."""
         kind = self._messages.SimulatorFeatures
         names = {feature for name in self.offered for feature in FEATURES.get(name, ())}
         response.features.features = sorted(
@@ -112,16 +100,12 @@ class StandardHandlers:
         response.features.custom_info = _CUSTOM
 
     async def GetSimulationState(self, request: Any, response: Any) -> str:
-        """
-        Tell whether time runs; one that has ended stands still.
-        """
+        """Tell whether time runs; one that has ended stands still."""
         response.state.state = self._state()
         return self._why_ended()
 
     async def SetSimulationState(self, request: Any, response: Any) -> None:
-        """
-        Pause, go on, stop (pause and reset, time included) or quit.
-        """
+        """Pause, go on, stop (pause and reset, time included) or quit."""
         kind, target = self._messages.SimulationState, request.state.state
         if target == kind.STATE_QUITTING:
             self._stop()
@@ -145,9 +129,7 @@ class StandardHandlers:
             self._stopped_at = self._place()
 
     async def ResetSimulation(self, request: Any, response: Any) -> None:
-        """
-        Back to the initial state, and to time 0 where the scope has time in it.
-        """
+        """Back to the initial state, and to time 0 where the scope has time in it."""
         scope = request.scope or request.SCOPE_ALL
         if not scope & request.SCOPE_STATE:
             raise Refused(
@@ -158,39 +140,29 @@ class StandardHandlers:
             lambda: self._runner.reset(time_reset=with_time), at_once=True)
 
     async def StepSimulation(self, request: Any, response: Any) -> None:
-        """
-        Take solver steps while paused; answers once they are taken.
-        """
+        """Take solver steps while paused; answers once they are taken."""
         await self.SimulateSteps(StepRequest(request.steps), response)
 
     async def SimulateSteps(self, request: StepRequest, response: Any) -> None:
-        """
-        The same for a request that can be watched meanwhile.
-        """
+        """The same for a request that can be watched meanwhile."""
         if not request.count >= 1:
             raise ValueError(f'steps must be at least 1, got {request.count}')
         await self._answers.of(lambda: self._runner.take_steps(request))
 
     def end_steps(self) -> None:
-        """
-        Take no more steps: it is paused, and stays so.
-        """
+        """Take no more steps: it is paused, and stays so."""
         self._runner.set_paused(True)
 
     # Entities.
 
     async def GetEntities(self, request: Any, response: Any) -> None:
-        """
-        Names of the bodies that fulfil the filters.
-        """
+        """Names of the bodies that fulfil the filters."""
         view = await self._view()
         response.entities = [
             entity_name(body) for body in await self._selected(request.filters, view)]
 
     async def GetEntitiesStates(self, request: Any, response: Any) -> None:
-        """
-        Names and states of the bodies that fulfil the filters.
-        """
+        """Names and states of the bodies that fulfil the filters."""
         view = await self._view()
         bodies = await self._selected(request.filters, view)
         if len(bodies) > MOST_STATES:
@@ -203,16 +175,12 @@ class StandardHandlers:
             lambda: [self._fill(self._messages.EntityState(), view, body) for body in bodies]))
 
     async def GetEntityState(self, request: Any, response: Any) -> None:
-        """
-        Pose and velocities of one body.
-        """
+        """Pose and velocities of one body."""
         view = await self._view()
         self._fill(response.state, view, Entities(view.scene).number(request.entity))
 
     async def SetEntityState(self, request: Any, response: Any) -> None:
-        """
-        Put a body elsewhere, or in other motion; what a support holds stays at rest.
-        """
+        """Put a body elsewhere, or in other motion; what a support holds stays at rest."""
         view, state = await self._view(), request.state
         entities = Entities(view.scene)
         body = entities.number(request.entity)
@@ -245,9 +213,7 @@ class StandardHandlers:
             await self._answers.of(lambda: self._runner.set_body_state(body, checked))
 
     async def GetEntityInfo(self, request: Any, response: Any) -> None:
-        """
-        What an entity is: a shell, held or free, and its groups.
-        """
+        """What an entity is: a shell, held or free, and its groups."""
         view, kind = await self._view(), self._messages.EntityCategory
         entities, info, shell = Entities(view.scene), response.info, view.scene.shell
         body = entities.number(request.entity)
@@ -260,9 +226,7 @@ class StandardHandlers:
         info.tags = entities.tags(body)
 
     async def GetEntityBounds(self, request: Any, response: Any) -> None:
-        """
-        The box around a shell, in its own axes.
-        """
+        """The box around a shell, in its own axes."""
         view = await self._view()
         Entities(view.scene).number(request.entity)
         corners = vertices(view.scene.geometry.half_edge)

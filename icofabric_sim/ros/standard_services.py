@@ -15,8 +15,8 @@ from typing import Any
 
 from icofabric_sim.ros.answers import Answers
 from icofabric_sim.ros.standard_handlers import StandardHandlers
-from icofabric_sim.runner import Runner
-from icofabric_sim.stepping import StepRequest
+from icofabric_sim.running.runner import Runner
+from icofabric_sim.running.step_requests import StepRequest
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
@@ -32,18 +32,14 @@ _FEEDBACK_INTERVAL = 0.05
 
 
 def topic_name(type_name: str) -> str:
-    """
-    Private name of the service of a type: `~/get_entities` for GetEntities.
-    """
+    """Private name of the service of a type: `~/get_entities` for GetEntities."""
     return '~/' + re.sub(r'(?<!^)(?=[A-Z])', '_', type_name).lower()
 
 
 def offer_standard_services(
     node: Node, runner: Runner, answers: Answers, stop: Callable[[], None]
 ) -> StandardHandlers | None:
-    """
-    Offer what the installed release of the package defines; None where there is none.
-    """
+    """Offer what the installed release of the package defines; None where there is none."""
     try:
         messages, services = (import_module(f'{PACKAGE}.{part}') for part in ('msg', 'srv'))
     except ImportError:
@@ -66,16 +62,12 @@ def offer_standard_services(
 
 
 class StepsAction:
-    """
-    The action SimulateSteps: steps with feedback, which can be cancelled.
-    """
+    """The action SimulateSteps: steps with feedback, which can be cancelled."""
 
     def __init__(
         self, node: Node, handlers: StandardHandlers, kind: Any, group: ReentrantCallbackGroup
     ) -> None:
-        """
-        Serve the action of type `kind`.
-        """
+        """Serve the action of type `kind`."""
         from rclpy.action import ActionServer, CancelResponse
 
         self._node, self._handlers, self._kind = node, handlers, kind
@@ -84,9 +76,7 @@ class StepsAction:
             cancel_callback=lambda goal: CancelResponse.ACCEPT, callback_group=group)
 
     async def execute(self, goal: Any) -> Any:
-        """
-        Take the steps of a goal; its result says how that ended.
-        """
+        """Take the steps of a goal; its result says how that ended."""
         request, result = StepRequest(goal.request.steps), self._kind.Result()
         feedback = self._kind.Feedback()
 

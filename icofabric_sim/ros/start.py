@@ -14,6 +14,8 @@ import signal
 from types import FrameType
 
 INTERRUPTED = 130  # exit status
+# Said by a node once its topics are there; others wait for it (node_watch.py).
+READY = 'ready: '
 _STOPPING = (signal.SIGINT, signal.SIGTERM)
 
 
@@ -36,15 +38,11 @@ class StopSignals:
                 signal.signal(number, self._receive)
 
     def only_note(self) -> None:
-        """
-        From now on a signal is only noted in `received`: there is something to end in order.
-        """
+        """From now on a signal is only noted in `received`: there is something to end in order."""
         self._ends_at_once = False
 
     def ignore(self) -> None:
-        """
-        From now on a signal does nothing: the process ends anyway, with its own exit status.
-        """
+        """From now on a signal does nothing: the process ends anyway, with its own exit status."""
         for number in _STOPPING:
             signal.signal(number, signal.SIG_IGN)
 
@@ -72,9 +70,7 @@ def importing() -> Iterator[None]:
 
 
 def arguments_of_its_own(arguments: list[str]) -> list[str]:
-    """
-    What stands outside of `--ros-args ... --`, and is no renaming in the old form.
-    """
+    """What stands outside of `--ros-args ... --`, and is no renaming in the old form."""
     own, for_ros = [], False
     for argument in arguments:
         if argument == '--ros-args':

@@ -1,18 +1,16 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-Services of the fabric in std_srvs: pause, reset, step, record, checkpoints.
-"""
+"""Services of the fabric in std_srvs: pause, reset, step, record, checkpoints."""
 
 from collections.abc import Callable
 from concurrent.futures import Future
 from pathlib import Path
 from typing import Any
 
-from icofabric_sim.checkpoint_files import path_to_restore, path_to_save
+from icofabric_sim.messages.schedule import seconds
 from icofabric_sim.ros.answers import Answers
-from icofabric_sim.runner import Runner
-from icofabric_sim.schedule import seconds
+from icofabric_sim.running.checkpoint_files import path_to_restore, path_to_save
+from icofabric_sim.running.runner import Runner
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
@@ -22,14 +20,10 @@ Words = Callable[[Any], str]
 
 
 class Verbs:
-    """
-    Answers once it is done, with `success: true`, or with the reason why it is not.
-    """
+    """Answers once it is done, with `success: true`, or with the reason why it is not."""
 
     def __init__(self, node: Node, runner: Runner, answers: Answers) -> None:
-        """
-        Offer the services of `node`; `runner` does what they ask for.
-        """
+        """Offer the services of `node`; `runner` does what they ask for."""
         self._runner, self._answers = runner, answers
         self._being_saved: set[Path] = set()
         # One that waits for its answer must not keep others of the node waiting.

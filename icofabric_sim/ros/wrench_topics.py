@@ -12,13 +12,13 @@ import re
 from typing import Any
 
 from geometry_msgs.msg import TwistStamped, WrenchStamped
-from icofabric_sim.complaints import Complaints
-from icofabric_sim.driving import PREFIX
-from icofabric_sim.inputs import Key
 from icofabric_sim.messages import decode_twist_stamped, decode_wrench_stamped
-from icofabric_sim.run_records import WrenchInput
-from icofabric_sim.runner import Runner
-from icofabric_sim.scene import Scene
+from icofabric_sim.running.complaints import Complaints
+from icofabric_sim.running.run_records import WrenchInput
+from icofabric_sim.running.runner import Runner
+from icofabric_sim.scene.scene import Scene
+from icofabric_sim.simulation.driving import PREFIX
+from icofabric_sim.simulation.inputs import Key
 import numpy as np
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -40,16 +40,12 @@ Judge = Callable[[bytes, str, Callable[[str], Key]], WrenchInput]
 
 
 def shown(text: str) -> str:
-    """
-    A text that somebody sent, as a log may hold it.
-    """
+    """A text that somebody sent, as a log may hold it."""
     return repr(text if len(text) <= _LONGEST_SHOWN else f'{text[:_LONGEST_SHOWN]}...')
 
 
 class Dropped(ValueError):
-    """
-    An input that cannot be taken; the message says why.
-    """
+    """An input that cannot be taken; the message says why."""
 
 
 class WrenchTopics:
@@ -58,9 +54,7 @@ class WrenchTopics:
     """
 
     def __init__(self, node: Node, runner: Runner, scene: Scene) -> None:
-        """
-        Subscribe for `node` and pass on to `runner`.
-        """
+        """Subscribe for `node` and pass on to `runner`."""
         self._node, self._runner = node, runner
         self._channels: dict[str, Any] = {}
         self._complaints = Complaints(node.get_logger().warning)
@@ -70,9 +64,7 @@ class WrenchTopics:
         self._body = self._subscribe('~/wrench', self._body_key)
 
     def set_scene(self, scene: Scene) -> None:
-        """
-        Follow a changed scene: channels come and go.
-        """
+        """Follow a changed scene: channels come and go."""
         self._scene = scene
         wanted = {f'~/loads/{name}': name for name in scene.loads}
         wanted |= {f'~/drives/{name}': PREFIX + name for name in scene.drives}
@@ -158,9 +150,7 @@ class WrenchTopics:
         return find
 
     def _rate(self, key: Key, force: np.ndarray, torque: np.ndarray) -> float:
-        """
-        How fast [1/s] a wrench alone would move a body by its size, or turn it.
-        """
+        """How fast [1/s] a wrench alone would move a body by its size, or turn it."""
         scene, push, turn = self._scene, math.hypot(*force), math.hypot(*torque)
         shell = scene.shell
         if not isinstance(key, int):

@@ -1,15 +1,13 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-Contact of a configuration at rest: the potential of docs/contact.md, and how it changes.
-"""
+"""Contact of a configuration at rest: the potential of docs/contact.md, and how it changes."""
 
 from typing import NamedTuple
 
-from icofabric_sim.contact_setup import ContactSetup
-from icofabric_sim.icosahedron import circumscribed_radius
-from icofabric_sim.kernels.contact_many import touch_pairs, touch_planes
-from icofabric_sim.kernels.contact_pair import contact_scratch, OUT_SIZE
+from icofabric_sim.geometry.icosahedron import circumscribed_radius
+from icofabric_sim.kernels.contact.many import touch_pairs, touch_planes
+from icofabric_sim.kernels.contact.pair import contact_scratch, OUT_SIZE
+from icofabric_sim.simulation.contact.setup import ContactSetup
 import numpy as np
 
 # Pairs of shells; other groups are numbers of planes.
@@ -19,14 +17,15 @@ _DEEP, _STIFFER = 0.1, 3.0
 # So many times softer is a search that does not come to an end: then contacts are about as soft
 # as connectors.
 _SOFTER = 6
-# Step of the differences of forces, in parts of a and in rad.
-_STEP = 1e-6
+# Step of the differences of forces, in parts of a and in rad, at most; and in parts of the
+# overlap, so that what touches does so at all of them.
+_STEP, _WITHIN = 1e-6, 0.1
+# Overlap, or gap, below which shells are at their first touch, in parts of a.
+_FIRST = 1e-9
 
 
 class Contacts(NamedTuple):
-    """
-    What touches in a configuration.
-    """
+    """What touches in a configuration."""
 
     energy: float  # [J]
     wrench: np.ndarray  # (n, 6) forces [N] and torques about the centres [N m]
@@ -37,14 +36,10 @@ class Contacts(NamedTuple):
 
 
 class StaticContacts:
-    """
-    Shells and planes of a scene that push each other.
-    """
+    """Shells and planes of a scene that push each other."""
 
     def __init__(self, setup: ContactSetup, body_count: int) -> None:
-        """
-        See contact_setup.py.
-        """
+        """See contact_setup.py."""
         self._setup, self._count = setup, body_count
         self.stiffness = setup.stiffness  # K [N/m] in use
         self._scratch = contact_scratch()
@@ -52,9 +47,7 @@ class StaticContacts:
 
     @property
     def whole(self) -> float:
-        """
-        Stiffness of the scene [N/m].
-        """
+        """Stiffness of the scene [N/m]."""
         return self._setup.stiffness
 
     def stages(self, force: float) -> list[float]:
@@ -68,9 +61,7 @@ class StaticContacts:
         return self._rising(int(np.ceil(np.log(whole / softest) / np.log(_STIFFER))))
 
     def softer(self) -> list[float]:
-        """
-        The same for a search that has come close, and is held up by stiff contacts.
-        """
+        """The same for a search that has come close, and is held up by stiff contacts."""
         return self._rising(_SOFTER)
 
     def _rising(self, count: int) -> list[float]:
@@ -78,9 +69,7 @@ class StaticContacts:
         return [*(whole / _STIFFER**k for k in range(count, 0, -1)), whole]
 
     def act(self, position: np.ndarray, axes: np.ndarray) -> Contacts:
-        """
-        In a configuration: `position` (n, 3), `axes` (n, 3, 3) with body axes as rows.
-        """
+        """In a configuration: `position` (n, 3), `axes` (n, 3, 3) with body axes as rows."""
         near = self._near(position)
         planes = tuple(
             np.flatnonzero(position @ plane[:3] - plane[3] < 0.5 * self._reach)
@@ -93,9 +82,11 @@ class StaticContacts:
         """
         Second derivatives by pairs: rows of two bodies (m, 2), and blocks (m, 12, 12).
 
-        By differences of forces. A torque on a turned body is seen from other axes: half of its
-        turn is taken out, so that the derivative is symmetric as that of the connectors is. A
-        contact with a plane is a pair of a body and itself, with the first 6 x 6 numbers.
+        By differences of forces. Where shells are at their first touch the push has a kink: it
+        resists one way only, and is left out. A torque on a turned body is seen from other axes:
+        half of its turn is taken out, so that the derivative is symmetric as that of the
+        connectors is. A contact with a plane is a pair of a body and itself, with the first 6 x 6
+        numbers.
         """
         groups: list[tuple[np.ndarray, int]] = [(contacts.pairs, PAIRS)]
         groups += [
@@ -103,26 +94,31 @@ class StaticContacts:
             for number, bodies in enumerate(contacts.planes)]
         bodies, blocks = [np.zeros((0, 2), np.int64)], [np.zeros((0, 12, 12))]
         for pairs, which in groups:
+            depth = self._wrenches(position[pairs], axes[pairs], which)[2]
+            pairs, depth = (part[depth > _FIRST * self._setup.half_edge] for part in (
+                pairs, depth))
             if not len(pairs):
                 continue
             freedoms = 12 if which == PAIRS else 6
             part = np.zeros((len(pairs), 12, 12))
             places, turns = position[pairs], axes[pairs]
             here = self._wrenches(places, turns, which)[0]
+            # Of each pair, in parts of a and in rad.
+            step = np.minimum(_STEP, _WITHIN * depth / self._setup.half_edge)[:, None]
             for freedom in range(freedoms):
                 end, k = divmod(freedom, 6)
                 sides = []
                 for sign in (1.0, -1.0):
                     moved, turned = places.copy(), turns.copy()
                     if k < 3:
-                        moved[:, end, k] += sign * _STEP * self._setup.half_edge
+                        moved[:, end, k] += sign * step[:, 0] * self._setup.half_edge
                     else:
                         rotation = np.zeros((len(pairs), 3))
-                        rotation[:, k - 3] = sign * _STEP
+                        rotation[:, k - 3] = sign * step[:, 0]
                         turned[:, end] = turned_axes(rotation, turned[:, end])
                     sides.append(self._wrenches(moved, turned, which)[0])
-                step = _STEP * (self._setup.half_edge if k < 3 else 1.0)
-                part[:, :, freedom] = (sides[1] - sides[0]) / (2.0 * step)
+                part[:, :, freedom] = (sides[1] - sides[0]) / (
+                    2.0 * step * (self._setup.half_edge if k < 3 else 1.0))
                 if k >= 3:
                     part[:, 6 * end + 3:6 * end + 6, freedom] += 0.5 * np.cross(
                         np.eye(3)[k - 3], here[:, 6 * end + 3:6 * end + 6])
@@ -131,6 +127,27 @@ class StaticContacts:
             bodies.append(pairs)
             blocks.append(0.5 * (part + np.swapaxes(part, 1, 2)))
         return np.concatenate(bodies), np.concatenate(blocks)
+
+    def first_touches(self, position: np.ndarray, axes: np.ndarray) -> int:
+        """How many pairs of shells, or shells and planes, are at their first touch."""
+        near, setup = self._near(position), self._setup
+        first = _FIRST * setup.half_edge
+        apart = position[near[:, 0]] - position[near[:, 1]]
+        size = np.linalg.norm(apart, axis=1, keepdims=True)
+        towards = [-apart / np.where(size > 0.0, size, 1.0)]
+        groups = [near]
+        for plane in setup.planes:
+            bodies = np.flatnonzero(position @ plane[:3] - plane[3] < 0.5 * self._reach)
+            groups.append(np.repeat(bodies[:, None], 2, axis=1))
+            towards.append(np.broadcast_to(-plane[:3], (len(bodies), 3)))
+        count = 0
+        for number, (group, toward) in enumerate(zip(groups, towards)):
+            places, turns = position[group], axes[group]
+            open_yet = self._wrenches(places, turns, number - 1)[2] <= first
+            places[:, 0] += first * toward
+            touching = self._wrenches(places, turns, number - 1)[3]
+            count += int(np.count_nonzero(open_yet & touching))
+        return count
 
     def _near(self, position: np.ndarray) -> np.ndarray:
         from scipy.spatial import cKDTree
@@ -190,9 +207,7 @@ class StaticContacts:
 
 
 def turned_axes(rotation: np.ndarray, axes: np.ndarray) -> np.ndarray:
-    """
-    Body axes (n, 3, 3), as rows, turned by rotation vectors (n, 3) [rad], world frame.
-    """
+    """Body axes (n, 3, 3), as rows, turned by rotation vectors (n, 3) [rad], world frame."""
     angle = np.linalg.norm(rotation, axis=1)[:, None, None]
     cross = np.zeros_like(axes)
     cross[:, 0, 1], cross[:, 0, 2] = -rotation[:, 2], rotation[:, 1]

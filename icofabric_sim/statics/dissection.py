@@ -39,7 +39,5 @@ def dissection_parts(grid: np.ndarray, leaf: int = _LEAF) -> list[np.ndarray]:
 
 
 def dissection_order(grid: np.ndarray) -> np.ndarray:
-    """
-    The same numbers, one after the other.
-    """
+    """The same numbers, one after the other."""
     return np.concatenate([np.zeros(0, np.int64), *dissection_parts(grid)])

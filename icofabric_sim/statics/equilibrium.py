@@ -9,17 +9,19 @@ turn with their bodies, and torques, have no potential: within a step they count
 start, and as they are found at its end in the next.
 """
 
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
 import math
 from typing import NamedTuple
 
+from icofabric_sim import checks
 from icofabric_sim.kernels.conjugate import product_of, weighted_square
-from icofabric_sim.scene import Scene
-from icofabric_sim.snapshot import Snapshot
+from icofabric_sim.scene.scene import require_scene, Scene
+from icofabric_sim.simulation.model.snapshot import Snapshot
 from icofabric_sim.statics.contacts import Contacts
-from icofabric_sim.statics.fabric import Configuration, StaticFabric
-from icofabric_sim.statics.held import held_time
+from icofabric_sim.statics.fabric import check_snapshot, Configuration, StaticFabric
+from icofabric_sim.statics.held import check_time, held_time
+from icofabric_sim.statics.sides import BRANCHES, PULL, PUSH, SOFT, STIFF
 from icofabric_sim.statics.spectrum import Curvature, judge_curvature
 from icofabric_sim.statics.trust_region import steihaug
 import numpy as np
@@ -29,6 +31,9 @@ MECHANISM = 'equilibrium, with mechanisms'
 UNSTABLE = 'equilibrium, unstable'
 # Of fabrics that are too large for it: no motion was found that lowers the energy.
 NOT_COUNTED = 'equilibrium, mechanisms not counted'
+# Connectors are at their natural length, and whether all motions cost energy depends on which of
+# them pull and which push.
+AT_KINK = 'equilibrium, stability depends on the kink'
 NOT_AT_REST = 'not in equilibrium'
 
 _STEPS = 2_000
@@ -46,9 +51,7 @@ _ROUNDING = 1e-9
 
 
 class Progress(NamedTuple):
-    """
-    Where the search stands.
-    """
+    """Where the search stands."""
 
     steps: int
     residual: float  # the largest force that is left over the largest that acts
@@ -57,9 +60,7 @@ class Progress(NamedTuple):
 
 @dataclass(frozen=True)
 class Equilibrium:
-    """
-    Where the search ended, and what holds there.
-    """
+    """Where the search ended, and what holds there."""
 
     snapshot: Snapshot
     converged: bool
@@ -77,12 +78,20 @@ class Equilibrium:
     reaction: np.ndarray  # (n, 6) forces [N] and torques [N m] of supports and drives on bodies
     step_count: int
     product_count: int
+    # Connectors, by number, and anchors, by name, at their natural length, where k_e is not k_c.
+    # The counts above are then of motions for which no side of them matters.
+    at_kink: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int64))
+    anchors_at_kink: tuple[str, ...] = ()
+    # Motions that cost no energy, and that lower it, with k_e in all of these ('pull') and with
+    # k_c ('push'); empty where nothing is at its kink.
+    branches: Mapping[str, Curvature] = field(default_factory=dict)
+    # Pairs of shells, or shells and planes, at their first touch: they count as open, and resist
+    # when they are pressed.
+    first_touches: int = 0
 
     @property
     def worst_bodies(self) -> tuple[int, ...]:
-        """
-        At most four bodies on which the most is left.
-        """
+        """At most four bodies on which the most is left."""
         size = np.abs(self.leftover[:, :3]).max(axis=1)
         return tuple(int(b) for b in np.argsort(-size, kind='stable')[:4] if size[b] > 0.0)
 
@@ -101,11 +110,8 @@ def solve_equilibrium(
     `load_factor`: of weight, electric fields, loads and tractions. Without friction. Raises
     ValueError where nothing could ever be in equilibrium.
     """
-    if not 0.0 < tolerance < 1.0:
-        raise ValueError(
-            f'tolerance must be between 0 and 1 (a part of the largest force), got {tolerance!r}')
-    if not 0.0 <= load_factor < math.inf:
-        raise ValueError(f'load_factor must be finite and not negative, got {load_factor!r}')
+    _check(scene, start, time, tolerance, largest_step_count, progress)
+    load_factor = checks.number('load_factor', load_factor, least=0.0)
     fabric = StaticFabric(
         scene, held_time(scene, time), load_factor=load_factor,
         broken_since=None if start is None else start.broken_since)
@@ -123,6 +129,22 @@ def solve_equilibrium(
     return search.result()
 
 
+def _check(
+    scene: Scene, start: Snapshot | None, time: float | None, tolerance: float,
+    largest_step_count: int, progress: Callable[[Progress], None] | None
+) -> None:
+    """Refuse arguments that no search can begin with."""
+    require_scene(scene)
+    check_snapshot('start', start, scene)
+    check_time(time)
+    checks.number(
+        'tolerance', tolerance, above=0.0, below=1.0,
+        wish='a number above 0 and below 1 (a part of the largest force)')
+    checks.count('largest_step_count', largest_step_count)
+    if progress is not None:
+        checks.function('progress', progress)
+
+
 def step_loads(
     scene: Scene, factors: Iterable[float], *, start: Snapshot | None = None,
     time: float | None = None, tolerance: float = 1e-10, largest_step_count: int = _STEPS,
@@ -134,20 +156,31 @@ def step_loads(
     `factors`: of weight, electric fields, loads and tractions; drives, anchors and pre-stress are
     whole from the first. Ends where no equilibrium is found: that one is the last.
     """
-    for factor in factors:
-        found = solve_equilibrium(
-            scene, start=start, time=time, tolerance=tolerance, load_factor=factor,
-            largest_step_count=largest_step_count, progress=progress)
-        yield factor, found
-        if not found.converged:
-            return
-        start = found.snapshot
+    _check(scene, start, time, tolerance, largest_step_count, progress)
+    if not isinstance(factors, Iterable) or isinstance(factors, (str, bytes, Mapping)):
+        raise TypeError(f'factors must be numbers, at least 0, got {checks.shown(factors)}')
+    # One after the other may depend on what was found, so an iterator is not read in advance.
+    if not isinstance(factors, Iterator):
+        factors = [checks.number('factors', factor, least=0.0) for factor in factors]
+        if not factors:
+            raise ValueError('factors must hold at least one number, got none')
+
+    def steps(start: Snapshot | None) -> Iterator[tuple[float, Equilibrium]]:
+        for given in factors:
+            factor = checks.number('factors', given, least=0.0)
+            found = solve_equilibrium(
+                scene, start=start, time=time, tolerance=tolerance, load_factor=factor,
+                largest_step_count=largest_step_count, progress=progress)
+            yield factor, found
+            if not found.converged:
+                return
+            start = found.snapshot
+
+    return steps(start)
 
 
 def refuse_free_fall(fabric: StaticFabric) -> None:
-    """
-    Refuse weight and loads that nothing bears: no support, no drive, no anchor.
-    """
+    """Refuse weight and loads that nothing bears: no support, no drive, no anchor."""
     scene = fabric.scene
     if not fabric.free.all() or scene.anchors or (
             fabric.contacts is not None and scene.parameters.names('planes')):
@@ -165,9 +198,7 @@ def refuse_free_fall(fabric: StaticFabric) -> None:
 
 
 class _Search:
-    """
-    Steps that lower the energy, until nothing pushes any more.
-    """
+    """Steps that lower the energy, until nothing pushes any more."""
 
     def __init__(
         self, fabric: StaticFabric, here: Configuration, tolerance: float, largest: int,
@@ -206,9 +237,7 @@ class _Search:
             stages = contacts.softer()
 
     def _press(self, stiffness: float, tolerance: float, most: float) -> None:
-        """
-        Search with contacts of a stiffness [N/m], for so many steps at most.
-        """
+        """Search with contacts of a stiffness [N/m], for so many steps at most."""
         assert self.fabric.contacts is not None
         self.fabric.contacts.stiffness = stiffness
         self.here = Configuration(
@@ -216,9 +245,7 @@ class _Search:
         self._descend(tolerance, self.steps + most)
 
     def _acting(self) -> float:
-        """
-        The largest force [N] on a body before anything has moved: weight, loads, connectors.
-        """
+        """The largest force [N] on a body before anything has moved: weight, loads, connectors."""
         return max(self.here.force_scale, float(np.abs(self.leftover()[:, :3]).max(initial=0.0)))
 
     def _descend(self, tolerance: float, last: float = math.inf) -> None:
@@ -234,32 +261,27 @@ class _Search:
                 stuck += 1
 
     def residual(self) -> float:
-        """
-        The largest force left, or torque over a, in parts of the largest force that acts.
-        """
+        """The largest force left, or torque over a, in parts of the largest force that acts."""
         left = np.abs(self.leftover())
         left[:, 3:] /= self.fabric.half_edge
         most, scale = float(left.max(initial=0.0)), self.here.force_scale
+        least = 10.0 * self.fabric.rounding
+        if scale > least:
+            return float(most / scale)
         # Where nothing acts, rounding of the lengths is all there is.
-        return float(most / scale) if scale > 10.0 * self.fabric.rounding else 0.0
+        return 1.0 if most > least else 0.0
 
     def _good(self, tolerance: float) -> bool:
-        """
-        Whether no more is left than is tolerated, or than rounding of the lengths may be.
-        """
+        """Whether no more is left than is tolerated, or than rounding of the lengths may be."""
         return self.residual() <= max(
             tolerance, self.fabric.rounding / max(self.here.force_scale, 1e-300))
 
     def leftover(self) -> np.ndarray:
-        """
-        Forces and torques on free freedoms (n, 6).
-        """
+        """Forces and torques on free freedoms (n, 6)."""
         return np.where(self.free, self.here.force, 0.0)
 
     def _step(self) -> bool:
-        """
-        Try one step; whether it was taken.
-        """
+        """Try one step; whether it was taken."""
         here, layout = self.here, self.fabric.layout
         gradient = layout.spread(-self.leftover())
         size = math.sqrt(weighted_square(self.weight, gradient))
@@ -293,9 +315,7 @@ class _Search:
         return False
 
     def _gain(self, motion: np.ndarray, expected: float, there: Configuration) -> float:
-        """
-        How much of what the model expected a step has brought.
-        """
+        """How much of what the model expected a step has brought."""
         here = self.here
         if not expected < 0.0:
             return -1.0
@@ -309,32 +329,54 @@ class _Search:
         return change / expected if math.isfinite(change) else -1.0
 
     def _dead(self, at: Configuration) -> np.ndarray:
-        """
-        The part of the wrenches that has a potential, (n, 6).
-        """
+        """The part of the wrenches that has a potential, (n, 6)."""
         return self.fabric.loads.dead_wrench(at.axes)
 
     def result(self) -> Equilibrium:
-        """
-        Judge where the search stands.
-        """
+        """Judge where the search stands."""
         here, residual = self.here, self.residual()
         converged = self._good(self.tolerance)
-        curvature = Curvature(-1, -1)
-        verdict = NOT_AT_REST
+        verdict, curvature = NOT_AT_REST, Curvature(-1, -1)
+        branches: Mapping[str, Curvature] = {}
         if converged:
-            curvature = judge_curvature(here)
-            verdict = STABLE
-            if curvature.negative > 0:
-                verdict = UNSTABLE
-            elif curvature.zero < 0:
-                verdict = NOT_COUNTED
-            elif curvature.zero:
-                verdict = MECHANISM
+            verdict, curvature, branches = judge(here)
         return Equilibrium(
             snapshot=here.snapshot, converged=converged, residual=residual, verdict=verdict,
             mechanism_count=curvature.zero, unstable_count=curvature.negative,
             force_scale=here.force_scale, leftover=self.leftover(), tension=here.tension,
             touching=here.touching,
             reaction=np.where(self.free, 0.0, -here.force), step_count=self.steps,
-            product_count=self.products)
+            product_count=self.products, at_kink=here.at_kink,
+            anchors_at_kink=here.anchors_at_kink, branches=branches,
+            first_touches=here.first_touches)
+
+
+def judge(here: Configuration) -> tuple[str, Curvature, Mapping[str, Curvature]]:
+    """
+    Verdict of a configuration at rest, counts that no kink changes, and those of both branches.
+    """
+    jumps = here.kink_jumps
+    if not len(jumps):
+        curvature = judge_curvature(here)
+        return _verdict(curvature, curvature), curvature, {}
+    branches = {side: judge_curvature(here.on(side)) for side in BRANCHES}
+    if (jumps > 0.0).all():
+        soft, stiff = branches[PUSH], branches[PULL]
+    elif (jumps < 0.0).all():
+        soft, stiff = branches[PULL], branches[PUSH]
+    else:
+        soft, stiff = (judge_curvature(here.on(side)) for side in (SOFT, STIFF))
+    return _verdict(soft, stiff), stiff, branches
+
+
+def _verdict(soft: Curvature, stiff: Curvature) -> str:
+    """By the least and the most that a motion may cost."""
+    if stiff.negative > 0:
+        return UNSTABLE
+    if soft.negative > 0:
+        return AT_KINK
+    if soft.zero < 0 or stiff.zero < 0:
+        return NOT_COUNTED
+    if not soft.zero:
+        return STABLE
+    return MECHANISM if stiff.zero else AT_KINK

@@ -13,30 +13,30 @@ from functools import cached_property
 import math
 from typing import Any
 
-from icofabric_sim.contact_setup import pack_contact
-from icofabric_sim.initial import InitialState
-from icofabric_sim.inputs import Inputs
+from icofabric_sim import checks
+from icofabric_sim.geometry.rotations import cosines_from_quaternions, turned_by
 from icofabric_sim.kernels.conjugate import add_own_blocks, add_pair_blocks
 from icofabric_sim.kernels.drives import place_driven
 from icofabric_sim.kernels.flows import keep_accelerations, place_all
 from icofabric_sim.kernels.hessian import hessian_times
-from icofabric_sim.layout import aligned_empty
-from icofabric_sim.link_places import link_places
-from icofabric_sim.model import pack_scene, PackedScene
-from icofabric_sim.rotation_forms import cosines_from_quaternions, turned_by
-from icofabric_sim.scene import Scene
-from icofabric_sim.snapshot import Snapshot
+from icofabric_sim.scene.initial import InitialState
+from icofabric_sim.scene.scene import Scene
+from icofabric_sim.simulation.contact.setup import pack_contact
+from icofabric_sim.simulation.inputs import Inputs
+from icofabric_sim.simulation.model.layout import aligned_empty
+from icofabric_sim.simulation.model.link_places import link_places
+from icofabric_sim.simulation.model.packing import pack_scene, PackedScene
+from icofabric_sim.simulation.model.snapshot import Snapshot
 from icofabric_sim.statics.contacts import Contacts, StaticContacts
 from icofabric_sim.statics.held import refuse_in_statics
-from icofabric_sim.statics.loads import Acting, AnchorPull, DeadLoads, turned_potential
-from icofabric_sim.statics.tangent import TangentLaws
+from icofabric_sim.statics.loads import Acting, AnchorPull, DeadLoads, Pulled, turned_potential
+from icofabric_sim.statics.sides import ACTUAL, lever_of
+from icofabric_sim.statics.tangent import Stretched, TangentLaws
 import numpy as np
 
 
 class StaticFabric:
-    """
-    What does not change while a configuration is sought.
-    """
+    """What does not change while a configuration is sought."""
 
     def __init__(
         self, scene: Scene, time: float = 0.0, *, only: np.ndarray | None = None,
@@ -60,7 +60,10 @@ class StaticFabric:
         if broken_since is not None and not np.isnan(broken_since).all():
             self.intact, self.broken_since = np.isnan(broken_since), broken_since
             only = np.flatnonzero(self.intact)
+        self.counted = np.ones(scene.connector_count, bool)
         if only is not None:
+            self.counted[:] = False
+            self.counted[only] = True
             self.packed = _with_connectors(self.packed, only)
         if load_factor != 1.0:
             self.packed = _with_factor(self.packed, load_factor)
@@ -86,6 +89,7 @@ class StaticFabric:
         # Forces on held freedoms are wanted too: the supports bear them.
         self.model = model._replace(supports=None)
         self.laws = TangentLaws(self.packed)
+        self.lever = lever_of(scene.geometry.connector_angle)
         self.work = self.layout.room(model.links)
         self.room = np.zeros_like(self.work.points), np.zeros((3, self.layout.slot_count))
         setup = pack_contact(scene, np.zeros(3), moving=False) if contact else None
@@ -105,26 +109,39 @@ class StaticFabric:
             [1.0 / model.inverse_mass, 1.0 / model.inverse_inertia], 3))
 
     def configuration(self, name: str, snapshot: Snapshot) -> 'Configuration':
-        """
-        Where a snapshot, the argument `name`, has the bodies.
-        """
-        given, wanted = len(snapshot.position), self.scene.body_count
-        if given != wanted:
-            raise ValueError(f'{name} has {given:,} bodies, the scene {wanted:,}')
+        """Where a snapshot, the argument `name`, has the bodies."""
+        check_snapshot(name, snapshot, self.scene)
         return Configuration(self, snapshot.position.copy(), snapshot.orientation.copy())
 
     @property
     def half_edge(self) -> float:
-        """
-        The length a [m].
-        """
+        """The length a [m]."""
         return self.scene.geometry.half_edge
 
 
+def check_snapshot(name: str, snapshot: Snapshot | None, scene: Scene) -> None:
+    """Refuse what is neither None nor a snapshot of as many bodies and connectors as a scene."""
+    if snapshot is None:
+        return
+    checks.instance(
+        name, snapshot, Snapshot, 'simulation.snapshot() makes one, and results have a .snapshot')
+    given, wanted = (*np.shape(snapshot.position), 0)[0], scene.body_count
+    if given != wanted:
+        raise ValueError(f'{name} has {given:,} bodies, the scene {wanted:,}')
+    if snapshot.connector_count != scene.connector_count:
+        raise ValueError(
+            f'{name} has {snapshot.connector_count:,} connectors, the scene '
+            f'{scene.connector_count:,}')
+    checks.array(f'position of {name}', snapshot.position, (wanted, 3), 'm', row='body')
+    checks.quaternions(f'orientation of {name}', snapshot.orientation, (wanted, 4), row='body')
+    if snapshot.broken_since is not None:
+        checks.array(
+            f'broken_since of {name}', snapshot.broken_since, (scene.connector_count,), 's',
+            finite=False)
+
+
 def _with_factor(packed: PackedScene, factor: float) -> PackedScene:
-    """
-    Weight, and what electric fields do, times a factor.
-    """
+    """Weight, and what electric fields do, times a factor."""
     model = packed.model
     if model.gravity is not None:
         model = model._replace(gravity=factor * model.gravity)
@@ -147,35 +164,82 @@ def _with_connectors(packed: PackedScene, only: np.ndarray) -> PackedScene:
 
 
 class Configuration:
-    """
-    Where the bodies are; everything else follows, once it is asked for.
-    """
+    """Where the bodies are; everything else follows, once it is asked for."""
 
     def __init__(
-        self, fabric: StaticFabric, position: np.ndarray, orientation: np.ndarray
+        self, fabric: StaticFabric, position: np.ndarray, orientation: np.ndarray,
+        side: str = ACTUAL
     ) -> None:
         """
         Positions (n, 3) [m] and quaternions x y z w (n, 4).
+
+        `side`: how connectors at their kink count in second derivatives, see sides.py.
         """
         self.fabric, self.position, self.orientation = fabric, position, orientation
+        self.side = side
+
+    def on(self, side: str) -> 'Configuration':
+        """The same with another side of the connectors that are at their kink."""
+        there = Configuration(self.fabric, self.position, self.orientation, side)
+        # What does not depend on it, as far as it is known.
+        for name in ('snapshot', 'energy', 'force', 'touching', 'contact_blocks', 'acting', 'axes',
+                     'tension', 'stretched', 'pulled', 'state', 'first_touches'):
+            if name in self.__dict__:
+                there.__dict__[name] = self.__dict__[name]
+        return there
+
+    @cached_property
+    def stretched(self) -> Stretched:
+        """Lengths of the connectors, and which of those that count are at their kinks."""
+        fabric = self.fabric
+        found = fabric.laws.stretched(
+            self.snapshot.connector_length, self.snapshot.connector_ends, fabric.lever)
+        return found._replace(
+            at_kink=found.at_kink & fabric.counted, rounded=found.rounded & fabric.counted)
+
+    @property
+    def at_kink(self) -> np.ndarray:
+        """Numbers of the connectors that are at their kink."""
+        return np.flatnonzero(self.stretched.at_kink)
+
+    @property
+    def anchors_at_kink(self) -> tuple[str, ...]:
+        """Names of the anchors that are."""
+        names = tuple(self.fabric.scene.anchors)
+        return tuple(names[a] for a in np.flatnonzero(self.pulled.here.at_kink))
+
+    @property
+    def kink_jumps(self) -> np.ndarray:
+        """k_e - k_c [N/m] of the connectors and anchors that are at their kink, (j,)."""
+        jumps = [self.fabric.laws.jump(self.at_kink)]
+        if self.pulled.here.at_kink.any():
+            jumps.append(self.pulled.jump[self.pulled.here.at_kink])
+        return np.concatenate(jumps)
+
+    @cached_property
+    def first_touches(self) -> int:
+        """How many pairs of shells, or shells and planes, are at their first touch."""
+        contacts = self.fabric.contacts
+        return 0 if contacts is None else contacts.first_touches(self.position, self.axes)
+
+    @cached_property
+    def slope(self) -> np.ndarray:
+        """Slopes of the connectors' tensions [N/m], (c,)."""
+        return self.fabric.laws.slope(self.stretched, self.side)
 
     def moved(self, motion: np.ndarray) -> 'Configuration':
-        """
-        The configuration displaced and turned by a vector (n, 6).
-        """
+        """The configuration displaced and turned by a vector (n, 6)."""
         return Configuration(
             self.fabric, self.position + motion[:, :3],
             turned_by(motion[:, 3:], self.orientation))
 
     @cached_property
     def snapshot(self) -> Snapshot:
-        """
-        The same as a snapshot at rest.
-        """
+        """The same as a snapshot at rest."""
         fabric, zero = self.fabric, np.zeros_like(self.position)
         books: Mapping[str, float] = {
             'work_in': 0.0, 'spent': 0.0, 'start': 0.0, 'potential': 0.0,
-            'anchors': self._pulled[0]}
+            'anchors': self.pulled.energy}
         arrays = self.position, self.orientation, zero, zero.copy()
         for array in arrays:
             array.flags.writeable = False
@@ -185,86 +249,77 @@ class Configuration:
 
     @cached_property
     def energy(self) -> float:
-        """
-        Potential energy [J] of the fabric and of the dead loads.
-        """
+        """Potential energy [J] of the fabric and of the dead loads."""
         pushed = 0.0 if self.touching is None else self.touching.energy
         return float(self.snapshot.energy['total']) + self.acting.energy + pushed
 
     @cached_property
     def force(self) -> np.ndarray:
-        """
-        Forces and torques (n, 6) on all freedoms, held ones too.
-        """
+        """Forces and torques (n, 6) on all freedoms, held ones too."""
         fabric = self.fabric
         work = fabric.work
         keep_accelerations(
             fabric.model, self._placed(), work, fabric.time, 0, len(fabric.layout.blocks.slot))
         force = fabric.layout.gather(work.acceleration) * fabric.root**2
-        force += self._pulled[1] + self.acting.wrench
+        force += self.pulled.wrench + self.acting.wrench
         if self.touching is not None:
             force += self.touching.wrench
         return np.asarray(force)
 
     @cached_property
     def touching(self) -> Contacts | None:
-        """
-        What touches; None where the scene has no contact.
-        """
+        """What touches; None where the scene has no contact."""
         contacts = self.fabric.contacts
         return None if contacts is None else contacts.act(self.position, self.axes)
 
     @cached_property
     def acting(self) -> Acting:
-        """
-        The loads here.
-        """
+        """The loads here."""
         return self.fabric.loads.act(self.position, self.axes)
 
     @cached_property
     def axes(self) -> np.ndarray:
-        """
-        Body axes as rows, (n, 3, 3).
-        """
+        """Body axes as rows, (n, 3, 3)."""
         return cosines_from_quaternions(self.orientation)
 
     @cached_property
     def tension(self) -> np.ndarray:
-        """
-        Tensions of the connectors [N], (c,); 0 of broken ones.
-        """
-        tension, intact = self.fabric.laws.evaluate(
-            self.snapshot.connector_length)[0], self.fabric.intact
+        """Tensions of the connectors [N], (c,); 0 of broken ones."""
+        tension = self.fabric.laws.tension(self.snapshot.connector_length)
+        intact = self.fabric.intact
         return tension if intact is None else np.where(intact, tension, 0.0)
 
     @cached_property
     def force_scale(self) -> float:
         """
         The largest force [N] of a connector, of an anchor, of a load, or of weight.
+
+        Where none of them acts that of what is held, which then bears moments of connectors alone.
         """
         fabric = self.fabric
         weight = 0.0
         if fabric.model.gravity is not None:
             weight = float(np.linalg.norm(fabric.model.gravity)) / fabric.model.inverse_mass
-        pulls = [*np.abs(self.tension), *np.abs(self._pulled[3])]
+        pulls = [*np.abs(self.tension), *np.abs(self.pulled.tension)]
         if self.touching is not None:
             pulls.append(self.touching.largest_force)
-        return max(fabric.loads.largest_force, weight, max(pulls, default=0.0))
+        scale = max(fabric.loads.largest_force, weight, max(pulls, default=0.0))
+        if scale > 10.0 * fabric.rounding:
+            return scale
+        held = np.abs(np.where(fabric.free, 0.0, self.force))
+        held[:, 3:] /= fabric.half_edge
+        return max(scale, float(held.max(initial=0.0)))
 
     @cached_property
     def contact_blocks(self) -> tuple[np.ndarray, np.ndarray]:
-        """
-        Second derivatives of contacts: two bodies each (m, 2), and blocks (m, 12, 12).
-        """
+        """Second derivatives of contacts: two bodies each (m, 2), and blocks (m, 12, 12)."""
         fabric = self.fabric
         if fabric.contacts is None or self.touching is None:
             return np.zeros((0, 2), np.int64), np.zeros((0, 12, 12))
         return fabric.contacts.blocks(self.touching, self.position, self.axes)
 
     def times(self, motion: np.ndarray, *, contact: bool = True) -> np.ndarray:
-        """
-        Second derivative of the energy along a vector, (n, 6) both; held freedoms count.
-        """
+        """Second derivative of the energy along a vector, (n, 6) both; held freedoms count."""
         layout, product = self.fabric.layout, self.fabric.product
         self.multiply(layout.spread(motion), product, contact=contact)
         return layout.gather(product)
@@ -272,9 +327,7 @@ class Configuration:
     def multiply(
         self, vector: np.ndarray, product: np.ndarray, *, contact: bool = True
     ) -> None:
-        """
-        The same of vectors (6, s), zero in slots without a body; overwrites `product`.
-        """
+        """The same of vectors (6, s), zero in slots without a body; overwrites `product`."""
         fabric = self.fabric
         points, turns = fabric.room
         self._placed()
@@ -289,11 +342,10 @@ class Configuration:
 
     @cached_property
     def own_blocks(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        """
-        Slots (m,) and second derivatives (m, 6, 6) of anchored bodies, and of dead loads.
-        """
+        """Slots (m,) and second derivatives (m, 6, 6) of anchored bodies, and of dead loads."""
         slot, found = self.fabric.layout.slot, []
-        pulled = self._pulled[2]
+        pulled = self.fabric.anchors.blocks(
+            self.pulled, self.position, self.axes, self.side)
         if pulled:
             found.append((
                 slot[[body for body, _ in pulled]], np.array([block for _, block in pulled])))
@@ -305,9 +357,7 @@ class Configuration:
 
     @cached_property
     def _turning(self) -> np.ndarray | None:
-        """
-        Second derivatives along rotations alone: of dead loads and of dipoles.
-        """
+        """Second derivatives along rotations alone: of dead loads and of dipoles."""
         turning, dipole = self.acting.turning, self.fabric.model.dipole
         if dipole is None:
             return turning
@@ -317,28 +367,22 @@ class Configuration:
 
     @cached_property
     def tangent(self) -> Any:
-        """
-        The model with the laws of connectors as they are here, without supports.
-        """
-        return self.fabric.laws.model(self.snapshot.connector_length)._replace(supports=None)
+        """The model with the laws of connectors as they are here, without supports."""
+        return self.fabric.laws.model(self.stretched, self.side)._replace(supports=None)
 
     @cached_property
-    def _pulled(self) -> tuple[float, np.ndarray, list[tuple[int, np.ndarray]], np.ndarray]:
-        return self.fabric.anchors.act(self.position, self.axes)
+    def pulled(self) -> Pulled:
+        return self.fabric.anchors.act(self.position, self.axes, self.fabric.lever)
 
     @cached_property
     def state(self) -> Any:
-        """
-        The same for the kernels, at rest.
-        """
+        """The same for the kernels, at rest."""
         zero = np.zeros_like(self.position)
         return self.fabric.layout.pack(
             InitialState(self.position, self.orientation, zero, zero))
 
     def _placed(self) -> Any:
-        """
-        The state, with the attachment points in the room that all configurations share.
-        """
+        """The state, with the attachment points in the room that all configurations share."""
         fabric = self.fabric
         if fabric.placed is not self:
             place_all(fabric.model, self.state, fabric.work, 0, len(fabric.layout.blocks.slot))

@@ -1,11 +1,10 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-What of a scene has no place at rest, needs a time to be held at, or has no potential.
-"""
+"""What of a scene has no place at rest, needs a time to be held at, or has no potential."""
 
-from icofabric_sim.parameters import ParameterError
-from icofabric_sim.scene import Scene
+from icofabric_sim import checks
+from icofabric_sim.parameters.validation import ParameterError
+from icofabric_sim.scene.scene import Scene
 
 _RUN = 'let a run with drag come to rest (drag.linear, drag.angular; icofabric run)'
 
@@ -36,6 +35,12 @@ def refuse_in_statics(scene: Scene, *, contact: bool = True) -> None:
             f'contact.mode never, or {_RUN}')
 
 
+def check_time(time: float | None) -> None:
+    """Refuse what is neither None nor a simulated time [s]."""
+    if time is not None:
+        checks.number('time', time, unit='s', least=0.0)
+
+
 def held_time(scene: Scene, time: float | None) -> float:
     """
     The time [s] at which a scene is held; None: 0, where nothing in it changes with time.
@@ -44,7 +49,7 @@ def held_time(scene: Scene, time: float | None) -> float:
     """
     refuse_in_statics(scene)
     if time is not None:
-        return time
+        return float(time)
     moving = varying(scene)
     if moving:
         several = f' and {len(moving) - 1} more' if len(moving) > 1 else ''
@@ -55,9 +60,7 @@ def held_time(scene: Scene, time: float | None) -> float:
 
 
 def varying(scene: Scene) -> list[str]:
-    """
-    Names of parameters that make drives, anchors, loads or tractions change with time.
-    """
+    """Names of parameters that make drives, anchors, loads or tractions change with time."""
     parameters = scene.parameters
     found = [
         f'drives.{name}.motion' for name in parameters.names('drives')
@@ -78,9 +81,7 @@ def varying(scene: Scene) -> list[str]:
 
 
 def without_potential(scene: Scene) -> list[str]:
-    """
-    Names of loads and tractions that turn with their bodies, or twist them.
-    """
+    """Names of loads and tractions that turn with their bodies, or twist them."""
     parameters = scene.parameters
     found = []
     for name in parameters.names('loads'):

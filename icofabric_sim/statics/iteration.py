@@ -1,12 +1,10 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-The Lanczos iteration (lanczos.py) of a configuration at rest, with all that acts in it.
-"""
+"""The Lanczos iteration (lanczos.py) of a configuration at rest, with all that acts in it."""
 
 from icofabric_sim.kernels.flows import place_all
 from icofabric_sim.kernels.records import SecondDerivatives, Supports
-from icofabric_sim.lanczos import find_largest, Lanczos, start_vector
+from icofabric_sim.simulation.model.lanczos import find_largest, Lanczos, start_vector
 from icofabric_sim.statics.fabric import Configuration
 import numpy as np
 

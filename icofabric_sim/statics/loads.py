@@ -1,21 +1,19 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-What acts on a fabric that is held still at a time: wrenches and anchors, body by body.
-"""
+"""What acts on a fabric that is held still at a time: wrenches and anchors, body by body."""
 
 from typing import NamedTuple
 
-from icofabric_sim.anchor_stiffness import stiffness_of
 from icofabric_sim.kernels.records import Anchors
-from icofabric_sim.model import WrenchRow
+from icofabric_sim.simulation.model.anchor_stiffness import stiffness_of
+from icofabric_sim.simulation.model.packing import WrenchRow
+from icofabric_sim.statics.sides import slopes_on
+from icofabric_sim.statics.tangent import as_springs, find_kinks, Stretched
 import numpy as np
 
 
 class Acting(NamedTuple):
-    """
-    Wrenches in one configuration, and the part of them that has a potential.
-    """
+    """Wrenches in one configuration, and the part of them that has a potential."""
 
     energy: float  # [J] of the dead loads: forces that keep direction and place in the body
     wrench: np.ndarray  # (n, 6) force [N] and torque about the centre [N m], world frame
@@ -25,40 +23,30 @@ class Acting(NamedTuple):
 
 
 class DeadLoads:
-    """
-    Wrenches at one time; those that turn with their bodies, and torques, have no potential.
-    """
+    """Wrenches at one time; those that turn with their bodies, and torques, have no potential."""
 
     def __init__(
         self, rows: list[WrenchRow], time: float, body_count: int, factor: float = 1.0
     ) -> None:
-        """
-        Take the wrenches at `time` [s], times a `factor`.
-        """
+        """Take the wrenches at `time` [s], times a `factor`."""
         self._count = body_count
         self._rows = [(row, factor * row.piece.at(time)) for row in rows]
         self._rows = [(row, factor) for row, factor in self._rows if factor != 0.0]
 
     @property
     def largest_force(self) -> float:
-        """
-        The largest force [N] on a body.
-        """
+        """The largest force [N] on a body."""
         return max((float(np.linalg.norm(factor * row.force)) for row, factor in self._rows),
                    default=0.0)
 
     @property
     def conservative(self) -> bool:
-        """
-        Whether all of them have a potential.
-        """
+        """Whether all of them have a potential."""
         return not any(
             row.in_body_axes or row.torque.any() or row.normal.any() for row, _ in self._rows)
 
     def dead_wrench(self, axes: np.ndarray) -> np.ndarray:
-        """
-        The part of the wrenches (n, 6) that has a potential.
-        """
+        """The part of the wrenches (n, 6) that has a potential."""
         wrench = np.zeros((self._count, 6))
         for row, factor in self._rows:
             if not (row.in_body_axes or row.normal.any()):
@@ -68,9 +56,7 @@ class DeadLoads:
         return wrench
 
     def act(self, position: np.ndarray, axes: np.ndarray) -> Acting:
-        """
-        In a configuration: `position` (n, 3), `axes` (n, 3, 3) with body axes as rows.
-        """
+        """In a configuration: `position` (n, 3), `axes` (n, 3, 3) with body axes as rows."""
         energy, wrench = 0.0, np.zeros((self._count, 6))
         turning: np.ndarray | None = None
         for row, factor in self._rows:
@@ -110,32 +96,24 @@ def turned_potential(force: np.ndarray, arm: np.ndarray) -> np.ndarray:
 
 
 class AnchorPull:
-    """
-    Anchors with their points where they are at one time.
-    """
+    """Anchors with their points where they are at one time."""
 
     def __init__(
         self, anchors: Anchors | None, bodies: tuple[int, ...], points: np.ndarray, time: float
     ) -> None:
-        """
-        `points` (a, 3) [m] of the world; `time` [s].
-        """
+        """`points` (a, 3) [m] of the world; `time` [s]."""
         self._anchors, self._time = anchors, time
         self._bodies, self._points = np.array(bodies, np.int64), points
 
     @property
     def count(self) -> int:
-        """
-        Count the anchors.
-        """
+        """Count the anchors."""
         return len(self._bodies)
 
     def directions(
         self, position: np.ndarray, axes: np.ndarray
     ) -> list[tuple[int, np.ndarray, np.ndarray]]:
-        """
-        Body, arm [m] and direction from there to the point, of every anchor.
-        """
+        """Body, arm [m] and direction from there to the point, of every anchor."""
         if self._anchors is None:
             return []
         arm = np.einsum('ai,aij->aj', self._anchors.arm, axes[self._bodies])
@@ -143,29 +121,54 @@ class AnchorPull:
         reach = reach / np.linalg.norm(reach, axis=1, keepdims=True)
         return list(zip(self._bodies.tolist(), arm, reach))
 
-    def act(
-        self, position: np.ndarray, axes: np.ndarray
-    ) -> tuple[float, np.ndarray, list[tuple[int, np.ndarray]], np.ndarray]:
-        """
-        Energy [J], wrench of the bodies (n, 6), second derivatives (6, 6) by body, tensions [N].
-        """
+    def act(self, position: np.ndarray, axes: np.ndarray, lever: float) -> 'Pulled':
+        """In a configuration; `lever`: see lever_of."""
         wrench = np.zeros((len(position), 6))
         anchors = self._anchors
         if anchors is None:
-            return 0.0, wrench, [], np.zeros(0)
+            none = np.zeros(0)
+            return Pulled(
+                0.0, wrench, none, none, Stretched(none, none, none > 0.0, none > 0.0))
         arm = np.einsum('ai,aij->aj', anchors.arm, axes[self._bodies])
         reach = self._points - position[self._bodies] - arm
         length = np.linalg.norm(reach, axis=1)
-        stretch = length - anchors.natural_length
-        slope = np.where(stretch > 0.0, anchors.extension, anchors.compression)
-        tension = slope * stretch
+        place = np.maximum(
+            np.abs(self._points).max(axis=1), np.abs(position[self._bodies]).max(axis=1))
+        jump = np.full(len(length), anchors.extension - anchors.compression)
+        here = find_kinks(length, anchors.natural_length, place, lever, jump != 0.0)
+        stretch = here.stretch
+        tension = np.where(stretch > 0.0, anchors.extension, anchors.compression) * stretch
         with np.errstate(invalid='ignore', divide='ignore'):
             force = np.where(length[:, None] > 0.0, reach * (tension / length)[:, None], 0.0)
         np.add.at(wrench, self._bodies, np.hstack([force, np.cross(arm, force)]))
+        return Pulled(float(0.5 * (tension * stretch).sum()), wrench, tension, jump, here)
+
+    def blocks(
+        self, pulled: 'Pulled', position: np.ndarray, axes: np.ndarray, side: str
+    ) -> list[tuple[int, np.ndarray]]:
+        """Second derivatives (6, 6) by body, by the `side` of anchors that are at their kink."""
+        anchors, here = self._anchors, pulled.here
+        if anchors is None:
+            return []
+        stiffness, rest = as_springs(
+            np.where(here.rounded, 0.0, pulled.tension), slopes_on(
+                side, np.array([anchors.extension]), np.array([anchors.compression]),
+                here.stretch, here.at_kink, here.rounded), here.length)
         blocks = []
         for a, body in enumerate(self._bodies.tolist()):
             law = anchors._replace(
-                extension=float(slope[a]), compression=float(slope[a]))
+                extension=float(stiffness[a]), compression=float(stiffness[a]),
+                natural_length=float(rest[a]))
             blocks.append((body, stiffness_of(
                 law, a, position[body], axes[body], self._time)))
-        return float(0.5 * (tension * stretch).sum()), wrench, blocks, tension
+        return blocks
+
+
+class Pulled(NamedTuple):
+    """Anchors in one configuration."""
+
+    energy: float  # [J]
+    wrench: np.ndarray  # (n, 6) of the bodies
+    tension: np.ndarray  # (a,) [N]
+    jump: np.ndarray  # (a,) k_e - k_c [N/m]
+    here: Stretched

@@ -12,7 +12,7 @@ Computations, 4.5). Of motions with one frequency a pass finds one; the next beg
 
 from collections.abc import Callable
 
-from icofabric_sim.lanczos import Lanczos
+from icofabric_sim.simulation.model.lanczos import Lanczos
 from icofabric_sim.statics.fabric import Configuration
 from icofabric_sim.statics.iteration import begin
 import numpy as np
@@ -31,9 +31,7 @@ _PASSES = 8
 
 
 class NotFoundError(ValueError):
-    """
-    Frequencies did not come out of as many products as there may be.
-    """
+    """Frequencies did not come out of as many products as there may be."""
 
 
 def lowest_modes(
@@ -79,9 +77,7 @@ def lowest_modes(
 
 
 def _refined(here: Configuration, vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """
-    Values and vectors (f, j) of the Hessian on the space of orthonormal vectors (j, f).
-    """
+    """Values and vectors (f, j) of the Hessian on the space of orthonormal vectors (j, f)."""
     free, root = here.fabric.free, here.fabric.root
     products = np.empty_like(vectors)
     for vector, product in zip(vectors, products):
@@ -93,9 +89,7 @@ def _refined(here: Configuration, vectors: np.ndarray) -> tuple[np.ndarray, np.n
 
 
 def _converged(run: Lanczos, count: int, zero: float) -> tuple[np.ndarray, np.ndarray]:
-    """
-    The lowest values above zero, each once, and the weights (i, j) of their vectors.
-    """
+    """The lowest values above zero, each once, and the weights (i, j) of their vectors."""
     until = _FIRST
     while True:
         run.go_on(until - run.done)

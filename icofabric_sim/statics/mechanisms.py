@@ -22,9 +22,7 @@ _ZERO, _ZERO_SQUARE = 1e-9, 1e-10
 
 
 class Counts(NamedTuple):
-    """
-    Freedoms, connectors, and what follows from the rank of the compatibility matrix.
-    """
+    """Freedoms, connectors, and what follows from the rank of the compatibility matrix."""
 
     freedoms: int
     connectors: int
@@ -32,16 +30,12 @@ class Counts(NamedTuple):
 
     @property
     def mechanisms(self) -> int:
-        """
-        Motions that stretch no connector, rigid ones of the whole included.
-        """
+        """Motions that stretch no connector, rigid ones of the whole included."""
         return self.freedoms - self.rank
 
     @property
     def self_stresses(self) -> int:
-        """
-        Independent tensions that are in equilibrium without loads.
-        """
+        """Independent tensions that are in equilibrium without loads."""
         return self.connectors - self.rank
 
 
@@ -55,8 +49,7 @@ def sparse_compatibility(here: Configuration) -> sparse.csr_matrix:
     fabric, snapshot = here.fabric, here.snapshot
     scene, ends = fabric.scene, here.snapshot.connector_ends
     bodies = scene.connectors.bodies if len(ends) else np.zeros((0, 2), int)
-    slope = fabric.laws.evaluate(snapshot.connector_length)[1]
-    chosen = np.flatnonzero((slope != 0.0) & snapshot.intact)
+    chosen = np.flatnonzero((here.slope != 0.0) & snapshot.intact)
     bodies, ends = bodies[chosen], ends[chosen]
     reach = ends[:, 1] - ends[:, 0]
     direction = reach / np.linalg.norm(reach, axis=1, keepdims=True)
@@ -80,9 +73,7 @@ def sparse_compatibility(here: Configuration) -> sparse.csr_matrix:
 
 
 def compatibility_matrix(here: Configuration) -> np.ndarray:
-    """
-    The same, dense.
-    """
+    """The same, dense."""
     return np.ascontiguousarray(sparse_compatibility(here).toarray())
 
 
@@ -102,9 +93,7 @@ def count_by_elimination(here: Configuration) -> Counts | None:
 
 
 def count_mechanisms(matrix: np.ndarray) -> Counts:
-    """
-    Rank of a compatibility matrix (c, f) by its singular values.
-    """
+    """Rank of a compatibility matrix (c, f) by its singular values."""
     if not min(matrix.shape):
         return Counts(matrix.shape[1], matrix.shape[0], 0)
     values = np.linalg.svd(matrix, compute_uv=False)

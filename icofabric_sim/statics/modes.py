@@ -7,15 +7,18 @@ Motions that cost no energy are counted and kept apart: the rigid ones of the wh
 mechanisms within it.
 """
 
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 import math
 
-from icofabric_sim.scene import Scene
-from icofabric_sim.snapshot import Snapshot
-from icofabric_sim.statics.fabric import Configuration, StaticFabric
-from icofabric_sim.statics.held import held_time
+from icofabric_sim import checks
+from icofabric_sim.scene.scene import require_scene, Scene
+from icofabric_sim.simulation.model.snapshot import Snapshot
+from icofabric_sim.statics.fabric import check_snapshot, Configuration, StaticFabric
+from icofabric_sim.statics.held import check_time, held_time
 from icofabric_sim.statics.iteration import largest_square
+from icofabric_sim.statics.kinks import amplitudes_to_kink
 from icofabric_sim.statics.lowest import lowest_modes, NotFoundError
 from icofabric_sim.statics.mechanisms import (
     compatibility_matrix,
@@ -24,6 +27,7 @@ from icofabric_sim.statics.mechanisms import (
     Counts,
 )
 from icofabric_sim.statics.one_thread import one_thread
+from icofabric_sim.statics.sides import BRANCHES, check_branch, PULL, PUSH, SOFT, STIFF
 from icofabric_sim.statics.spectrum import (
     count_below,
     count_signs,
@@ -55,9 +59,7 @@ _SEARCHES = 40
 
 @dataclass(frozen=True)
 class Spectrum:
-    """
-    Frequencies and shapes of small vibrations, and the motions without any.
-    """
+    """Frequencies and shapes of small vibrations, and the motions without any."""
 
     frequencies: np.ndarray  # (m,) [rad/s], rising; those of zero-energy motions are left out
     # (m, n, 6) displacements [m] and rotation vectors [rad], world frame; of kinetic energy 1/2 J
@@ -75,26 +77,49 @@ class Spectrum:
     counts: Counts | None
     snapshot: Snapshot  # the configuration
     here: Configuration = field(repr=False)  # the same with all that acts in it
+    # Connectors, by number, and anchors, by name, at their natural length, where k_e is not k_c.
+    # There is no single tangent there: all of the above is of the `branch`, 'push' (k_c) or 'pull'
+    # (k_e in all of them); '' where nothing is at its kink.
+    at_kink: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int64))
+    anchors_at_kink: tuple[str, ...] = ()
+    branch: str = ''
+    # Both by name; empty where nothing is at its kink.
+    branches: Mapping[str, 'Spectrum'] = field(default_factory=dict, repr=False)
+    # (m, 2) [rad/s] between which the frequencies of every mixture of pulling and pushing
+    # connectors lie: row k of the (k + bounds_from)-th of all motions, those without energy
+    # counted first, as 0; NaN below those that lower the energy. None where nothing is at its
+    # kink, or motions without energy were not counted.
+    bounds: np.ndarray | None = None
+    bounds_from: int = 0
+    # Pairs of shells, or shells and planes, at their first touch: they count as open, and resist
+    # when they are pressed.
+    first_touches: int = 0
 
     @cached_property
     def largest_frequency(self) -> float:
-        """
-        The largest of all [rad/s], by the iteration that chooses steps (lanczos.py).
-        """
+        """The largest of all [rad/s], by the iteration that chooses steps (lanczos.py)."""
         return math.sqrt(largest_square(self.here))
+
+    @cached_property
+    def amplitudes(self) -> np.ndarray:
+        """
+        How many times its shape a mode may swing before the first connector changes side, (m,).
+
+        To first order. 0 where a connector at its kink changes its length; infinite where none
+        has two stiffnesses.
+        """
+        return amplitudes_to_kink(self.here, self.shapes)
 
     @property
     def self_stress_count(self) -> int:
-        """
-        Independent tensions that need no load; -1: not counted.
-        """
+        """Independent tensions that need no load; -1: not counted."""
         return -1 if self.counts is None else self.counts.self_stresses
 
 
 @one_thread()
 def solve_modes(
     scene: Scene, *, at: Snapshot | None = None, time: float | None = None,
-    count: int | None = None, which: str = LOWEST
+    count: int | None = None, which: str = LOWEST, branch: str | None = None
 ) -> Spectrum:
     """
     Vibrations about the initial configuration of a scene, or about a snapshot (an equilibrium).
@@ -102,15 +127,37 @@ def solve_modes(
     What is broken in the snapshot is left out. `count`: how many frequencies, the `which`:
     'lowest' or 'highest'; None: all of a fabric with up to 2,400 free freedoms, 20 of a larger
     one. Loads, drives and anchors are held at `time` [s]; dead loads with their point off the
-    centre count, follower loads do not.
+    centre count, follower loads do not. `branch`: how connectors at their kink count in what is
+    not told of both, 'push' (None) or 'pull'.
     """
-    if which not in (LOWEST, HIGHEST):
-        raise ValueError(f"which must be 'lowest' or 'highest', got {which!r}")
-    if count is not None and count < 1:
-        raise ValueError(f'count must be at least 1, got {count!r}')
+    require_scene(scene)
+    check_snapshot('at', at, scene)
+    check_time(time)
+    if count is not None:
+        count = checks.count('count', count, 1)
+    checks.choice('which', which, (LOWEST, HIGHEST))
+    check_branch(branch)
     fabric = StaticFabric(
         scene, held_time(scene, time), broken_since=None if at is None else at.broken_since)
     here = fabric.start if at is None else fabric.configuration('at', at)
+    jumps = here.kink_jumps
+    if not len(jumps):
+        return _solve(here, count, which)
+    branches = {side: replace(
+        _solve(here.on(side), count, which), at_kink=here.at_kink,
+        anchors_at_kink=here.anchors_at_kink, branch=side) for side in BRANCHES}
+    if (jumps > 0.0).all():
+        soft, stiff = branches[PUSH], branches[PULL]
+    elif (jumps < 0.0).all():
+        soft, stiff = branches[PULL], branches[PUSH]
+    else:
+        soft, stiff = (_solve(here.on(side), count, which) for side in (SOFT, STIFF))
+    first, bounds = _bounds(soft, stiff, which)
+    return replace(
+        branches[branch or PUSH], branches=branches, bounds=bounds, bounds_from=first)
+
+
+def _solve(here: Configuration, count: int | None, which: str) -> Spectrum:
     matrix = scaled_hessian(here)
     size = matrix.shape[0]
     if size <= DENSE:
@@ -121,11 +168,31 @@ def solve_modes(
         here, matrix, wanted, curvature)
     return Spectrum(
         frequencies=np.sqrt(values), shapes=_shapes(here, vectors),
-        mechanism_count=curvature.zero, mechanisms=np.zeros((0, scene.body_count, 6)),
+        mechanism_count=curvature.zero,
+        mechanisms=np.zeros((0, here.fabric.scene.body_count, 6)),
         rigid_count=rigid_count(here), growth_rates=np.zeros(0),
         unstable_count=curvature.negative, freedoms=size,
         counts=count_by_elimination(here) if size <= COUNTED else None,
-        snapshot=here.snapshot, here=here)
+        snapshot=here.snapshot, here=here, first_touches=here.first_touches)
+
+
+def _bounds(soft: Spectrum, stiff: Spectrum, which: str) -> tuple[int, np.ndarray | None]:
+    """First place in the order of all motions, and bounds [rad/s] from there on, (m, 2)."""
+    if min(soft.mechanism_count, stiff.mechanism_count) < 0:
+        return 0, None
+    quiet = [s.mechanism_count + s.unstable_count for s in (soft, stiff)]
+    starts = quiet if which == LOWEST else [
+        s.freedoms - len(s.frequencies) for s in (soft, stiff)]
+    # The highest may be fewer than all; below the lowest are those without energy.
+    first = min(starts) if which == LOWEST else max(starts)
+    last = min(start + len(s.frequencies) for start, s in zip(starts, (soft, stiff)))
+    bounds = np.zeros((max(0, last - first), 2))
+    for column, (start, s) in enumerate(zip(starts, (soft, stiff))):
+        place = np.arange(first, first + len(bounds))
+        above = place >= start
+        bounds[above, column] = s.frequencies[place[above] - start]
+        bounds[place < s.unstable_count, column] = np.nan
+    return first, bounds
 
 
 def _all_modes(
@@ -143,7 +210,7 @@ def _all_modes(
         mechanism_count=curvature.zero, mechanisms=_shapes(here, vectors[:, zero]),
         rigid_count=rigid_count(here), growth_rates=np.sqrt(-values[:zero.start]),
         unstable_count=curvature.negative, freedoms=len(values), counts=counts,
-        snapshot=here.snapshot, here=here)
+        snapshot=here.snapshot, here=here, first_touches=here.first_touches)
 
 
 def _highest(
@@ -158,9 +225,7 @@ def _highest(
 def _lowest(
     here: Configuration, matrix: sparse.csr_matrix, count: int, curvature: Curvature
 ) -> tuple[np.ndarray, np.ndarray]:
-    """
-    Those above zero: beside a shift below which there are some of them, found by counting.
-    """
+    """Those above zero: beside a shift below which there are some of them, found by counting."""
     from scipy.sparse.linalg import eigsh, LinearOperator
 
     below = curvature.zero + curvature.negative
@@ -210,16 +275,12 @@ def _lowest(
 
 
 def _start(matrix: sparse.csr_matrix) -> np.ndarray:
-    """
-    The same for every call: results are the same bits.
-    """
+    """The same for every call: results are the same bits."""
     return np.random.RandomState(1).standard_normal(matrix.shape[0])
 
 
 def _shapes(here: Configuration, vectors: np.ndarray) -> np.ndarray:
-    """
-    Motions of all bodies (m, n, 6) from columns of mass-scaled free freedoms (f, m).
-    """
+    """Motions of all bodies (m, n, 6) from columns of mass-scaled free freedoms (f, m)."""
     fabric = here.fabric
     shapes = np.zeros((vectors.shape[1], *fabric.free.shape))
     shapes[:, fabric.free] = vectors.T
@@ -227,9 +288,7 @@ def _shapes(here: Configuration, vectors: np.ndarray) -> np.ndarray:
 
 
 def rigid_motions(here: Configuration) -> np.ndarray:
-    """
-    Translations along and rotations about the axes of the world, (6, n, 6).
-    """
+    """Translations along and rotations about the axes of the world, (6, n, 6)."""
     arm = here.position - here.position.mean(axis=0)
     motions = np.zeros((6, len(arm), 6))
     for k in range(3):
@@ -241,9 +300,7 @@ def rigid_motions(here: Configuration) -> np.ndarray:
 
 
 def rigid_count(here: Configuration) -> int:
-    """
-    How many rigid motions of the whole supports and anchors allow.
-    """
+    """How many rigid motions of the whole supports and anchors allow."""
     fabric = here.fabric
     motions = rigid_motions(here)
     motions[3:] /= fabric.half_edge

@@ -20,9 +20,7 @@ _NAMES = tuple(
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """
-    Have every OpenBLAS that is loaded use one thread inside; other libraries are left alone.
-    """
+    """Have every OpenBLAS that is loaded use one thread inside; other libraries are left alone."""
     before = [(give, ask()) for ask, give in _libraries()]
     for give, _ in before:
         give(1)
@@ -34,9 +32,7 @@ def one_thread() -> Iterator[None]:
 
 
 def _libraries() -> tuple[tuple[Any, Any], ...]:
-    """
-    What asks for the number of threads and what gives it, of each library.
-    """
+    """What asks for the number of threads and what gives it, of each library."""
     try:
         lines = Path('/proc/self/maps').read_text().splitlines()
     except OSError:

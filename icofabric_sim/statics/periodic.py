@@ -10,12 +10,17 @@ D(k) = sum_R H(0, R) exp(i k.R) over a body and its neighbours (Born and Huang 1
 Theory of Crystal Lattices, 24).
 """
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 import math
 
-from icofabric_sim.parameters import ParameterError
-from icofabric_sim.scene import Scene
-from icofabric_sim.statics.fabric import StaticFabric
+from icofabric_sim import checks
+from icofabric_sim.parameters.validation import ParameterError
+from icofabric_sim.scene.scene import require_scene, Scene
+from icofabric_sim.statics.fabric import Configuration, StaticFabric
+from icofabric_sim.statics.kinks import length_changes
+from icofabric_sim.statics.one_sided import CellEnergy, Response
+from icofabric_sim.statics.sides import BRANCHES, check_branch, PULL, PUSH, WITHOUT
 import numpy as np
 
 # Grid positions of the piece whose innermost body has all its neighbours.
@@ -29,9 +34,7 @@ _ZERO = 1e-9
 
 @dataclass(frozen=True)
 class Cell:
-    """
-    One body of an endless fabric and what joins it to its neighbours.
-    """
+    """One body of an endless fabric and what joins it to its neighbours."""
 
     scene: Scene  # a piece of it
     body: int  # of that piece, with all its neighbours
@@ -39,30 +42,30 @@ class Cell:
     offsets: np.ndarray  # (13, 3) [m] from its centre
     stiffness: np.ndarray  # (13, 6, 6) second derivatives H(0, R) of the energy
     root: np.ndarray  # (6,) roots of mass and inertia
+    # Whether connectors are at their natural length, where k_e is not k_c.
+    at_kink: bool
 
     @property
     def volume(self) -> float:
-        """
-        Volume [m^3] for each body: every second point of a grid of pitch W.
-        """
+        """Volume [m^3] for each body: every second point of a grid of pitch W."""
         return 2.0 * float(self.scene.geometry.pitch) ** 3
 
     @property
     def density(self) -> float:
-        """
-        Mass in that volume [kg/m^3].
-        """
+        """Mass in that volume [kg/m^3]."""
         return float(self.root[0]) ** 2 / self.volume
 
 
-def make_cell(scene: Scene) -> Cell:
+def make_cell(scene: Scene, branch: str | None = None) -> Cell:
     """
     Cell of the endless fabric with the shell, connectors and weave of a scene.
 
-    Its size, loads, supports and groups do not count. ParameterError where the weave does not
+    Its size, loads, supports and groups do not count. `branch`: how connectors at their kink count
+    in its second derivatives, 'push' (None) or 'pull'. ParameterError where the weave does not
     repeat, or connectors are not all alike.
     """
-    parameters = scene.parameters
+    parameters = require_scene(scene).parameters
+    check_branch(branch)
     if parameters['weave.kind'] == 'radial':
         raise ParameterError(
             'weave.kind', 'weave.kind radial does not repeat in space; choose orthogonal or bias')
@@ -84,28 +87,39 @@ def make_cell(scene: Scene) -> Cell:
     others = np.where(bodies == body, bodies[:, ::-1], -1).max(axis=1)
     neighbours = np.concatenate([[body], np.sort(others[others >= 0])])
     fabric = StaticFabric(piece, contact=False)
+    here = fabric.start.on(branch or PUSH)
     blocks = np.zeros((13, 6, 6))
     for number, other in enumerate(neighbours):
         for freedom in range(6):
             vector = np.zeros((piece.body_count, 6))
             vector[other, freedom] = 1.0
-            blocks[number, :, freedom] = fabric.start.times(vector)[body]
+            blocks[number, :, freedom] = here.times(vector)[body]
     return Cell(
         piece, body, neighbours, piece.position[neighbours] - piece.position[body], blocks,
-        fabric.root)
+        fabric.root, bool((bodies[here.at_kink] == body).any()))
 
 
-def solve_bands(scene: Scene, wave_vectors: np.ndarray) -> np.ndarray:
+def solve_bands(
+    scene: Scene, wave_vectors: np.ndarray, *, branch: str | None = None
+) -> np.ndarray:
     """
     Frequencies [rad/s] of the six waves with each of the wave vectors (m, 3) [rad/m]: (m, 6).
 
     Rising; waves that cost no energy have 0, those that lower it (under pre-stress) negative
-    values, the size of which is the rate of their growth.
+    values, the size of which is the rate of their growth. Where connectors are at their natural
+    length and pull otherwise than they push there are no waves that add up, and a `branch` has to
+    be named: 'pull' or 'push', with k_e or k_c in all connectors. The k-th frequency of every
+    mixture of pulling and pushing connectors lies between those of the two.
     """
-    wave_vectors = np.asarray(wave_vectors, float).reshape(-1, 3)
-    if not np.isfinite(wave_vectors).all():
-        raise ValueError('wave_vectors must be finite [rad/m]')
-    cell = make_cell(scene)
+    wave_vectors = checks.array(
+        'wave_vectors', wave_vectors, ('[m]', 3), 'rad/m').reshape(-1, 3)
+    cell = make_cell(scene, branch)
+    if cell.at_kink and branch is None:
+        raise ValueError(
+            'the connectors of this fabric are at their natural length, where '
+            'connector.stiffness_extension is not connector.stiffness_compression: small motions '
+            "do not superpose there; say branch='pull' or branch='push' for the waves of a fabric "
+            'whose connectors all pull or all push')
     phase = np.exp(1j * wave_vectors @ cell.offsets.T)
     scaled = cell.stiffness / np.outer(cell.root, cell.root)
     matrix = np.einsum('mr,rij->mij', phase, scaled)
@@ -127,6 +141,8 @@ def band_path(scene: Scene, points: int = 40) -> tuple[np.ndarray, np.ndarray, l
     """
     Wave vectors (m, 3) [rad/m] through the points of high symmetry, distances along, and stops.
     """
+    require_scene(scene)
+    points = checks.count('points', points, 1)
     unit = math.pi / float(scene.geometry.pitch) * _grid_axes(scene)
     stops = [np.array(SYMMETRY_POINTS[name]) @ unit for name in SYMMETRY_PATH]
     path, marks = [stops[0]], [0]
@@ -140,9 +156,9 @@ def band_path(scene: Scene, points: int = 40) -> tuple[np.ndarray, np.ndarray, l
 
 
 def sample_zone(scene: Scene, count: int) -> np.ndarray:
-    """
-    Wave vectors (count^3, 3) [rad/m] spread evenly over all waves, none of them zero.
-    """
+    """Wave vectors (count^3, 3) [rad/m] spread evenly over all waves, none of them zero."""
+    require_scene(scene)
+    count = checks.count('count', count, 1)
     pitch = float(scene.geometry.pitch)
     lattice = pitch * np.array([[0, 1, 1], [1, 0, 1], [1, 1, 0]], float) @ _grid_axes(scene)
     reciprocal = 2.0 * math.pi * np.linalg.inv(lattice)
@@ -152,9 +168,7 @@ def sample_zone(scene: Scene, count: int) -> np.ndarray:
 
 
 def _grid_axes(scene: Scene) -> np.ndarray:
-    """
-    The fabric's own axes as rows, in the world.
-    """
+    """The fabric's own axes as rows, in the world."""
     grid, position = scene.weave.grid.astype(float), scene.position[:len(scene.weave.grid)]
     axes, *_ = np.linalg.lstsq(
         grid - grid.mean(axis=0), position - position.mean(axis=0), rcond=None)
@@ -163,9 +177,7 @@ def _grid_axes(scene: Scene) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Elasticity:
-    """
-    Elastic constants of the endless fabric, world axes.
-    """
+    """Elastic constants of the endless fabric, world axes."""
 
     stiffness: np.ndarray  # (6, 6) [Pa], Voigt's order xx yy zz yz xz xy
     density: float  # [kg/m^3]
@@ -173,12 +185,63 @@ class Elasticity:
     soft_strains: np.ndarray
     # [Pa] of the woven state, Voigt's order; not 0 where connectors are pre-stressed.
     stress: np.ndarray
+    energy: CellEnergy = field(repr=False)
+    volume: float  # [m^3] of a cell
+    # How many connectors of a cell are at their natural length, where k_e is not k_c. There is no
+    # single tangent there: stiffness, soft strains and moduli are those of the `branch`, 'push'
+    # (k_c) or 'pull' (k_e in all of them); '' where none is at its kink.
+    at_kink: int = 0
+    branch: str = ''
+    # Both by name; empty where none is at its kink.
+    branches: Mapping[str, 'Elasticity'] = field(default_factory=dict, repr=False)
+
+    def response(self, strain: np.ndarray) -> Response:
+        """
+        What a small strain (6,) of this kind and sign meets, exact also at the kink.
+
+        Strains in Voigt's order, xx yy zz yz xz xy; those of shear are angles.
+        """
+        strain = checks.array('strain', strain, (6,))
+        if not strain.any():
+            raise ValueError(
+                'strain must be six numbers in the order xx yy zz yz xz xy, not all 0')
+        fixed, free = np.zeros(9), np.zeros((9, 3))
+        fixed[:6], free[6:] = strain, np.eye(3)
+        y = self.energy.relaxed(fixed, free)
+        stress = self.energy.gradient(y)[:6] / self.volume
+        return Response(
+            strain, stress, self._modulus(float(stress @ strain) / float(strain @ strain)),
+            y[6:], self.energy.limit(y))
+
+    def pulled(self, direction: np.ndarray, sign: float = 1.0) -> Response:
+        """What a small pull along a direction (3,) meets, or a push, `sign` -1; free across."""
+        n = checks.directions('direction', direction, single=True)
+        wish = '1 (a pull) or -1 (a push)'
+        if checks.number('sign', sign, wish=wish) not in (1.0, -1.0):
+            raise ValueError(f'sign must be {wish}, got {sign!r}')
+        # n . strain n, of which the others leave nothing.
+        pull = _voigt(n[:, None] * n)
+        fixed, free = np.zeros(9), np.zeros((9, 8))
+        fixed[:6] = sign * pull / float(pull @ pull)
+        free[:6, :5] = np.linalg.svd(pull[None])[2][1:].T
+        free[6:, 5:] = np.eye(3)
+        y = self.energy.relaxed(fixed, free)
+        stress = self.energy.gradient(y)[:6] / self.volume
+        return Response(
+            y[:6], stress, self._modulus(float(stress @ y[:6])), y[6:], self.energy.limit(y))
+
+    def _modulus(self, value: float) -> float:
+        """Without what is rounding."""
+        energy = self.energy
+        most = np.abs(energy.rest).max() + float(
+            np.maximum(energy.pull, energy.push) @ np.abs(energy.changes).max(axis=1)**2)
+        return 0.0 if abs(value) <= _ZERO * most / self.volume else value
 
     def young_modulus(self, direction: np.ndarray) -> np.ndarray:
         """
         Modulus [Pa] for a pull along directions (..., 3); 0 where a strain without energy yields.
         """
-        n = _unit(direction)
+        n = checks.directions('direction', direction)
         pull = _voigt(n[..., :, None] * n[..., None, :])
         yields = np.abs(pull @ self.soft_strains.T).max(axis=-1, initial=0.0) > 1e-6
         with np.errstate(divide='ignore'):
@@ -189,7 +252,10 @@ class Elasticity:
         """
         Contraction along `across` for a stretch by a pull along `direction`; NaN where it yields.
         """
-        n, m = _unit(direction), _unit(across)
+        n, m = (
+            checks.directions(name, value)
+            for name, value in (('direction', direction), ('across', across)))
+        checks.alike_rows('direction', n, 'across', m)
         pull, side = (_voigt(v[..., :, None] * v[..., None, :]) for v in (n, m))
         yields = np.abs(pull @ self.soft_strains.T).max(axis=-1, initial=0.0) > 1e-6
         along = np.einsum('...i,ij,...j', pull, self._compliance, pull)
@@ -201,16 +267,18 @@ class Elasticity:
         return np.linalg.pinv(self.stiffness, rcond=_ZERO, hermitian=True)
 
 
-def homogenise(scene: Scene) -> Elasticity:
+def homogenise(scene: Scene, *, branch: str | None = None) -> Elasticity:
     """
     Elastic constants of a fabric in its woven state, the rotations of the bodies relaxed.
 
     Every body is displaced by the same strain, x -> x + eps x, and turned by the same rotation,
     which minimises the energy: with one body to a cell nothing else can relax. From the energy of
     the six connectors of a cell, so exact for all terms of the connectors. Under pre-stress: the
-    second derivative of the energy by symmetric displacement gradients.
+    second derivative of the energy by symmetric displacement gradients. `branch`: how connectors
+    at their kink count in the constants, 'push' (None) or 'pull'; `.response` and `.pulled` say
+    what small strains of one sign meet there.
     """
-    cell = make_cell(scene)
+    cell = make_cell(scene, branch)
     bodies = cell.scene.connectors.bodies
     # Of the two connectors in opposite directions one belongs to the cell.
     own = np.flatnonzero((bodies == cell.body).any(axis=1))
@@ -218,32 +286,52 @@ def homogenise(scene: Scene) -> Elasticity:
     offsets = cell.scene.position[other] - cell.scene.position[cell.body]
     order = np.array([1.0, np.pi, np.e**3])
     chosen = own[offsets @ order > 0.0]
-    fabric = StaticFabric(cell.scene, only=chosen, contact=False)
+    here = StaticFabric(cell.scene, only=chosen, contact=False).start
     motions = np.zeros((9, cell.scene.body_count, 6))
     place = cell.scene.position - cell.scene.position[cell.body]
     for number, (i, j) in enumerate(_VOIGT):
         motions[number, :, i] += 0.5 * place[:, j]
         motions[number, :, j] += 0.5 * place[:, i]
     motions[6:, :, 3:] = np.eye(3)[:, None, :]
-    energy = np.einsum(
-        'inf,jnf->ij', motions, np.array([fabric.start.times(motion) for motion in motions]))
-    energy = 0.5 * (energy + energy.T)
+    energy = _cell_energy(here, motions)
+    if not len(energy.changes):
+        return _constants(cell, here, motions, energy)
+    branches = {side: replace(
+        _constants(cell, here.on(side), motions, energy), at_kink=len(energy.changes),
+        branch=side) for side in BRANCHES}
+    return replace(branches[branch or PUSH], branches=branches)
+
+
+def _constants(
+    cell: Cell, here: Configuration, motions: np.ndarray, cell_energy: CellEnergy
+) -> Elasticity:
+    energy = _form(here, motions)
     strain, mixed, turn = energy[:6, :6], energy[:6, 6:], energy[6:, 6:]
     stiffness = strain - mixed @ np.linalg.pinv(turn, rcond=_ZERO, hermitian=True) @ mixed.T
     stiffness = 0.5 * (stiffness + stiffness.T) / cell.volume
     values, vectors = np.linalg.eigh(stiffness)
     soft = vectors[:, np.abs(values) <= _ZERO * np.abs(strain).max() / cell.volume].T
-    stress = -np.einsum('inf,nf->i', motions[:6], fabric.start.force) / cell.volume
-    return Elasticity(stiffness, cell.density, soft, stress)
+    stress = -np.einsum('inf,nf->i', motions[:6], here.force) / cell.volume
+    return Elasticity(stiffness, cell.density, soft, stress, cell_energy, cell.volume)
+
+
+def _form(here: Configuration, motions: np.ndarray) -> np.ndarray:
+    """Second derivatives of the energy along motions, (m, m)."""
+    energy = np.einsum(
+        'inf,jnf->ij', motions, np.array([here.times(motion) for motion in motions]))
+    return np.asarray(0.5 * (energy + energy.T))
+
+
+def _cell_energy(here: Configuration, motions: np.ndarray) -> CellEnergy:
+    at_kink, fabric = here.at_kink, here.fabric
+    changes = length_changes(here, motions).T
+    elsewhere = np.flatnonzero(
+        fabric.laws.kinked & fabric.counted & ~here.stretched.at_kink)
+    return CellEnergy(
+        changes[at_kink], here.on(PULL).slope[at_kink], here.on(PUSH).slope[at_kink],
+        _form(here.on(WITHOUT), motions), changes[elsewhere], here.stretched.stretch[elsewhere])
 
 
 def _voigt(tensor: np.ndarray) -> np.ndarray:
-    """
-    Stress in Voigt's order, (..., 6).
-    """
+    """Stress in Voigt's order, (..., 6)."""
     return np.stack([tensor[..., i, j] for i, j in _VOIGT], axis=-1)
-
-
-def _unit(direction: np.ndarray) -> np.ndarray:
-    direction = np.asarray(direction, float)
-    return np.asarray(direction / np.linalg.norm(direction, axis=-1, keepdims=True))

@@ -105,9 +105,7 @@ def _colours_of(fabric: StaticFabric) -> np.ndarray:
 
 
 def _partners(fabric: StaticFabric, colours: np.ndarray) -> np.ndarray:
-    """
-    The body of each colour that each body is or is joined to, (13, n); -1: none.
-    """
+    """The body of each colour that each body is or is joined to, (13, n); -1: none."""
     count = fabric.scene.body_count
     partner = np.full((_COLOURS, count), -1, np.int64)
     if fabric.scene.connector_count:
@@ -119,26 +117,20 @@ def _partners(fabric: StaticFabric, colours: np.ndarray) -> np.ndarray:
 
 
 def judge_curvature(here: Configuration) -> Curvature:
-    """
-    Count the free motions that cost no energy and those that lower it.
-    """
+    """Count the free motions that cost no energy and those that lower it."""
     if int(here.fabric.free.sum()) > COUNTED:
         return judge_ends(*ends_of_spectrum(here))
     return curvature_of(here, scaled_hessian(here))
 
 
 def judge_ends(lowest: float, largest: float) -> Curvature:
-    """
-    What the ends of the spectrum of a fabric that is too large to count tell.
-    """
+    """What the ends of the spectrum of a fabric that is too large to count tell."""
     return Curvature(-1, -1 if lowest >= -_LARGE_ZERO * largest else 1)
 
 
 @one_thread()
 def curvature_of(here: Configuration, matrix: sparse.csr_matrix) -> Curvature:
-    """
-    The same of a matrix that is at hand.
-    """
+    """The same of a matrix that is at hand."""
     size = matrix.shape[0]
     if not size:
         return Curvature(0, 0)
@@ -174,49 +166,37 @@ def ends_of_spectrum(here: Configuration) -> tuple[float, float]:
 
 
 def zero_limit(matrix: sparse.csr_matrix) -> float:
-    """
-    Squared frequency [1/s^2] below which one of a large matrix counts as zero.
-    """
+    """Squared frequency [1/s^2] below which one of a large matrix counts as zero."""
     return _LARGE_ZERO * row_sum(matrix)
 
 
 def count_signs(values: np.ndarray, zero: float) -> Curvature:
-    """
-    Of all eigenvalues.
-    """
+    """Of all eigenvalues."""
     limit = zero * float(np.abs(values).max(initial=0.0))
     return Curvature(
         int(np.count_nonzero(np.abs(values) <= limit)), int(np.count_nonzero(values < -limit)))
 
 
 def row_sum(matrix: sparse.csr_matrix) -> float:
-    """
-    The largest sum of sizes in a row, which no eigenvalue exceeds (Gershgorin).
-    """
+    """The largest sum of sizes in a row, which no eigenvalue exceeds (Gershgorin)."""
     return float(np.asarray(abs(matrix).sum(axis=1)).max(initial=0.0))
 
 
 class Factor(NamedTuple):
-    """
-    Factors of a matrix less a multiple of the unit matrix, and their order of elimination.
-    """
+    """Factors of a matrix less a multiple of the unit matrix, and their order of elimination."""
 
     order: np.ndarray
     factors: SuperLU
 
     def solve(self, right: np.ndarray) -> np.ndarray:
-        """
-        Solution of the system for a vector.
-        """
+        """Solution of the system for a vector."""
         result = np.empty_like(right)
         result[self.order] = self.factors.solve(right[self.order])
         return result
 
 
 def factorise(here: Configuration, matrix: sparse.csr_matrix, shift: float) -> Factor:
-    """
-    Factor of the scaled Hessian less `shift` [1/s^2], by nested dissection of the fabric.
-    """
+    """Factor of the scaled Hessian less `shift` [1/s^2], by nested dissection of the fabric."""
     fabric = here.fabric
     grid, count = fabric.scene.weave.grid, fabric.scene.body_count
     # Loose bodies are joined to nothing.
@@ -245,9 +225,7 @@ def count_under(here: Configuration, matrix: sparse.csr_matrix, shift: float) ->
 
 
 def _freedom_order(fabric: StaticFabric, bodies: np.ndarray) -> np.ndarray:
-    """
-    Numbers of the free freedoms of bodies, in their order.
-    """
+    """Numbers of the free freedoms of bodies, in their order."""
     free = fabric.free.ravel()
     freedoms = (6 * bodies[:, None] + np.arange(6)).ravel()
     return np.asarray((np.cumsum(free) - 1)[freedoms[free[freedoms]]])

@@ -1,16 +1,14 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-Stress against strain of a slab between two held ends, one of which is moved step by step.
-"""
+"""Stress against strain of a slab between two held ends, one of which is moved step by step."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-import math
 from typing import NamedTuple
 
-from icofabric_sim.scene import Scene
-from icofabric_sim.snapshot import Snapshot
+from icofabric_sim import checks
+from icofabric_sim.scene.scene import require_scene, Scene
+from icofabric_sim.simulation.model.snapshot import Snapshot
 from icofabric_sim.statics.equilibrium import Equilibrium, solve_equilibrium
 import numpy as np
 
@@ -23,9 +21,7 @@ _FIXED, _MOVED = 'fixed_end', 'moved_end'
 
 
 class CurvePoint(NamedTuple):
-    """
-    One state of the slab.
-    """
+    """One state of the slab."""
 
     strain: float  # displacement of the end over the distance of the ends
     stress: float  # [Pa] force on the end along its displacement, over the woven cross section
@@ -36,6 +32,7 @@ class CurvePoint(NamedTuple):
     beyond: int  # connectors beyond the length at which they break
     broken: int  # connectors that have broken so far
     touching: int  # pairs of shells that push each other
+    at_kink: int  # connectors at their natural length, where k_e is not k_c
     snapshot: Snapshot
 
 
@@ -53,14 +50,16 @@ def measure_curve(
     search goes on, until none is (the quasi-static order of de Arcangelis, Redner and Herrmann
     1985, J. Phys. Lett. 46, L585). Ends early where no equilibrium is found.
     """
-    if kind not in KINDS:
-        raise ValueError(f'kind must be one of {", ".join(KINDS)}, got {kind!r}')
-    steps = [float(strain) for strain in strains]
-    if not steps or not all(
-            0.0 < after < math.inf for after in steps) or sorted(set(steps)) != steps:
-        raise ValueError(f'strains must rise from above 0, got {list(strains)}')
+    require_scene(scene)
+    checks.choice('kind', kind, KINDS)
+    steps: list[float] = checks.array('strains', strains, ('n',)).tolist()
+    if not steps or not steps[0] > 0.0 or sorted(set(steps)) != steps:
+        raise ValueError(f'strains must rise from above 0, got {checks.shown(steps)}')
     if kind == PUSH and steps[-1] >= 1.0:
-        raise ValueError(f'a slab cannot be pushed by a strain of 1 or more, got {steps[-1]:g}')
+        raise ValueError(f'strains of a push must be below 1, got {steps[-1]:g}')
+    axis = checks.count('axis', axis, 0, 2)
+    if progress is not None:
+        checks.function('progress', progress)
     base = _between_ends(scene, axis)
     ends = [base.groups[name] for name in (_FIXED, _MOVED)]
     along = base.position[:, axis]
@@ -90,7 +89,8 @@ def measure_curve(
             last.residual, int(np.count_nonzero(last.snapshot.obstructed)),
             int(np.count_nonzero(_excess(here, last.snapshot) >= 0.0)),
             int(np.count_nonzero(~last.snapshot.intact)),
-            0 if last.touching is None else len(last.touching.pairs), last.snapshot))
+            0 if last.touching is None else len(last.touching.pairs),
+            len(last.at_kink), last.snapshot))
         if progress is not None:
             progress(number + 1)
         if not last.converged:
@@ -99,18 +99,14 @@ def measure_curve(
 
 
 def cross_section(scene: Scene, axis: int) -> float:
-    """
-    Woven area [m^2] across an axis: the volume of the bodies over the length that they fill.
-    """
+    """Woven area [m^2] across an axis: the volume of the bodies over the length that they fill."""
     pitch = float(scene.geometry.pitch)
     length = float(np.ptp(scene.position[:, axis])) + pitch
     return scene.body_count * 2.0 * pitch**3 / length
 
 
 def _between_ends(scene: Scene, axis: int) -> Scene:
-    """
-    The same fabric with its two ends held.
-    """
+    """The same fabric with its two ends held."""
     kept = {
         name: value for name, value in scene.parameters.items()
         if not name.startswith((*_SECTIONS, 'gravity', 'charge', 'field', 'connector_groups'))
@@ -122,9 +118,7 @@ def _between_ends(scene: Scene, axis: int) -> Scene:
 
 
 def _spread(last: Snapshot, points: list[CurvePoint], strain: float) -> Snapshot:
-    """
-    Where to begin: on from the last two states, as far as the strain grows.
-    """
+    """Where to begin: on from the last two states, as far as the strain grows."""
     if len(points) < 2:
         return last
     before = points[-2].snapshot
@@ -134,9 +128,7 @@ def _spread(last: Snapshot, points: list[CurvePoint], strain: float) -> Snapshot
 
 
 def _excess(scene: Scene, snapshot: Snapshot) -> np.ndarray:
-    """
-    How far the unbroken connectors are beyond their break lengths, over those, (c,).
-    """
+    """How far the unbroken connectors are beyond their break lengths, over those, (c,)."""
     limits = scene.connectors.limits
     if limits is None:
         return np.full(snapshot.connector_count, -1.0)

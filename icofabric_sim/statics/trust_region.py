@@ -14,14 +14,12 @@ import math
 from typing import NamedTuple
 
 from icofabric_sim.kernels.conjugate import add_along, advance, product_of, weighted_square
-from icofabric_sim.layout import aligned_empty
+from icofabric_sim.simulation.model.layout import aligned_empty
 import numpy as np
 
 
 class Step(NamedTuple):
-    """
-    A step and what the quadratic model expects of it.
-    """
+    """A step and what the quadratic model expects of it."""
 
     step: np.ndarray  # (6, s)
     length: float  # in the metric of the weights
@@ -76,9 +74,7 @@ def steihaug(
 
 
 def _to_border(long: float, mixed: float, ahead: float, radius: float) -> float:
-    """
-    How far along the direction the border is; the positive root of a quadratic equation.
-    """
+    """How far along the direction the border is; the positive root of a quadratic equation."""
     rest = max(radius**2 - long, 0.0)
     root = math.sqrt(mixed * mixed + ahead * rest)
     return rest / (mixed + root) if mixed > 0.0 else (root - mixed) / ahead

@@ -1,20 +1,18 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-Anchors to points of the world: forces, frequency, work, what a run does not depend on.
-"""
+"""Anchors to points of the world: forces, frequency, work, what a run does not depend on."""
 
 import math
 
 from analytical import rotation_quaternion
 from fabrics import changed, make_scene, packed_state, RANDOM, same_state
 import icofabric_sim as ico
-from icofabric_sim.anchor_stiffness import anchors_eigenvalue, stiffness_of
-from icofabric_sim.inputs import Inputs
 from icofabric_sim.kernels.anchors import look_at_anchors
-from icofabric_sim.markers import ConnectorMarkers
 from icofabric_sim.messages import decode_marker_points
-from icofabric_sim.model import pack_scene
+from icofabric_sim.messages.markers import ConnectorMarkers
+from icofabric_sim.simulation.inputs import Inputs
+from icofabric_sim.simulation.model.anchor_stiffness import anchors_eigenvalue, stiffness_of
+from icofabric_sim.simulation.model.packing import pack_scene
 import numpy as np
 import pytest
 
@@ -36,9 +34,7 @@ TWO = {
 
 
 def body_energy(scene, shift, turn, more=(0.0, 0.0, 0.0)):
-    """
-    The energy by NumPy alone, eq 2 with the far end at rest; `more`: turned on by so much.
-    """
+    """The energy by NumPy alone, eq 2 with the far end at rest; `more`: turned on by so much."""
     axes = _axes(turn) @ _axes(more)
     total = 0.0
     for anchor in scene.anchors.values():
@@ -104,9 +100,7 @@ def test_energy_and_frequency_of_anchors():
 
 
 def test_force_is_minus_the_gradient_of_the_energy():
-    """
-    In a step as short as can be, v = - h grad E / M and omega = - h grad E / Lambda.
-    """
+    """In a step as short as can be, v = - h grad E / M and omega = - h grad E / Lambda."""
     scene = tied({**TWO, 'groups.g': 'all', 'initial.i.group': 'g',
                   'initial.i.rotation': [0.5, -0.8, 0.3],
                   'initial.i.displacement': [0.002, 0.003, -0.001], 'solver.step': 1e-9})

@@ -1,18 +1,16 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-Connectors that attach elsewhere than at edge midpoints: scaled, or at any point of a body.
-"""
+"""Connectors that attach elsewhere than at edge midpoints: scaled, or at any point of a body."""
 
 from analytical import quaternion_product, rotation_quaternion
 from fabrics import changed, FORMS, make_scene, packed_state, RANDOM, wrenches
 import icofabric_sim as ico
-from icofabric_sim.icosahedron import vertices
+from icofabric_sim.geometry.icosahedron import vertices
 from icofabric_sim.kernels import monitor
 from icofabric_sim.kernels.flows import place_all
-from icofabric_sim.model import pack_scene
-from icofabric_sim.parameters import ParameterError
-from icofabric_sim.stability import hessian_product, largest_frequency
+from icofabric_sim.parameters.validation import ParameterError
+from icofabric_sim.simulation.model.packing import pack_scene
+from icofabric_sim.simulation.model.stability import hessian_product, largest_frequency
 import numpy as np
 import pytest
 from references import axes_of, resultants
@@ -32,9 +30,7 @@ CASES = {
 
 
 def disturbed(scene, amplitude, seed=1):
-    """
-    Positions and orientations away from the woven ones.
-    """
+    """Positions and orientations away from the woven ones."""
     generator = np.random.default_rng(seed)
     shape = (scene.body_count, 3)
     shift = 0.3 * amplitude * scene.geometry.cube_width * generator.standard_normal(shape)

@@ -1,14 +1,12 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-Body forces that a user writes in Python: compiled or called, their work, and their errors.
-"""
+"""Body forces that a user writes in Python: compiled or called, their work, and their errors."""
 
 import math
 
 from fabrics import changed, make_scene, RANDOM, same_state, SUPPORTED
 import icofabric_sim as ico
-from icofabric_sim import crew
+from icofabric_sim.simulation.stepping import thread_team
 import numpy as np
 import pytest
 
@@ -18,16 +16,12 @@ MASS = make_scene().shell.mass
 
 
 def spring(time, position, orientation, linear_velocity, angular_velocity):
-    """
-    Pull to a point; means the same for one body and for all.
-    """
+    """Pull to a point; means the same for one body and for all."""
     return -PULL * (position - CENTRE), 0.0 * angular_velocity
 
 
 def spring_energy(time, position, orientation):
-    """
-    Its potential, for one body or for all.
-    """
+    """Its potential, for one body or for all."""
     return 0.5 * PULL * ((position - CENTRE)**2).sum(axis=-1)
 
 
@@ -40,9 +34,7 @@ def one_body(time, position, orientation, linear_velocity, angular_velocity):
 
 
 def all_bodies(time, position, orientation, linear_velocity, angular_velocity):
-    """
-    The same for all at once, because of its columns.
-    """
+    """The same for all at once, because of its columns."""
     push = np.sin(200.0 * time) * np.exp(-position[:, 0])
     force, torque = np.zeros_like(position), np.zeros_like(position)
     force[:, 0], force[:, 1] = push, -LAG * linear_velocity[:, 1]
@@ -98,10 +90,10 @@ def test_compiled_and_called_are_the_same_force():
 @pytest.mark.parametrize('force', [one_body, all_bodies])
 def test_pieces_threads_and_checkpoints_give_the_same_bits(force, monkeypatch):
     scene = make_scene((3, 3, 3), **RANDOM)
-    monkeypatch.setattr(crew, 'BODIES_PER_THREAD', 1)
+    monkeypatch.setattr(thread_team, 'BODIES_PER_THREAD', 1)
     ends = []
     for threads, pieces in ((1, 1), (2, 3)):
-        monkeypatch.setattr(crew, 'core_count', lambda threads=threads: threads)
+        monkeypatch.setattr(thread_team, 'core_count', lambda threads=threads: threads)
         simulation = ico.compile_scene(scene, body_force=force)
         for piece in range(pieces):
             simulation.advance_to(0.02 * (piece + 1) / pieces)
@@ -137,9 +129,7 @@ def test_the_work_closes_at_the_order_of_the_method():
 
 
 def driven(time, position, orientation, linear_velocity, angular_velocity):
-    """
-    A smooth force and torque that depend on everything.
-    """
+    """A smooth force and torque that depend on everything."""
     push = np.sin(300.0 * time) * (1.0 + 10.0 * position[..., 0])
     force = -1e-2 * linear_velocity + 0.1
     torque = 1e-4 * orientation[..., :3] - 1e-7 * angular_velocity
@@ -147,18 +137,14 @@ def driven(time, position, orientation, linear_velocity, angular_velocity):
 
 
 def fails_late(time, position, orientation, linear_velocity, angular_velocity):
-    """
-    Compiled code that raises after a while.
-    """
+    """Compiled code that raises after a while."""
     if time > 0.011:
         raise ValueError('out of order')
     return (0.0, 0.0, 1.0), (0.0, 0.0, 0.0)
 
 
 def not_a_number(time, position, orientation, linear_velocity, angular_velocity):
-    """
-    Runs away for all bodies after a while.
-    """
+    """Runs away for all bodies after a while."""
     force = np.zeros_like(position)
     if time > 0.011:
         force[:] = np.nan
@@ -166,9 +152,7 @@ def not_a_number(time, position, orientation, linear_velocity, angular_velocity)
 
 
 def fails_in_python(time, position, orientation, linear_velocity, angular_velocity):
-    """
-    The same where nothing is compiled.
-    """
+    """The same where nothing is compiled."""
     if time > 0.011:
         raise KeyError('nothing here')
     return np.zeros_like(position), np.zeros_like(position)
@@ -221,6 +205,11 @@ def test_what_else_is_refused():
     scene = make_scene((2, 2, 2))
     with pytest.raises(TypeError, match='function'):
         ico.compile_scene(scene, body_force=3.0)
+    # Energies of all bodies, or their sum; anything else would be found at the first snapshot.
+    for energies in ('x', np.zeros((4, 3)), np.nan, None):
+        with pytest.raises(ValueError, match='body_force spring failed at t = 0 s: its potential'):
+            ico.compile_scene(scene, body_force=ico.BodyForce(
+                spring, potential=lambda *state, given=energies: given, compiled=False))
     with pytest.raises(ValueError, match='quaternion'):
         ico.compile_scene(scene, body_force=spring, rotation='direction_cosines')
     with pytest.raises(ValueError, match='body force'):

@@ -1,14 +1,12 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-Connectors that break (eq 3): when, what is lost, and what comes of it.
-"""
+"""Connectors that break (eq 3): when, what is lost, and what comes of it."""
 
 import analytical
 from fabrics import changed, FORMS, make_scene, pair_face_to_face, same_state
 import icofabric_sim as ico
-from icofabric_sim.first_crossing import first_crossing, Moment
-from icofabric_sim.parameters import ParameterError
+from icofabric_sim.parameters.validation import ParameterError
+from icofabric_sim.simulation.stepping.event_location import first_crossing, Moment
 import numpy as np
 import pytest
 
@@ -17,9 +15,7 @@ DOP8 = {'solver.method': 'dop8', 'contact.mode': 'never'}
 
 
 def cascade(changes=None, size=(5, 5, 4)):
-    """
-    Fabric torn apart along x, in slight random motion.
-    """
+    """Fabric torn apart along x, in slight random motion."""
     return make_scene(
         size, {**DOP8, 'connector.break_length_extension': 1.02 * L, **(changes or {})},
         groups={'foot': 'x_min', 'head': 'x_max'},
@@ -131,12 +127,12 @@ def test_the_energy_balances_while_a_fabric_breaks(tolerance):
 
 
 def test_pieces_threads_and_checkpoints_give_the_same_bits(monkeypatch):
-    from icofabric_sim import crew
+    from icofabric_sim.simulation.stepping import thread_team
     scene, duration = cascade(), 0.01
-    monkeypatch.setattr(crew, 'BODIES_PER_THREAD', 1)
+    monkeypatch.setattr(thread_team, 'BODIES_PER_THREAD', 1)
     ends = []
     for threads, pieces in ((1, 1), (2, 1), (3, 37)):
-        monkeypatch.setattr(crew, 'core_count', lambda threads=threads: threads)
+        monkeypatch.setattr(thread_team, 'core_count', lambda threads=threads: threads)
         simulation = ico.compile_scene(scene)
         for piece in range(pieces):
             simulation.advance_to(duration * (piece + 1) / pieces)
@@ -145,7 +141,7 @@ def test_pieces_threads_and_checkpoints_give_the_same_bits(monkeypatch):
             assert not np.nanmax(np.append(simulation.snapshot().break_time, 0.0)) > (
                 simulation.time)
         ends.append(simulation.snapshot())
-    monkeypatch.setattr(crew, 'core_count', lambda: 1)
+    monkeypatch.setattr(thread_team, 'core_count', lambda: 1)
     for part in (0.11, 0.52):
         simulation = ico.compile_scene(scene)
         simulation.advance_to(part * duration)

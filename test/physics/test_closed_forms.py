@@ -1,8 +1,6 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-Motions that are known exactly.
-"""
+"""Motions that are known exactly."""
 
 import analytical
 from fabrics import changed, FORMS, make_scene, pair_face_to_face, RANDOM
@@ -20,9 +18,7 @@ LENGTH = PAIR.connectors.natural_length
 
 
 def two_bodies(scene, *, distance=None, rotation='quaternion', **state):
-    """
-    Simulation of two bodies; with a `distance`, their connector is on the line of centres.
-    """
+    """Simulation of two bodies; with a `distance`, their connector is on the line of centres."""
     simulation = ico.compile_scene(scene, rotation=rotation)
     if distance is not None:
         position, orientation = pair_face_to_face(scene, distance)

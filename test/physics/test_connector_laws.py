@@ -7,10 +7,10 @@ Connectors that pull otherwise than they push (eq 2), and groups of them with la
 import analytical
 from fabrics import changed, FORMS, LOADED, make_scene, pair_face_to_face, RANDOM, same_state
 import icofabric_sim as ico
-from icofabric_sim.integrators.automatic import choose_method
-from icofabric_sim.model import pack_scene
-from icofabric_sim.parameters import ParameterError
-from icofabric_sim.stability import largest_frequency
+from icofabric_sim.parameters.validation import ParameterError
+from icofabric_sim.simulation.model.packing import pack_scene
+from icofabric_sim.simulation.model.stability import largest_frequency
+from icofabric_sim.simulation.stepping.method_selection import choose_method
 import numpy as np
 import pytest
 
@@ -25,9 +25,7 @@ GROUPS = {
 
 
 def swinging_pair(changes, amplitude, form='quaternion'):
-    """
-    Two bodies whose connector lies on their line of centres, longer by `amplitude` of D.
-    """
+    """Two bodies whose connector lies on their line of centres, longer by `amplitude` of D."""
     scene = make_scene((2, 2, 1), {'solver.tolerance': 1e-10, **changes})
     length = scene.connectors.natural_length
     simulation = ico.compile_scene(scene, rotation=form)
@@ -149,12 +147,12 @@ def test_groups_take_their_connectors():
 
 
 def test_threads_and_pieces_give_the_same_bits(monkeypatch):
-    from icofabric_sim import crew
+    from icofabric_sim.simulation.stepping import thread_team
     scene = make_scene((5, 4, 3), {**KINKED}, **RANDOM)
-    monkeypatch.setattr(crew, 'BODIES_PER_THREAD', 1)
+    monkeypatch.setattr(thread_team, 'BODIES_PER_THREAD', 1)
     ends = []
     for threads, pieces in ((1, 1), (2, 1), (3, 7)):
-        monkeypatch.setattr(crew, 'core_count', lambda threads=threads: threads)
+        monkeypatch.setattr(thread_team, 'core_count', lambda threads=threads: threads)
         simulation = ico.compile_scene(scene)
         for piece in range(pieces):
             simulation.advance_to(0.01 * (piece + 1) / pieces)
@@ -178,9 +176,7 @@ def test_groups_that_make_no_sense_are_refused(changes, words):
 
 
 def orders(method, steps):
-    """
-    Measured orders of `method` on a kinked fabric, from errors at its fixed steps.
-    """
+    """Measured orders of `method` on a kinked fabric, from errors at its fixed steps."""
     scene = make_scene((3, 2, 2), {**KINKED, 'solver.method': method}, **RANDOM)
     exact = ico.compile_scene(changed(scene, {
         'solver.method': 'dop8', 'solver.tolerance': 1e-10}))

@@ -1,8 +1,6 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-What a fabric left to itself keeps, and what the numbers keep.
-"""
+"""What a fabric left to itself keeps, and what the numbers keep."""
 
 import analytical
 from fabrics import changed, FORMS, LOADED, make_scene, RANDOM
@@ -17,9 +15,7 @@ CALM = {
 
 
 def with_own_step(scene, product=0.2, method='leapfrog'):
-    """
-    The same scene with a fixed step of `product` over the largest frequency.
-    """
+    """The same scene with a fixed step of `product` over the largest frequency."""
     rate = ico.compile_scene(scene).largest_frequency
     return changed(scene, {'solver.step': product / rate, 'solver.method': method})
 

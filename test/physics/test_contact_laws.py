@@ -1,8 +1,6 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-Collisions, damping and friction of single pairs, by the laws of contact and nothing else.
-"""
+"""Collisions, damping and friction of single pairs, by the laws of contact and nothing else."""
 
 from contact_poses import (
     facing,
@@ -17,7 +15,7 @@ from contact_poses import (
     VERTICES,
 )
 from icofabric_sim import contact
-from icofabric_sim.kernels import contact_laws as laws
+from icofabric_sim.kernels.contact import laws
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -29,9 +27,7 @@ MASS, INERTIA = 1.0, 1.7
 
 
 def bounce(normal, rotation, velocity, spin, stiffness, damping=0.0):
-    """
-    Velocity and angular velocity after a shell has left a plane through the origin.
-    """
+    """Velocity and angular velocity after a shell has left a plane through the origin."""
     low = (VERTICES @ rotation.T @ normal).min()
     start = np.concatenate(
         [-low * normal, velocity, spin, Rotation.from_matrix(rotation).as_quat()])
@@ -64,9 +60,7 @@ def quaternion_product(spin, q):
 
 
 def rigid_bounce(normal, rotation, velocity, spin):
-    """
-    The same by one impulse at the lowest vertex, without loss.
-    """
+    """The same by one impulse at the lowest vertex, without loss."""
     arms = VERTICES @ rotation.T
     arm = arms[np.argmin(arms @ normal)]
     lever = np.cross(arm, normal)
@@ -145,9 +139,7 @@ def test_rate_of_the_depth_is_its_derivative_and_damping_takes_energy(kind):
 
 
 def contact_points(out, xa, xb):
-    """
-    Arms of the contact point from both centres.
-    """
+    """Arms of the contact point from both centres."""
     half = (np.asarray(xb) - xa) / 2.0
     return half + out[15:18], out[15:18] - half
 

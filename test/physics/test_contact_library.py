@@ -1,12 +1,10 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-Contact sees what a general collision library sees (coal, the successor of FCL).
-"""
+"""Contact sees what a general collision library sees (coal, the successor of FCL)."""
 
 from contact_poses import first_touch, half_spaces, KINDS, pose
 from icofabric_sim import contact
-from icofabric_sim.icosahedron import FACES, vertices
+from icofabric_sim.geometry.icosahedron import FACES, vertices
 import numpy as np
 import pytest
 from scipy.optimize import linprog
@@ -19,9 +17,7 @@ ACCURACY = 1e-6
 
 
 def many_pairs(rng):
-    """
-    Half of the pairs at random near each other, half in and about degenerate poses.
-    """
+    """Half of the pairs at random near each other, half in and about degenerate poses."""
     half = COUNT // 2
     turns = Rotation.random(COUNT, random_state=rng)
     others = Rotation.random(half, random_state=rng).as_matrix()
@@ -77,9 +73,7 @@ def test_no_touching_pair_is_missed_and_distances_agree():
 
 
 def ball_inside_both(xa, ra, xb, rb):
-    """
-    Radius of the largest ball inside two shells; negative: what each lacks in thickness.
-    """
+    """Radius of the largest ball inside two shells; negative: what each lacks in thickness."""
     rows = np.concatenate([half_spaces(xa, ra), half_spaces(xb, rb)])
     found = linprog([0, 0, 0, -1.0], A_ub=np.c_[rows[:, :3], np.ones(40)], b_ub=-rows[:, 3],
                     bounds=[(None, None)] * 4, method='highs')
@@ -88,9 +82,7 @@ def ball_inside_both(xa, ra, xb, rb):
 
 
 def coal_distances(xa, ra, xb, rb):
-    """
-    Signed distances by the library's own searches (GJK and EPA).
-    """
+    """Signed distances by the library's own searches (GJK and EPA)."""
     points, triangles = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
     for vertex in vertices(1.0):
         points.append(vertex)

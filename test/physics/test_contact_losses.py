@@ -1,8 +1,6 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-Contacts that take energy from the motion: damping and friction in simulations.
-"""
+"""Contacts that take energy from the motion: damping and friction in simulations."""
 
 from pathlib import Path
 import sys
@@ -11,8 +9,13 @@ from contact_poses import facing, NORMALS, RHO, touch_floor, VERTICES
 from contact_scenes import A, crowd, loose, momenta, OBLIQUE
 from fabrics import changed, same_state
 import icofabric_sim as ico
-from icofabric_sim import contact, crew
-from icofabric_sim.checkpoint import Checkpoint
+from icofabric_sim import contact
+from icofabric_sim.commands.run_summary import step_reason
+from icofabric_sim.messages import decode_diagnostic_array
+from icofabric_sim.running.diagnostics import HealthReport
+from icofabric_sim.running.runner import Runner
+from icofabric_sim.simulation.checkpoint import Checkpoint
+from icofabric_sim.simulation.stepping import thread_team
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -28,9 +31,7 @@ FLOOR = {'planes__floor__normal': [0.0, 0.0, 1.0], 'planes__floor__offset': -0.0
 
 
 def dropped_on_vertex(speed, **changes):
-    """
-    A shell that comes down on a vertex, 1 mm above the floor.
-    """
+    """A shell that comes down on a vertex, 1 mm above the floor."""
     height = A * np.linalg.norm(VERTICES[0])
     return loose(
         ((0.2, 0.0, -0.049 + height), (0.0, 0.0, -speed), (0.0, 0.0, 0.0),
@@ -50,8 +51,9 @@ def test_a_collision_in_one_point_has_the_restitution_that_its_damping_is_for(wa
     assert np.abs(snapshot.linear_velocity[1, :2]).max() < 1e-12 * speed
     energy = snapshot.energy
     assert energy['dissipated'] == pytest.approx((1.0 - wanted**2) * before, rel=1e-7)
-    # The stronger the damping, the sharper its kink at first touch.
-    assert abs(energy['balance_error']) < (1e-7 if wanted < 0.5 else 1e-10) * before
+    # The kink at first touch, sharper with damping: velocities may err by solver.tolerance, 1e-6 a
+    # per second, so energies by twice that over the speed.
+    assert abs(energy['balance_error']) < (1e-7 if wanted < 0.5 else 2e-6 * A / speed) * before
     assert energy['contact'] == 0.0 and simulation.deepest_overlap > 1e-3 * A
 
 
@@ -147,9 +149,7 @@ def test_what_is_not_damped_has_no_losses():
 
 
 def block(tilt, friction, *, spin=0.0, **changes):
-    """
-    Simulation of a shell on a face, on a plane that is inclined by `tilt` [rad]: gravity is.
-    """
+    """Simulation of a shell on a face, on a plane that is inclined by `tilt` [rad]: gravity is."""
     scene = loose(
         contact__friction=friction, contact__stiffness=1e4,
         gravity=[GRAVITY * np.sin(tilt), 0.0, -GRAVITY * np.cos(tilt)],
@@ -321,6 +321,7 @@ def test_stretches_are_part_of_checkpoints_and_forgotten_by_a_reset():
         again.advance_to(0.045)
         assert same_state(again.snapshot(), always.snapshot())
         assert again.snapshot().energy == always.snapshot().energy
+        assert again.contact_tests == always.contact_tests > 0
         assert again.checkpoint().difference(always.checkpoint()) == ''
     assert stretched > 0
     stuck = next(
@@ -342,9 +343,9 @@ def test_stretches_are_part_of_checkpoints_and_forgotten_by_a_reset():
 def test_a_crowd_that_loses_energy_is_the_same_bits_for_any_threads(
         changes, until, least, monkeypatch):
     scene, ends = crowd(**changes), []
-    monkeypatch.setattr(crew, 'BODIES_PER_THREAD', 1)
+    monkeypatch.setattr(thread_team, 'BODIES_PER_THREAD', 1)
     for count in (1, 2):
-        monkeypatch.setattr(crew, 'core_count', lambda count=count: count)
+        monkeypatch.setattr(thread_team, 'core_count', lambda count=count: count)
         simulation = ico.compile_scene(scene)
         before, start = momenta(scene, simulation.snapshot()), simulation.snapshot().energy
         simulation.advance_to(until)
@@ -388,3 +389,21 @@ def test_a_pile_without_losses_keeps_its_energy():
     # They still bounce.
     assert met > 5 and energy['kinetic'] > 0.3 * peak
     assert 0.0 < simulation.deepest_overlap < 0.01 * A and pile.outside(simulation) < 0.01
+
+
+def test_no_limit_is_said_of_steps_that_follow_their_error():
+    scene = dropped_on_vertex(1.0, contact__damping=1000.0, contact__mode='always')
+    simulation = ico.compile_scene(scene)
+    # What a contact might ask for some time is far shorter than steps that are right.
+    assert simulation.method_name == 'dop8'
+    assert simulation.step > 100.0 * simulation.stability_limit
+    said = step_reason(simulation)
+    assert 'limit' not in said and 'as long as its error allows' in said
+    status = Runner(simulation, []).status()
+    _, [reported] = decode_diagnostic_array(HealthReport('/icofabric').bytes(status))
+    assert 'beyond the stability limit' not in reported.message
+    assert dict(reported.values)['stability margin'] == 'inf'
+    # A given step has one.
+    given = ico.compile_scene(changed(scene, {'solver.step': 1e-7}))
+    assert f'the limit is {given.stability_limit:.6g} s' in step_reason(given)
+    assert Runner(given, []).status().limit == given.stability_limit

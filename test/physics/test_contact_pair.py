@@ -1,8 +1,6 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-The push between two shells, and between a shell and a plane, comes from the potential.
-"""
+"""The push between two shells, and between a shell and a plane, comes from the potential."""
 
 from contact_poses import (
     facing,
@@ -20,17 +18,7 @@ from contact_poses import (
     VERTICES,
     wrench,
 )
-from icofabric_sim.kernels.contact_surface import (
-    add_all,
-    M0,
-    M1,
-    P1,
-    S0,
-    S1,
-    SUM_COUNT,
-    SUMS,
-    T0,
-)
+from icofabric_sim.kernels.contact.surface import add_all, M0, M1, P1, S0, S1, SUM_COUNT, SUMS, T0
 import numpy as np
 import pytest
 from scipy.integrate import quad
@@ -40,9 +28,7 @@ ORIGIN = np.zeros(3)
 
 
 def overlapping(kind, rng, low=-4.0, high=-1.3):
-    """
-    Two bodies (xa, ra, xb, rb) that overlap by 10^low to 10^high half edges or less.
-    """
+    """Two bodies (xa, ra, xb, rb) that overlap by 10^low to 10^high half edges or less."""
     ra, rb, way = pose(kind, rng)
     place = 3.0 * rng.normal(size=3)
     depth = 10.0 ** rng.uniform(low, high)

@@ -1,15 +1,13 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-Shells that meet: what is kept, what a rigid body would do, and what stops a run.
-"""
+"""Shells that meet: what is kept, what a rigid body would do, and what stops a run."""
 
 from contact_scenes import A, crowd, loose, momenta, OBLIQUE
 from fabrics import changed, make_scene, same_state
 import icofabric_sim as ico
-from icofabric_sim import crew
-from icofabric_sim.checkpoint import Checkpoint
-from icofabric_sim.icosahedron import midradius, vertices
+from icofabric_sim.geometry.icosahedron import midradius, vertices
+from icofabric_sim.simulation.checkpoint import Checkpoint
+from icofabric_sim.simulation.stepping import thread_team
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -37,6 +35,7 @@ def test_a_collision_keeps_momenta_to_rounding_and_energy(method):
         assert np.abs(one - other).max() < 1e-12 * scale
     assert 1e-4 * A < deepest < 0.05 * A and most > 0.1 * start
     assert simulation.contact_count == 0
+    assert 'a contact begins or ends' in simulation.error_estimate_lacks
     velocity = simulation.snapshot().linear_velocity
     assert velocity[0, 0] < -0.1 and abs(simulation.balance.error) < 1e-3 * start
 
@@ -62,7 +61,22 @@ def test_auto_and_always_are_the_same_bits_also_in_pieces_and_from_checkpoints(m
         touching += again.snapshot().energy['contact'] > 0.0
         again.advance_to(0.06)
         assert same_state(again.snapshot(), always.snapshot())
+        assert again.contact_tests == always.contact_tests > 0
         assert again.checkpoint().difference(always.checkpoint()) == ''
+
+
+@pytest.mark.parametrize('method', ico.METHODS)
+def test_pairs_that_steps_look_at_do_not_depend_on_pieces_or_on_who_is_shown_what(method):
+    scene = loose(
+        OBLIQUE, contact__mode='always', solver__method=method, solver__step=1e-5,
+        solver__energy_limit=10.0)
+    whole, pieces = ico.compile_scene(scene), ico.compile_scene(scene)
+    whole.advance_to(0.03)
+    for time in np.linspace(0.0, 0.03, 14):
+        pieces.advance_to(time + 3e-6)
+        pieces.snapshot()
+    whole.advance_to(pieces.time)
+    assert whole.contact_tests == pieces.contact_tests > 10
 
 
 @pytest.mark.parametrize('method', ico.METHODS)
@@ -90,9 +104,7 @@ def test_energy_errs_by_the_square_of_the_step_through_contacts(method):
 
 
 def impulse(arm, normal, approach, mass, inertia):
-    """
-    Frictionless impulse of restitution 1 on one body from a wall, by its speed of approach.
-    """
+    """Frictionless impulse of restitution 1 on one body from a wall, by its speed of approach."""
     lever = np.cross(arm, normal)
     return 2.0 * approach / (1.0 / mass + (lever @ lever) / inertia)
 
@@ -199,6 +211,47 @@ def test_a_step_too_long_for_contacts_stops_the_run_when_they_come():
     assert 0.01 < simulation.time < 0.06
 
 
+@pytest.mark.parametrize('method', METHODS)
+def test_no_state_beyond_a_contact_is_shown_within_a_given_step(method, caplog):
+    # In each step it moves by six times its width: no force is evaluated where the shells touch.
+    scene = loose(
+        ((0.5, 0.0, 0.0), (-200.0, 0.0, 0.0), (0.0, 0.0, 0.0)), contact__stiffness=20.0,
+        solver__method=method, solver__step=1e-3)
+    seen, unseen = ico.compile_scene(scene), ico.compile_scene(scene)
+    for time in (1.5e-3, 2.3e-3):
+        seen.advance_to(time)
+        assert seen.snapshot().position[1, 0] == pytest.approx(0.5 - 200.0 * time, abs=1e-12)
+    messages = []
+    for simulation, time in ((seen, 2.7e-3), (unseen, 0.01)):
+        with pytest.raises(ico.SimulationError, match='body 0 and body 1 may pass') as caught:
+            simulation.advance_to(time)
+        messages.append(str(caught.value))
+        kept = simulation.snapshot()
+        # The step end before the contact, which is at 2.35e-3 s.
+        assert kept.time == simulation.time == 2e-3
+        assert kept.position[1, 0] == pytest.approx(0.1, abs=1e-12)
+        assert 'solver.step' in messages[-1] and 't = 0.002 s, is kept' in messages[-1]
+    assert same_state(seen.snapshot(), unseen.snapshot())
+    with pytest.raises(ico.SimulationError, match='may pass'):
+        seen.advance_to(0.02)
+    # What passes by at a distance, or moves away, goes on without a word.
+    caplog.clear()
+    for place, speed in (((0.5, 0.05, 0.0), -200.0), ((0.5, 0.0, 0.0), 200.0)):
+        free = ico.compile_scene(changed(scene, {
+            'bodies.b0.position': list(place), 'bodies.b0.linear_velocity': [speed, 0.0, 0.0]}))
+        free.advance_to(5.5e-3)
+        assert free.snapshot().position[1] == pytest.approx(
+            [0.5 + 5.5e-3 * speed, place[1], 0.0], abs=1e-12)
+    assert not caplog.records
+
+
+def test_a_given_step_too_long_for_what_may_touch_is_refused_at_the_start():
+    with pytest.raises(ValueError, match='cannot start: solver.step .* too long for what touches'):
+        ico.compile_scene(loose(
+            ((0.04, 0.0, 0.0), (-50.0, 0.0, 0.0), (0.0, 0.0, 0.0)), solver__method='leapfrog',
+            solver__step=5e-4))
+
+
 def test_a_plane_without_a_direction_is_refused():
     with pytest.raises(ico.ParameterError, match=r'planes\.floor\.normal must point somewhere'):
         make_scene((1, 1, 1), {'planes.floor.normal': [0.0, 0.0, 0.0]})
@@ -207,10 +260,10 @@ def test_a_plane_without_a_direction_is_refused():
 def test_a_crowd_keeps_momenta_and_energy_with_the_same_bits_for_any_threads(monkeypatch):
     scene = crowd()
     assert scene.body_count == 27
-    monkeypatch.setattr(crew, 'BODIES_PER_THREAD', 1)
+    monkeypatch.setattr(thread_team, 'BODIES_PER_THREAD', 1)
     ends = []
     for count in (1, 3):
-        monkeypatch.setattr(crew, 'core_count', lambda count=count: count)
+        monkeypatch.setattr(thread_team, 'core_count', lambda count=count: count)
         simulation = ico.compile_scene(scene)
         assert simulation.thread_count == count
         before, start = momenta(scene, simulation.snapshot()), simulation.snapshot().energy

@@ -1,20 +1,10 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-No pair that can touch before the next look is missed, and none is computed that cannot.
-"""
+"""No pair that can touch before the next look is missed, and none is computed that cannot."""
 
 from fabrics import make_scene
 import icofabric_sim as ico
-from icofabric_sim.contact_lists import ContactLists
-from icofabric_sim.contact_setup import ContactSetup
-from icofabric_sim.initial import InitialState
-from icofabric_sim.kernels.contact_gap import axes_of, widest_gap
-from icofabric_sim.kernels.contact_pair import contact_scratch, OUT_SIZE, touch_pair, touch_plane
-from icofabric_sim.kernels.contact_search import find_close, sort_cubes
-from icofabric_sim.kernels.looking import look_around
-from icofabric_sim.kernels.records import Watch
-from icofabric_sim.kernels.ways import (
+from icofabric_sim.kernels.contact.displacement import (
     LATE,
     LEAST,
     LIMIT_COUNT,
@@ -25,7 +15,16 @@ from icofabric_sim.kernels.ways import (
     SPEED,
     ways_of,
 )
-from icofabric_sim.layout import make_layout
+from icofabric_sim.kernels.contact.gap import axes_of, widest_gap
+from icofabric_sim.kernels.contact.pair import contact_scratch, OUT_SIZE, touch_pair, touch_plane
+from icofabric_sim.kernels.contact.rebuild_check import look_around
+from icofabric_sim.kernels.contact.search import find_close, sort_cubes
+from icofabric_sim.kernels.records import Watch
+from icofabric_sim.scene.initial import InitialState
+from icofabric_sim.simulation.contact.neighbour_list import ContactLists
+from icofabric_sim.simulation.contact.passing import Course, first_passing
+from icofabric_sim.simulation.contact.setup import ContactSetup
+from icofabric_sim.simulation.model.layout import make_layout
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
@@ -35,9 +34,7 @@ SCRATCH, OUT = contact_scratch(), np.zeros(OUT_SIZE)
 
 
 def close_pairs(position, width):
-    """
-    What the kernels find among points (n, 3).
-    """
+    """What the kernels find among points (n, 3)."""
     count = len(position)
     slots = np.arange(count, dtype=np.int32)
     heads = np.empty(1 << (2 * count).bit_length(), np.int32)
@@ -75,9 +72,7 @@ def packed_state(layout, position, quaternion):
 
 
 def make_watch(lists, state, frame=None):
-    """
-    A watch of bodies that were where they are in `state`.
-    """
+    """A watch of bodies that were where they are in `state`."""
     limits = np.zeros(LIMIT_COUNT)
     return Watch(
         state.position.copy(), state.orientation.copy(), np.zeros(7) if frame is None else frame,
@@ -112,9 +107,7 @@ SETUP = ContactSetup(1.0, 1.0, 0.0, 0.0, PLANES, ('floor', 'wall'), False, False
 
 
 def crowd(generator, count=140):
-    """
-    Places and orientations of bodies that overlap, nearly touch, or are alone.
-    """
+    """Places and orientations of bodies that overlap, nearly touch, or are alone."""
     position = generator.uniform(-11.0, 11.0, (count, 3))
     return position, Rotation.random(count, random_state=generator)
 
@@ -155,6 +148,41 @@ def test_nothing_else_touches_before_a_way_is_as_long_as_the_reach(seed):
     assert changed > 2
 
 
+@pytest.mark.parametrize('curve', [0.0, 2.0])
+def test_what_may_pass_unseen_in_a_step_is_found_and_no_more(curve):
+    # One of twelve moves, on a cubic that is sampled too: what comes closer than two radii is
+    # found, and where it goes straight nothing else.
+    generator = np.random.default_rng(5)
+    radius, count, shift = 1.0, 12, np.zeros((4, 3))
+    t = np.linspace(0.0, 1.0, 2000)[:, None]
+    weights = ((1.0 - t)**3, 3.0 * t * (1.0 - t)**2, 3.0 * t**2 * (1.0 - t), t**3)
+    found, nearest, below, lowest = [], [], [], []
+    for _ in range(400):
+        look = 5.0 * generator.standard_normal((count, 3))
+        points = np.broadcast_to(look, (4, count, 3)).copy()
+        points[:, 0] += np.arange(4.0)[:, None] * 8.0 * generator.standard_normal(3)
+        points[1:, 0] += curve * generator.standard_normal((3, 3))
+        path = sum(weight * point for weight, point in zip(weights, points[:, 0]))
+        course = Course(points, np.zeros(count))
+        apart = np.linalg.norm(path[:, None] - look[1:], axis=2).min(axis=0)
+        passing = first_passing(
+            course, look, np.zeros((0, 4)), shift, reach=0.5, radius=radius)
+        found.append(passing is not None)
+        nearest.append(apart.min())
+        if passing is not None:
+            assert passing.first == 0 and (curve or apart[passing.second - 1] < 2.0 * radius)
+        floor = np.array([[0.0, 0.0, 1.0, -20.0]])
+        passing = first_passing(
+            Course(points[:, :1], np.zeros(1)), look[:1], floor, shift, reach=0.5, radius=radius)
+        below.append(passing is not None and passing.second == -1)
+        lowest.append(path[:, 2].min() - radius)
+    found, nearest, below = np.array(found), np.array(nearest), np.array(below)
+    assert found[nearest < 2.0 * radius].all() and below[np.array(lowest) < -20.0].all()
+    if not curve:
+        np.testing.assert_array_equal(found, nearest < 2.0 * radius)
+    assert 30 < found.sum() < 300 and 30 < below.sum() < 200
+
+
 def test_ways_are_those_of_both_rotation_forms_beside_a_moving_frame():
     generator = np.random.default_rng(8)
     position, rotation = crowd(generator, 20)
@@ -191,9 +219,7 @@ def test_longer_reach_where_nothing_is_near():
 
 
 def slowly_apart(generator, layout, count):
-    """
-    Loose bodies at places of a coarse grid, that drift and turn; states at several times.
-    """
+    """Loose bodies at places of a coarse grid, that drift and turn; states at several times."""
     grid = np.stack(np.meshgrid(*[5.0 * np.arange(5)] * 3), axis=-1).reshape(-1, 3)[:count]
     velocity = 0.05 * generator.standard_normal((count, 3))
     spin = 0.03 * generator.standard_normal((count, 3))

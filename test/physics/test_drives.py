@@ -1,8 +1,6 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-Driven bodies: their paths, the work that the paths do, what takes over, what is refused.
-"""
+"""Driven bodies: their paths, the work that the paths do, what takes over, what is refused."""
 
 import math
 
@@ -237,9 +235,7 @@ def test_bits_do_not_depend_on_pieces_threads_or_a_restart(method):
 
 
 def test_balance_closes_with_all_that_acts_at_once():
-    """
-    A ramp tears a supported, damped fabric that an anchor pulls, while its connectors break.
-    """
+    """A ramp tears a supported, damped fabric that an anchor pulls, while its connectors break."""
     scene = driven('ramp', {
         'groups.east': 'x_max', 'supports.east.group': 'east', 'connector.damping': 0.05,
         'connector.break_length_extension': 0.034, 'anchors.a.body': 2,

@@ -1,21 +1,20 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-Charged shells in uniform fields and beside each other: closed forms and invariance.
-"""
+"""Charged shells in uniform fields and beside each other: closed forms and invariance."""
 
 import math
 
 from fabrics import make_scene, packed_state, RANDOM, same_state, SUPPORTED, wrenches
 import icofabric_sim as ico
-from icofabric_sim import crew
-from icofabric_sim.electric import COULOMB_CONSTANT, MOST_MUTUAL
 from icofabric_sim.kernels import monitor
 from icofabric_sim.kernels.flows import place_all
-from icofabric_sim.kernels.slopes import find_slopes, place_blocks
-from icofabric_sim.model import pack_scene
-from icofabric_sim.parameters import ParameterError
-from icofabric_sim.stability import largest_frequency
+from icofabric_sim.kernels.rhs import find_slopes, place_blocks
+from icofabric_sim.parameters.validation import ParameterError
+from icofabric_sim.scene.electric import MOST_MUTUAL
+from icofabric_sim.simulation.model.electric import COULOMB_CONSTANT
+from icofabric_sim.simulation.model.packing import pack_scene
+from icofabric_sim.simulation.model.stability import largest_frequency
+from icofabric_sim.simulation.stepping import thread_team
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -142,9 +141,7 @@ def test_a_dipole_swings_like_a_pendulum():
 
 
 def field_potential(scene, position, orientation):
-    """
-    Energy [J] of dipoles and of charges on each other, pair by pair.
-    """
+    """Energy [J] of dipoles and of charges on each other, pair by pair."""
     parameters = scene.parameters
     moment = Rotation.from_quat(orientation).apply(parameters['charge.dipole'])
     energy = -float((moment @ parameters['field.electric']).sum())
@@ -219,10 +216,10 @@ def test_a_fabric_with_everything_keeps_its_balance_and_its_bits(method, monkeyp
     scene = make_scene((4, 3, 3), {
         **DIPOLE, **MUTUAL, 'charge.per_body': 2e-7, 'solver.method': method,
         'solver.step': 4e-5}, **SUPPORTED, **RANDOM)
-    monkeypatch.setattr(crew, 'BODIES_PER_THREAD', 1)
+    monkeypatch.setattr(thread_team, 'BODIES_PER_THREAD', 1)
     ends = []
     for threads, pieces in ((1, 1), (2, 1), (2, 4)):
-        monkeypatch.setattr(crew, 'core_count', lambda threads=threads: threads)
+        monkeypatch.setattr(thread_team, 'core_count', lambda threads=threads: threads)
         simulation = ico.compile_scene(scene)
         for piece in range(pieces):
             simulation.advance_to(0.04 * (piece + 1) / pieces)

@@ -1,8 +1,6 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-Work of loads, the balance of all energies, and the stop where it fails.
-"""
+"""Work of loads, the balance of all energies, and the stop where it fails."""
 
 import math
 import re
@@ -10,11 +8,11 @@ import re
 from analytical import amplification, free_rotation, rotation_quaternion
 from fabrics import changed, FORMS, LOADED, make_scene, packed_state, RANDOM, SUPPORTED
 import icofabric_sim as ico
-from icofabric_sim.integrators.methods import METHODS
 from icofabric_sim.kernels import monitor
 from icofabric_sim.kernels.loads import work_load
-from icofabric_sim.model import pack_loads, pack_scene, WrenchRow
-from icofabric_sim.ready_scenes import ready_scenes
+from icofabric_sim.parameters.ready_scenes import ready_scenes
+from icofabric_sim.simulation.model.packing import pack_loads, pack_scene, WrenchRow
+from icofabric_sim.simulation.stepping.methods import METHODS
 import numpy as np
 import pytest
 from references import axes_of
@@ -26,9 +24,7 @@ SINGLE = make_scene((1, 1, 1))
 
 
 def work_of_drift(form, in_body_axes, spin, velocity, h, seed=0):
-    """
-    Work of one wrench off centre over a drift: of the kernel, by quadrature, and its size.
-    """
+    """Work of one wrench off centre over a drift: of the kernel, by quadrature, and its size."""
     generator = np.random.default_rng(seed)
     force, torque, point = generator.standard_normal((3, 3)) * [[2.0], [0.02], [0.01]]
     packed = pack_scene(SINGLE, cosines=form == 'direction_cosines')
@@ -66,9 +62,7 @@ def test_work_of_a_drift_is_the_integral_of_the_power(angle, in_body_axes, form)
 
 
 def work_so_far(simulation):
-    """
-    Work [J] up to the last step, also since the last look.
-    """
+    """Work [J] up to the last step, also since the last look."""
     stepper = simulation._stepper
     return float(stepper.ledger[monitor.EARLIER_WORK]) + math.fsum(stepper.loads.work)
 
@@ -166,9 +160,7 @@ def test_balance_of_ready_scenes_holds_by_far(path, tolerance):
 
 
 def failed(simulation):
-    """
-    Advance to failure; returns its message after checks of what every failure promises.
-    """
+    """Advance to failure; returns its message after checks of what every failure promises."""
     with pytest.raises(ico.SimulationError, match='does not balance|no longer finite') as caught:
         simulation.advance_steps(1000)
     text = str(caught.value)

@@ -1,8 +1,6 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-The force kernel against its plain twin, against a loop in more digits, and at any scale.
-"""
+"""The force kernel against its plain twin, against a loop in more digits, and at any scale."""
 
 import os
 from pathlib import Path
@@ -21,9 +19,7 @@ CASES = (
 
 
 def configuration(size, changes, seed=4, amplitude=0.4):
-    """
-    Scene with a stretched, scattered, turned configuration.
-    """
+    """Scene with a stretched, scattered, turned configuration."""
     generator = np.random.default_rng(seed)
     scene = make_scene(size, changes)
     shape = (scene.body_count, 3)
@@ -34,9 +30,7 @@ def configuration(size, changes, seed=4, amplitude=0.4):
 
 
 def in_long_doubles(scene, position, orientation):
-    """
-    Forces and torques of eqs 1 and 49, connector by connector, with 64 bits of mantissa.
-    """
+    """Forces and torques of eqs 1 and 49, connector by connector, with 64 bits of mantissa."""
     orientation = orientation.astype(np.longdouble)
     position = position.astype(np.longdouble)
     # The kernels take the midpoints to lie on the body axes, as far out as half the width.
@@ -69,9 +63,7 @@ def in_long_doubles(scene, position, orientation):
 
 
 def unit_of(scene):
-    """
-    The pull k L of a connector that is stretched to twice its length.
-    """
+    """The pull k L of a connector that is stretched to twice its length."""
     return scene.connectors.stiffness * scene.geometry.connector_length
 
 

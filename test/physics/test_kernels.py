@@ -1,8 +1,6 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-Kernels one by one: forces from energies, actions and reactions, compiled and plain.
-"""
+"""Kernels one by one: forces from energies, actions and reactions, compiled and plain."""
 
 import os
 from pathlib import Path
@@ -12,13 +10,13 @@ import sys
 from analytical import quaternion_product, rotation_quaternion
 from fabrics import FORMS, LOADED, make_scene, packed_state, RANDOM, wrenches
 import icofabric_sim as ico
-from icofabric_sim.kernels.compiled import compiled
-from icofabric_sim.kernels.lanes import lane, LANES, splat
+from icofabric_sim.geometry.rotations import cosines_from_quaternions
 from icofabric_sim.kernels.outlines import fill_lines
 from icofabric_sim.kernels.rotations import half_angle_factors, orthonormalise, to_world
-from icofabric_sim.model import pack_scene
-from icofabric_sim.rotation_forms import cosines_from_quaternions
-from icofabric_sim.stability import hessian_product
+from icofabric_sim.kernels.runtime.compiled import compiled
+from icofabric_sim.kernels.runtime.lanes import lane, LANES, splat
+from icofabric_sim.simulation.model.packing import pack_scene
+from icofabric_sim.simulation.model.stability import hessian_product
 import numpy as np
 import pytest
 from references import axes_of, resultants
@@ -37,9 +35,7 @@ LAWS = {
 
 
 def configuration(seed, size=(2, 2, 2), amplitude=0.6, **changes):
-    """
-    Scene with a stretched, scattered, turned configuration far from equilibrium.
-    """
+    """Scene with a stretched, scattered, turned configuration far from equilibrium."""
     generator = np.random.default_rng(seed)
     scene = make_scene(size, {'weave.variant': seed % 4, **changes})
     shape = (scene.body_count, 3)
@@ -79,9 +75,7 @@ def energy(scene, position, axes, turn):
 
 
 def slope(scene, position, axes, point, direction):
-    """
-    Derivative of the energy along `direction` (2, n, 3) at `point`, by a complex step.
-    """
+    """Derivative of the energy along `direction` (2, n, 3) at `point`, by a complex step."""
     step = 1e-30
     complex_point = point + 1j * step * direction
     return energy(scene, position + complex_point[0], axes, complex_point[1]).imag / step
@@ -221,9 +215,7 @@ def test_connector_ends_are_where_the_reference_puts_them():
 
 @compiled
 def factors_of(h, spins, cosines, sines):
-    """
-    `half_angle_factors` for vectors of equal lanes.
-    """
+    """`half_angle_factors` for vectors of equal lanes."""
     for i in range(spins.shape[0]):
         cosine, sine = half_angle_factors(h, splat(0.0), splat(spins[i]), splat(0.0))
         cosines[i], sines[i] = lane(cosine, 0), lane(sine, LANES - 1)
@@ -271,11 +263,11 @@ SHORT_RUN = """
 import sys
 sys.path.insert(0, 'test')
 import numba
-from icofabric_sim.stability import hessian_product
+from icofabric_sim.simulation.model.stability import hessian_product
 import numpy as np
 import icofabric_sim as ico
 from fabrics import FORMS, LOADED, make_scene, RANDOM, SUPPORTED
-from icofabric_sim.stability import largest_frequency
+from icofabric_sim.simulation.model.stability import largest_frequency
 results = [np.array([bool(numba.config.DISABLE_JIT)])]
 for sections in (LOADED, SUPPORTED):
     scene = make_scene((2, 2, 2), {'solver.step': 2e-4}, **RANDOM, **sections)

@@ -1,12 +1,10 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-Vectors in kernels: what is compiled does what the plain functions say, lane by lane.
-"""
+"""Vectors in kernels: what is compiled does what the plain functions say, lane by lane."""
 
-from icofabric_sim.kernels import lanes
-from icofabric_sim.kernels.compiled import compiled
-from icofabric_sim.kernels.lanes import (
+from icofabric_sim.kernels.runtime import lanes
+from icofabric_sim.kernels.runtime.compiled import compiled
+from icofabric_sim.kernels.runtime.lanes import (
     any_lane,
     bits,
     fabs,
@@ -117,9 +115,7 @@ EXACT = (
 
 
 def make_table(seed):
-    """
-    Numbers of all sizes, and all pairs of special ones.
-    """
+    """Numbers of all sizes, and all pairs of special ones."""
     generator = np.random.default_rng(seed)
     special = np.array(np.meshgrid(SPECIAL, SPECIAL)).reshape(2, -1)
     count = 4096
@@ -135,9 +131,7 @@ def make_table(seed):
 
 
 def sweep(function, table, *, plain):
-    """
-    Apply a function to all whole vectors of a copy; returns the row of results.
-    """
+    """Apply a function to all whole vectors of a copy; returns the row of results."""
     table = table.copy()
     kernel = function if plain else compile_once(function)
     with np.errstate(all='ignore'):

@@ -1,19 +1,17 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-Connectors whose tension follows a table.
-"""
+"""Connectors whose tension follows a table."""
 
 from analytical import quaternion_product, rotation_quaternion
 from fabrics import make_scene, packed_state, pair_face_to_face, RANDOM, wrenches
 import icofabric_sim as ico
 from icofabric_sim.kernels import monitor
 from icofabric_sim.kernels.flows import place_all
-from icofabric_sim.law_tables import make_law
-from icofabric_sim.model import pack_scene
-from icofabric_sim.parameters import ParameterError
-from icofabric_sim.snapshot import Snapshot
-from icofabric_sim.stability import largest_frequency
+from icofabric_sim.parameters.validation import ParameterError
+from icofabric_sim.scene.law_tables import make_law
+from icofabric_sim.simulation.model.packing import pack_scene
+from icofabric_sim.simulation.model.snapshot import Snapshot
+from icofabric_sim.simulation.model.stability import largest_frequency
 import numpy as np
 import pytest
 from scipy.interpolate import PchipInterpolator
@@ -24,9 +22,7 @@ BAND = [(0.5, -1.0), (0.9, -0.7), (1.0, 0.0), (1.1, 0.6), (1.25, 3.0), (1.4, 7.0
 
 
 def write(path, rows, head='length, force\n# by hand\n'):
-    """
-    A table of lengths in parts of L.
-    """
+    """A table of lengths in parts of L."""
     path.write_text(head + ''.join(f'{x * LENGTH!r}, {f!r}\n' for x, f in rows))
     return str(path)
 
@@ -76,9 +72,7 @@ def disturbed(scene, amplitude, seed=1):
 
 
 def looked_at(scene, position, orientation):
-    """
-    Energy [J] that a snapshot reports, that of the kernels, and the bound of the frequency.
-    """
+    """Energy [J] that a snapshot reports, that of the kernels, and the bound of the frequency."""
     rest, packed = np.zeros_like(position), pack_scene(scene)
     reported = Snapshot(
         0.0, position, orientation, rest, rest, scene.connector_count, packed,

@@ -10,8 +10,8 @@ from pathlib import Path
 from fabrics import make_scene
 import icofabric_sim as ico
 from icofabric_sim.kernels.flows import place_all
-from icofabric_sim.lanczos import Lanczos, start_vector
-from icofabric_sim.model import pack_scene
+from icofabric_sim.simulation.model.lanczos import Lanczos, start_vector
+from icofabric_sim.simulation.model.packing import pack_scene
 from icofabric_sim.statics import modes, spectrum
 from icofabric_sim.statics.dissection import dissection_order
 from icofabric_sim.statics.fabric import StaticFabric
@@ -45,9 +45,7 @@ def rank_by_differences(scene):
 
 
 def test_two_bodies_on_one_connector():
-    """
-    One frequency: along the connector, k (1/mu + 2 |s x n|^2 / Lambda) with mu = M / 2.
-    """
+    """One frequency: along the connector, k (1/mu + 2 |s x n|^2 / Lambda) with mu = M / 2."""
     scene = make_scene((2, 1, 2), connector={'stiffness': 200.0})
     found = ico.solve_modes(scene)
     shell, ends = scene.shell, ico.compile_scene(scene).snapshot().connector_ends[0]
@@ -99,9 +97,7 @@ def test_zero_energy_motions_of_held_and_anchored_fabrics():
 
 
 def test_frequencies_are_those_of_a_small_motion():
-    """
-    About an equilibrium, pre-stressed by weight: a run in the shape of a mode is cos(w t).
-    """
+    """About an equilibrium, pre-stressed by weight: a run in the shape of a mode is cos(w t)."""
     scene = make_scene(
         (4, 2, 2), gravity=[0.0, 0.0, -9.81], solver={'tolerance': 1e-8}, **CANTILEVER)
     rest = ico.solve_equilibrium(scene).snapshot
@@ -125,9 +121,7 @@ def test_frequencies_are_those_of_a_small_motion():
 
 
 def rotated_by_noise(scene, amplitude):
-    """
-    A snapshot of the scene with its bodies moved and turned, so that all connectors pull.
-    """
+    """A snapshot of the scene with its bodies moved and turned, so that all connectors pull."""
     random = np.random.default_rng(7)
     a, shape = scene.geometry.half_edge, (scene.body_count, 3)
     motion = np.hstack([
@@ -152,9 +146,7 @@ PRESSED = {
     ({'connector': {'stiffness_extension': 300.0, 'stiffness_compression': 700.0}}, False),
     (PULLED, False), (PRESSED, False)])
 def test_largest_is_what_the_steps_follow(sections, exact):
-    """
-    One iteration finds both; where the step choice adds bounds, it is above, and not far.
-    """
+    """One iteration finds both; where the step choice adds bounds, it is above, and not far."""
     scene = make_scene((3, 3, 3), **sections)
     simulation = ico.compile_scene(scene)
     # Shells that touch may not overlap by much.
@@ -175,9 +167,7 @@ def test_largest_is_what_the_steps_follow(sections, exact):
 
 
 def test_steps_and_modes_begin_the_same_iteration():
-    """
-    Bit by bit: the same start, the same products.
-    """
+    """Bit by bit: the same start, the same products."""
     scene = make_scene((5, 4, 3), **CANTILEVER)
     packed, here = pack_scene(scene), StaticFabric(scene).start
     layout, state = packed.layout, packed.layout.pack(scene.initial)
@@ -233,9 +223,7 @@ def test_large_fabrics_are_counted_by_factorisation(sections, monkeypatch):
     ((4, 4, 4), {'connector': {'bending_stiffness': 5e-3}})])
 @pytest.mark.parametrize('counted', [True, False])
 def test_lowest_without_factors(size, sections, counted, monkeypatch):
-    """
-    As beyond 60,000 freedoms, and beyond those whose motions are counted.
-    """
+    """As beyond 60,000 freedoms, and beyond those whose motions are counted."""
     scene = make_scene(size, **sections)
     whole = ico.solve_modes(scene)
     for module, name in ((modes, 'DENSE'), (spectrum, 'DENSE'), (modes, 'FACTORED')):
@@ -278,9 +266,7 @@ def test_long_thin_fabrics_take_factors_where_iteration_does_not_end(monkeypatch
 
 
 def test_elimination_counts_what_all_eigenvalues_say(monkeypatch):
-    """
-    Part by part, with contacts between bodies that no connector joins, and under pressure.
-    """
+    """Part by part, with contacts between bodies that no connector joins, and under pressure."""
     monkeypatch.setattr(spectrum, '_PART', 2)
     for size, sections in (
             ((5, 4, 4), {'contact': {'mode': 'always', 'stiffness': 1e4}}),

@@ -10,13 +10,13 @@ import runpy
 from analytical import quaternion_product, rotation_quaternion
 from fabrics import changed, FORMS, make_scene, packed_state, RANDOM, same_state, wrenches
 import icofabric_sim as ico
-from icofabric_sim import crew
 from icofabric_sim.kernels import monitor
 from icofabric_sim.kernels.flows import place_all
-from icofabric_sim.model import pack_scene
-from icofabric_sim.parameters import ParameterError
-from icofabric_sim.snapshot import Snapshot
-from icofabric_sim.stability import hessian_product, largest_frequency
+from icofabric_sim.parameters.validation import ParameterError
+from icofabric_sim.simulation.model.packing import pack_scene
+from icofabric_sim.simulation.model.snapshot import Snapshot
+from icofabric_sim.simulation.model.stability import hessian_product, largest_frequency
+from icofabric_sim.simulation.stepping import thread_team
 import numpy as np
 import pytest
 from references import axes_of
@@ -47,9 +47,7 @@ def disturbed(scene, amplitude, seed=1):
 
 
 def energy(scene, position, orientation):
-    """
-    Stored energy [J] as a snapshot reports it.
-    """
+    """Stored energy [J] as a snapshot reports it."""
     rest = np.zeros_like(position)
     ledger = {'work_in': 0.0, 'start': 0.0, 'spent': 0.0, 'potential': 0.0}
     return Snapshot(
@@ -58,9 +56,7 @@ def energy(scene, position, orientation):
 
 
 def moment_energy(scene, position, orientation):
-    """
-    The same but for springs, written down connector by connector.
-    """
+    """The same but for springs, written down connector by connector."""
     axes, rest = axes_of(orientation), axes_of(scene.orientation)
     connectors, total = scene.connectors, 0.0
     kappa_b, kappa_t = (
@@ -225,10 +221,10 @@ def test_energy_and_momenta_stay(method):
 def test_same_bits_in_pieces_and_threads(monkeypatch):
     scene = make_scene((5, 5, 5), {
         **BENT, **TWISTED, 'solver.method': 'leapfrog', 'solver.threads': 2}, **RANDOM)
-    monkeypatch.setattr(crew, 'BODIES_PER_THREAD', 20)
+    monkeypatch.setattr(thread_team, 'BODIES_PER_THREAD', 20)
     ends = []
     for threads, pieces in ((1, 1), (2, 1), (1, 5)):
-        monkeypatch.setattr(crew, 'core_count', lambda threads=threads: threads)
+        monkeypatch.setattr(thread_team, 'core_count', lambda threads=threads: threads)
         simulation = ico.compile_scene(scene)
         assert simulation.thread_count == threads
         for piece in range(pieces):

@@ -1,23 +1,21 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-Connectors that run into the shell that they are attached to.
-"""
+"""Connectors that run into the shell that they are attached to."""
 
 import logging
 
 from fabrics import FORMS, make_scene, pair_face_to_face, RANDOM, same_state
 import icofabric_sim as ico
-from icofabric_sim.health import HealthReport, WARN
-from icofabric_sim.icosahedron import face_geometry, vertices
+from icofabric_sim.geometry.icosahedron import face_geometry, vertices
+from icofabric_sim.geometry.rotations import cosines_from_quaternions
 from icofabric_sim.kernels import monitor
 from icofabric_sim.kernels.obstruction import clips
 from icofabric_sim.kernels.records import Shells
-from icofabric_sim.markers import OBSTRUCTED, STRAIN_CLASSES
 from icofabric_sim.messages import decode_diagnostic_array, decode_marker_points, MarkerAction
-from icofabric_sim.outputs import Outputs
-from icofabric_sim.rotation_forms import cosines_from_quaternions
-from icofabric_sim.runner import Runner
+from icofabric_sim.messages.markers import OBSTRUCTED, STRAIN_CLASSES
+from icofabric_sim.messages.topics import Outputs
+from icofabric_sim.running.diagnostics import HealthReport, WARN
+from icofabric_sim.running.runner import Runner
 import numpy as np
 import pytest
 
@@ -48,9 +46,7 @@ def brute(scene, snapshot):
 
 
 def scattered(turn=0.8, seed=2, **changes):
-    """
-    A fabric with its bodies turned about at random.
-    """
+    """A fabric with its bodies turned about at random."""
     scene = make_scene((4, 3, 3), {**CALM, **changes})
     simulation = ico.compile_scene(scene)
     generator = np.random.default_rng(seed)
@@ -133,9 +129,7 @@ def test_a_woven_fabric_has_none():
 
 
 def turned_pair(**changes):
-    """
-    Two bodies on a line, of which one turns until the connector runs into its shell.
-    """
+    """Two bodies on a line, of which one turns until the connector runs into its shell."""
     scene = make_scene((2, 2, 1), {**CALM, **changes})
     simulation = ico.compile_scene(scene)
     position, orientation = pair_face_to_face(
@@ -186,7 +180,8 @@ def test_looking_changes_no_bit(method, monkeypatch):
     for blind in (False, True):
         if blind:
             monkeypatch.setattr(
-                'icofabric_sim.obstruction.Obstruction.looks_out', property(lambda _: False))
+                'icofabric_sim.simulation.stepping.obstruction.Obstruction.looks_out',
+                property(lambda _: False))
         simulation = ico.compile_scene(scene)
         simulation.advance_to(0.05)
         assert bool(simulation.obstruction) is not blind

@@ -6,7 +6,7 @@ The endless fabric: waves and elastic constants against closed forms, motion and
 
 from fabrics import make_scene
 import icofabric_sim as ico
-from icofabric_sim.statics.band_picture import density_of_states
+from icofabric_sim.pictures.band_picture import density_of_states
 from icofabric_sim.statics.periodic import (
     band_path,
     homogenise,
@@ -49,9 +49,7 @@ def test_one_body_to_a_cell_wherever_it_is(variant, kind):
 
 
 def test_point_springs_bear_pull_and_no_shear():
-    """
-    C11 = k / W; shear along the fabric's axes costs nothing.
-    """
+    """C11 = k / W; shear along the fabric's axes costs nothing."""
     scene = woven()
     found = homogenise(scene)
     pitch = scene.geometry.pitch
@@ -102,9 +100,7 @@ def test_waves_under_pre_stress():
 
 
 def test_a_plane_wave_in_a_real_slab():
-    """
-    Far from the borders of a slab the acceleration is - omega^2 u at its centre.
-    """
+    """Far from the borders of a slab the acceleration is - omega^2 u at its centre."""
     scene = make_scene((9, 9, 9), weave={'size': [9, 9, 9], 'connector_angle': 0.3}, **STIFF)
     wave = np.array([0.9, 0.4, -0.3]) / scene.geometry.pitch
     cell = make_cell(scene)
@@ -132,9 +128,7 @@ def test_a_plane_wave_in_a_real_slab():
 
 
 def test_slabs_approach_the_endless_fabric():
-    """
-    The largest frequency of a slab grows to that of the endless one, from below.
-    """
+    """The largest frequency of a slab grows to that of the endless one, from below."""
     wanted = solve_bands(woven(**STIFF), sample_zone(woven(**STIFF), 8)).max()
     top = max(wanted, solve_bands(woven(**STIFF), band_path(woven(**STIFF))[0]).max())
     found = [

@@ -1,14 +1,12 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-Loads in time: impulses, orders, energy, and what a run does not depend on.
-"""
+"""Loads in time: impulses, orders, energy, and what a run does not depend on."""
 
 import math
 
 from fabrics import changed, make_scene, RANDOM, same_state
 import icofabric_sim as ico
-from icofabric_sim.profiles import make_profile
+from icofabric_sim.scene.profiles import make_profile
 import numpy as np
 import pytest
 
@@ -75,9 +73,7 @@ def test_half_sine_gives_two_over_pi(duration):
 
 
 def driven_fabric(table, **changes):
-    """
-    Fabric in motion under every kind of profile, in both frames, off centre.
-    """
+    """Fabric in motion under every kind of profile, in both frames, off centre."""
     return make_scene((2, 2, 2), {
         'groups.tip': 'ids 0 3', 'groups.side': 'ids 1', 'contact.mode': 'never',
         'loads.pulse.group': 'tip', 'loads.pulse.profile': 'half_sine',

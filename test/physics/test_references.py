@@ -1,15 +1,13 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-Simulation against two independent integrations of eqs 45-49.
-"""
+"""Simulation against two independent integrations of eqs 45-49."""
 
 import math
 
 from analytical import amplification
 from fabrics import changed, FORMS, LOADED, make_scene, RANDOM, SUPPORTED
 import icofabric_sim as ico
-from icofabric_sim.rotation_forms import cosines_from_quaternions, quaternions_from_cosines
+from icofabric_sim.geometry.rotations import cosines_from_quaternions, quaternions_from_cosines
 import numpy as np
 import pytest
 from references import axes_of, integrate_cosines, integrate_quaternions

@@ -1,13 +1,11 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-Two shells that meet in one point leave as rigid bodies by one impulse of restitution 1 do.
-"""
+"""Two shells that meet in one point leave as rigid bodies by one impulse of restitution 1 do."""
 
 from contact_scenes import A, loose
 import icofabric_sim as ico
 from icofabric_sim import contact
-from icofabric_sim.icosahedron import vertices
+from icofabric_sim.geometry.icosahedron import vertices
 import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
@@ -32,9 +30,7 @@ def vertex_on_face():
 
 
 def edge_across_edge():
-    """
-    The same of an edge on another, off the middle of both.
-    """
+    """The same of an edge on another, off the middle of both."""
     ends = sorted(np.flatnonzero(np.linalg.norm(CORNERS - CORNERS[0], axis=1) < 2.1 * A))
     one, other = CORNERS[0], CORNERS[[end for end in ends if end][0]]
     point = 0.4 * one + 0.6 * other

@@ -1,22 +1,20 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-The largest frequency, its bound, and the steps that follow from it.
-"""
+"""The largest frequency, its bound, and the steps that follow from it."""
 
 import re
 
 from analytical import quaternion_product, rotation_quaternion
 from fabrics import changed, make_scene, packed_state, RANDOM
 import icofabric_sim as ico
-from icofabric_sim import stability
-from icofabric_sim.crew import Crew
-from icofabric_sim.integrators.methods import METHODS
 from icofabric_sim.kernels import monitor
 from icofabric_sim.kernels.flows import keep_accelerations, place_all
 from icofabric_sim.kernels.tridiagonal import largest_eigenvalue
-from icofabric_sim.model import pack_scene
-from icofabric_sim.stability import hessian_product, largest_frequency
+from icofabric_sim.simulation.model import stability
+from icofabric_sim.simulation.model.packing import pack_scene
+from icofabric_sim.simulation.model.stability import hessian_product, largest_frequency
+from icofabric_sim.simulation.stepping.methods import METHODS
+from icofabric_sim.simulation.stepping.thread_team import Crew
 import numpy as np
 import pytest
 import scipy.linalg
@@ -53,9 +51,7 @@ def pulled(size, force, method='auto', step=0.0, **changes):
 
 
 def random_configuration(generator, scene, amplitude):
-    """
-    Positions stretched and scattered, orientations turned, by up to the `amplitude`.
-    """
+    """Positions stretched and scattered, orientations turned, by up to the `amplitude`."""
     stretch = np.exp(amplitude * generator.uniform(-1.0, 1.0, 3))
     noise = (
         0.5 * amplitude * scene.geometry.pitch * generator.standard_normal((scene.body_count, 3))
@@ -68,17 +64,13 @@ def random_configuration(generator, scene, amplitude):
 
 
 def top_frequency(scene, position, orientation, *, locate=False):
-    """
-    What `largest_frequency` says of a configuration.
-    """
+    """What `largest_frequency` says of a configuration."""
     packed = pack_scene(scene)
     return largest_frequency(packed, packed_state(packed, position, orientation), locate=locate)
 
 
 def assembled(scene, position, orientation):
-    """
-    Dense M^-1/2 H M^-1/2, free freedoms only, column by column from `hessian_product`.
-    """
+    """Dense M^-1/2 H M^-1/2, free freedoms only, column by column from `hessian_product`."""
     packed, count = pack_scene(scene), scene.body_count
     state = packed_state(packed, position, orientation)
     columns = []
@@ -211,9 +203,7 @@ def test_frequency_grows_as_a_slab_is_pulled():
 
 
 def raw_run(scene, step, count, method='leapfrog'):
-    """
-    Largest speed [m/s] after `count` steps of the kernel, which asks nothing about the step.
-    """
+    """Largest speed [m/s] after `count` steps of the kernel, which asks nothing about the step."""
     packed = pack_scene(scene)
     model, layout = packed.model, packed.layout
     state = layout.pack(scene.initial)
@@ -396,9 +386,7 @@ def test_random_fabric_has_the_limit_of_its_state():
 
 @pytest.mark.parametrize('seed', range(40))
 def test_largest_eigenvalue_of_tridiagonal_matrices(seed):
-    """
-    Beside LAPACK's; also where many eigenvalues are equal, or couplings are tiny.
-    """
+    """Beside LAPACK's; also where many eigenvalues are equal, or couplings are tiny."""
     generator = np.random.default_rng(seed)
     size, scale = int(generator.integers(1, 120)), 10.0 ** generator.uniform(-9.0, 15.0)
     diagonal = scale * generator.uniform(0.0, 2.0, size)

@@ -9,13 +9,7 @@ from dataclasses import replace
 from fabrics import make_scene
 import icofabric_sim as ico
 from icofabric_sim.statics import modes, spectrum
-from icofabric_sim.statics.equilibrium import (
-    MECHANISM,
-    NOT_AT_REST,
-    NOT_COUNTED,
-    STABLE,
-    UNSTABLE,
-)
+from icofabric_sim.statics.equilibrium import MECHANISM, NOT_AT_REST, NOT_COUNTED, STABLE, UNSTABLE
 from icofabric_sim.statics.fabric import Configuration, StaticFabric
 from icofabric_sim.statics.held import without_potential
 import numpy as np
@@ -45,9 +39,7 @@ def law_file(tmp_path):
 
 
 def anywhere(fabric, seed=1):
-    """
-    A configuration far from the woven one.
-    """
+    """A configuration far from the woven one."""
     random = np.random.default_rng(seed)
     shape = len(fabric.free), 3
     return fabric.start.moved(np.hstack([
@@ -88,9 +80,7 @@ def test_forces_and_hessian_are_derivatives_of_the_energy(table, tmp_path):
 
 
 def test_a_body_on_one_connector_hangs_straight_down():
-    """
-    Eq 48 for one body: tension M g, length D + M g / k, the attachment above the centre.
-    """
+    """Eq 48 for one body: tension M g, length D + M g / k, the attachment above the centre."""
     scene = make_scene((2, 1, 2), connector={'stiffness': 200.0}, **HUNG)
     result = ico.solve_equilibrium(scene)
     weight = scene.shell.mass * 9.81
@@ -142,9 +132,7 @@ def test_reactions_bear_the_load_and_no_body_is_left_with_a_force():
 
 
 def test_a_fall_with_drag_ends_where_the_solver_ends():
-    """
-    A short stiff beam, positive definite: the end is one and the same from both starts.
-    """
+    """A short stiff beam, positive definite: the end is one and the same from both starts."""
     scene = make_scene(
         (3, 2, 2), gravity=[0.0, 0.0, -9.81], groups={'wall': 'x_min'},
         supports={'wall': {'group': 'wall'}}, solver={'tolerance': 1e-9},
@@ -181,9 +169,7 @@ def test_loads_that_turn_with_their_bodies_have_an_equilibrium_too():
 
 
 def test_energy_never_grows_on_the_way():
-    """
-    Without contact, whose stiffness grows on the way.
-    """
+    """Without contact, whose stiffness grows on the way."""
     scene = make_scene(
         (4, 3, 3), contact={'mode': 'never'}, gravity=[0.0, 0.0, -9.81],
         groups={'wall': 'x_min'}, supports={'wall': {'group': 'wall'}},
@@ -197,9 +183,7 @@ def test_energy_never_grows_on_the_way():
 
 
 def test_a_pushed_strut_is_unstable_where_it_stands_straight():
-    """
-    A connector between a held body and a free one, pushed along its line: it would buckle.
-    """
+    """A connector between a held body and a free one, pushed along its line: it would buckle."""
     scene = make_scene((2, 1, 2), connector={'stiffness': 200.0}, **HUNG)
     hanging = ico.solve_equilibrium(scene).snapshot
     lifted = scene.parameters.with_changes({'gravity': [0.0, 0.0, 9.81]})
@@ -335,9 +319,7 @@ def test_contact_forces_and_hessian_are_derivatives_of_the_energy():
 
 
 def test_a_slab_on_a_floor():
-    """
-    The floor bears the weight; the slab can slide and turn on it.
-    """
+    """The floor bears the weight; the slab can slide and turn on it."""
     scene = make_scene(
         (5, 5, 3), weave={'size': [5, 5, 3], 'connector_angle': 0.15},
         planes={'floor': {'normal': [0.0, 0.0, 1.0], 'offset': -0.017}},
@@ -364,9 +346,7 @@ def test_a_shell_on_its_edge_stands_but_not_for_long():
 
 
 def test_loads_are_brought_up_in_parts():
-    """
-    Each part is the equilibrium under it; the last one that of all, however it is reached.
-    """
+    """Each part is the equilibrium under it; the last one that of all, however it is reached."""
     sections = {
         'connector': {'stiffness': 300.0, 'bending_stiffness': 2e-2}, 'groups': {
             'wall': 'x_min', 'tip': 'x_max'}, 'supports': {'wall': {'group': 'wall'}},

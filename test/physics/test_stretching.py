@@ -1,8 +1,6 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-Stress against strain of slabs between two held ends.
-"""
+"""Stress against strain of slabs between two held ends."""
 
 from fabrics import make_scene
 import icofabric_sim as ico
@@ -21,9 +19,7 @@ def slab(size, angle=0.3, **sections):
 
 @pytest.mark.parametrize('kind', ['pull', 'push', 'shear'])
 def test_work_of_the_moved_end_is_the_energy_stored(kind):
-    """
-    Castigliano: the force is the derivative of the energy by the displacement.
-    """
+    """Castigliano: the force is the derivative of the energy by the displacement."""
     scene = slab((5, 3, 3), **STIFF)
     strains = np.array([0.02, 0.0599, 0.06, 0.0601])
     points = ico.measure_curve(scene, kind, strains)
@@ -107,9 +103,7 @@ def test_connectors_break_one_by_one_and_the_load_drops():
 
 @pytest.mark.parametrize('broken', [False, True])
 def test_forces_under_a_part_of_the_loads_and_without_what_broke(broken):
-    """
-    Minus the gradient of the energy, which the search follows.
-    """
+    """Minus the gradient of the energy, which the search follows."""
     scene = slab(
         (5, 3, 3), **STIFF, gravity=[1.0, 2.0, -9.0],
         charge={'per_body': 1e-6, 'dipole': [1e-7, 2e-7, -1e-7]},

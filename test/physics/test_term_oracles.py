@@ -11,10 +11,10 @@ E(x + i h dx) over h is its derivative to the last bits, without a difference (S
 from analytical import quaternion_product, rotation_quaternion
 from fabrics import make_scene, packed_state, same_state, wrenches
 import icofabric_sim as ico
-from icofabric_sim import crew
-from icofabric_sim.inputs import Inputs
 from icofabric_sim.kernels.anchors import kick_anchor
-from icofabric_sim.model import pack_scene
+from icofabric_sim.simulation.inputs import Inputs
+from icofabric_sim.simulation.model.packing import pack_scene
+from icofabric_sim.simulation.stepping import thread_team
 import numpy as np
 import pytest
 from references import axes_of
@@ -53,9 +53,7 @@ def disturbed(scene, amplitude=0.6, seed=1):
 
 
 def length_of(vector):
-    """
-    Without the conjugate of np.linalg.norm.
-    """
+    """Without the conjugate of np.linalg.norm."""
     return np.sqrt((vector * vector).sum())
 
 
@@ -65,9 +63,7 @@ def spring(length, extension, compression, rest):
 
 
 def energy(scene, position, axes):
-    """
-    Of all its terms [J], for complex positions (n, 3) and rows of axes (n, 3, 3).
-    """
+    """Of all its terms [J], for complex positions (n, 3) and rows of axes (n, 3, 3)."""
     c, parameters, total = scene.connectors, scene.parameters, 0.0
     woven = axes_of(scene.orientation)
     laws = np.broadcast_arrays(*c.laws, c.bending_stiffness, c.twisting_stiffness, np.zeros(
@@ -106,9 +102,7 @@ def energy(scene, position, axes):
 
 
 def with_anchors(scene, position, orientation):
-    """
-    Forces and torques of everything, those of anchors too, (n, 3) each.
-    """
+    """Forces and torques of everything, those of anchors too, (n, 3) each."""
     work = wrenches(scene, position, orientation)
     if not scene.anchors:
         return work.force, work.torque
@@ -149,9 +143,7 @@ def test_wrench_is_the_complex_step_of_the_energy(name, tmp_path):
 
 
 def scaled(values, length, mass, time, law):
-    """
-    Parameters in other units: by powers of length, mass and time, (value, l, m, t) each.
-    """
+    """Parameters in other units: by powers of length, mass and time, (value, l, m, t) each."""
     changes = {
         name: (np.array(value) * length**a * mass**b * time**c).tolist()
         for name, (value, a, b, c) in values.items()}
@@ -195,9 +187,7 @@ def test_units_by_powers_of_four_give_the_same_bits(length, mass, time, tabled, 
 
 
 def everything(a, law):
-    """
-    Many terms at once, in units of the half edge a and a stiffness k; masses are 2e-5 s^2 k.
-    """
+    """Many terms at once, in units of the half edge a and a stiffness k; masses are 2e-5 s^2 k."""
     k = 500.0 if a < 0.1 else 9e4
     unit = 2e-5 * k
     return {
@@ -217,9 +207,7 @@ def everything(a, law):
 
 
 def spent(a, law):
-    """
-    The same for what needs dop8: damping, drag, a magnetic field, a drive, breakage.
-    """
+    """The same for what needs dop8: damping, drag, a magnetic field, a drive, breakage."""
     values = everything(a, law)
     k = values['connector.stiffness_extension']
     return {
@@ -255,10 +243,10 @@ def test_anchors_and_moments_with_two_threads_and_from_a_checkpoint(monkeypatch)
         **QUIET, **HOOKED, 'connector.bending_stiffness': 0.05, 'anchors.one.velocity': [
             0.0, 0.3, 0.0], 'connector.twisting_stiffness': 0.04, 'solver.method': 'leapfrog',
         'solver.threads': 2, 'initial_random.spin_sigma': 20.0})
-    monkeypatch.setattr(crew, 'BODIES_PER_THREAD', 20)
+    monkeypatch.setattr(thread_team, 'BODIES_PER_THREAD', 20)
     ends = []
     for threads, stop in ((1, 0.0), (2, 0.0), (2, 0.0043)):
-        monkeypatch.setattr(crew, 'core_count', lambda threads=threads: threads)
+        monkeypatch.setattr(thread_team, 'core_count', lambda threads=threads: threads)
         simulation = ico.compile_scene(scene)
         assert simulation.thread_count == threads
         if stop:

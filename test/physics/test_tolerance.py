@@ -12,8 +12,8 @@ from typing import NamedTuple
 from analytical import rotation_distance
 from fabrics import changed, make_scene, STATE
 import icofabric_sim as ico
-from icofabric_sim.method_needs import required_method
-from icofabric_sim.ready_scenes import ready_scenes
+from icofabric_sim.parameters.ready_scenes import ready_scenes
+from icofabric_sim.simulation.stepping.method_needs import required_method
 import numpy as np
 import pytest
 
@@ -76,9 +76,7 @@ def random_scene(seed):
 
 
 class Measured(NamedTuple):
-    """
-    Errors for each second over the tolerance, one for each moment, and the run itself.
-    """
+    """Errors for each second over the tolerance, one for each moment, and the run itself."""
 
     ratios: np.ndarray
     run: ico.Simulation
@@ -86,9 +84,7 @@ class Measured(NamedTuple):
 
 
 def measured(scene, generator, periods):
-    """
-    Follow a run at random moments within so many of its first shortest `periods`.
-    """
+    """Follow a run at random moments within so many of its first shortest `periods`."""
     scene = changed(scene, {'contact.mode': 'never'})
     run = ico.compile_scene(scene)
     rate = run.largest_frequency

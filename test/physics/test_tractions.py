@@ -9,8 +9,8 @@ import math
 from analytical import rotation_quaternion
 from fabrics import changed, make_scene, RANDOM, wrenches
 import icofabric_sim as ico
-from icofabric_sim.icosahedron import face_geometry, inscribed_radius, outer_triangles
-from icofabric_sim.rotation_forms import cosines_from_quaternions
+from icofabric_sim.geometry.icosahedron import face_geometry, inscribed_radius, outer_triangles
+from icofabric_sim.geometry.rotations import cosines_from_quaternions
 import numpy as np
 import pytest
 
@@ -27,9 +27,7 @@ def scene_with(changes, size=(1, 1, 1), **sections):
 
 
 def acting(scene, orientation):
-    """
-    Forces and torques of the tractions on bodies of these orientations, by the kernels.
-    """
+    """Forces and torques of the tractions on bodies of these orientations, by the kernels."""
     bare = changed(scene, {'weave.connected': False})
     return wrenches(bare, bare.position, orientation, loaded=True)
 
@@ -50,9 +48,7 @@ def test_pressure_from_all_sides_does_nothing():
 
 @pytest.mark.parametrize('i, k', [(0, 0), (1, 0), (0, 1), (3, 0), (2, 2), (1, 4)])
 def test_powers_of_face_coordinates_are_integrated_exactly(i, k):
-    """
-    The integral of l2^i l3^k over the unit triangle is i! k! / (i + k + 2)!.
-    """
+    """The integral of l2^i l3^k over the unit triangle is i! k! / (i + k + 2)!."""
     def integral(i, k):
         return math.factorial(i) * math.factorial(k) / math.factorial(i + k + 2)
 

@@ -1,10 +1,8 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-Steps of the trust region method on quadratic functions that are known.
-"""
+"""Steps of the trust region method on quadratic functions that are known."""
 
-from icofabric_sim.kernels.lanes import LANES
+from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.statics.trust_region import steihaug
 import numpy as np
 import pytest
@@ -14,9 +12,7 @@ SIZE = SHAPE[0] * SHAPE[1]
 
 
 def make_problem(lowest, seed=1):
-    """
-    A symmetric matrix with eigenvalues from `lowest` to 10, weights, and a gradient.
-    """
+    """A symmetric matrix with eigenvalues from `lowest` to 10, weights, and a gradient."""
     random = np.random.default_rng(seed)
     basis = np.linalg.qr(random.standard_normal((SIZE, SIZE)))[0]
     matrix = basis @ np.diag(np.linspace(lowest, 10.0, SIZE)) @ basis.T

@@ -1,8 +1,6 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-Damping along connectors and drag: closed forms, invariance, and the energy that they take.
-"""
+"""Damping along connectors and drag: closed forms, invariance, and the energy that they take."""
 
 import analytical
 from fabrics import (
@@ -15,10 +13,10 @@ from fabrics import (
     SUPPORTED,
 )
 import icofabric_sim as ico
-from icofabric_sim import crew
-from icofabric_sim.kernels.slopes import find_slopes, place_blocks
-from icofabric_sim.model import pack_scene
-from icofabric_sim.parameters import ParameterError
+from icofabric_sim.kernels.rhs import find_slopes, place_blocks
+from icofabric_sim.parameters.validation import ParameterError
+from icofabric_sim.simulation.model.packing import pack_scene
+from icofabric_sim.simulation.stepping import thread_team
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -107,9 +105,7 @@ def slopes(scene, position, orientation, velocity, spin, *, cosines=False):
 
 
 def random_motion(scene, seed):
-    """
-    Any places, orientations, velocities and spins.
-    """
+    """Any places, orientations, velocities and spins."""
     random, count = np.random.RandomState(seed), scene.body_count
     half_edge = scene.geometry.half_edge
     return (
@@ -207,10 +203,10 @@ def test_held_freedoms_stay_held():
 
 def test_threads_pieces_and_checkpoints_give_the_same_bits(monkeypatch):
     scene = make_scene((4, 3, 3), DAMPED, **RANDOM)
-    monkeypatch.setattr(crew, 'BODIES_PER_THREAD', 1)
+    monkeypatch.setattr(thread_team, 'BODIES_PER_THREAD', 1)
     ends, spent = [], []
     for threads, pieces in ((1, 1), (2, 1), (2, 5)):
-        monkeypatch.setattr(crew, 'core_count', lambda threads=threads: threads)
+        monkeypatch.setattr(thread_team, 'core_count', lambda threads=threads: threads)
         simulation = ico.compile_scene(scene)
         for piece in range(pieces):
             simulation.advance_to(0.03 * (piece + 1) / pieces)

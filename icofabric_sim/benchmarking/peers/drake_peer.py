@@ -1,8 +1,6 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-Drake: a continuous MultibodyPlant of floating bodies and linear springs.
-"""
+"""Drake: a continuous MultibodyPlant of floating bodies and linear springs."""
 
 from collections.abc import Iterator
 from importlib import import_module
@@ -20,16 +18,12 @@ _SCHEMES = {'semi_explicit_euler': (2, 1, 0.5), 'runge_kutta5': (5, 7, 1.5)}
 
 
 class Drake(StepSolver):
-    """
-    One integrator over a finalised plant, without control of its error.
-    """
+    """One integrator over a finalised plant, without control of its error."""
 
     tool = 'drake'
 
     def __init__(self, scene: PlainScene, scheme: str, plant: Any) -> None:
-        """
-        Take steps of `plant` with `scheme`.
-        """
+        """Take steps of `plant` with `scheme`."""
         self._analysis = import_module('pydrake.systems.analysis')
         self._scene, self._scheme, self._plant = scene, scheme, plant
         self._simulator = self._analysis.Simulator(plant)
@@ -68,9 +62,7 @@ class Drake(StepSolver):
 
 
 def build_plant(scene: PlainScene) -> Any:
-    """
-    Plant of `scene`; bodies that no joint holds float with a quaternion.
-    """
+    """Plant of `scene`; bodies that no joint holds float with a quaternion."""
     tree = import_module('pydrake.multibody.tree')
     plant = import_module('pydrake.multibody.plant').MultibodyPlant(0.0)
     plant.mutable_gravity_field().set_gravity_vector([0.0, 0.0, 0.0])
@@ -87,9 +79,7 @@ def build_plant(scene: PlainScene) -> Any:
 
 
 def solvers(scene: PlainScene) -> Iterator[Solver]:
-    """
-    The cheapest step, and the integrator of highest order.
-    """
+    """The cheapest step, and the integrator of highest order."""
     plant = build_plant(scene)
     for scheme in _SCHEMES:
         yield Drake(scene, scheme, plant)

@@ -19,16 +19,12 @@ _INTEGRATORS = {'VelocityVerlet': (2, 1, 1.0), 'RK44': (4, 4, 1.5), 'RK67': (6, 
 
 
 class Exudyn(StepSolver):
-    """
-    One explicit integrator over an assembled system.
-    """
+    """One explicit integrator over an assembled system."""
 
     tool = 'exudyn'
 
     def __init__(self, scene: PlainScene, integrator: str, system: 'ExudynSystem') -> None:
-        """
-        Take steps of `system` with `integrator`.
-        """
+        """Take steps of `system` with `integrator`."""
         self._scene, self._system = scene, system
         self._integrator = getattr(system.exudyn.DynamicSolverType, integrator)
         self.label = f'Exudyn {integrator}'
@@ -47,14 +43,10 @@ class Exudyn(StepSolver):
 
 
 class ExudynSystem:
-    """
-    The bodies and springs of a scene.
-    """
+    """The bodies and springs of a scene."""
 
     def __init__(self, scene: PlainScene) -> None:
-        """
-        Assemble them.
-        """
+        """Assemble them."""
         exudyn = import_module('exudyn')
         items = import_module('exudyn.itemInterface')
         from scipy.spatial.transform import Rotation
@@ -89,18 +81,14 @@ class ExudynSystem:
                        system.systemData.GetODE2Coordinates_t(configuration=initial))
 
     def reset(self) -> None:
-        """
-        Go back to the initial state.
-        """
+        """Go back to the initial state."""
         initial = self.exudyn.ConfigurationType.Initial
         data = self._system.systemData
         data.SetODE2Coordinates(self._start[0], configuration=initial)
         data.SetODE2Coordinates_t(self._start[1], configuration=initial)
 
     def advance(self, integrator: Any, step: float, count: int) -> None:
-        """
-        Take `count` steps [s] from where the system is.
-        """
+        """Take `count` steps [s] from where the system is."""
         settings = self.exudyn.SimulationSettings()
         settings.solution.file.write = False
         settings.solution.sensors.active = False
@@ -119,9 +107,7 @@ class ExudynSystem:
             raise Unusable(str(error).strip().splitlines()[-1]) from error
 
     def motion(self) -> Motion:
-        """
-        Where all bodies are now.
-        """
+        """Where all bodies are now."""
         kinds = self.exudyn.OutputVariableType
         position = [self._system.GetNodeOutput(node, kinds.Position) for node in self._nodes]
         turns = [self._system.GetNodeOutput(node, kinds.RotationMatrix) for node in self._nodes]
@@ -130,9 +116,7 @@ class ExudynSystem:
 
 
 def solvers(scene: PlainScene) -> Iterator[Solver]:
-    """
-    Explicit integrators of order 2, 4 and 6.
-    """
+    """Explicit integrators of order 2, 4 and 6."""
     system = ExudynSystem(scene)
     for integrator in _INTEGRATORS:
         yield Exudyn(scene, integrator, system)

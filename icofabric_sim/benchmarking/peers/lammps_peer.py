@@ -1,8 +1,6 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-LAMMPS: each body a rigid molecule of its edge midpoints, connectors as harmonic bonds.
-"""
+"""LAMMPS: each body a rigid molecule of its edge midpoints, connectors as harmonic bonds."""
 
 from collections.abc import Iterator
 import ctypes
@@ -24,9 +22,7 @@ _STYLES = ('rigid/nve/small', 'rigid/small', 'rigid/small/omp')
 
 
 class Lammps(StepSolver):
-    """
-    One integrator of rigid bodies.
-    """
+    """One integrator of rigid bodies."""
 
     tool = 'lammps'
     order = 2
@@ -35,9 +31,7 @@ class Lammps(StepSolver):
     def __init__(
         self, scene: PlainScene, style: str, folder: '_Folder'
     ) -> None:
-        """
-        Read the files that `write_files` has put into `folder`.
-        """
+        """Read the files that `write_files` has put into `folder`."""
         self._scene, self._style = scene, style
         # It goes with the last solver that holds it.
         self._folder = folder
@@ -93,9 +87,7 @@ class Lammps(StepSolver):
 
 
 def write_files(scene: PlainScene, folder: Path) -> None:
-    """
-    Atoms and bonds as LAMMPS reads them, and the bodies: masses, inertia and motion.
-    """
+    """Atoms and bonds as LAMMPS reads them, and the bodies: masses, inertia and motion."""
     count = scene.body_count
     points = scene.position[:, None, :] + np.einsum('ei,bij->bej', scene.edge_points, scene.axes)
     # Room to move in; what leaves a box without periods would be lost.
@@ -125,9 +117,7 @@ def write_files(scene: PlainScene, folder: Path) -> None:
 
 
 def solvers(scene: PlainScene) -> Iterator[Solver]:
-    """
-    Every integrator for many small rigid bodies.
-    """
+    """Every integrator for many small rigid bodies."""
     engine = _open()
     styles = [style for style in _STYLES if engine.has_style('fix', style)]
     engine.close()
@@ -138,9 +128,7 @@ def solvers(scene: PlainScene) -> Iterator[Solver]:
 
 
 class _Folder:
-    """
-    A folder that is removed once nobody holds it.
-    """
+    """A folder that is removed once nobody holds it."""
 
     def __init__(self) -> None:
         self.path = Path(tempfile.mkdtemp(prefix='icofabric_lammps_'))

@@ -1,8 +1,6 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-MuJoCo: free bodies joined by spatial tendons with a spring; everything else switched off.
-"""
+"""MuJoCo: free bodies joined by spatial tendons with a spring; everything else switched off."""
 
 from collections.abc import Iterator
 from importlib import import_module
@@ -10,7 +8,7 @@ from typing import Any
 
 from icofabric_sim.benchmarking.scenes import axes_from_quaternions, Motion, PlainScene
 from icofabric_sim.benchmarking.solver import Solver, StepSolver
-from icofabric_sim.icosahedron import vertices
+from icofabric_sim.geometry.icosahedron import vertices
 import numpy as np
 
 DISTRIBUTION = 'mujoco'
@@ -21,16 +19,12 @@ _INTEGRATORS = {'Euler': (2, 1, 0.5), 'implicitfast': (2, 1, 0.5), 'RK4': (4, 4,
 
 
 class MuJoCo(StepSolver):
-    """
-    One integrator over a compiled model.
-    """
+    """One integrator over a compiled model."""
 
     tool = 'mujoco'
 
     def __init__(self, scene: PlainScene, integrator: str, model: Any) -> None:
-        """
-        Take steps of `model` with `integrator`.
-        """
+        """Take steps of `model` with `integrator`."""
         self._mujoco = import_module('mujoco')
         self._scene, self._model = scene, model
         self._integrator = getattr(
@@ -101,9 +95,7 @@ def model_text(scene: PlainScene, *, floor: float | None = None) -> str:
 
 
 def solvers(scene: PlainScene) -> Iterator[Solver]:
-    """
-    The default integrator, the one recommended for most models, and the one for accuracy.
-    """
+    """The default integrator, the one recommended for most models, and the one for accuracy."""
     model = import_module('mujoco').MjModel.from_xml_string(model_text(scene))
     for integrator in _INTEGRATORS:
         yield MuJoCo(scene, integrator, model)

@@ -74,9 +74,7 @@ def _rates(flat, connectors, constants, arms, compression):  # type: ignore[no-u
 
 
 def plain_rates(scene: PlainScene) -> Rates:
-    """
-    Right-hand side f(t, y) for a flat state of 13 numbers for each body.
-    """
+    """Right-hand side f(t, y) for a flat state of 13 numbers for each body."""
     connectors = np.ascontiguousarray(np.hstack([scene.bodies, scene.edges]))
     constants = (
         1.0 / scene.mass, 1.0 / scene.inertia, scene.half_width, scene.stiffness,
@@ -92,7 +90,5 @@ def plain_rates(scene: PlainScene) -> Rates:
 
 
 def flat_state(scene: PlainScene) -> np.ndarray:
-    """
-    Initial state of 13 numbers for each body: position, quaternion, velocity, spin.
-    """
+    """Initial state of 13 numbers for each body: position, quaternion, velocity, spin."""
     return np.hstack([scene.position, scene.orientation, scene.velocity, scene.spin]).ravel()

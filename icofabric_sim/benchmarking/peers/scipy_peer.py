@@ -1,8 +1,6 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""
-SciPy's DOP853 over a compiled right-hand side: the best general tool for accuracy.
-"""
+"""SciPy's DOP853 over a compiled right-hand side: the best general tool for accuracy."""
 
 from collections.abc import Iterator
 
@@ -15,8 +13,8 @@ from icofabric_sim.benchmarking.scenes import (
     SIZES,
 )
 from icofabric_sim.benchmarking.solver import Solver, ToleranceSolver
-from icofabric_sim.rates import compile_rates
-from icofabric_sim.scene import Scene
+from icofabric_sim.scene.scene import Scene
+from icofabric_sim.simulation.model.rhs import compile_rates
 import numpy as np
 
 DISTRIBUTION = 'scipy'
@@ -36,9 +34,7 @@ def package_rates(scene: PlainScene) -> Rates | None:
 
 
 class Dop853(ToleranceSolver):
-    """
-    DOP853 stepped to the end, with absolute tolerances in the units of each kind of number.
-    """
+    """DOP853 stepped to the end, with absolute tolerances in the units of each kind of number."""
 
     tool = 'scipy'
     order = 8
@@ -46,9 +42,7 @@ class Dop853(ToleranceSolver):
     roughest = 1e-2
 
     def __init__(self, label: str, scene: PlainScene, rates: Rates) -> None:
-        """
-        Integrate `rates`.
-        """
+        """Integrate `rates`."""
         self.label, self._rates = label, rates
         self._start = flat_state(scene)
         # What the error of the motion is measured in, and that times the frequency of the springs.
@@ -75,9 +69,7 @@ class Dop853(ToleranceSolver):
 
 
 def solvers(scene: PlainScene) -> Iterator[Solver]:
-    """
-    DOP853 over the plain right-hand side, and over ours where there is one.
-    """
+    """DOP853 over the plain right-hand side, and over ours where there is one."""
     import scipy.integrate  # noqa: F401
     yield Dop853('SciPy DOP853, plain Numba', scene, plain_rates(scene))
     rates = package_rates(scene)

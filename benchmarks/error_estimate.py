@@ -1,0 +1,92 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+How near `simulation.error_estimate` comes to what a run's method really adds.
+
+Random scenes of six kinds, by every method that can, with chosen steps and with given ones of 0.2
+to 0.8 of the stability limit; each window of one shortest period is repeated by a far tighter run.
+Says how the ratios are spread, for each method and in all, and names the worst. Each kind has its
+kernels compiled once, which takes up to a few minutes.
+
+    python benchmarks/error_estimate.py [--scenes 17] [--kinds free damped]
+"""
+
+import argparse
+import logging
+import sys
+
+import icofabric_sim as ico
+from icofabric_sim.benchmarking.added_errors import draw_scene, judge, Judged, KINDS
+from icofabric_sim.benchmarking.machine import describe_machine
+import numpy as np
+
+# The range within which an estimate is as good as was asked for.
+_FACTOR = 3.0
+
+
+def judge_kind(kind: str, count: int) -> list[Judged]:
+    """All runs of so many scenes of a kind."""
+    found = []
+    for seed in range(count):
+        changes, periods, generator = draw_scene(kind, seed)
+        print(f'{kind}: scene {seed + 1} of {count}', file=sys.stderr, flush=True)
+        for method in ('dop8',) if kind == 'damped' else ico.METHODS:
+            for given in (0.0, float(generator.uniform(0.2, 0.8))):
+                try:
+                    found.append(judge(changes, method, given, periods, kind=kind, seed=seed))
+                except ValueError as error:
+                    # A step below the limit at the start may be beyond it with what may touch.
+                    print(f'{kind} {seed} {method} {given:.2f}: refused: {error}')
+    return found
+
+
+def describe(name: str, found: list[Judged]) -> str:
+    """One line on how the ratios of some runs are spread."""
+    ratios = np.array([judged.ratio for judged in found])
+    if not len(ratios):
+        return f'{name:24} none'
+    low, middle, high = np.quantile(ratios, (0.05, 0.5, 0.95))
+    inside = np.mean((ratios > 1.0 / _FACTOR) & (ratios < _FACTOR))
+    return (
+        f'{name:24} {len(ratios):5} runs: estimate / added {ratios.min():.2g} to '
+        f'{ratios.max():.2g}, 5 % below {low:.2g}, median {middle:.2g}, 5 % above {high:.2g}; '
+        f'{100.0 * inside:.1f} % within {_FACTOR:g} times')
+
+
+def main() -> int:
+    """Judge, and print; 1 where an estimate fell with time or is off by more than three times."""
+    parser = argparse.ArgumentParser(description=__doc__.split('\n\n')[0])
+    parser.add_argument('--scenes', type=int, default=17, help='scenes of each kind (17)')
+    parser.add_argument('--kinds', nargs='+', choices=KINDS, default=KINDS)
+    arguments = parser.parse_args()
+    logging.disable(logging.WARNING)
+    print('\n'.join(describe_machine(())))
+    found: list[Judged] = []
+    for kind in arguments.kinds:
+        found += judge_kind(kind, arguments.scenes)
+    told = [judged for judged in found if judged.tells]
+    print(
+        f'{len({(judged.kind, judged.seed) for judged in told})} scenes, {len(told)} runs; '
+        f'{len(found) - len(told)} more err by less than rounding and the reference')
+    for method in ico.METHODS:
+        for word, given in (('chosen', False), ('given', True)):
+            print(describe(f'{method}, step {word}', [
+                judged for judged in told
+                if judged.method == method and (judged.given > 0.0) == given]))
+    for kind in arguments.kinds:
+        print(describe(kind, [judged for judged in told if judged.kind == kind]))
+    print(describe('all', told))
+    falling = [judged for judged in found if judged.falls]
+    worst = sorted(told, key=lambda judged: -abs(np.log(judged.ratio)))[:10]
+    for judged in worst:
+        print(
+            f'  {judged.kind} {judged.seed}, {judged.method} at {judged.given:.2f} for '
+            f'{judged.periods:.1f} periods: {judged.ratio:.3g} of {judged.added[-1]:.2g}'
+            + (f', ended: {judged.ended}' if judged.ended else ''))
+    print(f'estimates that fell with time: {len(falling)}')
+    outside = [judged for judged in told if not 1.0 / _FACTOR < judged.ratio < _FACTOR]
+    return 1 if falling or outside else 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

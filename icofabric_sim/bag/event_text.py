@@ -1,0 +1,99 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""What was done to a recorded run, in words."""
+
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from typing import Any, NamedTuple
+
+from icofabric_sim.bag.recorded_run import RecordedEvent
+from icofabric_sim.scene.summary import Row
+
+# Events listed in the text of a summary; a client may step thousands of times.
+LARGEST_LIST = 12
+# Names of a change listed.
+_LARGEST_CHANGE = 4
+# One, and several of them.
+_NAMES = {
+    'reweave': ('re-weave', 're-weaves'),
+    'reset': ('reset', 'resets'),
+    'pause': ('pause', 'pauses'),
+    'step': ('call of ~/step', 'calls of ~/step'),
+    'checkpoint_saved': ('checkpoint saved', 'checkpoints saved'),
+    'checkpoint_restored': ('checkpoint restored', 'checkpoints restored'),
+    'state_set': ('body put elsewhere', 'bodies put elsewhere'),
+    'failed': ('failure', 'failures'),
+    'change_refused': ('change that could not be built', 'changes that could not be built'),
+}
+
+
+class EventDigest(NamedTuple):
+    """How often each event came, and the first of them."""
+
+    counts: Counter[str]
+    first: tuple[RecordedEvent, ...]
+
+
+def digest_events(events: Iterable[RecordedEvent]) -> EventDigest:
+    """Count events without keeping them all."""
+    counts: Counter[str] = Counter()
+    first: list[RecordedEvent] = []
+    for event in events:
+        counts[event.name] += 1
+        if len(first) < LARGEST_LIST:
+            first.append(event)
+    return EventDigest(counts, tuple(first))
+
+
+def event_rows(digest: EventDigest) -> list[Row]:
+    """Label and text of all events."""
+    parts = [
+        f'{digest.counts[name]:,} {words[digest.counts[name] > 1]}'
+        for name, words in _NAMES.items() if digest.counts[name]]
+    total = sum(digest.counts.values())
+    rows = [('events', ', '.join(parts) or (f'{total:,}' if total else 'none'))]
+    rows += [('', f't = {event.time:.9g} s  {describe_event(event)}') for event in digest.first]
+    more = total - len(digest.first)
+    if more:
+        rows.append(('', f'... and {more:,} more'))
+    return rows
+
+
+def describe_event(event: RecordedEvent) -> str:
+    """One event; its facts may be those of another version."""
+    facts = event.facts
+    texts = {
+        'pause': 'pause',
+        'resume': 'goes on',
+        'step': f'{facts.get("count", "?")} solver steps taken',
+        'reset': 'reset to the initial state' + (
+            ' and to time 0' if facts.get('time_reset') else ''),
+        'reweave': _change(facts),
+        'change_refused': f'a change could not be built: {facts.get("reason")}',
+        'failed': f'the simulation failed: {facts.get("reason")}',
+        'checkpoint_saved': f'a checkpoint was saved to {facts.get("path")}',
+        'checkpoint_restored': (
+            f'goes on from the checkpoint of t = {facts.get("of")} s in {facts.get("path")}'),
+        'record': 'recording on' if facts.get('on') else 'recording off',
+        'state_set': f'body {facts.get("body")} was put elsewhere',
+    }
+    return texts.get(event.name, event.name) + _dropped(facts)
+
+
+def _change(facts: Mapping[str, Any]) -> str:
+    names = [str(name) for name in _list(facts, 'changed')]
+    more = len(names) - _LARGEST_CHANGE
+    changed = ', '.join(names[:_LARGEST_CHANGE]) + (f' and {more} more' if more > 0 else '')
+    text = ('woven anew' if facts.get('restarts') else 'goes on with') + f': {changed}'
+    lost = ', '.join(str(name) for name in _list(facts, 'lost')[:_LARGEST_CHANGE])
+    return f'{text}; wrenches ended: {lost}' if lost else text
+
+
+def _list(facts: Mapping[str, Any], name: str) -> list[Any]:
+    value = facts.get(name)
+    return value if isinstance(value, list) else []
+
+
+def _dropped(facts: Mapping[str, Any]) -> str:
+    count = facts.get('dropped')
+    return f' ({count} waiting wrenches dropped)' if count else ''

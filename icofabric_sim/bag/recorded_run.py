@@ -1,0 +1,301 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""Reading a recorded run back: its scene, poses over time, markers, inputs and events."""
+
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+import json
+from pathlib import Path
+from types import TracebackType
+from typing import Any, NamedTuple, Self, TypeVar
+
+from icofabric_sim.bag import BagError, BagReader, BagTopic
+from icofabric_sim.messages import (
+    decode_float64_multi_array,
+    decode_marker_points,
+    decode_pose_array,
+    decode_string,
+    decode_wrench_stamped,
+    MarkerAction,
+    MarkerPoints,
+    PoseArrayBytes,
+    StringBytes,
+    WrenchStampedBytes,
+)
+from icofabric_sim.messages.schedule import seconds
+from icofabric_sim.parameters.named_files import with_recorded
+from icofabric_sim.parameters.sections import ParameterSet
+from icofabric_sim.parameters.validation import make_parameters, Parameters
+from icofabric_sim.scene.scene import Scene
+import numpy as np
+
+_Message = TypeVar('_Message')
+
+
+class PoseFrame(NamedTuple):
+    """Poses at one recorded time."""
+
+    nanoseconds: int
+    position: np.ndarray  # (n, 3) [m]
+    orientation: np.ndarray  # (n, 4) x y z w
+
+    @property
+    def time(self) -> float:
+        """Simulated time [s]."""
+        return seconds(self.nanoseconds)
+
+
+class RecordedInput(NamedTuple):
+    """A wrench at the time it acted."""
+
+    nanoseconds: int
+    topic: str
+    frame_id: str
+    force: np.ndarray  # (3,) [N]
+    torque: np.ndarray  # (3,) [N m]
+
+    @property
+    def time(self) -> float:
+        """Simulated time [s] at which it acted."""
+        return seconds(self.nanoseconds)
+
+    @property
+    def is_zero(self) -> bool:
+        """Whether it clears its channel."""
+        return not (self.force.any() or self.torque.any())
+
+
+class RecordedEvent(NamedTuple):
+    """What was done to the run beside its inputs, see `Broadcast.event`."""
+
+    nanoseconds: int
+    name: str
+    facts: Mapping[str, Any]
+
+    @property
+    def time(self) -> float:
+        """Simulated time [s] at which it happened."""
+        return seconds(self.nanoseconds)
+
+
+class RecordedRun:
+    """A bag of one fabric, open from the construction to `close`."""
+
+    def __init__(self, path: str | Path, node: str = '') -> None:
+        """
+        Open a bag folder or file; BagError says what is wrong with it.
+
+        `node` is the name of the fabric's node; '': the first of those that recorded poses.
+        """
+        self._reader = BagReader(path)
+        self.path = self._reader.path
+        self.topics: dict[str, BagTopic] = self._reader.topics
+        # All nodes that recorded poses.
+        self.nodes = sorted(
+            name.removesuffix('/poses')
+            for name, topic in self.topics.items()
+            if name.endswith('/poses') and topic.type_name == PoseArrayBytes.TYPE
+        )
+        self.node = node or (self.nodes[0] if self.nodes else '')
+        if node and not any(name.startswith(f'{node}/') for name in self.topics):
+            self.close()
+            raise BagError(
+                f'{self.path} holds no topics of {node!r}; its fabrics: '
+                f'{", ".join(self.nodes) or "none"}'
+            )
+        # What the recorder says; of several fabrics each has said its own.
+        self.custom = (
+            self._reader.custom_on(f'{self.node}/recording') if len(self.nodes) > 1 else {}
+        ) or self._reader.custom
+        self._scenes: dict[int, Scene] = {}
+
+    @property
+    def start(self) -> int:
+        """Time of the first message [ns]."""
+        return self._reader.start_time
+
+    @property
+    def end(self) -> int:
+        """Time of the last message [ns]."""
+        return self._reader.end_time
+
+    def pose_times(self) -> np.ndarray:
+        """Times [ns] of all recorded poses, ascending."""
+        self._require_poses()
+        times = (time for _, time, _ in self._reader.messages([f'{self.node}/poses']))
+        return np.unique(np.fromiter(times, dtype=np.int64))
+
+    def poses(self, times: Sequence[int] | np.ndarray | None = None) -> Iterator[PoseFrame]:
+        """Yield the poses of the given recorded times [ns], all by default, in order of time."""
+        self._require_poses()
+        wanted = None if times is None else {int(time) for time in times}
+        previous = -1
+        for _, time, data in self._reader.messages([f'{self.node}/poses']):
+            if time == previous or (wanted is not None and time not in wanted):
+                continue
+            previous = time
+            values = np.array(self.decoded(decode_pose_array, data).values)
+            yield PoseFrame(time, values[:, :3], values[:, 3:])
+
+    def markers(self, time: int) -> list[MarkerPoints]:
+        """Connector lists as they are shown at `time` [ns]."""
+        shown: dict[int, MarkerPoints] = {}
+        for _, _, data in self._reader.messages([f'{self.node}/connectors'], stop=time + 1):
+            marker = self.decoded(decode_marker_points, data)
+            if marker.action == MarkerAction.DELETEALL:
+                shown.clear()
+            elif marker.action == MarkerAction.DELETE:
+                shown.pop(marker.marker_id, None)
+            else:
+                shown[marker.marker_id] = marker
+        return [shown[number] for number in sorted(shown)]
+
+    def breaks(self) -> list[tuple[int, np.ndarray]]:
+        """
+        All that had broken by some times [ns]: connector and time of breakage [s], (m, 2) each.
+        """
+        return [
+            (time, np.array(self.decoded(decode_float64_multi_array, data).values).reshape(-1, 2))
+            for _, time, data in self._reader.messages([f'{self.node}/broken'])]
+
+    def inputs(self) -> list[RecordedInput]:
+        """All wrenches received, in the order in which they acted."""
+        names = [
+            name
+            for name, topic in self.topics.items()
+            if topic.type_name == WrenchStampedBytes.TYPE and name.startswith(f'{self.node}/')
+        ]
+        result = []
+        for name, time, data in self._reader.messages(names):
+            wrench = self.decoded(decode_wrench_stamped, data)
+            result.append(
+                RecordedInput(
+                    time, name, wrench.frame_id, np.array(wrench.first), np.array(wrench.second)
+                )
+            )
+        return result
+
+    def events(self) -> Iterator[RecordedEvent]:
+        """What was done to the run beside its inputs, in order of time."""
+        for _, time, data in self._reader.messages([f'{self.node}/events']):
+            yield self.event(time, data)
+
+    def event(self, time: int, data: bytes) -> RecordedEvent:
+        """The event that a message of `time` [ns] tells."""
+        try:
+            facts = json.loads(self.decoded(decode_string, data))
+            return RecordedEvent(time, str(facts.pop('event')), facts)
+        except (ValueError, KeyError, AttributeError, TypeError) as error:
+            raise BagError(
+                f'{self.path} holds an invalid event at t = {seconds(time):.9g} s: {error!r}'
+            ) from error
+
+    def times_of(self, name: str) -> list[int]:
+        """Times [ns] of all messages of the private topic `name` ('~/...')."""
+        resolved = self.node + name.removeprefix('~')
+        return [time for _, time, _ in self._reader.messages([resolved])]
+
+    def messages(
+        self, *, start: int | None = None, stop: int | None = None,
+        names: Collection[str] | None = None,
+    ) -> Iterator[tuple[str, int, bytes]]:
+        """
+        Yield (topic, time [ns], message) of this fabric, /clock, /diagnostics, from start to stop.
+
+        In order of time, start <= time < stop, and then as they were written; the fabric's own
+        topics are named '~/...'. `names`: of these only.
+        """
+        chosen = {name: f'~{name.removeprefix(self.node)}' for name in self.topics
+                  if name.startswith(f'{self.node}/')}
+        chosen.update({name: name for name in ('/clock', '/diagnostics')})
+        wanted = [name for name, own in chosen.items() if names is None or own in names]
+        for name, time, data in self._reader.messages(wanted, start=start, stop=stop):
+            yield chosen[name], time, data
+
+    def scene_texts(self) -> list[tuple[int, str]]:
+        """Times [ns] from which the scenes hold, and their parameter files; mostly one."""
+        name = f'{self.node}/weave'
+        texts = []
+        if name in self.topics and self.topics[name].type_name == StringBytes.TYPE:
+            texts = [
+                (time, self.decoded(decode_string, data))
+                for _, time, data in self._reader.messages([name])
+            ]
+        if not texts and self.custom.get('scene'):
+            texts = [(self.start, self.custom['scene'])]
+        return texts
+
+    def scene_at(self, time: int) -> Scene:
+        """Scene in force at `time` [ns]; BagError where the bag does not say."""
+        texts = self.scene_texts()
+        if not texts:
+            raise BagError(
+                f'{self.path} does not hold its scene ({self.node}/weave); only runs that this '
+                'simulator recorded can be read as fabrics'
+            )
+        before = [number for number, (start, _) in enumerate(texts) if start <= time]
+        number = before[-1] if before else 0
+        if number not in self._scenes:
+            self._scenes[number] = self.build(self.parameters_of(texts[number][1]))
+        return self._scenes[number]
+
+    def parameters_of(self, text: str) -> Parameters:
+        """The parameters that a parameter file holds; BagError where they cannot be taken."""
+        parameters = ParameterSet('/icofabric')
+        try:
+            parameters.add_file(text.encode(), 'its scene')
+            return with_recorded(make_parameters(parameters.parameters()), text)
+        except ValueError as error:
+            raise self._unknown_scene(error) from error
+
+    def build(self, parameters: Parameters) -> Scene:
+        """The scene of recorded parameters; BagError where this version cannot build it."""
+        try:
+            return Scene.from_parameters(parameters)
+        except ValueError as error:
+            raise self._unknown_scene(error) from error
+
+    def close(self) -> None:
+        """Let go of the files."""
+        self._reader.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _unknown_scene(self, error: ValueError) -> BagError:
+        return BagError(f'{self.path} holds a scene that this version cannot build: {error}')
+
+    def decoded(self, decode: Callable[[bytes], _Message], data: bytes) -> _Message:
+        """A message as `decode` reads it; BagError where it is malformed."""
+        try:
+            return decode(data)
+        except ValueError as error:
+            raise BagError(f'{self.path} holds a message that is malformed: {error}') from error
+
+    def _require_poses(self) -> None:
+        if f'{self.node}/poses' not in self.topics:
+            raise BagError(
+                f'{self.path} holds no poses (a geometry_msgs/PoseArray on .../poses); its '
+                f'topics: {", ".join(sorted(self.topics)) or "none"}'
+            )
+
+
+def active_inputs(inputs: Sequence[RecordedInput], time: int) -> list[RecordedInput]:
+    """
+    The wrench that holds on each channel at `time` [ns]; zero ones are left out.
+
+    Hold times are not counted.
+    """
+    latest: dict[tuple[str, str], RecordedInput] = {}
+    for entry in inputs:
+        if entry.nanoseconds <= time:
+            # Wrenches on single bodies share a topic and are told apart by their frame.
+            latest[entry.topic, entry.frame_id] = entry
+    return [entry for entry in latest.values() if not entry.is_zero]

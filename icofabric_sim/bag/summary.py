@@ -1,0 +1,262 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""A recorded run in words."""
+
+from dataclasses import dataclass
+import json
+import math
+from pathlib import Path
+
+from icofabric_sim.bag import BagTopic
+from icofabric_sim.bag.event_text import digest_events, event_rows, EventDigest
+from icofabric_sim.bag.recorded_run import PoseFrame, RecordedInput, RecordedRun
+from icofabric_sim.messages.schedule import seconds
+from icofabric_sim.messages.topics import CHECKPOINT
+from icofabric_sim.scene.scene import Scene
+from icofabric_sim.scene.summary import as_lines, Row, times, vector
+import numpy as np
+
+# Inputs listed in the text of a summary; a joystick sends thousands.
+_LARGEST_LIST = 12
+
+
+@dataclass(frozen=True)
+class BagSummary:
+    """What there is to say of a recorded run without looking at every pose."""
+
+    path: Path
+    node: str
+    size: int  # [bytes]
+    topics: dict[str, BagTopic]
+    start: int  # [ns]
+    end: int
+    custom: dict[str, str]
+    scene: Scene | None
+    inputs: tuple[RecordedInput, ...]
+    events: EventDigest
+    checkpoints: tuple[int, ...]  # times [ns] of those in the bag itself
+    first: PoseFrame | None
+    last: PoseFrame | None
+    breaks: np.ndarray | None  # (m, 2) connector and time [s]; None: not recorded
+
+    @property
+    def proximity(self) -> str:
+        """Sentence on shells that came too close; '': none did."""
+        return _unless_none(self.custom.get('proximity', ''))
+
+    @property
+    def failure(self) -> str:
+        """Why the run stopped early; '': it did not."""
+        return _unless_none(self.custom.get('failure', ''))
+
+    @property
+    def finished(self) -> bool:
+        """Whether the recorder came to its end: a bag that was recovered lacks the last word."""
+        return 'failure' in self.custom
+
+    @property
+    def largest_displacement(self) -> tuple[float, int]:
+        """
+        Largest distance [m] of a body between first and last pose, and its number.
+
+        The number is -1 where there is nothing to compare.
+        """
+        if (
+            self.first is None
+            or self.last is None
+            or self.first.position.shape != self.last.position.shape
+        ):
+            return 0.0, -1
+        distance = np.linalg.norm(self.last.position - self.first.position, axis=1)
+        body = int(np.argmax(distance))
+        return float(distance[body]), body
+
+    def rows(self) -> list[Row]:
+        """Label and text of everything."""
+        rows = [
+            ('bag', f'{self.path} ({self.size / 1e6:.3g} MB)'),
+            ('span', f'{seconds(self.start):.6g} s to {seconds(self.end):.6g} s of simulated '
+                     'time'),
+            *self._topic_rows(),
+        ]
+        if self.scene is not None:
+            weave, scene = self.scene.weave, self.scene
+            size = ' x '.join(str(count) for count in weave.size)
+            rows.append((
+                'scene', f'{weave.kind} weave, variant {weave.variant}, {size}: '
+                f'{scene.body_count:,} bodies, {scene.connector_count:,} connectors'))
+        rows += self._origin()
+        rows += self._input_rows()
+        if f'{self.node}/events' in self.topics:
+            rows += event_rows(self.events)
+        if self.checkpoints:
+            rows.append(('checkpoints', self._checkpoint_text()))
+        if 'messages_dropped' in self.custom:
+            rows.append(('left out', f'{self.custom["messages_dropped"]} messages: the disk was '
+                         'too slow; inputs are complete'))
+        for label, frame in (('first poses', self.first), ('last poses', self.last)):
+            if frame is not None:
+                low, high = frame.position.min(axis=0), frame.position.max(axis=0)
+                rows.append((
+                    label, f't = {frame.time:.6g} s: centres from {vector(low, "m")} to '
+                    f'{vector(high, "m")}'))
+        distance, body = self.largest_displacement
+        if body >= 0:
+            rows.append(('moved', f'by up to {distance:.4g} m between them (body {body})'))
+        rows += self._broken()
+        rows.append(('overlap', self.proximity or ('none' if self.finished else 'not known')))
+        if _unless_none(self.custom.get('obstruction', '')):
+            rows.append(('', self.custom['obstruction']))
+        rows.append(('end', self.failure or self._ending()))
+        return rows
+
+    def lines(self) -> list[str]:
+        """Text of everything, one line each."""
+        return as_lines(self.rows())
+
+    def _topic_rows(self) -> list[Row]:
+        span = seconds(self.end - self.start)
+        rows: list[Row] = []
+        for name in sorted(self.topics):
+            topic = self.topics[name]
+            text = f'{name}: {topic.message_count:,} message'
+            text += '' if topic.message_count == 1 else 's'
+            if span > 0.0 and topic.message_count > 2:
+                text += f', {(topic.message_count - 1) / span:.4g} Hz'
+            rows.append(('' if rows else 'topics', f'{text} ({topic.type_name})'))
+        return rows
+
+    def _broken(self) -> list[Row]:
+        """What broke, where anything can."""
+        can = self.scene is not None and self.scene.connectors.limits is not None
+        if self.breaks is None or not (can or len(self.breaks)):
+            return []
+        if not len(self.breaks):
+            return [('broken', 'none')]
+        (first, begin), (_, end) = self.breaks[0], self.breaks[-1]
+        return [('broken', f'{len(self.breaks):,} connectors, from t = {begin:.6g} s (connector '
+                           f'{first:.0f}) to t = {end:.6g} s')]
+
+    def _origin(self) -> list[Row]:
+        custom = self.custom
+        if not custom:
+            return [('recorded by', 'unknown: the bag holds nothing of this simulator')]
+        rows = [('recorded by', f'icofabric_sim {custom.get("version", "?")}')]
+        if 'animation' in custom:
+            rows.append(('animation', f'{custom["animation"]}; nothing was simulated'))
+        if 'method' in custom:
+            reason = f': {custom["method_reason"]}' if 'method_reason' in custom else ''
+            rows.append((
+                'method', f'{custom["method"]}, first step {custom.get("step", "?")} s{reason}'))
+        rows += self._accuracy()
+        if 'processor' in custom:
+            rows.append((
+                'machine', f'{custom["processor"]}, Python {custom.get("python", "?")}'
+                f'{_versions(custom.get("libraries", ""))}{_threads(custom)}'))
+        return rows
+
+    def _accuracy(self) -> list[Row]:
+        """
+        What was achieved; bags that were killed, and those of older versions, do not tell it.
+        """
+        rows: list[Row] = []
+        if 'tolerance' in self.custom:
+            text = f'solver.tolerance is {self.number("tolerance"):g} per second'
+            estimate, rate = self.number('error_estimate'), self.number('error_rate')
+            rows.append(('accuracy', f'not measured; {text}' if math.isnan(estimate) else (
+                f'errors of {estimate:.2g} added in all, lately {rate:.2g} per second (position '
+                f'over a, or rad); {text}')))
+            lacks = self.custom.get('error_estimate_lacks', 'nothing')
+            if lacks != 'nothing':
+                rows.append(('', f'not covered by that: {lacks}'))
+        if 'growth' in self.custom:
+            at_least = self.custom.get('growth_is_at_least') == 'true'
+            until = self.number('meaningful_until')
+            rows.append((
+                'growth', f'a small disturbance grew {times(self.number("growth"), at_least)}; '
+                'the trajectory means something ' + (
+                    'to its end' if until == math.inf else f'until t = {until:.4g} s')))
+        if 'balance_worst' in self.custom:
+            rows.append((
+                'balance', f'energy off by at most {self.number("balance_worst"):.1e} of the '
+                'largest that moved, was exchanged or put in'))
+        return rows
+
+    def number(self, name: str) -> float:
+        """A figure of the custom data; not a number where there is none."""
+        try:
+            return float(self.custom.get(name, ''))
+        except ValueError:
+            return math.nan
+
+    def _input_rows(self) -> list[Row]:
+        if not self.inputs:
+            return [('inputs', 'none received')]
+        rows = [('inputs', f'{len(self.inputs):,} received')]
+        for entry in self.inputs[:_LARGEST_LIST]:
+            what = 'cleared' if entry.is_zero else (
+                f'force {vector(entry.force, "N")}, torque {vector(entry.torque, "N m")}')
+            frame = f' ({entry.frame_id})' if entry.frame_id else ''
+            rows.append(('', f't = {entry.time:.9g} s  {entry.topic}{frame}: {what}'))
+        if len(self.inputs) > _LARGEST_LIST:
+            rows.append(('', f'... and {len(self.inputs) - _LARGEST_LIST:,} more'))
+        return rows
+
+    def _checkpoint_text(self) -> str:
+        said = [f't = {seconds(time):.9g} s' for time in self.checkpoints[:_LARGEST_LIST]]
+        more = len(self.checkpoints) - len(said)
+        return ', '.join(said) + (f' and {more:,} more' if more else '') + ' (in the bag)'
+
+    def _ending(self) -> str:
+        if 'recording_stopped' in self.custom:
+            return f'the recording stopped before the run did: {self.custom["recording_stopped"]}'
+        if self.custom and not self.finished and 'animation' not in self.custom:
+            return 'the recorder was killed: this is what was saved of the run'
+        if self.custom.get('interrupted') == 'true':
+            return 'interrupted by the user; closed properly'
+        return 'closed properly'
+
+
+def summarise_bag(path: str | Path) -> BagSummary:
+    """Summarise a bag folder or file; BagError says what is wrong with it."""
+    with RecordedRun(path) as run:
+        first = last = None
+        if f'{run.node}/poses' in run.topics:
+            times = run.pose_times()
+            if len(times):
+                frames = list(run.poses([times[0], times[-1]]))
+                first, last = frames[0], frames[-1]
+        scene = run.scene_at(run.start) if run.scene_texts() else None
+        files = run.path.rglob('*') if run.path.is_dir() else [run.path]
+        return BagSummary(
+            path=run.path,
+            node=run.node,
+            size=sum(file.stat().st_size for file in files if file.is_file()),
+            topics=dict(run.topics),
+            start=run.start,
+            end=run.end,
+            custom=run.custom,
+            scene=scene,
+            inputs=tuple(run.inputs()),
+            events=digest_events(run.events()),
+            checkpoints=tuple(run.times_of(CHECKPOINT.name)),
+            first=first,
+            last=last,
+            breaks=next((breaks for _, breaks in reversed(run.breaks())), None),
+        )
+
+
+def _threads(custom: dict[str, str]) -> str:
+    count = custom.get('threads', '')
+    return f', {count} thread{"" if count == "1" else "s"}' if count else ''
+
+
+def _unless_none(text: str) -> str:
+    return '' if text == 'none' else text
+
+
+def _versions(libraries: str) -> str:
+    try:
+        return ''.join(f', {name} {version}' for name, version in json.loads(libraries).items())
+    except (ValueError, AttributeError):
+        return ''

@@ -1,0 +1,313 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+Checked conversions of arguments from outside.
+
+Each returns the argument in the type that the code behind it works with, or says in one line
+which argument must be what, and what came. TypeError: a value of another kind; ValueError: the
+right kind, but not in range, not finite or of another shape. Integers are numbers, those of NumPy
+too. Booleans and texts are no numbers.
+"""
+
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from enum import IntEnum
+import math
+from numbers import Real
+import operator
+import os
+import reprlib
+from typing import Any, TypeVar
+
+import numpy as np
+
+T = TypeVar('T')
+E = TypeVar('E', bound=IntEnum)
+
+_COUNTS = {2: 'two', 3: 'three', 4: 'four', 6: 'six'}
+_LONGEST = 80  # characters of a value that is shown
+_DEEPEST = 8  # levels of nested lists that are searched for booleans
+_SHORT = reprlib.Repr()
+_SHORT.maxstring = _SHORT.maxother = _LONGEST
+_SHORT.maxlong = 30
+# Quaternions this far from unit length are scaled, others refused.
+_ALMOST_UNIT = 1e-3
+_ROUNDING = 4e-16
+_BOOLEANS = (bool, np.bool_)
+_SHOWN_AS_THEY_ARE = (
+    type(None), str, bytes, *_BOOLEANS, int, float, complex, np.generic, list, tuple, dict, set,
+    frozenset, range, os.PathLike)
+
+
+def number(
+    name: str, value: Any, *, unit: str = '', least: float | None = None,
+    above: float | None = None, most: float | None = None, below: float | None = None,
+    wish: str = ''
+) -> float:
+    """Return a finite number within bounds; `wish` says in place of the bounds what is wanted."""
+    if isinstance(value, np.ndarray) and value.ndim == 0:
+        value = value[()]
+    if not isinstance(value, Real) or isinstance(value, _BOOLEANS):
+        raise TypeError(_refusal(name, wish or _range(least, above, most, below), unit, value))
+    try:
+        result = float(value)
+    except OverflowError:
+        result = math.inf
+    if (
+        math.isfinite(result) and (least is None or result >= least)
+        and (above is None or result > above) and (most is None or result <= most)
+        and (below is None or result < below)
+    ):
+        return result
+    raise ValueError(_refusal(name, wish or _range(least, above, most, below), unit, value))
+
+
+def positive(name: str, value: Any, unit: str = '') -> float:
+    """Return a finite number above 0."""
+    return number(name, value, unit=unit, wish='a positive, finite number', above=0.0)
+
+
+def count(name: str, value: Any, least: int = 0, most: int | None = None) -> int:
+    """Return an integer within bounds, both included."""
+    try:
+        result = operator.index(value)
+        if not isinstance(value, _BOOLEANS) and least <= result and (
+                most is None or result <= most):
+            return result
+        kind: type[Exception] = TypeError if isinstance(value, _BOOLEANS) else ValueError
+    except TypeError:
+        kind = TypeError
+    bounds = f'an integer of at least {least}' if most is None else (
+        f'an integer from {least} to {most}')
+    raise kind(_refusal(name, bounds, '', value))
+
+
+def flag(name: str, value: Any) -> bool:
+    """Return True or False."""
+    if not isinstance(value, _BOOLEANS):
+        raise TypeError(_refusal(name, 'True or False', '', value))
+    return bool(value)
+
+
+def text(name: str, value: Any, wish: str = 'a text') -> str:
+    """Return a text."""
+    if not isinstance(value, str):
+        raise TypeError(_refusal(name, wish, '', value))
+    return str(value)
+
+
+def choice(name: str, value: Any, choices: Collection[str]) -> str:
+    """Return one of a closed set of words."""
+    wish = f'one of {", ".join(choices)}'
+    if text(name, value, wish) not in choices:
+        raise ValueError(_refusal(name, wish, '', value))
+    return str(value)
+
+
+def path(name: str, value: Any, wish: str = 'the path of a file') -> str:
+    """Return a path as a text."""
+    # A number would be taken for an open file.
+    found = os.fspath(value) if isinstance(value, os.PathLike) else value
+    if not isinstance(found, str):
+        raise TypeError(_refusal(name, f'{wish}, a text or a Path', '', value))
+    if not found or '\0' in found:
+        raise ValueError(_refusal(name, wish, '', value))
+    return found
+
+
+def instance(name: str, value: Any, kind: type[T], way: str = '') -> T:
+    """Return an object of a class; `way` says how to come by one."""
+    if not isinstance(value, kind):
+        shown_kind = f'{_article(kind.__name__)} {kind.__name__}'
+        raise TypeError(_refusal(name, shown_kind, '', value) + (f'; {way}' if way else ''))
+    return value
+
+
+def member(name: str, value: Any, kind: type[E]) -> E:
+    """Return a member of an enumeration of integers, from itself or its number."""
+    wish = f'one of {", ".join(f"{kind.__name__}.{each.name}" for each in kind)}'
+    if isinstance(value, _BOOLEANS) or not isinstance(value, int):
+        raise TypeError(_refusal(name, wish, '', value))
+    if value not in tuple(kind):
+        raise ValueError(_refusal(name, wish, '', value))
+    return kind(value)
+
+
+def items(name: str, value: Any, wish: str) -> list[Any]:
+    """Return what an iterable other than a text holds; the caller judges each."""
+    if isinstance(value, (str, bytes, Mapping)) or not isinstance(value, Iterable):
+        raise TypeError(_refusal(name, f'a list of {wish}', '', value))
+    return list(value)
+
+
+def function(name: str, value: Any, wish: str = 'a function') -> Callable[..., Any]:
+    """Return something that can be called."""
+    if not callable(value):
+        raise TypeError(_refusal(name, wish, '', value))
+    return value  # type: ignore[no-any-return]
+
+
+def mapping(name: str, value: Any, wish: str = 'a dictionary of names and values') -> Mapping[
+        str, Any]:
+    """Return a dictionary whose keys are texts."""
+    if not isinstance(value, Mapping):
+        raise TypeError(_refusal(name, wish, '', value))
+    for key in value:
+        if not isinstance(key, str):
+            raise TypeError(f'{name} must be {wish}; the name {shown(key)} is not a text')
+    return value
+
+
+def array(
+    name: str, value: Any, shape: Sequence[int | str], unit: str = '', *, row: str = 'row',
+    finite: bool = True
+) -> np.ndarray:
+    """
+    Return a new array of doubles; `row` is what a message calls a row of it.
+
+    `shape`: sizes; a word such as 'n' stands for any size, a first one such as '[n]' for an axis
+    that may be missing, and '...' for any axes.
+    """
+    wish = _wish_of(shape)
+    if not isinstance(value, np.ndarray) and _holds_boolean(value, _DEEPEST):
+        raise TypeError(_refusal(name, wish, unit, value))
+    try:
+        found = np.asarray(value)
+    except ValueError:
+        raise ValueError(
+            f'{name} must be {wish}{_of(unit)}, got rows of different lengths') from None
+    except Exception:  # noqa: BLE001 - an object that claims to be an array
+        raise TypeError(_refusal(name, wish, unit, value)) from None
+    if found.dtype.kind == 'O' and all(isinstance(part, Real) for part in found.flat) and (
+            found.ndim or not isinstance(value, Real)):
+        try:
+            found = found.astype(float)
+        except OverflowError:
+            raise ValueError(_refusal(name, wish, unit, value)) from None
+    if found.dtype.kind not in 'iuf':
+        raise TypeError(_refusal(name, wish, unit, value))
+    if not _fits(found.shape, tuple(shape)):
+        raise ValueError(
+            _refusal(name, wish, unit, value) if len(shape) == 1 and found.size <= 4
+            else f'{name} must be {wish}{_of(unit)}, got the shape {found.shape}')
+    with np.errstate(over='ignore'):
+        result = np.array(found, dtype=float, order='C', subok=False)
+    if finite and not np.isfinite(result).all():
+        if result.ndim < 2:
+            raise ValueError(_refusal(name, wish, unit, value))
+        found = result.reshape(-1, result.shape[-1])
+        worst = int(np.argmin(np.isfinite(found).all(axis=1)))
+        raise ValueError(
+            f'{name} of {row} {worst} must be finite{_of(unit)}, got {shown(found[worst])}')
+    return result
+
+
+def quaternions(
+    name: str, value: Any, shape: Sequence[int | str], *, row: str = 'row'
+) -> np.ndarray:
+    """Return quaternions x, y, z, w, scaled to unit length where they are off by a little."""
+    found = array(name, value, shape, row=row)
+    length = np.linalg.norm(found, axis=-1, keepdims=True)
+    off = np.abs(length - 1.0)
+    if not (off <= _ALMOST_UNIT).all():
+        worst = int(np.argmax(off))
+        which = f' of {row} {worst}' if found.ndim > 1 else ''
+        raise ValueError(
+            f'{name}{which} must be a unit quaternion x, y, z, w, got '
+            f'{shown(found.reshape(-1, 4)[worst])}')
+    return np.where(off <= _ROUNDING, found, found / length)
+
+
+def directions(name: str, value: Any, *, single: bool = False) -> np.ndarray:
+    """
+    Return unit vectors along directions (..., 3), none of which is zero; `single`: of one, (3,).
+    """
+    found = array(name, value, (3,) if single else ('...', 3))
+    if not found.size:
+        raise ValueError(f'{name} must hold at least one direction, got the shape {found.shape}')
+    # Squares of large and of small numbers leave the range of doubles.
+    size = np.abs(found).max(axis=-1, keepdims=True)
+    if not size.all():
+        raise ValueError(f'{name} must be three numbers, not all 0, got a direction of zeros')
+    found /= size
+    return np.asarray(found / np.linalg.norm(found, axis=-1, keepdims=True))
+
+
+def alike_rows(name: str, value: np.ndarray, other: str, reference: np.ndarray) -> None:
+    """Refuse two arrays (..., 3) whose leading axes cannot go together."""
+    try:
+        np.broadcast_shapes(value.shape[:-1], reference.shape[:-1])
+    except ValueError:
+        raise ValueError(
+            f'{name} and {other} must have as many rows as each other, or one, got the shapes '
+            f'{value.shape} and {reference.shape}') from None
+
+
+def shown(value: Any) -> str:
+    """Return a value as a message shows it: short, on one line."""
+    kind = type(value).__name__
+    if isinstance(value, np.ndarray) and (value.size > 6 or value.ndim > 1):
+        return f'an array of shape {value.shape} and type {value.dtype}'
+    if isinstance(value, np.ndarray):
+        value = value.tolist()
+    if not isinstance(value, _SHOWN_AS_THEY_ARE):
+        if callable(value) and hasattr(value, '__name__'):
+            return f'{kind} {value.__name__}'
+        return f'{_article(kind)} {kind}'
+    try:
+        words = ' '.join(_SHORT.repr(value).split())
+    except Exception:  # noqa: BLE001 - an integer of thousands of digits, a class of the user's
+        return f'{_article(kind)} {kind}'
+    return words if len(words) <= _LONGEST else words[:_LONGEST] + '...'
+
+
+def _refusal(name: str, wish: str, unit: str, value: Any) -> str:
+    return f'{name} must be {wish}{_of(unit)}, got {shown(value)}'
+
+
+def _of(unit: str) -> str:
+    return f' [{unit}]' if unit else ''
+
+
+def _range(
+    least: float | None, above: float | None, most: float | None, below: float | None
+) -> str:
+    bounds = (
+        ('at least', least), ('above', above), ('at most', most), ('below', below))
+    words = ' and '.join(f'{word} {bound:.17g}' for word, bound in bounds if bound is not None)
+    return f'a finite number, {words}' if words else 'a finite number'
+
+
+def _wish_of(shape: Sequence[int | str]) -> str:
+    if len(shape) == 1 and isinstance(shape[0], int):
+        return f'{_COUNTS.get(shape[0], shape[0])} finite numbers'
+    sizes = ', '.join(map(str, shape)) + (',' if len(shape) == 1 else '')
+    if _may_lack(shape):
+        rest = f'{_wish_of(shape[1:])} or '
+        return f'{rest}of the shape ({sizes})'.replace('[', '').replace(']', '')
+    return f'finite numbers of the shape ({sizes})'
+
+
+def _fits(found: tuple[int, ...], wanted: tuple[int | str, ...]) -> bool:
+    if _may_lack(wanted) and len(found) < len(wanted):
+        wanted = wanted[1:]
+    if wanted and wanted[0] == '...':
+        wanted = wanted[1:]
+        found = found[max(len(found) - len(wanted), 0):]
+    return len(found) == len(wanted) and all(
+        isinstance(size, str) or size == own for own, size in zip(found, wanted))
+
+
+def _may_lack(shape: Sequence[int | str]) -> bool:
+    return str(shape[0]).startswith('[')
+
+
+def _holds_boolean(value: Any, levels: int) -> bool:
+    if isinstance(value, (list, tuple)) and levels:
+        return any(_holds_boolean(part, levels - 1) for part in value)
+    if isinstance(value, np.ndarray):
+        return value.dtype.kind == 'b'
+    return isinstance(value, _BOOLEANS)
+
+
+def _article(word: str) -> str:
+    return 'an' if word[:1].lower() in 'aeio' else 'a'

@@ -1,0 +1,494 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+Axes on which two icosahedra are apart, or overlap.
+
+Both are symmetric about their centres, so the places of the second centre where the bodies touch
+form the sum of both bodies about the first centre (the Minkowski sum of one and the other
+reflected). The line of centres leaves that sum through one of its facets, whose normal is the
+axis: the bodies are apart where the second centre lies beyond it. The facet is found by portal
+refinement (G. Snethen, XenoCollide, Game Programming Gems 7, 2008): a triangle of points of the
+sum's surface round the line is moved outwards until it lies in a facet.
+
+Frame: axes of the first body, lengths over a; q is the matrix from the second body's axes.
+"""
+
+import math
+
+from icofabric_sim.kernels.contact.shape import (
+    AXES,
+    AXIS_COUNT,
+    AXIS_FACES,
+    farthest,
+    INNER,
+    NORMALS,
+    OPPOSITE,
+    reach,
+    reach_lanes,
+    RIDGES,
+    WAY_COUNT,
+    WAYS,
+)
+from icofabric_sim.kernels.runtime.compiled import compiled
+from icofabric_sim.kernels.runtime.lanes import (
+    fabs,
+    fma,
+    LANES,
+    load_at,
+    splat,
+    store_at,
+    Vector,
+    where,
+)
+import numpy as np
+
+# What rounding may do to a scalar product of numbers near 1, generously.
+ROUNDING = 1e-14
+# Four or five rounds are the rule; each looks at another vertex of the sum, which has some 200.
+_ROUNDS = 64
+APART, OVERLAP, UNSURE = 0, 1, 2
+# Numbers of lanes.
+NUMBERS = np.arange(float(LANES))
+# Edges at a smaller angle [rad] are left to refinement.
+_SLANT = 1e-5
+# The line of centres may miss a facet by this.
+_BESIDE = 1e-9
+# Places in the room of a pair (contact_surface.py): the matrix q, and four rows of a point of the
+# sum and the first body's part of it.
+MATRIX, PORTAL = 0, 9
+# Directions of edges of either body, six times AXIS_COUNT numbers each; lanes.
+OWN, OTHER, ALONG, MOST, OVER, WHICH = 256, 352, 448, 464, 472, 480
+Nine = tuple[float, float, float, float, float, float, float, float, float]
+
+
+@compiled
+def turn_back(q: np.ndarray, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """The transpose of a matrix (3, 3) times a vector."""
+    return (q[0, 0] * x + q[1, 0] * y + q[2, 0] * z,
+            q[0, 1] * x + q[1, 1] * y + q[2, 1] * z,
+            q[0, 2] * x + q[1, 2] * y + q[2, 2] * z)
+
+
+@compiled
+def turn(q: np.ndarray, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """A matrix (3, 3) times a vector."""
+    return (q[0, 0] * x + q[0, 1] * y + q[0, 2] * z,
+            q[1, 0] * x + q[1, 1] * y + q[1, 2] * z,
+            q[2, 0] * x + q[2, 1] * y + q[2, 2] * z)
+
+
+@compiled
+def separation_on(
+    half_edge: float, xa: np.ndarray, ra: np.ndarray, xb: np.ndarray, rb: np.ndarray,
+    ux: float, uy: float, uz: float
+) -> float:
+    """
+    Gap [m] along a unit vector of the world that leads from body A to B; negative: overlap.
+
+    Centres [m] (3,), matrices from body to world axes (3, 3). The bodies are at least so far
+    apart; their distance is the largest gap of all axes.
+    """
+    ax, ay, az = turn_back(ra, ux, uy, uz)
+    bx, by, bz = turn_back(rb, ux, uy, uz)
+    between = ux * (xb[0] - xa[0]) + uy * (xb[1] - xa[1]) + uz * (xb[2] - xa[2])
+    return between - half_edge * (reach(ax, ay, az) + reach(bx, by, bz))
+
+
+@compiled
+def turn_to(room: np.ndarray, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """A vector of the second body's axes in those of the first."""
+    return (room[0] * x + room[1] * y + room[2] * z,
+            room[3] * x + room[4] * y + room[5] * z,
+            room[6] * x + room[7] * y + room[8] * z)
+
+
+@compiled
+def turn_from(room: np.ndarray, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """A vector of the first body's axes in those of the second."""
+    return (room[0] * x + room[3] * y + room[6] * z,
+            room[1] * x + room[4] * y + room[7] * z,
+            room[2] * x + room[5] * y + room[8] * z)
+
+
+@compiled
+def put_farthest(room: np.ndarray, ux: float, uy: float, uz: float, row: int) -> float:
+    """
+    Write the sum's farthest point along u, and the first body's part of it, into a row of PORTAL.
+
+    Returns its scalar product with u.
+    """
+    ax, ay, az = farthest(ux, uy, uz)
+    bx, by, bz = turn_from(room, ux, uy, uz)
+    bx, by, bz = farthest(bx, by, bz)
+    bx, by, bz = turn_to(room, bx, by, bz)
+    x, y, z = ax + bx, ay + by, az + bz
+    k = PORTAL + 6 * row
+    room[k] = x
+    room[k + 1] = y
+    room[k + 2] = z
+    room[k + 3] = ax
+    room[k + 4] = ay
+    room[k + 5] = az
+    return ux * x + uy * y + uz * z
+
+
+@compiled
+def corner(room: np.ndarray, row: int) -> tuple[float, float, float]:
+    """Point of a row of PORTAL."""
+    k = PORTAL + 6 * row
+    return room[k], room[k + 1], room[k + 2]
+
+
+@compiled
+def cross(
+    one: tuple[float, float, float], two: tuple[float, float, float]
+) -> tuple[float, float, float]:
+    """Cross product."""
+    return (one[1] * two[2] - one[2] * two[1], one[2] * two[0] - one[0] * two[2],
+            one[0] * two[1] - one[1] * two[0])
+
+
+@compiled
+def dot(one: tuple[float, float, float], two: tuple[float, float, float]) -> float:
+    """Scalar product."""
+    return one[0] * two[0] + one[1] * two[1] + one[2] * two[2]
+
+
+@compiled
+def across(c: tuple[float, float, float]) -> tuple[float, float, float]:
+    """A vector at right angles to another that is not zero."""
+    x, y, z = c
+    if abs(x) <= abs(y) and abs(x) <= abs(z):
+        return 0.0, -z, y
+    if abs(y) <= abs(z):
+        return z, 0.0, -x
+    return -y, x, 0.0
+
+
+@compiled
+def beyond_most(room: np.ndarray, cx: float, cy: float, cz: float) -> tuple[int, float]:
+    """
+    The face normal on which c is farthest out, relative to the sum of both bodies.
+
+    Returns a number in AXES, AXIS_COUNT more for a normal of the second body; and how far out,
+    1 on the surface of the sum.
+    """
+    q0, q1, q2 = splat(room[0]), splat(room[1]), splat(room[2])
+    q3, q4, q5 = splat(room[3]), splat(room[4]), splat(room[5])
+    q6, q7, q8 = splat(room[6]), splat(room[7]), splat(room[8])
+    x, y, z = splat(cx), splat(cy), splat(cz)
+    # c in the second body's axes, where its normals are the same constants.
+    bx, by, bz = (fma(q0, x, fma(q3, y, q6 * z)), fma(q1, x, fma(q4, y, q7 * z)),
+                  fma(q2, x, fma(q5, y, q8 * z)))
+    own = splat(INNER)
+    # As products, because a division takes as long as all of the rest.
+    most, over, which = splat(0.0), splat(1.0), splat(0.0)
+    for k in range(0, AXIS_COUNT, LANES):
+        nx = load_at(AXES, k)
+        ny = load_at(AXES, AXIS_COUNT + k)
+        nz = load_at(AXES, 2 * AXIS_COUNT + k)
+        number = load_at(NUMBERS, 0) + splat(float(k))
+        far = fabs(fma(nx, x, fma(ny, y, nz * z)))
+        whole = own + reach_lanes(
+            fma(q0, nx, fma(q3, ny, q6 * nz)), fma(q1, nx, fma(q4, ny, q7 * nz)),
+            fma(q2, nx, fma(q5, ny, q8 * nz)))
+        farther = far * over > most * whole
+        which = where(farther, number, which)
+        most = where(farther, far, most)
+        over = where(farther, whole, over)
+        far = fabs(fma(nx, bx, fma(ny, by, nz * bz)))
+        whole = own + reach_lanes(
+            fma(q0, nx, fma(q1, ny, q2 * nz)), fma(q3, nx, fma(q4, ny, q5 * nz)),
+            fma(q6, nx, fma(q7, ny, q8 * nz)))
+        farther = far * over > most * whole
+        which = where(farther, number + splat(float(AXIS_COUNT)), which)
+        most = where(farther, far, most)
+        over = where(farther, whole, over)
+    best = best_lane(room, most, over, which)
+    return int(room[WHICH + best]), room[MOST + best] / room[OVER + best]
+
+
+@compiled
+def best_lane(room: np.ndarray, most: Vector, over: Vector, which: Vector) -> int:
+    """The lane where `most` over `over` is largest; writes all three."""
+    store_at(room, MOST, most)
+    store_at(room, OVER, over)
+    store_at(room, WHICH, which)
+    best = 0
+    for k in range(1, LANES):
+        larger = room[MOST + k] * room[OVER + best] > room[MOST + best] * room[OVER + k]
+        best = k if larger else best
+    return best
+
+
+@compiled
+def within(face: int, x: float, y: float, z: float) -> bool:
+    """Whether a point in body axes is within the pyramid of a face."""
+    outside = False
+    for k in range(3):
+        outside |= RIDGES[face, k, 0] * x + RIDGES[face, k, 1] * y + RIDGES[face, k, 2] * z > 0.0
+    return not outside
+
+
+@compiled
+def find_facet(
+    room: np.ndarray, cx: float, cy: float, cz: float
+) -> tuple[int, float, float, float, float, float, float, float]:
+    """
+    Say whether two bodies are APART, OVERLAP, or neither was found out (UNSURE).
+
+    Then the unit axis (3) from the first body to the second, the gap along it (negative: overlap;
+    no other axis is looked at), and of overlapping bodies the deepest point of both: where they
+    would touch if they shrank about their centres. c is the second centre, not at the first;
+    room[MATRIX:] holds q, row by row. An axis with a gap ends the search.
+    """
+    square = cx * cx + cy * cy + cz * cz
+    bx, by, bz = turn_from(room, cx, cy, cz)
+    between = square - reach(cx, cy, cz) - reach(bx, by, bz)
+    if between > 0.0:
+        length = math.sqrt(square)
+        gap = between / length
+        if gap > ROUNDING:
+            return APART, cx / length, cy / length, cz / length, gap, 0.0, 0.0, 0.0
+    axis, out = beyond_most(room, cx, cy, cz)
+    second = axis >= AXIS_COUNT
+    face = AXIS_FACES[axis - AXIS_COUNT if second else axis]
+    ux, uy, uz = NORMALS[face, 0], NORMALS[face, 1], NORMALS[face, 2]
+    # The normal in the axes of both bodies, towards c.
+    if second:
+        nx, ny, nz = turn_to(room, ux, uy, uz)
+    else:
+        nx, ny, nz = ux, uy, uz
+    between = nx * cx + ny * cy + nz * cz
+    if between < 0.0:
+        face = OPPOSITE[face]
+        between, nx, ny, nz = -between, -nx, -ny, -nz
+    far = between / out
+    gap = between - far
+    if gap > ROUNDING:
+        return APART, nx, ny, nz, gap, 0.0, 0.0, 0.0
+    # The facet of a face and the other body's farthest vertex: does the line leave through it?
+    if second:
+        ax, ay, az = farthest(nx, ny, nz)
+        bx, by, bz = turn_from(room, cx / out - ax, cy / out - ay, cz / out - az)
+        if within(face, bx, by, bz):
+            return OVERLAP, nx, ny, nz, gap, out * ax, out * ay, out * az
+    else:
+        bx, by, bz = turn_from(room, nx, ny, nz)
+        bx, by, bz = farthest(bx, by, bz)
+        bx, by, bz = turn_to(room, bx, by, bz)
+        ax, ay, az = cx / out - bx, cy / out - by, cz / out - bz
+        if within(face, ax, ay, az):
+            return OVERLAP, nx, ny, nz, gap, out * ax, out * ay, out * az
+    return across_edges(room, cx, cy, cz, out)
+
+
+@compiled
+def put_ways(
+    room: np.ndarray, at: int, x: float, y: float, z: float, limit: float, m: Nine
+) -> int:
+    """
+    Write the edge directions whose product with (x, y, z) has a square below a limit.
+
+    x, y and z in the body's own axes, then times the matrix m, AXIS_COUNT numbers each, 0 after
+    the last; returns how many.
+    """
+    cx, cy, cz, zero = splat(x), splat(y), splat(z), splat(0.0)
+    for k in range(0, AXIS_COUNT, LANES):
+        along = fma(load_at(WAYS, k), cx, fma(
+            load_at(WAYS, AXIS_COUNT + k), cy, load_at(WAYS, 2 * AXIS_COUNT + k) * cz))
+        store_at(room, ALONG + k, along * along)
+        for row in range(3):
+            store_at(room, at + AXIS_COUNT * row + k, zero)
+    count = 0
+    for way in range(WAY_COUNT):
+        room[at + count] = WAYS[way]
+        room[at + AXIS_COUNT + count] = WAYS[AXIS_COUNT + way]
+        room[at + 2 * AXIS_COUNT + count] = WAYS[2 * AXIS_COUNT + way]
+        count += 1 if room[ALONG + way] < limit else 0
+    for row in range(3):
+        room[at + AXIS_COUNT * row + count] = 0.0
+    for k in range(0, AXIS_COUNT, LANES):
+        ex = load_at(room, at + k)
+        ey = load_at(room, at + AXIS_COUNT + k)
+        ez = load_at(room, at + 2 * AXIS_COUNT + k)
+        for row in range(3):
+            store_at(room, at + AXIS_COUNT * (3 + row) + k, fma(splat(m[3 * row]), ex, fma(
+                splat(m[3 * row + 1]), ey, splat(m[3 * row + 2]) * ez)))
+    return count
+
+
+@compiled
+def beyond_edges(
+    room: np.ndarray, own: int, other: int, cx: float, cy: float, cz: float, out: float
+) -> int:
+    """
+    The pair of edge directions across both of which c is farthest out, more than `out`; or -1.
+
+    Of the first `own` and `other` that were written; returns AXIS_COUNT times the number of the
+    first body's plus that of the second's.
+    """
+    x, y, z = splat(cx), splat(cy), splat(cz)
+    # As products, because a division takes as long as all of the rest.
+    most, over, which = splat(out), splat(1.0), splat(-1.0)
+    for k in range(0, other, LANES):
+        px, py, pz = (load_at(room, OTHER + k), load_at(room, OTHER + AXIS_COUNT + k),
+                      load_at(room, OTHER + 2 * AXIS_COUNT + k))
+        fx, fy, fz = (load_at(room, OTHER + 3 * AXIS_COUNT + k),
+                      load_at(room, OTHER + 4 * AXIS_COUNT + k),
+                      load_at(room, OTHER + 5 * AXIS_COUNT + k))
+        lane_numbers = load_at(NUMBERS, 0) + splat(float(k))
+        for way in range(own):
+            ex, ey, ez = (splat(room[OWN + way]), splat(room[OWN + AXIS_COUNT + way]),
+                          splat(room[OWN + 2 * AXIS_COUNT + way]))
+            nx, ny, nz = ey * fz - ez * fy, ez * fx - ex * fz, ex * fy - ey * fx
+            far = fabs(fma(nx, x, fma(ny, y, nz * z)))
+            whole = reach_lanes(nx, ny, nz)
+            # The same in the second body's axes.
+            ex, ey, ez = (splat(room[OWN + 3 * AXIS_COUNT + way]),
+                          splat(room[OWN + 4 * AXIS_COUNT + way]),
+                          splat(room[OWN + 5 * AXIS_COUNT + way]))
+            whole = whole + reach_lanes(
+                ey * pz - ez * py, ez * px - ex * pz, ex * py - ey * px)
+            farther = far * over > most * whole
+            most = where(farther, far, most)
+            over = where(farther, whole, over)
+            which = where(farther, lane_numbers + splat(float(AXIS_COUNT * way)), which)
+    return int(room[WHICH + best_lane(room, most, over, which)])
+
+
+@compiled
+def across_edges(
+    room: np.ndarray, cx: float, cy: float, cz: float, out: float
+) -> tuple[int, float, float, float, float, float, float, float]:
+    """
+    The same where no face decides: by the edges of both, or by refinement where they do not.
+
+    On the normals of faces c is `out` times as far out as the sum of both bodies. A normal n
+    across an edge e has n . c <= |c - (c . e) e|, and the sum reaches 2 rho along it at least:
+    most edges need no look.
+    """
+    least = 2.0 * INNER * out * (1.0 - ROUNDING)
+    limit = cx * cx + cy * cy + cz * cz - least * least
+    bx, by, bz = turn_from(room, cx, cy, cz)
+    own = put_ways(room, OWN, cx, cy, cz, limit, (
+        room[0], room[3], room[6], room[1], room[4], room[7], room[2], room[5], room[8]))
+    other = put_ways(room, OTHER, bx, by, bz, limit, (
+        room[0], room[1], room[2], room[3], room[4], room[5], room[6], room[7], room[8]))
+    pair = beyond_edges(room, own, other, cx, cy, cz, out)
+    if pair < 0:
+        return refine(room, cx, cy, cz)
+    own, other = OWN + pair // AXIS_COUNT, OTHER + pair % AXIS_COUNT
+    e = room[own], room[own + AXIS_COUNT], room[own + 2 * AXIS_COUNT]
+    f = (room[other + 3 * AXIS_COUNT], room[other + 4 * AXIS_COUNT],
+         room[other + 5 * AXIS_COUNT])
+    n = cross(e, f)
+    length = math.sqrt(dot(n, n))
+    # Edges that are nearly parallel have a cross product of rounding only.
+    if not length > _SLANT:
+        return refine(room, cx, cy, cz)
+    if dot(n, (cx, cy, cz)) < 0.0:
+        length = -length
+    nx, ny, nz = n[0] / length, n[1] / length, n[2] / length
+    bx, by, bz = turn_from(room, nx, ny, nz)
+    ax, ay, az = farthest(nx, ny, nz)
+    bx, by, bz = farthest(bx, by, bz)
+    bx, by, bz = turn_to(room, bx, by, bz)
+    between = nx * cx + ny * cy + nz * cz
+    far = nx * (ax + bx) + ny * (ay + by) + nz * (az + bz)
+    gap = between - far
+    if gap > ROUNDING:
+        return APART, nx, ny, nz, gap, 0.0, 0.0, 0.0
+    # Both vertices are ends of these edges, whose middles are nearest to the centres. The line
+    # leaves through the parallelogram of both where it is within 1 of its middle along either.
+    s, t = dot(e, (ax, ay, az)), dot(f, (bx, by, bz))
+    ax, ay, az = ax - s * e[0], ay - s * e[1], az - s * e[2]
+    bx, by, bz = bx - t * f[0], by - t * f[1], bz - t * f[2]
+    out = between / far
+    r = cx / out - ax - bx, cy / out - ay - by, cz / out - az - bz
+    own_part = dot(cross(r, f), (nx, ny, nz)) / length
+    other_part = dot(cross(e, r), (nx, ny, nz)) / length
+    if (abs(abs(s) - 1.0) < 1e-3 and abs(abs(t) - 1.0) < 1e-3
+            and abs(own_part) <= 1.0 and abs(other_part) <= 1.0):
+        return (OVERLAP, nx, ny, nz, gap, out * (ax + own_part * e[0]),
+                out * (ay + own_part * e[1]), out * (az + own_part * e[2]))
+    return refine(room, cx, cy, cz)
+
+
+@compiled
+def refine(
+    room: np.ndarray, cx: float, cy: float, cz: float
+) -> tuple[int, float, float, float, float, float, float, float]:
+    """The same by portal refinement."""
+    c = cx, cy, cz
+    put_farthest(room, cx, cy, cz, 0)
+    n = cross(corner(room, 0), c)
+    if not dot(n, n) > 0.0:
+        # The line goes through the first point: any direction across it will do.
+        n = across(c)
+    put_farthest(room, n[0], n[1], n[2], 1)
+    # The sides from one to two, two to three and three to one have the line on their left.
+    one, two, three, four = 0, 1, 2, 3
+    n = cross(corner(room, 0), corner(room, 1))
+    if dot(n, c) < 0.0:
+        one, two = two, one
+        n = -n[0], -n[1], -n[2]
+    inside = False
+    for _ in range(_ROUNDS):
+        gap = dot(n, c) - put_farthest(room, n[0], n[1], n[2], three)
+        if gap > 0.0:
+            length = math.sqrt(dot(n, n))
+            gap /= length
+            if gap > ROUNDING:
+                return APART, n[0] / length, n[1] / length, n[2] / length, gap, 0.0, 0.0, 0.0
+        new = cross(corner(room, three), c)
+        if dot(new, corner(room, two)) < 0.0:
+            one, three = three, one
+        elif dot(new, corner(room, one)) > 0.0:
+            two, three = three, two
+        else:
+            inside = True
+            break
+        n = cross(corner(room, one), corner(room, two))
+    if not inside:
+        return UNSURE, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for _ in range(_ROUNDS):
+        p1, p2, p3 = corner(room, one), corner(room, two), corner(room, three)
+        n = cross((p2[0] - p1[0], p2[1] - p1[1], p2[2] - p1[2]),
+                  (p3[0] - p1[0], p3[1] - p1[1], p3[2] - p1[2]))
+        square = dot(n, n)
+        if not square > 0.0:
+            break
+        scale = 1.0 / math.sqrt(square)
+        n = n[0] * scale, n[1] * scale, n[2] * scale
+        far = put_farthest(room, n[0], n[1], n[2], four)
+        gap = dot(n, c) - far
+        if gap > ROUNDING:
+            return APART, n[0], n[1], n[2], gap, 0.0, 0.0, 0.0
+        if far - dot(n, p1) <= ROUNDING:
+            # Cramer's rule: c is the sum of the three points times these over the determinant.
+            whole = dot(cross(p1, p2), p3)
+            if not whole > 0.0:
+                break
+            first = dot(cross(p2, p3), c) / whole
+            second = dot(cross(p3, p1), c) / whole
+            third = dot(cross(p1, p2), c) / whole
+            if not min(first, min(second, third)) > -_BESIDE:
+                # Rounding has led it past the line.
+                break
+            i, j, k = PORTAL + 6 * one + 3, PORTAL + 6 * two + 3, PORTAL + 6 * three + 3
+            return (
+                OVERLAP, n[0], n[1], n[2], gap,
+                first * room[i] + second * room[j] + third * room[k],
+                first * room[i + 1] + second * room[j + 1] + third * room[k + 1],
+                first * room[i + 2] + second * room[j + 2] + third * room[k + 2])
+        # Of the three triangles with the new point, the one that has the line in it.
+        new = cross(corner(room, four), c)
+        first, second, third = dot(new, p1), dot(new, p2), dot(new, p3)
+        if first <= 0.0 and second >= 0.0:
+            three, four = four, three
+        elif second <= 0.0 and third >= 0.0:
+            one, four = four, one
+        else:
+            two, four = four, two
+    return UNSURE, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0

@@ -1,0 +1,183 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+Forces between the shells that touch, and between shells and planes.
+
+Every pair that may touch is evaluated once, by one thread (kernels/contact/pair.py), after all
+bodies have drifted; then the bodies add up what acts on them, in the order of the pairs. So the
+result does not depend on the number of threads, and what one body of a pair gets the other gets
+with the opposite sign, to the last bit.
+"""
+
+from icofabric_sim.kernels.connectors import Six
+from icofabric_sim.kernels.contact.gap import axes_of, gap_along, support
+from icofabric_sim.kernels.contact.pair import Scratch, touch_pair, touch_plane
+from icofabric_sim.kernels.records import Contacts, State, Team
+from icofabric_sim.kernels.runtime.borrowed import borrowed
+from icofabric_sim.kernels.runtime.compiled import compiled
+from icofabric_sim.kernels.runtime.lanes import load
+from icofabric_sim.kernels.runtime.team import own_blocks, wait_for_all
+import numpy as np
+
+# A gap of more than this part of a proves that two shells are apart, whatever the rounding.
+_APART = 1e-9
+
+
+@compiled
+def touch_all(
+    contacts: Contacts | None, position: np.ndarray, orientation: np.ndarray, team: Team
+) -> None:
+    """
+    Forces and torques of all contacts into contacts.rows; every thread has those of its blocks.
+
+    The bodies stand where they do: the caller has waited for all. Also a barrier.
+    """
+    if contacts is None:
+        return
+    count = contacts.pairs.shape[0]
+    touch_some(
+        contacts, position, orientation, team.scratch, contacts.result, team.member,
+        count * team.member // team.size, count * (team.member + 1) // team.size)
+    wait_for_all(team)
+    first, last = own_blocks(team, contacts.start.shape[0] - 1)
+    add_up(contacts, first, last)
+
+
+@compiled
+def touch_some(
+    contacts: Contacts, position: np.ndarray, orientation: np.ndarray, scratch: Scratch,
+    result: np.ndarray, member: int, first: int, last: int
+) -> None:
+    """Evaluate the pairs first to last."""
+    deepest = 0.0
+    # Views of arrays that count references would take longer than to reject a pair.
+    pairs, planes, result = borrowed(contacts.pairs), borrowed(contacts.planes), borrowed(result)
+    position, orientation = borrowed(position), borrowed(orientation)
+    own, other = borrowed(contacts.first)[member], borrowed(contacts.second)[member]
+    half_edge = contacts.half_edge
+    for p in range(first, last):
+        s, t = pairs[p, 0], pairs[p, 1]
+        out = result[p]
+        if t < 0:
+            set_place(position, orientation, s, own)
+            plane = planes[-1 - t]
+            touch_plane(half_edge, plane[:3], plane[3], own[0], own[1:], scratch, out)
+        elif is_apart(half_edge, position, orientation, s, t, out):
+            for k in range(12):
+                out[k] = 0.0
+        else:
+            set_place(position, orientation, s, own)
+            set_place(position, orientation, t, other)
+            if touch_pair(
+                    half_edge, own[0], own[1:], other[0], other[1:], scratch, out):
+                # No axis shows less than the depth.
+                out[11] = min(out[11], -gap_along(
+                    0, half_edge, position[0, t] - position[0, s],
+                    position[1, t] - position[1, s], position[2, t] - position[2, s],
+                    axes_of(orientation, s), axes_of(orientation, t)))
+        deepest = max(deepest, out[11])
+    contacts.deepest[8 * member] = deepest
+    contacts.tests[8 * member] += last - first
+
+
+@compiled
+def is_apart(
+    half_edge: float, position: np.ndarray, orientation: np.ndarray, s: int, t: int,
+    out: np.ndarray
+) -> bool:
+    """Whether the axis that kept two bodies apart last, or none, still shows a gap."""
+    nx, ny, nz = out[12], out[13], out[14]
+    gap = nx * (position[0, t] - position[0, s]) + ny * (position[1, t] - position[1, s])
+    gap += nz * (position[2, t] - position[2, s])
+    gap -= half_edge * (
+        support(axes_of(orientation, s), nx, ny, nz)
+        + support(axes_of(orientation, t), nx, ny, nz))
+    return gap > _APART * half_edge
+
+
+@compiled
+def set_place(
+    position: np.ndarray, orientation: np.ndarray, s: int, place: np.ndarray
+) -> None:
+    """Position and rotation matrix (body to world) of slot `s`, (4, 3)."""
+    axes = axes_of(orientation, s)
+    for k in range(3):
+        place[0, k] = position[k, s]
+    place[1, 0], place[2, 0], place[3, 0] = axes[0], axes[1], axes[2]
+    place[1, 1], place[2, 1], place[3, 1] = axes[3], axes[4], axes[5]
+    place[1, 2], place[2, 2], place[3, 2] = axes[6], axes[7], axes[8]
+
+
+@compiled
+def add_up(contacts: Contacts, first: int, last: int) -> None:
+    """What acts on the bodies of blocks first to last."""
+    rows, result, stiffness = contacts.rows, contacts.result, contacts.stiffness
+    before = -1
+    for e in range(contacts.start[first], contacts.start[last]):
+        s, p, side = contacts.slot[e], contacts.entry[e] >> 1, contacts.entry[e] & 1
+        if s != before:
+            for k in range(6):
+                rows[k, s] = 0.0
+        before = s
+        push = stiffness if side == 0 else -stiffness
+        for k in range(3):
+            rows[k, s] += push * result[p, k]
+            rows[k + 3, s] += stiffness * result[p, 3 + 3 * side + k]
+
+
+@compiled
+def add_contact(contacts: Contacts | None, s: int, force: Six) -> Six:
+    """Add the forces and torques of contacts on a block."""
+    if contacts is None:
+        return force
+    else:
+        fx, fy, fz, tx, ty, tz = force
+        rows = contacts.rows
+        return (
+            fx + load(rows, 0, s), fy + load(rows, 1, s), fz + load(rows, 2, s),
+            tx + load(rows, 3, s), ty + load(rows, 4, s), tz + load(rows, 5, s))
+
+
+@compiled
+def deepest_overlap(contacts: Contacts | None, size: int) -> float:
+    """Deepest overlap [m] in the last evaluation by `size` threads."""
+    most = 0.0
+    if contacts is None:
+        return most
+    for member in range(size):
+        most = max(most, contacts.deepest[8 * member])
+    return most
+
+
+@compiled
+def tests_of(contacts: Contacts | None, member: int) -> int:
+    """Return the pairs that one thread has looked at so far."""
+    if contacts is None:
+        return 0
+    return int(contacts.tests[8 * member])
+
+
+@compiled
+def set_tests(contacts: Contacts | None, member: int, tests: int) -> None:
+    """Count from there: what came since was a repetition."""
+    if contacts is None:
+        return
+    contacts.tests[8 * member] = tests
+
+
+@compiled
+def contact_look(contacts: Contacts | None, state: State) -> tuple[float, float, int]:
+    """Energy [J], deepest overlap [m] and number of the contacts in a state."""
+    energy, deepest, count = 0.0, 0.0, 0
+    if contacts is None:
+        return energy, deepest, count
+    tests, before = contacts.tests[0], contacts.deepest[0]
+    touch_some(
+        contacts, state.position, state.orientation, contacts.scratch, contacts.aside, 0, 0,
+        contacts.pairs.shape[0])
+    contacts.tests[0], contacts.deepest[0] = tests, before
+    for p in range(contacts.pairs.shape[0]):
+        energy += contacts.aside[p, 9]
+        deepest = max(deepest, contacts.aside[p, 11])
+        count += contacts.aside[p, 9] > 0.0
+    return contacts.stiffness * energy, deepest, count

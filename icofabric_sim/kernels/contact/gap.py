@@ -1,0 +1,143 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+How far two shells, or a shell and a plane, are apart along an axis, and which axis shows it.
+
+Along a unit vector n the shell of a body at x covers n . x - h to n . x + h, h its support. Where
+two of these intervals have a gap, so have the shells: they are at least that far apart. Axes are
+numbered: the line of centres, the face normals of either body (10 and 10, up to their sign) and
+the products of their edges (15 times 15). If two shells do not overlap one of these proves it
+(separating axis theorem, S. Gottschalk, M. C. Lin and D. Manocha 1996, OBBTree).
+"""
+
+import math
+
+from icofabric_sim.geometry.icosahedron import EDGES, FACES, inscribed_radius, vertices
+from icofabric_sim.kernels.contact.shape import reach
+from icofabric_sim.kernels.runtime.compiled import compiled
+import numpy as np
+
+_CORNERS = vertices(1.0)
+# Of each pair of opposite faces and of parallel edges the one that comes first.
+_ALL_NORMALS = _CORNERS[FACES].sum(axis=1)
+_ALL_NORMALS /= np.sqrt((_ALL_NORMALS**2).sum(axis=1))[:, None]
+_ALL_WAYS = 0.5 * (_CORNERS[EDGES[:, 1]] - _CORNERS[EDGES[:, 0]])
+
+
+def _halved(directions: np.ndarray) -> np.ndarray:
+    chosen: list[np.ndarray] = []
+    for row in directions:
+        if not any(abs(row @ other) > 0.999 for other in chosen):
+            chosen.append(row)
+    return np.ascontiguousarray(chosen)
+
+
+_NORMALS, _WAYS = _halved(_ALL_NORMALS), _halved(_ALL_WAYS)
+_RHO = inscribed_radius(1.0)
+_FIRST_EDGE = 1 + 2 * len(_NORMALS)
+AXIS_COUNT = _FIRST_EDGE + len(_WAYS) ** 2
+# Squared sine of an angle between edges below which they count as parallel: the same axis is then
+# found from a face normal.
+_PARALLEL = 1e-12
+
+# World components of body axes x, y and z.
+Axes = tuple[float, float, float, float, float, float, float, float, float]
+
+
+@compiled
+def axes_of(orientation: np.ndarray, s: int) -> Axes:
+    """World components of the body axes (eqs 16 and 26) of slot `s`."""
+    if orientation.ndim == 2:
+        x, y, z, w = orientation[0, s], orientation[1, s], orientation[2, s], orientation[3, s]
+        return (
+            1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y),
+            2.0 * (x * y - w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z + w * x),
+            2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y))
+    else:
+        return (
+            orientation[0, 0, s], orientation[0, 1, s], orientation[0, 2, s],
+            orientation[1, 0, s], orientation[1, 1, s], orientation[1, 2, s],
+            orientation[2, 0, s], orientation[2, 1, s], orientation[2, 2, s])
+
+
+@compiled
+def support(axes: Axes, nx: float, ny: float, nz: float) -> float:
+    """
+    Half the width of a shell of half edge 1 along a unit vector: the largest n . v of a vertex.
+    """
+    return reach(
+        axes[0] * nx + axes[1] * ny + axes[2] * nz, axes[3] * nx + axes[4] * ny + axes[5] * nz,
+        axes[6] * nx + axes[7] * ny + axes[8] * nz)
+
+
+@compiled
+def gap_along(
+    code: int, half_edge: float, dx: float, dy: float, dz: float, first: Axes, second: Axes
+) -> float:
+    """
+    Gap [m] of two shells along an axis, less than 0 where they overlap along it.
+
+    (dx, dy, dz) [m] leads from the first centre to the second.
+    """
+    if code == 0:
+        size = math.sqrt(dx * dx + dy * dy + dz * dz)
+        if not size > 0.0:
+            return -2.0 * half_edge * _RHO
+        nx, ny, nz = dx / size, dy / size, dz / size
+        return size - half_edge * (support(first, nx, ny, nz) + support(second, nx, ny, nz))
+    if code < _FIRST_EDGE:
+        number = code - 1
+        own, other = first, second
+        if number >= _NORMALS.shape[0]:
+            number -= _NORMALS.shape[0]
+            own, other = second, first
+        x, y, z = _NORMALS[number, 0], _NORMALS[number, 1], _NORMALS[number, 2]
+        nx = own[0] * x + own[3] * y + own[6] * z
+        ny = own[1] * x + own[4] * y + own[7] * z
+        nz = own[2] * x + own[5] * y + own[8] * z
+        return abs(nx * dx + ny * dy + nz * dz) - half_edge * (_RHO + support(other, nx, ny, nz))
+    number = code - _FIRST_EDGE
+    i, j = number // _WAYS.shape[0], number % _WAYS.shape[0]
+    x, y, z = _WAYS[i, 0], _WAYS[i, 1], _WAYS[i, 2]
+    ux = first[0] * x + first[3] * y + first[6] * z
+    uy = first[1] * x + first[4] * y + first[7] * z
+    uz = first[2] * x + first[5] * y + first[8] * z
+    x, y, z = _WAYS[j, 0], _WAYS[j, 1], _WAYS[j, 2]
+    vx = second[0] * x + second[3] * y + second[6] * z
+    vy = second[1] * x + second[4] * y + second[7] * z
+    vz = second[2] * x + second[5] * y + second[8] * z
+    nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+    square = nx * nx + ny * ny + nz * nz
+    if not square > _PARALLEL:
+        return -2.0 * half_edge * _RHO
+    size = math.sqrt(square)
+    nx, ny, nz = nx / size, ny / size, nz / size
+    return abs(nx * dx + ny * dy + nz * dz) - half_edge * (
+        support(first, nx, ny, nz) + support(second, nx, ny, nz))
+
+
+@compiled
+def widest_gap(
+    wanted: float, half_edge: float, dx: float, dy: float, dz: float, first: Axes, second: Axes
+) -> tuple[float, int]:
+    """
+    Largest gap [m] of two shells along any of the axes, and its number.
+
+    The search ends early where a gap is at least `wanted` [m].
+    """
+    best, found = -math.inf, 0
+    for code in range(AXIS_COUNT):
+        gap = gap_along(code, half_edge, dx, dy, dz, first, second)
+        if gap > best:
+            best, found = gap, code
+            if best >= wanted:
+                break
+    return best, found
+
+
+@compiled
+def plane_gap(plane: np.ndarray, half_edge: float, x: float, y: float, z: float, axes: Axes
+              ) -> float:
+    """Distance [m] of a shell at (x, y, z) from a plane (normal and offset), below 0 within it."""
+    nx, ny, nz = plane[0], plane[1], plane[2]
+    return nx * x + ny * y + nz * z - plane[3] - half_edge * support(axes, nx, ny, nz)

@@ -1,0 +1,174 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+When a contact begins or ends, foreseen from where a step starts.
+
+Forces have a kink there, which no step of a high order passes without an error of order 2: the
+step control would shorten steps again and again until one with the kink in it hardly matters, and
+then lengthen them again. A step that ends just there errs as where there is no contact, and so
+does the one that starts there.
+
+Bodies go on with the velocity and acceleration that they have: x + v t + a t^2 / 2, turned by
+w t + b t^2 / 2. For the short steps around contacts that foretells a moment to a small part of
+the step; from there it is foretold once more.
+"""
+
+import math
+
+from icofabric_sim.kernels.contact.gap import Axes, axes_of, plane_gap, support
+from icofabric_sim.kernels.contact.pair import are_apart
+from icofabric_sim.kernels.contact.shape import OUTER
+from icofabric_sim.kernels.records import Contacts, State, Team
+from icofabric_sim.kernels.runtime.compiled import compiled
+from icofabric_sim.kernels.runtime.team import wait_for_all
+import numpy as np
+
+# No contact changes.
+NEVER_MEET = 1e300
+
+
+@compiled
+def land(
+    contacts: Contacts | None, team: Team, state: State, slope: np.ndarray, tried: float,
+    close: float, meeting: np.ndarray
+) -> float:
+    """
+    Time [s] after which a contact begins or ends, less than a step of the length `tried` [s].
+
+    From `state` with its slopes (r, s), to within `close` [s]; before it happens, where it is
+    more than a few of these away. NEVER_MEET where there is none. The same in all threads, through
+    `meeting` (1,).
+    """
+    if contacts is None:
+        return NEVER_MEET
+    if team.member == 0:
+        meeting[0] = first_change(contacts, state, slope, tried, close)
+    wait_for_all(team)
+    return float(meeting[0])
+
+
+@compiled
+def first_change(
+    contacts: Contacts, state: State, slope: np.ndarray, tried: float, close: float
+) -> float:
+    """The same for one thread."""
+    first, found = NEVER_MEET, NEVER_MEET
+    for p in range(contacts.pairs.shape[0]):
+        until = min(tried, first)
+        if stays_apart(contacts, state, slope, p, until):
+            continue
+        before = touches_at(contacts, state, slope, p, 0.0)
+        if touches_at(contacts, state, slope, p, until) != before:
+            low, high = 0.0, until
+            while high - low > close:
+                middle = 0.5 * (low + high)
+                if not low < middle < high:
+                    break
+                if touches_at(contacts, state, slope, p, middle) == before:
+                    low = middle
+                else:
+                    high = middle
+            first = high
+            # Just before, so that there is no kink in the step; a step of which nothing else is
+            # left is so short that it does not matter.
+            found = low if low > 4.0 * close else high
+    return found if found < tried else NEVER_MEET
+
+
+@compiled
+def stays_apart(
+    contacts: Contacts, state: State, slope: np.ndarray, p: int, t: float
+) -> bool:
+    """
+    Whether an axis that keeps two bodies apart shows a gap that they cannot close in a time [s].
+    """
+    s, other = contacts.pairs[p, 0], contacts.pairs[p, 1]
+    if other < 0:
+        return False
+    axis = contacts.result[p, 12:15]
+    gap, square, turning = 0.0, 0.0, 0.0
+    count = slope.shape[0]
+    for k in range(3):
+        gap += axis[k] * (state.position[k, other] - state.position[k, s])
+        u = t * (
+            state.linear_velocity[k, other] - state.linear_velocity[k, s]
+            + 0.5 * t * (slope[count - 6 + k, other] - slope[count - 6 + k, s]))
+        square += u * u
+    for body in (s, other):
+        spin = 0.0
+        for k in range(3):
+            u = t * (state.angular_velocity[k, body] + 0.5 * t * slope[count - 3 + k, body])
+            spin += u * u
+        turning += math.sqrt(spin)
+    gap -= contacts.half_edge * (
+        support(axes_of(state.orientation, s), axis[0], axis[1], axis[2])
+        + support(axes_of(state.orientation, other), axis[0], axis[1], axis[2]))
+    return gap > math.sqrt(square) + OUTER * contacts.half_edge * turning
+
+
+@compiled
+def touches_at(
+    contacts: Contacts, state: State, slope: np.ndarray, p: int, t: float
+) -> bool:
+    """Whether the two of a pair will touch after a time [s]."""
+    s, other = contacts.pairs[p, 0], contacts.pairs[p, 1]
+    own = contacts.first[0]
+    foretell(state, slope, s, t, own)
+    if other < 0:
+        axes = (
+            own[1, 0], own[2, 0], own[3, 0], own[1, 1], own[2, 1], own[3, 1], own[1, 2],
+            own[2, 2], own[3, 2])
+        return plane_gap(
+            contacts.planes[-1 - other], contacts.half_edge, own[0, 0], own[0, 1], own[0, 2],
+            axes) < 0.0
+    second = contacts.second[0]
+    foretell(state, slope, other, t, second)
+    return not are_apart(
+        contacts.half_edge, own[0], own[1:], second[0], second[1:], contacts.scratch)
+
+
+@compiled
+def foretell(
+    state: State, slope: np.ndarray, s: int, t: float, place: np.ndarray
+) -> None:
+    """Position and rotation matrix (body to world) of slot `s` after a time [s], (4, 3)."""
+    count = slope.shape[0]
+    for k in range(3):
+        place[0, k] = state.position[k, s] + t * (
+            state.linear_velocity[k, s] + 0.5 * t * slope[count - 6 + k, s])
+    x = t * (state.angular_velocity[0, s] + 0.5 * t * slope[count - 3, s])
+    y = t * (state.angular_velocity[1, s] + 0.5 * t * slope[count - 2, s])
+    z = t * (state.angular_velocity[2, s] + 0.5 * t * slope[count - 1, s])
+    axes = turned(axes_of(state.orientation, s), x, y, z)
+    place[1, 0], place[2, 0], place[3, 0] = axes[0], axes[1], axes[2]
+    place[1, 1], place[2, 1], place[3, 1] = axes[3], axes[4], axes[5]
+    place[1, 2], place[2, 2], place[3, 2] = axes[6], axes[7], axes[8]
+
+
+@compiled
+def turned(axes: Axes, x: float, y: float, z: float) -> Axes:
+    """Axes turned by a rotation vector (O. Rodrigues 1840)."""
+    square = x * x + y * y + z * z
+    # (1 - cos) / angle^2 and sin / angle
+    if square > 1e-8:
+        angle = math.sqrt(square)
+        along, across = (1.0 - math.cos(angle)) / square, math.sin(angle) / angle
+    else:
+        along, across = 0.5 - square / 24.0, 1.0 - square / 6.0
+    ax, ay, az = turned_one(axes[0], axes[1], axes[2], x, y, z, square, along, across)
+    bx, by, bz = turned_one(axes[3], axes[4], axes[5], x, y, z, square, along, across)
+    cx, cy, cz = turned_one(axes[6], axes[7], axes[8], x, y, z, square, along, across)
+    return ax, ay, az, bx, by, bz, cx, cy, cz
+
+
+@compiled
+def turned_one(
+    vx: float, vy: float, vz: float, x: float, y: float, z: float, square: float, along: float,
+    across: float
+) -> tuple[float, float, float]:
+    """Sum of v, across w x v and along w x (w x v)."""
+    dot = vx * x + vy * y + vz * z
+    return (
+        vx + across * (y * vz - z * vy) + along * (dot * x - square * vx),
+        vy + across * (z * vx - x * vz) + along * (dot * y - square * vy),
+        vz + across * (x * vy - y * vx) + along * (dot * z - square * vz))

@@ -1,0 +1,131 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+What contact loses: damping along the depth, and Coulomb friction that sticks.
+
+Both take what `touch_pair` wrote for a pair A and B, or `touch_plane`; for a plane B stands still
+and its arm is 0. Velocities and arms are of the world, arms from the bodies' centres to the
+contact point. Both act with opposite forces at one point, or along the gradient of delta: the
+pair's momentum and angular momentum stay what they are.
+
+Damping multiplies the push by 1 + c d(delta)/dt, and never pulls (K. H. Hunt and F. R. E.
+Crossley, J. Appl. Mech. 42, 440, 1975). It takes the power c K delta (d(delta)/dt)^2 >= 0, and
+its force begins with 0 at first touch as the push does.
+
+Friction is a slider behind a spring of stiffness k and a dashpot k tau beside it (P. A. Cundall
+and O. D. L. Strack, Geotechnique 29, 47, 1979, with the dashpot). With the slip v along the
+surface and the stretch s of the spring
+
+    force = k q,   q = s + tau v, made no longer than mu N / k,   ds/dt = (q - s) / tau
+
+While q is shorter the bodies stick: ds/dt = v, they do not creep, and swing out. At the limit they
+slide, and s follows q with the rate 1 / tau, however fast they are. What is taken less what the
+spring gains, k q . v - k s . ds/dt = k q . (v - ds/dt) + k tau (ds/dt)^2, is never negative: v -
+ds/dt has the direction of q. A fourth number is the turn about the normal, times the radius of the
+patch that touches: so a face resists being spun, and the four share one limit. The stretch is part
+of the state of a pair.
+"""
+
+import math
+from typing import Any
+
+from icofabric_sim.kernels.runtime.compiled import compiled
+import numpy as np
+
+Three = tuple[float, float, float]
+Four = tuple[float, float, float, float]
+# A disc that is pressed on evenly resists being spun as all of it would there, in radii.
+_SPUN = 2.0 / 3.0
+
+
+@compiled
+def depth_rate(out: np.ndarray, va: Any, wa: Any, vb: Any, wb: Any) -> float:
+    """
+    Rate of delta [m/s] by the velocities and angular velocities (3,) of both bodies; 0 if apart.
+
+    The push for K = 1 is -delta grad delta, so its power is -delta d(delta)/dt.
+    """
+    if not out[10] > 0.0:
+        return 0.0
+    power = (
+        out[0] * (va[0] - vb[0]) + out[1] * (va[1] - vb[1]) + out[2] * (va[2] - vb[2])
+        + out[3] * wa[0] + out[4] * wa[1] + out[5] * wa[2]
+        + out[6] * wb[0] + out[7] * wb[1] + out[8] * wb[2])
+    return -power / out[10]
+
+
+@compiled
+def damping_factor(damping: float, rate: float) -> float:
+    """What the push is multiplied by, for a damping c [s/m] and the rate of delta [m/s]."""
+    return max(0.0, 1.0 + damping * rate)
+
+
+@compiled
+def slip(
+    out: np.ndarray, va: Any, wa: Any, arm_a: Any, vb: Any, wb: Any, arm_b: Any
+) -> tuple[Three, Three]:
+    """
+    Unit normal of the contact, from A to B, and velocity of B over A along it [m/s].
+
+    The normal is the direction of the push on B; nothing slips where nothing pushes.
+    """
+    push = math.sqrt(out[0] * out[0] + out[1] * out[1] + out[2] * out[2])
+    if not push > 0.0:
+        return (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    n = -out[0] / push, -out[1] / push, -out[2] / push
+    v = (
+        vb[0] + wb[1] * arm_b[2] - wb[2] * arm_b[1]
+        - (va[0] + wa[1] * arm_a[2] - wa[2] * arm_a[1]),
+        vb[1] + wb[2] * arm_b[0] - wb[0] * arm_b[2]
+        - (va[1] + wa[2] * arm_a[0] - wa[0] * arm_a[2]),
+        vb[2] + wb[0] * arm_b[1] - wb[1] * arm_b[0]
+        - (va[2] + wa[0] * arm_a[1] - wa[1] * arm_a[0]))
+    return n, along(v, n)
+
+
+@compiled
+def along(v: Three, n: Three) -> Three:
+    """The part of a vector at right angles to a unit normal."""
+    across = v[0] * n[0] + v[1] * n[1] + v[2] * n[2]
+    return v[0] - across * n[0], v[1] - across * n[1], v[2] - across * n[2]
+
+
+@compiled
+def patch_radius(out: np.ndarray) -> float:
+    """
+    Distance from the contact point [m] at which friction acts against a turn about the normal.
+
+    out[18] is the squared area [m^4] between the bodies.
+    """
+    return _SPUN * math.sqrt(math.sqrt(out[18]) / math.pi)
+
+
+@compiled
+def within(stretch: Four, limit: float) -> Four:
+    """A stretch [m] made no longer than a limit."""
+    x, y, z, u = stretch
+    length = math.sqrt(x * x + y * y + z * z + u * u)
+    if not length > limit:
+        return stretch
+    factor = limit / length
+    return factor * x, factor * y, factor * z, factor * u
+
+
+@compiled
+def pull(stretch: Four, slip: Four, lag: float, n: Three, limit: float) -> Four:
+    """The stretch q [m] that acts, for a `lag` tau [s]: the force on A is k times it."""
+    x, y, z = along((stretch[0], stretch[1], stretch[2]), n)
+    return within((
+        x + lag * slip[0], y + lag * slip[1], z + lag * slip[2],
+        stretch[3] + lag * slip[3]), limit)
+
+
+@compiled
+def stretch_rate(stretch: Four, q: Four, lag: float, spin: Three) -> Four:
+    """Rate of a stretch [m/s], where q acts and the pair turns with an angular velocity."""
+    s, w, rate = stretch, spin, 1.0 / lag
+    return (
+        rate * (q[0] - s[0]) + (w[1] * s[2] - w[2] * s[1]),
+        rate * (q[1] - s[1]) + (w[2] * s[0] - w[0] * s[2]),
+        rate * (q[2] - s[2]) + (w[0] * s[1] - w[1] * s[0]),
+        rate * (q[3] - s[3]))

@@ -1,0 +1,297 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+What contacts take from the motion, by the laws of contact_laws.py, for Runge-Kutta methods.
+
+Who evaluates a pair also says what it loses: the push of the pair is changed before the bodies
+add up what acts on them, so what one gets the other gets too, and no bit depends on the number of
+threads.
+
+Stretches of friction are integrated with the state: four numbers of each listed pair, with slopes
+at every stage. A pair that is apart at the end of a step begins the next without stretch (`held`).
+All the power that friction takes counts as spent; what springs hold of it is found from their
+stretches and taken out again where energies are shown.
+"""
+
+import math
+
+from icofabric_sim.kernels.contact.forces import add_up, touch_all, touch_some
+from icofabric_sim.kernels.contact.laws import (
+    damping_factor,
+    depth_rate,
+    Four,
+    patch_radius,
+    pull,
+    slip,
+    stretch_rate,
+    Three,
+)
+from icofabric_sim.kernels.probable_error import probable_error
+from icofabric_sim.kernels.records import ContactLosses, Contacts, State, Team
+from icofabric_sim.kernels.runtime.borrowed import borrowed
+from icofabric_sim.kernels.runtime.compiled import compiled
+from icofabric_sim.kernels.runtime.lanes import lane, load, splat, Vector
+from icofabric_sim.kernels.runtime.team import own_blocks, wait_for_all
+import numpy as np
+
+# The slope at the end of a step; that at its start has number 0.
+_LAST = 12
+
+
+@compiled
+def losses_of(contacts: Contacts | None) -> ContactLosses | None:
+    """What contacts lose, if there are any."""
+    if contacts is None:
+        return None
+    else:
+        return contacts.losses
+
+
+@compiled
+def touch_moving(contacts: Contacts | None, state: State, index: int, team: Team) -> None:
+    """
+    As `touch_all`, with what depends on velocities, for slope number `index`; also a barrier.
+    """
+    touch_losing(losses_of(contacts), contacts, state, index, team)
+
+
+@compiled
+def touch_losing(
+    losses: ContactLosses | None, contacts: Contacts | None, state: State, index: int, team: Team
+) -> None:
+    """The same; without losses it is `touch_all`."""
+    if losses is None:
+        touch_all(contacts, state.position, state.orientation, team)
+    else:
+        touch_and_lose(losses, contacts, state, index, team)
+
+
+@compiled
+def touch_and_lose(
+    losses: ContactLosses, contacts: Contacts, state: State, index: int, team: Team
+) -> None:
+    """The same with losses."""
+    first, last = own_pairs(contacts.pairs.shape[0], team)
+    touch_some(
+        contacts, state.position, state.orientation, team.scratch, contacts.result, team.member,
+        first, last)
+    lose_some(losses, contacts, state, index, first, last)
+    wait_for_all(team)
+    first, last = own_blocks(team, contacts.start.shape[0] - 1)
+    add_up(contacts, first, last)
+    add_up_taken(losses, contacts, first, last)
+
+
+@compiled
+def own_pairs(count: int, team: Team) -> tuple[int, int]:
+    """First of `count` pairs that a thread evaluates, and the one after its last."""
+    return count * team.member // team.size, count * (team.member + 1) // team.size
+
+
+@compiled
+def lose_some(
+    losses: ContactLosses, contacts: Contacts, state: State, index: int, first: int, last: int
+) -> None:
+    """Change the pushes of the pairs first to last, which are in place, by what they lose."""
+    pairs, result = borrowed(contacts.pairs), borrowed(contacts.result)
+    velocity, spin = borrowed(state.linear_velocity), borrowed(state.angular_velocity)
+    position, power = borrowed(state.position), borrowed(losses.power)
+    stretches = borrowed(losses.stage)
+    if index % _LAST == 0:
+        stretches = borrowed(losses.stretch)
+    kept, slopes = borrowed(losses.held), borrowed(losses.slopes)
+    for p in range(first, last):
+        out = result[p]
+        power[p] = 0.0
+        rate: Four = (0.0, 0.0, 0.0, 0.0)
+        left: Four = (0.0, 0.0, 0.0, 0.0)
+        if out[10] > 0.0:
+            s, t = pairs[p, 0], pairs[p, 1]
+            va, wa = column(velocity, s), column(spin, s)
+            vb, wb = column(velocity, t), column(spin, t)
+            size = math.sqrt(out[0] * out[0] + out[1] * out[1] + out[2] * out[2])
+            deepening = depth_rate(out, va, wa, vb, wb)
+            factor = damping_factor(losses.damping, deepening)
+            power[p] = contacts.stiffness * out[10] * deepening * (factor - 1.0)
+            for k in range(9):
+                out[k] *= factor
+            if losses.friction > 0.0:
+                arm_a, arm_b = arms_of(position, s, t, out)
+                n, v = slip(out, va, wa, arm_a, vb, wb, arm_b)
+                if t < 0:
+                    turning = 0.5 * (wa[0] * n[0] + wa[1] * n[1] + wa[2] * n[2])
+                    turn = turning * n[0], turning * n[1], turning * n[2]
+                else:
+                    turn = 0.5 * (wa[0] + wb[0]), 0.5 * (wa[1] + wb[1]), 0.5 * (wa[2] + wb[2])
+                radius = patch_radius(out)
+                spun = (wb[0] - wa[0]) * n[0] + (wb[1] - wa[1]) * n[1] + (wb[2] - wa[2]) * n[2]
+                slips = v[0], v[1], v[2], radius * spun
+                left = (
+                    stretches[p, 0], stretches[p, 1], stretches[p, 2], stretches[p, 3])
+                stiffness = losses.friction_stiffness
+                limit = losses.friction * factor * size * contacts.stiffness / stiffness
+                q = pull(left, slips, losses.lag, n, limit)
+                rate = stretch_rate(left, q, losses.lag, turn)
+                power[p] += stiffness * (
+                    q[0] * slips[0] + q[1] * slips[1] + q[2] * slips[2] + q[3] * slips[3])
+                add_pull(out, q, n, arm_a, arm_b, radius, stiffness / contacts.stiffness)
+        if losses.friction > 0.0:
+            for k in range(4):
+                slopes[index, p, k] = rate[k]
+                if index % _LAST == 0:
+                    kept[p, k] = left[k]
+
+
+@compiled
+def add_pull(
+    out: np.ndarray, q: Four, n: Three, arm_a: Three, arm_b: Three, radius: float, scale: float
+) -> None:
+    """
+    Add what a stretch q [m] does to both bodies, for a contact stiffness of 1 N/m.
+
+    `scale`: stiffness of friction over that of the contact.
+    """
+    fx, fy, fz, turn = scale * q[0], scale * q[1], scale * q[2], scale * radius * q[3]
+    out[0] += fx
+    out[1] += fy
+    out[2] += fz
+    out[3] += arm_a[1] * fz - arm_a[2] * fy + turn * n[0]
+    out[4] += arm_a[2] * fx - arm_a[0] * fz + turn * n[1]
+    out[5] += arm_a[0] * fy - arm_a[1] * fx + turn * n[2]
+    out[6] -= arm_b[1] * fz - arm_b[2] * fy + turn * n[0]
+    out[7] -= arm_b[2] * fx - arm_b[0] * fz + turn * n[1]
+    out[8] -= arm_b[0] * fy - arm_b[1] * fx + turn * n[2]
+
+
+@compiled
+def arms_of(position: np.ndarray, s: int, t: int, out: np.ndarray) -> tuple[Three, Three]:
+    """
+    From the centres of both bodies to the contact point [m]; 0 for a plane, whose slot is below 0.
+    """
+    x, y, z = out[15], out[16], out[17]
+    if t < 0:
+        return (x, y, z), (0.0, 0.0, 0.0)
+    hx = 0.5 * (position[0, t] - position[0, s])
+    hy = 0.5 * (position[1, t] - position[1, s])
+    hz = 0.5 * (position[2, t] - position[2, s])
+    return (x + hx, y + hy, z + hz), (x - hx, y - hy, z - hz)
+
+
+@compiled
+def column(rows: np.ndarray, s: int) -> Three:
+    """Three numbers of slot `s`; 0 for a plane, whose number is below 0."""
+    if s < 0:
+        return 0.0, 0.0, 0.0
+    return rows[0, s], rows[1, s], rows[2, s]
+
+
+@compiled
+def add_up_taken(losses: ContactLosses, contacts: Contacts, first: int, last: int) -> None:
+    """Powers [W] that the pairs of bodies of blocks first to last take, each at its first body."""
+    before = -1
+    for e in range(contacts.start[first], contacts.start[last]):
+        s, p, side = contacts.slot[e], contacts.entry[e] >> 1, contacts.entry[e] & 1
+        if s != before:
+            losses.spent[0, s] = 0.0
+        before = s
+        if side == 0:
+            losses.spent[0, s] += losses.power[p]
+
+
+@compiled
+def add_taken(losses: ContactLosses | None, s: int, spent: Vector) -> Vector:
+    """Add the power [W] that contacts take at a block."""
+    if losses is None:
+        return spent
+    else:
+        return spent + load(losses.spent, 0, s)
+
+
+@compiled
+def combine_stretches(
+    losses: ContactLosses | None, weights: np.ndarray, h: float, again: bool, team: Team
+) -> None:
+    """
+    Stretches of a stage: those held at the start of the step and h times the sum of w_j slope_j.
+
+    `again`: of the step in progress, which has been taken.
+    """
+    if losses is None:
+        return
+    first, last = own_pairs(losses.stretch.shape[0], team)
+    begin, slopes = losses.held, losses.slopes
+    if again:
+        begin = losses.start
+    for p in range(first, last):
+        for k in range(4):
+            total = 0.0
+            for j in range(weights.shape[0]):
+                total += weights[j] * slopes[j, p, k]
+            losses.stage[p, k] = begin[p, k] + h * total
+
+
+@compiled
+def accept_stretches(losses: ContactLosses | None, team: Team) -> None:
+    """A step has been taken: its stage is the state, and what was held is where it began."""
+    if losses is None:
+        return
+    first, last = own_pairs(losses.stretch.shape[0], team)
+    for p in range(first, last):
+        for k in range(4):
+            losses.start[p, k] = losses.held[p, k]
+            losses.stretch[p, k] = losses.stage[p, k]
+
+
+@compiled
+def repeat_stretches(losses: ContactLosses | None, team: Team) -> None:
+    """The last slope of a step is the first of the next."""
+    if losses is None:
+        return
+    first, last = own_pairs(losses.stretch.shape[0], team)
+    for p in range(first, last):
+        for k in range(4):
+            losses.slopes[0, p, k] = losses.slopes[_LAST, p, k]
+
+
+@compiled
+def save_stretches(losses: ContactLosses | None, team: Team) -> None:
+    """Keep the stretches of a sound state."""
+    if losses is None:
+        return
+    first, last = own_pairs(losses.stretch.shape[0], team)
+    for p in range(first, last):
+        for k in range(4):
+            losses.saved[p, k] = losses.stretch[p, k]
+
+
+@compiled
+def stretch_error(
+    losses: ContactLosses | None, error_5: np.ndarray, error_3: np.ndarray, scale: float,
+    team: Team
+) -> tuple[float, float]:
+    """
+    Error of a step of length 1, the largest of the stretches, as `step_error` has both.
+
+    Squares of lengths are multiplied by `scale`.
+    """
+    largest, probable = 0.0, 0.0
+    if losses is None:
+        return largest, probable
+    first, last = own_pairs(losses.stretch.shape[0], team)
+    for p in range(first, last):
+        square_5, square_3 = 0.0, 0.0
+        for k in range(4):
+            first_sum, second_sum = 0.0, 0.0
+            for j in range(error_5.shape[0]):
+                value = losses.slopes[j, p, k]
+                first_sum += error_5[j] * value
+                second_sum += error_3[j] * value
+            square_5 += first_sum * first_sum
+            square_3 += second_sum * second_sum
+        sum_ = max(scale * (square_5 + 0.01 * square_3), 1e-300)
+        error = scale * square_5 / math.sqrt(sum_)
+        if not error <= largest:
+            largest = error
+        probable = max(probable, lane(probable_error(
+            splat(scale * square_5), splat(scale * square_3)), 0))
+    return largest, probable

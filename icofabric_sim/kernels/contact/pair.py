@@ -1,0 +1,269 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+Contact of two icosahedra, and of one with a plane, by a potential.
+
+    U = K delta^2 / 2,   delta = 4 M_1 / M_0,   M_k = integral of min(p_A, p_B)^k over both bodies
+
+with p the depth below a body's surface (contact_surface.py): delta is four times the mean depth
+of the overlap, which is the overlap itself where a face lies on a face. Whatever touches, it
+grows in proportion to the overlap, so the force is zero at first touch and nowhere jumps, and the
+stiffness is about K for faces, edges and vertices alike. A plane has the depth below it for p.
+
+The results depend on the place and orientation of both bodies only, and bodies that change places
+change the signs of all results and no other bit.
+"""
+
+import math
+
+from icofabric_sim.kernels.contact.axis import (
+    APART,
+    find_facet,
+    MATRIX,
+    OVERLAP,
+    put_farthest,
+    turn,
+    turn_back,
+)
+from icofabric_sim.kernels.contact.shape import INNER, OUTER, reach
+from icofabric_sim.kernels.contact.surface import (
+    add_all,
+    add_plane,
+    add_surface,
+    contact_scratch,
+    M0,
+    M1,
+    P1,
+    S0,
+    S1,
+    Scratch,
+    SUM_COUNT,
+    SUMS,
+    T0,
+    T1,
+    turn_normals,
+    X1,
+)
+from icofabric_sim.kernels.runtime.borrowed import borrowed
+from icofabric_sim.kernels.runtime.compiled import compiled
+import numpy as np
+
+__all__ = ['contact_scratch', 'OUT_SIZE', 'Scratch', 'touch_pair', 'touch_plane']
+
+# Numbers in `out` of a pair: force on A (3), torques about their centres on A and B (3 each),
+# delta^2 / 2, delta, overlap, unit axis from A to B (3), contact point (3), squared area between.
+OUT_SIZE = 19
+# Centres closer than this times a coincide: no direction leads apart.
+_COINCIDE = 1e-6
+# From this overlap over a on the surface between the bodies may be in several pieces.
+_DEEP = 0.5
+# Overlaps of less volume than this times a^3 are none; depths are then 1e-66 a.
+_NOTHING = 1e-200
+
+
+@compiled
+def touch_pair(
+    half_edge: float, xa: np.ndarray, ra: np.ndarray, xb: np.ndarray, rb: np.ndarray,
+    scratch: Scratch, out: np.ndarray
+) -> bool:
+    """
+    Whether two shells of half edge a [m] touch, and for a stiffness of 1 N/m how they push.
+
+    Centres [m] (3,), matrices from body to world axes (3, 3). Writes `out` (19,): force on A [N]
+    (3), its torque about the centre of A [N m] (3), the torque on B about the centre of B (3),
+    energy delta^2 / 2 [J], delta [m], overlap [m], axis (3), contact point [m] (3), square of the
+    area between them [m^4]. B feels the opposite force. The overlap is that along the axis, the
+    normal of the facet of the Minkowski sum that the line of centres leaves through: never less
+    than what would part the bodies. The contact point is where friction acts: the centre of depth
+    of the surface between the bodies, from the middle of both centres. Where they are apart all is
+    0 but the axis, which has a gap.
+
+    Bodies whose centres coincide push neither way, by symmetry: then delta is rho, its value for
+    equal orientations, and the overlap 2 rho.
+    """
+    return meet(half_edge, borrowed(xa), borrowed(ra), borrowed(xb), borrowed(rb),
+                borrowed(scratch.room), borrowed(scratch.marks), borrowed(out))
+
+
+@compiled
+def meet(
+    half_edge: float, xa: np.ndarray, ra: np.ndarray, xb: np.ndarray, rb: np.ndarray,
+    room: np.ndarray, marks: np.ndarray, out: np.ndarray
+) -> bool:
+    """The same, with arrays that are not counted."""
+    for k in range(OUT_SIZE):
+        out[k] = 0.0
+    dx, dy, dz = xb[0] - xa[0], xb[1] - xa[1], xb[2] - xa[2]
+    reach_of_both = 2.0 * OUTER * half_edge
+    square = dx * dx + dy * dy + dz * dz
+    if not square < reach_of_both * reach_of_both:
+        length = math.sqrt(square)
+        out[12], out[13], out[14] = dx / length, dy / length, dz / length
+        return False
+    # The same arithmetic whichever body comes first.
+    swapped = dx < 0.0 or (dx == 0.0 and (dy < 0.0 or (dy == 0.0 and dz < 0.0)))
+    if swapped:
+        ra, rb = rb, ra
+        dx, dy, dz = -dx, -dy, -dz
+    found = press(half_edge, dx, dy, dz, ra, rb, room, marks, out)
+    if swapped:
+        for k in range(3):
+            out[k], out[12 + k] = -out[k], -out[12 + k]
+            out[3 + k], out[6 + k] = out[6 + k], out[3 + k]
+    return found
+
+
+@compiled
+def press(
+    half_edge: float, dx: float, dy: float, dz: float, ra: np.ndarray, rb: np.ndarray,
+    room: np.ndarray, marks: np.ndarray, out: np.ndarray
+) -> bool:
+    """The same for a body at the origin and another at d, whose first number is not negative."""
+    cx, cy, cz = approach(half_edge, dx, dy, dz, ra, rb, room)
+    if not max(abs(cx), max(abs(cy), abs(cz))) > _COINCIDE:
+        out[9] = 0.5 * (INNER * half_edge) ** 2
+        out[10] = INNER * half_edge
+        out[11] = 2.0 * INNER * half_edge
+        out[12] = 1.0
+        return True
+    verdict, ux, uy, uz, gap, x, y, z = find_facet(room, cx, cy, cz)
+    if verdict == APART:
+        out[12], out[13], out[14] = turn(ra, ux, uy, uz)
+        return False
+    turn_normals(room)
+    for k in range(SUM_COUNT):
+        room[SUMS + k] = 0.0
+    if verdict != OVERLAP or gap < -_DEEP or not add_surface(room, marks, cx, cy, cz, x, y, z):
+        add_all(room, cx, cy, cz)
+    if verdict != OVERLAP:
+        length = math.sqrt(cx * cx + cy * cy + cz * cz)
+        ux, uy, uz = cx / length, cy / length, cz / length
+        gap = length - put_farthest(room, ux, uy, uz, 0)
+    out[12], out[13], out[14] = turn(ra, ux, uy, uz)
+    if not room[SUMS + M0] > _NOTHING:
+        return False
+    push(half_edge, ra, room, out)
+    out[11] = max(0.0, -gap) * half_edge
+    # Whatever the polygons, angular momentum is kept.
+    out[6] = -out[3] + (dy * out[2] - dz * out[1])
+    out[7] = -out[4] + (dz * out[0] - dx * out[2])
+    out[8] = -out[5] + (dx * out[1] - dy * out[0])
+    out[15], out[16], out[17] = out[15] - 0.5 * dx, out[16] - 0.5 * dy, out[17] - 0.5 * dz
+    return True
+
+
+@compiled
+def approach(
+    half_edge: float, dx: float, dy: float, dz: float, ra: np.ndarray, rb: np.ndarray,
+    room: np.ndarray
+) -> tuple[float, float, float]:
+    """
+    The second centre as the first body sees it, over a; writes the matrix between their axes.
+    """
+    room[MATRIX] = ra[0, 0] * rb[0, 0] + ra[1, 0] * rb[1, 0] + ra[2, 0] * rb[2, 0]
+    room[MATRIX + 1] = ra[0, 0] * rb[0, 1] + ra[1, 0] * rb[1, 1] + ra[2, 0] * rb[2, 1]
+    room[MATRIX + 2] = ra[0, 0] * rb[0, 2] + ra[1, 0] * rb[1, 2] + ra[2, 0] * rb[2, 2]
+    room[MATRIX + 3] = ra[0, 1] * rb[0, 0] + ra[1, 1] * rb[1, 0] + ra[2, 1] * rb[2, 0]
+    room[MATRIX + 4] = ra[0, 1] * rb[0, 1] + ra[1, 1] * rb[1, 1] + ra[2, 1] * rb[2, 1]
+    room[MATRIX + 5] = ra[0, 1] * rb[0, 2] + ra[1, 1] * rb[1, 2] + ra[2, 1] * rb[2, 2]
+    room[MATRIX + 6] = ra[0, 2] * rb[0, 0] + ra[1, 2] * rb[1, 0] + ra[2, 2] * rb[2, 0]
+    room[MATRIX + 7] = ra[0, 2] * rb[0, 1] + ra[1, 2] * rb[1, 1] + ra[2, 2] * rb[2, 1]
+    room[MATRIX + 8] = ra[0, 2] * rb[0, 2] + ra[1, 2] * rb[1, 2] + ra[2, 2] * rb[2, 2]
+    return turn_back(ra, dx / half_edge, dy / half_edge, dz / half_edge)
+
+
+@compiled
+def are_apart(
+    half_edge: float, xa: np.ndarray, ra: np.ndarray, xb: np.ndarray, rb: np.ndarray,
+    scratch: Scratch
+) -> bool:
+    """
+    Whether an axis with a gap was found: the first part of `touch_pair`, which then says no.
+
+    Bodies that are less than 1e-14 a apart may be said to touch; `touch_pair` then decides by the
+    volume of their overlap.
+    """
+    dx, dy, dz = xb[0] - xa[0], xb[1] - xa[1], xb[2] - xa[2]
+    reach_of_both = 2.0 * OUTER * half_edge
+    if not dx * dx + dy * dy + dz * dz < reach_of_both * reach_of_both:
+        return True
+    room = borrowed(scratch.room)
+    cx, cy, cz = approach(half_edge, dx, dy, dz, borrowed(ra), borrowed(rb), room)
+    if not max(abs(cx), max(abs(cy), abs(cz))) > _COINCIDE:
+        return False
+    return find_facet(room, cx, cy, cz)[0] == APART
+
+
+@compiled
+def push(
+    half_edge: float, ra: np.ndarray, room: np.ndarray, out: np.ndarray
+) -> None:
+    """
+    Write force and torque on A, energy, delta, contact point (from the centre of A) and area.
+
+    By the place of B, grad delta = -4 (S_1 - (M_1 / M_0) S_0) / M_0, S_k the integral of p^k n.
+    """
+    mean = room[SUMS + M1] / room[SUMS + M0]
+    delta = 4.0 * mean
+    factor = -4.0 * delta * half_edge / room[SUMS + M0]
+    out[0], out[1], out[2] = turn(
+        ra, factor * (room[SUMS + S1] - mean * room[SUMS + S0]),
+        factor * (room[SUMS + S1 + 1] - mean * room[SUMS + S0 + 1]),
+        factor * (room[SUMS + S1 + 2] - mean * room[SUMS + S0 + 2]))
+    factor *= half_edge
+    out[3], out[4], out[5] = turn(
+        ra, factor * (room[SUMS + T1] - mean * room[SUMS + T0]),
+        factor * (room[SUMS + T1 + 1] - mean * room[SUMS + T0 + 1]),
+        factor * (room[SUMS + T1 + 2] - mean * room[SUMS + T0 + 2]))
+    factor = half_edge / room[SUMS + P1]
+    out[15], out[16], out[17] = turn(
+        ra, factor * room[SUMS + X1], factor * room[SUMS + X1 + 1], factor * room[SUMS + X1 + 2])
+    square = half_edge * half_edge
+    out[18] = square * square * (
+        room[SUMS + S0] * room[SUMS + S0] + room[SUMS + S0 + 1] * room[SUMS + S0 + 1]
+        + room[SUMS + S0 + 2] * room[SUMS + S0 + 2])
+    delta *= half_edge
+    out[9] = 0.5 * (delta * delta)
+    out[10] = delta
+
+
+@compiled
+def touch_plane(
+    half_edge: float, normal: np.ndarray, offset: float, xa: np.ndarray, ra: np.ndarray,
+    scratch: Scratch, out: np.ndarray
+) -> bool:
+    """
+    The same for a shell and a rigid plane, whose free side is normal . x >= offset.
+
+    `normal` (3,) of length 1, `offset` [m]. The torque out[6:9] is 0; the axis leads from the
+    shell into the plane, and the overlap along it is exact. The contact point counts from the
+    centre of the shell.
+    """
+    return meet_plane(half_edge, borrowed(normal), offset, borrowed(xa), borrowed(ra),
+                      borrowed(scratch.room), borrowed(out))
+
+
+@compiled
+def meet_plane(
+    half_edge: float, normal: np.ndarray, offset: float, xa: np.ndarray, ra: np.ndarray,
+    room: np.ndarray, out: np.ndarray
+) -> bool:
+    """The same, with arrays that are not counted."""
+    for k in range(OUT_SIZE):
+        out[k] = 0.0
+    out[12], out[13], out[14] = -normal[0], -normal[1], -normal[2]
+    height = (normal[0] * xa[0] + normal[1] * xa[1] + normal[2] * xa[2] - offset) / half_edge
+    if not height < OUTER:
+        return False
+    nx, ny, nz = turn_back(ra, normal[0], normal[1], normal[2])
+    overlap = reach(nx, ny, nz) - height
+    if not overlap > 0.0:
+        return False
+    for k in range(SUM_COUNT):
+        room[SUMS + k] = 0.0
+    add_plane(room, nx, ny, nz, -height)
+    if not room[SUMS + M0] > _NOTHING:
+        return False
+    push(half_edge, ra, room, out)
+    out[11] = overlap * half_edge
+    return True

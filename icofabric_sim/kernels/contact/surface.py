@@ -1,0 +1,418 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+Integrals over the surface between two overlapping icosahedra.
+
+p_A is the depth of a point below the surface of A: rho - max over the faces of n . x, with rho the
+inscribed radius. The surface S = {p_A = p_B = p >= 0} consists of plane polygons, one for each
+pair of faces i of A and j of B: the plane where the depths below both faces are equal, within the
+pyramid from the centre of A to face i and that of B to face j. With n the unit normal from A to B,
+M_k = integral over both bodies of min(p_A, p_B)^k, and g = rho - p:
+
+    grad M_k by the place of B = -integral over S of p^k n
+    M_k = sum over polygons of h times the integral of F_k(p),  h = (x_B - x_A) . n
+    F_k = g^-3 integral from 0 to p of (rho - u)^2 u^k du
+
+The second follows from the divergence theorem with the fields -F_k (x - x_A) and -F_k (x - x_B),
+whose divergence is p^k, which are zero on the outer surfaces and lie in the planes where one face
+of a body takes over from the next. Over a triangle of area T with depths p1, p2, p3 at its corners
+the integral of g^-3 is T / (g1 g2 g3), so with the elementary symmetric functions e of the depths
+
+    integral of F_0 = T (rho^2 e1 - rho e2 + e3) / (3 g1 g2 g3)
+    integral of F_1 = T (rho^2 (e1^2 - e2) - rho (e1 e2 - e3) + e1 e3) / (12 g1 g2 g3)
+
+where nothing cancels. Frame: axes of A, its centre at the origin, lengths over a.
+"""
+
+import math
+from typing import NamedTuple
+
+from icofabric_sim.kernels.contact.shape import CORNERS, INNER, NEIGHBOURS, NORMALS, RIDGES
+from icofabric_sim.kernels.runtime.compiled import compiled
+from icofabric_sim.kernels.runtime.lanes import fma, LANES, load_at, splat, store_at
+import numpy as np
+
+# A corner so near a side lies on it: the polygon beyond is looked at. More cost time only.
+_NEAR = 1e-12
+# There is a polygon; bits 0 to 5 of the same number are sides, the others pairs of them.
+FOUND = 1 << 6
+
+
+class Scratch(NamedTuple):
+    """
+    Room for one pair at a time.
+
+    One array of numbers, because each array that is handed on costs time.
+    """
+
+    room: np.ndarray   # (512,), see below
+    marks: np.ndarray  # (420,)
+
+
+# Places in the room; the first, and those from 256 on, are of contact_axis.py.
+NORMAL = 33    # normals of B's faces in A's axes, x, y and z of all, (3, 24)
+HEIGHT = 105   # of a point along these, (24,)
+VALUE = 129    # of the corners of a polygon on a side, (8,)
+POLYGON = 137  # two polygons: x, y, z and depth of the corners, (2, 8, 4)
+SUMS = 201     # M_0, M_1, integrals of n, p n, x cross n, p x cross n, p x and p, (18,)
+# A pyramid gives a polygon 4 corners at most, and each of three sides of another one more.
+_ROOM, _NEXT, _CORNERS = 512, 32, 4
+# Faces, filled up with 0 to whole vectors.
+_FACES = 24
+FACE_NORMALS = np.concatenate([NORMALS, np.zeros((_FACES - 20, 3))]).T.ravel()
+# Places among the sums.
+M0, M1, S0, S1, T0, T1, X1, P1 = 0, 1, 2, 5, 8, 11, 14, 17
+SUM_COUNT = 18
+# Among the marks: pairs of faces to look at; bit j of number i is set once pair i, j is there.
+_WAITING, _SEEN = 0, 400
+
+
+def contact_scratch() -> Scratch:
+    """Room for one thread."""
+    return Scratch(np.zeros(_ROOM), np.zeros(_SEEN + 20, np.int64))
+
+
+@compiled
+def put_section(
+    room: np.ndarray, i: int, mx: float, my: float, mz: float, offset: float
+) -> tuple[int, int]:
+    """
+    Cut pyramid i of A by the plane of equal depth below its face and below offset - m . x.
+
+    Writes the corners into the first polygon, in order; returns how many, and bit k for each
+    neighbour k of i beyond a side that it reaches.
+    """
+    # Depths below the other face of the corners of face i, and the difference of the depths at
+    # the centre, where that below face i is rho.
+    e0 = offset - (mx * CORNERS[i, 0, 0] + my * CORNERS[i, 0, 1] + mz * CORNERS[i, 0, 2])
+    e1 = offset - (mx * CORNERS[i, 1, 0] + my * CORNERS[i, 1, 1] + mz * CORNERS[i, 1, 2])
+    e2 = offset - (mx * CORNERS[i, 2, 0] + my * CORNERS[i, 2, 1] + mz * CORNERS[i, 2, 2])
+    centre = INNER - offset
+    if centre > 0.0:
+        in0, in1, in2 = e0 > 0.0, e1 > 0.0, e2 > 0.0
+    else:
+        # The centre of A is deeper below the other face than below its own.
+        in0, in1, in2 = e0 < 0.0, e1 < 0.0, e2 < 0.0
+    if not (in0 or in1 or in2):
+        return 0, 0
+    sides = (5 if in0 or abs(e0) < _NEAR else 0) | (3 if in1 or abs(e1) < _NEAR else 0) | (
+        6 if in2 or abs(e2) < _NEAR else 0)
+    at = POLYGON
+    for k in range(3):
+        if k == 0:
+            here, there, inside, beyond, n = e0, e1, in0, in1, 1
+        elif k == 1:
+            here, there, inside, beyond, n = e1, e2, in1, in2, 2
+        else:
+            here, there, inside, beyond, n = e2, e0, in2, in0, 0
+        x, y, z = CORNERS[i, k, 0], CORNERS[i, k, 1], CORNERS[i, k, 2]
+        if inside:
+            # On the line from the centre to this corner.
+            whole = 1.0 / (centre + here)
+            t = centre * whole
+            room[at] = t * x
+            room[at + 1] = t * y
+            room[at + 2] = t * z
+            room[at + 3] = INNER * (here * whole)
+            at += _CORNERS
+        if inside != beyond:
+            # On the edge to the next.
+            t = here / (here - there)
+            room[at] = x + t * (CORNERS[i, n, 0] - x)
+            room[at + 1] = y + t * (CORNERS[i, n, 1] - y)
+            room[at + 2] = z + t * (CORNERS[i, n, 2] - z)
+            room[at + 3] = 0.0
+            at += _CORNERS
+    return (at - POLYGON) // _CORNERS, sides
+
+
+@compiled
+def clip(
+    room: np.ndarray, kept: int, count: int, rx: float, ry: float, rz: float, r: float
+) -> tuple[int, int, bool]:
+    """
+    Keep what of a polygon has r . x <= r.
+
+    Returns which one is the rest, its corners, and whether it reaches that side.
+    """
+    start = POLYGON + _NEXT * kept
+    outside, near = 0, 0
+    for k in range(count):
+        at = start + _CORNERS * k
+        value = rx * room[at] + ry * room[at + 1] + rz * room[at + 2] - r
+        room[VALUE + k] = value
+        outside += 1 if value > 0.0 else 0
+        near += 1 if value > -_NEAR else 0
+    if outside == 0:
+        return kept, count, near > 0
+    if outside == count:
+        return kept, 0, False
+    to = POLYGON + _NEXT * (1 - kept)
+    last = start + _CORNERS * (count - 1)
+    before = room[VALUE + count - 1]
+    left = 0
+    for k in range(count):
+        at, value = start + _CORNERS * k, room[VALUE + k]
+        if (value > 0.0) != (before > 0.0):
+            t = before / (before - value)
+            for n in range(_CORNERS):
+                room[to + n] = room[last + n] + t * (room[at + n] - room[last + n])
+            to += _CORNERS
+            left += 1
+        if value <= 0.0:
+            for n in range(_CORNERS):
+                room[to + n] = room[at + n]
+            to += _CORNERS
+            left += 1
+        last, before = at, value
+    return 1 - kept, left, True
+
+
+@compiled
+def add_integrals(
+    room: np.ndarray, kept: int, count: int, nx: float, ny: float, nz: float, h: float
+) -> None:
+    """Add the integrals over a polygon with unit normal n."""
+    at = POLYGON + _NEXT * kept
+    x0, y0, z0, p0 = room[at], room[at + 1], room[at + 2], room[at + 3]
+    at += _CORNERS
+    x1, y1, z1, p1 = room[at], room[at + 1], room[at + 2], room[at + 3]
+    area, depth, zeroth, first = 0.0, 0.0, 0.0, 0.0
+    ax, ay, az, bx, by, bz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    ux, uy, uz = x1 - x0, y1 - y0, z1 - z0
+    for _ in range(2, count):
+        at += _CORNERS
+        x2, y2, z2, p2 = room[at], room[at + 1], room[at + 2], room[at + 3]
+        vx, vy, vz = x2 - x0, y2 - y0, z2 - z0
+        triangle = 0.5 * abs(
+            nx * (uy * vz - uz * vy) + ny * (uz * vx - ux * vz) + nz * (ux * vy - uy * vx))
+        e1 = p0 + p1 + p2
+        e2 = p0 * p1 + p1 * p2 + p2 * p0
+        e3 = p0 * p1 * p2
+        shared = triangle / ((INNER - p0) * (INNER - p1) * (INNER - p2))
+        zeroth += shared * (INNER * (INNER * e1 - e2) + e3)
+        first += shared * (INNER * (INNER * (e1 * e1 - e2) - (e1 * e2 - e3)) + e1 * e3)
+        area += triangle
+        depth += triangle * e1
+        sx, sy, sz = x0 + x1 + x2, y0 + y1 + y2, z0 + z1 + z2
+        ax += triangle * sx
+        ay += triangle * sy
+        az += triangle * sz
+        bx += triangle * (sx * e1 + (x0 * p0 + x1 * p1 + x2 * p2))
+        by += triangle * (sy * e1 + (y0 * p0 + y1 * p1 + y2 * p2))
+        bz += triangle * (sz * e1 + (z0 * p0 + z1 * p1 + z2 * p2))
+        x1, y1, z1, p1, ux, uy, uz = x2, y2, z2, p2, vx, vy, vz
+    room[SUMS + M0] += h * zeroth / 3.0
+    room[SUMS + M1] += h * first / 12.0
+    room[SUMS + S0] += nx * area
+    room[SUMS + S0 + 1] += ny * area
+    room[SUMS + S0 + 2] += nz * area
+    depth /= 3.0
+    room[SUMS + S1] += nx * depth
+    room[SUMS + S1 + 1] += ny * depth
+    room[SUMS + S1 + 2] += nz * depth
+    room[SUMS + X1] += bx / 12.0
+    room[SUMS + X1 + 1] += by / 12.0
+    room[SUMS + X1 + 2] += bz / 12.0
+    room[SUMS + P1] += depth
+    nx, ny, nz = nx / 3.0, ny / 3.0, nz / 3.0
+    room[SUMS + T0] += ay * nz - az * ny
+    room[SUMS + T0 + 1] += az * nx - ax * nz
+    room[SUMS + T0 + 2] += ax * ny - ay * nx
+    nx, ny, nz = 0.25 * nx, 0.25 * ny, 0.25 * nz
+    room[SUMS + T1] += by * nz - bz * ny
+    room[SUMS + T1 + 1] += bz * nx - bx * nz
+    room[SUMS + T1 + 2] += bx * ny - by * nx
+
+
+@compiled
+def add_polygon(room: np.ndarray, i: int, j: int, cx: float, cy: float, cz: float) -> int:
+    """
+    Add the polygon of faces i of A and j of B, whose centre is c.
+
+    Returns 0 where there is none. Else FOUND, bits 0 to 2 for neighbours of i that lie beyond a
+    side which it reaches, 3 to 5 for neighbours of j, and bit 7 + 3 k + l for the neighbours k of
+    i and l of j where it reaches both sides in one corner.
+    """
+    mx, my, mz = room[NORMAL + j], room[NORMAL + _FACES + j], room[NORMAL + 2 * _FACES + j]
+    centre = mx * cx + my * cy + mz * cz
+    count, own_sides = put_section(room, i, mx, my, mz, INNER + centre)
+    if count == 0:
+        return 0
+    n0, n1, n2 = NEIGHBOURS[j, 0], NEIGHBOURS[j, 1], NEIGHBOURS[j, 2]
+    ux, uy, uz = (room[NORMAL + n0] - mx, room[NORMAL + _FACES + n0] - my,
+                  room[NORMAL + 2 * _FACES + n0] - mz)
+    vx, vy, vz = (room[NORMAL + n1] - mx, room[NORMAL + _FACES + n1] - my,
+                  room[NORMAL + 2 * _FACES + n1] - mz)
+    wx, wy, wz = (room[NORMAL + n2] - mx, room[NORMAL + _FACES + n2] - my,
+                  room[NORMAL + 2 * _FACES + n2] - mz)
+    u = ux * cx + uy * cy + uz * cz
+    v = vx * cx + vy * cy + vz * cz
+    w = wx * cx + wy * cy + wz * cz
+    kept, count, at_u = clip(room, 0, count, ux, uy, uz, u)
+    if count == 0:
+        return 0
+    kept, count, at_v = clip(room, kept, count, vx, vy, vz, v)
+    if count == 0:
+        return 0
+    kept, count, at_w = clip(room, kept, count, wx, wy, wz, w)
+    if count == 0:
+        return 0
+    # Where both faces look the same way the planes of equal depth are nowhere or everywhere.
+    nx, ny, nz = NORMALS[i, 0] - mx, NORMALS[i, 1] - my, NORMALS[i, 2] - mz
+    square = nx * nx + ny * ny + nz * nz
+    if not square > _NEAR * _NEAR:
+        return 0
+    scale = 1.0 / math.sqrt(square)
+    nx, ny, nz = nx * scale, ny * scale, nz * scale
+    add_integrals(room, kept, count, nx, ny, nz, nx * cx + ny * cy + nz * cz)
+    if not (at_u or at_v or at_w):
+        # Within the pyramid of j.
+        return FOUND | own_sides
+    reached = FOUND
+    for corner in range(count):
+        at = POLYGON + _NEXT * kept + _CORNERS * corner
+        x, y, z = room[at], room[at + 1], room[at + 2]
+        own, other = 0, 0
+        for k in range(3):
+            if RIDGES[i, k, 0] * x + RIDGES[i, k, 1] * y + RIDGES[i, k, 2] * z > -_NEAR:
+                own |= 1 << k
+        if ux * x + uy * y + uz * z - u > -_NEAR:
+            other |= 1
+        if vx * x + vy * y + vz * z - v > -_NEAR:
+            other |= 2
+        if wx * x + wy * y + wz * z - w > -_NEAR:
+            other |= 4
+        reached |= own | other << 3
+        if own and other:
+            for k in range(3):
+                if own >> k & 1:
+                    reached |= other << (7 + 3 * k)
+    return reached
+
+
+@compiled
+def turn_normals(room: np.ndarray) -> None:
+    """Write the normals of B's faces in the axes of A; room[MATRIX:] holds the matrix."""
+    for k in range(0, _FACES, LANES):
+        x, y, z = (load_at(FACE_NORMALS, k), load_at(FACE_NORMALS, _FACES + k),
+                   load_at(FACE_NORMALS, 2 * _FACES + k))
+        for c in range(3):
+            store_at(room, NORMAL + _FACES * c + k, fma(splat(room[3 * c]), x, fma(
+                splat(room[3 * c + 1]), y, splat(room[3 * c + 2]) * z)))
+
+
+@compiled
+def add_surface(
+    room: np.ndarray, marks: np.ndarray, cx: float, cy: float, cz: float,
+    x: float, y: float, z: float
+) -> bool:
+    """
+    Add the polygons from those at a point of S on, each once; False where none is there.
+
+    S is in one piece where bodies are not deep in each other: there a line from the centre of A
+    meets it once, as the faces of B that take part look towards that centre.
+    """
+    # Faces of A, then of B, above the point: several where it lies on their ridges.
+    for k in range(0, _FACES, LANES):
+        store_at(room, HEIGHT + k, fma(load_at(FACE_NORMALS, k), splat(x), fma(
+            load_at(FACE_NORMALS, _FACES + k), splat(y),
+            load_at(FACE_NORMALS, 2 * _FACES + k) * splat(z))))
+    above_own = highest(room)
+    x, y, z = x - cx, y - cy, z - cz
+    for k in range(0, _FACES, LANES):
+        store_at(room, HEIGHT + k, fma(load_at(room, NORMAL + k), splat(x), fma(
+            load_at(room, NORMAL + _FACES + k), splat(y),
+            load_at(room, NORMAL + 2 * _FACES + k) * splat(z))))
+    above_other = highest(room)
+    known = 0
+    for i in range(20):
+        marks[_SEEN + i] = 0
+        if above_own >> i & 1:
+            marks[_SEEN + i] = above_other
+            for j in range(20):
+                if above_other >> j & 1:
+                    marks[_WAITING + known] = 32 * i + j
+                    known += 1
+    done, found = 0, 0
+    while done < known:
+        pair = marks[_WAITING + done]
+        done += 1
+        i, j = pair >> 5, pair & 31
+        reached = add_polygon(room, i, j, cx, cy, cz)
+        found |= reached
+        for k in range(3):
+            if reached >> k & 1:
+                known = wait(marks, known, NEIGHBOURS[i, k], j)
+            if reached >> (3 + k) & 1:
+                known = wait(marks, known, i, NEIGHBOURS[j, k])
+        if reached >> 7:
+            for k in range(3):
+                for l in range(3):
+                    if reached >> (7 + 3 * k + l) & 1:
+                        known = wait(marks, known, NEIGHBOURS[i, k], NEIGHBOURS[j, l])
+    return found != 0
+
+
+@compiled
+def highest(room: np.ndarray) -> int:
+    """Bits of the faces with the greatest height, or nearly so."""
+    most = 0.0
+    for k in range(20):
+        most = max(most, room[HEIGHT + k])
+    bits = 0
+    for k in range(20):
+        bits |= (1 if room[HEIGHT + k] >= most - _NEAR else 0) << k
+    return bits
+
+
+@compiled
+def wait(marks: np.ndarray, known: int, i: int, j: int) -> int:
+    """Put a pair of faces among those to look at, unless it was; returns how many there are."""
+    if marks[_SEEN + i] >> j & 1:
+        return known
+    marks[_SEEN + i] |= 1 << j
+    marks[_WAITING + known] = 32 * i + j
+    return known + 1
+
+
+@compiled
+def add_all(room: np.ndarray, cx: float, cy: float, cz: float) -> None:
+    """Add every polygon there is."""
+    for i in range(20):
+        for j in range(20):
+            add_polygon(room, i, j, cx, cy, cz)
+
+
+@compiled
+def add_plane(room: np.ndarray, nx: float, ny: float, nz: float, offset: float) -> None:
+    """
+    Add the surface between A and a plane n . x = offset, whose depth is offset - n . x.
+
+    The plane's own field is -n p^(k + 1) / (k + 1). So M_k is the sum over polygons, with unit
+    normal v from A to the plane, of x . v (which is constant) times the integral of F_k, and of
+    -(n . v) times that of p^(k + 1) / (k + 1).
+    """
+    for i in range(20):
+        count, _ = put_section(room, i, nx, ny, nz, offset)
+        if count == 0:
+            continue
+        vx, vy, vz = NORMALS[i, 0] - nx, NORMALS[i, 1] - ny, NORMALS[i, 2] - nz
+        length = math.sqrt(vx * vx + vy * vy + vz * vz)
+        if not length > _NEAR:
+            continue
+        vx, vy, vz = vx / length, vy / length, vz / length
+        add_integrals(room, 0, count, vx, vy, vz, (INNER - offset) / length)
+        facing = -(nx * vx + ny * vy + nz * vz)
+        x, y, z, p0 = room[POLYGON], room[POLYGON + 1], room[POLYGON + 2], room[POLYGON + 3]
+        at = POLYGON + _CORNERS
+        for _ in range(2, count):
+            ux, uy, uz, p1 = room[at] - x, room[at + 1] - y, room[at + 2] - z, room[at + 3]
+            at += _CORNERS
+            wx, wy, wz, p2 = room[at] - x, room[at + 1] - y, room[at + 2] - z, room[at + 3]
+            triangle = 0.5 * abs(vx * (uy * wz - uz * wy) + vy * (uz * wx - ux * wz)
+                                 + vz * (ux * wy - uy * wx))
+            e1 = p0 + p1 + p2
+            room[SUMS + M0] += facing * triangle * e1 / 3.0
+            room[SUMS + M1] += facing * triangle * (
+                e1 * e1 - (p0 * p1 + p1 * p2 + p2 * p0)) / 12.0

@@ -1,0 +1,437 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+The embedded Runge-Kutta pair: steps of given length, or under error control; dense output.
+
+Not symplectic, but right also where forces depend on velocities, and its error is known in every
+step.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+from icofabric_sim.kernels.breakage import is_breaking, note_lengths
+from icofabric_sim.kernels.contact.displacement import farthest, forget_ways, has_missed, ways_of
+from icofabric_sim.kernels.contact.forces import deepest_overlap, set_tests, tests_of
+from icofabric_sim.kernels.contact.landing import land, NEVER_MEET
+from icofabric_sim.kernels.contact.losses import (
+    accept_stretches,
+    combine_stretches,
+    losses_of,
+    repeat_stretches,
+    save_stretches,
+    stretch_error,
+    touch_moving,
+)
+from icofabric_sim.kernels.contact.rebuild_check import can_look_farther, judge_ways, MISSED
+from icofabric_sim.kernels.drives import place_row
+from icofabric_sim.kernels.external import ask_outside
+from icofabric_sim.kernels.integrators import dop853
+from icofabric_sim.kernels.loads import keep_work
+from icofabric_sim.kernels.meters import add_flow, repeat_flow
+from icofabric_sim.kernels.monitor import DEEPEST_LIMIT, examine, save, SAVED_AT, TOO_DEEP, UNSOUND
+from icofabric_sim.kernels.records import Loads, Model, State, Team, Trail, Watch, Work
+from icofabric_sim.kernels.rhs import (
+    add_work,
+    combine,
+    find_slopes,
+    interpolate,
+    normalise,
+    place_blocks,
+    step_error,
+)
+from icofabric_sim.kernels.runtime.compiled import compiled
+from icofabric_sim.kernels.runtime.lanes import LANES, load, store
+from icofabric_sim.kernels.runtime.team import own_blocks, tell_all, wait_for_all
+import numpy as np
+
+# Places in the control array: what it says, start and length of the step in progress [s], the
+# next length, the end that is to be passed [s], the tolerance [1/s], the sum of what steps
+# probably erred by, that in progress included, and what it errs by for each second, steps refused,
+# the shortest step [s], whether slope 12 is that of the present state, the longest step [s], and
+# the time [s] for which a shorter step may err: where forces jump, the error for each second does
+# not fall with the step.
+(START, LENGTH, NEXT, GOAL, TOLERANCE, TOTAL, RATE, REFUSED, SHORTEST, HAS_LAST, LONGEST,
+ SPARE) = range(12)
+# A step at most this long [s] is accepted whatever its error: there may be a kink in the forces,
+# which no length satisfies.
+KINK = 12
+# Error rate [1/s] that rounding makes in stiff contacts: less cannot be asked for.
+FLOOR = 13
+# When a contact begins or ends, for all threads, and the next length [s] after a step that ends
+# there.
+MEETING, RESUME = 14, 15
+# Squared errors of position, orientation, velocity and spin are multiplied by these.
+SCALES = 16
+CONTROL_COUNT = 20
+# A step is aimed at this part of the tolerance and refused above all of it; it may become so many
+# times as long at once.
+_AIM, _SHRINK, _GROW = 0.4, 0.2, 4.0
+# The estimate, of order 7, was 30 to 200 times the error in every scene that was measured.
+_ESTIMATE = 0.5
+TOO_SHORT, BREAKING, TOO_FAR = 64, 256, 8192
+# An error that is none: bodies came to where contacts are not known.
+_MISSED = 1e300
+
+
+class Pair(NamedTuple):
+    """Weights of a pair, see dop853.py."""
+
+    nodes: np.ndarray  # when the stages are, in parts of the step; those of dense output last
+    stages: tuple[np.ndarray, ...]
+    step: np.ndarray
+    error_5: np.ndarray
+    error_3: np.ndarray
+    dense_stages: tuple[np.ndarray, ...]
+    dense: np.ndarray
+
+
+# What depends on time is computed at the sums of the weights; slope 12 is the end of the step.
+_ROWS = (*dop853.STAGES, (1.0,), *dop853.DENSE_STAGES)
+DOP8 = Pair(
+    nodes=np.array([math.fsum(row) for row in _ROWS]),
+    stages=tuple(np.array(row) for row in dop853.STAGES[1:]),
+    step=np.array(dop853.STEP),
+    error_5=np.array(dop853.ERROR_5),
+    error_3=np.array(dop853.ERROR_3),
+    dense_stages=tuple(np.array(row) for row in dop853.DENSE_STAGES),
+    dense=np.array(dop853.DENSE),
+)
+
+
+@compiled
+def some(trail: Trail | None) -> Trail:
+    """The trail, which is there."""
+    return trail  # type: ignore[return-value]
+
+
+@compiled
+def slope_at(
+    model: Model, loads: Loads | None, state: State, work: Work, trail: Trail, index: int,
+    team: Team, watch: Watch | None, time: float, first: int, last: int
+) -> None:
+    """Slope number `index` at a state and a `time` [s], all bodies."""
+    place_blocks(model, loads, state, work, time, first, last)
+    ways_of(watch, model.blocks, state, time, team.member, first, last)
+    wait_for_all(team)
+    touch_moving(model.contacts, state, index, team)
+    ask_outside(work.external, state, time, team)
+    find_slopes(model, loads, state, work, time, trail.slopes[index], index, first, last)
+    wait_for_all(team)
+
+
+@compiled
+def try_step(
+    pair: Pair, model: Model, loads: Loads | None, state: State, work: Work, trail: Trail,
+    team: Team, watch: Watch | None, time: float, h: float, first: int, last: int
+) -> None:
+    """
+    The other slopes of a step from `state` at `time` [s], whose own is in place.
+
+    Its end goes into trail.stage.
+    """
+    index = 1
+    for weights in pair.stages:
+        for block in range(first, last):
+            combine(state, trail.slopes, weights, h, trail.stage, model.blocks.slot[block])
+        combine_stretches(losses_of(model.contacts), weights, h, False, team)
+        slope_at(
+            model, loads, trail.stage, work, trail, index, team, watch,
+            time + pair.nodes[index] * h, first, last)
+        index += 1
+    for block in range(first, last):
+        s = model.blocks.slot[block]
+        combine(state, trail.slopes, pair.step, h, trail.stage, s)
+        normalise(trail.stage.orientation, s)
+    combine_stretches(losses_of(model.contacts), pair.step, h, False, team)
+    # Forces will be evaluated at the end too.
+    ways_of(watch, model.blocks, trail.stage, time + h, team.member, first, last)
+
+
+@compiled
+def fixed_pair(
+    pair: Pair, model: Model, loads: Loads | None, state: State, saved: State, work: Work,
+    team: Team, origin: float, index: int, h: float, count: int, since_check: int,
+    check_interval: int, watch: Watch | None, ledger: np.ndarray
+) -> tuple[int, int, int]:
+    """Take up to `count` steps of length `h` from origin + index h [s] on, as `splitting` does."""
+    first, last = own_blocks(team, model.blocks.slot.shape[0])
+    trail = some(work.trail)
+    # The call before has ended with the same evaluation, which counts once.
+    tests = tests_of(model.contacts, team.member)
+    slope_at(model, loads, state, work, trail, 0, team, watch, origin + index * h, first, last)
+    set_tests(model.contacts, team.member, tests)
+    done = 0
+    while done < count:
+        try_step(
+            pair, model, loads, state, work, trail, team, watch, origin + (index + done) * h, h,
+            first, last)
+        save(model, trail.stage, state, first, last)
+        accept_stretches(losses_of(model.contacts), team)
+        add_work(loads, h, pair.step, first, last)
+        add_flow(work.spent, model.blocks.slot, h, pair.step, first, last)
+        add_flow(work.given, model.blocks.slot, h, pair.step, first, last)
+        done += 1
+        slope_at(
+            model, loads, state, work, trail, 0, team, watch, origin + (index + done) * h, first,
+            last)
+        since_check += 1
+        status, since_check = look(
+            model, loads, state, saved, work, team, since_check, check_interval, watch, ledger,
+            done, origin + (index + done) * h, h, first, last)
+        if status != 0:
+            return status, done, since_check
+    return 0, done, since_check
+
+
+@compiled
+def look(
+    model: Model, loads: Loads | None, state: State, saved: State, work: Work, team: Team,
+    since_check: int, check_interval: int, watch: Watch | None, ledger: np.ndarray, done: int,
+    time: float, step: float, first: int, last: int
+) -> tuple[int, int]:
+    """
+    Examine the state at `time` [s] if that is due, and save it if it is sound.
+
+    Other steps of the length `step` [s] will follow; 0: of any.
+
+    Returns the status and the steps since the last examination.
+    """
+    examined = since_check >= check_interval
+    status = 0
+    if team.member == 0:
+        if examined:
+            status = examine(model, loads, state, work, time, ledger)
+        status |= judge_ways(watch, farthest(watch, team.size), state, time, step)
+        if deepest_overlap(model.contacts, team.size) > ledger[DEEPEST_LIMIT]:
+            status |= TOO_DEEP
+    status = tell_all(team, status)
+    if examined:
+        since_check = 0
+        if status & (UNSOUND | TOO_DEEP | MISSED) == 0:
+            if team.member == 0:
+                ledger[SAVED_AT] = done
+            save(model, state, saved, first, last)
+            save_stretches(losses_of(model.contacts), team)
+    return status, since_check
+
+
+@compiled
+def largest_error(
+    pair: Pair, model: Model, trail: Trail, control: np.ndarray, turn_rows: int, team: Team,
+    watch: Watch | None, first: int, last: int
+) -> tuple[float, float]:
+    """
+    Error of a step of length 1, the largest of all bodies, and what it probably is.
+
+    The same in all threads. More than any other where bodies came to where contacts are not known.
+    """
+    largest, probable = 0.0, 0.0
+    for block in range(first, last):
+        error, error_of_step = step_error(
+            trail.slopes, turn_rows, pair.error_5, pair.error_3, control[SCALES:],
+            model.blocks.slot[block])
+        if not error <= largest:
+            largest = error
+        probable = max(probable, error_of_step)
+    error, error_of_step = stretch_error(
+        losses_of(model.contacts), pair.error_5, pair.error_3, control[SCALES], team)
+    if not error <= largest:
+        largest = error
+    probable = max(probable, error_of_step)
+    if has_missed(watch, team.member) and largest < _MISSED:
+        largest = _MISSED
+    trail.errors[team.member] = largest
+    trail.probable[team.member] = probable
+    wait_for_all(team)
+    for member in range(team.size):
+        if not trail.errors[member] <= largest:
+            largest = trail.errors[member]
+        probable = max(probable, trail.probable[member])
+    return _ESTIMATE * largest, probable
+
+
+@compiled
+def adaptive_pair(
+    pair: Pair, model: Model, loads: Loads | None, state: State, saved: State, work: Work,
+    team: Team, control: np.ndarray, count: int, since_check: int, check_interval: int,
+    watch: Watch | None, ledger: np.ndarray
+) -> tuple[int, int, int]:
+    """
+    Take up to `count` steps until one ends after control[GOAL].
+
+    `state` is where the step in progress ends, trail.start where it begins; its slopes are kept
+    for states in between. Time is control[START] + control[LENGTH] before and after. A step that
+    errs by more than tolerance x its length, or x control[SPARE], is refused and made shorter:
+    where a contact begins or ends within it, so that it ends just there, else until it is so short
+    that such a change matters next to nothing. A step in which a connector may have broken is the
+    last one, and says so.
+    """
+    first, last = own_blocks(team, model.blocks.slot.shape[0])
+    trail = some(work.trail)
+    turn_rows = trail.slopes.shape[1] - 9
+    has_last = control[HAS_LAST] != 0.0
+    wait_for_all(team)
+    start, length, h = control[START], control[LENGTH], control[NEXT]
+    total, rate, refused = control[TOTAL], control[RATE], control[REFUSED]
+    goal, shortest = control[GOAL], control[SHORTEST]
+    tolerance = max(control[TOLERANCE], control[FLOOR])
+    longest, spare, kink = control[LONGEST], control[SPARE], control[KINK]
+    meeting, resume = control[MEETING:MEETING + 1], control[RESUME]
+    done, status = 0, 0
+    note_lengths(model, work.breakage, state, work, team, first, last)
+    while done < count and start + length <= goal and status == 0:
+        if has_last:
+            repeat_slope(model, loads, work, trail, first, last)
+            repeat_stretches(losses_of(model.contacts), team)
+        else:
+            slope_at(
+                model, loads, state, work, trail, 0, team, watch, start + length, first, last)
+        accepted = landing = False
+        while not accepted:
+            forget_ways(watch, team.member)
+            try_step(
+                pair, model, loads, state, work, trail, team, watch, start + length, h, first,
+                last)
+            # Per unit of time, so the length of the step cancels.
+            error, probable = largest_error(
+                pair, model, trail, control, turn_rows, team, watch, first, last)
+            change = _SHRINK
+            if error <= tolerance or error * h <= tolerance * spare:
+                accepted = True
+                change = _GROW
+            if 0.0 < error and error < np.inf:
+                change = min(change, max(_SHRINK, (_AIM * tolerance / error) ** (1.0 / 7.0)))
+            elif not error <= tolerance:
+                change = _SHRINK
+            finite = error < _ESTIMATE * _MISSED
+            if not accepted and h <= kink and finite:
+                accepted = True
+                change = _GROW
+            if accepted:
+                total += probable * h
+                rate = probable
+                save(model, state, trail.start, first, last)
+                save(model, trail.stage, state, first, last)
+                accept_stretches(losses_of(model.contacts), team)
+                keep_work(loads, first, last)
+                add_work(loads, h, pair.step, first, last)
+                add_flow(work.spent, model.blocks.slot, h, pair.step, first, last)
+                add_flow(work.given, model.blocks.slot, h, pair.step, first, last)
+                start, length = start + length, h
+            else:
+                refused += 1.0
+                if h <= shortest:
+                    status = TOO_SHORT
+                    accepted = True
+            shorter = NEVER_MEET
+            if not accepted and finite:
+                shorter = land(
+                    model.contacts, team, state, trail.slopes[0], h, 0.1 * kink, meeting)
+            elif not accepted and error == _ESTIMATE * _MISSED:
+                # Steps do not depend on what was known: the same again after another look.
+                change = 0.5
+                if can_look_farther(watch, start + length):
+                    status, accepted, change = TOO_FAR, True, 1.0
+            # If a step that was to end there is refused too, it was foretold too roughly.
+            if shorter < (0.9 * h if landing else NEVER_MEET):
+                h, landing = max(shorter, shortest), True
+            else:
+                h = min(max(h * change, shortest), longest)
+        if landing and status == 0:
+            h = min(max(h, resume), longest)
+        if status == 0:
+            slope_at(
+                model, loads, state, work, trail, 12, team, watch, start + length, first, last)
+            has_last = True
+            done += 1
+            since_check += 1
+            if is_breaking(model, work.breakage, state, work, trail, team, length, first, last):
+                # It is not looked at what will be taken back.
+                status = BREAKING
+            else:
+                status, since_check = look(
+                    model, loads, state, saved, work, team, since_check, check_interval, watch,
+                    ledger, done, start + length, 0.0, first, last)
+    wait_for_all(team)
+    if team.member == 0:
+        control[START], control[LENGTH], control[NEXT] = start, length, h
+        control[TOTAL], control[RATE], control[REFUSED] = total, rate, refused
+        control[HAS_LAST] = 1.0 if has_last else 0.0
+        control[MEETING] = 0.0
+    return status, done, since_check
+
+
+@compiled
+def repeat_slope(
+    model: Model, loads: Loads | None, work: Work, trail: Trail, first: int, last: int
+) -> None:
+    """The last slope of a step is the first of the next."""
+    for block in range(first, last):
+        s = model.blocks.slot[block]
+        for k in range(trail.slopes.shape[1]):
+            store(trail.slopes[0], k, s, load(trail.slopes[12], k, s))
+    repeat_power(loads, first, last)
+    repeat_flow(work.spent, model.blocks.slot, first, last)
+    repeat_flow(work.given, model.blocks.slot, first, last)
+
+
+@compiled
+def repeat_power(loads: Loads | None, first: int, last: int) -> None:
+    """The same for the powers of loads."""
+    if loads is None:
+        return
+    for m in range(LANES * loads.start[first], LANES * loads.start[last], LANES):
+        store(loads.power, 0, m, load(loads.power, 12, m))
+
+
+@compiled
+def prepare_dense(
+    pair: Pair, model: Model, loads: Loads | None, work: Work, team: Team, trail: Trail,
+    watch: Watch | None, time: float, h: float
+) -> None:
+    """Three more slopes of the step in progress, which begins at `time` [s], for `dense_state`."""
+    first, last = own_blocks(team, model.blocks.slot.shape[0])
+    index = 13
+    for weights in pair.dense_stages:
+        for block in range(first, last):
+            combine(trail.start, trail.slopes, weights, h, trail.stage, model.blocks.slot[block])
+        combine_stretches(losses_of(model.contacts), weights, h, True, team)
+        slope_at(
+            model, loads, trail.stage, work, trail, index, team, watch,
+            time + pair.nodes[index] * h, first, last)
+        index += 1
+
+
+@compiled
+def dense_state(
+    pair: Pair, model: Model, loads: Loads | None, state: State, team: Team, trail: Trail,
+    time: float, h: float, x: float, target: State
+) -> None:
+    """State at the part `x` of the step in progress, which begins at `time` [s]."""
+    first, last = own_blocks(team, model.blocks.slot.shape[0])
+    for block in range(first, last):
+        s = model.blocks.slot[block]
+        interpolate(trail.start, state, trail.slopes, pair.dense, h, x, target, s)
+        normalise(target.orientation, s)
+        if loads is not None:
+            for m in range(loads.start[block], loads.start[block + 1]):
+                place_row(loads.drives, loads, target, m, s, time + x * h)
+
+
+def dense_sum(
+    pair: Pair, rates: np.ndarray, before: Any, after: Any, h: float, x: float
+) -> Any:
+    """
+    What a step of length `h` adds up from `rates` by its part `x`, as `dense_state` does.
+
+    (16,) for a number, (16, m) for m of them.
+    """
+    rise, first, last = after - before, h * rates[0], h * rates[12]
+    total = 0.0 * rise
+    for i in range(len(pair.dense) - 1, -1, -1):
+        part = h * (pair.dense[i] @ rates[:pair.dense.shape[1]])
+        total = (total + part) * (x if i % 2 == 1 else 1.0 - x)
+    total = (total + (rise + rise - first - last)) * x
+    total = (total + (first - rise)) * (1.0 - x)
+    return before + (total + rise) * x

@@ -1,0 +1,233 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+Splitting methods: the exact flows of kinetic and potential energy in turn.
+
+The inertia is isotropic, so the kinetic flow is free flight and one rotation about a constant
+axis, both exact; the potential flow changes velocities only. See docs/decisions/.
+"""
+
+from icofabric_sim.kernels.contact.displacement import (
+    add_ways,
+    farthest,
+    note_ways,
+    shift_at,
+    STRIDE,
+)
+from icofabric_sim.kernels.contact.forces import deepest_overlap, touch_all
+from icofabric_sim.kernels.contact.rebuild_check import judge_ways, MISSED
+from icofabric_sim.kernels.flows import drift, push, push_kept
+from icofabric_sim.kernels.loads import keep_work
+from icofabric_sim.kernels.monitor import (
+    DEEPEST_LIMIT,
+    examine,
+    judge_roughness,
+    REGULAR,
+    ROUGHER,
+    ROUGHEST,
+    roughness,
+    sample,
+    save,
+    SAVED_AT,
+    TOO_DEEP,
+    UNSOUND,
+)
+from icofabric_sim.kernels.records import Contacts, Loads, Model, State, Team, Watch, Work
+from icofabric_sim.kernels.runtime.compiled import compiled
+from icofabric_sim.kernels.runtime.lanes import splat
+from icofabric_sim.kernels.runtime.team import own_blocks, tell_all, TILE, wait_for_all
+import numpy as np
+
+# An interval that never ends: nobody looks.
+NEVER = 2**62
+
+
+@compiled
+def steps(
+    kicks: np.ndarray, drifts: np.ndarray, model: Model, contacts: Contacts | None,
+    loads: Loads | None, state: State, work: Work, team: Team, watch: Watch | None, origin: float,
+    index: int, h: float, count: int
+) -> None:
+    """
+    Take `count` steps of length `h`, the first from origin + index h on; see `splitting`.
+
+    Contacts need the places of all bodies, and have sweeps in which all drift first. The ways of
+    bodies are noted where forces are evaluated, and nowhere else: what is between does not count.
+
+    A block can be pushed once its neighbours have drifted, so both run over the fabric in one
+    sweep (see sweep.py) and each body comes from memory once. Where a thread's blocks border on
+    another's, these drift first. All in one function: every call of a compiled function with so
+    many arrays counts their references, which a small fabric would feel.
+    """
+    first, last = own_blocks(team, model.blocks.slot.shape[0])
+    sweep = team.sweep
+    count_own = last - first
+    kick_first = kicks.shape[0] > drifts.shape[0]
+    stages = min(kicks.shape[0], drifts.shape[0])
+    if kick_first:
+        push_kept(model, loads, state, work, origin + index * h, kicks[0] * h, first, last)
+    now = 0.0
+    most = splat(0.0)
+    for evaluation in range(count * stages):
+        stage = evaluation % stages
+        # The times of a step do not depend on the call that it is a part of.
+        step = index + evaluation // stages
+        if stage == 0:
+            now = origin + step * h
+        whole = drifts[stage] * h
+        after = now + whole
+        if kick_first and stage + 1 == stages:
+            after = origin + (step + 1) * h
+        kick = kicks[stage] * h
+        again = 0.0
+        keep = False
+        if kick_first:
+            kick = kicks[stage + 1] * h
+            # The last kick of a step and the first of the next share their forces.
+            keep = evaluation + 1 == count * stages
+            if stage + 1 == stages and not keep:
+                again = kicks[0] * h
+        drifted = 0
+        shift = shift_at(watch, after)
+        if team.size > 1:
+            drift(model, loads, state, work, now, whole, sweep.drifts, 0, sweep.border)
+            drifted = sweep.border
+            wait_for_all(team)
+        if contacts is not None:
+            if team.size == 1:
+                drift(model, loads, state, work, now, whole, sweep.drifts, 0, count_own)
+                drifted = count_own
+            touch_all(contacts, state.position, state.orientation, team)
+        if watch is not None:
+            for turn in range(drifted):
+                block = sweep.drifts[turn]
+                most = add_ways(
+                    watch, state, model.blocks.alive[block], shift, model.blocks.slot[block], most)
+        for tile in range(sweep.ahead.shape[0]):
+            goal = sweep.ahead[tile]
+            drift(model, loads, state, work, now, whole, sweep.drifts, drifted, goal)
+            if watch is not None:
+                for turn in range(drifted, goal):
+                    block = sweep.drifts[turn]
+                    most = add_ways(
+                        watch, state, model.blocks.alive[block], shift, model.blocks.slot[block],
+                        most)
+            drifted = goal
+            push(
+                model, loads, state, work, after, kick, again, keep, sweep.pushes, TILE * tile,
+                min(TILE * tile + TILE, count_own))
+        if evaluation + 1 == count * stages:
+            note_ways(watch, team.member, most)
+        wait_for_all(team)
+        now = after
+        if not kick_first and stage + 1 == stages:
+            drift(
+                model, loads, state, work, now, drifts[stages] * h, sweep.drifts, 0, count_own)
+            wait_for_all(team)
+
+
+@compiled
+def stride_of(watch: Watch | None, check_interval: int) -> int:
+    """Steps between two looks at how far bodies have moved."""
+    if watch is None:
+        return check_interval
+    return int(watch.limits[STRIDE])
+
+
+@compiled
+def splitting(
+    kicks: np.ndarray,
+    drifts: np.ndarray,
+    model: Model,
+    loads: Loads | None,
+    state: State,
+    saved: State,
+    work: Work,
+    team: Team,
+    origin: float,
+    index: int,
+    h: float,
+    count: int,
+    since_check: int,
+    check_interval: int,
+    watch: Watch | None,
+    ledger: np.ndarray,
+) -> tuple[int, int, int]:
+    """
+    Take up to `count` steps of length `h`: kick, drift, ..., kick or drift, kick, ..., drift.
+
+    The first begins at origin + index h [s].
+    `kicks` and `drifts` are the parts of the step that each flow takes; the longer of the two
+    begins and ends a step. One evaluation of the forces for each stage: where kicks begin, the
+    last of a step and the first of the next share theirs, and `work` must hold the accelerations
+    of the state, as it does again at the end. After every `check_interval` steps the state is
+    examined (`ledger`, see kernels/monitor.py) and saved if it is sound; a status other than 0
+    ends the call early. Returns the status, the steps taken, and the steps since the last
+    examination.
+    """
+    stages = min(kicks.shape[0], drifts.shape[0])
+    first, last = own_blocks(team, model.blocks.slot.shape[0])
+    differences = work.weights.shape[0] - 1
+    done = 0
+    while done < count:
+        # As far as somebody looks at the state.
+        ahead = min(count - done, check_interval - since_check)
+        # Read anew: a look on the way may change it.
+        stride = stride_of(watch, check_interval)
+        ahead = min(ahead, stride - since_check % stride)
+        # Step ends are sampled in windows of as many steps as the difference has, one after the
+        # other; only in the last before a look where a step is a single evaluation.
+        sampled = -1
+        if 0 < differences and check_interval < NEVER:
+            sampled = since_check - (check_interval - differences if stages < 4 else 0)
+            if sampled < 0:
+                ahead = min(ahead, -sampled)
+            else:
+                ahead = 1
+                if sampled % differences == 0:
+                    if team.member == 0:
+                        sample(
+                            model.blocks.slot, state.position, state.orientation,
+                            work.difference, work.weights, 0)
+                    wait_for_all(team)
+        steps(
+            kicks, drifts, model, model.contacts, loads, state, work, team, watch, origin,
+            index + done, h, ahead)
+        done += ahead
+        since_check += ahead
+        if sampled >= 0:
+            if team.member == 0:
+                number = sampled % differences + 1
+                sample(
+                    model.blocks.slot, state.position, state.orientation, work.difference,
+                    work.weights, number)
+                if number == differences:
+                    ledger[ROUGHEST] = max(ledger[ROUGHEST], roughness(work, ledger))
+            wait_for_all(team)
+        if team.member == 0 and check_interval < NEVER:
+            ledger[REGULAR] += ahead
+        examined = since_check >= check_interval
+        watched = watch is not None and since_check % stride == 0
+        status = 0
+        if examined:
+            since_check = 0
+            if team.member == 0:
+                status = examine(
+                    model, loads, state, work, origin + (index + done) * h, ledger)
+                status |= judge_roughness(
+                    work, ledger, differences if stages < 4 else check_interval)
+        if watched and team.member == 0:
+            status |= judge_ways(
+                watch, farthest(watch, team.size), state, origin + (index + done) * h, h)
+            if deepest_overlap(model.contacts, team.size) > ledger[DEEPEST_LIMIT]:
+                status |= TOO_DEEP
+        if examined or watched:
+            status = tell_all(team, status)
+        if examined and status & (UNSOUND | ROUGHER | TOO_DEEP | MISSED) == 0:
+            if team.member == 0:
+                ledger[SAVED_AT] = done
+            save(model, state, saved, first, last)
+            keep_work(loads, first, last)
+        if status != 0:
+            return status, done, since_check
+    return 0, done, since_check

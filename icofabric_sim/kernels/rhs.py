@@ -1,0 +1,329 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+The equations of motion as dy/dt = f(y) for Runge-Kutta methods, and sums of their slopes.
+
+Rows of a slope, slots last: 3 of the position, 4 of the quaternion (or 9 direction cosines), 3 of
+the velocity, 3 of the spin.
+"""
+
+from icofabric_sim.kernels.anchors import anchor_slope
+from icofabric_sim.kernels.contact.losses import add_taken, losses_of
+from icofabric_sim.kernels.drives import is_wrench, place_row, resist_slopes
+from icofabric_sim.kernels.external import add_external
+from icofabric_sim.kernels.flows import accelerations, place_links
+from icofabric_sim.kernels.loads import factor_of, kick_load, wrench_of
+from icofabric_sim.kernels.meters import note_flow
+from icofabric_sim.kernels.monitor import rows_of
+from icofabric_sim.kernels.probable_error import probable_error
+from icofabric_sim.kernels.records import Loads, Model, State, Work
+from icofabric_sim.kernels.rotations import orthonormalise
+from icofabric_sim.kernels.runtime.compiled import compiled
+from icofabric_sim.kernels.runtime.lanes import (
+    bits,
+    fma,
+    lane,
+    LANES,
+    load,
+    load_at,
+    maximum,
+    rsqrt,
+    splat,
+    store,
+    store_at,
+    where,
+)
+from icofabric_sim.kernels.viscous import add_damping, add_drag, add_magnetic, place_speeds
+from icofabric_sim.kernels.wrap.rates import add_wrapped_damping
+import numpy as np
+
+
+@compiled
+def place_blocks(
+    model: Model, loads: Loads | None, state: State, work: Work, time: float, first: int,
+    last: int
+) -> None:
+    """
+    Attachment points of blocks first to last at `time` [s]; driven bodies are put on their paths.
+
+    Also the velocities of the points, where these are asked for.
+    """
+    for block in range(first, last):
+        s = model.blocks.slot[block]
+        if loads is not None:
+            for m in range(loads.start[block], loads.start[block + 1]):
+                place_row(loads.drives, loads, state, m, s, time)
+        place_links(model.links, state, work, s)
+        place_speeds(model.damping, state, work.points, work.speeds, s)
+
+
+@compiled
+def find_slopes(
+    model: Model, loads: Loads | None, state: State, work: Work, time: float, slope: np.ndarray,
+    index: int, first: int, last: int
+) -> None:
+    """
+    Slope number `index` at `state` and `time` [s], for blocks first to last; points are in place.
+
+    dq/dt = omega q / 2 (eq 22) or de_i/dt = omega x e_i (eq 19), and eq 45. The power of the loads
+    goes into `loads.power`, what is spent or given into `work`.
+    """
+    turn = rows_of(state.orientation).shape[0]
+    linear, angular = slope[3 + turn:6 + turn], slope[6 + turn:9 + turn]
+    kicked = State(state.position, state.orientation, linear, angular)
+    for block in range(first, last):
+        s = model.blocks.slot[block]
+        for k in range(3):
+            store(slope, k, s, load(state.linear_velocity, k, s))
+        turn_slopes(state.orientation, state.angular_velocity, slope, s)
+        a = accelerations(model, state, work.points, time, block, s)
+        for k in range(3):
+            store(linear, k, s, a[k])
+            store(angular, k, s, a[k + 3])
+        spent = add_damping(
+            model.damping, model.links, model, state, work.points, work.speeds, linear, angular,
+            block, s)
+        spent = add_wrapped_damping(
+            model.wrapping, model.damping, model.links, model, state, work.points, work.speeds,
+            linear, angular, block, s, spent)
+        spent = add_drag(model.drag, model, state, linear, angular, s, spent)
+        spent = add_taken(losses_of(model.contacts), s, spent)
+        add_magnetic(model.magnet, model, state, linear, angular, s)
+        note_flow(work.spent, index, s, spent)
+        given = add_external(work.external, model, state, linear, angular, s)
+        note_flow(work.given, index, s, given)
+        if loads is not None:
+            for m in range(loads.start[block], loads.start[block + 1]):
+                if is_wrench(loads.drives, loads.anchors, loads.wrench[m]):
+                    kick_load(model, loads, kicked, m, s, time, 1.0)
+                    note_power(loads, state, m, s, time, index)
+                anchor_slope(loads.anchors, model, loads, kicked, m, s, time, index)
+        if loads is not None:
+            # Last: a path bears whatever acts.
+            for m in range(loads.start[block], loads.start[block + 1]):
+                resist_slopes(loads.drives, model, loads, state, linear, angular, m, s, index)
+
+
+@compiled
+def turn_slopes(
+    orientation: np.ndarray, spin: np.ndarray, slope: np.ndarray, s: int
+) -> None:
+    """Slopes of the orientations of a block."""
+    zero = splat(0.0)
+    if orientation.ndim == 2:
+        half = splat(0.5)
+        ux, uy = half * load(spin, 0, s), half * load(spin, 1, s)
+        uz = half * load(spin, 2, s)
+        x, y = load(orientation, 0, s), load(orientation, 1, s)
+        z, w = load(orientation, 2, s), load(orientation, 3, s)
+        store(slope, 3, s, fma(ux, w, fma(uy, z, zero - uz * y)))
+        store(slope, 4, s, fma(uy, w, fma(uz, x, zero - ux * z)))
+        store(slope, 5, s, fma(uz, w, fma(ux, y, zero - uy * x)))
+        store(slope, 6, s, zero - fma(ux, x, fma(uy, y, uz * z)))
+    else:
+        ux, uy, uz = load(spin, 0, s), load(spin, 1, s), load(spin, 2, s)
+        for i in range(3):
+            axis = orientation[i]
+            x, y, z = load(axis, 0, s), load(axis, 1, s), load(axis, 2, s)
+            store(slope, 3 + 3 * i, s, uy * z - uz * y)
+            store(slope, 4 + 3 * i, s, uz * x - ux * z)
+            store(slope, 5 + 3 * i, s, ux * y - uy * x)
+
+
+@compiled
+def note_power(
+    loads: Loads, state: State, m: int, s: int, time: float, index: int
+) -> None:
+    """Power [W] of row `m` of the loads on a block at `time` [s]."""
+    force, torque = wrench_of(loads, state.orientation, loads.wrench[m], s)
+    velocity, spin = state.linear_velocity, state.angular_velocity
+    power = fma(force[0], load(velocity, 0, s), fma(
+        force[1], load(velocity, 1, s), force[2] * load(velocity, 2, s)))
+    power = fma(torque[0], load(spin, 0, s), fma(
+        torque[1], load(spin, 1, s), fma(torque[2], load(spin, 2, s), power)))
+    power = splat(factor_of(loads.varying, loads.wrench[m], time)) * power
+    store(loads.power, index, LANES * m, where(bits(loads.lanes[m]), power, splat(0.0)))
+
+
+@compiled
+def add_work(loads: Loads | None, h: float, weights: np.ndarray, first: int, last: int) -> None:
+    """
+    Work [J] of the loads on blocks first to last over a step: the weighted sum of their powers.
+    """
+    if loads is None:
+        return
+    for m in range(LANES * loads.start[first], LANES * loads.start[last], LANES):
+        total = splat(0.0)
+        for j in range(weights.shape[0]):
+            total = fma(splat(weights[j]), load(loads.power, j, m), total)
+        store_at(loads.work, m, fma(splat(h), total, load_at(loads.work, m)))
+
+
+@compiled
+def combine(
+    source: State, slopes: np.ndarray, weights: np.ndarray, h: float, target: State, s: int
+) -> None:
+    """Y + h sum of w_j slope_j of a block, for as many slopes as there are weights."""
+    turn = rows_of(source.orientation)
+    row = combine_rows(source.position, slopes, 0, weights, h, target.position, s)
+    row = combine_rows(turn, slopes, row, weights, h, rows_of(target.orientation), s)
+    row = combine_rows(source.linear_velocity, slopes, row, weights, h, target.linear_velocity, s)
+    combine_rows(source.angular_velocity, slopes, row, weights, h, target.angular_velocity, s)
+
+
+@compiled
+def combine_rows(
+    source: np.ndarray, slopes: np.ndarray, row: int, weights: np.ndarray, h: float,
+    target: np.ndarray, s: int
+) -> int:
+    """The same for the rows of one array; returns the row after them."""
+    step = splat(h)
+    for k in range(source.shape[0]):
+        total = splat(0.0)
+        for j in range(weights.shape[0]):
+            # Many weights of high-order methods are 0.
+            if weights[j] != 0.0:
+                total = fma(splat(weights[j]), load(slopes[j], row + k, s), total)
+        store(target, k, s, fma(step, total, load(source, k, s)))
+    return row + source.shape[0]
+
+
+@compiled
+def normalise(orientation: np.ndarray, s: int) -> None:
+    """
+    Back to unit quaternions, or nearly orthonormal cosines: two Newton steps, which square errors.
+    """
+    if orientation.ndim == 2:
+        x, y = load(orientation, 0, s), load(orientation, 1, s)
+        z, w = load(orientation, 2, s), load(orientation, 3, s)
+        scale = rsqrt(fma(x, x, fma(y, y, fma(z, z, w * w))))
+        store(orientation, 0, s, x * scale)
+        store(orientation, 1, s, y * scale)
+        store(orientation, 2, s, z * scale)
+        store(orientation, 3, s, w * scale)
+    else:
+        orthonormalise(orientation, s)
+        orthonormalise(orientation, s)
+
+
+@compiled
+def step_error(
+    slopes: np.ndarray, turn_rows: int, error_5: np.ndarray, error_3: np.ndarray,
+    scales: np.ndarray, s: int
+) -> tuple[float, float]:
+    """
+    Error of a step of length 1 for a block, the largest of its bodies, to judge it by; what it is.
+
+    Squares of position, orientation, velocity and spin are multiplied by `scales` (4,), and the
+    largest of the four counts. The estimates of order 5 and 3 are combined as in DOP853,
+    e5^2 / sqrt(e5^2 + 0.01 e3^2), which makes it one of order 7, on the safe side. What the step
+    probably errs by: see `probable_error`.
+    """
+    zero = splat(0.0)
+    largest_5, largest_3 = zero, zero
+    row = 0
+    for part in range(4):
+        rows = turn_rows if part == 1 else 3
+        square_5, square_3 = zero, zero
+        for k in range(row, row + rows):
+            first, second = zero, zero
+            for j in range(error_5.shape[0]):
+                value = load(slopes[j], k, s)
+                if error_5[j] != 0.0:
+                    first = fma(splat(error_5[j]), value, first)
+                if error_3[j] != 0.0:
+                    second = fma(splat(error_3[j]), value, second)
+            square_5 = fma(first, first, square_5)
+            square_3 = fma(second, second, square_3)
+        row += rows
+        largest_5 = maximum(splat(scales[part]) * square_5, largest_5)
+        largest_3 = maximum(splat(scales[part]) * square_3, largest_3)
+    sum_ = maximum(fma(splat(0.01), largest_3, largest_5), splat(1e-300))
+    error = largest_5 * rsqrt(sum_)
+    error_of_step = probable_error(largest_5, largest_3)
+    largest, probable = 0.0, 0.0
+    for i in range(LANES):
+        # Also where it is not a number.
+        if not lane(error, i) <= largest:
+            largest = lane(error, i)
+        probable = max(probable, lane(error_of_step, i))
+    return largest, probable
+
+
+@compiled
+def interpolate(
+    start: State, end: State, slopes: np.ndarray, dense: np.ndarray, h: float, x: float,
+    target: State, s: int
+) -> None:
+    """State at the part `x` of a step, by DOP853's interpolation of order 7, of a block."""
+    turn = rows_of(start.orientation)
+    row = interpolate_rows(
+        start.position, end.position, slopes, 0, dense, h, x, target.position, s)
+    row = interpolate_rows(
+        turn, rows_of(end.orientation), slopes, row, dense, h, x, rows_of(target.orientation), s)
+    row = interpolate_rows(
+        start.linear_velocity, end.linear_velocity, slopes, row, dense, h, x,
+        target.linear_velocity, s)
+    interpolate_rows(
+        start.angular_velocity, end.angular_velocity, slopes, row, dense, h, x,
+        target.angular_velocity, s)
+    normalise(target.orientation, s)
+
+
+@compiled
+def interpolate_rows(
+    start: np.ndarray, end: np.ndarray, slopes: np.ndarray, row: int, dense: np.ndarray, h: float,
+    x: float, target: np.ndarray, s: int
+) -> int:
+    """The same for the rows of one array; returns the row after them."""
+    step, here, rest = splat(h), splat(x), splat(1.0 - x)
+    for k in range(start.shape[0]):
+        old, new = load(start, k, s), load(end, k, s)
+        first, last = load(slopes[0], row + k, s), load(slopes[12], row + k, s)
+        change = new - old
+        total = splat(0.0)
+        for i in range(dense.shape[0] - 1, -1, -1):
+            part = splat(0.0)
+            for j in range(dense.shape[1]):
+                if dense[i, j] != 0.0:
+                    part = fma(splat(dense[i, j]), load(slopes[j], row + k, s), part)
+            total = fma(step, part, total) * (here if i % 2 == 1 else rest)
+        total = (total + (change + change - step * (first + last))) * here
+        total = (total + (step * first - change)) * rest
+        total = (total + change) * here
+        store(target, k, s, old + total)
+    return row + start.shape[0]
+
+
+@compiled
+def rates_of_rows(
+    model: Model, state: State, work: Work, slope: np.ndarray, slot: np.ndarray, y: np.ndarray,
+    result: np.ndarray
+) -> None:
+    """Slopes at time 0 without loads, body by body, (13 n,), of numbers body by body."""
+    last = model.blocks.slot.shape[0]
+    read_rows(y, slot, state)
+    place_blocks(model, None, state, work, 0.0, 0, last)
+    find_slopes(model, None, state, work, 0.0, slope, 0, 0, last)
+    copy_rows(slope, slot, result)
+
+
+@compiled
+def read_rows(y: np.ndarray, slot: np.ndarray, state: State) -> None:
+    """Put numbers body by body, (13 n,), into a state with quaternions."""
+    for b in range(slot.shape[0]):
+        s = slot[b]
+        for k in range(3):
+            state.position[k, s] = y[13 * b + k]
+            state.linear_velocity[k, s] = y[13 * b + 7 + k]
+            state.angular_velocity[k, s] = y[13 * b + 10 + k]
+        for k in range(4):
+            state.orientation[k, s] = y[13 * b + 3 + k]
+
+
+@compiled
+def copy_rows(slope: np.ndarray, slot: np.ndarray, result: np.ndarray) -> None:
+    """Write the slopes body by body, (13 n,)."""
+    for b in range(slot.shape[0]):
+        for k in range(13):
+            result[13 * b + k] = slope[k, slot[b]]

@@ -1,0 +1,85 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+What is said of the compiler while it works, how long it has worked, and how it is ended early.
+"""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+import logging
+
+from icofabric_sim.kernels.runtime.interrupts import leaving
+from icofabric_sim.kernels.runtime.wait_notice import Patience
+
+_LOGGER = logging.getLogger('icofabric_sim')
+# With figures in docs/performance.md, "The first start".
+COMPILING = 'compiling the kernels of this kind of scene, which takes about a minute'
+STILL_COMPILING = 'still compiling the kernels'
+_ONCE = 'once on a machine: later starts take them from disk'
+_ALWAYS = (
+    'at every start: neither the folder of the package nor the cache folder of the user can be '
+    'written; NUMBA_CACHE_DIR=FOLDER names another place for compiled kernels')
+
+
+class CompileNotice:
+    """Hears when compilations begin and end, from whatever thread; they may be nested."""
+
+    def __init__(self) -> None:
+        """Nothing has been compiled yet."""
+        self._depth = 0
+        self._kept, self._told = True, False
+        self._patience = Patience(self._explain)
+        self._show: Callable[[str], object] | None = None
+
+    @property
+    def seconds(self) -> float:
+        """Wall time [s] that compiling has taken in this process so far."""
+        return self._patience.seconds
+
+    @property
+    def is_compiling(self) -> bool:
+        """Whether a compilation goes on."""
+        return self._depth > 0
+
+    def begin(self, *, kept: bool) -> None:
+        """
+        Note that a kernel is being compiled; `kept`: it will be on disk.
+
+        Raises KeyboardInterrupt where the process is to end; `end` is called all the same.
+        """
+        self._depth += 1
+        if self._depth == 1:
+            self._kept = kept
+            self._patience.begin()
+        leaving.check()
+
+    def end(self) -> None:
+        """Note that it is compiled."""
+        self._depth -= 1
+        if not self._depth:
+            self._patience.end()
+
+    @contextmanager
+    def shown_by(self, show: Callable[[str], object]) -> Iterator[None]:
+        """Have the words shown by `show` instead of the log."""
+        before, self._show = self._show, show
+        try:
+            yield
+        finally:
+            self._show = before
+
+    def _explain(self, seconds: float) -> None:
+        first, self._told = not self._told or seconds < 10.0, True
+        text = f'{STILL_COMPILING}, for {seconds:.0f} s so far'
+        if first:
+            text = f'{COMPILING}, {_ONCE if self._kept else _ALWAYS}'
+        # Where nobody has set up logging, Python shows warnings only.
+        level = logging.INFO if _LOGGER.hasHandlers() and self._kept else logging.WARNING
+        if self._show is not None:
+            self._show(text)
+        else:
+            _LOGGER.log(level, '%s', text)
+
+
+# Of this process.
+compile_notice = CompileNotice()

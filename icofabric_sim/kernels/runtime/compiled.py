@@ -1,0 +1,112 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""The one decorator of all kernels."""
+
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any
+
+from icofabric_sim.kernels.runtime.compile_notice import compile_notice
+from icofabric_sim.kernels.runtime.disk_cache import KernelCache
+from icofabric_sim.kernels.runtime.interrupts import leaving
+from numba.core import config, event
+from numba.core.caching import NullCache
+from numba.core.registry import cpu_target, CPUDispatcher
+
+_PLAIN = bool(getattr(config, 'DISABLE_JIT', 0))
+
+
+def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
+    """
+    Compile `function` on first use, cached on disk, without the interpreter lock, IEEE division.
+    """
+    if _PLAIN:
+        return function
+    return _Kernel(function)
+
+
+class _NoCache(NullCache):
+    """Tells kernels from what else Numba compiles in this process."""
+
+
+class _Part(CPUDispatcher):
+    """
+    A kernel as other kernels call it: without entrances for Python and C.
+
+    Such an entrance takes records of a hundred arrays apart: a third of all compilation.
+    """
+
+    def __init__(self, function: Callable[..., Any], *, entrance: bool = False) -> None:
+        super().__init__(function, targetoptions={
+            'nopython': True, 'nogil': True, 'error_model': 'numpy', 'boundscheck': None,
+            'no_cpython_wrapper': not entrance, 'no_cfunc_wrapper': True})
+        self._cache: Any = _NoCache()
+        # Else no folder can be written.
+        with suppress(RuntimeError):
+            self._cache = KernelCache(function, entrance=entrance)
+
+
+class _Kernel(_Part):
+    """A kernel as Python calls it."""
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        super().__init__(function, entrance=True)
+        self._part: _Part | None = None
+
+    # What other kernels ask for.
+    def get_call_template(self, args: Any, kws: Any) -> Any:
+        return self._as_part().get_call_template(args, kws)
+
+    def get_overload(self, sig: Any) -> Any:
+        return self._as_part().get_overload(sig)
+
+    def is_ready(self, *arguments: Any) -> bool:
+        """Whether nothing has to be compiled for such arguments: it is loaded, or on disk."""
+        types = tuple(self.typeof_pyval(argument) for argument in arguments)
+        return types in self.overloads or (
+            isinstance(self._cache, KernelCache)
+            and self._cache.holds(types, self.targetctx))
+
+    def _as_part(self) -> _Part:
+        # Not at once: where all is on disk nothing asks for it.
+        if self._part is None:
+            self._part = _Part(self.py_func)
+        return self._part
+
+
+class _Compilations(event.Listener):
+    """Reports the compilation of kernels; what comes from disk is none."""
+
+    def __init__(self) -> None:
+        self._depth = 0
+
+    def on_start(self, happening: event.Event) -> None:
+        cache = getattr(happening.data['dispatcher'], '_cache', None)
+        if not self._depth and not isinstance(cache, (KernelCache, _NoCache)):
+            return
+        self._depth += 1
+        compile_notice.begin(kept=isinstance(cache, KernelCache))
+
+    def on_end(self, happening: event.Event) -> None:
+        if self._depth:
+            self._depth -= 1
+            compile_notice.end()
+
+
+class _Passes(event.Listener):
+    """Ends a compilation between its passes where the process is to end."""
+
+    def on_start(self, happening: event.Event) -> None:
+        leaving.check()
+
+    def on_end(self, happening: event.Event) -> None:
+        pass
+
+
+if not _PLAIN:
+    event.register('numba:compile', _Compilations())
+    event.register('numba:run_pass', _Passes())
+    # Numba sets itself up in the first call of a kernel, which takes as long as several thousand
+    # steps of a small fabric: rather now, while everybody waits for imports.
+    cpu_target.typing_context.refresh()
+    cpu_target.target_context.refresh()

@@ -1,0 +1,114 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+Compiled kernels on disk: what an entry depends on, where it lies, and what may go wrong with it.
+
+Beside the package where that can be written, else in the user's cache folder; NUMBA_CACHE_DIR
+names another place. Nothing that is wrong with the disk ends a run: the kernel is then compiled.
+"""
+
+from collections.abc import Callable
+import glob
+import hashlib
+import logging
+import os
+from pathlib import Path
+from typing import Any
+import uuid
+
+import llvmlite
+from llvmlite import binding
+from numba.core.caching import FunctionCache, IndexDataCacheFile
+
+_LOGGER = logging.getLogger('icofabric_sim')
+_PACKAGE = Path(__file__).resolve().parents[2]
+
+
+# The rooms that compiled functions come from and take constants from. Neither imports another
+# room (test/kernels/test_kernel_cache.py reads their imports).
+_STAMPED = ('geometry', 'kernels')
+
+
+def _source_stamp() -> tuple[str, str]:
+    """
+    Source of all kernels together, because they call each other, and the compiler's version.
+
+    Numba looks at the file of a function alone, and adds its own version.
+    """
+    digest = hashlib.sha256()
+    for room in _STAMPED:
+        for path in sorted((_PACKAGE / room).rglob('*.py')):
+            text = path.read_bytes()
+            name = path.relative_to(_PACKAGE).as_posix()
+            digest.update(f'{name} {len(text)}\n'.encode() + text)
+    return digest.hexdigest(), llvmlite.__version__
+
+
+_STAMP = _source_stamp()
+# Numba adds the processor that it compiles for; lane_types.py looks at the one that it runs on.
+_PROCESSOR = binding.get_host_cpu_features().flatten()
+
+
+class _CacheFile(IndexDataCacheFile):
+    """The index of a kernel and its entries, safe against other processes and damage."""
+
+    def _load_index(self) -> Any:
+        try:
+            return super()._load_index()
+        except Exception:  # noqa: BLE001 - cut short, or it names records that are gone
+            return {}
+
+    def _load_data(self, name: str) -> Any:
+        try:
+            return super()._load_data(name)
+        except Exception as error:  # noqa: BLE001 - cut short by a full disk or a power failure
+            raise OSError(f'{name} cannot be read') from error
+
+    def _data_name(self, number: int) -> str:
+        # Numba counts. Then the index of a process that is ended before it has written its entry,
+        # or that another one has outrun, names the entry of an older source or other arguments.
+        return self._data_name_pattern.replace('{number:d}', uuid.uuid4().hex[:16])
+
+    def _save_index(self, overloads: Any) -> None:
+        super()._save_index(overloads)
+        pattern = self._data_name_pattern.partition('{number:d}')[0]
+        used = set(overloads.values())
+        for path in glob.glob(os.path.join(glob.escape(self._cache_path), f'{pattern}*.nbc')):
+            if os.path.basename(path) not in used:
+                Path(path).unlink(missing_ok=True)
+
+
+class KernelCache(FunctionCache):
+    """The entries of one kernel."""
+
+    # Why entries could not be written, once that has been said.
+    _lost = ''
+
+    def __init__(self, function: Callable[..., Any], *, entrance: bool) -> None:
+        """
+        Raise RuntimeError where no folder can be written.
+
+        `entrance`: the entries can be called from Python, not from other kernels only.
+        """
+        super().__init__(function)
+        self._entrance = entrance
+        stamp = (_STAMP, self._impl.locator.get_source_stamp())
+        self._cache_file = _CacheFile(self._cache_path, self._impl.filename_base, stamp)
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Keep a compiled kernel if that is possible."""
+        try:
+            super().save_overload(sig, data)
+        except OSError as error:
+            if not KernelCache._lost:
+                KernelCache._lost = str(error)
+                _LOGGER.warning(
+                    'compiled kernels cannot be kept on disk, the next start compiles them again: '
+                    '%s; NUMBA_CACHE_DIR names another folder for them', error)
+
+    def holds(self, types: tuple[Any, ...], target: Any) -> bool:
+        """Whether there is an entry for arguments of such types."""
+        return self._index_key(types, target.codegen()) in self._cache_file._load_index()
+
+    def _index_key(self, sig: Any, codegen: Any) -> Any:
+        return *super()._index_key(sig, codegen), _PROCESSOR, self._entrance

@@ -1,0 +1,256 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+Numba types of a vector of doubles and of its mask, and the machine code of their operations.
+
+Numba's own loops over several arrays are not vectorised, because it cannot prove that the arrays
+do not overlap; with values of these types the vectors are written down. `lanes.py` has the
+functions that kernels call.
+"""
+
+import operator
+from typing import Any
+
+from llvmlite import binding, ir
+from numba import types
+from numba.core import cgutils, config
+from numba.core.typing.templates import AbstractTemplate, infer_global, signature
+from numba.extending import intrinsic, lower_builtin, models, register_model
+
+# Untyped: Numba sets its configuration at run time.
+_config: Any = config
+
+
+def _has_avx512() -> bool:
+    """
+    Whether code is made for a processor with AVX-512; NUMBA_CPU_NAME may ask for another one.
+    """
+    if _config.CPU_NAME and _config.CPU_NAME != 'host':
+        return '+avx512f' in (_config.CPU_FEATURES or '')
+    return bool(binding.get_host_cpu_features().get('avx512f'))
+
+
+# Bodies that are computed together: the width of a register of doubles.
+LANES = 8 if _has_avx512() else 4
+
+_INDEX = ir.IntType(32)
+_VECTOR = ir.VectorType(ir.DoubleType(), LANES)
+_BITS = ir.VectorType(ir.IntType(1), LANES)
+
+
+class Lanes(types.Type):
+    """A vector of LANES doubles."""
+
+    def __init__(self) -> None:
+        super().__init__(name=f'Lanes({LANES})')
+
+
+class Mask(types.Type):
+    """A truth value for each lane."""
+
+    def __init__(self) -> None:
+        super().__init__(name=f'Mask({LANES})')
+
+
+lanes_type, mask_type = Lanes(), Mask()
+
+
+@register_model(Lanes)
+class _LanesModel(models.PrimitiveModel):
+    def __init__(self, manager: Any, front: Any) -> None:
+        super().__init__(manager, front, _VECTOR)
+
+
+@register_model(Mask)
+class _MaskModel(models.PrimitiveModel):
+    def __init__(self, manager: Any, front: Any) -> None:
+        super().__init__(manager, front, _BITS)
+
+
+def _pointer(context: Any, builder: Any, sig: Any, args: Any, indices: list[int]) -> Any:
+    """Address of the first lane: `args` are the array and its indices."""
+    array_type = sig.args[0]
+    array = context.make_array(array_type)(context, builder, args[0])
+    places = [context.cast(builder, args[i], sig.args[i], types.intp) for i in indices]
+    address = cgutils.get_item_pointer2(
+        context, builder, array.data, cgutils.unpack_tuple(builder, array.shape),
+        cgutils.unpack_tuple(builder, array.strides), array_type.layout, places,
+        wraparound=False)
+    return builder.bitcast(address, _VECTOR.as_pointer())
+
+
+@intrinsic
+def load_row(typing: Any, array: Any, row: Any, index: Any) -> Any:
+    """Lanes of a 2-D array."""
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        return builder.load(_pointer(context, builder, sig, args, [1, 2]), align=8)
+    return lanes_type(array, row, index), generate
+
+
+@intrinsic
+def load_flat(typing: Any, array: Any, index: Any) -> Any:
+    """Lanes of a 1-D array."""
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        return builder.load(_pointer(context, builder, sig, args, [1]), align=8)
+    return lanes_type(array, index), generate
+
+
+@intrinsic
+def store_row(typing: Any, array: Any, row: Any, index: Any, value: Any) -> Any:
+    """Write lanes into a 2-D array."""
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        builder.store(args[3], _pointer(context, builder, sig, args, [1, 2]), align=8)
+        return context.get_dummy_value()
+    return types.void(array, row, index, value), generate
+
+
+@intrinsic
+def store_flat(typing: Any, array: Any, index: Any, value: Any) -> Any:
+    """Write lanes into a 1-D array."""
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        builder.store(args[2], _pointer(context, builder, sig, args, [1]), align=8)
+        return context.get_dummy_value()
+    return types.void(array, index, value), generate
+
+
+@intrinsic
+def spread(typing: Any, value: Any) -> Any:
+    """The same number in all lanes."""
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        empty = ir.Constant(_VECTOR, ir.Undefined)
+        first = builder.insert_element(empty, args[0], ir.Constant(_INDEX, 0))
+        zeros = ir.Constant(ir.VectorType(_INDEX, LANES), [0] * LANES)
+        return builder.shuffle_vector(first, empty, zeros)
+    return lanes_type(types.float64), generate
+
+
+def _call(builder: Any, name: str, arguments: list[Any], extra: list[Any] | None = None) -> Any:
+    arguments = [*arguments, *(extra or [])]
+    function_type = ir.FunctionType(_VECTOR, [argument.type for argument in arguments])
+    function = cgutils.get_or_insert_function(builder.module, function_type, name)
+    return builder.call(function, arguments)
+
+
+@intrinsic
+def multiply_add(typing: Any, a: Any, b: Any, c: Any) -> Any:
+    """A b + c, rounded once where the processor can."""
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        return _call(builder, f'llvm.fmuladd.v{LANES}f64', list(args))
+    return lanes_type(a, b, c), generate
+
+
+@intrinsic
+def magnitude(typing: Any, a: Any) -> Any:
+    """Absolute values."""
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        return _call(builder, f'llvm.fabs.v{LANES}f64', list(args))
+    return lanes_type(a), generate
+
+
+@intrinsic
+def square_root(typing: Any, a: Any) -> Any:
+    """Square roots, correctly rounded."""
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        return _call(builder, f'llvm.sqrt.v{LANES}f64', list(args))
+    return lanes_type(a), generate
+
+
+@intrinsic
+def inverse_square_root(typing: Any, a: Any) -> Any:
+    """
+    1 / sqrt(a) to about two units in the last place, for normal positive numbers.
+
+    AVX-512 has a first guess y of 14 bits. With h = 1 - a y^2 the root is
+    y (1 + h/2 + 3 h^2/8 + 5 h^3/16 + ...), whose next term is below 2^-53. A square root and a
+    division take three times as long; elsewhere those are used.
+    """
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        def constant(value: float) -> Any:
+            return ir.Constant(_VECTOR, [value] * LANES)
+
+        if LANES != 8:
+            root = _call(builder, f'llvm.sqrt.v{LANES}f64', list(args))
+            return builder.fdiv(constant(1.0), root)
+
+        def fma(a: Any, b: Any, c: Any) -> Any:
+            return _call(builder, f'llvm.fmuladd.v{LANES}f64', [a, b, c])
+
+        guess = _call(
+            builder, 'llvm.x86.avx512.rsqrt14.pd.512', [args[0]],
+            [constant(0.0), ir.Constant(ir.IntType(8), 255)])
+        zero = constant(0.0)
+        product = builder.fmul(args[0], guess)
+        h = fma(builder.fsub(zero, product), guess, constant(1.0))
+        series = fma(h, fma(h, constant(0.3125), constant(0.375)), constant(0.5))
+        return fma(builder.fmul(guess, h), series, guess)
+    return lanes_type(a), generate
+
+
+@intrinsic
+def choose(typing: Any, mask: Any, a: Any, b: Any) -> Any:
+    """`a` where the mask is true, else `b`."""
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        return builder.select(*args)
+    return lanes_type(mask, a, b), generate
+
+
+@intrinsic
+def unpack_bits(typing: Any, bits: Any) -> Any:
+    """Mask from the low bits of a byte, lane 0 first."""
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        byte = args[0]
+        if LANES < 8:
+            byte = builder.trunc(byte, ir.IntType(LANES))
+        return builder.bitcast(byte, _BITS)
+    return mask_type(types.uint8), generate
+
+
+@intrinsic
+def is_any(typing: Any, mask: Any) -> Any:
+    """Whether a lane is true."""
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        word = ir.IntType(LANES)
+        return builder.icmp_unsigned('!=', builder.bitcast(args[0], word), ir.Constant(word, 0))
+    return types.boolean(mask), generate
+
+
+@intrinsic
+def lane_of(typing: Any, value: Any, lane: Any) -> Any:
+    """The number in one lane."""
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        place = context.cast(builder, args[1], sig.args[1], types.int32)
+        return builder.extract_element(args[0], place)
+    return types.float64(value, lane), generate
+
+
+@intrinsic
+def replace_lane(typing: Any, value: Any, lane: Any, number: Any) -> Any:
+    """The vector with another number in one lane."""
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        place = context.cast(builder, args[1], sig.args[1], types.int32)
+        return builder.insert_element(args[0], args[2], place)
+    return lanes_type(value, lane, types.float64), generate
+
+
+def _define_operator(operation: Any, result: Any, generate: Any) -> None:
+    """An operator between two vectors."""
+    class Template(AbstractTemplate):
+        def generic(self, args: Any, keywords: Any) -> Any:
+            if len(args) == 2 and isinstance(args[0], Lanes) and isinstance(args[1], Lanes):
+                return signature(result, *args)
+            return None
+
+    infer_global(operation)(Template)
+    lower_builtin(operation, Lanes, Lanes)(
+        lambda context, builder, sig, args: generate(builder, *args))
+
+
+_define_operator(operator.add, lanes_type, lambda builder, a, b: builder.fadd(a, b))
+_define_operator(operator.sub, lanes_type, lambda builder, a, b: builder.fsub(a, b))
+_define_operator(operator.mul, lanes_type, lambda builder, a, b: builder.fmul(a, b))
+_define_operator(operator.truediv, lanes_type, lambda builder, a, b: builder.fdiv(a, b))
+# Ordered: false where either is not a number.
+_define_operator(
+    operator.lt, mask_type, lambda builder, a, b: builder.fcmp_ordered('<', a, b))
+_define_operator(
+    operator.gt, mask_type, lambda builder, a, b: builder.fcmp_ordered('>', a, b))

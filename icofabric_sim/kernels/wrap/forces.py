@@ -1,0 +1,324 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+Connectors that lie around the shells they are attached to, instead of passing through.
+
+The vectors have computed every connector as straight. Where one of a block enters a shell, that
+lane is computed again, by itself: the same law of the length of its taut way (wrap_path.py), its
+tension along the free part, at the point where this leaves the shell. What lies on the shell
+turns with it, so by virtual work that is the whole wrench, and minus the gradient of the energy.
+Both ends compute the same numbers, the body in the lower slot first, and take them with opposite
+signs.
+"""
+
+import math
+from typing import NamedTuple
+
+from icofabric_sim.kernels.connectors import Six
+from icofabric_sim.kernels.law_tables import piece_of
+from icofabric_sim.kernels.moments import partner_slot
+from icofabric_sim.kernels.obstruction import enters_lanes
+from icofabric_sim.kernels.records import (
+    Connectors,
+    LawTables,
+    Links,
+    Model,
+    State,
+    Variety,
+    Work,
+    Wrapping,
+)
+from icofabric_sim.kernels.runtime.compiled import compiled
+from icofabric_sim.kernels.runtime.lanes import (
+    any_lane,
+    bits,
+    insert,
+    lane,
+    LANES,
+    load_at,
+    splat,
+    Vector,
+    where,
+)
+from icofabric_sim.kernels.wrap.pairs import taut
+from icofabric_sim.kernels.wrap.path import (
+    apart,
+    leaving,
+    LOST,
+    Point,
+    Pose,
+    pose_of,
+    STRAIGHT,
+    turned,
+    wound,
+)
+import numpy as np
+
+_SMALLEST = 1e-150
+
+
+class Band(NamedTuple):
+    """A connector from its own end, straight and around the shells."""
+
+    force: Point  # [N] on the own body, beside that of the straight one
+    torque: Point  # [N m] about its centre
+    energy: float  # [J] beside that of the straight one
+    bound: float  # of what it adds to the squared frequency of the own body [1/s^2], at most
+    lost: int  # ends that found no way
+
+
+@compiled
+def law_of(
+    variety: Variety | None, links: Links, link: int, s: int, length: float
+) -> tuple[float, float, float]:
+    """
+    Tension [N], energy [J] and largest slope [N/m] of a connector by its spring (eqs 1 and 2).
+    """
+    if variety is None:
+        k, rest = links.stiffness, links.natural_length
+        most = k
+    else:
+        rest = variety.natural_length[link, s]
+        most = max(variety.extension[link, s], variety.compression[link, s])
+        k = variety.extension[link, s] if length > rest else variety.compression[link, s]
+    return k * (length - rest), 0.5 * k * (length - rest) ** 2, most
+
+
+@compiled
+def tabled_law(
+    tables: LawTables | None, link: int, s: int, length: float, law: tuple[float, float, float]
+) -> tuple[float, float, float]:
+    """The same by its table, where it has one."""
+    if tables is None:
+        return law
+    else:
+        first = int(tables.first[link, s])
+        if first < 0:
+            return law
+        rows = tables.rows
+        r = piece_of(rows, first, length)
+        t = length - rows[r, 1]
+        return (
+            rows[r, 2] + t * (rows[r, 3] + t * (rows[r, 4] + t * rows[r, 5])),
+            rows[r, 6] + t * (rows[r, 2] + t * (
+                rows[r, 3] / 2.0 + t * (rows[r, 4] / 3.0 + t * rows[r, 5] / 4.0))), law[2])
+
+
+@compiled
+def moment(pose: Pose, point: Point, force: Point) -> Point:
+    """Torque about the centre of a body."""
+    x, y, z = point[0] - pose[0], point[1] - pose[1], point[2] - pose[2]
+    return (
+        y * force[2] - z * force[1], z * force[0] - x * force[2], x * force[1] - y * force[0])
+
+
+@compiled
+def coupling(
+    wrapping: Wrapping, edge: int, way: int, place: float, pose: Pose, direction: Point,
+    free: float
+) -> tuple[float, float]:
+    """
+    How strongly a place on the last edge depends on the motion: |P t| / l [1/m], and 1 / E_qq [m].
+
+    E_qq >= away^2 / wound^3 is the second derivative of the length along the edge.
+    """
+    if way < 0:
+        return 0.0, 0.0
+    row = wrapping.ways[edge, way]
+    t = turned(pose, row[3], row[4], row[5])
+    along = t[0] * direction[0] + t[1] * direction[1] + t[2] * direction[2]
+    part = math.sqrt(max(1.0 - along * along, 0.0)) / free
+    return part, wound(wrapping, edge, way, place) ** 3 / row[7] ** 2
+
+
+@compiled
+def band_of(
+    wrapping: Wrapping, links: Links, inverse_mass: float, inverse_inertia: float,
+    position: np.ndarray, orientation: np.ndarray, link: int, own: int, other: int
+) -> Band:
+    """
+    A connector that leads from slot `own` to slot `other`.
+
+    The bound is that of kernels/monitor.py for a straight one between the points where it leaves
+    the shells: at those held fixed on their bodies the length has the same first derivative and,
+    because the places are where it is least, no smaller second one. Where it pushes, what the
+    places give way counts instead: sums (c . m)^2 / E_qq over the ends, with |c . m| at most
+    |P t| / l (|du_1| + |du_2|) + |dtheta| of the end's own body. The straight spring that it
+    replaces is in the Hessian already, and is taken out: minus what is not positive of it.
+    """
+    none = (0.0, 0.0, 0.0)
+    edge = link >> 1
+    if own < other:
+        pose, far = pose_of(position, orientation, own), pose_of(position, orientation, other)
+        edges = edge, edge ^ 1
+    else:
+        pose, far = pose_of(position, orientation, other), pose_of(position, orientation, own)
+        edges = edge ^ 1, edge
+    way, place, far_way, far_place = taut(wrapping, pose, edges[0], far, edges[1])
+    lost = (1 if way == LOST else 0) + (1 if far_way == LOST else 0)
+    if way < 0 and far_way < 0:
+        return Band(none, none, 0.0, 0.0, lost)
+    a, b = leaving(wrapping, pose, edges[0], STRAIGHT, 0.0), leaving(
+        wrapping, far, edges[1], STRAIGHT, 0.0)
+    p, q = leaving(wrapping, pose, edges[0], way, place), leaving(
+        wrapping, far, edges[1], far_way, far_place)
+    straight, free = max(apart(a, b), _SMALLEST), max(apart(p, q), _SMALLEST)
+    length = free + wound(wrapping, edges[0], way, place) + wound(
+        wrapping, edges[1], far_way, far_place)
+    old_pull, old_energy, _ = tabled_law(
+        links.tables, link, own, straight,
+        law_of(links.variety, links, link, own, straight))
+    pull, energy, slope = tabled_law(
+        links.tables, link, own, length, law_of(links.variety, links, link, own, length))
+    direction = ((q[0] - p[0]) / free, (q[1] - p[1]) / free, (q[2] - p[2]) / free)
+    new = (pull * direction[0], pull * direction[1], pull * direction[2])
+    old = (
+        old_pull * ((b[0] - a[0]) / straight), old_pull * ((b[1] - a[1]) / straight),
+        old_pull * ((b[2] - a[2]) / straight))
+    part, give = coupling(wrapping, edges[0], way, place, pose, direction, free)
+    far_part, far_give = coupling(
+        wrapping, edges[1], far_way, far_place, far, direction, free)
+    if own < other:
+        force = (new[0] - old[0], new[1] - old[1], new[2] - old[2])
+        one, two = moment(pose, p, new), moment(pose, a, old)
+        arm = apart(p, (pose[0], pose[1], pose[2]))
+    else:
+        force = (old[0] - new[0], old[1] - new[1], old[2] - new[2])
+        one, two = moment(far, b, old), moment(far, q, new)
+        arm = apart(q, (far[0], far[1], far[2]))
+        part, give, far_part, far_give = far_part, far_give, part, give
+    torque = (one[0] - two[0], one[1] - two[1], one[2] - two[2])
+    near = inverse_mass + arm * arm * inverse_inertia
+    bound = 2.0 * (slope + max(pull, 0.0) / free) * near + abs(pull) * arm * inverse_inertia
+    old_near = inverse_mass + wrapping.half_width**2 * inverse_inertia
+    bound += 2.0 * max(-old_pull, 0.0) / straight * old_near
+    bound += abs(old_pull) * wrapping.half_width * inverse_inertia
+    if pull < 0.0:
+        root = math.sqrt(near)
+        bound += 2.0 * abs(pull) * (
+            give * (part * root + math.sqrt(inverse_inertia)) ** 2
+            + far_give * (far_part * root) ** 2)
+    return Band(force, torque, energy - old_energy, bound, lost)
+
+
+@compiled
+def entering(
+    links: Links, points: np.ndarray, stride: int, block: int, s: int, link: int
+) -> Vector:
+    """1 in the lanes whose connector enters a shell at either of its ends, else 0."""
+    edge = link >> 1
+    at, place = 3 * edge * stride + s, links.place[block, link]
+    ux = load_at(points, place) - load_at(points, at)
+    uy = load_at(points, place + stride) - load_at(points, at + stride)
+    uz = load_at(points, place + 2 * stride) - load_at(points, at + 2 * stride)
+    zero, one = splat(0.0), splat(1.0)
+    here = enters_lanes(points, stride, edge, s, ux, uy, uz)
+    there = enters_lanes(
+        points, stride, edge ^ 1, partner_slot(links, stride, block, link), zero - ux, zero - uy,
+        zero - uz)
+    either = where(here, one, where(there, one, zero))
+    return where(bits(links.present[block, link]), either, zero)
+
+
+@compiled
+def add_wrapping(
+    wrapping: Wrapping | None, links: Links, position: np.ndarray, orientation: np.ndarray,
+    points: np.ndarray, block: int, s: int, wrench: Six
+) -> Six:
+    """Add what lying around shells changes to the force [N] and torque [N m] of a block."""
+    if wrapping is None:
+        return wrench
+    else:
+        for link in range(12):
+            lanes = entering(links, points, position.shape[1], block, s, link)
+            if any_lane(lanes > splat(0.0)):
+                wrench = add_bands(
+                    wrapping, links, position, orientation, block, s, link, lanes, wrench)
+        return wrench
+
+
+@compiled
+def add_bands(
+    wrapping: Wrapping, links: Links, position: np.ndarray, orientation: np.ndarray, block: int,
+    s: int, link: int, lanes: Vector, wrench: Six
+) -> Six:
+    """The same for one connector of each body, in the lanes where it is around a shell."""
+    fx, fy, fz, tx, ty, tz = wrench
+    partner = partner_slot(links, position.shape[1], block, link)
+    for i in range(LANES):
+        if lane(lanes, i) > 0.0:
+            band = band_of(
+                wrapping, links, 1.0, 1.0, position, orientation, link, s + i, partner + i)
+            fx = insert(fx, i, lane(fx, i) + band.force[0])
+            fy = insert(fy, i, lane(fy, i) + band.force[1])
+            fz = insert(fz, i, lane(fz, i) + band.force[2])
+            tx = insert(tx, i, lane(tx, i) + band.torque[0])
+            ty = insert(ty, i, lane(ty, i) + band.torque[1])
+            tz = insert(tz, i, lane(tz, i) + band.torque[2])
+    return fx, fy, fz, tx, ty, tz
+
+
+@compiled
+def wrapping_look(
+    wrapping: Wrapping | None, links: Links, inverse_mass: float, inverse_inertia: float,
+    position: np.ndarray, orientation: np.ndarray, points: np.ndarray, block: int, s: int
+) -> tuple[Vector, Vector, Vector]:
+    """
+    Bound of what it adds to the squared frequency [1/s^2] of a block; its energy [J]; lost ends.
+
+    Energy and ends are half of those of each connector, which is seen from either end.
+    """
+    bound, energy, lost = splat(0.0), splat(0.0), splat(0.0)
+    if wrapping is None:
+        return bound, energy, lost
+    else:
+        for link in range(12):
+            lanes = entering(links, points, position.shape[1], block, s, link)
+            partner = partner_slot(links, position.shape[1], block, link)
+            for i in range(LANES):
+                if lane(lanes, i) > 0.0:
+                    band = band_of(
+                        wrapping, links, inverse_mass, inverse_inertia, position, orientation,
+                        link, s + i, partner + i)
+                    bound = insert(bound, i, lane(bound, i) + band.bound)
+                    energy = insert(energy, i, lane(energy, i) + 0.5 * band.energy)
+                    lost = insert(lost, i, lane(lost, i) + 0.5 * band.lost)
+        return bound, energy, lost
+
+
+@compiled
+def largest_wrapping_bound(model: Model, state: State, work: Work) -> float:
+    """The largest of these bounds [1/s^2]; attachment points are in place."""
+    largest = 0.0
+    for block in range(model.blocks.slot.shape[0]):
+        bound, _, _ = wrapping_look(
+            model.wrapping, model.links, model.inverse_mass, model.inverse_inertia,
+            state.position, state.orientation, work.points, block, model.blocks.slot[block])
+        for i in range(LANES):
+            largest = max(largest, lane(bound, i))
+    return largest
+
+
+@compiled
+def measure_wrapped(
+    wrapping: Wrapping, connectors: Connectors, position: np.ndarray, orientation: np.ndarray,
+    found: np.ndarray, lengths: np.ndarray, lost: np.ndarray
+) -> None:
+    """
+    Lengths [m] of the connectors around shells, where `found` (c,) is not 0; ends without a way.
+
+    Slots last: `position` (3, n), `orientation` (4, n); `lengths` (c,), `lost` (c,) with bit 0
+    for the first end, bit 1 for the second.
+    """
+    for c in range(found.shape[0]):
+        lost[c] = 0
+        if found[c] != 0:
+            edge, far_edge = int(connectors.first_edge[c]), int(connectors.second_edge[c])
+            pose = pose_of(position, orientation, connectors.first[c])
+            far = pose_of(position, orientation, connectors.second[c])
+            way, place, far_way, far_place = taut(wrapping, pose, edge, far, far_edge)
+            p = leaving(wrapping, pose, edge, way, place)
+            q = leaving(wrapping, far, far_edge, far_way, far_place)
+            lengths[c] = apart(p, q) + wound(wrapping, edge, way, place) + wound(
+                wrapping, far_edge, far_way, far_place)
+            lost[c] = (1 if way == LOST else 0) + (2 if far_way == LOST else 0)

@@ -1,0 +1,347 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+Shortest ways of connectors that may lie around both of their shells.
+
+What is shortest for one end alone is shortest for both where the other end is in the clear. Else
+each end leaves its own shell at a place that depends on the other's: for given ways the sum of
+the two unfolded parts and the free one between them is convex in both places, and Newton's
+method finds its least value. Which ways, all pairs tell that can be taut and can be shorter than
+what was found: a way to the other's attachment point is never longer than one around its shell.
+So the result is the shortest of all, and changes with the poses without a jump.
+"""
+
+import math
+
+from icofabric_sim.kernels.records import Wrapping
+from icofabric_sim.kernels.runtime.compiled import compiled
+from icofabric_sim.kernels.wrap.path import (
+    allowed,
+    apart,
+    around,
+    leaving,
+    over,
+    Point,
+    Pose,
+    seen_from,
+    SLACK,
+    STRAIGHT,
+    turned,
+    unfolded,
+    within,
+    wound,
+)
+
+_ROUNDS, _NEWTON = 12, 40
+# Ways in the first of the two words that a set of them takes.
+_HALF = 32
+Found = tuple[int, float, int, float]
+
+
+@compiled
+def taut(wrapping: Wrapping, pose: Pose, edge: int, far: Pose, far_edge: int) -> Found:
+    """
+    Way and place at either end of a connector between the midpoints of two named edges.
+
+    Where shells pass through each other there may be none that is taut at both ends; they are
+    then wound up in turn.
+    """
+    a = leaving(wrapping, pose, edge, STRAIGHT, 0.0)
+    b = leaving(wrapping, far, far_edge, STRAIGHT, 0.0)
+    way, place = around(wrapping, edge, seen_from(pose, b))
+    p = leaving(wrapping, pose, edge, way, place)
+    if in_the_clear(wrapping, far_edge, seen_from(far, p)):
+        return way, place, STRAIGHT, 0.0
+    far_way, far_place = around(wrapping, far_edge, seen_from(far, a))
+    q = leaving(wrapping, far, far_edge, far_way, far_place)
+    if in_the_clear(wrapping, edge, seen_from(pose, q)):
+        return STRAIGHT, 0.0, far_way, far_place
+    best, length = shortest_pair(wrapping, pose, edge, far, far_edge)
+    if length < math.inf:
+        return best
+    return wind(wrapping, pose, edge, far, far_edge, a)
+
+
+@compiled
+def in_the_clear(wrapping: Wrapping, edge: int, point: Point) -> bool:
+    """
+    Whether a straight line from an attachment point to a point in body axes misses the shell.
+    """
+    return over(wrapping, wrapping.start[edge, 0], point) >= 0.0 or over(
+        wrapping, wrapping.start[edge, 1], point) >= 0.0
+
+
+@compiled
+def shortest_pair(
+    wrapping: Wrapping, pose: Pose, edge: int, far: Pose, far_edge: int
+) -> tuple[Found, float]:
+    """
+    The shortest pair of ways that is taut at both ends, and its length, infinite without one.
+    """
+    a = seen_from(far, leaving(wrapping, pose, edge, STRAIGHT, 0.0))
+    b = seen_from(pose, leaving(wrapping, far, far_edge, STRAIGHT, 0.0))
+    best, shortest = wound_up(wrapping, pose, edge, far, far_edge)
+    some, more = candidates(wrapping, pose, edge, far, b, shortest)
+    far_some, far_more = candidates(wrapping, far, far_edge, pose, a, shortest)
+    for way in range(-1, wrapping.ways.shape[1]):
+        if not is_member(some, more, way) or least(wrapping, edge, way, b) >= shortest:
+            continue
+        for far_way in range(-1, wrapping.ways.shape[1]):
+            if not is_member(far_some, far_more, far_way) or not can_be_taut(
+                    wrapping, pose, edge, way, far, far_edge, far_way) or not can_be_taut(
+                    wrapping, far, far_edge, far_way, pose, edge, way):
+                continue
+            found, length = tighten(
+                wrapping, pose, edge, way, far, far_edge, far_way, shortest)
+            if length < shortest and both_allowed(wrapping, pose, edge, far, far_edge, found):
+                best, shortest = found, length
+    return best, shortest
+
+
+@compiled
+def wound_up(
+    wrapping: Wrapping, pose: Pose, edge: int, far: Pose, far_edge: int
+) -> tuple[Found, float]:
+    """A pair that is taut, as a rule the shortest one, and its length, infinite without one."""
+    a = leaving(wrapping, pose, edge, STRAIGHT, 0.0)
+    found = wind(wrapping, pose, edge, far, far_edge, a)
+    if not both_allowed(wrapping, pose, edge, far, far_edge, found):
+        return found, math.inf
+    return found, whole(
+        wrapping, pose, edge, found[0], found[1], far, far_edge, found[2], found[3])
+
+
+@compiled
+def candidates(
+    wrapping: Wrapping, pose: Pose, edge: int, far: Pose, point: Point, shortest: float
+) -> tuple[int, int]:
+    """
+    Ways that can be taut towards any corner of the other shell, and short enough to a `point`.
+
+    As two words of bits. The straight one is the first.
+    """
+    low, high = 0, 0
+    # Faces that some corner of the other shell is below, and above.
+    below, above = 0, 0
+    for corner in range(wrapping.corners.shape[0]):
+        x, y, z = turned(
+            far, wrapping.corners[corner, 0], wrapping.corners[corner, 1],
+            wrapping.corners[corner, 2])
+        seen = seen_from(pose, (far[0] + x, far[1] + y, far[2] + z))
+        for face in range(20):
+            if over(wrapping, face, seen) >= 0.0:
+                above |= 1 << face
+            else:
+                below |= 1 << face
+    first, second = wrapping.start[edge, 0], wrapping.start[edge, 1]
+    if ((above >> first) | (above >> second)) & 1:
+        low = 1
+    for way in range(wrapping.ways.shape[1]):
+        if (below >> wrapping.faces[edge, way, 0]) & (
+                above >> wrapping.faces[edge, way, 1]) & 1 and least(
+                wrapping, edge, way, point) < shortest:
+            if way + 1 < _HALF:
+                low |= 1 << (way + 1)
+            else:
+                high |= 1 << (way + 1 - _HALF)
+    return low, high
+
+
+@compiled
+def is_member(low: int, high: int, way: int) -> bool:
+    """Whether a way is in a set."""
+    if way + 1 < _HALF:
+        return bool((low >> (way + 1)) & 1)
+    return bool((high >> (way + 1 - _HALF)) & 1)
+
+
+@compiled
+def least(wrapping: Wrapping, edge: int, way: int, point: Point) -> float:
+    """Length [m] of a way to a point in body axes at least, whether it is taut or not."""
+    if way < 0:
+        return 0.0
+    row = wrapping.ways[edge, way]
+    place, _ = unfolded(wrapping, edge, way, point)
+    place = min(max(place, row[8]), row[9])
+    x = row[0] + place * row[3] - point[0]
+    y = row[1] + place * row[4] - point[1]
+    z = row[2] + place * row[5] - point[2]
+    return wound(wrapping, edge, way, place) + math.sqrt(x * x + y * y + z * z)
+
+
+@compiled
+def can_be_taut(
+    wrapping: Wrapping, pose: Pose, edge: int, way: int, far: Pose, far_edge: int, far_way: int
+) -> bool:
+    """Whether a way can be taut towards any place where the other end may leave its own shell."""
+    slack = SLACK * wrapping.height
+    start, end = 0.0, 0.0
+    if far_way >= 0:
+        start, end = wrapping.ways[far_edge, far_way, 8], wrapping.ways[far_edge, far_way, 9]
+    one = seen_from(pose, leaving(wrapping, far, far_edge, far_way, start))
+    two = seen_from(pose, leaving(wrapping, far, far_edge, far_way, end))
+    if way < 0:
+        first, second = wrapping.start[edge, 0], wrapping.start[edge, 1]
+        return max(
+            over(wrapping, first, one), over(wrapping, first, two), over(wrapping, second, one),
+            over(wrapping, second, two)) >= -slack
+    on, following = wrapping.faces[edge, way, 0], wrapping.faces[edge, way, 1]
+    return min(over(wrapping, on, one), over(wrapping, on, two)) <= slack and max(
+        over(wrapping, following, one), over(wrapping, following, two)) >= -slack
+
+
+@compiled
+def tighten(
+    wrapping: Wrapping, pose: Pose, edge: int, way: int, far: Pose, far_edge: int, far_way: int,
+    limit: float
+) -> tuple[Found, float]:
+    """
+    Where given ways leave their shells when they are as short as can be, and that length.
+
+    It may be given up as infinite where it cannot be shorter than `limit`.
+    """
+    if way >= 0:
+        row = wrapping.ways[edge, way]
+        q = leaving(wrapping, far, far_edge, far_way, middle(wrapping, far_edge, far_way))
+        place, _ = unfolded(wrapping, edge, way, seen_from(pose, q))
+        if far_way >= 0:
+            place = min(max(place, row[8]), row[9])
+    else:
+        place = 0.0
+    far_place = 0.0
+    if far_way >= 0:
+        p = leaving(wrapping, pose, edge, way, place)
+        far_place, _ = unfolded(wrapping, far_edge, far_way, seen_from(far, p))
+        if way >= 0:
+            row = wrapping.ways[far_edge, far_way]
+            far_place = min(max(far_place, row[8]), row[9])
+            place, far_place, length = settle(
+                wrapping, pose, edge, way, place, far, far_edge, far_way, far_place, limit)
+            return (way, place, far_way, far_place), length
+    return (way, place, far_way, far_place), whole(
+        wrapping, pose, edge, way, place, far, far_edge, far_way, far_place)
+
+
+@compiled
+def middle(wrapping: Wrapping, edge: int, way: int) -> float:
+    """Place in the middle of what a way sees of its last edge."""
+    if way < 0:
+        return 0.0
+    return 0.5 * (wrapping.ways[edge, way, 8] + wrapping.ways[edge, way, 9])
+
+
+@compiled
+def settle(
+    wrapping: Wrapping, pose: Pose, edge: int, way: int, place: float, far: Pose, far_edge: int,
+    far_way: int, far_place: float, limit: float
+) -> tuple[float, float, float]:
+    """
+    Where a connector around both shells leaves them, along the last edges of given ways.
+
+    Newton's method for the least length, which is returned too; a step that makes it longer is
+    halved. A convex function lies above its tangents: where one shows that no places between the
+    ends of the edges make it shorter than `limit` [m], it is given up, with an infinite length.
+    """
+    row, far_row = wrapping.ways[edge, way], wrapping.ways[far_edge, far_way]
+    t = turned(pose, row[3], row[4], row[5])
+    r = turned(far, far_row[3], far_row[4], far_row[5])
+    cross = t[0] * r[0] + t[1] * r[1] + t[2] * r[2]
+    enough = 1e-15 * wrapping.height
+    p = leaving(wrapping, pose, edge, way, place)
+    q = leaving(wrapping, far, far_edge, far_way, far_place)
+    one, two = wound(wrapping, edge, way, place), wound(
+        wrapping, far_edge, far_way, far_place)
+    free = apart(p, q)
+    for _ in range(_NEWTON):
+        if not free > 0.0:
+            break
+        x, y, z = (p[0] - q[0]) / free, (p[1] - q[1]) / free, (p[2] - q[2]) / free
+        tw = x * t[0] + y * t[1] + z * t[2]
+        rw = x * r[0] + y * r[1] + z * r[2]
+        g, h = (place - row[6]) / one + tw, (far_place - far_row[6]) / two - rw
+        total = one + two + free
+        low, high = (row[8] - place) * g, (row[9] - place) * g
+        far_low, far_high = (far_row[8] - far_place) * h, (far_row[9] - far_place) * h
+        if total + min(low, high) + min(far_low, far_high) > limit:
+            return place, far_place, math.inf
+        a = row[7] ** 2 / one**3 + (1.0 - tw * tw) / free
+        b = far_row[7] ** 2 / two**3 + (1.0 - rw * rw) / free
+        c = -(cross - tw * rw) / free
+        determinant = a * b - c * c
+        if not determinant > 0.0:
+            break
+        step, far_step = -(b * g - c * h) / determinant, -(a * h - c * g) / determinant
+        factor = 1.0
+        for _ in range(30):
+            new, far_new = place + factor * step, far_place + factor * far_step
+            p = leaving(wrapping, pose, edge, way, new)
+            q = leaving(wrapping, far, far_edge, far_way, far_new)
+            one, two = wound(wrapping, edge, way, new), wound(
+                wrapping, far_edge, far_way, far_new)
+            free = apart(p, q)
+            if one + two + free <= total * (1.0 + 4e-16):
+                break
+            factor *= 0.5
+        place, far_place = new, far_new
+        if abs(step) + abs(far_step) <= enough:
+            break
+    return place, far_place, one + two + free
+
+
+@compiled
+def both_allowed(
+    wrapping: Wrapping, pose: Pose, edge: int, far: Pose, far_edge: int,
+    found: Found
+) -> bool:
+    """Whether a pair of ways is taut at both ends."""
+    way, place, far_way, far_place = found
+    p = leaving(wrapping, pose, edge, way, place)
+    q = leaving(wrapping, far, far_edge, far_way, far_place)
+    return allowed(wrapping, edge, way, place, seen_from(pose, q)) and allowed(
+        wrapping, far_edge, far_way, far_place, seen_from(far, p))
+
+
+@compiled
+def whole(
+    wrapping: Wrapping, pose: Pose, edge: int, way: int, place: float, far: Pose, far_edge: int,
+    far_way: int, far_place: float
+) -> float:
+    """Length [m] of a connector with these ways and places."""
+    return wound(wrapping, edge, way, place) + wound(
+        wrapping, far_edge, far_way, far_place) + apart(
+            leaving(wrapping, pose, edge, way, place),
+            leaving(wrapping, far, far_edge, far_way, far_place))
+
+
+@compiled
+def wind(
+    wrapping: Wrapping, pose: Pose, edge: int, far: Pose, far_edge: int, p: Point
+) -> Found:
+    """
+    Ways and places of a connector that is wound up from its second end on, to the point `p`.
+
+    Either end in turn with the other held, which shortens it each time, until the ways no
+    longer change; then both at once.
+    """
+    far_way, far_place = STRAIGHT, 0.0
+    way, place = STRAIGHT, 0.0
+    before, far_before = -3, -3
+    for _ in range(_ROUNDS):
+        far_way, far_place = around(wrapping, far_edge, seen_from(far, p))
+        q = leaving(wrapping, far, far_edge, far_way, far_place)
+        way, place = around(wrapping, edge, seen_from(pose, q))
+        p = leaving(wrapping, pose, edge, way, place)
+        if way == before and far_way == far_before:
+            if way < 0 or far_way < 0:
+                break
+            one, two, _ = settle(
+                wrapping, pose, edge, way, place, far, far_edge, far_way, far_place, math.inf)
+            if within(wrapping, edge, way, one) and within(wrapping, far_edge, far_way, two):
+                p = leaving(wrapping, pose, edge, way, one)
+                q = leaving(wrapping, far, far_edge, far_way, two)
+                again, _ = around(wrapping, edge, seen_from(pose, q))
+                far_again, _ = around(wrapping, far_edge, seen_from(far, p))
+                if again == way and far_again == far_way:
+                    return way, one, far_way, two
+        before, far_before = way, far_way
+    return way, place, far_way, far_place

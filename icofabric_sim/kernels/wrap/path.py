@@ -1,0 +1,182 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+Shortest ways of connectors around the shells at their ends, one at a time.
+
+The length of a way over given edges is that of a straight line in the unfolded plane (see
+wrapping.py beside this folder); a way is taut where the free rest leaves its last edge between
+the two faces there. The shortest taut one counts. Both ends together: wrap_pairs.py.
+"""
+
+import math
+
+from icofabric_sim.kernels.records import Wrapping
+from icofabric_sim.kernels.runtime.compiled import compiled
+import numpy as np
+
+# Position and the body's axes in the world: x, y, z, then components of its x, y and z axis.
+Pose = tuple[
+    float, float, float, float, float, float, float, float, float, float, float, float]
+Point = tuple[float, float, float]
+# Ends that need no way, and that find none.
+STRAIGHT, LOST = -1, -2
+# Lengths are compared to this, in parts of the inscribed radius.
+SLACK = 1e-12
+
+
+@compiled
+def pose_of(position: np.ndarray, orientation: np.ndarray, s: int) -> Pose:
+    """Place and axes of the body in slot `s` (eqs 16 and 26)."""
+    if orientation.ndim == 2:
+        x, y, z, w = orientation[0, s], orientation[1, s], orientation[2, s], orientation[3, s]
+        return (
+            position[0, s], position[1, s], position[2, s],
+            1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y),
+            2.0 * (x * y - w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z + w * x),
+            2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y))
+    else:
+        return (
+            position[0, s], position[1, s], position[2, s],
+            orientation[0, 0, s], orientation[0, 1, s], orientation[0, 2, s],
+            orientation[1, 0, s], orientation[1, 1, s], orientation[1, 2, s],
+            orientation[2, 0, s], orientation[2, 1, s], orientation[2, 2, s])
+
+
+@compiled
+def turned(pose: Pose, x: float, y: float, z: float) -> Point:
+    """World components of a vector in body axes."""
+    return (
+        x * pose[3] + y * pose[6] + z * pose[9], x * pose[4] + y * pose[7] + z * pose[10],
+        x * pose[5] + y * pose[8] + z * pose[11])
+
+
+@compiled
+def seen_from(pose: Pose, point: Point) -> Point:
+    """Body coordinates of a point of the world."""
+    x, y, z = point[0] - pose[0], point[1] - pose[1], point[2] - pose[2]
+    return (
+        x * pose[3] + y * pose[4] + z * pose[5], x * pose[6] + y * pose[7] + z * pose[8],
+        x * pose[9] + y * pose[10] + z * pose[11])
+
+
+@compiled
+def attachment(half_width: float, edge: int) -> Point:
+    """Midpoint of a named edge in body axes."""
+    out = half_width * (1.0 - 2.0 * (edge & 1))
+    pair = edge >> 1
+    if pair == 0:
+        return 0.0, 0.0, out
+    elif pair == 1:
+        return out, 0.0, 0.0
+    else:
+        return 0.0, out, 0.0
+
+
+@compiled
+def over(wrapping: Wrapping, face: int, point: Point) -> float:
+    """Height [m] of a point over the plane of a face, body axes."""
+    height: float = (
+        wrapping.normals[face, 0] * point[0] + wrapping.normals[face, 1] * point[1]
+        + wrapping.normals[face, 2] * point[2] - wrapping.height)
+    return height
+
+
+@compiled
+def around(wrapping: Wrapping, edge: int, point: Point) -> tuple[int, float]:
+    """
+    The shortest way from the midpoint of an edge to a point in body axes, and where it leaves.
+
+    STRAIGHT where nothing is in between, LOST where there is no way. A point within the shell is
+    led to over the face that it is nearest to, so that a length does not jump where it enters.
+    """
+    if over(wrapping, wrapping.start[edge, 0], point) >= 0.0 or over(
+            wrapping, wrapping.start[edge, 1], point) >= 0.0:
+        return STRAIGHT, 0.0
+    nearest, top = 0, -math.inf
+    for face in range(20):
+        height = over(wrapping, face, point)
+        if height > top:
+            nearest, top = face, height
+    slack = SLACK * wrapping.height
+    shortest, chosen, place = math.inf, LOST, 0.0
+    for number in range(wrapping.ways.shape[1]):
+        following = wrapping.faces[edge, number, 1]
+        if top < 0.0:
+            if following != nearest:
+                continue
+        elif over(wrapping, wrapping.faces[edge, number, 0], point) > slack or over(
+                wrapping, following, point) < -slack:
+            continue
+        passed, square = unfolded(wrapping, edge, number, point)
+        way = wrapping.ways[edge, number]
+        if way[8] - slack <= passed <= way[9] + slack and square < shortest:
+            shortest, chosen, place = square, number, passed
+    return chosen, place
+
+
+@compiled
+def unfolded(wrapping: Wrapping, edge: int, way: int, point: Point) -> tuple[float, float]:
+    """
+    Where the straight line to a point in body axes passes the last edge, and its square [m^2].
+    """
+    row = wrapping.ways[edge, way]
+    x, y, z = point[0] - row[0], point[1] - row[1], point[2] - row[2]
+    along = x * row[3] + y * row[4] + z * row[5]
+    x, y, z = x - along * row[3], y - along * row[4], z - along * row[5]
+    beside = math.sqrt(x * x + y * y + z * z)
+    return (
+        row[6] + (along - row[6]) * (row[7] / (row[7] + beside)),
+        (along - row[6]) ** 2 + (beside + row[7]) ** 2)
+
+
+@compiled
+def leaving(
+    wrapping: Wrapping, pose: Pose, edge: int, way: int, place: float
+) -> Point:
+    """Where in the world a connector becomes free."""
+    if way < 0:
+        x, y, z = attachment(wrapping.half_width, edge)
+    else:
+        row = wrapping.ways[edge, way]
+        x, y, z = row[0] + place * row[3], row[1] + place * row[4], row[2] + place * row[5]
+    x, y, z = turned(pose, x, y, z)
+    return pose[0] + x, pose[1] + y, pose[2] + z
+
+
+@compiled
+def wound(wrapping: Wrapping, edge: int, way: int, place: float) -> float:
+    """Length [m] that lies on the shell."""
+    if way < 0:
+        return 0.0
+    row = wrapping.ways[edge, way]
+    return math.sqrt((place - row[6]) ** 2 + row[7] ** 2)
+
+
+@compiled
+def apart(one: Point, other: Point) -> float:
+    """Distance [m]."""
+    return math.sqrt(
+        (one[0] - other[0]) ** 2 + (one[1] - other[1]) ** 2 + (one[2] - other[2]) ** 2)
+
+
+@compiled
+def within(wrapping: Wrapping, edge: int, way: int, place: float) -> bool:
+    """Whether a way passes all its edges between their ends."""
+    row, slack = wrapping.ways[edge, way], SLACK * wrapping.height
+    return row[8] - slack <= place <= row[9] + slack
+
+
+@compiled
+def allowed(wrapping: Wrapping, edge: int, way: int, place: float, point: Point) -> bool:
+    """
+    Whether a way to a point in body axes is taut, and passes all its edges between their ends.
+    """
+    if way == LOST:
+        return True
+    slack = SLACK * wrapping.height
+    if way == STRAIGHT:
+        return over(wrapping, wrapping.start[edge, 0], point) >= -slack or over(
+            wrapping, wrapping.start[edge, 1], point) >= -slack
+    return within(wrapping, edge, way, place) and over(
+        wrapping, wrapping.faces[edge, way, 0], point) <= slack and over(
+        wrapping, wrapping.faces[edge, way, 1], point) >= -slack

@@ -1,0 +1,207 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+How fast the ways of connectors around their shells change, and damping along them.
+
+A way is the shortest, so its length does not change with the places where it leaves the shells:
+its rate is that of the free part between the two points of the bodies that are there.
+"""
+
+import math
+from typing import NamedTuple
+
+from icofabric_sim.kernels.moments import partner_slot
+from icofabric_sim.kernels.records import Damping, Links, Model, State, Wrapping
+from icofabric_sim.kernels.runtime.compiled import compiled
+from icofabric_sim.kernels.runtime.lanes import any_lane, insert, lane, LANES, splat, Vector
+from icofabric_sim.kernels.viscous import add_force
+from icofabric_sim.kernels.wrap.forces import entering
+from icofabric_sim.kernels.wrap.pairs import taut
+from icofabric_sim.kernels.wrap.path import apart, leaving, Point, Pose, pose_of, wound
+import numpy as np
+
+_SMALLEST = 1e-150
+
+
+class Run(NamedTuple):
+    """A connector around its shells, seen from one end; world frame."""
+
+    arm: Point  # [m] from the centre of the body to where it leaves its shell
+    direction: Point  # unit vector from there along the free part
+    length: float  # [m] of the whole way
+    rate: float  # [m/s] at which it grows
+
+
+@compiled
+def run_of(wrapping: Wrapping, state: State, link: int, own: int, other: int) -> Run:
+    """
+    Connector number `link` of the body in slot `own`, which leads to that in slot `other`.
+
+    The body in the lower slot comes first, so that both ends have the same numbers.
+    """
+    edge = link >> 1
+    if own < other:
+        run, _ = runs_between(wrapping, state, edge, edge ^ 1, own, other)
+        return run
+    _, run = runs_between(wrapping, state, edge ^ 1, edge, other, own)
+    return run
+
+
+@compiled
+def runs_between(
+    wrapping: Wrapping, state: State, edge: int, far_edge: int, first: int, second: int
+) -> tuple[Run, Run]:
+    """A connector from an edge of the body in slot `first`, seen from either end."""
+    pose = pose_of(state.position, state.orientation, first)
+    far = pose_of(state.position, state.orientation, second)
+    way, place, far_way, far_place = taut(wrapping, pose, edge, far, far_edge)
+    p = leaving(wrapping, pose, edge, way, place)
+    q = leaving(wrapping, far, far_edge, far_way, far_place)
+    free = max(apart(p, q), _SMALLEST)
+    x, y, z = (q[0] - p[0]) / free, (q[1] - p[1]) / free, (q[2] - p[2]) / free
+    length = free + wound(wrapping, edge, way, place) + wound(
+        wrapping, far_edge, far_way, far_place)
+    v, w = speed_at(state, pose, p, first), speed_at(state, far, q, second)
+    rate = x * (w[0] - v[0]) + y * (w[1] - v[1]) + z * (w[2] - v[2])
+    return (
+        Run((p[0] - pose[0], p[1] - pose[1], p[2] - pose[2]), (x, y, z), length, rate),
+        Run((q[0] - far[0], q[1] - far[1], q[2] - far[2]), (-x, -y, -z), length, rate))
+
+
+@compiled
+def speed_at(state: State, pose: Pose, point: Point, s: int) -> Point:
+    """Velocity [m/s] of the point of a body that is at a `point` of the world."""
+    x, y, z = point[0] - pose[0], point[1] - pose[1], point[2] - pose[2]
+    velocity, spin = state.linear_velocity, state.angular_velocity
+    return (
+        velocity[0, s] + spin[1, s] * z - spin[2, s] * y,
+        velocity[1, s] + spin[2, s] * x - spin[0, s] * z,
+        velocity[2, s] + spin[0, s] * y - spin[1, s] * x)
+
+
+@compiled
+def change_rates(
+    wrapping: Wrapping | None, links: Links, state: State, points: np.ndarray, block: int,
+    link: int, s: int, length: Vector, rate: Vector
+) -> tuple[Vector, Vector]:
+    """
+    Lengths [m] of straight connectors and their rates [m/s], with those of ways around shells.
+    """
+    if wrapping is None:
+        return length, rate
+    else:
+        stride = state.position.shape[1]
+        lanes = entering(links, points, stride, block, s, link)
+        if any_lane(lanes > splat(0.0)):
+            partner = partner_slot(links, stride, block, link)
+            for i in range(LANES):
+                if lane(lanes, i) > 0.0:
+                    run = run_of(wrapping, state, link, s + i, partner + i)
+                    length = insert(length, i, run.length)
+                    rate = insert(rate, i, run.rate)
+        return length, rate
+
+
+@compiled
+def add_wrapped_damping(
+    wrapping: Wrapping | None, damping: Damping | None, links: Links | None, model: Model,
+    state: State, points: np.ndarray, speeds: np.ndarray, linear: np.ndarray,
+    angular: np.ndarray, block: int, s: int, spent: Vector
+) -> Vector:
+    """What lying around shells changes to the damping of a block; the power [W] with it."""
+    if wrapping is None:
+        return spent
+    if damping is None:
+        return spent
+    if links is None:
+        return spent
+    stride, zero = state.position.shape[1], splat(0.0)
+    fx, fy, fz, tx, ty, tz = zero, zero, zero, zero, zero, zero
+    found = False
+    for link in range(12):
+        lanes = entering(links, points, stride, block, s, link)
+        if not any_lane(lanes > zero):
+            continue
+        found = True
+        partner = partner_slot(links, stride, block, link)
+        at, place = 3 * (link >> 1) * stride + s, links.place[block, link]
+        for i in range(LANES):
+            if lane(lanes, i) > 0.0:
+                c = one_coefficient(damping.own, damping.coefficient, link, s + i)
+                force, arm, rate = straight_damping(
+                    state.position, points, speeds, c, at + i, place + i, s + i)
+                run = run_of(wrapping, state, link, s + i, partner + i)
+                pull = c * run.rate
+                x, y, z = run.direction
+                x, y, z = pull * x, pull * y, pull * z
+                r, q = run.arm, arm
+                fx = insert(fx, i, lane(fx, i) + (x - force[0]))
+                fy = insert(fy, i, lane(fy, i) + (y - force[1]))
+                fz = insert(fz, i, lane(fz, i) + (z - force[2]))
+                tx = insert(tx, i, lane(tx, i) + (r[1] * z - r[2] * y) - (
+                    q[1] * force[2] - q[2] * force[1]))
+                ty = insert(ty, i, lane(ty, i) + (r[2] * x - r[0] * z) - (
+                    q[2] * force[0] - q[0] * force[2]))
+                tz = insert(tz, i, lane(tz, i) + (r[0] * y - r[1] * x) - (
+                    q[0] * force[1] - q[1] * force[0]))
+                # Half of it counts for either end.
+                spent = insert(spent, i, lane(spent, i) + 0.5 * c * (
+                    run.rate * run.rate - rate * rate))
+    if found:
+        add_force(
+            model.supports, model.inverse_mass, model.inverse_inertia, linear, angular, s, fx, fy,
+            fz, tx, ty, tz)
+    return spent
+
+
+@compiled
+def one_coefficient(own: np.ndarray | None, coefficient: float, link: int, s: int) -> float:
+    """Damping [N s/m] of one connector."""
+    if own is None:
+        return coefficient
+    else:
+        value: float = own[link, s]
+        return value
+
+
+@compiled
+def straight_damping(
+    position: np.ndarray, points: np.ndarray, speeds: np.ndarray, c: float, at: int, place: int,
+    s: int
+) -> tuple[Point, Point, float]:
+    """
+    Force [N] on a body by a straight connector, its arm [m], and the rate of its length [m/s].
+    """
+    stride = position.shape[1]
+    ux, uy = points[place] - points[at], points[place + stride] - points[at + stride]
+    uz = points[place + 2 * stride] - points[at + 2 * stride]
+    wx, wy = speeds[place] - speeds[at], speeds[place + stride] - speeds[at + stride]
+    wz = speeds[place + 2 * stride] - speeds[at + 2 * stride]
+    length = max(math.sqrt(ux * ux + uy * uy + uz * uz), _SMALLEST)
+    rate = (ux * wx + uy * wy + uz * wz) / length
+    pull = c * rate / length
+    arm = (
+        points[at] - position[0, s], points[at + stride] - position[1, s],
+        points[at + 2 * stride] - position[2, s])
+    return (pull * ux, pull * uy, pull * uz), arm, rate
+
+
+@compiled
+def measure_runs(
+    wrapping: Wrapping, state: State, first: np.ndarray, second: np.ndarray, edge: np.ndarray,
+    far_edge: np.ndarray, found: np.ndarray, length: np.ndarray, rate: np.ndarray
+) -> None:
+    """
+    Lengths [m] and rates [m/s] of connectors, (c,), where `found` (c,) is not 0.
+
+    From edges of bodies in slots `first` to edges of those in slots `second`.
+    """
+    for c in range(found.shape[0]):
+        if found[c] != 0:
+            if first[c] < second[c]:
+                run, _ = runs_between(
+                    wrapping, state, int(edge[c]), int(far_edge[c]), first[c], second[c])
+            else:
+                _, run = runs_between(
+                    wrapping, state, int(far_edge[c]), int(edge[c]), second[c], first[c])
+            length[c], rate[c] = run.length, run.rate

@@ -1,0 +1,159 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+What viewers draw of a fabric: connectors by their strain, and shells; few lists, stable ids.
+
+The lists of one state come one after the other, each laid out when it is asked for and straight
+into its message, so that a large fabric never needs room for more than one of them.
+"""
+
+from collections.abc import Iterator
+from functools import partial
+from typing import NamedTuple
+
+from icofabric_sim.geometry.icosahedron import FACES, vertices
+from icofabric_sim.kernels.outlines import classify, fill_lines, fill_shells
+from icofabric_sim.messages import MarkerAction, MarkerBytes, MarkerType
+from icofabric_sim.scene.scene import Scene
+from icofabric_sim.simulation.model.snapshot import Snapshot
+import numpy as np
+
+Color = tuple[float, float, float, float]
+
+
+class StrainClass(NamedTuple):
+    """Connectors of one colour; bounds of the strain (l - D) / D above which it begins."""
+
+    above: float
+    name: str
+    color: Color
+
+
+# Few lists instead of a colour for each point: 24 bytes for a point instead of 40. Blue is pushed
+# together, red is pulled.
+STRAIN_CLASSES = (
+    StrainClass(-np.inf, 'compressed by more than 5 %', (0.13, 0.27, 0.80, 1.0)),
+    StrainClass(-0.05, 'compressed by 0.5 % to 5 %', (0.40, 0.65, 0.95, 1.0)),
+    StrainClass(-0.005, 'within 0.5 % of the natural length', (0.75, 0.75, 0.75, 1.0)),
+    StrainClass(0.005, 'stretched by 0.5 % to 5 %', (0.98, 0.65, 0.35, 1.0)),
+    StrainClass(0.05, 'stretched by more than 5 %', (0.85, 0.12, 0.10, 1.0)),
+)
+_ANCHOR_COLOR = (0.20, 0.65, 0.30, 1.0)
+_BOUNDS = np.array([entry.above for entry in STRAIN_CLASSES[1:]])
+
+# Those that run into the shell they are attached to, whatever their strain; the last list.
+OBSTRUCTED = StrainClass(np.inf, 'in the shell it is attached to', (0.75, 0.10, 0.80, 1.0))
+_NO_CLASS = 255  # of broken connectors
+
+
+class ShellClass(NamedTuple):
+    """Shells of one colour."""
+
+    name: str
+    color: Color
+
+
+SHELL_CLASSES = (
+    ShellClass('free', (0.95, 0.88, 0.70, 1.0)),
+    ShellClass('held in place by a support', (0.42, 0.47, 0.55, 1.0)),
+)
+# Shells are cut into runs of bodies, one list for each run and colour, so that a message stays
+# small: 1,440 bytes for each body. Of very many bodies the runs become longer, not more.
+_RUN, _MOST_RUNS = 20_000, 4
+
+
+def held_bodies(scene: Scene) -> np.ndarray:
+    """Whether a support holds the place of each body, (n,) bool."""
+    if scene.supports is None:
+        return np.zeros(scene.body_count, dtype=bool)
+    return np.asarray(scene.supports.translation.all(axis=1))
+
+
+def list_numbers(scene: Scene) -> set[int]:
+    """Ids of the lists in which the connectors and anchors of each state come, also empty ones."""
+    numbers = {len(STRAIN_CLASSES)} if scene.anchors else set()
+    if scene.connector_count:
+        numbers.update((*range(len(STRAIN_CLASSES)), len(STRAIN_CLASSES) + 1))
+    return numbers
+
+
+class ConnectorMarkers:
+    """
+    Line lists of the connectors; the id of each is the number of its strain class.
+
+    One more where there are anchors, in a colour of its own, with the next number; and one, with
+    the number after that, of connectors that run into the shell they are attached to.
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        """Lay out what does not change."""
+        width = 0.08 * scene.shell.half_edge
+        self._lists = [
+            MarkerBytes(
+                scene.parameters['frame_id'], 'connectors', number, MarkerType.LINE_LIST,
+                color=entry.color, scale=(width, 0.0, 0.0))
+            for number, entry in (
+                *enumerate(STRAIN_CLASSES), (len(STRAIN_CLASSES) + 1, OBSTRUCTED))
+        ]
+        self._anchors = MarkerBytes(
+            scene.parameters['frame_id'], 'connectors', len(STRAIN_CLASSES),
+            MarkerType.LINE_LIST, color=_ANCHOR_COLOR, scale=(width, 0.0, 0.0))
+
+    def messages(self, snapshot: Snapshot, nanoseconds: int) -> Iterator[bytes]:
+        """
+        One message for each class: its list, or, where no connector is in it, its removal.
+
+        It is repeated as long as the class is empty: then what is shown does not depend on what
+        was received before, by a viewer or by a bag.
+        """
+        ends = snapshot.anchor_ends.reshape(-1, 3)
+        if len(ends):
+            yield self._anchors.filled(nanoseconds, len(ends), partial(np.copyto, src=ends))
+        connectors = snapshot.packed.connectors
+        if connectors is None:
+            return
+        counts = np.zeros(len(self._lists), np.int64)
+        classes = np.empty(snapshot.connector_count, np.uint8)
+        classify(
+            snapshot.connector_length, connectors.natural_length, _BOUNDS, classes, counts[:-1])
+        obstructed = snapshot.obstructed
+        if obstructed.any() or snapshot.broken_since is not None:
+            classes[obstructed > 0] = len(STRAIN_CLASSES)
+            if snapshot.broken_since is not None:
+                classes[~snapshot.intact] = _NO_CLASS
+            counts[:] = [np.count_nonzero(classes == number) for number in range(len(counts))]
+        for number, (marker, count) in enumerate(zip(self._lists, counts.tolist())):
+            if count:
+                yield marker.filled(nanoseconds, 2 * count, partial(
+                    fill_lines, connectors, snapshot.position, snapshot.orientation, classes,
+                    number))
+            else:
+                yield marker.stamped(nanoseconds, action=MarkerAction.DELETE)
+
+
+class ShellMarkers:
+    """Triangle lists of the shells: their outer faces, seen from outside counter-clockwise."""
+
+    def __init__(self, scene: Scene) -> None:
+        """Lay out what does not change."""
+        self._vertices = vertices(scene.shell.half_edge)
+        self._corners = FACES.ravel()
+        held = held_bodies(scene)
+        length = max(_RUN, -(-len(held) // _MOST_RUNS))
+        self._lists: list[tuple[MarkerBytes, np.ndarray]] = []
+        for run, start in enumerate(range(0, len(held), length)):
+            for kind, entry in enumerate(SHELL_CLASSES):
+                bodies = start + np.flatnonzero(held[start:start + length] == kind)
+                if len(bodies):
+                    marker = MarkerBytes(
+                        scene.parameters['frame_id'], 'icosahedra',
+                        run * len(SHELL_CLASSES) + kind, MarkerType.TRIANGLE_LIST,
+                        color=entry.color)
+                    self._lists.append((marker, bodies.astype(np.int32)))
+
+    def messages(self, snapshot: Snapshot, nanoseconds: int) -> Iterator[bytes]:
+        """One list for each run of bodies and colour."""
+        for marker, bodies in self._lists:
+            yield marker.filled(nanoseconds, len(self._corners) * len(bodies), partial(
+                fill_shells, bodies, snapshot.position, snapshot.orientation, self._vertices,
+                self._corners))

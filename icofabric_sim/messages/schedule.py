@@ -1,0 +1,50 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""When outputs are due: output k at round(k 1e9 / rate) nanoseconds, without drift."""
+
+from fractions import Fraction
+
+NANOSECONDS = 10**9
+
+
+class Schedule:
+    """The grid of output times of one rate [Hz], in integer nanoseconds."""
+
+    def __init__(self, rate: float) -> None:
+        """Outputs at `rate` [Hz] of simulated time, the first at 0."""
+        self.rate = rate
+        self._period = Fraction(NANOSECONDS) / Fraction(rate)
+
+    def time(self, k: int) -> int:
+        """Nanoseconds of output k."""
+        return round(k * self._period)
+
+    def after(self, now: int) -> int:
+        """Nanoseconds of the first output later than `now`."""
+        k = int(now / self._period)
+        while self.time(k) > now:
+            k -= 1
+        while self.time(k) <= now:
+            k += 1
+        return self.time(k)
+
+    def is_due(self, now: int) -> bool:
+        """Whether an output falls exactly on `now`."""
+        return self.time(round(now / self._period)) == now
+
+
+def seconds(nanoseconds: int) -> float:
+    """
+    Seconds of integer nanoseconds, correctly rounded: the same float wherever it is computed.
+    """
+    return nanoseconds / NANOSECONDS
+
+
+def nanoseconds_not_before(time: float) -> int:
+    """Smallest integer nanoseconds whose seconds are not before `time` [s]."""
+    result = int(time * NANOSECONDS)
+    while result > 0 and seconds(result - 1) >= time:
+        result -= 1
+    while seconds(result) < time:
+        result += 1
+    return result

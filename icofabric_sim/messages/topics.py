@@ -1,0 +1,170 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""Messages of a running fabric: which topics there are, and their bytes from snapshots."""
+
+from collections.abc import Iterator
+from functools import cached_property, partial
+from typing import NamedTuple
+
+from icofabric_sim.messages import (
+    ClockBytes,
+    Float64MultiArrayBytes,
+    MarkerAction,
+    MarkerBytes,
+    MarkerType,
+    PoseArrayBytes,
+    StringBytes,
+)
+from icofabric_sim.messages.markers import (
+    ConnectorMarkers,
+    ShellMarkers,
+    STRAIN_CLASSES,
+    StrainClass,
+)
+from icofabric_sim.parameters.named_files import with_files
+from icofabric_sim.parameters.text import dump_parameters
+from icofabric_sim.parameters.validation import Parameters
+from icofabric_sim.scene.scene import Scene
+from icofabric_sim.simulation.model.snapshot import Snapshot
+import numpy as np
+
+__all__ = [
+    'BROKEN', 'CHECKPOINT', 'CLOCK', 'CONNECTORS', 'DIAGNOSTICS', 'ENERGIES', 'ENERGY', 'EVENTS',
+    'ICOSAHEDRA', 'Outputs', 'POSES', 'STATE', 'STRAIN_CLASSES', 'StrainClass', 'Topic', 'TOPICS',
+    'WEAVE']
+
+
+class Topic(NamedTuple):
+    """A topic that the node publishes, and how."""
+
+    name: str  # private (~/) name, or absolute
+    type: str
+    latched: bool  # transient local: late joiners get the last message
+    depth: int
+    recorded: bool
+
+
+POSES = Topic('~/poses', PoseArrayBytes.TYPE, False, 10, True)
+CONNECTORS = Topic('~/connectors', MarkerBytes.TYPE, False, 20, True)
+STATE = Topic('~/state', Float64MultiArrayBytes.TYPE, False, 10, False)
+# Large: 1,440 bytes for each body. They follow from the poses, so that no bag needs them.
+ICOSAHEDRA = Topic('~/icosahedra', MarkerBytes.TYPE, False, 8, False)
+ENERGY = Topic('~/energy', Float64MultiArrayBytes.TYPE, False, 10, True)
+# What has broken so far, in the order in which it did.
+BROKEN = Topic('~/broken', Float64MultiArrayBytes.TYPE, True, 1, True)
+WEAVE = Topic('~/weave', StringBytes.TYPE, True, 1, True)
+CLOCK = Topic('/clock', ClockBytes.TYPE, False, 10, True)
+DIAGNOSTICS = Topic('/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', False, 10, True)
+# What was done to the run beside its inputs (pause, steps, reset, ...), one JSON object each.
+EVENTS = Topic('~/events', StringBytes.TYPE, False, 100, True)
+# Checkpoints, so that a bag can be simulated again from there.
+CHECKPOINT = Topic('~/checkpoint', 'std_msgs/msg/UInt8MultiArray', False, 1, True)
+TOPICS = (
+    POSES, CONNECTORS, ICOSAHEDRA, STATE, ENERGY, BROKEN, WEAVE, CLOCK, DIAGNOSTICS, EVENTS)
+
+# Label and name in a snapshot of each number in `~/energy` [J].
+ENERGIES = {
+    label: label.replace(' ', '_') for label in (
+        'kinetic', 'connectors', 'gravity', 'contact', 'work in', 'dissipated', 'balance error',
+        'field', 'lost at breaks')}
+
+
+class Outputs:
+    """Message layouts of one scene, written once; the numbers change with every snapshot."""
+
+    def __init__(self, scene: Scene) -> None:
+        """Lay out nothing large: every message is built where it stays, when it is wanted."""
+        self.scene = scene
+        self.frame_id = scene.parameters['frame_id']
+        self._poses = PoseArrayBytes(self.frame_id, scene.body_count)
+        self._state = Float64MultiArrayBytes(
+            ('body', 'position orientation_xyzw linear_velocity angular_velocity'),
+            (scene.body_count, 13),
+        )
+        self._energy = Float64MultiArrayBytes((', '.join(ENERGIES),), (len(ENERGIES),))
+        self._connectors = ConnectorMarkers(scene)
+        self._clock = ClockBytes()
+
+    @cached_property
+    def _shells(self) -> ShellMarkers:
+        return ShellMarkers(self.scene)
+
+    def poses(self, snapshot: Snapshot, nanoseconds: int) -> bytes:
+        """`~/poses`: bodies in order."""
+        return self._poses.filled(
+            nanoseconds, partial(_write_columns, [snapshot.position, snapshot.orientation]))
+
+    def state(self, snapshot: Snapshot) -> bytes:
+        """`~/state`: [n, 13] position, orientation x y z w, velocity, angular velocity (world)."""
+        return self._state.filled(partial(_write_columns, [
+            snapshot.position,
+            snapshot.orientation,
+            snapshot.linear_velocity,
+            snapshot.angular_velocity,
+        ]))
+
+    def energy(self, snapshot: Snapshot) -> bytes:
+        """`~/energy`: the energies [J] that its label names."""
+        self._energy.values[:] = [snapshot.energy[name] for name in ENERGIES.values()]
+        return self._energy.to_bytes()
+
+    def broken(self, snapshot: Snapshot) -> bytes:
+        """
+        `~/broken`: [m, 2] connector and time of breakage [s], in the order in which they broke.
+
+        Those of one time are in order of their numbers.
+        """
+        gone = np.flatnonzero(~snapshot.intact)
+        times = snapshot.break_time[gone]
+        order = np.argsort(times, kind='stable')
+        message = Float64MultiArrayBytes(
+            ('break', 'connector, time of breakage'), (len(gone), 2))
+        return message.filled(partial(
+            _write_columns, [gone[order, None].astype(float), times[order, None]]))
+
+    def connectors(self, snapshot: Snapshot, nanoseconds: int) -> Iterator[bytes]:
+        """
+        `~/connectors`: a line list for each strain class, or its removal where it is empty.
+
+        Each is laid out when it is asked for.
+        """
+        return self._connectors.messages(snapshot, nanoseconds)
+
+    def icosahedra(self, snapshot: Snapshot, nanoseconds: int) -> Iterator[bytes]:
+        """
+        `~/icosahedra`: the shells, one triangle list for each colour, several for many bodies.
+
+        Each is laid out when it is asked for.
+        """
+        return self._shells.messages(snapshot, nanoseconds)
+
+    def cleared(self, nanoseconds: int, topic: Topic = CONNECTORS) -> bytes:
+        """
+        `~/connectors` or `~/icosahedra`: remove all markers of an earlier weave.
+
+        In the namespace of the topic: Foxglove removes those of one, RViz all.
+        """
+        namespace = topic.name.removeprefix('~/')
+        marker = MarkerBytes(self.frame_id, namespace, 0, MarkerType.LINE_LIST)
+        return marker.stamped(nanoseconds, action=MarkerAction.DELETEALL)
+
+    def weave(self, parameters: Parameters) -> bytes:
+        """
+        `~/weave`: the `parameters` in force, as a ROS parameter file, and the files they name.
+
+        They are those of the scene, but for rates and the like that may have changed since.
+        """
+        return StringBytes(
+            with_files(dump_parameters(parameters.complete()), self.scene.files)).to_bytes()
+
+    def clock(self, nanoseconds: int) -> bytes:
+        """`/clock`."""
+        return self._clock.stamped(nanoseconds)
+
+
+def _write_columns(parts: list[np.ndarray], values: np.ndarray) -> None:
+    """Write arrays (n, k) side by side."""
+    column = 0
+    for part in parts:
+        values[:, column:column + part.shape[1]] = part
+        column += part.shape[1]

@@ -1,0 +1,130 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+Files that a scene names (tables, laws, meshes): what was read of them goes with a recorded run.
+
+A recorded scene is a parameter file; contents stand in comments behind it, which ROS skips. Where
+a scene is built from a record these are used, whatever is on disk under the name.
+"""
+
+from base64 import b64decode, b64encode
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import replace
+import hashlib
+import json
+from typing import NamedTuple
+import zlib
+
+from icofabric_sim.parameters.validation import Parameters
+
+# Of a file whose compressed contents are longer only the sum is recorded.
+MOST_BYTES = 4 * 2**20
+# Contents that unpack to more are not ours.
+_LARGEST = 2**30
+_MARK, _MORE = '# file: ', '# + '
+_LINE = 96
+
+
+class NamedFile(NamedTuple):
+    """A file as it was read."""
+
+    total: str  # SHA-256
+    content: bytes | None  # None: too large to be recorded
+
+
+_kept: ContextVar[Mapping[str, NamedFile]] = ContextVar('kept')
+_noted: ContextVar[dict[str, NamedFile]] = ContextVar('noted')
+
+
+@contextmanager
+def reading(files: Mapping[str, NamedFile]) -> Iterator[dict[str, NamedFile]]:
+    """Use `files` by their names where they are read within; yields all that were."""
+    noted: dict[str, NamedFile] = {}
+    kept_before, noted_before = _kept.set(files), _noted.set(noted)
+    try:
+        yield noted
+    finally:
+        _kept.reset(kept_before)
+        _noted.reset(noted_before)
+
+
+def recorded_content(name: str) -> bytes | None:
+    """What was recorded of the file that a scene calls `name`; None where it has to be read."""
+    file = _kept.get({}).get(name)
+    if file is None or file.content is None:
+        return None
+    _noted.get({})[name] = file
+    return file.content
+
+
+def note_content(name: str, content: bytes) -> None:
+    """Keep what was read; ValueError where a record says that it was another."""
+    total = hashlib.sha256(content).hexdigest()
+    wanted = _kept.get({}).get(name)
+    if wanted is not None and wanted.total != total:
+        raise ValueError(
+            f'the file {name!r} is not that of the recorded run: its SHA-256 is {total}, and was '
+            f'{wanted.total}; put the file of that time there')
+    noted = _noted.get(None)
+    if noted is not None:
+        noted[name] = NamedFile(total, content)
+
+
+def with_files(text: str, files: Mapping[str, NamedFile]) -> str:
+    """A parameter file with the contents of files behind it, in comments."""
+    lines = []
+    for name, file in sorted(files.items()):
+        facts: dict[str, str | int] = {'name': name, 'sha256': file.total}
+        packed = b'' if file.content is None else zlib.compress(file.content)
+        if file.content is not None and len(packed) <= MOST_BYTES:
+            facts['bytes'] = len(file.content)
+        else:
+            packed = b''
+        lines.append(_MARK + json.dumps(facts))
+        letters = b64encode(packed).decode('ascii')
+        lines += [
+            _MORE + letters[start:start + _LINE] for start in range(0, len(letters), _LINE)]
+    return text + ''.join(line + '\n' for line in lines)
+
+
+def files_in(text: str) -> dict[str, NamedFile]:
+    """The files behind a parameter file; ValueError where they are damaged."""
+    found: dict[str, NamedFile] = {}
+    facts: dict[str, str | int] = {}
+    letters: list[str] = []
+
+    def finish() -> None:
+        if not facts:
+            return
+        try:
+            name, total = str(facts['name']), str(facts['sha256'])
+            content = None
+            if 'bytes' in facts:
+                unpacker = zlib.decompressobj()
+                content = unpacker.decompress(
+                    b64decode(''.join(letters), validate=True), _LARGEST)
+                if len(content) != facts['bytes'] or (
+                        hashlib.sha256(content).hexdigest() != total):
+                    raise ValueError('its contents do not fit their sum')
+        except (KeyError, ValueError, zlib.error) as error:
+            raise ValueError(f'a file recorded with the scene is damaged: {error}') from None
+        found[name] = NamedFile(total, content)
+
+    for line in text.splitlines():
+        if line.startswith(_MARK):
+            finish()
+            try:
+                facts, letters = dict(json.loads(line[len(_MARK):])), []
+            except (ValueError, TypeError) as error:
+                raise ValueError(f'a file recorded with the scene is damaged: {error}') from None
+        elif line.startswith(_MORE) and facts:
+            letters.append(line[len(_MORE):])
+    finish()
+    return found
+
+
+def with_recorded(parameters: Parameters, text: str) -> Parameters:
+    """The parameters of a recorded scene with the files behind its text."""
+    return replace(parameters, files=files_in(text))

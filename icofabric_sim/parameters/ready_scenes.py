@@ -1,0 +1,52 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""Where the ready scenes are: in a clone, or in the share folder of an installation."""
+
+from pathlib import Path
+
+_PACKAGE = 'icofabric_sim'
+
+
+def ready_scenes() -> dict[str, Path]:
+    """Name and parameter file of every ready scene, by name; empty where none is installed."""
+    for folder in scene_folders():
+        found = {path.stem: path for path in sorted(folder.glob('*.yaml'))}
+        if found:
+            return found
+    return {}
+
+
+def find_scene(scene: str) -> Path:
+    """
+    Parameter file of a ready scene's name, or of a path; a name goes before a path.
+
+    Raises ValueError where there is neither.
+    """
+    ready = ready_scenes()
+    if scene in ready:
+        return ready[scene]
+    path = Path(scene).expanduser()
+    if not path.is_file():
+        reason = 'is a folder' if path.is_dir() else 'does not exist'
+        names = ', '.join(ready) or 'none is installed'
+        raise ValueError(
+            f'{scene} {reason}: give the parameter file (.yaml) of a scene, or the name of a '
+            f'ready scene ({names})'
+        )
+    return path
+
+
+def scene_folders() -> list[Path]:
+    """
+    Places to look in, the source tree first.
+
+    An installation has PREFIX/share/icofabric_sim/config beside some
+    PREFIX/.../site-packages/icofabric_sim, for colcon, pip and a virtual environment alike.
+    """
+    file = Path(__file__)
+    here, real = file.absolute().parents[1], file.resolve().parents[1]
+    trees = [place.parent for place in (here, real)]
+    folders = [tree / 'config' for tree in trees if (tree / 'package.xml').is_file()]
+    for place in (here, real):
+        folders += [parent / 'share' / _PACKAGE / 'config' for parent in place.parents]
+    return folders

@@ -1,0 +1,119 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+A mode in motion: as a picture that moves (GIF), or as a bag that `replay_node` plays.
+
+Modes of thousands of hertz and mechanisms without any frequency are shown alike: a swing takes
+PERIOD seconds, and its largest rotation is 1 rad, or its largest displacement a.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+import math
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from icofabric_sim.bag import BagRecorder
+from icofabric_sim.geometry.rotations import turned_by
+from icofabric_sim.messages.topics import CLOCK, CONNECTORS, Outputs, POSES, Topic, WEAVE
+from icofabric_sim.parameters.named_files import with_files
+from icofabric_sim.parameters.text import dump_parameters
+from icofabric_sim.pictures.drawing import Moment, Renderer
+from icofabric_sim.pictures.fabric_polygons import bounds_of, View
+from icofabric_sim.scene.scene import Scene
+from icofabric_sim.simulation.model.snapshot import Snapshot
+import numpy as np
+
+PERIOD = 2.0  # [s]
+# Pictures of half a swing, from one end to the other; the way back shows the same ones.
+HALF = 24
+# Swings in a bag, and moments of each.
+_SWINGS, _RATE = 5, 60
+_NODE = '/icofabric'
+_SIZE = (800, 600)
+
+Progress = Callable[[int], None]  # hears how many moments are done
+
+
+def scaled_shape(scene: Scene, shape: np.ndarray) -> np.ndarray:
+    """The motion (n, 6) with a largest rotation of 1 rad, or displacement of a."""
+    largest = max(
+        float(np.abs(shape[:, :3]).max()) / scene.geometry.half_edge,
+        float(np.abs(shape[:, 3:]).max()))
+    return np.asarray(shape / largest)
+
+
+def displaced(rest: Snapshot, motion: np.ndarray) -> Snapshot:
+    """The configuration moved by (n, 6) displacements [m] and rotation vectors [rad]."""
+    return replace(
+        rest, position=rest.position + motion[:, :3],
+        orientation=turned_by(motion[:, 3:], rest.orientation))
+
+
+def write_gif(
+    path: Path, title: str, scene: Scene, rest: Snapshot, shape: np.ndarray, *,
+    progress: Progress = lambda count: None
+) -> None:
+    """
+    Draw a swing of a motion (n, 6) to a GIF that goes on for ever; HALF + 1 moments are drawn.
+    """
+    from PIL import Image
+
+    shape = scaled_shape(scene, shape)
+    view, half_edge = View(), scene.geometry.half_edge
+    bounds = bounds_of(rest.position + shape[:, :3], half_edge, view).joined(
+        bounds_of(rest.position - shape[:, :3], half_edge, view))
+    renderer = Renderer(bounds, title=title, view=view, size=_SIZE)
+    frames = []
+    with TemporaryDirectory() as folder:
+        file = Path(folder) / 'frame.png'
+        for number in range(HALF + 1):
+            here = displaced(rest, math.cos(math.pi * number / HALF) * shape)
+            renderer.frame(
+                Moment(math.nan, here.position, here.orientation, scene), file)
+            with Image.open(file) as picture:
+                frames.append(picture.convert('P', palette=Image.Palette.ADAPTIVE))
+            progress(number + 1)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    frames[0].save(
+        path, save_all=True, append_images=frames[1:] + frames[-2:0:-1], loop=0,
+        duration=round(1000.0 * PERIOD / (2 * HALF)))
+
+
+def write_bag(
+    path: Path, said: str, scene: Scene, rest: Snapshot, shape: np.ndarray
+) -> None:
+    """
+    Record swings of a motion (n, 6) to a bag, with what is `said` of it in the custom data.
+
+    Poses, connectors and the clock, as of a run; nothing was simulated, and nothing says so.
+    """
+    from icofabric_sim.version import __version__
+
+    shape = scaled_shape(scene, shape)
+    text = dump_parameters(scene.parameters.complete())
+    recorder = BagRecorder(
+        path, storage=str(scene.parameters['record.storage']),
+        custom={'scene': with_files(text, scene.files), 'version': __version__, 'animation': said},
+        custom_topic=f'{_NODE}/recording')
+    outputs = Outputs(scene)
+
+    def send(topic: Topic, time: int, data: bytes) -> None:
+        name = _NODE + topic.name[1:] if topic.name.startswith('~') else topic.name
+        recorder.add_topic(name, topic.type, latched=topic.latched, depth=topic.depth)
+        recorder.write(name, time, data, essential=topic is WEAVE)
+
+    try:
+        send(WEAVE, 0, outputs.weave(scene.parameters))
+        for number in range(_SWINGS * _RATE + 1):
+            phase = 2.0 * math.pi * number / _RATE
+            time = round(1e9 * PERIOD * number / _RATE)
+            here = replace(displaced(rest, math.cos(phase) * shape), time=time / 1e9)
+            send(CLOCK, time, outputs.clock(time))
+            send(POSES, time, outputs.poses(here, time))
+            for message in outputs.connectors(here, time):
+                send(CONNECTORS, time, message)
+    finally:
+        recorder.close()
+    if recorder.error is not None:
+        raise recorder.error

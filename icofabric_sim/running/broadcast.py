@@ -1,0 +1,274 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""Outputs of a run: what is due, what is wanted, built once and sent to every sink."""
+
+from collections.abc import Callable, Iterable, Sequence
+import json
+import time as wall
+from typing import Any, Protocol, runtime_checkable, TYPE_CHECKING
+
+from icofabric_sim.messages import StringBytes, topics, UInt8MultiArrayBytes
+from icofabric_sim.messages.schedule import Schedule, seconds
+from icofabric_sim.messages.topics import Outputs, Topic
+from icofabric_sim.parameters.validation import Parameters
+from icofabric_sim.running.run_records import Status
+from icofabric_sim.simulation.simulation import Simulation
+import numpy as np
+
+if TYPE_CHECKING:
+    from icofabric_sim.simulation.checkpoint import Checkpoint
+
+# Wall time between two reports on /diagnostics [s].
+_REPORT_INTERVAL = 1.0
+MOVING = (
+    topics.CLOCK, topics.POSES, topics.CONNECTORS, topics.ICOSAHEDRA, topics.STATE, topics.ENERGY,
+    topics.BROKEN)
+_RATES = {
+    topics.CLOCK: 'clock_rate',
+    topics.POSES: 'publish_rate',
+    topics.CONNECTORS: 'marker_rate',
+    topics.ICOSAHEDRA: 'marker_rate',
+    topics.STATE: 'publish_rate',
+    topics.ENERGY: 'publish_rate',
+    topics.BROKEN: 'publish_rate',
+}
+
+
+def schedules(parameters: Parameters) -> dict[Topic, Schedule]:
+    """When the outputs of a run are due; breaks only where there are new ones."""
+    return {
+        topic: Schedule(parameters[name]) for topic, name in _RATES.items()
+        if topic is not topics.CLOCK or parameters['publish_clock']}
+
+
+class Sink(Protocol):
+    """Where messages go: live publishers, or a bag."""
+
+    def wants(self, topic: Topic) -> bool:
+        """Whether anything would come of a message on `topic` now."""
+
+    def send(self, topic: Topic, nanoseconds: int, data: bytes) -> None:
+        """Take a message of simulated time `nanoseconds`."""
+
+    def send_input(self, topic: str, type_name: str, nanoseconds: int, data: bytes) -> None:
+        """Take an input at the time it acts."""
+
+    @property
+    def is_bag(self) -> bool:
+        """Whether messages are kept; repeated ones for late joiners are then left out."""
+
+    def time_jumped_back(
+        self, simulation: Simulation, parameters: Parameters, ended: Status
+    ) -> None:
+        """
+        Hear that the simulated time has jumped: to 0, or to a checkpoint; a bag ends here.
+
+        `simulation` goes on from there with the `parameters` in force, `ended` is how the run
+        stood before the jump.
+        """
+
+
+@runtime_checkable
+class Recorder(Sink, Protocol):
+    """A sink that keeps messages, and can be told to begin and to end."""
+
+    def switch(
+        self, on: bool, simulation: Simulation, parameters: Parameters, status: Status
+    ) -> str:
+        """
+        Begin to record, or end it; returns the path of the record, or a sentence.
+
+        `parameters` are those in force, `status` is how the run stands.
+        """
+
+
+class Broadcast:
+    """Topics of one run; nothing is built that no sink wants."""
+
+    def __init__(
+        self, sinks: list[Sink], simulation: Simulation, report: Callable[[], bytes] | None = None
+    ) -> None:
+        """Send to `sinks`; `report` lays out /diagnostics."""
+        self.sinks = sinks
+        self._report = report
+        self._last_report = 0.0
+        self.set_scene(simulation)
+
+    def set_scene(self, simulation: Simulation) -> None:
+        """Take the messages of another scene."""
+        self.simulation = simulation
+        self._outputs = Outputs(simulation.scene)
+        self._can_break = simulation.scene.connectors.limits is not None
+        self._breaks_told: int | None = None
+        self.set_rates(simulation.scene.parameters)
+
+    def set_rates(self, parameters: Parameters) -> None:
+        """Take other rates."""
+        self._parameters = parameters
+        self._schedules = {
+            topic: schedule for topic, schedule in schedules(parameters).items()
+            if topic is not topics.BROKEN or self._can_break}
+
+    def next_times(self, now: int) -> list[int]:
+        """Times [ns] after `now` at which something wanted is due."""
+        return [
+            schedule.after(now)
+            for topic, schedule in self._schedules.items()
+            if self._receivers(topic)
+        ]
+
+    def start(
+        self, now: int, *, cleared: bool = False, whole: bool = True,
+        only: Sequence[Sink] | None = None,
+    ) -> None:
+        """
+        Tell everyone, or `only` some sinks, about the scene and its present state.
+
+        `cleared` removes the markers of an earlier scene. A record gets a checkpoint first, unless
+        what it holds is the `whole` run: then its scene says how it begins.
+        """
+        self.describe_scene(now, only)
+        if not whole:
+            self.checkpoint(now, only)
+        if cleared:
+            for topic in (topics.CONNECTORS, topics.ICOSAHEDRA):
+                receivers = self._receivers(topic, only)
+                if receivers:
+                    self._send(topic, now, [self._outputs.cleared(now, topic)], receivers)
+        self._breaks_told = None
+        self.emit(now, only=only)
+
+    def describe_scene(self, now: int, only: Sequence[Sink] | None = None) -> None:
+        """
+        Tell what the scene was built from, and then what is in force where that differs.
+
+        A run can only be repeated from the first: even the duration has a part in the choice of
+        the method.
+        """
+        built = self.simulation.scene.parameters
+        self._describe(now, built, only)
+        if dict(built) != dict(self._parameters):
+            self._describe(now, self._parameters, only)
+
+    def describe(self, now: int) -> None:
+        """Tell everyone the parameters in force."""
+        self._describe(now, self._parameters, None)
+
+    def event(self, now: int, event: str, **facts: Any) -> None:
+        """
+        Tell everyone what was done to the run beside its inputs, with the facts that belong to it.
+        """
+        receivers = self._receivers(topics.EVENTS)
+        if receivers:
+            text = json.dumps(
+                {'event': event, 'time': seconds(now), **facts}, default=_plain)
+            self._send(topics.EVENTS, now, [StringBytes(text).to_bytes()], receivers)
+
+    def checkpoint(
+        self, now: int, only: Sequence[Sink] | None = None, *, taken: 'Checkpoint | None' = None
+    ) -> None:
+        """
+        Record a checkpoint, or the one that was `taken` now; it is too large to be published.
+        """
+        receivers = [
+            sink for sink in self._receivers(topics.CHECKPOINT, only) if sink.is_bag]
+        if receivers:
+            checkpoint = taken or self.simulation.checkpoint()
+            data = UInt8MultiArrayBytes(checkpoint.to_bytes()).to_bytes()
+            self._send(topics.CHECKPOINT, now, [data], receivers)
+
+    def recorders(self) -> list[Recorder]:
+        """The sinks that can be told to begin and to end."""
+        return [sink for sink in self.sinks if isinstance(sink, Recorder)]
+
+    def time_jumped(self, ended: Status) -> None:
+        """Have the sinks begin anew: simulated time has jumped, and the run was `ended` before."""
+        for sink in self.sinks:
+            sink.time_jumped_back(self.simulation, self._parameters, ended)
+
+    def due(self, now: int) -> None:
+        """Send what is due exactly `now`."""
+        self.emit(
+            now, [topic for topic, schedule in self._schedules.items() if schedule.is_due(now)]
+        )
+
+    def emit(
+        self, now: int, chosen: Iterable[Topic] = MOVING, *, live_only: bool = False,
+        only: Sequence[Sink] | None = None,
+    ) -> None:
+        """
+        Build and send the messages of the present time that anyone wants; the clock goes first.
+        """
+        for topic in chosen:
+            if topic is topics.BROKEN and (live_only or not self._is_news_of_breaks()):
+                continue
+            receivers = self._receivers(topic, only, live_only=live_only)
+            if receivers:
+                self._send(topic, now, self._build(topic, now), receivers)
+
+    def _is_news_of_breaks(self) -> bool:
+        """Whether more has broken than was told; the message stays, so nothing is told twice."""
+        told, self._breaks_told = self._breaks_told, self.simulation.broken_count
+        return told != self._breaks_told
+
+    def report(self, now: int, *, at_once: bool = False) -> None:
+        """Send /diagnostics once a second of wall time."""
+        if self._report is None or not (
+            at_once or wall.monotonic() - self._last_report >= _REPORT_INTERVAL
+        ):
+            return
+        self._last_report = wall.monotonic()
+        receivers = self._receivers(topics.DIAGNOSTICS)
+        if receivers:
+            self._send(topics.DIAGNOSTICS, now, [self._report()], receivers)
+
+    def input(self, topic: str, type_name: str, now: int, data: bytes) -> None:
+        """Pass an input on at the time it acts."""
+        for sink in self.sinks:
+            sink.send_input(topic, type_name, now, data)
+
+    def _build(self, topic: Topic, now: int) -> Iterable[bytes]:
+        if topic is topics.CLOCK:
+            return [self._outputs.clock(now)]
+        snapshot = self.simulation.snapshot()
+        if topic is topics.POSES:
+            return [self._outputs.poses(snapshot, now)]
+        if topic is topics.STATE:
+            return [self._outputs.state(snapshot)]
+        if topic is topics.ENERGY:
+            return [self._outputs.energy(snapshot)]
+        if topic is topics.BROKEN:
+            return [self._outputs.broken(snapshot)]
+        if topic is topics.ICOSAHEDRA:
+            return self._outputs.icosahedra(snapshot, now)
+        return self._outputs.connectors(snapshot, now)
+
+    def _describe(
+        self, now: int, parameters: Parameters, only: Sequence[Sink] | None
+    ) -> None:
+        receivers = self._receivers(topics.WEAVE, only)
+        if receivers:
+            self._send(topics.WEAVE, now, [self._outputs.weave(parameters)], receivers)
+
+    def _receivers(
+        self, topic: Topic, only: Sequence[Sink] | None = None, *, live_only: bool = False
+    ) -> list[Sink]:
+        if topic is topics.CLOCK and topic not in self._schedules:
+            return []
+        return [
+            sink for sink in (self.sinks if only is None else only)
+            if not (live_only and sink.is_bag) and sink.wants(topic)
+        ]
+
+    def _send(
+        self, topic: Topic, now: int, messages: Iterable[bytes], receivers: list[Sink]
+    ) -> None:
+        for data in messages:
+            for sink in receivers:
+                sink.send(topic, now, data)
+            del data  # the next one may be as large
+
+
+def _plain(value: Any) -> Any:
+    """Numbers that JSON does not know, as those it does."""
+    return np.asarray(value).tolist()

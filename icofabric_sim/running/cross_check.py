@@ -1,0 +1,132 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+The two rotation formulations side by side: quaternions (10 N) against direction cosines (15 N).
+
+Both take the same steps, so that they differ by rounding alone, as much as the fabric lets it
+grow. How much that is comes from a third run, with quaternions too, whose start is disturbed.
+"""
+
+from collections.abc import Callable
+import math
+from typing import NamedTuple
+
+from icofabric_sim.messages.schedule import NANOSECONDS, seconds
+from icofabric_sim.scene.scene import Scene
+from icofabric_sim.simulation.simulation import compile_scene, Simulation
+from icofabric_sim.simulation.stepping.methods import METHODS
+import numpy as np
+
+# Disturbance of the third run, relative to a and in rad: far above rounding, far below 1.
+DISTURBANCE = 2.0**-36
+# Beyond this difference the growth is no longer linear, and the third run says nothing more.
+LARGEST_DISTURBED = 1e-2
+# Units in the last place by which one evaluation of the forces may round a coordinate: each body
+# adds up the pulls of up to 12 connectors.
+ROUNDINGS_PER_EVALUATION = 16.0
+# Evaluations of the forces between two comparisons: some of the fastest periods.
+_EVALUATIONS_BETWEEN = 64
+_LARGEST_COUNT = 4000
+
+
+class Comparison(NamedTuple):
+    """Differences of the two formulations at one time."""
+
+    time: float  # [s]
+    steps: int
+    position: float  # largest difference of a centre, over a
+    angle: float  # largest angle between two orientations [rad]
+    growth: float  # of the disturbance since the start
+    bound: float  # what rounding can explain, for both
+
+    @property
+    def agrees(self) -> bool:
+        """Whether rounding explains the differences."""
+        return max(self.position, self.angle) <= self.bound
+
+
+class CrossCheck(NamedTuple):
+    """The comparisons that could be made, and why they ended early ('': they did not)."""
+
+    rows: list[Comparison]
+    ended: str
+
+    @property
+    def agrees(self) -> bool:
+        """Whether there were comparisons, and rounding explains all differences."""
+        return bool(self.rows) and all(row.agrees for row in self.rows)
+
+
+def cross_check(
+        scene: Scene, duration: float, *,
+        progress: Callable[[float], None] = lambda time: None) -> CrossCheck:
+    """
+    Integrate `scene` for `duration` [s] in both formulations and compare all along.
+
+    The bound: an evaluation rounds each coordinate by at most ROUNDINGS_PER_EVALUATION units in
+    the last place, eps X / a for positions as large as X, eps for orientations. What was added at
+    any time has grown by now by at most the largest growth that the third run showed so far. The
+    roundings of n evaluations in each of two runs add up as sqrt(2 n), unless they conspire
+    (Higham and Mary 2019, SIAM J. Sci. Comput. 41, A2815).
+    """
+    quaternions = compile_scene(scene)
+    cosines = compile_scene(scene, rotation='direction_cosines')
+    disturbed = compile_scene(scene)
+    _disturb(disturbed)
+    half_edge = scene.geometry.half_edge
+    rounding = ROUNDINGS_PER_EVALUATION * np.finfo(float).eps
+    end = round(duration * NANOSECONDS)
+    stages = METHODS[quaternions.method_name].stages
+    between = max(_EVALUATIONS_BETWEEN // stages, 1) * quaternions.step
+    count = min(math.ceil(duration / between), _LARGEST_COUNT)
+    rows: list[Comparison] = []
+    growth = size = 0.0
+    for number in range(1, count + 1):
+        time = seconds(round(number * end / count))
+        for simulation in (quaternions, cosines, disturbed):
+            simulation.advance_to(time)
+            progress(time)
+        steps = {run.step_count for run in (quaternions, cosines, disturbed)}
+        if len(steps) > 1:
+            return CrossCheck(rows, f'from about t = {time:.6g} s on rounding decided about the '
+                              'length of the steps, which then differ')
+        position, angle = _differences(quaternions, cosines, half_edge)
+        apart = max(_differences(quaternions, disturbed, half_edge))
+        growth = max(growth, apart / DISTURBANCE)
+        if not apart <= LARGEST_DISTURBED:
+            return CrossCheck(rows, f'at t = {time:.6g} s a disturbance of {DISTURBANCE:.1e} has '
+                              f'grown to {apart:.1e}: from there on the motion cannot be foreseen '
+                              'in this precision, and no two computations agree')
+        size = max(size, float(np.abs(quaternions.snapshot().position).max()) / half_edge, 1.0)
+        evaluations = stages * quaternions.step_count
+        bound = math.sqrt(2.0 * evaluations) * rounding * size * max(growth, 1.0)
+        rows.append(Comparison(
+            time, quaternions.step_count, position, angle, growth, bound))
+    return CrossCheck(rows, '')
+
+
+def _disturb(simulation: Simulation) -> None:
+    """Displace and turn every body at random, each by about DISTURBANCE."""
+    snapshot = simulation.snapshot()
+    generator = np.random.RandomState(2)
+    shape = snapshot.position.shape
+    displacement = generator.standard_normal(shape) * (
+        DISTURBANCE * simulation.scene.geometry.half_edge)
+    half = 0.5 * DISTURBANCE * generator.standard_normal(shape)
+    x, y, z, w = snapshot.orientation.T
+    u, v, t = half.T
+    # To first order in the disturbance, whose square vanishes beside 1.
+    orientation = snapshot.orientation + np.stack([
+        u * w + v * z - t * y, v * w + t * x - u * z, t * w + u * y - v * x,
+        -u * x - v * y - t * z], axis=1)
+    simulation.set_state(position=snapshot.position + displacement, orientation=orientation)
+
+
+def _differences(first: Simulation, second: Simulation, half_edge: float) -> tuple[float, float]:
+    """Largest distance of centres over a, and largest angle between orientations [rad]."""
+    one, two = first.snapshot(), second.snapshot()
+    distance = float(np.linalg.norm(one.position - two.position, axis=1).max()) / half_edge
+    p, q = one.orientation, two.orientation
+    # The chord of the shorter way: an arc cosine would lose half the digits.
+    chord = np.minimum(np.linalg.norm(p - q, axis=1), np.linalg.norm(p + q, axis=1))
+    return distance, float((4.0 * np.arcsin(np.minimum(0.5 * chord, 1.0))).max())

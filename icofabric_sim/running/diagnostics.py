@@ -1,0 +1,157 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+Diagnostics of a run: level, sentence and figures.
+
+ERROR says that something was lost or did not happen: the simulation has stopped, a change could
+not be built, nothing is recorded any more. WARN says that the run goes on but not as wanted: too
+slow, unphysical since shells met, near a limit, or something was dropped since the last report.
+"""
+
+from collections.abc import Mapping
+import math
+
+from icofabric_sim.messages import DiagnosticArrayBytes, DiagnosticStatus, ERROR, OK, WARN
+from icofabric_sim.messages.schedule import seconds
+from icofabric_sim.running.run_records import Status
+
+# A pace below this part of the wanted one is worth a warning.
+_SLOW = 0.9
+# And so is an energy balance that is off by this part of what stops the run,
+_UNBALANCED = 0.5
+# and a recorder that is this far behind [s].
+_LARGEST_LAG = 1.0
+
+# Figures that count what was dropped, and what to call that.
+WRENCHES_DROPPED = 'wrenches dropped'
+RECORDER_DROPPED = 'recorder dropped'
+RECORDER_LAG = 'recorder lag [s]'
+NOT_TAKEN = 'messages not taken in time'
+_DROPPED = {
+    WRENCHES_DROPPED: 'wrenches were dropped (the log says which and why)',
+    RECORDER_DROPPED: 'messages were not recorded: the disk is too slow',
+    NOT_TAKEN: 'messages were overwritten before every subscriber had them',
+}
+
+
+def describe(
+    status: Status,
+    name: str,
+    faults: Mapping[str, str],
+    figures: Mapping[str, str],
+    *,
+    before: Mapping[str, str] | None = None,
+    notes: Mapping[str, str] | None = None,
+) -> DiagnosticStatus:
+    """
+    Summary of `status` for /diagnostics.
+
+    `faults` are reasons for ERROR beside it (disk, rejected change) and `notes` reasons for WARN
+    (a foreign clock), by their names; `before` are the figures of the last report.
+    """
+    errors = [status.failure] if status.failure else []
+    errors += faults.values()
+    warnings = [*_warnings(status, figures, before or {}), *(notes or {}).values()]
+    level, sentences = OK, ['paused' if status.paused else 'running']
+    if status.finished:
+        sentences = ['finished']
+    if warnings:
+        level, sentences = WARN, warnings
+    if errors:
+        level, sentences = ERROR, errors
+    values = {
+        'simulated time [s]': f'{seconds(status.time):.9f}',
+        'real-time factor': f'{status.factor:.4g}',
+        'wanted real-time factor': f'{status.wanted_factor:g}',
+        'pace': status.cause or 'not measured',
+        'step [s]': f'{status.step:.6g}',
+        'stability limit [s]': f'{status.limit:.6g}',
+        'stability margin': f'{_margin(status):.4g}',
+        'steps': str(status.step_count),
+        'method': status.method,
+        'tolerance': f'{status.tolerance:g}',
+        'error per second': _error(status, 0),
+        'error estimate': _error(status, 1),
+        'error estimate lacks': status.errors_lack or 'nothing',
+        'energy balance error': f'{status.balance_error:.3g}',
+        'largest energy balance error': f'{status.balance_worst:.3g}',
+        'bodies': str(status.body_count),
+        'connectors': str(status.connector_count),
+        'contacts': str(status.contacts),
+        'breaks': str(status.breaks),
+        'connector ends in their shells': str(status.obstructed),
+        'obstruction': status.obstruction or 'none',
+        'loads active': str(status.loads_active),
+        'loads waiting': str(status.loads_waiting),
+        'queue lag [s]': f'{status.lag:.3f}',
+        'proximity': status.proximity or 'none',
+        **figures,
+        **faults,
+        **(notes or {}),
+    }
+    return DiagnosticStatus(level, name, '; '.join(sentences), 'icofabric_sim', values)
+
+
+def _warnings(
+    status: Status, figures: Mapping[str, str], before: Mapping[str, str]
+) -> list[str]:
+    found = []
+    stands = status.paused or status.finished
+    if 0.0 < status.factor < _SLOW * status.wanted_factor and not stands:
+        found.append(
+            f'slower than wanted: real-time factor {status.factor:.3g} of '
+            f'{status.wanted_factor:g}; {status.cause}')
+    if status.proximity:
+        found.append(status.proximity)
+    if status.obstructed:
+        found.append(
+            f'{status.obstructed:,} ends of connectors were in the shells they are attached to '
+            'at the last look')
+    if status.balance_error > _UNBALANCED * status.energy_limit:
+        found.append(
+            f'the energy balance is off by {status.balance_error:.3g}; the run stops at '
+            f'solver.energy_limit = {status.energy_limit:g}')
+    if _margin(status) < 1.0:
+        found.append(
+            f'the step {status.step:.6g} s is beyond the stability limit {status.limit:.6g} s')
+    for figure, words in _DROPPED.items():
+        count = int(figures.get(figure, 0)) - int(before.get(figure, 0))
+        if count > 0:
+            found.append(f'{count} {words}')
+    lag = float(figures.get(RECORDER_LAG, 0.0))
+    if lag > _LARGEST_LAG:
+        found.append(f'the recorder is {lag:.1f} s behind')
+    return found
+
+
+def _margin(status: Status) -> float:
+    return status.limit / status.step if math.isfinite(status.limit) else math.inf
+
+
+def _error(status: Status, place: int) -> str:
+    if status.errors is None:
+        return 'not measured'
+    return f'{status.errors[place]:.3g}'
+
+
+class HealthReport:
+    """Lays out /diagnostics for one node."""
+
+    def __init__(self, name: str) -> None:
+        """Report under the node's full `name`."""
+        self.name = name
+        self._message = DiagnosticArrayBytes()
+        self._before: Mapping[str, str] = {}
+
+    def bytes(
+        self,
+        status: Status,
+        faults: Mapping[str, str] | None = None,
+        figures: Mapping[str, str] | None = None,
+        notes: Mapping[str, str] | None = None,
+    ) -> bytes:
+        """Message for the present `status`."""
+        described = describe(
+            status, self.name, faults or {}, figures or {}, before=self._before, notes=notes)
+        self._before = figures or {}
+        return self._message.stamped(status.time, [described])

@@ -1,0 +1,360 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""The bag of a run: which topics go in, under which names, and what it says about itself."""
+
+from collections import Counter
+from collections.abc import Callable
+import functools
+from importlib import metadata
+import json
+import os
+from pathlib import Path
+import platform
+import time
+
+from icofabric_sim.bag import BagError, BagRecorder, next_free_path, RecorderStatistics
+from icofabric_sim.messages import decode_string
+from icofabric_sim.messages.schedule import nanoseconds_not_before
+from icofabric_sim.messages.topics import CHECKPOINT, EVENTS, Topic, TOPICS, WEAVE
+from icofabric_sim.parameters.named_files import with_files
+from icofabric_sim.parameters.text import dump_parameters
+from icofabric_sim.parameters.validation import Parameters
+from icofabric_sim.running.run_records import Status
+from icofabric_sim.simulation.divergence import Growth
+from icofabric_sim.simulation.simulation import Simulation
+
+_LIBRARIES = ('numpy', 'scipy', 'numba', 'llvmlite', 'rosbags')
+# What a run cannot be repeated without is never dropped.
+_ESSENTIAL = (CHECKPOINT, EVENTS, WEAVE)
+# Names in the custom data: whether the run was paused when the bag began; how many messages of
+# each topic the bag was given, once it is closed; how many of each the disk was too slow for.
+PAUSED, GIVEN, DROPPED = 'paused', 'messages_given', 'dropped_by_topic'
+# How long a live run waits for its disk when a bag is opened or closed [s]; then it goes on, and
+# the disk may follow.
+_PATIENCE = 0.5
+# Wall time between two warnings that messages are dropped [s].
+_WARNING_INTERVAL = 10.0
+
+
+def describe_run(
+    simulation: Simulation, parameters: Parameters | None = None, *, paused: bool = False
+) -> dict[str, str]:
+    """
+    What a bag must hold beside messages, so that its run can be repeated.
+
+    `parameters` are those in force: rates and pace may have changed since the scene was built.
+    `paused`: as the run is when the bag begins.
+    """
+    in_force = simulation.scene.parameters if parameters is None else parameters
+    from icofabric_sim.version import __version__
+
+    return {
+        'scene': with_files(dump_parameters(in_force.complete()), simulation.scene.files),
+        'version': __version__,
+        'method': simulation.method_name,
+        'method_reason': simulation.method_reason,
+        'tolerance': repr(in_force['solver.tolerance']),
+        'threads': str(simulation.thread_count),
+        'step': repr(simulation.step),
+        PAUSED: json.dumps(paused),
+        'processor': host_processor(),
+        'libraries': library_versions(),
+        'python': platform.python_version(),
+    }
+
+
+@functools.cache
+def library_versions() -> str:
+    """Versions of the libraries that the bits of a run depend on, and of what wrote it: JSON."""
+    return json.dumps({name: metadata.version(name) for name in _LIBRARIES})
+
+
+def summarise_run(status: Status) -> dict[str, str]:
+    """What a bag says at its end about the run that it holds."""
+    said = {
+        'proximity': status.proximity or 'none',
+        'failure': status.failure or 'none',
+        'wrenches_dropped': str(status.dropped),
+        'breaks': str(status.breaks),
+        'obstruction': status.obstruction or 'none',
+        'balance_worst': repr(status.balance_worst),
+    }
+    if status.errors is not None:
+        said['error_rate'], said['error_estimate'] = map(repr, status.errors)
+        said['error_estimate_lacks'] = status.errors_lack or 'nothing'
+    return said
+
+
+def summarise_growth(growth: Growth) -> dict[str, str]:
+    """What a bag says of the growth of a small disturbance in its run."""
+    return {
+        'growth': repr(growth.largest),
+        'growth_is_at_least': 'true' if growth.at_least else 'false',
+        'growth_ended': growth.ended or 'none',
+        'meaningful_until': repr(growth.meaningful_until),
+    }
+
+
+def host_processor() -> str:
+    """Name of the processor that kernels are compiled for."""
+    from llvmlite import binding
+
+    return str(binding.get_host_cpu_name())
+
+
+class BagSink:
+    """
+    Bags as a sink of the runner: one after the other, as recording is switched off and on.
+
+    Called from the thread of the simulation, which no disk ever stops: an error ends the bag, is
+    told once to `on_error`, and the run goes on; recording can be switched on again.
+    """
+
+    def __init__(
+        self,
+        path: str | Path,
+        simulation: Simulation,
+        *,
+        live: bool,
+        storage: str | None = None,
+        parameters: Parameters | None = None,
+        name: str = '/icofabric',
+        on_error: Callable[[BagError], None] | None = None,
+        on_warning: Callable[[str], None] | None = None,
+        summarise: Callable[[Status], dict[str, str]] = summarise_run,
+    ) -> None:
+        """
+        Open the bag; raises BagError (a ValueError) naming `record.path` where that fails.
+
+        Without a path nothing is recorded until `switch`. `parameters` are those in force, where
+        they are not the scene's. Path and storage that are not theirs hold for all bags; the rest
+        is in their `record.*`.
+
+        A `live` run drops and counts messages when the disk is too slow, and says so to
+        `on_warning`; otherwise the run waits for the disk. `summarise` makes the last words of a
+        bag that a jump of time or a switch ends.
+        """
+        self._summarise = summarise
+        parameters = parameters or simulation.scene.parameters
+        self._path = '' if str(path) == parameters['record.path'] else str(path)
+        self._storage = '' if storage in (None, parameters['record.storage']) else storage
+        self.name = name
+        self._live, self._on_error, self._on_warning = live, on_error, on_warning
+        self.recorder: BagRecorder | None = None  # of the present bag, else of the last one
+        self.is_recording = False
+        self._closing: list[BagRecorder] = []  # whose disk has not finished yet
+        self._earlier = 0  # messages that earlier bags dropped or lost
+        self._warned = -_WARNING_INTERVAL
+        # Messages of the present bag by topic, and whether it says how many it lacks.
+        self._given: Counter[str] = Counter()
+        self._left_out: Counter[str] = Counter()
+        self._says_left_out = True
+        if str(path):
+            self._open(
+                Path(path), simulation, parameters, patience=None,
+                paused=bool(parameters['start_paused']))
+
+    @property
+    def is_bag(self) -> bool:
+        """Whether messages are kept."""
+        return True
+
+    @property
+    def path(self) -> Path | None:
+        """Folder of the present bag, or of the last one; None: there was none."""
+        return None if self.recorder is None else self.recorder.path
+
+    @property
+    def error(self) -> BagError | None:
+        """Why the present bag, or the last one, has ended early."""
+        return None if self.recorder is None else self.recorder.error
+
+    @property
+    def statistics(self) -> RecorderStatistics:
+        """What became of the messages of the present bag, or of the last one."""
+        if self.recorder is None:
+            return RecorderStatistics(0, 0, 0, 0, 0, 0, 0.0)
+        return self.recorder.statistics
+
+    @property
+    def dropped(self) -> int:
+        """Messages that are in no bag although they should be, of all bags together."""
+        statistics = self.statistics
+        return self._earlier + statistics.dropped + statistics.lost
+
+    def resolve(self, name: str) -> str:
+        """Full name of a private (~/) or absolute topic name."""
+        return self.name + name[1:] if name.startswith('~') else name
+
+    def wants(self, topic: Topic) -> bool:
+        """Whether the topic goes into the bag."""
+        return topic.recorded and self._taking() is not None
+
+    def send(self, topic: Topic, nanoseconds: int, data: bytes) -> None:
+        """Record an output; a scene, an event or a checkpoint is never dropped."""
+        recorder = self._taking()
+        if recorder is None:
+            return
+        self._add(recorder, topic)
+        if topic is WEAVE:
+            # For the later files of a split bag.
+            recorder.set_heading('scene', decode_string(data))
+        name = self.resolve(topic.name)
+        if not self._says_left_out and recorder.has_room(len(data)):
+            # Before whatever follows the gap: also a bag that is killed then tells of it.
+            recorder.set_custom(DROPPED, json.dumps(self._left_out))
+            self._says_left_out = True
+        if recorder.write(name, nanoseconds, data, essential=topic in _ESSENTIAL):
+            self._given[name] += 1
+            return
+        if recorder.error is None:
+            self._left_out[name] += 1
+            self._says_left_out = False
+        self._warn(recorder)
+
+    def send_input(self, topic: str, type_name: str, nanoseconds: int, data: bytes) -> None:
+        """Record an input at the time it acts; never dropped."""
+        recorder = self._taking()
+        if recorder is not None:
+            recorder.add_topic(topic, type_name, latched=False, depth=100)
+            if recorder.write(topic, nanoseconds, data, essential=True):
+                self._given[topic] += 1
+
+    def switch(
+        self, on: bool, simulation: Simulation, parameters: Parameters, status: Status
+    ) -> str:
+        """
+        Open the next bag (PATH, PATH_1, ...), after closing the present one, or close it only.
+
+        Returns what was done; BagError says why a bag cannot be opened and what to set. It begins
+        with what is known of the run; the scene and the state are the caller's to send.
+        """
+        base = self._path or str(parameters['record.path'])
+        if on and not base:
+            raise BagError(
+                'record.path is empty: there is no folder to record to; set it first (ros2 param '
+                f'set {self.name} record.path runs/mine), or start with -p record.path:=runs/mine')
+        closed = self._close_present(self._summarise(status)) if self.is_recording else ''
+        if not on:
+            return closed or 'nothing was being recorded'
+        self._open(
+            Path(base), simulation, parameters, patience=_PATIENCE, paused=status.paused,
+            status=status)
+        said = f'recording to {self.path}'
+        if self.recorder is not None and not self.recorder.survives_kill:
+            said += ', whole only once it is closed (mcap survives a kill)'
+        return f'{said}; {closed}' if closed else said
+
+    def time_jumped_back(
+        self, simulation: Simulation, parameters: Parameters, ended: Status
+    ) -> None:
+        """
+        Close this bag with the summary of the run that `ended`, and open the next: PATH_1, ...
+
+        Where that is not possible the run goes on without one, as after any error of the disk.
+        """
+        if not self.is_recording:
+            return
+        self._close_present(self._summarise(ended))
+        base = self._path or str(parameters['record.path'])
+        try:
+            if not base:
+                raise BagError('record.path is empty: the bag ends where time has jumped')
+            self._open(
+                Path(base), simulation, parameters, patience=_PATIENCE, paused=ended.paused)
+        except BagError as error:
+            if self._on_error is not None:
+                self._on_error(error)
+
+    def close(self, *, summary: dict[str, str] | None = None) -> None:
+        """Write what is queued and close the bag, with a `summary` in its custom data."""
+        if self.is_recording:
+            self._close_present(summary or {}, patience=None)
+        for recorder in self._closing:
+            recorder.close()
+        self._closing.clear()
+
+    def _taking(self) -> BagRecorder | None:
+        """The recorder, while it takes messages."""
+        recorder = self.recorder
+        return recorder if self.is_recording and recorder and recorder.error is None else None
+
+    def _open(
+        self, base: Path, simulation: Simulation, parameters: Parameters, *,
+        patience: float | None, paused: bool, status: Status | None = None,
+    ) -> None:
+        """Open the first bag as `base`, and every other beside it; the run is `paused` or not."""
+        start = nanoseconds_not_before(simulation.time) if status is None else status.time
+        path = base if patience is None else next_free_path(base)
+        while True:
+            try:
+                recorder = BagRecorder(
+                    path,
+                    storage=self._storage or str(parameters['record.storage']),
+                    compression=str(parameters['record.compression']),
+                    split_size=int(parameters['record.split_size']),
+                    split_duration=float(parameters['record.split_duration']),
+                    overflow='drop' if self._live else 'wait',
+                    custom=describe_run(simulation, parameters, paused=paused),
+                    custom_topic=self.resolve('~/recording'),
+                    start=start,
+                    patience=patience if self._live else None,
+                    on_error=self._on_error,
+                )
+                break
+            except BagError:
+                # Somebody else may have taken the name meanwhile.
+                if patience is None or not os.path.lexists(path):
+                    raise
+                path = next_free_path(base)
+        if self.recorder is not None:
+            self._earlier = self.dropped
+        self._given, self._left_out, self._says_left_out = Counter(), Counter(), True
+        self.recorder, self.is_recording = recorder, True
+        for topic in TOPICS:
+            if topic.recorded:
+                self._add(recorder, topic)
+
+    def _add(self, recorder: BagRecorder, topic: Topic) -> None:
+        recorder.add_topic(
+            self.resolve(topic.name), topic.type, latched=topic.latched, depth=topic.depth)
+
+    def _close_present(
+        self, summary: dict[str, str], *, patience: float | None = _PATIENCE
+    ) -> str:
+        """
+        Close the bag; a live run waits no longer than the `patience` for it. Says what was done.
+        """
+        recorder = self.recorder
+        assert recorder is not None
+        self.is_recording = False
+        for key, value in summary.items():
+            recorder.set_custom(key, value)
+        statistics = recorder.statistics
+        if statistics.dropped:
+            recorder.set_custom('messages_dropped', str(statistics.dropped))
+        if not self._says_left_out:
+            recorder.set_custom(DROPPED, json.dumps(self._left_out))
+        recorder.set_custom(GIVEN, json.dumps(self._given))
+        finished = recorder.close(patience if self._live else None)
+        self._closing = [item for item in self._closing if not item.close(0.0)]
+        if not finished:
+            self._closing.append(recorder)
+            return f'{recorder.path} is still being written: its disk is slow'
+        if recorder.error is not None:
+            return str(recorder.error)
+        return f'{recorder.path} is closed'
+
+    def _warn(self, recorder: BagRecorder) -> None:
+        """Say that messages are dropped, now and then."""
+        if (
+            recorder.error is not None or self._on_warning is None
+            or time.monotonic() - self._warned < _WARNING_INTERVAL
+        ):
+            return
+        self._warned = time.monotonic()
+        statistics = recorder.statistics
+        self._on_warning(
+            f'the disk of {recorder.path} is too slow: {statistics.dropped} messages are not in '
+            f'the bag so far, and it lags {statistics.lag:.2g} s behind; the simulation goes on, '
+            'and inputs are kept')

@@ -1,0 +1,235 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+Recorded outputs beside those of the run simulated again: bit by bit, or as close as can be asked.
+"""
+
+from collections.abc import Callable
+import math
+from typing import Any
+
+from icofabric_sim.bag.recorded_run import RecordedRun
+from icofabric_sim.messages import (
+    decode_clock,
+    decode_float64_multi_array,
+    decode_marker_points,
+    decode_pose_array,
+    decode_uint8_multi_array,
+    MarkerAction,
+    topics,
+)
+from icofabric_sim.messages.topics import Outputs, Topic
+from icofabric_sim.running.replay.resimulation import Act
+from icofabric_sim.simulation.checkpoint import Checkpoint
+from icofabric_sim.simulation.divergence import Companion, MEANINGFUL
+from icofabric_sim.simulation.model.snapshot import Snapshot
+from icofabric_sim.simulation.simulation import Simulation
+import numpy as np
+
+_POSE = (
+    *(f'position {axis} [m]' for axis in 'xyz'), *(f'orientation {axis}' for axis in 'xyzw'))
+_STATE = (
+    *_POSE, *(f'velocity {axis} [m/s]' for axis in 'xyz'),
+    *(f'angular velocity {axis} [rad/s]' for axis in 'xyz'))
+# The growth is that of one displacement, and a run may add some times what it was asked to: so
+# many times the bound that follows is still called consistent.
+_ROOM = 10.0
+# What roundings make of the same numbers, over a.
+_ROUNDING = 1e-11
+
+
+class ExactComparison:
+    """Outputs that must have the same bits."""
+
+    def __init__(self, run: RecordedRun, simulation: Callable[[], Simulation]) -> None:
+        """Compare outputs of `run` with the present state of what `simulation` returns."""
+        self._run, self._simulation = run, simulation
+        self._outputs: Outputs | None = None
+        self._lists: tuple[Snapshot | None, int, dict[int, bytes]] = None, 0, {}
+        self._several = len(run.nodes) > 1
+
+    def acted(self, act: Act) -> None:
+        """Inputs are in the simulation already."""
+
+    def jumped(self, goes_on: bool) -> None:
+        """Lay messages out anew: there may be other bodies."""
+        self._outputs = None
+
+    def difference(self, topic: Topic, time: int, data: bytes) -> str | None:
+        """What differs from the message `data` of `time` [ns], '' nothing; None: not compared."""
+        simulation = self._simulation()
+        if self._outputs is None or self._outputs.scene is not simulation.scene:
+            self._outputs = Outputs(simulation.scene)
+        snapshot, decoded = simulation.snapshot, self._run.decoded
+        if topic is topics.CLOCK:
+            # Of several fabrics anyone may have told it.
+            return None if self._several else _scalar(decoded(decode_clock, data), time)
+        if topic is topics.CHECKPOINT:
+            recorded = Checkpoint.from_bytes(decoded(decode_uint8_multi_array, data))
+            return recorded.difference(simulation.checkpoint())
+        if topic is topics.CONNECTORS:
+            return self._connectors(simulation, time, data)
+        if topic is topics.POSES:
+            return _values(
+                data, self._outputs.poses(snapshot(), time),
+                lambda message: decoded(decode_pose_array, message), _POSE)
+        if topic is topics.STATE:
+            return _values(
+                data, self._outputs.state(snapshot()),
+                lambda message: decoded(decode_float64_multi_array, message), _STATE)
+        if topic is topics.BROKEN:
+            return _values(
+                data, self._outputs.broken(snapshot()),
+                lambda message: decoded(decode_float64_multi_array, message),
+                ('connector', 'time of breakage [s]'), what='break')
+        return _values(
+            data, self._outputs.energy(snapshot()),
+            lambda message: decoded(decode_float64_multi_array, message),
+            tuple(f'{label} energy [J]' for label in topics.ENERGIES))
+
+    def _connectors(self, simulation: Simulation, time: int, data: bytes) -> str:
+        recorded = self._run.decoded(decode_marker_points, data)
+        if recorded.action == MarkerAction.DELETEALL:
+            return ''
+        lists = self._connector_lists(simulation, time)
+        if recorded.action == MarkerAction.DELETE:
+            return f'list {recorded.marker_id} is empty in the bag, not simulated again' if (
+                recorded.marker_id in lists) else ''
+        if recorded.marker_id not in lists:
+            return f'list {recorded.marker_id} is in the bag, but empty simulated again'
+        return _values(
+            data, lists[recorded.marker_id],
+            lambda message: self._run.decoded(decode_marker_points, message),
+            ('x [m]', 'y [m]', 'z [m]'), what='point')
+
+    def _connector_lists(self, simulation: Simulation, time: int) -> dict[int, bytes]:
+        """All lists of one snapshot, by their id; they are laid out together."""
+        snapshot = simulation.snapshot()
+        if self._lists[0] is not snapshot or self._lists[1] != time:
+            assert self._outputs is not None
+            found = {}
+            for message in self._outputs.connectors(snapshot, time):
+                marker = decode_marker_points(message)
+                if marker.action == MarkerAction.ADD:
+                    found[marker.marker_id] = message
+            self._lists = snapshot, time, found
+        return self._lists[2]
+
+
+class CloseComparison:
+    """
+    Poses that must be as close as the tolerance, grown as a small disturbance grows, lets them be.
+
+    For another processor, other libraries or another version, where roundings differ.
+    """
+
+    def __init__(self, run: RecordedRun, simulation: Callable[[], Simulation]) -> None:
+        """Compare poses of `run` with the present state of what `simulation` returns."""
+        self._run, self._simulation = run, simulation
+        self._companion: Companion | None = None
+        self._since, self._before = 0.0, 0.0
+        # Largest distance seen, and of the bound that belonged to it: over a, or [rad].
+        self.largest, self.bound_there = 0.0, 0.0
+        self.meaningless_since: int | None = None  # [ns]
+
+    def acted(self, act: Act) -> None:
+        """Have an input act on the disturbed run too."""
+        if self._companion is not None:
+            self._companion.look()
+            self._companion.act(act)
+
+    def jumped(self, goes_on: bool) -> None:
+        """Disturb the new simulation; where its state `goes_on`, errors so far grow further."""
+        self._before = self._bound() if goes_on and self._companion is not None else 0.0
+        self._companion = None
+        self._since = self._simulation().time
+
+    def difference(self, topic: Topic, time: int, data: bytes) -> str | None:
+        """What is too far from the message `data` of `time` [ns]; None: not compared."""
+        if topic is not topics.POSES:
+            return None
+        simulation = self._simulation()
+        if self._companion is None:
+            self._companion = Companion(simulation)
+        self._companion.look()
+        bound = self._before if simulation.time <= self._since else self._bound()
+        bound = _ROOM * bound + _ROUNDING
+        if not bound < MEANINGFUL:
+            if self.meaningless_since is None:
+                self.meaningless_since = time
+            return None
+        self.meaningless_since = None
+        recorded = self._run.decoded(decode_pose_array, data).values
+        state, half_edge = simulation.snapshot(), simulation.scene.geometry.half_edge
+        if recorded.shape != (len(state.position), 7):
+            return _counts(len(recorded), len(state.position), 'body')
+        shift = np.linalg.norm(recorded[:, :3] - state.position, axis=1) / half_edge
+        # Both signs of a quaternion are one orientation.
+        turn = 2.0 * np.minimum(
+            np.linalg.norm(recorded[:, 3:] - state.orientation, axis=1),
+            np.linalg.norm(recorded[:, 3:] + state.orientation, axis=1))
+        distance = np.maximum(shift, turn)
+        worst = int(np.argmax(np.where(np.isfinite(distance), distance, np.inf)))
+        if not distance[worst] <= bound:
+            body = int(np.flatnonzero(~(distance <= bound))[0])
+            return (
+                f'body {body}: {shift[body] * half_edge:.3g} m and {turn[body]:.3g} rad apart, '
+                f'while tolerance and growth explain {bound * half_edge:.3g} m and {bound:.3g} '
+                'rad')
+        if distance[worst] >= self.largest:
+            self.largest, self.bound_there = float(distance[worst]), bound
+        return ''
+
+    def _bound(self) -> float:
+        """Distance of two runs that both err as much as they may, over a or [rad]."""
+        assert self._companion is not None
+        simulation, growth = self._companion.simulation, self._companion.result()
+        if growth.ended or growth.at_least:
+            return math.inf
+        tolerance = simulation.scene.parameters['solver.tolerance']
+        added = 2.0 * tolerance * (float(growth.time[-1]) - self._since)
+        return (self._before + added) * growth.largest
+
+
+def _scalar(recorded: int, simulated: int) -> str:
+    return '' if recorded == simulated else f'{recorded} ns in the bag, {simulated} ns simulated'
+
+
+def _counts(recorded: int, simulated: int, what: str) -> str:
+    return (
+        f'{recorded:,} {_plural(what)} in the bag, {simulated:,} {_plural(what)} simulated again')
+
+
+def _plural(what: str) -> str:
+    return 'bodies' if what == 'body' else f'{what}s'
+
+
+def _values(
+    recorded: bytes, simulated: bytes, decode: Callable[[bytes], Any], columns: tuple[str, ...],
+    *, what: str = 'body',
+) -> str:
+    """The first number that differs in two messages of one kind, in words; '': none."""
+    if recorded == simulated:
+        return ''
+    one, two = decode(recorded), decode(simulated)
+    first, second = (
+        np.array(message.points if hasattr(message, 'points') else message.values)
+        for message in (one, two))
+    if first.shape != second.shape:
+        return _counts(len(first), len(second), what)
+    places = np.argwhere(first.view(np.int64) != second.view(np.int64))
+    if not len(places):
+        return f'its head differs: {_head(one)} in the bag, {_head(two)} simulated again'
+    place = tuple(int(index) for index in places[0])
+    name = f'{what} {place[0]}: ' if len(place) > 1 else ''
+    value, other = float(first[place]), float(second[place])
+    return (
+        f'{name}{columns[place[-1]]} {value!r} in the bag, {other!r} simulated again (difference '
+        f'{value - other:.3g})')
+
+
+def _head(message: Any) -> str:
+    """All but the numbers."""
+    fields = message._asdict()
+    return ', '.join(
+        f'{name} {fields[name]!r}' for name in fields if name not in ('values', 'points'))

@@ -1,0 +1,323 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+Whether a record holds every output that its run sent, and none that it did not send.
+
+Which outputs a run sends follows from its rates, its pauses and what was done to it, and all of
+that is recorded (broadcast.py sends by the same rules). A bag that was closed also says how many
+messages of each topic it was given, and how many a slow disk has cost.
+"""
+
+from collections import Counter
+from collections.abc import Callable, Iterator
+import json
+import math
+from typing import NamedTuple
+
+from icofabric_sim.bag import STOPPED
+from icofabric_sim.bag.recorded_run import RecordedEvent, RecordedRun
+from icofabric_sim.messages import (
+    decode_float64_multi_array,
+    decode_marker_points,
+    decode_string,
+    MarkerAction,
+    topics,
+)
+from icofabric_sim.messages.markers import list_numbers
+from icofabric_sim.messages.schedule import Schedule, seconds
+from icofabric_sim.messages.topics import Topic
+from icofabric_sim.running.broadcast import MOVING, schedules
+from icofabric_sim.running.recording import DROPPED, GIVEN, PAUSED
+from icofabric_sim.running.replay.resimulation import Departure
+from icofabric_sim.simulation.simulation import Simulation
+from icofabric_sim.version import __version__
+
+_SENT = tuple(topic for topic in MOVING if topic.recorded)
+_BY_NAME = {topic.name: topic for topic in _SENT}
+# What follows the wall clock, or the writing.
+_BESIDE = ('~/recording', topics.DIAGNOSTICS.name)
+
+
+class Gap(NamedTuple):
+    """Messages of one topic that a record lacks."""
+
+    topic: str  # full name
+    messages: int
+    nanoseconds: int | None  # of the first; None: the bag only says how many it was given
+
+    def __str__(self) -> str:
+        """Sentence of all that."""
+        what = f'{self.messages:,} message{"" if self.messages == 1 else "s"} of {self.topic}'
+        if self.nanoseconds is None:
+            return f'{what} (the bag was given more than it holds)'
+        first = '' if self.messages == 1 else 'the first '
+        return f'{what} ({first}at t = {seconds(self.nanoseconds):.9f} s)'
+
+
+class Completeness:
+    """Follows a record message by message, beside the simulation that repeats it."""
+
+    def __init__(
+        self, run: RecordedRun, simulation: Callable[[], Simulation | None], *, exact: bool
+    ) -> None:
+        """
+        Follow `run`; `simulation` returns the present one, None while there is none yet.
+
+        `exact`: it has the bits of the recorded one, so that also breaks come in its time.
+        """
+        self._run, self._simulation, self._exact = run, simulation, exact
+        custom = run.custom
+        self.dropped, self._given = (_counts(custom.get(name, '')) for name in (DROPPED, GIVEN))
+        # A full disk ends a bag early, and whoever is killed says nothing of its end.
+        self._is_whole = GIVEN in custom and STOPPED not in custom
+        # Without it nobody knows which outputs were due, and other versions may have other rules.
+        self._says_pauses = PAUSED in custom and custom.get('version') == __version__
+        self._is_running = custom.get(PAUSED) == 'false'
+        # Of several fabrics any one may have told the time.
+        self._left_out = (topics.CLOCK,) if len(run.nodes) > 1 else ()
+        self._counted: Counter[str] = Counter()
+        self._missing: Counter[Topic] = Counter()
+        self._first: dict[Topic, int] = {}
+        self._schedules: dict[Topic, Schedule] = {}
+        self._now: int | None = None
+        self._has_begun = False
+        # What is still to come of what is shown now, and lists of connectors that have come.
+        self._owed: set[Topic] = set()
+        self._lists: set[int] = set()
+        self._clears = self._may_clear = False
+        # Breaks that were told, None while nobody knows; whether the present state tells them, and
+        # whether it does so in any case.
+        self._breaks_told: int | None = None
+        self._tells_breaks = self._anew = False
+        self._is_over = self._has_failed = False
+
+    def begin_at(self, time: int) -> None:
+        """Begin with the first checkpoint of `time` [ns], after what the record says before it."""
+        for name, when, data in self._run.messages(
+                stop=time, names=(topics.EVENTS.name, topics.WEAVE.name)):
+            if name == topics.WEAVE.name:
+                self._take_weave(data)
+            else:
+                self._follow(self._run.event(when, data))
+        if self._has_begun:
+            # What was due before is nobody's concern.
+            self._owed.clear()
+            self._clears = self._anew = False
+            self._now = time - 1
+        for name, when, data in self._run.messages(start=time, stop=time + 1):
+            if name == topics.CHECKPOINT.name:
+                break
+            self.take(name, when, data)
+        self._missing.clear()
+        self._first.clear()
+
+    def take(self, name: str, time: int, data: bytes) -> None:
+        """Note a message before it is done again; raises Departure for one that was never sent."""
+        self._counted[name] += 1
+        if not self._says_pauses or name in _BESIDE:
+            return
+        event = self._run.event(time, data) if name == topics.EVENTS.name else None
+        self._go_on(time, failed=event is not None and event.name == 'failed')
+        if event is not None:
+            self._follow(event)
+        elif name == topics.WEAVE.name:
+            self._take_weave(data)
+        elif name in _BY_NAME:
+            self._take_output(_BY_NAME[name], time, data)
+
+    def end(self, stop: int | None, *, whole: bool) -> list[Gap]:
+        """
+        Return what is missing up to the end of the record, or up to `stop` [ns] before it.
+
+        `whole`: the record was followed from its begin to its end. Raises Departure where it
+        holds more than it was given.
+        """
+        if self._says_pauses and self._now is not None and (
+                stop is not None and stop < self._run.end):
+            self._go_on(stop + 1)
+        given = self._own_given() if self._is_whole and whole else {}
+        if self._says_pauses and any(
+                self._counted[self._own(name)] < count for name, count in given.items()):
+            # It may be what was shown last: then the time of that can be said.
+            self._settle()
+        gaps = []
+        for name in sorted({*given, *(self._full(topic.name) for topic in self._missing)}):
+            own = self._own(name)
+            topic = _BY_NAME.get(own)
+            more = self._counted[own] - given.get(name, self._counted[own])
+            if more > 0:
+                raise Departure(
+                    self._run.end, f'{more:,} more than the {given[name]:,} messages that the bag '
+                    'was given', name)
+            count, first = 0, None
+            if topic is not None:
+                count = max(self._missing[topic] - self.dropped.get(name, 0), 0)
+                first = self._first[topic] if count else None
+            if max(count, -more) > 0:
+                gaps.append(Gap(name, max(count, -more), first))
+        return gaps
+
+    def _own_given(self) -> dict[str, int]:
+        """Return how many messages of each topic the bag was given, without other fabrics'."""
+        own, others = f'{self._run.node}/', [
+            f'{node}/' for node in self._run.nodes if node != self._run.node]
+        return {name: count for name, count in self._given.items()
+                if name.startswith(own) or not name.startswith(tuple(others))}
+
+    def _take_weave(self, data: bytes) -> None:
+        """Take the rates in force; the first scene of a record is followed by its state."""
+        parameters = self._run.parameters_of(self._run.decoded(decode_string, data))
+        self._schedules = {
+            topic: schedule for topic, schedule in schedules(parameters).items()
+            if topic in _SENT and topic not in self._left_out}
+        if not self._has_begun:
+            self._has_begun = self._may_clear = True
+            self._show(anew=True)
+        elif self._anew and topics.POSES in self._owed:
+            # After a reset or another weave: its rates are those of now.
+            self._show(anew=True)
+
+    def _follow(self, event: RecordedEvent) -> None:
+        """Expect what a run shows after an event."""
+        if event.name in ('pause', 'resume'):
+            self._is_running = event.name == 'resume'
+        elif event.name == 'reset' and not event.facts.get('time_reset') or (
+                event.name == 'reweave'):
+            self._settle()
+            self._clears = self._may_clear = True
+            self._show(anew=True)
+        elif event.name in ('step', 'failed') or (
+                event.name == 'state_set' and not self._is_running):
+            self._settle()
+            self._has_failed = event.name == 'failed'
+            self._show()
+
+    def _show(self, *, anew: bool = False) -> None:
+        """Expect the present state on all topics."""
+        self._anew = anew
+        self._owed = {*self._schedules, topics.BROKEN}
+
+    def _go_on(self, time: int, *, failed: bool = False) -> None:
+        """
+        Go on to `time` [ns]: what was shown before is complete, and what is due then is expected.
+
+        A run that `failed` on its way shows nothing of that.
+        """
+        if self._now is None:
+            self._now = time
+        if failed and time == self._now:
+            self._owed.clear()
+        if time <= self._now:
+            return
+        self._settle()
+        if self._is_over:
+            raise Departure(self._now, 'a message that was not sent', self._full(
+                topics.BROKEN.name))
+        before, self._now, self._may_clear = self._now, time, False
+        if not self._is_running:
+            return
+        for topic, schedule in self._schedules.items():
+            for due in _between(schedule, before, time):
+                if topic is not topics.BROKEN:
+                    self._miss(topic, due, len(self._all_lists(due)) if (
+                        topic is topics.CONNECTORS) else 1)
+            if schedule.is_due(time) and not failed:
+                self._owed.add(topic)
+
+    def _settle(self) -> None:
+        """What was expected of the present state and has not come is missing."""
+        now = self._now
+        if now is None:
+            return
+        shows_poses = topics.POSES not in self._owed
+        if self._has_failed and not shows_poses and not self._is_finite():
+            # Nothing of that is shown.
+            self._owed.clear()
+        self._has_failed = False
+        for topic in self._owed - {topics.BROKEN, topics.CONNECTORS}:
+            self._miss(topic, now, 1)
+        if topics.CONNECTORS in self._owed:
+            lost = len(self._all_lists(now) - self._lists) + self._clears
+            if lost:
+                self._miss(topics.CONNECTORS, now, lost)
+        simulation = self._simulation()
+        if topics.BROKEN in self._owed and not self._tells_breaks:
+            if self._anew:
+                self._miss(topics.BROKEN, now, 1)
+            elif simulation is not None and shows_poses and self._exact:
+                # It stands where the state is shown.
+                if self._breaks_told not in (None, simulation.broken_count):
+                    self._miss(topics.BROKEN, now, 1)
+                self._breaks_told = simulation.broken_count
+        self._owed.clear()
+        self._lists.clear()
+        self._clears = self._tells_breaks = self._anew = False
+
+    def _take_output(self, topic: Topic, time: int, data: bytes) -> None:
+        if topic in self._left_out:
+            return
+        if topic is topics.BROKEN:
+            count = len(self._run.decoded(decode_float64_multi_array, data).values)
+            if not self._tells_breaks and (self._anew or count != self._breaks_told):
+                # What is not due is told when the run ends.
+                self._tells_breaks, self._is_over = True, topic not in self._owed
+                self._breaks_told = count
+                return
+            raise Departure(
+                time, 'a message that was not sent: nothing has broken since the last one',
+                self._full(topic.name))
+        if topic is topics.CONNECTORS:
+            marker = self._run.decoded(decode_marker_points, data)
+            if marker.action == MarkerAction.DELETEALL:
+                if self._may_clear:
+                    self._clears = self._may_clear = False
+                    return
+            elif topic in self._owed and marker.marker_id not in self._lists and (
+                    marker.marker_id in self._all_lists(time)):
+                self._lists.add(marker.marker_id)
+                return
+        elif topic in self._owed:
+            self._owed.remove(topic)
+            return
+        raise Departure(
+            time, 'a message that was not sent, or one that is there twice',
+            self._full(topic.name))
+
+    def _is_finite(self) -> bool:
+        """Whether the state in which the simulation has failed can be shown."""
+        simulation = self._simulation()
+        return simulation is None or math.isfinite(simulation.snapshot().position.sum())
+
+    def _miss(self, topic: Topic, time: int, count: int) -> None:
+        self._missing[topic] += count
+        self._first.setdefault(topic, time)
+
+    def _all_lists(self, time: int) -> set[int]:
+        """Numbers of the lists in which the connectors of a state come."""
+        simulation = self._simulation()
+        return list_numbers(
+            self._run.scene_at(time) if simulation is None else simulation.scene)
+
+    def _full(self, name: str) -> str:
+        return self._run.node + name[1:] if name.startswith('~') else name
+
+    def _own(self, name: str) -> str:
+        node = self._run.node
+        return f'~{name.removeprefix(node)}' if name.startswith(f'{node}/') else name
+
+
+def _between(schedule: Schedule, before: int, time: int) -> Iterator[int]:
+    """Times [ns] of outputs after `before` and before `time`."""
+    due = schedule.after(before)
+    while due < time:
+        yield due
+        due = schedule.after(due)
+
+
+def _counts(text: str) -> dict[str, int]:
+    """Counts by topic, as a bag holds them; none where that is no such text."""
+    try:
+        found = json.loads(text or '{}')
+        return {str(name): int(count) for name, count in found.items()}
+    except (ValueError, AttributeError, TypeError):
+        return {}

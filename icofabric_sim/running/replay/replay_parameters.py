@@ -1,0 +1,124 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""Parameters of the replay: their defaults and meaning, and the judgement of what is given."""
+
+from collections.abc import Mapping
+import difflib
+import math
+from typing import Any, NamedTuple
+
+from icofabric_sim.bag.storage import STORAGES
+from icofabric_sim.messages.schedule import NANOSECONDS
+
+# Recorded times are integer nanoseconds in 63 bits.
+_LATEST = 9.2e9  # [s]
+
+
+class Option(NamedTuple):
+    """One parameter; its type is that of its default."""
+
+    default: Any
+    description: str
+    minimum: float | None = None
+    maximum: float | None = None
+    live: bool = False  # may change while the node runs
+
+
+OPTIONS = {
+    'bag': Option('', 'bag folder, or a bare .mcap or .db3 file; also as a plain argument'),
+    'fabric': Option(
+        '', 'name of the recorded node whose topics are played; empty: the first in the bag'),
+    'rate': Option(
+        1.0, 'recorded over wall time; 0: as fast as possible', 0.0, 1e6, live=True),
+    'start_offset': Option(
+        0.0, 'how far into the bag the replay begins [s]', 0.0, _LATEST),
+    'seek': Option(
+        -1.0, 'recorded time to go to [s]; at the start: begin there; -1: nowhere yet', -1.0,
+        _LATEST, live=True),
+    'loop': Option(False, 'start over at the end', live=True),
+    'stay': Option(False, 'stand still at the end, instead of ending the node', live=True),
+    'start_paused': Option(False, 'begin paused'),
+    'inputs': Option(
+        False, 'also publish the recorded wrenches and twists, on the topics they came on'),
+    'publish_clock': Option(True, 'publish /clock with the recorded time'),
+    'clock_rate': Option(100.0, 'of /clock [Hz of recorded time]', 1e-3, 1e6),
+    'record.path': Option(
+        '', 'bag folder for the simulation that ~/continue starts; empty: records nothing'),
+    'record.storage': Option('mcap', 'its storage, mcap or sqlite3'),
+}
+
+
+class ReplayParameterError(ValueError):
+    """A parameter that the replay does not take; the text names it, its value and the way out."""
+
+
+def judge_option(name: str, value: Any) -> Any:
+    """Return the value of one parameter in its type."""
+    option = OPTIONS.get(name)
+    if option is None:
+        near = difflib.get_close_matches(name, OPTIONS, 1)
+        hint = f'did you mean {near[0]}? ' if near else ''
+        raise ReplayParameterError(
+            f'unknown parameter {name!r}; {hint}replay_node takes {", ".join(OPTIONS)}; the '
+            'parameters of the fabric are those that were recorded')
+    kind = type(option.default)
+    if kind is float and type(value) is int:
+        value = float(value)
+    if type(value) is not kind:
+        words = {bool: 'true or false', float: 'a number', str: 'a text'}
+        raise ReplayParameterError(f'{name} must be {words[kind]}, got {value!r}')
+    if kind is float:
+        low = -math.inf if option.minimum is None else option.minimum
+        high = math.inf if option.maximum is None else option.maximum
+        if not (math.isfinite(value) and low <= value <= high):
+            raise ReplayParameterError(
+                f'{name} must lie in {low:g} to {high:g}, got {value!r}: {option.description}')
+    if name == 'record.storage' and value not in STORAGES:
+        raise ReplayParameterError(
+            f'record.storage must be one of {", ".join(STORAGES)}, got {value!r}')
+    return value
+
+
+def judge_options(given: Mapping[str, Any], bag: str | None = None) -> dict[str, Any]:
+    """
+    Return all parameters, those that are not given at their defaults.
+
+    `bag` is the plain argument of the command line.
+    """
+    options = {name: option.default for name, option in OPTIONS.items()}
+    options.update({name: judge_option(name, value) for name, value in given.items()})
+    if bag is not None:
+        if options['bag'] not in ('', bag):
+            raise ReplayParameterError(
+                f'two bags are given, {bag!r} and the parameter bag: {options["bag"]!r}; name one')
+        options['bag'] = bag
+    if not options['bag']:
+        raise ReplayParameterError(
+            'no bag is given; write replay_node BAG, or set the parameter bag')
+    if options['seek'] >= 0.0 and options['start_offset'] > 0.0:
+        raise ReplayParameterError(
+            f'start_offset: {options["start_offset"]:g} s and seek: {options["seek"]:g} s both '
+            'say where to begin; give one of them')
+    return options
+
+
+def begin_of(options: Mapping[str, Any], start: int, end: int) -> int:
+    """Recorded time [ns] at which to begin, in a bag that goes from `start` to `end`."""
+    if options['seek'] >= 0.0:
+        return judge_seek(options['seek'], start, end)
+    begin = start + round(options['start_offset'] * NANOSECONDS)
+    if begin > end:
+        raise ReplayParameterError(
+            f'start_offset: {options["start_offset"]:g} s is beyond the end: the bag is '
+            f'{(end - start) / NANOSECONDS:.9g} s long')
+    return begin
+
+
+def judge_seek(time: float, start: int, end: int) -> int:
+    """Return the nanoseconds of a recorded `time` [s] to go to."""
+    nanoseconds = round(time * NANOSECONDS)
+    if not start <= nanoseconds <= end:
+        raise ReplayParameterError(
+            f'seek: {time:.9f} s is not in the bag, which goes from {start / NANOSECONDS:.9f} s '
+            f'to {end / NANOSECONDS:.9f} s')
+    return nanoseconds

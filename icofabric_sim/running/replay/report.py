@@ -1,0 +1,83 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""Diagnostics of a replay: level, sentence and figures."""
+
+from collections.abc import Mapping
+
+from icofabric_sim.messages import (
+    decode_diagnostic_array,
+    DiagnosticArrayBytes,
+    DiagnosticStatus,
+    ERROR,
+    OK,
+    WARN,
+)
+from icofabric_sim.messages.schedule import seconds
+from icofabric_sim.running.replay.player import ReplayStatus
+from icofabric_sim.running.replay.source import ReplaySource
+
+# A pace below this part of the wanted one is worth a warning.
+_SLOW = 0.9
+_LEVELS = ('OK', 'WARN', 'ERROR', 'STALE')
+
+
+class ReplayReport:
+    """Lays out /diagnostics of one replay."""
+
+    def __init__(self, name: str, source: ReplaySource) -> None:
+        """Report under the node's full `name`."""
+        self.name = name
+        self._source = source
+        self._message = DiagnosticArrayBytes()
+
+    def message(
+        self, status: ReplayStatus, notes: Mapping[str, str] | None = None, warning: str = ''
+    ) -> bytes:
+        """Message for the present `status`, with more figures in `notes`."""
+        described = self.describe(status, notes or {}, warning)
+        return self._message.stamped(status.time, [described])
+
+    def describe(
+        self, status: ReplayStatus, notes: Mapping[str, str], warning: str = ''
+    ) -> DiagnosticStatus:
+        """Summary of `status`; `warning` is a reason to look, beside the replay itself."""
+        level, sentence = OK, 'playing a recorded run'
+        if status.at_end:
+            sentence = 'at the end of the recorded run'
+        if status.paused:
+            sentence = 'paused in a recorded run'
+        moving = not (status.at_end or status.paused)
+        if moving and 0.0 < status.rate < _SLOW * status.wanted_rate:
+            level = WARN
+            sentence = (
+                f'slower than wanted: rate {status.rate:.3g}, reading the bag takes that long')
+        if warning:
+            level, sentence = WARN, warning
+        if status.failure:
+            level, sentence = ERROR, status.failure
+        values = {
+            'bag': str(self._source.path),
+            'recorded fabric': self._source.fabric,
+            'recorded time [s]': f'{seconds(status.time):.9f}',
+            'start [s]': f'{seconds(status.start):.9f}',
+            'end [s]': f'{seconds(status.end):.9f}',
+            'rate': f'{status.rate:.4g}' if moving else '0',
+            'wanted rate': f'{status.wanted_rate:g}',
+            'loops': str(status.loops),
+            'messages sent': str(status.sent),
+            **self._recorded(status.recorded_report),
+            **notes,
+        }
+        return DiagnosticStatus(level, self.name, sentence, 'icofabric_sim', values)
+
+    def _recorded(self, data: bytes | None) -> Mapping[str, str]:
+        """What the fabric said of itself at that time."""
+        try:
+            statuses = decode_diagnostic_array(data)[1] if data is not None else []
+        except ValueError:  # of another type, or malformed: only a side note
+            return {}
+        for entry in statuses:
+            if entry.name == self._source.fabric:
+                return {'recorded level': _LEVELS[min(entry.level, 3)],
+                        'recorded message': entry.message}
+        return {}

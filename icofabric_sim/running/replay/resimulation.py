@@ -1,0 +1,349 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+A recorded run simulated again: its scene, inputs, changes and resets, as the record tells them.
+
+The record holds everything that touched the motion, in the order in which it did and before any
+state that it changed (runner.py), so taking its messages one after the other is all there is to
+do. Pauses, steps, rates and pace are not done again: they do not touch the motion.
+"""
+
+from collections import Counter
+from collections.abc import Callable, Iterator
+from functools import partial
+import re
+import time as wall
+
+from icofabric_sim.bag import BagError
+from icofabric_sim.bag.recorded_run import RecordedEvent, RecordedRun
+from icofabric_sim.messages import (
+    decode_string,
+    decode_twist_stamped,
+    decode_uint8_multi_array,
+    decode_wrench_stamped,
+    topics,
+    TwistStampedBytes,
+    WrenchStampedBytes,
+)
+from icofabric_sim.messages.schedule import nanoseconds_not_before, seconds
+from icofabric_sim.messages.topics import Topic
+from icofabric_sim.parameters.validation import Parameters
+from icofabric_sim.running.entities import checked_parts, set_body_state, STATE_PARTS
+from icofabric_sim.running.reweave import concerns_runner_only, restarts_motion
+from icofabric_sim.simulation.checkpoint import Checkpoint
+from icofabric_sim.simulation.errors import SimulationError
+from icofabric_sim.simulation.simulation import compile_scene, Simulation
+
+# A wrench on its way: what it does to a simulation.
+Act = Callable[[Simulation], object]
+# States of the run that can be looked at again.
+OUTPUTS = (
+    topics.POSES, topics.STATE, topics.ENERGY, topics.BROKEN, topics.CONNECTORS, topics.CLOCK,
+    topics.CHECKPOINT)
+_BY_NAME = {topic.name: topic for topic in OUTPUTS}
+_LOAD = re.compile(r'~/loads/([A-Za-z][A-Za-z0-9_]*)')
+_DRIVE = re.compile(r'~/drives/([A-Za-z][A-Za-z0-9_]*)')
+_BODY = re.compile(r'icosahedron_(0|[1-9][0-9]{0,9})')
+_INPUT_TYPES = (WrenchStampedBytes.TYPE, TwistStampedBytes.TYPE)
+# Wall time between two calls of `on_time` [s].
+_RESPONSE = 0.1
+
+
+class NotRepeatable(BagError):
+    """
+    A bag that is whole, but does not hold what a run can be simulated again from, or not here.
+    """
+
+
+class Departure(Exception):
+    """The simulation cannot follow the record: one of them failed where the other went on."""
+
+    def __init__(self, nanoseconds: int, text: str, topic: str = '') -> None:
+        """
+        Note when, beside the `text` that says what happened, and on which `topic`, if on one.
+        """
+        super().__init__(text)
+        self.nanoseconds, self.topic = nanoseconds, topic
+
+
+class Resimulation:
+    """Follows one record; `simulation` stands where the record was read to."""
+
+    def __init__(
+        self,
+        run: RecordedRun,
+        *,
+        threads: int = 0,
+        start: int | None = None,
+        on_time: Callable[[int], None] = lambda time: None,
+        on_input: Callable[[Act], None] = lambda act: None,
+        on_jump: Callable[[bool], None] = lambda goes_on: None,
+        on_message: Callable[[str, int, bytes], None] = lambda name, time, data: None,
+    ) -> None:
+        """
+        Begin where the record begins, or at its last checkpoint not after `start` [ns].
+
+        `threads` other than 0 replaces the scene's own. `on_time` hears the time [ns] now and
+        then. `on_input` hears of each input before it acts, `on_jump` that the simulation was
+        replaced or set, and whether its state goes on from the one before. `on_message` hears of
+        every message before it is done again.
+        """
+        self.run, self.parameters = run, Parameters({}, frozenset())
+        self.counts: Counter[str] = Counter()
+        self.failure = ''
+        self._threads, self._on_time = threads, on_time
+        self._on_input, self._on_jump, self._on_message = on_input, on_jump, on_message
+        self._simulation: Simulation | None = None
+        # What the scene is built from once something happens.
+        self._first: Parameters | None = None
+        self._begin = run.start
+        self._skip_to_checkpoint = self._begins_later = False
+        if start is not None:
+            times = [time for time in run.times_of(topics.CHECKPOINT.name) if time <= start]
+            if times:
+                self._begin = times[-1]
+                self._skip_to_checkpoint = self._begins_later = True
+        self._chunk = 1_000_000
+        self._failure_told = True
+
+    @property
+    def simulation(self) -> Simulation:
+        """The simulation, built when first needed."""
+        if self._simulation is None:
+            if self._first is None:
+                raise NotRepeatable(
+                    f'{self.run.path} does not begin with its scene ({self.run.node}/weave); only '
+                    'runs that this simulator recorded can be simulated again')
+            self._simulation = self._build(self._first)
+            self._on_jump(False)
+        return self._simulation
+
+    @property
+    def present(self) -> Simulation | None:
+        """The simulation, None where none was needed so far."""
+        return self._simulation
+
+    @property
+    def begins_later(self) -> bool:
+        """Whether it begins at a checkpoint, not where the record does."""
+        return self._begins_later
+
+    @property
+    def start(self) -> int:
+        """Time [ns] at which it begins."""
+        return self._begin
+
+    def outputs(self, stop: int | None = None) -> Iterator[tuple[Topic, int, bytes]]:
+        """
+        Do again what the record holds before `stop` [ns]; yields its outputs, each at its moment.
+
+        Raises Departure where that is not possible.
+        """
+        for name, time, data in self.run.messages(start=self._begin, stop=stop):
+            if self._skip_to_checkpoint:
+                if name != topics.CHECKPOINT.name:
+                    continue
+                self._skip_to_checkpoint = False
+            self._on_message(name, time, data)
+            topic = _BY_NAME.get(name)
+            if name == topics.WEAVE.name:
+                self._take_weave(time, self.run.decoded(decode_string, data))
+            elif name == topics.EVENTS.name:
+                self._take_event(self.run.event(time, data))
+            elif topic is topics.CHECKPOINT and self._simulation is None:
+                self._begin_at(self.run.decoded(decode_uint8_multi_array, data))
+            elif topic is not None:
+                self.reach(time)
+                yield topic, time, data
+            elif name != topics.DIAGNOSTICS.name:
+                self._take_input(name, time, data)
+
+    def reach(self, time: int) -> None:
+        """Advance to `time` [ns], unless the run has failed."""
+        self._require_told()
+        simulation = self.simulation
+        # In pieces, which give the same bits, so that someone hears of the time now and then.
+        while not self.failure and simulation.time < seconds(time):
+            now, began = nanoseconds_not_before(simulation.time), wall.perf_counter()
+            piece = seconds(min(now + self._chunk, time))
+            self._guarded(partial(simulation.advance_to, piece))
+            passed = wall.perf_counter() - began
+            if passed < 0.5 * _RESPONSE:
+                self._chunk *= 2
+            elif passed > _RESPONSE:
+                self._chunk = max(self._chunk // 2, 1)
+            self._on_time(nanoseconds_not_before(simulation.time))
+        self._require_told()
+
+    def _require_told(self) -> None:
+        """Give up where the simulation has failed and the record does not say so."""
+        if not self._failure_told:
+            raise Departure(
+                nanoseconds_not_before(self.simulation.time),
+                f'the simulation fails ({self.failure}), the recorded run went on')
+
+    def _guarded(self, call: Callable[[], object]) -> None:
+        """Note that the simulation has failed, which the record must tell next."""
+        try:
+            call()
+        except SimulationError as error:
+            self.failure, self._failure_told = str(error), False
+
+    def _build(self, parameters: Parameters) -> Simulation:
+        if self._threads:
+            parameters = parameters.with_changes({'solver.threads': self._threads})
+        scene = self.run.build(parameters)
+        try:
+            return compile_scene(scene, body_wrenches=True)
+        except ValueError as error:
+            raise NotRepeatable(
+                f'{self.run.path} holds a scene that this version cannot compile: {error}'
+            ) from error
+
+    def _begin_at(self, data: bytes) -> None:
+        try:
+            checkpoint = Checkpoint.from_bytes(data)
+            self._first = self.run.parameters_of(checkpoint.header['scene'])
+            simulation = self._build(self._first)
+            simulation.restore(checkpoint)
+        except BagError:
+            raise
+        except (ValueError, KeyError) as error:
+            raise NotRepeatable(
+                f'{self.run.path} begins with a checkpoint that cannot be gone on from: {error}'
+            ) from error
+        self._simulation, self.parameters = simulation, self._first
+        self.counts['begun at a checkpoint'] += 1
+        self._on_jump(False)
+
+    def _take_weave(self, time: int, text: str) -> None:
+        parameters = self.run.parameters_of(text)
+        if self._first is None:
+            self._first = parameters
+        elif not concerns_runner_only(self.parameters, parameters):
+            self._reweave(time, parameters)
+        self.parameters = parameters
+
+    def _reweave(self, time: int, parameters: Parameters) -> None:
+        self.reach(time)
+        keep_motion = not restarts_motion(self.parameters, parameters)
+        changed = self._build(parameters)
+        try:
+            changed.take_over(self.simulation, keep_motion=keep_motion)
+            changed.advance_to(seconds(time))
+        except (ValueError, SimulationError) as error:
+            raise Departure(time, f'the recorded change fails here: {error}') from error
+        self._simulation, self.failure = changed, ''
+        self.counts['re-weaves'] += 1
+        self._on_jump(keep_motion)
+
+    def _take_event(self, event: RecordedEvent) -> None:
+        if event.name == 'reset' and not event.facts.get('time_reset'):
+            self.reach(event.nanoseconds)
+            self.failure = ''
+            self._guarded(lambda: self.simulation.reset(time=seconds(event.nanoseconds)))
+            self.counts['resets'] += 1
+            self._on_jump(False)
+        elif event.name == 'failed':
+            self._fail(event)
+        elif event.name == 'state_set':
+            self._set_state(event)
+        elif event.name in ('pause', 'step'):
+            self.counts[f'{event.name}s'] += 1
+
+    def _set_state(self, event: RecordedEvent) -> None:
+        self.reach(event.nanoseconds)
+        parts = {name: event.facts[name] for name in STATE_PARTS if name in event.facts}
+        try:
+            set_body_state(self.simulation, int(event.facts['body']), checked_parts(parts))
+        except (IndexError, KeyError, TypeError, ValueError, SimulationError) as error:
+            raise Departure(
+                event.nanoseconds, f'a recorded body cannot be put there: {error}') from error
+        self.counts['states set'] += 1
+        self._on_jump(True)
+
+    def _fail(self, event: RecordedEvent) -> None:
+        """Fail as the recorded run did."""
+        if not self.failure:
+            target = int(event.facts['target'])
+            self._guarded(lambda: self.simulation.advance_to(seconds(target)))
+        reason = event.facts.get('reason')
+        if self.failure != reason:
+            raise Departure(
+                event.nanoseconds,
+                f'the recorded run fails ({reason}), the simulation ' + (
+                    f'otherwise ({self.failure})' if self.failure else 'goes on'))
+        self._failure_told = True
+        self.counts['failures'] += 1
+
+    def _take_input(self, name: str, time: int, data: bytes) -> None:
+        type_name = self.run.topics[self.run.node + name.removeprefix('~')].type_name
+        if type_name not in _INPUT_TYPES:
+            return
+        load, drive = _LOAD.fullmatch(name), _DRIVE.fullmatch(name)
+        if type_name == TwistStampedBytes.TYPE and drive is not None:
+            self._take_twist(drive[1], time, data)
+            return
+        if type_name != WrenchStampedBytes.TYPE or not (load or name == '~/wrench'):
+            raise NotRepeatable(
+                f'{self.run.path} holds inputs on {self.run.node}{name[1:]} ({type_name}), which '
+                'this version cannot repeat')
+        wrench = self.run.decoded(decode_wrench_stamped, data)
+        if load is not None:
+            channel = load[1]
+
+            def act(simulation: Simulation) -> object:
+                return simulation.apply_wrench(channel, wrench.first, wrench.second)
+        else:
+            match = _BODY.fullmatch(wrench.frame_id)
+            if match is None:
+                raise BagError(
+                    f'{self.run.path} holds a wrench at t = {seconds(time):.9g} s on no body: its '
+                    f'frame is {wrench.frame_id!r}')
+            body = int(match[1])
+
+            def act(simulation: Simulation) -> object:
+                return simulation.apply_body_wrench(body, wrench.first, wrench.second)
+        self._repeat(time, act, 'wrench')
+
+    def _take_twist(self, drive: str, time: int, data: bytes) -> None:
+        twist = self.run.decoded(decode_twist_stamped, data)
+
+        def act(simulation: Simulation) -> object:
+            return simulation.apply_twist(drive, twist.first, twist.second)
+
+        self._repeat(time, act, 'twist')
+
+    def _repeat(self, time: int, act: Callable[[Simulation], object], what: str) -> None:
+        self.reach(time)
+        self._on_input(act)
+        try:
+            self._guarded(lambda: act(self.simulation))
+        except ValueError as error:
+            raise Departure(time, f'a recorded {what} cannot act: {error}') from error
+        self.counts['inputs'] += 1
+
+
+def resimulate_to(
+    run: RecordedRun, nanoseconds: int, *, on_time: Callable[[int], None] = lambda time: None
+) -> Simulation:
+    """
+    The simulation of a recorded run at a recorded time [ns], to go on from: the same bits.
+
+    It is reached from the last checkpoint before, or from the start. Raises ValueError (mostly
+    BagError) where that is not possible, and KeyboardInterrupt or what `on_time` raises to end it.
+    """
+    again = Resimulation(run, start=nanoseconds, on_time=on_time)
+    try:
+        for _ in again.outputs(stop=nanoseconds + 1):
+            pass
+        again.reach(nanoseconds)
+    except Departure as error:
+        raise BagError(
+            f'{run.path} cannot be simulated again to t = {seconds(nanoseconds):.9g} s: at t = '
+            f'{seconds(error.nanoseconds):.9g} s {error}') from error
+    if again.failure:
+        raise BagError(
+            f'the run in {run.path} had failed by t = {seconds(nanoseconds):.9g} s: '
+            f'{again.failure}')
+    return again.simulation

@@ -1,0 +1,191 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""One fabric of a recorded run, as a player wants it: its state at any time, and what follows."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from types import TracebackType
+from typing import NamedTuple, Self
+
+from icofabric_sim.bag import BagError, BagReader
+from icofabric_sim.messages import PoseArrayBytes
+from icofabric_sim.messages import topics as outputs
+from icofabric_sim.messages.schedule import seconds
+from icofabric_sim.messages.topics import Topic
+
+_POSES = outputs.POSES.name[1:]
+# What happened at its time, and does not last: never repeated at another.
+_EVENTS = (outputs.EVENTS.name[1:], outputs.CHECKPOINT.name[1:])
+# What a bag says of itself; the node publishes no such topic.
+_OF_THE_BAG = '/recording'
+_INPUTS = ('/wrench', '/loads/', '/drives/')
+# How far back the last message of each topic is looked for at first [ns]; doubled each time.
+_FIRST_REACH = 50_000_000
+_SMALLEST_DEPTH = 10
+
+
+class Frame(NamedTuple):
+    """All messages of one recorded time [ns], in the order in which they were written."""
+
+    time: int
+    messages: list[tuple[Topic, bytes]]
+
+
+class ReplaySource:
+    """
+    A bag of rosbag2, open from the construction to `close`; one thread at a time.
+
+    Topics are named as those of any node: what was recorded as /icofabric/poses is ~/poses.
+    """
+
+    def __init__(self, path: str | Path, *, fabric: str = '', inputs: bool = False) -> None:
+        """
+        Open the bag; BagError says what is wrong with it.
+
+        `fabric` is the name of the recorded node, a ValueError where there is none such; '': the
+        first of those that recorded poses.
+        `inputs` says whether wrenches and twists that were received are played too.
+        """
+        self._reader = BagReader(path)
+        self.path = self._reader.path
+        try:
+            self.fabrics = self._find_fabrics()
+            self.fabric = self._choose(fabric)
+            self.topics = self._find_topics(inputs)
+        except ValueError:
+            self.close()
+            raise
+        self._lasting = {name for name, topic in self.topics.items() if self.lasts(topic)}
+
+    @property
+    def start(self) -> int:
+        """Time of the first message [ns]."""
+        return self._reader.start_time
+
+    @property
+    def end(self) -> int:
+        """Time of the last message [ns]."""
+        return self._reader.end_time
+
+    @property
+    def left_out(self) -> list[str]:
+        """Topics that are not this fabric's."""
+        known = (outputs.CLOCK.name, outputs.DIAGNOSTICS.name)
+        return sorted(
+            name for name in self._reader.topics
+            if name not in known and self._owner(name) != self.fabric
+            and not name.endswith(_OF_THE_BAG))
+
+    @property
+    def has_poses(self) -> bool:
+        """Whether there are poses to step along."""
+        return f'{self.fabric}{_POSES}' in self.topics
+
+    def state_at(self, time: int) -> Frame:
+        """
+        What is in force at `time` [ns]: of each topic the last messages at or before it.
+
+        Those of one topic and time belong together, as lists of markers do. Beside them come the
+        inputs and events of exactly this time.
+        """
+        latest: dict[str, tuple[int, list[bytes]]] = {}
+        missing = {name for name in self._lasting if self._reader.topics[name].message_count}
+        stop, reach = time + 1, _FIRST_REACH
+        while missing and stop > self.start:
+            begin = max(stop - reach, self.start)
+            found: dict[str, tuple[int, list[bytes]]] = {}
+            for name, when, data in self._reader.messages(missing, start=begin, stop=stop):
+                if name in found and found[name][0] == when:
+                    found[name][1].append(data)
+                else:
+                    found[name] = when, [data]
+            latest.update(found)
+            missing -= found.keys()
+            stop, reach = begin, 2 * reach
+        # The scene goes before what is shown of it.
+        order = sorted(latest, key=lambda name: (not self.topics[name].latched, name))
+        state = [(self.topics[name], data) for name in order for data in latest[name][1]]
+        happening = self.topics.keys() - self._lasting
+        state += [(self.topics[name], data) for name, _, data in self._reader.messages(
+            happening, start=time, stop=time + 1)]
+        return Frame(time, state)
+
+    def frames(self, start: int) -> Iterator[Frame]:
+        """Yield what was recorded at `start` [ns] and later, read as it is asked for."""
+        frame = Frame(start, [])
+        for name, time, data in self._reader.messages(self.topics, start=start):
+            if time != frame.time:
+                if frame.messages:
+                    yield frame
+                frame = Frame(time, [])
+            frame.messages.append((self.topics[name], data))
+        if frame.messages:
+            yield frame
+
+    def leave_out(self, name: str) -> None:
+        """Do not play the topic recorded as `name`."""
+        del self.topics[name]
+        self._lasting.discard(name)
+
+    def lasts(self, topic: Topic) -> bool:
+        """Whether the last message of `topic` holds until the next; not so inputs and events."""
+        private = topic.name.removeprefix('~')
+        return private not in _EVENTS and not private.startswith(_INPUTS)
+
+    def close(self) -> None:
+        """Let go of the files."""
+        self._reader.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _find_fabrics(self) -> list[str]:
+        return sorted(
+            name.removesuffix(_POSES) for name, topic in self._reader.topics.items()
+            if name.endswith(_POSES) and topic.type_name == PoseArrayBytes.TYPE)
+
+    def _choose(self, fabric: str) -> str:
+        names = sorted(self._reader.topics)
+        if not fabric:
+            if not self.fabrics:
+                raise BagError(
+                    f'{self.path} holds no poses (a geometry_msgs/PoseArray on .../poses) to tell '
+                    'the name of its fabric; name it with the parameter fabric. Topics: '
+                    + (', '.join(names) or 'none'))
+            return self.fabrics[0]
+        if not any(name.startswith(f'{fabric}/') for name in names):
+            known = ', '.join(self.fabrics) or 'none that recorded poses'
+            raise ValueError(
+                f'fabric: {self.path} holds no topics of {fabric!r}; fabrics in it: {known}')
+        return fabric
+
+    def _find_topics(self, inputs: bool) -> dict[str, Topic]:
+        topics = {}
+        for name, topic in self._reader.topics.items():
+            if name == outputs.DIAGNOSTICS.name:
+                topics[name] = outputs.DIAGNOSTICS
+            # A node may have another in the namespace of its own name.
+            if self._owner(name) != self.fabric:
+                continue
+            private = name.removeprefix(self.fabric)
+            if private != _OF_THE_BAG and (inputs or not private.startswith(_INPUTS)):
+                topics[name] = Topic(
+                    f'~{private}', topic.type_name, topic.latched,
+                    topic.depth or _SMALLEST_DEPTH, True)
+        return topics
+
+    def _owner(self, name: str) -> str:
+        owners = [
+            node for node in {*self.fabrics, self.fabric} if name.startswith(f'{node}/')]
+        return max(owners, key=len, default='')
+
+
+def describe_time(nanoseconds: int) -> str:
+    """A time of the recorded run in words."""
+    return f't = {seconds(nanoseconds):.9f} s'

@@ -1,0 +1,240 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+Whether a record is what its scene and its inputs lead to: all of it is simulated again.
+
+On the processor type and with the versions that recorded it every output must have the same bits.
+Elsewhere roundings differ, so poses must agree within the tolerance, grown as a small disturbance
+grows in this motion, as long as that says anything. No output may be missing, and none may be
+there that the run did not send.
+"""
+
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import metadata
+import json
+from pathlib import Path
+from typing import NamedTuple
+
+from icofabric_sim.bag.recorded_run import RecordedRun
+from icofabric_sim.messages.schedule import seconds
+from icofabric_sim.messages.topics import Topic
+from icofabric_sim.running.recording import host_processor
+from icofabric_sim.running.replay.comparison import CloseComparison, ExactComparison
+from icofabric_sim.running.replay.completeness import Completeness, Gap
+from icofabric_sim.running.replay.resimulation import (
+    Departure,
+    NotRepeatable,
+    resimulate_to,
+    Resimulation,
+)
+from icofabric_sim.scene.summary import as_lines, Row
+from icofabric_sim.version import __version__
+
+__all__ = ['Difference', 'Resimulation', 'resimulate_to', 'Verification', 'verify_run']
+
+# What the bits depend on, beside the version.
+_LIBRARIES = ('numpy', 'scipy', 'numba', 'llvmlite')
+
+
+class Difference(NamedTuple):
+    """The first output that is not what was simulated again."""
+
+    nanoseconds: int
+    step: int  # solver steps taken again until then
+    topic: str  # '': the runs parted
+    text: str  # body, quantity, both values
+
+    def __str__(self) -> str:
+        """Sentence of all that."""
+        topic = f', {self.topic}' if self.topic else ''
+        return f't = {seconds(self.nanoseconds):.9f} s (step {self.step:,}){topic}: {self.text}'
+
+
+@dataclass(frozen=True)
+class Verification:
+    """What came out for one fabric of a bag."""
+
+    path: Path
+    node: str
+    recorded_by: str
+    elsewhere: tuple[str, ...]  # how version and machine differ; empty: bits were compared
+    start: int  # [ns]
+    end: int
+    body_count: int
+    compared: Counter[str]  # messages by topic
+    left_out: Counter[str]  # outputs that could not be compared
+    repeated: Counter[str]  # inputs, re-weaves, ...
+    difference: Difference | None
+    gaps: tuple[Gap, ...]  # outputs that were recorded and are not there
+    dropped: Counter[str]  # outputs that the disk was too slow for, as the bag says
+    note: str
+
+    @property
+    def verdict(self) -> str:
+        """One word: identical, consistent, incomplete, or differs."""
+        if self.difference is not None:
+            return 'differs'
+        if self.gaps:
+            return 'incomplete'
+        return 'consistent' if self.elsewhere else 'identical'
+
+    @property
+    def is_good(self) -> bool:
+        """Whether nothing differs, and nothing is missing."""
+        return self.difference is None and not self.gaps
+
+    def lines(self) -> list[str]:
+        """Text of everything; the verdict is the first word of the last line."""
+        rows: list[Row] = [
+            ('bag', str(self.path)),
+            ('fabric', f'{self.node}, {self.body_count:,} bodies'),
+            ('recorded by', self.recorded_by),
+            ('compared', 'bit by bit: the same version, processor type and libraries'
+             if not self.elsewhere else
+             'within tolerance and growth, because ' + '; '.join(self.elsewhere)),
+            ('done again', ', '.join(_counted(self.repeated)) or 'no inputs, no changes'),
+        ]
+        if self.left_out:
+            rows.append(('not compared', ', '.join(_counted(self.left_out))))
+        if self.dropped:
+            rows.append(('not recorded', ', '.join(
+                f'{count:,} of {name}' for name, count in self.dropped.items())
+                + ': the disk was too slow, as the bag says'))
+        rows += [('missing' if number == 0 else '', str(gap))
+                 for number, gap in enumerate(self.gaps)]
+        if self.note:
+            rows.append(('note', self.note))
+        count = sum(self.compared.values())
+        span = f't = {seconds(self.start):.9g} s to {seconds(self.end):.9g} s'
+        kinds = ', '.join(_counted(self.compared))
+        last = f'{self.verdict}: {count:,} outputs of {span} ({kinds})'
+        if self.difference is not None:
+            last = f'{self.verdict} at {self.difference}'
+        elif self.gaps:
+            missing = sum(gap.messages for gap in self.gaps)
+            what = 'message is' if missing == 1 else 'messages are'
+            last = (f'{self.verdict}: {missing:,} recorded {what} missing; the {count:,} outputs '
+                    f'of {span} that are there ({kinds}) are '
+                    f'{"consistent" if self.elsewhere else "identical"}')
+        return [*as_lines(rows), last]
+
+
+def verify_run(
+    run: RecordedRun,
+    *,
+    threads: int = 0,
+    start: int | None = None,
+    stop: int | None = None,
+    on_time: Callable[[int], None] = lambda time: None,
+) -> Verification:
+    """
+    Simulate a record again and compare, up to the first difference.
+
+    `start` begins at the last checkpoint not after that time [ns], `stop` ends there. `threads`
+    replaces the scene's own. `on_time` hears the time [ns] now and then. Raises NotRepeatable
+    where the record cannot be simulated again.
+    """
+    elsewhere = foreign_parts(run)
+    compared: Counter[str] = Counter()
+    left_out: Counter[str] = Counter()
+    kind = CloseComparison if elsewhere else ExactComparison
+    comparison = kind(run, lambda: again.simulation)
+    record = Completeness(run, lambda: again.present, exact=not elsewhere)
+    again = Resimulation(
+        run, threads=threads, start=start, on_time=on_time, on_input=comparison.acted,
+        on_jump=comparison.jumped, on_message=record.take)
+    found: Difference | None = None
+    gaps: list[Gap] = []
+    end = again.start
+    try:
+        if again.begins_later:
+            record.begin_at(again.start)
+        for topic, time, data in again.outputs(None if stop is None else stop + 1):
+            text = comparison.difference(topic, time, data)
+            if text:
+                found = Difference(
+                    time, again.simulation.step_count, resolved(run, topic), text)
+                break
+            counts = left_out if text is None else compared
+            counts[topic.name] += 1
+            end = time
+        body_count = again.simulation.scene.body_count
+        if found is None:
+            gaps = record.end(stop, whole=start is None and stop is None)
+    except Departure as departure:
+        found = Difference(
+            departure.nanoseconds, again.simulation.step_count, departure.topic, str(departure))
+        body_count = again.simulation.scene.body_count
+    if found is None and not compared:
+        raise NotRepeatable(
+            f'{run.path} holds nothing of {run.node} to compare between t = '
+            f'{seconds(again.start):.9g} s and {seconds(run.end if stop is None else stop):.9g} s')
+    return Verification(
+        run.path, run.node, _recorded_by(run), elsewhere, again.start, end, body_count, compared,
+        left_out, again.counts, found, tuple(gaps), Counter(record.dropped),
+        _note(comparison, again))
+
+
+def resolved(run: RecordedRun, topic: Topic) -> str:
+    """Full name of a topic in the bag."""
+    return run.node + topic.name[1:] if topic.name.startswith('~') else topic.name
+
+
+def foreign_parts(run: RecordedRun) -> tuple[str, ...]:
+    """
+    How the version and the machine that recorded differ from those here, in words.
+
+    Raises NotRepeatable for what another tool has recorded: it does not tell when inputs acted.
+    """
+    if 'version' not in run.custom:
+        raise NotRepeatable(
+            f'{run.path} was not recorded by this simulator, so it does not say when inputs '
+            'acted; record with the parameter record.path, or with ~/record')
+    here = {
+        'version': __version__, 'processor': host_processor(),
+        **{name: metadata.version(name) for name in _LIBRARIES}}
+    custom = run.custom
+    try:
+        there = dict(json.loads(custom.get('libraries', '{}')))
+    except ValueError:
+        there = {}
+    there.update(
+        {name: custom[name] for name in ('version', 'processor') if name in custom})
+    return tuple(
+        f'{name} was {there.get(name, "not noted")} and is {here[name]} here'
+        for name in here if there.get(name) != here[name])
+
+
+def _recorded_by(run: RecordedRun) -> str:
+    custom = run.custom
+    text = f'icofabric_sim {custom["version"]}, {custom.get("processor", "unknown processor")}'
+    return f'{text}, {custom["method"]}' if 'method' in custom else text
+
+
+def _note(comparison: ExactComparison | CloseComparison, again: Resimulation) -> str:
+    notes = []
+    if again.failure:
+        notes.append(f'the recorded run had failed at its end, and so does this: {again.failure}')
+    if isinstance(comparison, CloseComparison):
+        notes.append(
+            f'at most {comparison.largest:.2g} apart (position over a, or rad), where '
+            f'{comparison.bound_there:.2g} is explained')
+        if comparison.meaningless_since is not None:
+            notes.append(
+                f'from t = {seconds(comparison.meaningless_since):.6g} s on small differences '
+                'have grown so much that poses say nothing')
+    return '; '.join(notes)
+
+
+def _counted(counts: Counter[str]) -> list[str]:
+    """Each kind with its count, in words."""
+    return [
+        name if name.startswith('begun') else
+        f'{count:,} {(name.removeprefix("~/").removeprefix("/") if count != 1 else _one(name))}'
+        for name, count in counts.items()]
+
+
+def _one(name: str) -> str:
+    return name.removeprefix('~/').removeprefix('/').removesuffix('s')

@@ -1,0 +1,109 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+Extremes of a run, looked at on the grid of its outputs, so that they are the same for every pace.
+"""
+
+from typing import NamedTuple
+
+from icofabric_sim.messages import topics
+from icofabric_sim.messages.topics import Topic
+from icofabric_sim.parameters.validation import Parameters
+from icofabric_sim.running.run_records import Status
+from icofabric_sim.simulation.divergence import Companion
+from icofabric_sim.simulation.model.snapshot import Snapshot
+from icofabric_sim.simulation.simulation import Simulation
+import numpy as np
+
+
+class Extreme(NamedTuple):
+    """Where and when something was largest."""
+
+    value: float
+    time: float  # [s]
+    number: int  # body or connector, -1: nothing was looked at
+
+
+NOTHING = Extreme(0.0, 0.0, -1)
+
+
+class Momentum(NamedTuple):
+    """Momenta of the whole fabric, and the sums of their parts' magnitudes as a scale."""
+
+    linear: np.ndarray  # (3,) [kg m/s]
+    angular: np.ndarray  # (3,) [kg m^2/s] about the origin
+    linear_scale: float
+    angular_scale: float
+
+
+class RunMonitor:
+    """A sink of the runner that keeps extremes instead of messages."""
+
+    def __init__(self, simulation: Simulation, *, with_growth: bool = False) -> None:
+        """Look at the initial state; `with_growth` has a companion run beside, see growth.py."""
+        self._simulation = simulation
+        self.companion = Companion(simulation) if with_growth else None
+        self.first = self.last = simulation.snapshot()
+        self.stretch, self.compression, self.displacement = NOTHING, NOTHING, NOTHING
+        self.energy_scale = 0.0
+        self.count = 0
+        self.look(self.first)
+
+    @property
+    def is_bag(self) -> bool:
+        """Whether messages are kept: repeated ones are of no use here."""
+        return True
+
+    def wants(self, topic: Topic) -> bool:
+        """Whether to be called: whenever poses are due."""
+        return topic is topics.POSES
+
+    def send(self, topic: Topic, nanoseconds: int, data: bytes) -> None:
+        """Look at the present state."""
+        self.look(self._simulation.snapshot())
+        if self.companion is not None:
+            self.companion.look()
+
+    def send_input(self, topic: str, type_name: str, nanoseconds: int, data: bytes) -> None:
+        """Inputs change nothing here."""
+
+    def time_jumped_back(
+        self, simulation: Simulation, parameters: Parameters, ended: Status
+    ) -> None:
+        """A run without a graph never jumps."""
+
+    def look(self, snapshot: Snapshot) -> None:
+        """Take a state into account."""
+        self.last = snapshot
+        self.count += 1
+        if snapshot.connector_count and len(snapshot.connector_length):
+            natural = self._simulation.scene.connectors.natural_length
+            strain = snapshot.connector_length / natural - 1.0
+            if snapshot.broken_since is not None:
+                strain[~snapshot.intact] = 0.0
+            high, low = int(np.argmax(strain)), int(np.argmin(strain))
+            if strain[high] > self.stretch.value:
+                self.stretch = Extreme(float(strain[high]), snapshot.time, high)
+            if strain[low] < self.compression.value:
+                self.compression = Extreme(float(strain[low]), snapshot.time, low)
+        distance = np.linalg.norm(snapshot.position - self.first.position, axis=1)
+        body = int(np.argmax(distance))
+        if distance[body] > self.displacement.value:
+            self.displacement = Extreme(float(distance[body]), snapshot.time, body)
+        energy, first = snapshot.energy, self.first.energy
+        # Magnitudes: where an energy by a table, of weight or of charges is zero means nothing.
+        exchanged = energy['kinetic'] + sum(abs(energy[name] - first[name]) for name in (
+            'connectors', 'gravity', 'contact', 'field'))
+        self.energy_scale = max(self.energy_scale, exchanged)
+
+    def momentum(self, snapshot: Snapshot) -> Momentum:
+        """Momenta in a state."""
+        model = snapshot.packed.model
+        mass, inertia = 1.0 / model.inverse_mass, 1.0 / model.inverse_inertia
+        linear = mass * snapshot.linear_velocity
+        orbital, spin = np.cross(snapshot.position, linear), inertia * snapshot.angular_velocity
+        return Momentum(
+            linear.sum(axis=0),
+            (orbital + spin).sum(axis=0),
+            float(np.linalg.norm(linear, axis=1).sum()),
+            float((np.linalg.norm(orbital, axis=1) + np.linalg.norm(spin, axis=1)).sum()))

@@ -1,0 +1,116 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""What goes into a running simulation, and what it reports."""
+
+import math
+from typing import Any, NamedTuple
+
+from icofabric_sim.simulation.inputs import Inputs, Key
+from icofabric_sim.simulation.simulation import Simulation
+from icofabric_sim.simulation.stepping.methods import METHODS
+import numpy as np
+
+
+class WrenchInput(NamedTuple):
+    """A wrench as it was received, or the twist of a drive."""
+
+    topic: str
+    key: Key  # load channel, body, or drives.NAME
+    stamp: int  # [ns] of simulated time, 0: at once
+    force: Any  # or linear velocity
+    torque: Any  # or angular velocity
+    data: bytes  # the message, for the bag
+
+
+class Errors(NamedTuple):
+    """Errors that the method adds: position over a, or orientation in rad, the larger."""
+
+    rate: float  # lately, for each second
+    estimate: float  # since the start, as if none of them had grown
+
+
+class Status(NamedTuple):
+    """What diagnostics and summaries report."""
+
+    time: int  # [ns]
+    paused: bool
+    finished: bool
+    failure: str  # '': none
+    factor: float  # simulated over wall time, lately
+    wanted_factor: float
+    step: float  # [s]
+    limit: float  # [s]
+    step_count: int
+    body_count: int
+    connector_count: int
+    loads_active: int
+    dropped: int  # wrenches that came too late, or for what is gone
+    proximity: str
+    method: str
+    tolerance: float  # [1/s]
+    errors: Errors | None  # None: not measured
+    errors_lack: str  # what they may not cover
+    balance_error: float  # present error of the energy balance, in parts of the largest energy
+    balance_worst: float  # the largest so far
+    energy_limit: float = math.inf  # what it may be before the run stops
+    loads_waiting: int = 0  # wrenches whose stamp lies ahead
+    contacts: int = 0  # pairs that touched at the last look
+    breaks: int = 0  # connectors that have broken
+    obstruction: str = ''  # the first connector in its own shell
+    obstructed: int = 0  # ends of connectors in their own shells
+    cause: str = ''  # why the run is no faster than it is
+    lag: float = 0.0  # longest time that a request waited since the last report [s]
+
+
+def figures(simulation: Simulation) -> dict[str, Any]:
+    """What a status says of the simulation itself; cheap, and harmless beside a run."""
+    proximity, balance = simulation.proximity, simulation.balance
+    return {
+        'step': simulation.step,
+        'limit': step_limit(simulation),
+        'step_count': simulation.step_count,
+        'body_count': simulation.scene.body_count,
+        'connector_count': simulation.scene.connector_count,
+        'loads_active': len(simulation.active_loads),
+        'breaks': simulation.broken_count,
+        'obstruction': simulation.obstruction,
+        'obstructed': simulation.obstructed_ends,
+        'contacts': simulation.contact_count,
+        'errors_lack': simulation.error_estimate_lacks,
+        'proximity': '' if proximity is None else str(proximity),
+        'method': simulation.method_name,
+        'tolerance': simulation.scene.parameters['solver.tolerance'],
+        'balance_error': balance.error / balance.scale if balance.scale > 0.0 else 0.0,
+        'balance_worst': balance.worst,
+        'energy_limit': simulation.scene.parameters['solver.energy_limit'],
+    }
+
+
+def step_limit(simulation: Simulation) -> float:
+    """
+    Longest step [s] that is stable now; infinite where its error limits each step.
+
+    A frequency that contacts may reach some time limits no step that adapts.
+    """
+    given = simulation.scene.parameters['solver.step'] > 0.0
+    if METHODS[simulation.method_name].adaptive and not given:
+        return math.inf
+    return simulation.stability_limit
+
+
+def errors_of(simulation: Simulation) -> Errors:
+    """What the method has added; in the thread that advances the simulation only."""
+    return Errors(simulation.error_rate, simulation.error_estimate)
+
+
+def begins_anew(simulation: Simulation) -> bool:
+    """
+    Whether a simulation stands where building its scene has put it: nothing was done to it yet.
+    """
+    if simulation.time != 0.0 or simulation.waiting_loads or simulation.broken_count:
+        return False
+    state, first = simulation.snapshot(), simulation.scene.initial
+    acting, steady = simulation.active_loads, Inputs(simulation.scene).active
+    return acting.keys() == steady.keys() and all(
+        wrench.same(steady[key]) for key, wrench in acting.items()
+    ) and all(np.array_equal(getattr(state, name), getattr(first, name)) for name in first._fields)

@@ -1,0 +1,53 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""Solver steps on request, while simulated time stands still otherwise."""
+
+from collections import deque
+from concurrent.futures import Future
+import logging
+from typing import Any
+
+_LOGGER = logging.getLogger('icofabric_sim')
+
+
+class StepRequest:
+    """So many solver steps, taken in portions."""
+
+    def __init__(self, count: int) -> None:
+        """Ask for `count` steps."""
+        self.count, self.taken = count, 0
+        self.future: Future[Any] = Future()
+
+    @property
+    def done(self) -> bool:
+        """Whether all steps are taken."""
+        return self.taken >= self.count
+
+
+class StepRequests:
+    """Requests one after the other; what ends them early is told to those who asked."""
+
+    def __init__(self) -> None:
+        """Start without any."""
+        self._queue: deque[StepRequest] = deque()
+
+    def add(self, request: StepRequest) -> None:
+        """Queue a request."""
+        self._queue.append(request)
+
+    @property
+    def current(self) -> StepRequest | None:
+        """The request whose steps are being taken."""
+        return self._queue[0] if self._queue else None
+
+    def finish(self, now: int) -> None:
+        """Answer the current request with the time [ns] that its steps led to."""
+        self._queue.popleft().future.set_result(now)
+
+    def end(self, reason: str) -> None:
+        """Take no more steps: everyone who asked for some hears why."""
+        while self._queue:
+            request = self._queue.popleft()
+            text = f'{request.taken} of {request.count} solver steps taken: {reason}'
+            _LOGGER.warning('%s', text)
+            request.future.set_exception(RuntimeError(text))

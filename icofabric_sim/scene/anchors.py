@@ -1,0 +1,93 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+Anchors: connectors from an edge of a body to a point of the world, fixed or moving.
+
+Their law is that of `connector.*` (k_e, k_c and natural length D); they neither break nor resist
+bending.
+"""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+from icofabric_sim.geometry.icosahedron import NAMED_EDGES
+from icofabric_sim.parameters.validation import ParameterError, Parameters
+from icofabric_sim.scene.attachments import attachment_points
+from icofabric_sim.scene.drives import Drive
+from icofabric_sim.scene.paths import Path, PathPiece
+from icofabric_sim.scene.tables import read_time_table
+import numpy as np
+
+_NONE = (0.0,) * 6
+
+
+class Anchor(NamedTuple):
+    """An `anchors.NAME`."""
+
+    body: int
+    arm: np.ndarray  # (3,) [m] from the centre to the edge, body axes
+    path: Path  # of the point, world frame; only its first three coordinates count
+
+
+class AnchorPack(NamedTuple):
+    """What kernels need of all anchors."""
+
+    bodies: tuple[int, ...]
+    arms: tuple[np.ndarray, ...]
+    pieces: tuple[PathPiece, ...]  # at times of the run
+    law: tuple[float, float, float]  # k_e [N/m], k_c [N/m], D [m]
+
+
+def make_anchors(
+    parameters: Parameters, body_count: int, drives: Mapping[str, Drive], half_edge: float
+) -> dict[str, Anchor]:
+    """All `anchors.NAME`; ParameterError where one makes no sense."""
+    anchors = {}
+    midpoints = attachment_points(parameters, half_edge)
+    for name in parameters.names('anchors'):
+        key, body = f'anchors.{name}.body', parameters[f'anchors.{name}.body']
+        if not 0 <= body < body_count:
+            raise ParameterError(
+                key, f'{key}: there is no body {body}; bodies are 0 to {body_count - 1}')
+        for other, drive in drives.items():
+            if body in drive.bodies:
+                raise ParameterError(
+                    key, f'{key}: body {body} is moved by drives.{other}, so no anchor can pull '
+                    'it; leave the anchor out, or take the body out of the group')
+        edge = NAMED_EDGES.index(parameters[f'anchors.{name}.edge'])
+        anchors[name] = Anchor(body, midpoints[edge], make_anchor_path(parameters, name))
+    return anchors
+
+
+def make_anchor_path(parameters: Parameters, name: str) -> Path:
+    """Path of the point: at rest, with one velocity, or through the places of a table."""
+    prefix = f'anchors.{name}'
+    position, velocity = parameters[f'{prefix}.position'], parameters[f'{prefix}.velocity']
+    file = parameters[f'{prefix}.file'].strip()
+    if not file:
+        return Path((PathPiece(0.0, (_six(position), _six(velocity), _NONE, _NONE)),))
+    key = f'{prefix}.file'
+    if any(velocity):
+        raise ParameterError(
+            key, f'{key}: {prefix}.velocity moves the point already; give one of them')
+    # Only scenes with tables wait for it.
+    from scipy.interpolate import CubicSpline
+
+    table = read_time_table(key, file, {4: 'time [s] and displacement x, y, z [m]'})
+    places = np.array(position) + table[:, 1:]
+    with np.errstate(over='ignore', invalid='ignore'):
+        spline = CubicSpline(table[:, 0], places, bc_type='clamped')
+    if not np.isfinite(spline.c).all():
+        raise ParameterError(key, f'{key}: {file} has displacements too large for a smooth path')
+    pieces = [
+        PathPiece(time, tuple(_six(row) for row in spline.c[::-1, k].tolist()))
+        for k, time in enumerate(table[:-1, 0].tolist())]
+    pieces.append(
+        PathPiece(float(table[-1, 0]), (_six(places[-1].tolist()), _NONE, _NONE, _NONE)))
+    if pieces[0].start > 0.0:
+        pieces.insert(0, PathPiece(0.0, (_six(places[0].tolist()), _NONE, _NONE, _NONE)))
+    return Path(tuple(pieces))
+
+
+def _six(values: list[float]) -> tuple[float, ...]:
+    return (*values, 0.0, 0.0, 0.0)

@@ -1,0 +1,56 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""How much memory this process may still take."""
+
+import os
+from pathlib import Path
+
+# Beyond this a limit is none.
+_UNLIMITED = 2**60
+
+
+def available_memory(root: Path = Path('/')) -> int:
+    """
+    Return the bytes that are left: on the machine, and in the control group of a container.
+
+    `root` is where the system's files are.
+    """
+    found = [_of_machine(root), _of_group(root)]
+    return min(amount for amount in found if amount is not None)
+
+
+def _of_machine(root: Path) -> int:
+    for line in _read(root / 'proc/meminfo').splitlines():
+        name, _, rest = line.partition(':')
+        if name == 'MemAvailable':
+            return int(rest.split()[0]) * 1024
+    return int(os.sysconf('SC_PAGE_SIZE') * os.sysconf('SC_PHYS_PAGES'))
+
+
+def _of_group(root: Path) -> int | None:
+    """What a control group (version 2, else 1) leaves; its file cache can be given up."""
+    base = root / 'sys/fs/cgroup'
+    for limit_file, usage_file, statistics, cache in (
+        (base / 'memory.max', base / 'memory.current', base / 'memory.stat', 'inactive_file'),
+        (base / 'memory/memory.limit_in_bytes', base / 'memory/memory.usage_in_bytes',
+         base / 'memory/memory.stat', 'total_inactive_file'),
+    ):
+        limit, usage = _number(_read(limit_file)), _number(_read(usage_file))
+        if limit is None or usage is None or limit >= _UNLIMITED:
+            continue
+        fields = (line.split() for line in _read(statistics).splitlines())
+        reclaimable = {field[0]: int(field[1]) for field in fields if len(field) == 2}
+        return max(limit - usage + reclaimable.get(cache, 0), 0)
+    return None
+
+
+def _number(text: str) -> int | None:
+    text = text.strip()
+    return int(text) if text.isdigit() else None
+
+
+def _read(path: Path) -> str:
+    try:
+        return path.read_text()
+    except OSError:
+        return ''

@@ -1,0 +1,197 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+How strongly connectors pull and push: one law for all, or groups of connectors with their own.
+"""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+from icofabric_sim.parameters.validation import ParameterError, Parameters
+from icofabric_sim.scene.law_tables import LawTable, read_law
+import numpy as np
+
+# Properties of a group that say nothing at these values: those of `connector.*` hold.
+_UNSAID = {
+    'stiffness': -1.0, 'stiffness_extension': -1.0, 'stiffness_compression': -1.0,
+    'natural_length': 0.0}
+
+
+# k_e, k_c, D and the table; natural lengths may be those of each connector, (c,).
+_Law = tuple[float, float, float | np.ndarray, LawTable | None]
+
+
+class ConnectorLaws(NamedTuple):
+    """Eq 2 for every connector; arrays of shape (c,), or (1,) where all are alike."""
+
+    extension: np.ndarray  # k_e [N/m], above the natural length
+    compression: np.ndarray  # k_c [N/m], below it
+    natural_length: np.ndarray  # D [m]
+
+    @property
+    def plain(self) -> bool:
+        """Whether all connectors are the same symmetric spring (eq 1)."""
+        return len(self.extension) == 1 and bool(self.extension[0] == self.compression[0])
+
+    def kink_count(self, connectors: int) -> int:
+        """Of how many of all `connectors` the slope of the tension jumps at the natural length."""
+        kinked = self.extension != self.compression
+        return connectors if len(kinked) == 1 and kinked[0] else int(kinked.sum())
+
+
+class ConnectorTables(NamedTuple):
+    """Laws by table, instead of eq 2; their largest slopes stand for its stiffnesses."""
+
+    tables: tuple[LawTable, ...]
+    of: np.ndarray  # (c,) int, which of them each connector follows, -1: none; (0,) without any
+
+
+NO_TABLES = ConnectorTables((), np.zeros(0, np.int64))
+
+
+def make_laws(
+    parameters: Parameters, length: float | np.ndarray, groups: Mapping[str, np.ndarray],
+    bodies: np.ndarray
+) -> tuple[ConnectorLaws, ConnectorTables]:
+    """
+    Laws of the connectors between `bodies` (c, 2), and those by table.
+
+    `length` [m] is the woven one, L, of all, or of each, (c,).
+
+    A connector belongs to `connector_groups.NAME` where one of its bodies is in the first of the
+    two groups and the other in the second. Of several groups the last in order of names counts.
+    """
+    general = _law(parameters, 'connector', length, None)
+    names = parameters.names('connector_groups')
+    if not names and not isinstance(general[2], np.ndarray) and general[3] is None:
+        return ConnectorLaws(*(np.array([value]) for value in general[:3])), NO_TABLES
+    laws = ConnectorLaws(*(np.full(len(bodies), value) for value in general[:3]))
+    files = [general[3]]
+    table_of = np.zeros(len(bodies), np.int32)
+    for name in names:
+        first, second = between(parameters, name)
+        chosen = connectors_between(groups[first], groups[second], bodies)
+        if not chosen.any():
+            raise ParameterError(
+                f'connector_groups.{name}.between',
+                f'connector_groups.{name}.between {first!r} {second!r}: no connector leads from '
+                'one to the other; name two groups that are joined')
+        own = _law(parameters, f'connector_groups.{name}', length, general)
+        for array, value in zip(laws, own[:3]):
+            array[chosen] = value[chosen] if isinstance(value, np.ndarray) else value
+        table_of[chosen] = len(files)
+        files.append(own[3])
+    if not any(files):
+        return laws, NO_TABLES
+    tables = {table.file: table for table in files if table is not None}
+    number = np.array([
+        -1 if table is None else list(tables).index(table.file) for table in files])
+    return laws, ConnectorTables(tuple(tables.values()), number[table_of])
+
+
+def spread_over(
+    parameters: Parameters, name: str, groups: Mapping[str, np.ndarray], bodies: np.ndarray
+) -> np.ndarray:
+    """
+    Value of `connector.NAME` for every connector, (c,), or (1,) where no group has its own.
+
+    `connector_groups.*.NAME` counts where it is not negative.
+    """
+    value = parameters[f'connector.{name}']
+    said = {
+        group: parameters[f'connector_groups.{group}.{name}']
+        for group in parameters.names('connector_groups')}
+    said = {group: own for group, own in said.items() if not own < 0.0}
+    if not said:
+        return np.array([value])
+    values = np.full(len(bodies), value)
+    for group, own in said.items():
+        first, second = between(parameters, group)
+        values[connectors_between(groups[first], groups[second], bodies)] = own
+    return values
+
+
+def between(parameters: Parameters, name: str) -> tuple[str, str]:
+    """The two groups that `connector_groups.NAME.between` names."""
+    key = f'connector_groups.{name}.between'
+    words = parameters[key].split()
+    if len(words) != 2:
+        raise ParameterError(
+            key, f'{key} must name two groups, separated by a space, got {parameters[key]!r}; '
+            "for connectors within one group name it twice, and 'all' for any body")
+    for word in words:
+        if word != 'all' and f'groups.{word}' not in parameters:
+            known = ', '.join(['all', *parameters.names('groups')])
+            raise ParameterError(
+                key, f'{key}: there is no group {word!r}; known: {known}. '
+                f'Define it with groups.{word}')
+    return words[0], words[1]
+
+
+def connectors_between(first: np.ndarray, second: np.ndarray, bodies: np.ndarray) -> np.ndarray:
+    """Which connectors lead from a body of the one group to one of the other, (c,) bool."""
+    count = int(bodies.max(initial=-1)) + 1
+    sides = []
+    for group in (first, second):
+        member = np.zeros(count, bool)
+        member[group[group < count]] = True
+        sides.append(member[bodies])
+    (a, b), (c, d) = sides[0].T, sides[1].T
+    return (a & d) | (b & c)
+
+
+def general_law(parameters: Parameters, length: float) -> tuple[float, float, float]:
+    """
+    k_e, k_c [N/m] and D [m] of `connector.*`, without a table; `length` [m] is the woven one, L.
+    """
+    extension, compression, rest, _ = _law(parameters, 'connector', length, None, tabled=False)
+    assert not isinstance(rest, np.ndarray)
+    return extension, compression, rest
+
+
+def _law(
+    parameters: Parameters, prefix: str, length: float | np.ndarray, general: _Law | None, *,
+    tabled: bool = True
+) -> _Law:
+    """
+    Stiffness in extension and in compression, natural length, table; unsaid ones as in general.
+    """
+    def said(name: str) -> Any:
+        value = parameters[f'{prefix}.{name}']
+        unsaid = value < 0.0 if _UNSAID[name] < 0.0 else value == 0.0
+        return None if unsaid else value
+
+    stiffness, rest = said('stiffness'), said('natural_length')
+    table = law_of(parameters, prefix) if tabled else None
+    if table is not None:
+        most = table.largest_slope
+        return most, most, table.natural_length or length, table
+    if general is not None and general[3] is not None and all(
+            said(name) is None for name in _UNSAID):
+        return general
+    values = []
+    for place, name in enumerate(('stiffness_extension', 'stiffness_compression')):
+        value = said(name)
+        if value is None:
+            value = stiffness
+        if value is None:
+            assert general is not None
+            value = (general[0], general[1])[place]
+        values.append(value)
+    if rest is None:
+        rest = length if general is None else general[2]
+    return values[0], values[1], rest, None
+
+
+def law_of(parameters: Parameters, prefix: str) -> LawTable | None:
+    """The table that `PREFIX.law` names, None where it names none."""
+    file = parameters[f'{prefix}.law']
+    if not file:
+        return None
+    given = parameters[f'{prefix}.natural_length']
+    if given > 0.0:
+        raise ParameterError(
+            f'{prefix}.natural_length',
+            f'{prefix}.natural_length {given!r} m: the table {prefix}.law {file!r} says at which '
+            'length there is no force; leave one of them out')
+    return read_law(f'{prefix}.law', file)

@@ -1,0 +1,212 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+Drives: groups of bodies that move as one rigid body on a prescribed path.
+
+A path is a displacement of the middle of the group (the mean of its centres at the start) and a
+rotation vector about it, world axes, counted from the start of the motion. Bodies wait at their
+places before `.start`, and where a motion ends they stay. What contradicts itself is refused here,
+before anything runs.
+"""
+
+from collections.abc import Mapping
+import math
+from typing import Any, NamedTuple
+
+from icofabric_sim.parameters.validation import ParameterError, Parameters
+from icofabric_sim.scene.initial import InitialState
+from icofabric_sim.scene.paths import Path, PathPiece
+from icofabric_sim.scene.supports import Supports
+from icofabric_sim.scene.tables import read_time_table
+import numpy as np
+
+# Velocities and places that differ by less are the same, in parts of the largest.
+_SAME = 1e-9
+_NONE = (0.0,) * 6
+
+
+class Drive(NamedTuple):
+    """A `drives.NAME`."""
+
+    bodies: np.ndarray  # (m,) int32
+    middle: np.ndarray  # (3,) [m] mean of their centres at the start
+    path: Path
+
+
+def make_drives(
+    parameters: Parameters, groups: Mapping[str, np.ndarray], state: InitialState,
+    supports: Supports | None,
+) -> dict[str, Drive]:
+    """
+    All `drives.NAME`; the velocities of their bodies in `state` become those of their paths.
+
+    ParameterError names what contradicts supports, other drives, or the start.
+    """
+    drives: dict[str, Drive] = {}
+    taken: dict[int, str] = {}
+    for name in parameters.names('drives'):
+        bodies = groups[parameters[f'drives.{name}.group']]
+        key = f'drives.{name}.group'
+        for body in bodies.tolist():
+            if body in taken:
+                raise ParameterError(
+                    key, f'{key}: body {body} is already moved by drives.{taken[body]}; take it '
+                    'out of one of the groups')
+            taken[body] = name
+        if supports is not None:
+            held = supports.translation[bodies].any(axis=1) | supports.rotation[bodies]
+            if held.any():
+                raise ParameterError(
+                    key, f'{key}: body {int(bodies[np.argmax(held)])} is held by a support, and '
+                    'a drive moves all freedoms of its bodies; take it out of one of the groups')
+        path = make_path(parameters, f'drives.{name}')
+        middle = state.position[bodies].mean(axis=0)
+        drive = Drive(bodies, middle, path)
+        _set_off(parameters, groups, name, drive, state)
+        drives[name] = drive
+    return drives
+
+
+def _set_off(
+    parameters: Parameters, groups: Mapping[str, np.ndarray], name: str, drive: Drive,
+    state: InitialState
+) -> None:
+    """
+    Give the bodies the velocities with which their path begins, unless they were given others.
+
+    A random start does not concern them.
+    """
+    twist = drive.path.pieces[0].twist_at(0.0)
+    arms = state.position[drive.bodies] - drive.middle
+    paths = twist[:3] + np.cross(twist[3:], arms), np.broadcast_to(twist[3:], arms.shape)
+    loose = parameters.names('bodies')
+    first = len(state.position) - len(loose)
+    sources = [(f'initial.{source}', groups[parameters[f'initial.{source}.group']])
+               for source in parameters.names('initial')]
+    sources += [(f'bodies.{source}', np.array([first + k])) for k, source in enumerate(loose)]
+    for field, wanted in zip(('linear_velocity', 'angular_velocity'), paths):
+        given, told = np.zeros((len(state.position), 3)), ''
+        for source, bodies in sources:
+            value = parameters[f'{source}.{field}']
+            if any(value) and np.isin(bodies, drive.bodies).any():
+                given[bodies] += value
+                told = f'{source}.{field}'
+        given = given[drive.bodies]
+        size = float(max(np.abs(given).max(), np.abs(wanted).max()))
+        wrong = given.any(axis=1) & (np.abs(given - wanted).max(axis=1) > _SAME * size)
+        if wrong.any():
+            row = int(np.argmax(wrong))
+            raise ParameterError(
+                told, f'{told} {parameters[told]} disagrees with drives.{name}, which moves body '
+                f'{drive.bodies[row]} from the start with {wanted[row].tolist()}; leave it out, '
+                'or take the body out of one of the groups')
+        getattr(state, field)[drive.bodies] = wanted
+
+
+def make_path(parameters: Parameters, prefix: str) -> Path:
+    """The path that `prefix` (drives.NAME) describes; ParameterError where it is none."""
+    def field(name: str) -> Any:
+        return parameters[f'{prefix}.{name}']
+
+    motion, start, duration = field('motion'), field('start'), field('duration')
+    amounts = tuple(field('linear')) + tuple(field('angular'))
+
+    def refuse(name: str, why: str) -> None:
+        raise ParameterError(f'{prefix}.{name}', f'{prefix}.{name} {why}')
+
+    _require_used(motion, field, refuse)
+    end = start + duration
+    if duration > 0.0 and not end > start:
+        refuse('duration', f'{duration!r} s is lost beside the start {start!r} s; make it longer')
+    rest = PathPiece(0.0)
+    if motion == 'hold':
+        return Path((rest,))
+    if motion == 'table':
+        pieces = _table(prefix, field('file'), start)
+    elif motion == 'velocity':
+        pieces = [PathPiece(start, (_NONE, amounts, _NONE, _NONE))]
+        if duration > 0.0:
+            pieces.append(_stay(pieces[0], end))
+    elif motion == 'ramp':
+        rise = PathPiece(
+            start, (_NONE, _NONE, tuple(0.5 * value / duration for value in amounts), _NONE))
+        middle = tuple(0.5 * duration * value for value in amounts)
+        pieces = [rise, PathPiece(end, (middle, amounts, _NONE, _NONE))]
+    else:
+        rate, phase = 2.0 * math.pi * field('frequency'), field('phase')
+        offset = tuple(-value * math.sin(phase) for value in amounts)
+        pieces = [PathPiece(start, (offset, _NONE, _NONE, _NONE), amounts, rate, phase)]
+        if start > 0.0 and abs(math.cos(phase)) > _SAME:
+            refuse(
+                'phase', f'{phase!r} rad: the velocity would jump at the start, {start!r} s; '
+                'begin at a turning point (phase -1.5707963267948966), or with the motion '
+                '(start 0)')
+        if duration > 0.0:
+            last = rate * duration + phase
+            if abs(math.cos(last)) > _SAME * max(1.0, abs(last)):
+                refuse(
+                    'duration', f'{duration!r} s: the velocity would jump at the end; end at a '
+                    'turning point, a whole number of half periods after the last one')
+            pieces.append(_stay(pieces[0], end))
+    if pieces[0].start > 0.0:
+        pieces.insert(0, rest)
+    return Path(tuple(pieces))
+
+
+def _require_used(motion: str, field: Any, refuse: Any) -> None:
+    """Refuse what a motion needs and lacks, or what it has no use for."""
+    moves = any(field('linear')) or any(field('angular'))
+    if motion in ('hold', 'table') and moves:
+        name = 'linear' if any(field('linear')) else 'angular'
+        refuse(name, f'must be zero for the motion {motion}, got {field(name)}')
+    if motion == 'ramp' and not field('duration') > 0.0:
+        refuse('duration', 'must be above 0 s for the motion ramp: the time in which the '
+                           'velocity rises')
+    if motion == 'sine' and not field('frequency') > 0.0:
+        refuse('frequency', 'must be above 0 Hz for the motion sine')
+    if motion != 'sine' and field('frequency') > 0.0:
+        refuse('frequency', f'must be 0 Hz for the motion {motion}: only sine has one')
+    if (motion == 'table') != bool(field('file').strip()):
+        refuse('file', f'must {"name a CSV file" if motion == "table" else "be empty"} for the '
+                       f'motion {motion}, got {field("file")!r}')
+    if motion in ('hold', 'table') and field('duration') > 0.0:
+        refuse('duration', f'must be 0 s for the motion {motion}, got {field("duration")!r} s')
+
+
+def _stay(piece: PathPiece, end: float) -> PathPiece:
+    return PathPiece(end, (tuple(piece.at(end).tolist()), _NONE, _NONE, _NONE))
+
+
+def _table(prefix: str, file: str, start: float) -> list[PathPiece]:
+    """
+    A clamped cubic spline: position, velocity and acceleration are continuous within it.
+
+    It begins and ends at rest, as the bodies are before and after it.
+    """
+    # Only scenes with tables wait for it.
+    from scipy.interpolate import CubicSpline
+
+    name = f'{prefix}.file'
+    table = read_time_table(name, file, {
+        4: 'time [s] and displacement x, y, z [m]',
+        7: 'time [s], displacement x, y, z [m] and rotation vector x, y, z [rad]'})
+    values = np.zeros((len(table), 6))
+    values[:, :table.shape[1] - 1] = table[:, 1:]
+    times = start + table[:, 0]
+    if np.abs(values[0]).max() > _SAME * np.abs(values).max():
+        raise ParameterError(
+            name, f'{name}: {file} begins with the displacement {values[0].tolist()}, but the '
+            'bodies wait at their places: let the first line be zero')
+    if not (np.diff(times) > 0.0).all():
+        raise ParameterError(
+            name, f'{name}: times of {file} are lost beside the start {start!r} s')
+    with np.errstate(over='ignore', invalid='ignore'):
+        spline = CubicSpline(times, values, bc_type='clamped')
+    if not np.isfinite(spline.c).all():
+        raise ParameterError(name, f'{name}: {file} has displacements too large for a smooth path')
+    pieces = []
+    for k, time in enumerate(times[:-1].tolist()):
+        cubic = tuple(tuple(row) for row in spline.c[::-1, k].tolist())
+        pieces.append(PathPiece(time, cubic))
+    last = tuple(values[-1].tolist())
+    return [*pieces, PathPiece(float(times[-1]), (last, _NONE, _NONE, _NONE))]

@@ -1,0 +1,25 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""Rigid planes: floors and walls."""
+
+import math
+
+from icofabric_sim.parameters.validation import ParameterError, Parameters
+import numpy as np
+
+
+def make_planes(parameters: Parameters) -> np.ndarray:
+    """Unit normals and offsets of all `planes.NAME`, (k, 4); ParameterError where one has none."""
+    rows = []
+    for name in parameters.names('planes'):
+        normal = parameters[f'planes.{name}.normal']
+        size = math.hypot(*normal)
+        if not 0.0 < size < math.inf:
+            key = f'planes.{name}.normal'
+            raise ParameterError(
+                key, f'{key} must point somewhere, got {normal}; give a vector that leads from '
+                'the plane to its free side')
+        # Of the same half space: normal . x >= offset.
+        offset = parameters[f'planes.{name}.offset']
+        rows.append([*(part / size for part in normal), offset / size])
+    return np.array(rows, dtype=float).reshape(-1, 4)

@@ -1,0 +1,137 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+Profiles in time: what a load or a traction of the scene is multiplied by.
+
+A profile is a row of smooth pieces. Where one ends the factor or its slope may jump, so a method
+steps to that time, and evaluates the next piece only after it: its order holds.
+"""
+
+from bisect import bisect_right
+import math
+from typing import NamedTuple
+
+from icofabric_sim.parameters.validation import ParameterError, Parameters
+from icofabric_sim.scene.tables import read_time_table
+
+_WORDS = 'steady, ramp, half_sine or table FILE'
+
+
+class Piece(NamedTuple):
+    """s(t) = value + slope (t - start) + height sin(rate (t - start)), from `start` on."""
+
+    start: float  # [s] after the run began
+    value: float = 0.0
+    slope: float = 0.0  # [1/s]
+    height: float = 0.0
+    rate: float = 0.0  # [rad/s]
+    peak: float = 0.0  # the largest |s| until the next piece begins
+
+    @property
+    def is_zero(self) -> bool:
+        """Whether nothing acts."""
+        return self.value == self.slope == self.height == 0.0
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether the factor is 0 or 1."""
+        return self.slope == self.height == 0.0 and self.value in (0.0, 1.0)
+
+    def at(self, time: float) -> float:
+        """Return the factor at a `time` [s] after the run began."""
+        after = time - self.start
+        return self.value + self.slope * after + self.height * math.sin(self.rate * after)
+
+
+class Profile(NamedTuple):
+    """Pieces in the order of time; the first begins with the run."""
+
+    pieces: tuple[Piece, ...]
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether all of it is on or off."""
+        return all(piece.is_plain for piece in self.pieces)
+
+    @property
+    def strongest(self) -> Piece:
+        """The piece with the largest factor."""
+        return max(self.pieces, key=lambda piece: piece.peak)
+
+    def begun(self, time: float) -> int:
+        """Number of the piece that rules from a `time` [s] after the run began."""
+        return bisect_right(self.pieces, time, key=lambda piece: piece.start) - 1
+
+    def at(self, time: float) -> float:
+        """Return the factor at a `time` [s] after the run began."""
+        return self.pieces[self.begun(time)].at(time)
+
+
+STEADY = Profile((Piece(0.0, 1.0, peak=1.0),))
+
+
+def make_profile(parameters: Parameters, prefix: str) -> Profile:
+    """
+    The profile that `prefix` (loads.NAME or tractions.NAME) describes.
+
+    `steady`: 1 from its start on, for its duration, or always where that is 0. `ramp`: from 0 to
+    1 in its duration, then 1. `half_sine`: sin(pi x) over its duration. `table FILE`: straight
+    lines between (time, factor), times counted from its start; 0 before the first, the last
+    factor after the last.
+    """
+    kind, file = check_profile(parameters, prefix)
+    start, duration = parameters[f'{prefix}.start'], parameters[f'{prefix}.duration']
+    end = start + duration
+    if kind == 'steady':
+        pieces = [Piece(start, 1.0, peak=1.0)]
+        if duration > 0.0:
+            pieces.append(Piece(end))
+    elif kind == 'ramp':
+        pieces = [Piece(start, 0.0, 1.0 / duration, peak=1.0), Piece(end, 1.0, peak=1.0)]
+    elif kind == 'half_sine':
+        pieces = [
+            Piece(start, height=1.0, rate=math.pi / duration, peak=1.0), Piece(end)]
+    else:
+        pieces = _table(f'{prefix}.profile', file, start)
+    if pieces[0].start > 0.0:
+        pieces.insert(0, Piece(0.0))
+    return Profile(tuple(pieces))
+
+
+def check_profile(parameters: Parameters, prefix: str) -> tuple[str, str]:
+    """Kind of a profile and the file of its table; ParameterError where it makes no sense."""
+    name = f'{prefix}.profile'
+    kind, _, file = parameters[name].strip().partition(' ')
+    file = file.strip()
+    if kind not in ('steady', 'ramp', 'half_sine', 'table') or (kind == 'table') != bool(file):
+        raise ParameterError(name, f'{name} must be {_WORDS}, got {parameters[name]!r}')
+    duration = parameters[f'{prefix}.duration']
+    if kind in ('ramp', 'half_sine') and not duration > 0.0:
+        raise ParameterError(
+            f'{prefix}.duration',
+            f'{prefix}.duration must be above 0 s for the profile {kind}, got {duration!r} s')
+    if kind == 'table' and duration != 0.0:
+        raise ParameterError(
+            f'{prefix}.duration',
+            f'{prefix}.duration must be 0 s for a table, which has times of its own, got '
+            f'{duration!r} s; let the table end with the factor 0')
+    start = parameters[f'{prefix}.start']
+    if duration > 0.0 and not start + duration > start:
+        raise ParameterError(
+            f'{prefix}.duration',
+            f'{prefix}.duration {duration!r} s is lost beside {prefix}.start {start!r} s; '
+            'make it longer')
+    return kind, file
+
+
+def _table(name: str, file: str, start: float) -> list[Piece]:
+    table = read_time_table(name, file, {2: 'two columns, time [s] and factor'})
+    times, factors = (start + table[:, 0]).tolist(), table[:, 1].tolist()
+    pieces = []
+    for t, u, f, g in zip(times, times[1:], factors, factors[1:]):
+        if not u > t:
+            raise ParameterError(
+                name, f'{name}: times of {file!r} are lost beside the start {start!r} s')
+        pieces.append(Piece(t, f, (g - f) / (u - t), peak=max(abs(f), abs(g))))
+    pieces.append(Piece(times[-1], factors[-1], peak=abs(factors[-1])))
+    return pieces

@@ -1,0 +1,382 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+A scene: the description of a fabric and all that acts on it.
+
+It is made from parameters, and complete before it is compiled.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from icofabric_sim import checks
+from icofabric_sim.geometry.shell import Shell
+from icofabric_sim.parameters.file import load_parameter_file
+from icofabric_sim.parameters.named_files import NamedFile, reading
+from icofabric_sim.parameters.text import flatten_parameters
+from icofabric_sim.parameters.validation import make_parameters, ParameterError, Parameters
+from icofabric_sim.scene import initial, selectors
+from icofabric_sim.scene.anchors import Anchor, make_anchors
+from icofabric_sim.scene.attachments import attachment_points, check_attachments, woven_lengths
+from icofabric_sim.scene.available_memory import available_memory
+from icofabric_sim.scene.breakage import BreakLimits, make_limits
+from icofabric_sim.scene.connector_laws import (
+    between,
+    ConnectorLaws,
+    ConnectorTables,
+    general_law,
+    law_of,
+    make_laws,
+    spread_over,
+)
+from icofabric_sim.scene.drives import Drive, make_drives, make_path
+from icofabric_sim.scene.electric import Electric, make_electric
+from icofabric_sim.scene.faces import check_faces
+from icofabric_sim.scene.load_channels import LoadChannel, make_channels
+from icofabric_sim.scene.planes import make_planes
+from icofabric_sim.scene.profiles import check_profile
+from icofabric_sim.scene.radial import bend, check_radius
+from icofabric_sim.scene.region import make_region
+from icofabric_sim.scene.supports import fixed_freedoms, make_supports, Supports
+from icofabric_sim.scene.tractions import make_traction, polynomial, Traction
+from icofabric_sim.scene.weave import build_weave, estimate_weave, Weave
+from icofabric_sim.scene.weave_geometry import (
+    geometry_from_angle,
+    geometry_from_length,
+    WeaveGeometry,
+)
+from icofabric_sim.scene.wrapping import check_wrapping
+import numpy as np
+
+# Build, run and record together; about 1,000 without a bag (`icofabric benchmark scaling`). What
+# cannot fit is refused early.
+BYTES_PER_BODY = 1500
+_SMALL = 2**27  # bytes that need no look at what is free
+
+
+@dataclass(frozen=True)
+class SceneConnectors:
+    """Connectors of a scene, sorted by (lower body, its edge, other body)."""
+
+    bodies: np.ndarray  # (c, 2) int32
+    edges: np.ndarray  # (c, 2) int8 codes, see icosahedron.NAMED_EDGES
+    attachment: np.ndarray  # (6, 3) points in body axes [m], by edge code
+    woven_length: float | np.ndarray  # [m] of all, or of each, (c,)
+    laws: ConnectorLaws
+    tables: ConnectorTables
+    bending_stiffness: np.ndarray  # [N m/rad], (c,), or (1,) where all are alike
+    twisting_stiffness: np.ndarray
+    damping: np.ndarray  # (c,) or (1,) [N s/m]
+    limits: BreakLimits | None  # lengths at which they break, if any can
+
+    @property
+    def stiffness(self) -> float | np.ndarray:
+        """Stiffness k [N/m] of all, or k_e of each, (c,)."""
+        return _of_all(self.laws.extension)
+
+    @property
+    def natural_length(self) -> float | np.ndarray:
+        """Natural length D [m] of all, or of each, (c,)."""
+        return _of_all(self.laws.natural_length)
+
+    def __len__(self) -> int:
+        """Count the connectors."""
+        return len(self.bodies)
+
+    @cached_property
+    def points_body(self) -> np.ndarray:
+        """Attachment points [m], (c, 2, 3), each in the axes of its body."""
+        return self.attachment[self.edges]
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Everything there is to know before compiling; arrays are not to be written to."""
+
+    parameters: Parameters
+    shell: Shell
+    geometry: WeaveGeometry
+    weave: Weave
+    position: np.ndarray  # (n, 3) [m] woven rest positions, loose bodies last
+    orientation: np.ndarray  # (n, 4) x y z w at rest
+    connectors: SceneConnectors
+    groups: Mapping[str, np.ndarray]
+    supports: Supports | None
+    loads: Mapping[str, LoadChannel]
+    tractions: Mapping[str, Traction]
+    drives: Mapping[str, Drive]
+    anchors: Mapping[str, Anchor]
+    anchor_law: tuple[float, float, float]  # k_e [N/m], k_c [N/m], D [m]
+    initial: initial.InitialState
+    electric: Electric
+    files: Mapping[str, NamedFile]  # that were read, by the names that parameters give them
+
+    @classmethod
+    def from_parameters(
+        cls, parameters: Mapping[str, Any], *, shell: Shell | None = None
+    ) -> 'Scene':
+        """
+        Build a scene from a nested or dotted dictionary, or from Parameters.
+
+        The dictionary of a whole parameter file will do too. Raises ValueError (mostly
+        ParameterError) that names the parameter and the way out.
+        """
+        checked = as_parameters(parameters)
+        if shell is not None:
+            checks.instance('shell', shell, Shell, 'Shell.from_thickness(...) makes one')
+        with reading(checked.files) as files:
+            return cls._build(checked, shell, files)
+
+    @classmethod
+    def _build(
+        cls, checked: Parameters, shell: Shell | None, files: Mapping[str, NamedFile]
+    ) -> 'Scene':
+        """Build it from parameters; `files` grow with what is read."""
+        own_shell, geometry = _check_together(checked)
+        if shell is None:
+            shell = own_shell
+        elif shell.half_edge != own_shell.half_edge:
+            raise ParameterError(
+                'shell.edge_length',
+                f'shell.edge_length {own_shell.edge_length!r} m disagrees with the given shell, '
+                f'whose edge is {shell.edge_length!r} m; set it to that',
+            )
+        weave = build_weave(**weave_choices(checked, geometry))
+        if checked['weave.kind'] == 'radial':
+            weave = bend(weave, check_radius(checked, geometry))
+        loose = checked.names('bodies')
+        position = np.vstack(
+            [weave.position] + [[checked[f'bodies.{name}.position']] for name in loose]
+        )
+        orientation = np.vstack(
+            [np.broadcast_to(weave.orientation, (len(weave.position), 4))]
+            + [[initial.unit_quaternion(f'bodies.{name}.orientation', checked)] for name in loose]
+        )
+        length = woven_lengths(checked, weave)
+        groups = _groups(checked, selectors.Bodies(position, weave.grid, geometry.pitch))
+        supports = make_supports(checked, groups, len(position))
+        woven = length, groups, weave.connector_bodies
+        laws = make_laws(checked, *woven)
+        start = initial.make_initial_state(checked, position, orientation, groups, supports)
+        drives = make_drives(checked, groups, start, supports)
+        return cls(
+            parameters=checked,
+            shell=shell,
+            geometry=geometry,
+            weave=weave,
+            position=position,
+            orientation=orientation,
+            connectors=SceneConnectors(
+                weave.connector_bodies,
+                weave.connector_edges,
+                attachment_points(checked, geometry.half_edge),
+                length,
+                *laws,
+                spread_over(checked, 'bending_stiffness', *woven[1:]),
+                spread_over(checked, 'twisting_stiffness', *woven[1:]),
+                spread_over(checked, 'damping', *woven[1:]),
+                make_limits(checked, *woven, laws[0]),
+            ),
+            groups=groups,
+            supports=supports,
+            loads=make_channels(checked, groups),
+            tractions={
+                name: make_traction(
+                    checked, name, groups[checked[f'tractions.{name}.group']], position,
+                    orientation, geometry)
+                for name in checked.names('tractions')},
+            electric=make_electric(checked, len(position)),
+            drives=drives,
+            anchors=make_anchors(checked, len(position), drives, geometry.half_edge),
+            anchor_law=general_law(checked, geometry.connector_length),
+            initial=start,
+            files=files,
+        )
+
+    @property
+    def body_count(self) -> int:
+        """Count the bodies, loose ones included."""
+        return len(self.position)
+
+    @property
+    def connector_count(self) -> int:
+        """Count the connectors."""
+        return len(self.connectors)
+
+
+def require_scene(scene: Any, name: str = 'scene') -> Scene:
+    """Refuse what is not a scene, with the ways to one; `name` is that of the argument."""
+    return checks.instance(
+        name, scene, Scene,
+        'load_scene(path) reads one from a parameter file, Scene.from_parameters({...}) makes one')
+
+
+def _of_all(values: np.ndarray) -> float | np.ndarray:
+    return float(values[0]) if len(values) == 1 else values
+
+
+def load_scene(path: str | Path) -> Scene:
+    """
+    Read a scene from a ROS 2 parameter file; `fabric_node --params-file` has the same result.
+    """
+    return Scene.from_parameters(make_parameters(load_parameter_file(
+        checks.path('path', path, 'the path of a parameter file'))))
+
+
+def as_parameters(parameters: Mapping[str, Any]) -> Parameters:
+    """Turn a nested or dotted dictionary into Parameters; Parameters pass as they are."""
+    if isinstance(parameters, Parameters):
+        return parameters
+    return make_parameters(flatten_parameters(parameters))
+
+
+def check_parameters(parameters: Parameters) -> tuple[Shell, WeaveGeometry]:
+    """
+    Judge what several parameters say together, without building anything; cheap for any size.
+
+    Returns the shell and the weave geometry.
+    """
+    with reading(parameters.files):
+        return _check_together(parameters)
+
+
+def _check_together(parameters: Parameters) -> tuple[Shell, WeaveGeometry]:
+    shell = _shell(parameters)
+    geometry = _geometry(parameters, shell.half_edge)
+    bodies = _estimate(parameters, geometry)
+    _require_memory(parameters, bodies)
+    if not parameters['weave.region']:
+        make_electric(parameters, bodies)
+    for name in parameters.names('groups'):
+        if name in ('all', 'not', 'and', 'or'):
+            raise ParameterError(
+                f'groups.{name}',
+                f'groups.{name}: {name!r} is a word of the selectors; choose another name',
+            )
+        selectors.check_syntax(f'groups.{name}', parameters[f'groups.{name}'])
+    check_attachments(parameters, geometry)
+    check_wrapping(parameters)
+    if parameters['weave.kind'] == 'radial':
+        check_radius(parameters, geometry)
+    for name in parameters.names('connector_groups'):
+        between(parameters, name)
+        law_of(parameters, f'connector_groups.{name}')
+    law_of(parameters, 'connector')
+    for family in ('supports', 'loads', 'tractions', 'drives', 'initial'):
+        for name in parameters.names(family):
+            _check_group(parameters, f'{family}.{name}.group')
+    for name in parameters.names('supports'):
+        fixed_freedoms(parameters, name)
+    make_planes(parameters)
+    for family in ('loads', 'tractions'):
+        for name in parameters.names(family):
+            check_profile(parameters, f'{family}.{name}')
+    for name in parameters.names('drives'):
+        make_path(parameters, f'drives.{name}')
+    for name in parameters.names('tractions'):
+        check_faces(f'tractions.{name}.faces', parameters[f'tractions.{name}.faces'])
+        key = f'tractions.{name}.variation'
+        polynomial(key, parameters[key])
+    for name in parameters.names('bodies'):
+        initial.unit_quaternion(f'bodies.{name}.orientation', parameters)
+    return shell, geometry
+
+
+def _require_memory(parameters: Parameters, bodies: int) -> None:
+    need = bodies * BYTES_PER_BODY
+    if need < _SMALL or need <= (left := available_memory()):
+        return
+    name = 'weave.box' if any(parameters['weave.box']) else 'weave.size'
+    if parameters['weave.region']:
+        name = 'weave.region'
+    raise ParameterError(
+        name,
+        f'{name} {parameters[name]} means {bodies:,} bodies, about {need / 2**30:.3g} GiB of '
+        f'memory, but {left / 2**30:.3g} GiB are free here; choose a smaller one',
+    )
+
+
+def estimate_bodies(parameters: Parameters) -> int:
+    """Count the bodies of a scene without building it; see `estimate_weave` for how exactly."""
+    return _estimate(parameters, _geometry(parameters, _shell(parameters).half_edge))
+
+
+def _estimate(parameters: Parameters, geometry: WeaveGeometry) -> int:
+    woven = estimate_weave(**weave_choices(parameters, geometry)).bodies
+    return woven + len(parameters.names('bodies'))
+
+
+def _shell(parameters: Parameters) -> Shell:
+    edge, inner = parameters['shell.edge_length'], parameters['shell.inner_edge_length']
+    override = {
+        'density': parameters['shell.density'],
+        'mass': parameters['shell.mass'] or None,
+        'inertia': parameters['shell.inertia'] or None,
+    }
+    if not inner > 0.0:
+        return Shell.from_thickness(edge, parameters['shell.thickness'], **override)
+    shell = Shell.from_inner_edge_length(edge, inner, **override)
+    given = parameters['shell.thickness']
+    if (
+        'shell.thickness' in parameters.explicit
+        and not abs(given - shell.thickness) <= 1e-9 * shell.thickness
+    ):
+        raise ParameterError(
+            'shell.thickness',
+            f'shell.thickness {given!r} m disagrees with '
+            f'shell.inner_edge_length {inner!r} m, which means a thickness of '
+            f'{shell.thickness!r} m; give one of them',
+        )
+    return shell
+
+
+def _geometry(parameters: Parameters, half_edge: float) -> WeaveGeometry:
+    length, angle = parameters['weave.connector_length'], parameters['weave.connector_angle']
+    if not length > 0.0:
+        return geometry_from_angle(half_edge, angle)
+    geometry = geometry_from_length(half_edge, length)
+    if angle != 0.0 and not abs(angle - geometry.connector_angle) <= 1e-9:
+        raise ParameterError(
+            'weave.connector_angle',
+            f'weave.connector_angle {angle!r} rad disagrees with '
+            f'weave.connector_length {length!r} m, which means an angle of '
+            f'{geometry.connector_angle!r} rad; give one of them',
+        )
+    return geometry
+
+
+def weave_choices(parameters: Parameters, geometry: WeaveGeometry) -> dict[str, Any]:
+    """Arguments of `build_weave` and `estimate_weave`."""
+    box = parameters['weave.box']
+    return {
+        'geometry': geometry,
+        'box': box if any(box) else None,
+        'region': make_region(parameters['weave.region']),
+        # A radial weave is an orthogonal one that is bent afterwards.
+        'kind': parameters['weave.kind'].replace('radial', 'orthogonal'),
+        **{
+            name: parameters[f'weave.{name}']
+            for name in ('variant', 'size', 'azimuth', 'boundary', 'connected')
+        },
+    }
+
+
+def _check_group(parameters: Parameters, name: str) -> None:
+    group = parameters[name]
+    if group != 'all' and f'groups.{group}' not in parameters:
+        known = ', '.join(['all', *parameters.names('groups')])
+        raise ParameterError(
+            name,
+            f'{name}: there is no group {group!r}; known: {known}. '
+            f'Define it with groups.{group or "NAME"}',
+        )
+
+
+def _groups(parameters: Parameters, bodies: selectors.Bodies) -> dict[str, np.ndarray]:
+    groups = {'all': np.arange(len(bodies.position), dtype=np.int32)}
+    for name in parameters.names('groups'):
+        groups[name] = selectors.select(f'groups.{name}', parameters[f'groups.{name}'], bodies)
+    return groups

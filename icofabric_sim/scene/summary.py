@@ -1,0 +1,237 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""A scene in words: shell, weave, bodies, what holds them and what acts on them."""
+
+from collections.abc import Iterable, Sequence
+import math
+
+from icofabric_sim.scene.scene import BYTES_PER_BODY, Scene, weave_choices
+from icofabric_sim.scene.weave import estimate_weave
+from icofabric_sim.scene.weave_geometry import slab_depth
+import numpy as np
+
+Row = tuple[str, str]
+
+
+def as_lines(rows: Iterable[Row]) -> list[str]:
+    """Lines of two columns; a row without a label goes on with the one above."""
+    table = list(rows)
+    width = max((len(label) for label, _ in table), default=0)
+    return [f'{label:<{width}}  {text}'.rstrip() for label, text in table]
+
+
+def vector(values: Sequence[float] | np.ndarray, unit: str) -> str:
+    """A vector with its unit."""
+    return f'[{", ".join(f"{value:.6g}" for value in values)}] {unit}'
+
+
+def times(growth: float, at_least: bool = False) -> str:
+    """A growth in words."""
+    if growth == math.inf:
+        return 'more than 1e308 times'
+    return f'{"at least " if at_least else ""}{growth:.3g} times'
+
+
+def describe_scene(scene: Scene) -> list[Row]:
+    """Label and text of all that a scene says before it is compiled."""
+    shell, geometry, weave = scene.shell, scene.geometry, scene.weave
+    parameters = scene.parameters
+    angle = geometry.connector_angle
+    rows = [
+        ('shell', f'mass {shell.mass:.6g} kg, inertia {shell.inertia:.6g} kg m^2'),
+        (
+            '',
+            f'edge 2a = {shell.edge_length:.6g} m, inner edge 2b = '
+            f'{shell.inner_edge_length:.6g} m, thickness T = {shell.thickness:.6g} m',
+        ),
+        ('weave', f'{weave.kind}, variant {weave.variant}, {_times(weave.size)} grid positions'),
+        (
+            '',
+            f'cube width w = {geometry.cube_width:.6g} m, connector length L = '
+            f'{geometry.connector_length:.6g} m',
+        ),
+        (
+            '',
+            f'connector angle theta = {angle:.6g} rad = {math.degrees(angle):.6g} degrees, '
+            f'pitch W = {geometry.pitch:.6g} m',
+        ),
+        ('depths', _depths(scene)),
+        ('bodies', f'{scene.body_count:,}' + _loose(scene)),
+        ('connectors', f'{scene.connector_count:,}, {_springs(scene)}'),
+        ('mass', f'{scene.body_count * shell.mass:.6g} kg in all'),
+        ('gravity', vector(parameters['gravity'], 'm/s^2')),
+    ]
+    rows += _several('groups', (
+        f'{name}: {len(scene.groups[name]):,} bodies ({parameters[f"groups.{name}"]})'
+        for name in parameters.names('groups')
+    ))  # fmt: skip
+    rows += _several('supports', (
+        f'{name}: {parameters[f"supports.{name}.fix"]} of {_group(scene, f"supports.{name}")}'
+        for name in parameters.names('supports')
+    ))  # fmt: skip
+    rows += _several('loads', (_load(scene, name) for name in scene.loads))
+    if scene.drives:
+        rows += _several('drives', (_drive(scene, name) for name in scene.drives))
+    if scene.anchors:
+        rows += _several('anchors', (_anchor(scene, name) for name in scene.anchors))
+    if scene.tractions:
+        rows += _several('tractions', (_traction(scene, name) for name in scene.tractions))
+    rows += _several('initial', (
+        f'{name}: {_group(scene, f"initial.{name}")}{_initial(scene, name)}'
+        for name in parameters.names('initial')
+    ))  # fmt: skip
+    memory = scene.body_count * BYTES_PER_BODY
+    rows.append(('memory', f'about {_bytes(max(memory, _weaving(scene)))}'))
+    return rows
+
+
+def _bytes(count: float) -> str:
+    for unit in ('B', 'KiB', 'MiB'):
+        if count < 1024:
+            return f'{count:.3g} {unit}'
+        count /= 1024
+    return f'{count:.3g} GiB'
+
+
+def _weaving(scene: Scene) -> int:
+    return estimate_weave(**weave_choices(scene.parameters, scene.geometry)).memory
+
+
+def _times(numbers: Sequence[int]) -> str:
+    return ' x '.join(str(number) for number in numbers)
+
+
+def _depths(scene: Scene) -> str:
+    if scene.weave.kind == 'orthogonal' and not scene.parameters['weave.region']:
+        depth = slab_depth(scene.weave.size, scene.geometry)
+        return ' x '.join(f'{value:.6g}' for value in depth) + ' m, over the circumscribing cubes'
+    woven = scene.weave.position
+    spread = woven.max(axis=0) - woven.min(axis=0)
+    return ' x '.join(f'{value:.6g}' for value in spread) + ' m, over the centres'
+
+
+def _loose(scene: Scene) -> str:
+    loose = scene.body_count - scene.weave.body_count
+    if not loose:
+        return ''
+    return f', the last {loose} of them loose: {", ".join(scene.parameters.names("bodies"))}'
+
+
+def _springs(scene: Scene) -> str:
+    laws, length = scene.connectors.laws, scene.connectors.woven_length
+    tables = scene.connectors.tables.tables
+    if tables:
+        text = f'by table ({", ".join(table.file for table in tables)})'
+    elif laws.plain:
+        text = f'stiffness {_range(laws.extension)} N/m'
+    else:
+        text = (
+            f'stiffness {_range(laws.extension)} N/m in extension, '
+            f'{_range(laws.compression)} N/m in compression')
+    text += f', natural length {_range(laws.natural_length)} m'
+    strain = length / laws.natural_length - 1.0
+    if strain.any():
+        text += f' (woven at a strain of {_range(100.0 * strain)} %)'
+    for name in ('bending', 'twisting'):
+        stiffness = getattr(scene.connectors, f'{name}_stiffness')
+        if stiffness.any():
+            text += f', against {name} {_range(stiffness)} N m/rad'
+    limits = scene.connectors.limits
+    for word, values in () if limits is None else (
+            ('longer', limits.longest), ('shorter', limits.shortest)):
+        given = values[np.isfinite(values) & (values > 0.0)]
+        if len(given):
+            text += f', broken when {word} than {_range(given)} m'
+    return text
+
+
+def _range(values: np.ndarray) -> str:
+    low, high = float(values.min()), float(values.max())
+    return f'{low:.6g}' if low == high else f'{low:.6g} to {high:.6g}'
+
+
+def _several(label: str, texts: Iterable[str]) -> list[Row]:
+    rows = [('', text) for text in texts]
+    return [(label, rows[0][1]), *rows[1:]] if rows else [(label, 'none')]
+
+
+def _group(scene: Scene, prefix: str) -> str:
+    name = scene.parameters[f'{prefix}.group']
+    return f'{name} ({len(scene.groups[name]):,} bodies)'
+
+
+def _load(scene: Scene, name: str) -> str:
+    load = scene.loads[name]
+    frame = 'the axes of each body' if load.in_body_axes else 'world axes'
+    share = 'shared out' if load.total else 'on each body'
+    text = f'{name}: ~/loads/{name} on {_group(scene, f"loads.{name}")}, {frame}, {share}'
+    if load.force.any() or load.torque.any():
+        text += (
+            f'; {_profile(scene, f"loads.{name}")} {vector(load.force, "N")}, '
+            f'{vector(load.torque, "N m")}')
+    return text
+
+
+def _profile(scene: Scene, prefix: str) -> str:
+    kind, start, duration = (
+        scene.parameters[f'{prefix}.{field}'] for field in ('profile', 'start', 'duration'))
+    begin = f'from {start:g} s on' if start > 0.0 else 'from the start'
+    text = begin if kind == 'steady' else f'{begin} as {kind}'
+    return f'{text}, for {duration:g} s,' if duration > 0.0 else text
+
+
+def _anchor(scene: Scene, name: str) -> str:
+    prefix = f'anchors.{name}'
+    body, edge, position, velocity, file = (
+        scene.parameters[f'{prefix}.{field}']
+        for field in ('body', 'edge', 'position', 'velocity', 'file'))
+    text = f'{name}: body {body}, edge {edge}, to {vector(np.array(position), "m")}'
+    if any(velocity):
+        text += f', which moves with {vector(np.array(velocity), "m/s")}'
+    return f'{text}, which moves as {file} says' if file else text
+
+
+def _drive(scene: Scene, name: str) -> str:
+    prefix = f'drives.{name}'
+    motion, linear, angular, start = (
+        scene.parameters[f'{prefix}.{field}']
+        for field in ('motion', 'linear', 'angular', 'start'))
+    text = f'{name}: ~/drives/{name} on {_group(scene, prefix)}, {motion}'
+    units = ('m', 'rad') if motion == 'sine' else ('m/s', 'rad/s')
+    for value, unit in zip((linear, angular), units):
+        if any(value):
+            text += f', {vector(np.array(value), unit)}'
+    if motion == 'sine':
+        text += f', {scene.parameters[f"{prefix}.frequency"]:g} Hz'
+    if motion == 'table':
+        text += f' {scene.parameters[f"{prefix}.file"]}'
+    return f'{text}, from {start:g} s on' if start > 0.0 else text
+
+
+def _traction(scene: Scene, name: str) -> str:
+    prefix = f'tractions.{name}'
+    pressure, shear, faces, direction = (
+        scene.parameters[f'{prefix}.{field}']
+        for field in ('pressure', 'shear', 'faces', 'direction'))
+    text = f'{name}: on {_group(scene, prefix)}, faces {faces}, {pressure:g} Pa'
+    if any(shear):
+        text += f', shear {vector(np.array(shear), "Pa")}'
+    if scene.parameters[f'{prefix}.variation'].strip():
+        text += ', varying over each face'
+    if scene.parameters[f'{prefix}.frictionless']:
+        text += ', frictionless'
+    return f'{text}, {direction}; {_profile(scene, prefix)}'
+
+
+def _initial(scene: Scene, name: str) -> str:
+    parts = []
+    for field, unit in (
+        ('displacement', 'm'),
+        ('rotation', 'rad'),
+        ('linear_velocity', 'm/s'),
+        ('angular_velocity', 'rad/s'),
+    ):
+        value = scene.parameters[f'initial.{name}.{field}']
+        if any(value):
+            parts.append(f', {field.replace("_", " ")} {vector(value, unit)}')
+    return ''.join(parts)

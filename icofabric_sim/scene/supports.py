@@ -1,0 +1,49 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""Supports: bodies whose translation or rotation is held in world axes."""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+from icofabric_sim.parameters.validation import ParameterError, Parameters
+import numpy as np
+
+_FREEDOMS = ('tx', 'ty', 'tz', 'rotation')
+
+
+class Supports(NamedTuple):
+    """Held freedoms of every body."""
+
+    translation: np.ndarray  # (n, 3) bool, world axes
+    rotation: np.ndarray  # (n,) bool
+
+
+def fixed_freedoms(parameters: Parameters, name: str) -> set[str]:
+    """Return the freedoms that `supports.NAME` holds: some of tx, ty, tz, rotation."""
+    text = parameters[f'supports.{name}.fix']
+    words = text.split()
+    unknown = [word for word in words if word not in (*_FREEDOMS, 'all')]
+    if unknown or not words:
+        raise ParameterError(
+            f'supports.{name}.fix',
+            f'supports.{name}.fix must name some of tx ty tz rotation, or '
+            f'all, separated by spaces, got {text!r}',
+        )
+    return set(_FREEDOMS) if 'all' in words else set(words)
+
+
+def make_supports(
+    parameters: Parameters, groups: Mapping[str, np.ndarray], body_count: int
+) -> Supports | None:
+    """Return the held freedoms of all bodies; None where the scene has no supports."""
+    names = parameters.names('supports')
+    if not names:
+        return None
+    supports = Supports(np.zeros((body_count, 3), dtype=bool), np.zeros(body_count, dtype=bool))
+    for name in names:
+        fixed = fixed_freedoms(parameters, name)
+        bodies = groups[parameters[f'supports.{name}.group']]
+        for axis, word in enumerate(_FREEDOMS[:3]):
+            supports.translation[bodies, axis] |= word in fixed
+        supports.rotation[bodies] |= 'rotation' in fixed
+    return supports

@@ -1,0 +1,88 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""Tables in time that a scene names: CSV files whose first column is the time [s]."""
+
+import math
+from pathlib import Path
+
+from icofabric_sim.parameters.named_files import note_content, recorded_content
+from icofabric_sim.parameters.ready_scenes import scene_folders
+from icofabric_sim.parameters.validation import ParameterError
+import numpy as np
+
+_LARGEST = 1_000_000  # rows
+_LONGEST_LINE = 10_000  # characters
+
+
+def read_time_table(
+    name: str, file: str, widths: dict[int, str], *, first: str = 'times', unit: str = 's'
+) -> np.ndarray:
+    """
+    Rows of a table, (r, c): times [s], strictly increasing from 0 or later, then other numbers.
+
+    `widths`: how many columns there may be, and what they are. Lines that are empty or begin with
+    # are skipped, and so is a first line of words. A relative path is looked up from the working
+    directory, then beside the ready scenes. `first` and its `unit`: what the first column is.
+    Raises ParameterError for the parameter `name`.
+    """
+    rows: list[list[float]] = []
+    wanted = ' or '.join(widths.values())
+    path, content = Path(file), recorded_content(file)
+    try:
+        if content is None:
+            path = find_table(name, file)
+            content = path.read_bytes()
+            note_content(file, content)
+        lines = content.decode('utf-8-sig').splitlines()
+    except (OSError, UnicodeDecodeError, MemoryError) as error:
+        raise ParameterError(name, f'{name}: cannot read {path}: {error}') from None
+    except ParameterError:
+        raise
+    except ValueError as error:
+        raise ParameterError(name, f'{name}: {error}') from None
+    for number, line in enumerate(lines, start=1):
+        text = line.strip()
+        if not text or text.startswith('#'):
+            continue
+        if len(text) > _LONGEST_LINE or len(rows) >= _LARGEST:
+            raise ParameterError(name, f'{name}: {path} is too long for a table of {wanted}')
+        values = _numbers(text)
+        if values is None and not rows and not any(c.isdigit() for c in text):
+            continue  # names of the columns
+        if values is None or len(values) not in widths or (
+                rows and len(values) != len(rows[0])):
+            raise ParameterError(
+                name, f'{name}: {path}, line {number}, must be {wanted}, all finite and the '
+                f'same in every line, got {text!r:.80}')
+        if not (values[0] >= 0.0 if not rows else values[0] > rows[-1][0]):
+            raise ParameterError(
+                name, f'{name}: {path}, line {number}: {first} must increase from line to '
+                f'line, from 0 {unit} on, got {values[0]!r} {unit}'
+                + (f' after {rows[-1][0]!r} {unit}' if rows else ''))
+        rows.append(values)
+    if len(rows) < 2:
+        raise ParameterError(
+            name, f'{name}: {path} must have at least two lines of {wanted}, got {len(rows)}')
+    return np.array(rows)
+
+
+def find_table(name: str, file: str) -> Path:
+    """Where the file of a table is; ParameterError for the parameter `name` where it is not."""
+    path = Path(file).expanduser()
+    if file:
+        places = [path, *(() if path.is_absolute() else (
+            folder / path for folder in scene_folders()))]
+        for place in places:
+            if place.is_file():
+                return place
+    raise ParameterError(
+        name, f'{name}: there is no file {file!r}; give the path of a CSV file, from '
+        f'{Path.cwd()} if it is not absolute')
+
+
+def _numbers(text: str) -> list[float] | None:
+    try:
+        values = [float(part) for part in text.split(',')]
+    except ValueError:
+        return None
+    return values if all(map(math.isfinite, values)) else None

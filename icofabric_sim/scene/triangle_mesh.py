@@ -1,0 +1,166 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""Closed triangle meshes from files: STL, binary or text, and OBJ."""
+
+from functools import lru_cache
+import os
+from pathlib import Path
+import struct
+from typing import NamedTuple
+
+from icofabric_sim.kernels.inside import mark_inside
+import numpy as np
+
+SUFFIXES = ('.stl', '.obj')
+# Points this near to the surface, beside the size of the mesh, belong to it.
+_ROUNDING = 1e-9
+_HEADER, _RECORD = 84, 50  # bytes of a binary STL
+_STRIPS = 1024
+# Larger files are hardly meant.
+_LARGEST_FILE = 2**30
+
+
+class TriangleMesh(NamedTuple):
+    """A closed surface, the middle of the box around it in the origin."""
+
+    corners: np.ndarray  # (t, 3, 3) [m]
+    half_extent: np.ndarray  # (3,) [m]
+    oriented: bool  # all triangles see the same side of it from outside
+
+    def contains(self, points: np.ndarray) -> np.ndarray:
+        """
+        Which of the points (n, 3) [m] lie inside or, up to rounding, on the surface; (n,) bool.
+
+        Inside is where the surface winds round at all: overlapping parts are united, and a part
+        within another with its triangles the other way round is a hollow. Where triangles are not
+        oriented alike: where a ray crosses the surface an odd number of times.
+        """
+        low = -float(self.half_extent[1])
+        height = 2.0 * float(self.half_extent[1])
+        strips = max(1, min(_STRIPS, round(len(self.corners) ** 0.5)))
+        room = _ROUNDING * float(self.half_extent.max())
+        low, width = low - 2.0 * room, (height + 4.0 * room) / strips
+        # The same rounding as for points, so that none looks into a strip too few.
+        ends = [
+            np.clip(np.floor((bound - low) / width), 0, strips - 1).astype(np.int64)
+            for bound in (self.corners[:, :, 1].min(axis=1), self.corners[:, :, 1].max(axis=1))]
+        count = ends[1] - ends[0] + 1
+        members = np.repeat(np.arange(len(count), dtype=np.int32), count)
+        strip = np.repeat(ends[0] - (np.cumsum(count) - count), count) + np.arange(len(members))
+        order = np.argsort(strip, kind='stable')
+        first = np.zeros(strips + 1, np.int64)
+        np.cumsum(np.bincount(strip, minlength=strips), out=first[1:])
+        inside = np.zeros(len(points), bool)
+        mark_inside(
+            np.ascontiguousarray(points, np.float64), self.corners, first, members[order], low,
+            width, self.oriented, room, inside)
+        return inside
+
+
+def load_mesh(path: str | Path) -> TriangleMesh:
+    """Read a closed mesh; ValueError says what is wrong with the file or the surface."""
+    path = Path(path).expanduser()
+    if path.suffix.lower() not in SUFFIXES:
+        raise ValueError(f'{path} is not a mesh: its name must end in .stl or .obj')
+    try:
+        status = os.stat(path)
+        return _load(path, status.st_mtime_ns, status.st_size)
+    except OSError as error:
+        raise ValueError(f'{path} cannot be read: {error.strerror}') from error
+
+
+@lru_cache(maxsize=4)
+def _load(path: Path, changed: int, size: int) -> TriangleMesh:
+    # Judged for every change of a parameter: read again only when the file has changed.
+    if size > _LARGEST_FILE:
+        raise ValueError(f'{path} has {size:,} bytes, more than {_LARGEST_FILE:,}')
+    return parse_mesh(path, path.read_bytes())
+
+
+def parse_mesh(path: Path, data: bytes) -> TriangleMesh:
+    """
+    The closed mesh that a file of this `path` with the bytes `data` holds; ValueError as above.
+    """
+    corners = _read_obj(path, data) if path.suffix.lower() == '.obj' else _read_stl(path, data)
+    if not len(corners):
+        raise ValueError(f'{path} holds no triangles')
+    if not np.isfinite(corners).all():
+        raise ValueError(f'{path} holds coordinates that are not finite numbers')
+    low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
+    if not (high > low).all():
+        raise ValueError(f'{path} is flat: its sides are {(high - low).tolist()} m')
+    oriented = _require_closed(path, corners)
+    corners = np.ascontiguousarray(corners - 0.5 * (low + high))
+    corners.flags.writeable = False
+    return TriangleMesh(corners, 0.5 * (high - low), oriented)
+
+
+def _read_stl(path: Path, data: bytes) -> np.ndarray:
+    if len(data) >= _HEADER:
+        count = struct.unpack_from('<I', data, _HEADER - 4)[0]
+        if len(data) == _HEADER + _RECORD * count:
+            record = np.dtype([('normal', '<f4', 3), ('corners', '<f4', (3, 3)), ('_', '<u2')])
+            return np.frombuffer(data, record, count, _HEADER)['corners'].astype(np.float64)
+    if not data.lstrip()[:5].lower() == b'solid':
+        raise ValueError(
+            f'{path} is neither a text STL, which begins with "solid", nor a binary one, whose '
+            f'length of {len(data):,} bytes would fit its number of triangles: it may be cut off')
+    numbers = []
+    for number, line in enumerate(data.split(b'\n'), 1):
+        words = line.split()
+        if words[:1] == [b'vertex']:
+            numbers.append(_three(path, number, words[1:]))
+    if len(numbers) % 3 or not data.rstrip().split(b'\n')[-1].lstrip().startswith(b'endsolid'):
+        raise ValueError(f'{path} is cut off: it has {len(numbers)} corners and no last line')
+    return np.array(numbers).reshape(-1, 3, 3)
+
+
+def _read_obj(path: Path, data: bytes) -> np.ndarray:
+    points: list[tuple[float, ...]] = []
+    faces: list[tuple[int, int, int]] = []
+    for number, line in enumerate(data.split(b'\n'), 1):
+        words = line.split()
+        if words[:1] == [b'v']:
+            points.append(_three(path, number, words[1:4]))
+        elif words[:1] == [b'f']:
+            try:
+                corners = [int(word.split(b'/')[0]) for word in words[1:]]
+            except ValueError:
+                corners = []
+            # From 1 on, or back from the last point so far.
+            corners = [k - 1 if k > 0 else len(points) + k for k in corners]
+            if len(corners) < 3 or not all(0 <= k < len(points) for k in corners):
+                raise ValueError(
+                    f'{path}, line {number}: a face needs three or more of the {len(points)} '
+                    'points before it')
+            faces += [(corners[0], b, c) for b, c in zip(corners[1:], corners[2:])]
+    return np.array(points).reshape(-1, 3)[np.array(faces, np.int64).reshape(-1, 3)]
+
+
+def _three(path: Path, number: int, words: list[bytes]) -> tuple[float, ...]:
+    try:
+        values = tuple(float(word) for word in words)
+    except ValueError:
+        values = ()
+    if len(values) != 3:
+        raise ValueError(f'{path}, line {number}: a point needs three numbers')
+    return values
+
+
+def _require_closed(path: Path, corners: np.ndarray) -> bool:
+    """Refuse a surface with holes; returns whether all triangles are oriented alike."""
+    # Adding 0 makes one zero of two.
+    points, number = np.unique(corners.reshape(-1, 3) + 0.0, axis=0, return_inverse=True)
+    number = number.reshape(-1, 3)
+    start, end = number.ravel(), np.roll(number, -1, axis=1).ravel()
+    start, end = start[start != end], end[start != end]
+    key = np.minimum(start, end) * len(points) + np.maximum(start, end)
+    edges, member, count = np.unique(key, return_inverse=True, return_counts=True)
+    open_edges = np.flatnonzero(count % 2)
+    if len(open_edges):
+        place = points[int(edges[open_edges[0]]) // len(points)]
+        raise ValueError(
+            f'{path} is not closed: {len(open_edges)} of its {len(edges)} edges, one of them at '
+            f'{place.tolist()}, belong to an odd number of triangles; close the holes, and let '
+            'triangles that meet share the very same points')
+    return not np.bincount(member, np.where(start < end, 1.0, -1.0)).any()

@@ -1,0 +1,282 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+Woven fabrics: where the icosahedra are, how they are turned, and what connects them.
+
+Source: "A Mathematical Model of Icosahedral Materials", "Weaves". The fabric has axes of its own,
+along which rows, columns and levels run; in the bias orientation they are turned in the world.
+"""
+
+from dataclasses import dataclass
+import math
+from typing import Final, get_args, Literal, NamedTuple, Sequence
+
+from icofabric_sim.scene.region import NAME as REGION
+from icofabric_sim.scene.region import Region
+from icofabric_sim.scene.weave_connect import connect_grid, Fastest, no_connectors
+from icofabric_sim.scene.weave_geometry import (
+    checked_box,
+    PLACES_LIMIT,
+    ROUNDING,
+    size_for_box,
+    WeaveGeometry,
+)
+from icofabric_sim.scene.weave_index import checked_size, checked_variant, is_turned, slab_count
+from icofabric_sim.scene.weave_lattice import (
+    part_bounds,
+    part_grid,
+    slab_grid,
+    turned_box_grid,
+    turned_points,
+)
+from icofabric_sim.scene.weave_tables import connector_count as table_count
+import numpy as np
+
+Kind = Literal['orthogonal', 'bias']
+Boundary = Literal['upright', 'fabric']
+
+# Bodies and connectors are numbered with 32 bits.
+COUNT_LIMIT: Final = 2**31 - 1
+# Highest memory while building. Per body: grid 12, key 8, partners 24 with their mask 6, one
+# search 14. Per connector: numbers 8 and codes 2, and 4 while they are gathered. Measured with
+# 8,001,504 bodies: 1138 MB, where this makes 1179 MB.
+_BYTES_PER_BODY: Final = 64
+_BYTES_PER_CONNECTOR: Final = 14
+# An estimate lays out at most this many grid places along each side.
+_SAMPLE_PLACES: Final = 32.0
+
+# Half the angle between the fabric's (1, 1, 1) and the vertical, arccos(1/sqrt(3)) = 54.736 deg.
+_BIAS_HALF_ANGLE: Final = 0.5 * math.acos(1.0 / math.sqrt(3.0))
+
+
+@dataclass(frozen=True, eq=False)
+class Weave:
+    """A woven fabric at rest; arrays are shared, not copied, and not to be changed."""
+
+    kind: Literal['orthogonal', 'bias', 'radial']
+    variant: int
+    size: tuple[int, int, int]  # Nx, Ny, Nz grid positions
+    geometry: WeaveGeometry
+    grid: np.ndarray  # (N, 3) int32, grid point of each body along the fabric's own axes
+    position: np.ndarray  # (N, 3) [m], world
+    # Unit quaternion x, y, z, w, body to world: (4,) of all bodies, (N, 4) of each in a radial one
+    orientation: np.ndarray
+    connector_bodies: np.ndarray  # (C, 2) int32, the lower body first
+    connector_edges: np.ndarray  # (C, 2) int8, `icosahedron.NAMED_EDGES` at those bodies
+
+    @property
+    def body_count(self) -> int:
+        return len(self.position)
+
+    @property
+    def connector_count(self) -> int:
+        return len(self.connector_bodies)
+
+
+class WeaveEstimate(NamedTuple):
+    """What building a weave would take."""
+
+    bodies: int
+    connectors: int
+    memory: int  # [bytes], highest while building
+
+
+def fabric_orientation(kind: Kind, azimuth: float = 0.0) -> np.ndarray:
+    """
+    Return the unit quaternion x, y, z, w that takes the fabric's axes to the world.
+
+    Bias: the smallest rotation that takes (1, 1, 1) to the vertical, then `azimuth` [rad] about
+    the vertical. A face of each icosahedron is then up, and all three axes along which the gaps
+    lie tilt by 54.736 degrees, as the text wants; it does not say which azimuth.
+    """
+    if kind != 'bias':
+        return np.array([0.0, 0.0, 0.0, 1.0])
+    if not math.isfinite(azimuth):
+        raise ValueError(f'weave.azimuth is {azimuth!r} rad: it must be finite')
+    # About (1, -1, 0), which is perpendicular to both.
+    tilt = math.sqrt(0.5) * math.sin(_BIAS_HALF_ANGLE)
+    turn = np.array([0.0, 0.0, math.sin(0.5 * azimuth), math.cos(0.5 * azimuth)])
+    return _product(turn, np.array([tilt, -tilt, 0.0, math.cos(_BIAS_HALF_ANGLE)]))
+
+
+def body_orientation(kind: Kind, variant: int, azimuth: float = 0.0) -> np.ndarray:
+    """
+    Return the unit quaternion x, y, z, w, body to world, that all bodies of a weave share.
+
+    In variants 2 and 3 the bodies are first turned by 90 degrees about the fabric's z axis.
+    """
+    fabric = fabric_orientation(kind, azimuth)
+    if not is_turned(variant):
+        return fabric
+    return _product(fabric, np.array([0.0, 0.0, math.sqrt(0.5), math.sqrt(0.5)]))
+
+
+def build_weave(
+        kind: Kind, variant: int, size: Sequence[int], geometry: WeaveGeometry, *,
+        box: Sequence[float] | None = None, azimuth: float = 0.0,
+        boundary: Boundary = 'upright', region: Region | None = None, connected: bool = True
+        ) -> Weave:
+    """
+    Weave a fabric of `size` grid positions, or the one that fits `box` [m] best.
+
+    Orthogonal: a slab along the world's axes with its corner grid point at the origin. Bias with
+    boundary 'fabric': the same slab turned about the origin. Bias with boundary 'upright': the
+    bodies of a turned fabric whose centres lie in the region that the cells of the orthogonal
+    slab fill, from -W/2 to (N - 1/2) W (with `box`: from -W/2 on, and as large as the box), in
+    which the corner of the variant (icosahedron or gap) sits in the middle. `azimuth` and
+    `boundary` concern bias only. Of either, with a `region` about the middle of those cells, only
+    the bodies whose centres lie in it, in the order of the grid: by z, then y, then x.
+    """
+    kind, variant, boundary = _checked_choices(kind, variant, boundary)
+    size, extent = _resolved_size(kind, boundary, size, geometry, box)
+    rotation = rotation_matrix(fabric_orientation(kind, azimuth))
+    upright = kind == 'bias' and boundary == 'upright'
+    low, high = _bounds(size, rotation, geometry, region)
+    _refuse_unnumbered(size, low, high)
+    origin = np.zeros(3)
+    if upright:
+        grid = turned_box_grid(variant, rotation, _half_extent(extent, geometry, region))
+        origin = 0.5 * (extent - 1.0) * geometry.pitch
+        if region is not None:
+            grid = grid[region.contains(geometry.pitch * turned_points(rotation, grid))]
+    elif region is not None:
+        middle = 0.5 * (np.array(size) - 1.0)
+        grid = part_grid(variant, low, high, lambda points: region.contains(
+            geometry.pitch * turned_points(rotation, points - middle)))
+    else:
+        grid = slab_grid(variant, size)
+    _refuse_empty(len(grid), kind, variant, size, region)
+    cut = upright or region is not None
+    fastest: Fastest = 'y' if is_turned(variant) and not cut else 'x'
+    connectors = connect_grid(grid, variant, fastest=fastest) if connected else no_connectors()
+    position = turned_points(rotation, grid) if kind == 'bias' else grid.astype(np.float64)
+    position *= geometry.pitch
+    position += origin
+    return Weave(
+        kind, variant, size, geometry, grid, position, body_orientation(kind, variant, azimuth),
+        connectors.bodies, connectors.edges)
+
+
+def estimate_weave(
+        kind: Kind, variant: int, size: Sequence[int], geometry: WeaveGeometry, *,
+        box: Sequence[float] | None = None, azimuth: float = 0.0,
+        boundary: Boundary = 'upright', region: Region | None = None, connected: bool = True
+        ) -> WeaveEstimate:
+    """
+    Estimate bodies, connectors and memory of `build_weave`, and raise what it would raise.
+
+    Takes milliseconds and little memory for any size. The counts are exact, but for an upright
+    bias weave with a side of more than 32 places, where they are those of its volume, and for one
+    cut to a region, where they are those of the box around it, and never too small.
+    """
+    kind, variant, boundary = _checked_choices(kind, variant, boundary)
+    size, extent = _resolved_size(kind, boundary, size, geometry, box)
+    rotation = rotation_matrix(fabric_orientation(kind, azimuth))
+    low, high = _bounds(size, rotation, geometry, region)
+    _refuse_unnumbered(size, low, high)
+    bodies, connectors = slab_count(variant, size), table_count(variant, size)
+    if kind == 'bias' and boundary == 'upright':
+        extent = 2.0 * _half_extent(extent, geometry, region)
+        # The middle part of the box. Where it is empty, so is the box, unless that is very thin.
+        part = np.minimum(extent, _SAMPLE_PLACES)
+        grid = turned_box_grid(variant, rotation, 0.5 * part)
+        bodies, connectors = len(grid), len(connect_grid(grid, variant).bodies)
+        if bool(np.any(part < extent)) and (bodies or float(extent.min()) < 1.0):
+            # Half the grid points, and 12 connectors with two ends each at every body.
+            bodies = math.ceil(0.5 * math.prod(extent.tolist()))
+            connectors = 6 * bodies
+    elif region is not None:
+        bodies = -(-math.prod((high - low + 1).tolist()) // 2)
+        connectors = 6 * bodies
+    _refuse_empty(bodies, kind, variant, size, region)
+    if not connected:
+        connectors = 0
+    return WeaveEstimate(
+        bodies, connectors, _BYTES_PER_BODY * bodies + _BYTES_PER_CONNECTOR * connectors)
+
+
+def rotation_matrix(orientation: np.ndarray) -> np.ndarray:
+    """Rotation matrix (3, 3) of a unit quaternion x, y, z, w."""
+    x, y, z, w = (float(value) for value in orientation)
+    return np.array([
+        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)],
+        [2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)],
+        [2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)]])
+
+
+def _resolved_size(
+        kind: Kind, boundary: Boundary, size: Sequence[int], geometry: WeaveGeometry,
+        box: Sequence[float] | None) -> tuple[tuple[int, int, int], np.ndarray]:
+    # Size in grid positions, and extent of the region in units of the pitch.
+    if box is None:
+        size = checked_size(size)
+        return size, np.array(size, np.float64)
+    if kind == 'bias' and boundary == 'upright':
+        # Here centres fill the box, so that it may be narrower than an icosahedron.
+        extent = np.minimum(checked_box(box) / geometry.pitch, PLACES_LIMIT)
+        nx, ny, nz = (max(1, math.floor(n * (1.0 + ROUNDING))) for n in extent)
+        return (nx, ny, nz), extent
+    size = size_for_box(box, geometry)
+    return size, np.array(size, np.float64)
+
+
+def _bounds(
+        size: tuple[int, int, int], rotation: np.ndarray, geometry: WeaveGeometry,
+        region: Region | None) -> tuple[np.ndarray, np.ndarray]:
+    # First and last grid places of a slab that can be in the region.
+    if region is None:
+        return np.zeros(3, np.int64), np.array(size, np.int64) - 1
+    return part_bounds(size, np.abs(rotation.T) @ (region.half_extent / geometry.pitch))
+
+
+def _half_extent(
+        extent: np.ndarray, geometry: WeaveGeometry, region: Region | None) -> np.ndarray:
+    # Of the upright box of a bias fabric, which has its middle where the region has it.
+    if region is None:
+        return 0.5 * extent
+    return np.minimum(0.5 * extent, region.half_extent / geometry.pitch)
+
+
+def _refuse_unnumbered(
+        size: tuple[int, int, int], low: np.ndarray, high: np.ndarray) -> None:
+    # Variant 0 has the most; for an upright bias box this is about right, and far beyond memory.
+    part = [max(1, int(count)) for count in high - low + 1]
+    bodies, connectors = slab_count(0, part), table_count(0, part)
+    if max(*size, bodies, connectors) > COUNT_LIMIT:
+        raise ValueError(
+            f'weave.size is {list(size)}: that makes about {bodies} bodies and {connectors} '
+            f'connectors; places, bodies and connectors are numbered up to {COUNT_LIMIT}')
+
+
+def _refuse_empty(
+        bodies: int, kind: Kind, variant: int, size: tuple[int, int, int],
+        region: Region | None) -> None:
+    if bodies == 0 and region is not None:
+        raise ValueError(
+            f'{REGION}: no icosahedron of a weave of kind {kind}, variant {variant} and size '
+            f'{list(size)} has its centre in it; give a larger region or another variant')
+    if bodies == 0:
+        raise ValueError(
+            f'weave.size is {list(size)}: a weave of kind {kind}, variant {variant}, has no '
+            'icosahedron in it; give a larger weave.size (or weave.box) or another variant')
+
+
+def _checked_choices(kind: str, variant: int, boundary: str) -> tuple[Kind, int, Boundary]:
+    if kind not in get_args(Kind):
+        raise ValueError(
+            f'weave.kind is {kind!r}: it must be one of {", ".join(get_args(Kind))}')
+    if boundary not in get_args(Boundary):
+        raise ValueError(
+            f'weave.boundary is {boundary!r}: it must be one of {", ".join(get_args(Boundary))}')
+    return kind, checked_variant(variant), boundary  # type: ignore[return-value]
+
+
+def _product(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    # Quaternion product x, y, z, w: the rotation `second`, then `first`.
+    x1, y1, z1, w1 = first
+    x2, y2, z2, w2 = second
+    return np.array([
+        w1 * x2 + x1 * w2 + y1 * z2 - z1 * y2,
+        w1 * y2 - x1 * z2 + y1 * w2 + z1 * x2,
+        w1 * z2 + x1 * y2 - y1 * x2 + z1 * w2,
+        w1 * w2 - x1 * x2 - y1 * y2 - z1 * z2])

@@ -1,0 +1,141 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+Connector length, connector angle and pitch of a weave.
+
+Source: "A Mathematical Model of Icosahedral Materials", eqs 50-54 and Figure 5. With
+W = L cos(theta) = w + L sin(theta), eq 51 becomes L^2 = W^2 + (W - w)^2, hence
+W = (w + sqrt(2 L^2 - w^2)) / 2, which loses no digits anywhere in the domain, and
+L = w / (cos(theta) - sin(theta)) = w / (sqrt(2) sin(pi/4 - theta)).
+"""
+
+import math
+from typing import Final, NamedTuple, Sequence
+
+from icofabric_sim.geometry.icosahedron import TAU
+import numpy as np
+
+# Eq 54: at this angle the connector lies in a face of both its icosahedra.
+MINIMUM_ANGLE: Final = -math.atan((TAU - 1.0) / TAU)
+# The length grows beyond all bounds as the angle comes near this one, which it never takes.
+LIMIT_ANGLE: Final = math.pi / 4.0
+# L_min / w; the document prints 0.774596669.
+MINIMUM_LENGTH_RATIO: Final = math.sqrt(3.0 / 5.0)
+# Relative rounding of given limits, angles and boxes: the document prints its own limits to nine
+# or ten digits, and those are accepted.
+ROUNDING: Final = 1e-9
+# Grid places along one side of a box: far beyond what can be built, but still a number.
+PLACES_LIMIT: Final = 2.0**62
+
+
+class WeaveGeometry(NamedTuple):
+    """
+    Lengths and the angle that a woven fabric has in common everywhere.
+
+    Invariants: w = 2 tau a, W = L cos(theta) = w + L sin(theta).
+    """
+
+    half_edge: float  # a [m]
+    cube_width: float  # w [m], eq 50: the cube that circumscribes the icosahedron
+    connector_length: float  # L [m]
+    connector_angle: float  # theta [rad]; positive: the connector lies outside the cubes
+    pitch: float  # W [m]: distance of neighbouring grid planes
+
+
+def cube_width(half_edge: float) -> float:
+    """
+    Return the width of the circumscribing cube, w = 2 tau a (eq 50), in the unit of `half_edge`.
+    """
+    a = float(half_edge)
+    if not (a > 0.0 and math.isfinite(a)):
+        raise ValueError(
+            f'shell.edge_length is {2.0 * a!r} m: it must be positive and finite')
+    return 2.0 * TAU * a
+
+
+def geometry_from_length(half_edge: float, length: float) -> WeaveGeometry:
+    """
+    Weave geometry of connectors of the given length [m] (eq 52, well conditioned form).
+
+    Raises `ValueError` unless L_min = sqrt(3/5) w <= length < infinity.
+    """
+    w = cube_width(half_edge)
+    shortest = MINIMUM_LENGTH_RATIO * w
+    L = float(length)
+    if not (L >= shortest * (1.0 - ROUNDING) and math.isfinite(L)):
+        raise ValueError(
+            f'weave.connector_length is {L!r} m: it must be at least sqrt(3/5) w = {shortest!r} m '
+            f'(eq 54) and finite, where w = {w:.9g} m belongs to shell.edge_length = '
+            f'{2.0 * half_edge:.9g} m; give a longer connector or a smaller shell')
+    # In units of w, and factored: neither cancellation nor overflow.
+    r = L / w
+    root = math.sqrt(math.sqrt(2.0) * r - 1.0) * math.sqrt(math.sqrt(2.0) * r + 1.0)
+    rise = (r - 1.0) * ((r + 1.0) / (1.0 + root))  # L sin(theta) / w
+    run = 0.5 * (1.0 + root)  # L cos(theta) / w
+    return _checked(WeaveGeometry(float(half_edge), w, L, math.atan2(rise, run), run * w))
+
+
+def geometry_from_angle(half_edge: float, angle: float) -> WeaveGeometry:
+    """
+    Weave geometry of connectors at the given angle [rad] to the circumscribing cube (eq 53).
+
+    Raises `ValueError` unless theta_min <= angle < pi/4 (eq 54).
+    """
+    w = cube_width(half_edge)
+    theta = float(angle)
+    if not MINIMUM_ANGLE * (1.0 + ROUNDING) <= theta < LIMIT_ANGLE:
+        hint = ''
+        if 1.0 < abs(theta) < 45.0:
+            hint = f'; angles are radians, {theta:.6g} degrees are {math.radians(theta):.9g} rad'
+        raise ValueError(
+            f'weave.connector_angle is {theta!r} rad: it must be at least {MINIMUM_ANGLE!r} rad '
+            f'(-20.905 degrees) and less than pi/4 = {LIMIT_ANGLE:.9g} rad (eq 54){hint}')
+    # cos - sin would cancel near pi/4; this difference is exact there.
+    L = w / (math.sqrt(2.0) * math.sin(LIMIT_ANGLE - theta))
+    return _checked(WeaveGeometry(float(half_edge), w, L, theta, L * math.cos(theta)))
+
+
+def slab_depth(size: Sequence[int], geometry: WeaveGeometry) -> np.ndarray:
+    """
+    Outer measures D_x, D_y, D_z [m] of a slab, over the circumscribing cubes.
+
+    Along the axes of the primary frame, not of the body frame as printed: body x is primary y
+    in variants 2 and 3.
+    """
+    return geometry.cube_width + (np.asarray(size, np.float64) - 1.0) * geometry.pitch
+
+
+def size_for_box(box: Sequence[float], geometry: WeaveGeometry) -> tuple[int, int, int]:
+    """
+    Return the largest N_x, N_y, N_z whose slab depth does not exceed the box [m].
+
+    Not exceeding, up to rounding of the box, where the document prints "the largest integer
+    smaller than": a box that fits 5 exactly would give 4.
+    """
+    extent = checked_box(box)
+    w = geometry.cube_width
+    if not bool(np.all(extent * (1.0 + ROUNDING) >= w)):
+        raise ValueError(
+            f'weave.box is {extent.tolist()} m: not one icosahedron fits, each side must be at '
+            f'least w = {w:.9g} m, the width of one')
+    count = np.floor(1.0 + (extent * (1.0 + ROUNDING) - w) / geometry.pitch)
+    nx, ny, nz = (int(value) for value in np.minimum(count, PLACES_LIMIT))
+    return nx, ny, nz
+
+
+def checked_box(box: Sequence[float]) -> np.ndarray:
+    """Return the box as an array of three lengths [m], all positive and finite."""
+    extent = np.asarray(box, np.float64)
+    if not (extent.shape == (3,) and bool(np.all((extent > 0.0) & np.isfinite(extent)))):
+        raise ValueError(
+            f'weave.box is {extent.tolist()} m: it must be three positive, finite lengths, or '
+            'all zero to use weave.size')
+    return extent
+
+
+def _checked(geometry: WeaveGeometry) -> WeaveGeometry:
+    if not all(math.isfinite(value) for value in geometry):
+        raise ValueError(
+            f'weave.connector_length is {geometry.connector_length!r} m with shell.edge_length = '
+            f'{2.0 * geometry.half_edge!r} m: the pitch of the weave is not finite')
+    return geometry

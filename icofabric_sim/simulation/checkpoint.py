@@ -1,0 +1,278 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+Checkpoints: all that a run continues from, to the same bits as if it had never stopped.
+
+A checkpoint holds the memory of a `Simulation` (see state_tree.py) and says of which scene, by
+which method, version and processor it is. It is plain text and numbers; reading one executes
+nothing.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+import os
+from pathlib import Path
+import stat
+from typing import Any, Protocol, Self
+import uuid
+
+from icofabric_sim import checks
+from icofabric_sim.kernels.runtime.lanes import LANES
+from icofabric_sim.parameters.named_files import with_files
+from icofabric_sim.parameters.text import dump_parameters
+from icofabric_sim.parameters.validation import Parameters
+from icofabric_sim.scene.scene import Scene
+from icofabric_sim.simulation.checkpoint_bytes import claimed_size, decode, encode, HEAD
+from icofabric_sim.simulation.checkpoint_difference import (
+    memory_difference,
+    scene_difference,
+    scene_parameters,
+)
+from icofabric_sim.simulation.state_tree import Memory, plain_number
+from icofabric_sim.version import __version__
+import llvmlite
+from llvmlite import binding
+import numba
+from numba.core import config
+import numpy as np
+import scipy
+
+# Untyped: Numba sets its configuration at run time.
+_config: Any = config
+FORMAT = 1
+
+
+class Run(Protocol):
+    """What a checkpoint says of the run that it is of."""
+
+    @property
+    def scene(self) -> Scene: ...
+
+    @property
+    def time(self) -> float: ...
+
+    @property
+    def method_name(self) -> str: ...
+
+    @property
+    def rotation(self) -> str: ...
+
+
+@dataclass(frozen=True, eq=False)
+class Checkpoint:
+    """
+    A run at one time: `header` in words and numbers, and the `arrays` of its memory.
+
+    `Simulation.checkpoint` makes one; `Simulation.restore` goes on from it.
+    """
+
+    header: dict[str, Any]
+    arrays: dict[str, np.ndarray]
+
+    def __post_init__(self) -> None:
+        """Refuse a header that lacks what everyone reads."""
+        _check_header(checks.mapping('header', self.header))
+        for array in checks.mapping('arrays', self.arrays).values():
+            if checks.instance('arrays', array, np.ndarray).dtype != np.float64:
+                raise TypeError(f'arrays must be of doubles, got the type {array.dtype}')
+
+    @classmethod
+    def of(cls, simulation: Run, memory: dict[str, Any]) -> Self:
+        """Make a checkpoint from what the `simulation` remembers."""
+        arrays: dict[str, np.ndarray] = {}
+        _require_simulation(simulation)
+        values = _split(checks.mapping('memory', memory), '', arrays)
+        return cls({**_identity(simulation), 'memory': values}, arrays)
+
+    @property
+    def time(self) -> float:
+        """Simulated time [s]."""
+        return float(self.header['time'])
+
+    def parameters(self) -> Parameters:
+        """Parameters of its scene; ValueError where this version cannot take them."""
+        return scene_parameters(self.header)
+
+    def memory(self) -> Memory:
+        """What was remembered."""
+        return Memory(_joined(self.header['memory'], self.arrays))
+
+    def to_bytes(self) -> bytes:
+        """All of it, for a file or a message."""
+        return b''.join(encode(self.header, self.arrays))
+
+    @classmethod
+    def from_bytes(cls, data: bytes | bytearray | memoryview) -> Self:
+        """Read it back; ValueError says what is wrong with the bytes."""
+        if not isinstance(data, (bytes, bytearray, memoryview)):
+            raise TypeError(f'data must be the bytes of a checkpoint, got {checks.shown(data)}')
+        try:
+            return cls(*decode(bytes(data)))
+        except (TypeError, ValueError) as error:
+            raise ValueError(f'this is not a checkpoint that can be read: {error}') from error
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write a file that is either complete or not there; one of that name is replaced."""
+        target = Path(checks.path('path', path))
+        beside = target.with_name(f'.{uuid.uuid4().hex}.checkpoint')
+        try:
+            with beside.open('xb') as file:
+                for piece in encode(self.header, self.arrays):
+                    file.write(piece)
+                file.flush()
+                os.fsync(file.fileno())
+            beside.replace(target)
+        finally:
+            beside.unlink(missing_ok=True)
+        folder = os.open(target.parent, os.O_RDONLY)
+        try:
+            os.fsync(folder)
+        finally:
+            os.close(folder)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> Self:
+        """Read a file; OSError where that fails, ValueError where it holds no checkpoint."""
+        checks.path('path', path)
+        try:
+            return cls.from_bytes(_read(path))
+        except ValueError as error:
+            raise ValueError(f'{os.fspath(path)}: {error}') from error
+
+    def difference(self, other: 'Checkpoint') -> str:
+        """
+        Say in words where two runs first differ, '' where they continue to the same bits.
+
+        On which machine they were computed, and what the motion does not depend on (rates,
+        threads, ...), does not count.
+        """
+        checks.instance('other', other, Checkpoint)
+        words = 'in the first', 'in the second'
+        return scene_difference(self.header, other.header, words) or memory_difference(
+            [(each.header, each.arrays) for each in (self, other)], words)
+
+    def unlike_machine(self) -> str:
+        """Say how its processor and libraries differ from those here, '' where they do not."""
+        there, here = _flat_machine(self.header), _flat_machine(machine())
+        return '; '.join(
+            f'{name} {there.get(name, "?")} in it, {here[name]} here'
+            for name in here if there.get(name) != here[name])
+
+    def require_fit(self, simulation: Run) -> None:
+        """
+        Refuse a checkpoint of another scene, method or version; ValueError names what differs.
+        """
+        _require_simulation(simulation)
+        different = scene_difference(self.header, _identity(simulation), ('in it', 'here'))
+        if different:
+            raise ValueError(f'the checkpoint cannot be restored here: {different}')
+
+
+def _require_simulation(simulation: Any) -> None:
+    wanted = ('scene', 'time', 'method_name', 'rotation')
+    if not all(hasattr(simulation, name) for name in wanted):
+        raise TypeError(
+            f'simulation must be a Simulation, got {checks.shown(simulation)}; '
+            'compile_scene(scene) makes one')
+
+
+def machine() -> dict[str, Any]:
+    """
+    On what bits may depend beside the version: processor, numbers computed at once, libraries.
+    """
+    return {
+        'processor': str(_config.CPU_NAME or binding.get_host_cpu_name()),
+        'lanes': LANES,
+        'libraries': {
+            'numpy': np.__version__, 'scipy': scipy.__version__, 'numba': numba.__version__,
+            'llvmlite': llvmlite.__version__},
+    }
+
+
+def _identity(simulation: Run) -> dict[str, Any]:
+    """Of what a checkpoint is."""
+    scene = simulation.scene
+    return {
+        'format': FORMAT,
+        'version': __version__,
+        'time': float(simulation.time),
+        'scene': with_files(dump_parameters(scene.parameters.given()), scene.files),
+        'method': simulation.method_name,
+        'rotation': simulation.rotation,
+        # A shell may have been given apart from the parameters.
+        'mass': scene.shell.mass,
+        'inertia': scene.shell.inertia,
+        'body_count': scene.body_count,
+        'connector_count': scene.connector_count,
+        **machine(),
+    }
+
+
+def _check_header(header: Mapping[str, Any]) -> None:
+    """Refuse a header that lacks what everyone reads."""
+    known = Memory(header, 'header')
+    number = known.count('format')
+    if number != FORMAT:
+        raise ValueError(f'its format is {number}, and this version reads format {FORMAT}')
+    for name in ('version', 'scene', 'method', 'rotation', 'processor'):
+        known.text(name)
+    for name in ('time', 'mass', 'inertia'):
+        known.number(name, 0.0)
+    for name in ('body_count', 'connector_count', 'lanes'):
+        known.count(name)
+    for name in ('memory', 'libraries'):
+        known.part(name)
+
+
+def _flat_machine(header: Mapping[str, Any]) -> dict[str, Any]:
+    return {
+        'processor': header['processor'], 'lanes': header['lanes'], **header['libraries']}
+
+
+def _split(memory: Mapping[str, Any], place: str, arrays: dict[str, np.ndarray]) -> dict[str, Any]:
+    """What JSON can hold of a memory; its arrays go into `arrays`, by their path."""
+    values: dict[str, Any] = {}
+    for name, value in memory.items():
+        path = f'{place}.{name}' if place else name
+        if isinstance(value, np.ndarray):
+            arrays[path] = value
+        elif isinstance(value, Mapping):
+            values[name] = _split(value, path, arrays)
+        elif isinstance(value, float):
+            values[name] = plain_number(value)
+        else:
+            values[name] = value
+    return values
+
+
+def _joined(values: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> dict[str, Any]:
+    """The memory again, of parts with their arrays."""
+    memory = dict(values)
+    for path, array in arrays.items():
+        *parts, name = path.split('.')
+        part = memory
+        for step in parts:
+            inner = part.get(step, {})
+            if not isinstance(inner, Mapping):
+                raise ValueError(f'the array {path} is in a part that is none')
+            part[step] = dict(inner)
+            part = part[step]
+        part[name] = array
+    return memory
+
+
+def _read(path: str | os.PathLike[str]) -> bytes:
+    """Bytes of a file that can be a checkpoint."""
+    # A pipe without a writer must not hold up the reader.
+    with open(path, 'rb', opener=lambda name, flags: os.open(name, flags | os.O_NONBLOCK)) as file:
+        status = os.fstat(file.fileno())
+        if not stat.S_ISREG(status.st_mode):
+            raise ValueError('this is no ordinary file')
+        size = claimed_size(file.read(HEAD))
+        if status.st_size != size:
+            raise ValueError(f'it has {status.st_size:,} bytes instead of {size:,}')
+        memory = os.sysconf('SC_PAGE_SIZE') * os.sysconf('SC_PHYS_PAGES')
+        if size > memory:
+            raise ValueError(f'its {size:,} bytes are more than the memory of this machine')
+        file.seek(0)
+        return file.read(size)

@@ -1,0 +1,401 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+Says when shells can touch, and which.
+
+While no pair can touch before the next look nothing of contact is computed. Kernels note how far
+bodies have moved wherever forces are evaluated (kernels/contact/displacement.py, where the bound
+is proved), and ask for the next look in time.
+"""
+
+import logging
+import math
+from typing import Any, NamedTuple
+
+from icofabric_sim.geometry.icosahedron import circumscribed_radius, inscribed_radius
+from icofabric_sim.kernels.contact.displacement import (
+    HORIZON,
+    LATE,
+    LEAST,
+    LIMIT_COUNT,
+    longest_step,
+    MOST,
+    MOST_STRIDE,
+    OWN,
+    pace,
+    ROOM,
+    set_reach,
+    SKIN,
+    SOON,
+    SPEED,
+    STRIDE,
+)
+from icofabric_sim.kernels.contact.forces import contact_look
+from icofabric_sim.kernels.contact.pair import contact_scratch, OUT_SIZE
+from icofabric_sim.kernels.contact.rebuild_check import least_reach
+from icofabric_sim.kernels.records import Contacts, Model, State, Watch
+from icofabric_sim.simulation.contact.friction_state import Stretches
+from icofabric_sim.simulation.contact.neighbour_list import ContactLists, Near
+from icofabric_sim.simulation.contact.passing import (
+    bezier_points,
+    Course,
+    first_passing,
+    turned_at_most,
+)
+from icofabric_sim.simulation.contact.setup import ContactSetup
+from icofabric_sim.simulation.model.layout import aligned_empty, Layout
+from icofabric_sim.simulation.state_tree import as_number, Memory
+import numpy as np
+
+_LOGGER = logging.getLogger('icofabric_sim')
+# The reach of a look, in parts of a: at least.
+_LEAST = 0.01
+# Evaluations of the forces until the next look, about, where shells are near each other: a look
+# costs as much as some ten.
+LOOK_AFTER = 32
+# Overlaps, in parts of a, that are told once, and of the inscribed radius that end a run.
+_TOLD, _DEEPEST = 0.01, 0.2
+
+
+class Overlap(NamedTuple):
+    """Two shells, or a shell and a plane, that overlap by more than they are meant to."""
+
+    time: float  # [s]
+    first: int
+    second: int  # -1 - k: plane k
+    depth: float  # [m]
+    part: float  # of a
+    plane: str  # its name; '': a body
+
+    def __str__(self) -> str:
+        """Sentence for logs, summaries and bags."""
+        other = f'plane {self.plane}' if self.plane else f'body {self.second}'
+        return (
+            f'body {self.first} and {other} overlap by {self.depth:.3g} m at t = '
+            f'{self.time:.6g} s, {100.0 * self.part:.3g} % of a')
+
+
+class ContactWatch:
+    """Looks for what can touch, when bodies have moved far enough to matter."""
+
+    def __init__(self, setup: ContactSetup, layout: Layout, model: Model, threads: int) -> None:
+        """Watch the bodies of a `layout` for `threads` threads."""
+        self.setup, self._layout, self._threads = setup, layout, threads
+        self._lists = ContactLists(setup, layout)
+        self._radius = circumscribed_radius(setup.half_edge)
+        # Contacts that may happen before the next look; None: there are none.
+        self.contacts: Contacts | None = None
+        # Bound of what they add to the squared frequency [1/s^2].
+        self.rate = 0.0
+        self.passing = setup.half_edge
+        self.deepest = _DEEPEST * inscribed_radius(setup.half_edge)
+        self.told = _TOLD * setup.half_edge
+        self.found: Overlap | None = None
+        self._announced = False
+        self._bodies = np.zeros((0, 2), np.int32)
+        self._caution = 1.0
+        self._listed, self._missed = 0.0, False
+        shape = (4, layout.slot_count) if not layout.cosines else (3, 3, layout.slot_count)
+        self.limits = np.zeros(LIMIT_COUNT)
+        self.limits[[LEAST, MOST, SKIN]] = (
+            _LEAST * setup.half_edge, self._lists.most, self._lists.skin)
+        self.limits[[SOON, LATE, STRIDE, MOST_STRIDE]] = math.inf, math.inf, 1, 1
+        self._watch = Watch(
+            aligned_empty((3, layout.slot_count)), aligned_empty(shape), np.zeros(7),
+            self._radius, self.limits, np.zeros(8 * threads), self._lists.nearby)
+        # Nobody asks what was seen aside.
+        nobody = self.limits.copy()
+        nobody[STRIDE] = 2.0**62
+        self._aside = self._watch._replace(far=np.zeros(8 * threads), limits=nobody)
+        # Bound of what one contact adds to the squared frequency of its bodies [1/s^2].
+        self.stretches = Stretches(setup, max(
+            model.inverse_mass, setup.half_edge**2 * model.inverse_inertia))
+        self.least_rate = self.stretches.least_rate
+        self._rows = aligned_empty((6, layout.slot_count if layout.body_count else 0))
+        # Pairs that were looked at in the steps of the main line.
+        self.tests = 0
+
+    @property
+    def evaluated(self) -> int:
+        """Pairs that kernels have looked at since the last search, whatever for."""
+        return 0 if self.contacts is None else int(self.contacts.tests.sum())
+
+    @property
+    def velocity_rate(self) -> float:
+        """
+        Rate [1/s] at which contacts change velocities by velocities, at depths as they should be.
+
+        The power c K delta (d(delta)/dt)^2 is c delta times K (grad delta . u)^2, and the second
+        derivatives of the energy have K grad delta grad delta in them.
+        """
+        if not self.rate > 0.0:
+            return 0.0
+        own = self.stretches.lag_rate + self.stretches.damping_rate * self.told
+        return own * (self.rate / self.least_rate)
+
+    @property
+    def watch(self) -> Watch:
+        """What kernels look out for."""
+        return self._watch._replace(nearby=self._lists.nearby)
+
+    @property
+    def aside(self) -> Watch:
+        """The same for steps aside: nobody asks what they saw."""
+        return self._aside._replace(nearby=self._lists.nearby)
+
+    @property
+    def fall(self) -> float:
+        """Acceleration [m/s^2] of free bodies towards what is held."""
+        return 0.0 if self.setup.free else float(np.linalg.norm(self.setup.fall))
+
+    @property
+    def longest_step(self) -> float:
+        """Longest step [s] in which no body moves too far."""
+        return float(longest_step(self.limits))
+
+    def pace(self, step: float, stages: int, *, alone: bool) -> None:
+        """
+        Say for a `step` [s] after how many of them the ways are asked for.
+
+        `alone`: kernels may look on their own, as the step need not follow.
+        """
+        self.limits[MOST_STRIDE] = max(LOOK_AFTER // stages, 1)
+        pace(self.limits, step)
+        self.limits[OWN] = float(alone and self.contacts is None and self._lists.is_small)
+
+    @property
+    def way(self) -> float:
+        """The longest way [m] since the last look that a step has led to."""
+        return math.sqrt(self._watch.far.max(initial=0.0))
+
+    def look(
+        self, time: float, state: State, step: float, steps: float, *, way: float = 0.0
+    ) -> None:
+        """
+        Find what can touch from `state` on at `time` [s].
+
+        Within so many `steps` of `step` [s], as contacts ask for; at least until the next look,
+        and for a `way` [m] as far as any look reaches.
+        """
+        velocity, limits = np.empty(3), self.limits
+        speed = self._lists.survey(state, velocity)
+        if not speed < math.inf:
+            # Who looks at the state next ends the run.
+            return
+        watch = self._watch
+        limits[SPEED] = speed
+        watch.frame[0], watch.frame[1:4] = time, velocity
+        watch.frame[4:7] = 0.5 * self.setup.fall if self.setup.free else 0.0
+        limits[HORIZON] = self._caution * step * max(2.0 * steps, 1.1 * ROOM)
+        least = min(max(float(least_reach(limits, speed)), way), float(limits[MOST]))
+        np.copyto(watch.reference, state.position)
+        np.copyto(watch.turned, state.orientation)
+        self._take(self._lists.find(state, least, limits[MOST]), least)
+
+    def _take(self, near: Near, least: float) -> None:
+        set_reach(self.limits, near.reach)
+        self.limits[OWN] = 0.0
+        self._bodies = near.pairs
+        self._listed = least if len(near.pairs) or self.setup.always else 0.0
+        self.contacts = self._pack(near) if self._listed else None
+        if self.contacts is None:
+            self.stretches.forget()
+        self.rate = 0.0
+        if len(near.pairs):
+            # The form of a pair is at most that times the kinetic form of its two bodies, so all
+            # together are for each body at most as many times that as it has pairs.
+            pair = near.pairs[:, 1] >= 0
+            share = np.bincount(np.concatenate([near.pairs[:, 0], near.pairs[pair, 1]]))
+            self.rate = self.least_rate * float(share.max())
+
+    def passing_by(self, before: State, after: State, start: float, end: float) -> str:
+        """
+        Name what may have passed through each other in one step between two times [s]; '': none.
+        """
+        unpack, watch = self._layout.unpack, self._watch
+        looked = unpack(State(watch.reference, watch.turned, watch.reference, watch.reference))
+        first, last, length = unpack(before), unpack(after), end - start
+        frame, since = watch.frame, np.array([start, end])[:, None] - watch.frame[0]
+        places = since * (frame[1:4] + since * frame[4:7])
+        speeds = frame[1:4] + 2.0 * since * frame[4:7]
+        third = length / 3.0
+        shift = np.stack([
+            places[0], places[0] + third * speeds[0], places[1] - third * speeds[1], places[1]])
+        course = Course(
+            bezier_points(first, last, length) - shift[:, None],
+            turned_at_most(looked.orientation, first, last, length))
+        reach = math.sqrt(self.limits[LATE])
+        found = first_passing(
+            course, looked.position, self.setup.planes, shift, reach=reach, radius=self._radius)
+        if found is None:
+            return ''
+        other = (
+            f'body {found.second}' if found.second >= 0
+            else f'plane {self.setup.names[-1 - found.second]}')
+        return (
+            f'body {found.first} and {other} may pass through each other unseen between t = '
+            f'{start:.9g} s and {end:.9g} s: they move by {found.way:.3g} m beside each other in '
+            f'one step of {length:.6g} s, and contacts are known for ways of {reach:.3g} m')
+
+    def miss(self, way_out: str) -> None:
+        """
+        Bodies have moved beyond where contacts were known: look farther from now on.
+
+        `way_out`: what makes steps shorter.
+        """
+        self._caution = min(2.0 * self._caution, 2.0**20)
+        if not self._missed:
+            self._missed = True
+            _LOGGER.warning(
+                'bodies moved so far in one step (up to %.3g m/s) that a contact may have been '
+                'seen late: %s', self.limits[SPEED], way_out)
+
+    def energies(self, state: State, stretches: np.ndarray | None) -> tuple[float, float]:
+        """
+        Energy [J] of the contacts in a state near the last look, and in the springs of friction.
+        """
+        if self.contacts is None:
+            return 0.0, 0.0
+        energy = float(contact_look(self.contacts, state)[0])
+        return energy, self.stretches.energy(self.contacts, stretches)
+
+    def note(self, time: float, state: State) -> Overlap | None:
+        """Describe the deepest overlap in a state."""
+        if self.contacts is None or not len(self._bodies):
+            return None
+        contact_look(self.contacts, state)
+        depth = self.contacts.aside[:, 11]
+        number = int(np.argmax(depth))
+        first, second = (int(body) for body in self._bodies[number])
+        name = self.setup.names[-1 - second] if second < 0 else ''
+        return Overlap(
+            time, first, second, float(depth[number]),
+            float(depth[number]) / self.setup.half_edge, name)
+
+    def forget(self) -> None:
+        """Look as if nothing had come close yet."""
+        self.found, self._announced = None, False
+        self._caution, self._missed = 1.0, False
+        self.tests = 0
+
+    def announce(self) -> None:
+        """Warn of what was found, once."""
+        if self.found is not None and not self._announced:
+            self._announced = True
+            _LOGGER.warning(
+                '%s: more than the 1 %% that contact is meant for; give a larger '
+                'contact.stiffness', self.found)
+
+    def rebase(self, time: float) -> None:
+        """Begin at another `time` [s]: nothing has moved yet."""
+        self._watch.frame[0] = time
+        if self.found is not None:
+            self.found = self.found._replace(time=time)
+
+    def take_over(self, found: Overlap | None) -> None:
+        """Go on where another watch of the same motion stands, which has warned already."""
+        if found is not None:
+            self.found, self._announced = found, True
+
+    def memory(self) -> dict[str, Any]:
+        """Where bodies were looked at, what for, and what was found and said."""
+        gather, watch, limits = self._layout.gather, self._watch, self.limits
+        memory: dict[str, Any] = {
+            'reference': gather(watch.reference), 'turned': gather(watch.turned),
+            'frame': watch.frame.copy(), 'late': float(limits[LATE]), 'listed': self._listed,
+            'stride': int(limits[STRIDE]), 'speed': float(limits[SPEED]),
+            'horizon': float(limits[HORIZON]), 'alone': bool(limits[OWN]),
+            'most_stride': int(limits[MOST_STRIDE]), 'caution': self._caution,
+            'missed': self._missed, 'announced': self._announced, 'tests': self.tests}
+        if self.found is not None:
+            memory['found'] = [*self.found]
+        if self.setup.friction > 0.0:
+            memory['stretches'] = self.stretches.memory()
+        return memory
+
+    def recall(self, memory: Memory) -> None:
+        """Go on from there."""
+        layout, watch, limits = self._layout, self._watch, self.limits
+        watch.reference[:] = 0.0
+        watch.reference[:, layout.slot] = memory.array('reference', (layout.body_count, 3)).T
+        rows = watch.turned.shape[:-1]
+        watch.turned[..., layout.slot] = np.moveaxis(
+            memory.array('turned', (layout.body_count, *rows)), 0, -1)
+        watch.frame[:] = memory.array('frame', (7,))
+        limits[SPEED], limits[HORIZON] = (
+            memory.number('speed', 0.0), memory.number('horizon', 0.0))
+        self._caution, self._missed = memory.number('caution', 1.0), memory.flag('missed')
+        self._announced, self.tests = memory.flag('announced'), memory.count('tests')
+        self.found = self._judged(memory.entries('found')) if 'found' in memory else None
+        late, listed = memory.number('late', 0.0, finite=False), memory.number('listed', 0.0)
+        reach, most = math.sqrt(late), float(limits[MOST])
+        if not reach <= 1.0001 * most:
+            raise ValueError('watch.late is longer than any reach')
+        reach = min(reach, most)
+        there = State(watch.reference, watch.turned, watch.reference, watch.reference)
+        near = Near(reach, np.zeros((0, 2), np.int32))
+        if listed > 0.0:
+            self._lists.survey(there, np.empty(3))
+            near = self._lists.find(there, min(listed, most), most)
+        self.stretches.forget()
+        self._take(near._replace(reach=reach), listed)
+        limits[MOST_STRIDE] = memory.count('most_stride', 1)
+        limits[STRIDE] = memory.count('stride', 1)
+        alone = memory.flag('alone')
+        limits[OWN] = float(alone and self.contacts is None and self._lists.is_small)
+        if self.setup.friction > 0.0:
+            self.stretches.recall(memory.part('stretches'))
+
+    def _judged(self, entry: list[Any]) -> Overlap:
+        """What was found, from a list of numbers."""
+        if len(entry) == 6:
+            time, first, second, depth, part, plane = entry
+            bodies, planes = range(self._layout.body_count), len(self.setup.names)
+            pair = type(first) is int and first in bodies and type(second) is int and (
+                second in bodies or -planes <= second < 0)
+            numbers = None not in (as_number(time), as_number(depth), as_number(part))
+            if pair and numbers and isinstance(plane, str):
+                return Overlap(
+                    float(time), first, second, float(depth), float(part), plane)
+        raise ValueError('watch.found is no time, pair of bodies and overlap')
+
+    def nothing(self) -> Contacts:
+        """Contacts that are none, of the type that others have; only while there are none."""
+        return self._pack(Near(0.0, np.zeros((0, 2), np.int32)))
+
+    def _pack(self, near: Near) -> Contacts:
+        """Contacts for the kernels: each pair once, and what acts on each block, in order."""
+        layout, count = self._layout, len(near.pairs)
+        slots = near.pairs.copy()
+        slots[:, 0] = layout.slot[near.pairs[:, 0]]
+        pair = np.flatnonzero(near.pairs[:, 1] >= 0)
+        slots[pair, 1] = layout.slot[near.pairs[pair, 1]]
+        number = np.arange(count, dtype=np.int32)
+        slot = np.concatenate([slots[:, 0], slots[pair, 1]])
+        entry = np.concatenate([2 * number, 2 * number[pair] + 1])
+        bodies = np.concatenate([near.pairs[:, 0], near.pairs[pair, 1]])
+        block = layout.block_of(bodies) if count else np.zeros(0, np.int32)
+        order = np.lexsort((entry, slot, block))
+        start = np.zeros(len(layout.blocks.slot) + 1, np.int32)
+        np.cumsum(np.bincount(block, minlength=len(start) - 1), out=start[1:])
+        rows = self._rows
+        rows[:] = 0.0
+        threads = self._threads
+        return Contacts(
+            stiffness=self.setup.stiffness,
+            half_edge=self.setup.half_edge,
+            pairs=slots,
+            planes=self.setup.planes,
+            result=np.zeros((count, OUT_SIZE)),
+            start=start,
+            slot=slot[order].astype(np.int32),
+            entry=entry[order].astype(np.int32),
+            rows=rows,
+            deepest=np.zeros(8 * threads),
+            tests=np.zeros(8 * threads),
+            first=np.zeros((threads, 4, 3)),
+            second=np.zeros((threads, 4, 3)),
+            aside=np.zeros((count, OUT_SIZE)),
+            scratch=contact_scratch(),
+            losses=self.stretches.room(near.pairs, self._rows.shape[1]),
+        )

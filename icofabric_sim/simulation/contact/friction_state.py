@@ -1,0 +1,125 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""The stretches of friction between two looks: what pairs keep while lists of pairs change."""
+
+import math
+from typing import Any
+
+from icofabric_sim.geometry.icosahedron import circumscribed_radius
+from icofabric_sim.kernels.records import ContactLosses, Contacts
+from icofabric_sim.simulation.contact.setup import ContactSetup
+from icofabric_sim.simulation.model.layout import aligned_empty
+from icofabric_sim.simulation.state_tree import Memory
+import numpy as np
+
+# Stiffness along a surface beside that of the contact: then a sphere that is hit obliquely swings
+# back as long as it is pushed (J. Schaefer, S. Dippel and D. E. Wolf, J. Phys. I 6, 5, 1996).
+TANGENTIAL = 2.0 / 7.0
+# Above the largest second derivative of the energy of a contact that a search found, in parts of
+# K, by the places and a times the rotation angles of both bodies (docs/contact.md).
+CURVATURE = 7.0
+# Squared distance, over a^2, at which a turn about the normal is resisted at most.
+_PATCH = 0.25
+_ROWS = ('stretch', 'held', 'start', 'saved')
+_SLOPES = 16
+# Those that a step leaves behind; dense output finds the others anew.
+_KEPT_SLOPES = 13
+
+
+class Stretches:
+    """Stretches of the pairs that are listed, and room for what they lose; None without losses."""
+
+    def __init__(self, setup: ContactSetup, lightest: float) -> None:
+        """Start without any; `lightest`: larger of 1 / M and a^2 / Lambda [1/kg]."""
+        self._setup = setup
+        self.stiffness = TANGENTIAL * setup.stiffness
+        self._pairs = np.zeros((0, 2), np.int32)
+        self._losses: ContactLosses | None = None
+        # The slip of a body is dx + theta x arm along the surface, with an arm of at most R, and
+        # at most sqrt(_PATCH) a theta about the normal; that of a pair is a difference of two. So
+        # its square is at most that times the sum of the squares of places and a times angles.
+        radius = circumscribed_radius(1.0)
+        most = 2.0 * (1.0 + radius**2 + _PATCH) if setup.friction > 0.0 else 0.0
+        # [1/s^2] what a contact adds to the squared frequency of its bodies at most.
+        self.least_rate = lightest * (CURVATURE * setup.stiffness + most * self.stiffness)
+        # The dashpot is as quick as that, so that it asks for no shorter steps.
+        self.lag = self.least_rate ** -0.5
+        # [1/s] the rate at which the dashpot changes velocities, and damping for each m of depth.
+        self.lag_rate = lightest * most * self.stiffness * self.lag
+        self.damping_rate = lightest * CURVATURE * setup.stiffness * setup.damping
+
+    def room(self, pairs: np.ndarray, slot_count: int) -> ContactLosses | None:
+        """
+        Room for the losses of other pairs (p, 2); those that were listed keep their stretches.
+        """
+        setup, before, old = self._setup, self._losses, self._pairs
+        if not setup.spends:
+            return None
+        spent = aligned_empty((1, slot_count))
+        spent[:] = 0.0
+        rows = len(pairs) if setup.friction > 0.0 else 0
+        self._pairs = pairs
+        stretch, held, start, stage, saved = (np.zeros((rows, 4)) for _ in range(5))
+        self._losses = losses = ContactLosses(
+            setup.damping, setup.friction, self.stiffness, self.lag, np.zeros(len(pairs)), spent,
+            stretch, held, start, stage, saved, np.zeros((_SLOPES, rows, 4)))
+        if before is not None and rows:
+            _, here, there = np.intersect1d(
+                _keys(pairs), _keys(old), assume_unique=True, return_indices=True)
+            for name in _ROWS:
+                getattr(losses, name)[here] = getattr(before, name)[there]
+            losses.slopes[:, here] = before.slopes[:, there]
+        return losses
+
+    def forget(self) -> None:
+        """Nothing is stretched: another state begins, or nothing is near."""
+        if self._losses is not None:
+            for name in (*_ROWS, 'slopes'):
+                getattr(self._losses, name)[:] = 0.0
+
+    def energy(self, contacts: Contacts, stretches: np.ndarray | None) -> float:
+        """
+        Energy [J] in the springs of what touches, in a state that `contact_look` has just seen.
+        """
+        if stretches is None or not len(stretches):
+            return 0.0
+        touching = contacts.aside[:, 9] > 0.0
+        # As a sum that depends on no order.
+        return 0.5 * self.stiffness * math.fsum((stretches[touching]**2).ravel())
+
+    def memory(self) -> dict[str, Any]:
+        """What is stretched, or was in the step in progress."""
+        losses = self._losses
+        if losses is None:
+            return {name: np.zeros((0, 0)) for name in ('pairs', 'rows', 'slopes')}
+        rows = np.hstack([getattr(losses, name) for name in _ROWS])
+        slopes = np.swapaxes(losses.slopes[:_KEPT_SLOPES], 0, 1).reshape(
+            len(rows), 4 * _KEPT_SLOPES)
+        some = rows.any(axis=1) | slopes.any(axis=1)
+        return {
+            'pairs': self._pairs[some].astype(float), 'rows': rows[some], 'slopes': slopes[some]}
+
+    def recall(self, memory: Memory) -> None:
+        """Go on from there; the pairs are listed."""
+        pairs = memory.array('pairs')
+        if not pairs.size:
+            return
+        count, losses = len(pairs), self._losses
+        pairs = memory.array('pairs', (count, 2))
+        rows = memory.array('rows', (count, 4 * len(_ROWS)))
+        slopes = memory.array('slopes', (count, 4 * _KEPT_SLOPES))
+        keys = {tuple(pair): place for place, pair in enumerate(self._pairs.tolist())}
+        places = [keys.get((int(first), int(second)), -1) for first, second in pairs]
+        if losses is None or min(places) < 0 or len(set(places)) < count or not (
+                np.isfinite(rows).all() and np.isfinite(slopes).all()):
+            raise ValueError('watch.stretches are of pairs that are not near, or no numbers')
+        for number, name in enumerate(_ROWS):
+            getattr(losses, name)[places] = rows[:, 4 * number:4 * number + 4]
+        losses.slopes[:_KEPT_SLOPES, places] = np.swapaxes(
+            slopes.reshape(count, _KEPT_SLOPES, 4), 0, 1)
+
+
+def _keys(pairs: np.ndarray) -> np.ndarray:
+    """One number for each pair."""
+    keys: np.ndarray = (pairs[:, 0].astype(np.int64) << 32) + pairs[:, 1]
+    return keys

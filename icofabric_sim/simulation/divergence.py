@@ -1,0 +1,281 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+How fast two runs part that start almost alike: whether a trajectory means something.
+
+A companion of the run starts from places and orientations that are displaced a little at random,
+and takes the same inputs. How far it is from the run, beside how far it was at the start, is the
+growth. Once it is too far for small motions it is brought back to the first distance, in the
+direction in which it then is (Benettin, Galgani, Giorgilli and Strelcyn 1980, Meccanica 15, 9),
+so that growths far beyond 1e10 can be measured.
+"""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+import logging
+import math
+import threading
+import time as wall
+from typing import NamedTuple
+
+from icofabric_sim import checks
+from icofabric_sim.kernels.runtime.compile_notice import compile_notice
+from icofabric_sim.scene.initial import InitialState
+from icofabric_sim.scene.scene import require_scene, Scene
+from icofabric_sim.simulation.errors import Interrupted, SimulationError
+from icofabric_sim.simulation.model.snapshot import Snapshot
+from icofabric_sim.simulation.simulation import compile_scene, Simulation
+import numpy as np
+
+# The first distance, and the one from which the companion is brought back: positions over a,
+# angles in rad. Far above what a method adds meanwhile, far below what bends the motion.
+DISPLACEMENT, LARGEST_DISTANCE = 2.0**-17, 2.0**-10
+# Beyond this distance the growth is no longer that of a small disturbance: it is at least that.
+_LINEAR = 2.0**-5
+# A run with larger errors than this in a radian of the fastest motion would hide the growth behind
+# the differences of its steps: then both runs that are compared are computed more accurately.
+_LARGEST_TOLERANCE = 4e-9
+# Growth from which a motion is called sensitive.
+SENSITIVE = 100.0
+# A trajectory means something while the error, grown, is below a tenth of a half edge.
+MEANINGFUL = 0.1
+_SEED = 3
+# History kept of the longest run; and looks of `measure_growth`: every so many periods.
+_LARGEST_HISTORY = 4096
+_PERIODS, _FEWEST, _MOST = 4.0, 50, 4000
+
+
+class Growth(NamedTuple):
+    """How a small displacement of all bodies grew over a run."""
+
+    time: np.ndarray  # (m,) [s]
+    growth: np.ndarray  # (m,) distance beside the first one: of positions over a, or angles
+    error: np.ndarray  # (m,) errors that the method had added by then, position over a or rad
+    at_least: bool  # it grew too fast between two looks to be followed: it is larger than this
+    ended: str  # why it was not measured to the end of the run; '': it was
+
+    @property
+    def largest(self) -> float:
+        """Growth over the whole run: the largest there was."""
+        return float(self.growth.max())
+
+    @property
+    def is_sensitive(self) -> bool:
+        """Whether small errors grow so much that the end of the run depends on them."""
+        return self.at_least or not self.largest < SENSITIVE
+
+    @property
+    def meaningful_until(self) -> float:
+        """
+        Time [s] until which errors, grown, stay below a tenth of a half edge; infinite: always.
+
+        Where it was not measured to the end, nothing is known of what came after.
+        """
+        with np.errstate(invalid='ignore', over='ignore'):
+            grown = self.error * np.maximum.accumulate(self.growth)
+        beyond = np.flatnonzero(~(grown <= MEANINGFUL))
+        if len(beyond):
+            return float(self.time[max(int(beyond[0]) - 1, 0)])
+        return float(self.time[-1]) if self.ended else math.inf
+
+    def final_error(self, tolerance: float) -> float:
+        """
+        Bound of the error at the end: what was added, or may be added each second, times growth.
+
+        Say `tolerance` 0 where the step was given: then it promises nothing.
+        """
+        tolerance = checks.number('tolerance', tolerance, least=0.0)
+        added = max(tolerance * max(float(self.time[-1]), 1.0), float(self.error[-1]))
+        return added * self.largest
+
+
+class Companion:
+    """A second run beside a first one, which was displaced a little where it began."""
+
+    def __init__(self, simulation: Simulation) -> None:
+        """Start where `simulation` stands; inputs that it gets later are not the companion's."""
+        self.simulation = simulation
+        self.seconds = 0.0  # wall time that it took, without that of the compiler
+        self._half_edge = simulation.scene.geometry.half_edge
+        self._reference = self._displaced = simulation
+        self._factor = 1.0
+        self._history: list[tuple[float, float, float]] = []
+        self._at_least, self._ended = False, ''
+        with self._aside():
+            # Where nothing vibrates nothing hides.
+            tolerance = _LARGEST_TOLERANCE * simulation.largest_frequency
+            if 0.0 < tolerance < simulation.scene.parameters['solver.tolerance'] and (
+                simulation.scene.parameters['solver.step'] == 0.0
+            ):
+                self._reference = self._beside(_more_accurate(simulation.scene, tolerance))
+            self._displaced = self._beside(self._reference.scene)
+            snapshot = self._reference.snapshot()
+            self._put(_displaced(snapshot, self._displaced.scene))
+            distance = distance_between(snapshot, self._displaced.snapshot(), self._half_edge)
+            # Where everything is held nothing can be displaced.
+            self._factor = 1.0 / distance if distance > 0.0 else 0.0
+        self._note(1.0)
+
+    def look(self) -> None:
+        """Follow the run to where it stands, and compare."""
+        if self._ended or not self.simulation.time > self._history[-1][0]:
+            return
+        with self._aside():
+            for simulation in (self._reference, self._displaced):
+                if simulation is not self.simulation:
+                    simulation.should_stop = self.simulation.should_stop
+                    simulation.advance_to(self.simulation.time)
+            self._compare()
+
+    def act(self, act: Callable[[Simulation], object]) -> None:
+        """
+        Have an input act here too, that acts on the run where it stands and was looked at last.
+        """
+        if self._ended:
+            return
+        with self._aside():
+            for simulation in (self._reference, self._displaced):
+                if simulation is not self.simulation:
+                    act(simulation)
+
+    def result(self) -> Growth:
+        """What was found so far."""
+        time, growth, error = np.array(self._history).T
+        return Growth(time, growth, error, self._at_least, self._ended)
+
+    def _beside(self, scene: Scene) -> Simulation:
+        simulation = compile_scene(scene)
+        simulation.take_over(self.simulation, keep_motion=True)
+        return simulation
+
+    def _compare(self) -> None:
+        one, two = self._reference.snapshot(), self._displaced.snapshot()
+        distance = distance_between(one, two, self._half_edge)
+        if not distance <= _LINEAR:
+            self._at_least = True
+        self._note(distance * self._factor)
+        if distance > LARGEST_DISTANCE:
+            part = DISPLACEMENT / distance
+            self._displaced.break_like(self._reference)
+            self._put(_between(one, two, part))
+            distance = distance_between(one, self._displaced.snapshot(), self._half_edge)
+            self._factor = self._history[-1][1] / distance
+
+    def _note(self, growth: float) -> None:
+        if len(self._history) >= _LARGEST_HISTORY:
+            # The larger of every two; never the last, which is the present.
+            pairs = zip(self._history[0::2], self._history[1::2])
+            self._history = [max(pair, key=lambda entry: entry[1]) for pair in pairs]
+        self._history.append((self.simulation.time, growth, self.simulation.error_estimate))
+
+    def _put(self, state: InitialState) -> None:
+        self._displaced.set_state(**state._asdict())
+
+    @contextmanager
+    def _aside(self) -> Iterator[None]:
+        """Without a word of warning, which the run gives too; what fails ends the measurement."""
+        started, thread = wall.perf_counter(), threading.get_ident()
+        compiled = compile_notice.seconds
+        logger = logging.getLogger('icofabric_sim')
+
+        def others(record: logging.LogRecord) -> bool:
+            return record.thread != thread
+
+        logger.addFilter(others)
+        try:
+            yield
+        except Interrupted:
+            self._ended = 'the run was stopped'
+        except (SimulationError, ValueError) as error:
+            self._ended = f'the displaced run could not go on: {error}'
+        finally:
+            logger.removeFilter(others)
+            self.seconds += wall.perf_counter() - started - (compile_notice.seconds - compiled)
+
+
+def measure_growth(
+    scene: Scene, duration: float, *, progress: Callable[[float], None] = lambda time: None
+) -> Growth:
+    """
+    Simulate `scene` for `duration` [s] and measure how a small displacement of it grows.
+
+    It takes about twice as long as the run alone; `progress` hears the simulated time [s]. Raises
+    SimulationError where the run itself fails.
+    """
+    require_scene(scene)
+    duration = checks.positive('duration', duration, 's')
+    checks.function('progress', progress)
+    simulation = compile_scene(scene)
+    companion = Companion(simulation)
+    periods = duration * simulation.largest_frequency / (2.0 * math.pi)
+    count = math.ceil(min(max(periods / _PERIODS, _FEWEST), _MOST))
+    for number in range(1, count + 1):
+        simulation.advance_to(number * duration / count)
+        companion.look()
+        progress(simulation.time)
+    return companion.result()
+
+
+def _more_accurate(scene: Scene, tolerance: float) -> Scene:
+    return Scene.from_parameters(scene.parameters.with_changes(
+        {'solver.tolerance': tolerance, 'solver.method': 'auto'}))
+
+
+def _displaced(snapshot: Snapshot, scene: Scene) -> InitialState:
+    """
+    Every free body displaced and turned at random, the farthest by DISPLACEMENT; same velocities.
+    """
+    generator = np.random.RandomState(_SEED)
+    shift, turn = generator.standard_normal((2, scene.body_count, 3))
+    if scene.supports is not None:
+        shift[scene.supports.translation] = 0.0
+        turn[scene.supports.rotation] = 0.0
+    for drive in scene.drives.values():
+        shift[drive.bodies] = turn[drive.bodies] = 0.0
+    largest = max(float(np.linalg.norm(values, axis=1).max()) for values in (shift, turn))
+    scale = DISPLACEMENT / largest if largest > 0.0 else 0.0
+    return InitialState(
+        snapshot.position + scale * scene.geometry.half_edge * shift,
+        _turned(scale * turn, snapshot.orientation),
+        snapshot.linear_velocity, snapshot.angular_velocity)
+
+
+def _between(first: Snapshot, second: Snapshot, part: float) -> InitialState:
+    """The state that lies a small `part` of the way from the first to the second."""
+    def mixed(one: np.ndarray, two: np.ndarray) -> np.ndarray:
+        return one + part * (two - one)
+
+    return InitialState(
+        mixed(first.position, second.position),
+        _turned(part * _rotation(first.orientation, second.orientation), first.orientation),
+        mixed(first.linear_velocity, second.linear_velocity),
+        mixed(first.angular_velocity, second.angular_velocity))
+
+
+def distance_between(first: Snapshot, second: Snapshot, half_edge: float) -> float:
+    """Largest distance of centres over a, or angle between orientations [rad]."""
+    shift = np.linalg.norm(first.position - second.position, axis=1).max() / half_edge
+    turn = np.linalg.norm(_rotation(first.orientation, second.orientation), axis=1).max()
+    return max(float(shift), float(turn))
+
+
+def _turned(rotation: np.ndarray, orientation: np.ndarray) -> np.ndarray:
+    """Quaternions (n, 4), each turned by a rotation vector [rad] of its own, world axes."""
+    angle = np.linalg.norm(rotation, axis=1, keepdims=True)
+    u, c = np.sinc(angle / (2.0 * np.pi)) * 0.5 * rotation, np.cos(0.5 * angle)
+    v, w = orientation[:, :3], orientation[:, 3:]
+    turned = np.hstack(
+        [c * v + w * u + np.cross(u, v), c * w - (u * v).sum(axis=1, keepdims=True)])
+    return turned / np.linalg.norm(turned, axis=1, keepdims=True)
+
+
+def _rotation(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """Rotation vectors [rad], world axes, that turn the first quaternions into the second."""
+    u, c = first[:, :3], first[:, 3:]
+    v, w = second[:, :3], second[:, 3:]
+    vector = c * v - w * u - np.cross(v, u)
+    scalar = c * w + (u * v).sum(axis=1, keepdims=True)
+    length = np.linalg.norm(vector, axis=1, keepdims=True)
+    angle = 2.0 * np.arctan2(length, np.abs(scalar))
+    ratio = np.divide(angle, length, out=np.full_like(length, 2.0), where=length > 0.0)
+    return np.where(scalar < 0.0, -ratio, ratio) * vector

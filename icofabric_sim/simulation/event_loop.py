@@ -1,0 +1,237 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""The course of a run: steps, and the wrenches that act on the way, in order of time."""
+
+from collections.abc import Callable
+import math
+from typing import Any
+
+from icofabric_sim.kernels.records import Loads
+from icofabric_sim.scene.initial import InitialState
+from icofabric_sim.scene.scene import Scene
+from icofabric_sim.simulation.contact.broad_phase import ContactWatch
+from icofabric_sim.simulation.errors import SimulationError
+from icofabric_sim.simulation.inputs import Inputs, Key, Wrench
+from icofabric_sim.simulation.model.packing import (
+    expected_liveliness,
+    expected_strain,
+    load_rate,
+    PackedScene,
+)
+from icofabric_sim.simulation.model.stability import largest_frequency, with_anchors
+from icofabric_sim.simulation.state_tree import Memory
+from icofabric_sim.simulation.stepping.adaptive_driver import AdaptiveStepper
+from icofabric_sim.simulation.stepping.broken import Broken
+from icofabric_sim.simulation.stepping.event_detection import BreakingStepper
+from icofabric_sim.simulation.stepping.faults import stiffest_term, too_fast
+from icofabric_sim.simulation.stepping.fixed_step_driver import Stepper
+from icofabric_sim.simulation.stepping.method_needs import ADAPTIVE, required_method
+from icofabric_sim.simulation.stepping.method_selection import Choice, choose_method
+from icofabric_sim.simulation.stepping.methods import METHODS
+from icofabric_sim.simulation.stepping.obstruction import Obstruction
+from icofabric_sim.simulation.stepping.thread_team import Crew
+
+
+class Course:
+    """Where a run stands, what acts on it, and what will."""
+
+    def __init__(
+        self, scene: Scene, packed: PackedScene, *, body_wrenches: bool,
+        on_pause: Callable[[], None]
+    ) -> None:
+        """Stand at the start of the `scene`; see `compile_scene` and `Stepper`."""
+        self._scene, self._packed, self._body_wrenches = scene, packed, body_wrenches
+        self.time = 0.0  # [s] that was asked for last
+        self.inputs = Inputs(scene)
+        # Grows with whatever changes the state that is seen.
+        self.changes = 0
+        self._stale_loads = False
+        parameters = scene.parameters
+        crew, watch = Crew(parameters['solver.threads'], packed), None
+        if packed.contact is not None:
+            watch = ContactWatch(packed.contact, packed.layout, packed.model, crew.size)
+        # Name of the method in METHODS, and why it was chosen.
+        self.method = Choice(parameters['solver.method'], 'given as solver.method')
+        loads = self._loads()
+        state = packed.layout.pack(scene.initial)
+        frequency = with_anchors(
+            largest_frequency(packed, state), packed, loads, state, self.time)
+        if not frequency.rate < math.inf:
+            fastest = stiffest_term(packed, anchored=bool(scene.anchors))
+            raise ValueError(f'this scene cannot start: {too_fast(self.time, fastest)}')
+        fixed = parameters['solver.step']
+        required = required_method(scene, outside=packed.external is not None)
+        if self.method.name == 'auto' and required is None and packed.model.wrapping is not None:
+            # Any method can, but those with steps of one length err by these.
+            required = Choice(
+                ADAPTIVE, 'connectors around their shells change their ways, and only steps that '
+                'adapt see where')
+        if self.method.name == 'auto' and required is not None:
+            self.method = required
+            loads = self._loads()
+        elif self.method.name == 'auto':
+            strongest = self.inputs.pack_strongest(packed.layout)
+            liveliness = expected_liveliness(scene, packed.model, strongest, frequency.rate)
+            self.method = choose_method(
+                parameters['solver.tolerance'],
+                liveliness,
+                fixed_ratio=fixed * frequency.rate if fixed > 0.0 else None,
+                kinks=scene.connectors.laws.kink_count(scene.connector_count),
+                bent=bool(scene.connectors.tables.tables),
+                strain=expected_strain(scene, liveliness, frequency.rate),
+                contact='' if packed.contact is None else packed.contact.expected)
+            # With the room that this method needs.
+            loads = self._loads()
+        method = METHODS[self.method.name]
+        try:
+            kind: type[Stepper] = Stepper
+            if packed.breakage is not None:
+                kind = BreakingStepper
+            elif method.adaptive and not fixed > 0.0:
+                kind = AdaptiveStepper
+            self.stepper = kind(
+                packed,
+                method,
+                state,
+                loads,
+                frequency,
+                origin=self.time,
+                fixed_step=fixed,
+                tolerance=parameters['solver.tolerance'],
+                energy_limit=parameters['solver.energy_limit'],
+                output_period=1.0 / parameters['publish_rate'],
+                load_rate=self._load_rate(loads),
+                half_edge=scene.geometry.half_edge,
+                crew=crew,
+                watch=watch,
+                broken=Broken(packed),
+                obstruction=Obstruction(parameters['connector.obstruction'], packed),
+                on_pause=on_pause,
+            )
+        except SimulationError as error:
+            raise ValueError(f'this scene cannot start: {error}') from error
+
+    def advance(self, time: float) -> None:
+        """Go on to `time` [s], with all wrenches that begin or end by then."""
+        self._handle_events(time)
+        self._reach(time)
+
+    def take_step(self, most: int, pause: Callable[[], None]) -> None:
+        """
+        Take at least one step and at most so many; an input that acts ends a step, which counts.
+        """
+        due = self.inputs.next_time
+        self.settle_loads()
+        try:
+            done = self.stepper.advance_steps(most, until=due)
+            pause()
+        except SimulationError:
+            self.time = -math.inf  # the last good state may be older
+            raise
+        finally:
+            self.time = max(self.time, self.stepper.time)
+            self.changes += 1
+        if done == 0:
+            self._handle_events(due)
+
+    def apply(self, key: Key, wrench: Wrench, time: float) -> None:
+        """Let a wrench act from `time` [s] on, now or later."""
+        if isinstance(key, int):
+            self._body_wrenches = True
+        self.inputs.schedule(time, key, wrench)
+        if time == self.time:
+            self._handle_events(time)
+
+    def jump(self, state: InitialState) -> None:
+        """Go on from another state at the present time."""
+        self.changes += 1
+        self._stale_loads = False
+        loads = self._loads()
+        self.stepper.jump(
+            self.time, self._packed.layout.pack(state), loads, self._load_rate(loads))
+
+    def begin_at(self, time: float) -> None:
+        """Move a course that has not begun to another `time` [s]; what acts may have changed."""
+        self.time = time
+        self.changes += 1
+        self.stepper.rebase(time)
+        self._stale_loads = True
+        self.settle_loads()
+
+    def settle_loads(self) -> None:
+        """
+        Tell the stepper what acts now: once, however many wrenches have changed at this time.
+        """
+        if self._stale_loads:
+            loads = self._loads()
+            self._stale_loads = False
+            self.stepper.set_loads(loads, self._load_rate(loads))
+
+    def memory(self) -> dict[str, Any]:
+        """All that what is to come depends on, but for the time."""
+        return {
+            'stale_loads': self._stale_loads,
+            'inputs': self.inputs.memory(),
+            'stepper': self.stepper.memory(),
+        }
+
+    def recall(self, memory: Memory, time: float) -> None:
+        """
+        Go on from there at `time` [s]; where it raises ValueError, only another recall helps.
+        """
+        self.changes += 1
+        self.inputs.recall(memory.part('inputs'), time)
+        # A wrench on a body has loads prepared for all that follows, here or there.
+        self._body_wrenches = self._body_wrenches or self.inputs.concern_bodies
+        self._stale_loads = memory.flag('stale_loads')
+        self.stepper.recall(memory.part('stepper'), self._loads(again=True))
+        if not self.stepper.time <= time <= self.stepper.next_step_time:
+            raise ValueError(
+                f'its time {time!r} s is not in the step in progress, '
+                f'{self.stepper.time!r} to {self.stepper.next_step_time!r} s')
+        self.time = time
+
+    def _handle_events(self, until: float) -> None:
+        # Reached before it is taken out: an interrupt on the way loses nothing.
+        while (time := self.inputs.next_time) <= until:
+            self._reach(time)
+            if self.inputs.apply_next():
+                self._settle_loads_before(time)
+                self.stepper.cut(time)
+                self._stale_loads = True
+                self.changes += 1
+
+    def _reach(self, time: float) -> None:
+        try:
+            self._settle_loads_before(time)
+            self.stepper.advance(time)
+        except SimulationError:
+            # The last good state may be older than what was seen of the run.
+            self.time = self.stepper.time
+            self.changes += 1
+            raise
+        except BaseException:
+            self.time = max(self.time, self.stepper.time)
+            self.changes += 1
+            raise
+        if time != self.time:
+            self.time = time
+            self.changes += 1
+
+    def _settle_loads_before(self, time: float) -> None:
+        if time > self.stepper.time:
+            self.settle_loads()
+
+    def _load_rate(self, loads: Loads | None) -> float:
+        return load_rate(loads, self._packed.model, self._scene.geometry.cube_width)
+
+    def _loads(self, *, again: bool = False) -> Loads | None:
+        """What acts now, for the kernels; `again`: what they had last."""
+        scene = self._scene
+        if not (scene.loads or scene.tractions or scene.drives or scene.anchors
+                or self._body_wrenches):
+            return None
+        # While the method is being chosen: rows without room for Runge-Kutta stages.
+        symplectic = self.method.name == 'auto' or METHODS[self.method.name].symplectic
+        pack = self.inputs.pack_again if again else self.inputs.pack
+        return pack(self._packed.layout, stages=0 if symplectic else 16)

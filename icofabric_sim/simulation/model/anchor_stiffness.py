@@ -1,0 +1,80 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""Second derivatives of the energy of anchors, body by body."""
+
+from icofabric_sim.geometry.rotations import cosines_from_quaternions
+from icofabric_sim.kernels.records import Anchors, Loads, Model, State
+from icofabric_sim.simulation.model.packing import acting_lanes
+import numpy as np
+
+
+def anchors_eigenvalue(model: Model, loads: Loads, state: State, time: float) -> float:
+    """
+    Largest squared frequency [1/s^2] of anchors alone at `time` [s]; held freedoms are left out.
+
+    Infinite where numbers are too large.
+    """
+    anchors = loads.anchors
+    assert anchors is not None
+    row, lane = acting_lanes(loads)
+    number = -1 - loads.wrench[row] - anchors.first
+    chosen = number >= 0
+    row, lane, number = row[chosen], lane[chosen], number[chosen]
+    block = np.repeat(np.arange(len(loads.start) - 1), np.diff(loads.start))
+    slots = model.blocks.slot[block[row]] + lane
+    hessians: dict[int, np.ndarray] = {}
+    with np.errstate(over='ignore', invalid='ignore', divide='ignore'):
+        for slot, a in zip(slots.tolist(), number.tolist()):
+            part = stiffness_of(anchors, a, *_pose(state, slot), time)
+            hessians[slot] = hessians.get(slot, 0.0) + part
+    largest = 0.0
+    for slot, hessian in hessians.items():
+        root = np.sqrt(_inverses(model, slot))
+        scaled = hessian * np.outer(root, root)
+        if not np.isfinite(scaled).all():
+            return np.inf
+        largest = max(largest, float(np.linalg.eigvalsh(scaled)[-1]))
+    return largest
+
+
+def stiffness_of(
+    anchors: Anchors, a: int, position: np.ndarray, axes: np.ndarray, time: float
+) -> np.ndarray:
+    """
+    Second derivative (6, 6) along small motions (dx, dtheta) of a body, world frame.
+
+    With s the arm, n the direction and l the length of the connector, f its tension,
+    du = dx + dtheta x s: k (n.du)^2 + f/l |P du|^2 - f n.(dtheta x (dtheta x s)). The larger of
+    k_e and k_c counts: the connector may come from one to the other before the next look.
+    """
+    after = time - anchors.start[a]
+    point = after ** np.arange(4.0) @ anchors.cubic[a]
+    s = anchors.arm[a] @ axes
+    reach = point - position - s
+    length = max(float(np.linalg.norm(reach)), 1e-150)
+    n, stretch = reach / length, length - anchors.natural_length
+    tension = (anchors.extension if stretch > 0.0 else anchors.compression) * stretch
+    along = np.outer(n, n)
+    stiff = max(anchors.extension, anchors.compression) * along
+    stiff += tension / length * (np.eye(3) - along)
+    cross = np.array([[0.0, s[2], -s[1]], [-s[2], 0.0, s[0]], [s[1], -s[0], 0.0]])
+    moves = np.hstack([np.eye(3), cross])
+    hessian = moves.T @ stiff @ moves
+    mixed = np.outer(n, s)
+    hessian[3:, 3:] += tension * (float(n @ s) * np.eye(3) - 0.5 * (mixed + mixed.T))
+    return np.asarray(hessian)
+
+
+def _pose(state: State, slot: int) -> tuple[np.ndarray, np.ndarray]:
+    orientation = state.orientation[..., slot]
+    if orientation.ndim == 1:
+        orientation = cosines_from_quaternions(orientation[None])[0]
+    return state.position[:, slot], orientation
+
+
+def _inverses(model: Model, slot: int) -> np.ndarray:
+    """Inverse masses and inertias of the freedoms of a body, (6,)."""
+    if model.supports is None:
+        return np.repeat([model.inverse_mass, model.inverse_inertia], 3)
+    held = model.supports
+    return np.append(held.inverse_mass[:, slot], np.repeat(held.inverse_inertia[0, slot], 3))

@@ -1,0 +1,254 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""Forces on the bodies that a user writes as Python functions."""
+
+from collections.abc import Callable
+import ctypes
+import itertools
+import math
+from typing import Any, Final
+
+from icofabric_sim import checks
+from icofabric_sim.kernels.external import C_FUNCTION
+from icofabric_sim.kernels.records import External
+from icofabric_sim.simulation.model.layout import aligned_empty, Layout
+import numba
+from numba import carray, types
+from numba.core import config
+from numba.core.errors import NumbaError
+import numpy as np
+
+Force = Callable[..., tuple[Any, Any]]
+Potential = Callable[..., Any]
+
+# Columns of what a function gets: position, orientation, linear and angular velocity.
+_PARTS: Final = (slice(0, 3), slice(3, 7), slice(7, 10), slice(10, 13))
+_C_TYPES = types.int64(
+    types.float64, types.int64, types.CPointer(types.float64), types.CPointer(types.float64))
+_ROW = types.Array(types.float64, 1, 'C')
+# How far the two ways of calling a function may be apart, beside the largest number.
+_ALIKE = 1e-9
+_PLAIN = bool(getattr(config, 'DISABLE_JIT', 0))
+
+
+class BodyForce:
+    """
+    A force and a torque on every body, from time, place, orientation and velocities.
+
+    `force(time, position, orientation, linear_velocity, angular_velocity)` returns the force [N]
+    and the torque about the centre [N m], world frame, SI units. It must depend on nothing else.
+
+    Where Numba can compile it, it is called for one body at a time, with arrays (3,), (3,), (4,),
+    ... and returns two vectors or tuples of three numbers. Where it cannot, Python calls it with
+    all bodies, (n, 3), (n, 4) x y z w, (n, 3), (n, 3), and it returns two arrays (n, 3).
+    `compiled` True or False settles which; a function that both would take, and that means
+    something else to each, is refused.
+
+    Its work counts as work in. With a `potential(time, position, orientation)`, called in the
+    same way and returning energies [J], of a force that has one which does not depend on time,
+    this is part of the energy instead.
+    """
+
+    def __init__(
+        self, force: Force, *, potential: Potential | None = None, compiled: bool | None = None
+    ) -> None:
+        """Nothing is called or compiled yet."""
+        checks.function('force', force)
+        if potential is not None:
+            checks.function('potential', potential)
+        if compiled is not None:
+            compiled = checks.flag('compiled', compiled)
+        self.force, self.potential, self._wanted = force, potential, compiled
+        self.name = getattr(force, '__name__', type(force).__name__)
+        # Whether Numba has compiled it; None until a scene is.
+        self.is_compiled: bool | None = None
+        self._keep: list[Any] = []  # what compiled code points to
+        self._error: BaseException | None = None
+
+    def prepare(self, layout: Layout, numbers: np.ndarray) -> External:
+        """
+        Compile it if it can be, and try it at the start, `numbers` (n, 13); ValueError if wrong.
+        """
+        checks.instance('layout', layout, Layout)
+        numbers = checks.array('numbers', numbers, ('n', 13))
+        count = len(numbers)
+        result = np.zeros((count, 6))
+        external = External(
+            0, layout.slot, numbers, result, aligned_empty((6, layout.slot_count)),
+            np.zeros(1, np.int64), np.zeros(1))
+        external.rows[:] = 0.0
+        single = self._compile() if self._wanted is not False and not _PLAIN else None
+        if single is None and self._wanted and not _PLAIN:
+            raise ValueError(f'body_force {self.name} cannot be compiled: {self._error}')
+        self.is_compiled = single is not None
+        if single is not None:
+            callback = _loop(single)
+        else:
+            callback = C_FUNCTION(self._python(external))
+        self._keep.append(callback)
+        address = callback.address if single is not None else ctypes.cast(
+            callback, ctypes.c_void_p).value
+        assert address is not None
+        external = external._replace(address=int(address))
+        self._try(external)
+        try:
+            start = self.energy(0.0, numbers[:, _PARTS[0]], numbers[:, _PARTS[1]])
+        except Exception as error:  # noqa: BLE001 - it is the user's
+            raise ValueError(
+                self._sentence(external, f'its potential: {_words(error)}')) from error
+        if not math.isfinite(start):
+            raise ValueError(self._sentence(external, f'its potential is {start} J at the start'))
+        return external
+
+    def energy(self, time: float, position: np.ndarray, orientation: np.ndarray) -> float:
+        """Potential energy [J] of all bodies; 0 without a potential."""
+        time = checks.number('time', time, unit='s')
+        position = checks.array('position', position, ('n', 3), 'm')
+        orientation = checks.array('orientation', orientation, (len(position), 4))
+        if self.potential is None:
+            return 0.0
+        if not self._by_body:
+            found = np.asarray(self.potential(time, position, orientation))
+            if found.dtype.kind not in 'iuf' or found.shape not in ((), (len(position),)):
+                raise ValueError(
+                    f'the potential of body_force {self.name} must return energies [J] of '
+                    f'{len(position)} bodies, got {checks.shown(found)}')
+            return float(np.sum(found))
+        return float(sum(
+            checks.number(f'what the potential of body_force {self.name} returns', each, unit='J')
+            for each in map(self.potential, itertools.repeat(time), position, orientation)))
+
+    def explain(self, external: External) -> str:
+        """Sentence on why it failed."""
+        checks.instance('external', external, External)
+        error: BaseException | None = self._error
+        if error is None:
+            # Compiled code cannot say: Python will.
+            for body, row in enumerate(external.numbers):
+                try:
+                    found = self._of_body(external.moment[0], row)
+                except Exception as raised:  # noqa: BLE001 - it is the user's
+                    return self._sentence(external, f'{_words(raised)} (for body {body})')
+                if not np.isfinite(found).all():
+                    return self._sentence(external, f'it is not finite for body {body}: {found}')
+            return self._sentence(external, 'it failed')
+        return self._sentence(external, _words(error))
+
+    @property
+    def _by_body(self) -> bool:
+        return bool(self.is_compiled or (_PLAIN and self._wanted))
+
+    def _sentence(self, external: External, what: str) -> str:
+        return f'body_force {self.name} failed at t = {external.moment[0]:.9g} s: {what}'
+
+    def _compile(self) -> Any:
+        """The function for one body; None, with the error noted, where Numba cannot compile it."""
+        force: Any = self.force
+        try:
+            single = force if hasattr(force, 'py_func') else numba.njit(force)
+            single.compile((types.float64, *[_ROW] * 4))
+            # The result must be two vectors, too.
+            _loop(single)
+        except (NumbaError, TypeError, ValueError, AttributeError) as error:
+            self._error = ValueError(str(error).strip().split('\n')[0])
+            return None
+        self._error = None
+        return single
+
+    def _python(self, external: External) -> Callable[..., int]:
+        """Callback that hands all bodies to the Python function, and keeps what goes wrong."""
+        def call(time: float, count: int, numbers: int, result: int) -> int:
+            try:
+                if self._by_body:
+                    for row, target in zip(external.numbers, external.result):
+                        target[:] = self._of_body(time, row)
+                else:
+                    external.result[:] = self._of_all(time, external.numbers)
+                wrong = np.flatnonzero(~np.isfinite(external.result).all(axis=1))
+                if len(wrong):
+                    raise ValueError(f'it is not finite for body {wrong[0]}')
+            except BaseException as error:  # noqa: BLE001 - nothing may pass compiled code
+                self._error = error
+                return 1
+            return 0
+        self._error = None
+        return call
+
+    def _of_all(self, time: float, numbers: np.ndarray) -> np.ndarray:
+        parts = [numbers[:, part].copy() for part in _PARTS]
+        return self._judged(self.force(time, *parts), (len(numbers), 3))
+
+    def _of_body(self, time: float, row: np.ndarray) -> np.ndarray:
+        force: Any = self.force
+        function = getattr(force, 'py_func', force)
+        return self._judged(function(time, *(row[part].copy() for part in _PARTS)), (3,))
+
+    def _judged(self, found: Any, shape: tuple[int, ...]) -> np.ndarray:
+        try:
+            force, torque = (np.asarray(part, float) for part in found)
+        except (TypeError, ValueError) as error:
+            raise ValueError(
+                f'it must return a force and a torque, two arrays {shape}') from error
+        if force.shape != shape or torque.shape != shape:
+            raise ValueError(
+                f'it must return a force and a torque, two arrays {shape}, not {force.shape} and '
+                f'{torque.shape}')
+        return np.concatenate([force, torque], axis=-1)
+
+    def _try(self, external: External) -> None:
+        """Call it once for the start."""
+        if self.is_compiled:
+            # Compiled code would not notice that numbers are missing.
+            try:
+                self._of_body(0.0, external.numbers[0])
+            except Exception as error:  # noqa: BLE001 - it is the user's
+                raise ValueError(self._sentence(external, _words(error))) from error
+        function = C_FUNCTION(external.address)
+        status = function(
+            0.0, len(external.numbers), external.numbers.ctypes.data, external.result.ctypes.data)
+        if status:
+            raise ValueError(self.explain(external))
+        if self._wanted is not None or not self.is_compiled:
+            return
+        try:
+            other = self._of_all(0.0, external.numbers)
+        except Exception:  # noqa: BLE001 - it is for one body, then
+            return
+        size = np.abs(external.result).max(initial=0.0)
+        if not np.abs(other - external.result).max(initial=0.0) <= _ALIKE * size:
+            raise ValueError(
+                f'body_force {self.name} can be called for one body and for all at once, but '
+                'gives different forces: say which is meant with '
+                'BodyForce(..., compiled=True) for one, False for all')
+
+
+def as_body_force(force: 'BodyForce | Force | None') -> BodyForce | None:
+    """Take a function for a body force without a potential."""
+    if force is None or isinstance(force, BodyForce):
+        return force
+    return BodyForce(checks.function('body_force', force, 'a function or a BodyForce'))
+
+
+def _loop(single: Any) -> Any:
+    """C function that calls a compiled one body by body."""
+    @numba.cfunc(_C_TYPES)
+    def call(time, count, numbers, result):  # type: ignore[no-untyped-def]
+        given = carray(numbers, (count, 13))
+        target = carray(result, (count, 6))
+        for b in range(count):
+            try:
+                force, torque = single(
+                    time, given[b, 0:3], given[b, 3:7], given[b, 7:10], given[b, 10:13])
+            except Exception:  # noqa: BLE001 - Python will say what it was
+                return 1
+            for k in range(3):
+                target[b, k] = force[k]
+                target[b, 3 + k] = torque[k]
+                if not (np.isfinite(force[k]) and np.isfinite(torque[k])):
+                    return 1
+        return 0
+    return call
+
+
+def _words(error: BaseException) -> str:
+    return f'{type(error).__name__}: {error}' if str(error) else type(error).__name__

@@ -1,0 +1,46 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""Packs the damping of connectors: one coefficient for all, or one for each."""
+
+from icofabric_sim.kernels.records import Damping, LINK_COUNT, Links
+from icofabric_sim.simulation.model.layout import aligned_empty, Layout
+import numpy as np
+
+# Connectors that are entered at once: bounds the temporary arrays.
+_PIECE = 1 << 18
+
+
+def pack_damping(
+    damping: np.ndarray, layout: Layout, links: Links | None, bodies: np.ndarray, edges: np.ndarray
+) -> Damping | None:
+    """
+    Damping c [N s/m] of all connectors, (c,) or (1,), for kernels; None where nothing is damped.
+    """
+    if links is None or not damping.max(initial=0.0) > 0.0:
+        return None
+    if len(damping) == 1:
+        return Damping(float(damping[0]), None)
+    return Damping(float(damping.max()), at_links(damping, layout, links, bodies, edges))
+
+
+def at_links(
+    values: np.ndarray, layout: Layout, links: Links, bodies: np.ndarray, edges: np.ndarray
+) -> np.ndarray:
+    """
+    A number of each connector, (c,), at the connectors of each body, (12, s); 0 where none is.
+    """
+    result = aligned_empty((LINK_COUNT, layout.slot_count))
+    result[:] = 0.0
+    block = layout.block_of(np.arange(layout.body_count, dtype=np.int32))
+    for start in range(0, len(bodies), _PIECE):
+        piece = slice(start, start + _PIECE)
+        for end in range(2):
+            own, other = bodies[piece, end], bodies[piece, 1 - end]
+            target = 3 * layout.slot_count * edges[piece, 1 - end].astype(np.int64)
+            target += layout.slot[other]
+            # Two connectors leave each edge; the one that leads to the other body's edge.
+            link = 2 * edges[piece, end].astype(np.int64)
+            lane = layout.slot[own] - layout.blocks.slot[block[own]]
+            link += links.place[block[own], link] + lane != target
+            result[link, layout.slot[own]] = values[piece]
+    return result

@@ -1,0 +1,32 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""Packs charges, dipoles and fields for the kernels."""
+
+from icofabric_sim.kernels.records import Coulomb, Dipole, Magnet
+from icofabric_sim.scene.electric import Electric
+from icofabric_sim.simulation.model.layout import Layout
+import numpy as np
+
+# 1 / (4 pi eps_0) [N m^2/C^2] with eps_0 = 8.8541878188e-12 F/m (CODATA 2022).
+COULOMB_CONSTANT = 8.9875517862e9
+
+
+def pack_dipole(electric: Electric) -> Dipole | None:
+    """Dipoles in the electric field, if both are there."""
+    largest = float(np.linalg.norm(electric.dipole) * np.linalg.norm(electric.electric))
+    return Dipole(electric.electric, electric.dipole, largest) if largest > 0.0 else None
+
+
+def pack_magnet(electric: Electric, mass: float, inertia: float) -> Magnet | None:
+    """Charges and dipoles that move in the magnetic field, if both are there."""
+    if not (electric.magnetic.any() and (electric.charge != 0.0 or electric.dipole.any())):
+        return None
+    second = 0.5 * electric.charge * inertia / mass
+    return Magnet(electric.magnetic, electric.charge, electric.dipole, second)
+
+
+def pack_coulomb(electric: Electric, layout: Layout) -> Coulomb | None:
+    """Charges on each other, if that is asked for."""
+    if not (electric.mutual and electric.charge != 0.0 and layout.body_count > 1):
+        return None
+    return Coulomb(COULOMB_CONSTANT * electric.charge**2, np.sort(layout.slot))

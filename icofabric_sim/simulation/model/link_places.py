@@ -1,0 +1,65 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""Where connectors are in the tables that kernels read: once at either end."""
+
+from typing import NamedTuple
+
+from icofabric_sim.kernels.records import Breakage, Connectors, LINK_COUNT, Links, LINKS_PER_EDGE
+from icofabric_sim.kernels.runtime.lanes import LANES
+from icofabric_sim.scene.breakage import BreakLimits
+from icofabric_sim.simulation.model.layout import aligned_empty, Layout
+import numpy as np
+
+
+class LinkPlaces(NamedTuple):
+    """Both ends of some connectors in the tables of `Links`; arrays of shape (2, m)."""
+
+    block: np.ndarray
+    link: np.ndarray
+    slot: np.ndarray
+
+    @property
+    def lane(self) -> np.ndarray:
+        """Lanes in their blocks."""
+        return np.asarray(self.slot % LANES)
+
+
+def link_places(
+    layout: Layout, links: Links, connectors: Connectors, chosen: np.ndarray | slice
+) -> LinkPlaces:
+    """
+    Find the `chosen` connectors, by their numbers.
+
+    Two leave each edge; which of them, the place that they lead to tells, also once they are
+    broken.
+    """
+    bodies = np.array([connectors.first[chosen], connectors.second[chosen]])
+    edges = np.array([connectors.first_edge[chosen], connectors.second_edge[chosen]], np.int64)
+    slot = layout.slot[bodies].astype(np.int64)
+    block, lane = layout.block_of(bodies), slot % LANES
+    leads_to = 3 * layout.slot_count * edges[::-1] + slot[::-1] - lane
+    link = LINKS_PER_EDGE * edges
+    for side in range(LINKS_PER_EDGE):
+        there = LINKS_PER_EDGE * edges + side
+        is_it = links.place[block, there] == leads_to
+        link[is_it] = there[is_it]
+    return LinkPlaces(block, link, slot)
+
+
+def pack_breakage(
+    layout: Layout, links: Links, connectors: Connectors, limits: BreakLimits
+) -> Breakage:
+    """Limits of the connectors at each body; where there is none, it never breaks."""
+    places = link_places(layout, links, connectors, slice(None))
+
+    def rows(values: np.ndarray | None, empty: float, count: int = LINK_COUNT) -> np.ndarray:
+        array = aligned_empty((count, layout.slot_count))
+        array[:] = empty
+        if values is not None:
+            array[places.link, places.slot] = values
+        return array
+
+    return Breakage(
+        longest=rows(limits.longest, np.inf), shortest=rows(limits.shortest, 0.0),
+        length=rows(None, 0.0), rate=rows(None, 0.0), excess=rows(None, -1.0),
+        moving=rows(None, 0.0, 18).reshape(-1))

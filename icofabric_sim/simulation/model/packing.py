@@ -1,0 +1,357 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""Packs a scene into the constants that kernels take."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from icofabric_sim.kernels.records import (
+    Anchors,
+    Breakage,
+    Connectors,
+    Drag,
+    Drives,
+    External,
+    LINK_COUNT,
+    Loads,
+    Model,
+    Moments,
+    Varying,
+)
+from icofabric_sim.kernels.records import Supports as PackedSupports
+from icofabric_sim.kernels.runtime.lanes import LANES
+from icofabric_sim.scene.anchors import AnchorPack
+from icofabric_sim.scene.attachments import are_given, pack_shells
+from icofabric_sim.scene.connector_laws import ConnectorTables
+from icofabric_sim.scene.profiles import Piece, STEADY
+from icofabric_sim.scene.scene import Scene
+from icofabric_sim.scene.wrapping import pack_wrapping
+from icofabric_sim.simulation.contact.setup import ContactSetup, pack_contact
+from icofabric_sim.simulation.driving import DrivePack
+from icofabric_sim.simulation.model.body_force import BodyForce
+from icofabric_sim.simulation.model.connector_moments import pack_moments
+from icofabric_sim.simulation.model.damping import pack_damping
+from icofabric_sim.simulation.model.electric import pack_coulomb, pack_dipole, pack_magnet
+from icofabric_sim.simulation.model.layout import aligned_empty, Layout, make_layout, make_links
+from icofabric_sim.simulation.model.link_places import pack_breakage
+import numpy as np
+
+# Runge-Kutta methods hold 1.7 kB more for each body: larger fabrics are not offered them.
+_LARGEST_WILD = 50_000
+
+
+_ZERO = np.zeros(3)
+
+
+class WrenchRow(NamedTuple):
+    """A wrench on some bodies, and what it is multiplied by."""
+
+    bodies: np.ndarray  # (m,) int32
+    in_body_axes: bool
+    force: np.ndarray  # (3,) [N]
+    torque: np.ndarray  # (3,) [N m]
+    point: np.ndarray = _ZERO  # (3,) [m], body axes
+    piece: Piece = STEADY.pieces[0]  # at times of the run
+    normal: np.ndarray = _ZERO  # (3,) body axes: only the part of the force along it acts
+
+
+@dataclass(frozen=True)
+class PackedScene:
+    """A scene as arrays: for the kernels of motion, and connector by connector."""
+
+    model: Model
+    layout: Layout
+    connectors: Connectors | None
+    moments: Moments | None
+    tables: ConnectorTables
+    gravity: np.ndarray | None  # (3,) [m/s^2]
+    field_force: np.ndarray | None  # (3,) [N] of a uniform electric field on every body
+    # Largest rate [1/s] at which forces that depend on velocities change these.
+    velocity_rate: float
+    breakage: Breakage | None
+    body_force: BodyForce | None
+    external: External | None
+    contact: ContactSetup | None
+
+    @property
+    def spends(self) -> bool:
+        """Whether forces take energy from the motion."""
+        return self.model.damping is not None or self.model.drag is not None or (
+            self.contact is not None and self.contact.spends)
+
+
+def pack_scene(
+    scene: Scene, *, cosines: bool = False, body_force: BodyForce | None = None
+) -> PackedScene:
+    """Constants of the scene; a term that the scene lacks is None."""
+    mass, inertia = scene.shell.mass, scene.shell.inertia
+    gravity, electric = np.array(scene.parameters['gravity']), scene.electric
+    # On equal charges a uniform field is an acceleration like gravity.
+    fall = gravity + electric.force / mass
+    grid = scene.weave.grid
+    layout = make_layout(grid, scene.body_count, cosines=cosines)
+    connectors = links = supports = damping = breakage = None
+    if scene.connector_count:
+        bodies, edges = scene.connectors.bodies, scene.connectors.edges
+        laws, half_width, points = scene.connectors.laws, _half_width(scene), None
+        if are_given(scene.parameters):
+            points = scene.connectors.attachment
+        connectors = Connectors(
+            bodies[:, 0], bodies[:, 1], edges[:, 0], edges[:, 1], *laws, half_width, points)
+        layout, links = make_links(
+            layout, grid, bodies, edges, laws=laws, half_width=half_width, attachment=points,
+            tables=scene.connectors.tables)
+        damping = pack_damping(scene.connectors.damping, layout, links, bodies, edges)
+        if scene.connectors.limits is not None:
+            breakage = pack_breakage(layout, links, connectors, scene.connectors.limits)
+    drag = Drag(scene.parameters['drag.linear'], scene.parameters['drag.angular'])
+    if scene.supports is not None:
+        supports = PackedSupports(
+            layout.spread(np.where(scene.supports.translation, 0.0, 1.0 / mass)),
+            layout.spread(np.where(scene.supports.rotation, 0.0, 1.0 / inertia)[:, None]),
+        )
+    resisting = pack_moments(scene, layout, links)
+    model = Model(
+        inverse_mass=1.0 / mass,
+        inverse_inertia=1.0 / inertia,
+        gravity=fall if fall.any() else None,
+        blocks=layout.blocks,
+        links=links,
+        bending=resisting.bending,
+        twisting=resisting.twisting,
+        supports=supports,
+        damping=damping,
+        drag=drag if any(drag) else None,
+        magnet=pack_magnet(electric, mass, inertia),
+        dipole=pack_dipole(electric),
+        coulomb=pack_coulomb(electric, layout),
+        shells=pack_shells(scene.parameters, scene.geometry.half_edge),
+        wrapping=None if links is None else pack_wrapping(
+            scene.parameters, scene.geometry.half_edge),
+    )
+    external = None
+    if body_force is not None:
+        external = body_force.prepare(layout, np.hstack(scene.initial))
+    return PackedScene(
+        model, layout, connectors, resisting.moments, scene.connectors.tables,
+        gravity if gravity.any() else None, electric.force if electric.force.any() else None,
+        velocity_rate(model), breakage, body_force, external, pack_contact(scene, fall))
+
+
+def velocity_rate(model: Model) -> float:
+    """
+    Bound [1/s] of the rates at which damping, drag and magnetic field change velocities.
+
+    The power of damping is the sum of c (n . du)^2 over the connectors, where du = du_2 - du_1 is
+    the relative velocity of their ends and (n . du)^2 <= 2 (n . du_1)^2 + 2 (n . du_2)^2, and
+    (n . du_i)^2 <= (1/M + s^2/Lambda) times twice the kinetic energy of its body, which has up to
+    12 connectors at the distance s from its centre; those around shells at most that of a corner.
+    """
+    rate, mass, inertia = 0.0, model.inverse_mass, model.inverse_inertia
+    if model.damping is not None and model.links is not None:
+        square = model.links.half_width**2
+        if model.wrapping is not None:
+            square = float((model.wrapping.corners[0]**2).sum())
+        rate += 2 * LINK_COUNT * model.damping.coefficient * (mass + square * inertia)
+    if model.drag is not None:
+        rate += max(model.drag.linear * mass, model.drag.angular * inertia)
+    if model.magnet is not None:
+        magnet = model.magnet
+        own = max(abs(magnet.charge) * mass, abs(magnet.second) * inertia)
+        own += float(np.linalg.norm(magnet.moment)) * (mass * inertia) ** 0.5
+        rate += own * float(np.linalg.norm(magnet.field))
+    return rate
+
+
+def _half_width(scene: Scene) -> float:
+    """Distance [m] of the farthest attachment point from the centre."""
+    if are_given(scene.parameters):
+        return float(np.linalg.norm(scene.connectors.attachment, axis=1).max())
+    scale: float = scene.parameters['connector.attachment_scale']
+    return 0.5 * scene.geometry.cube_width * scale
+
+
+def pack_loads(
+    rows: Iterable[WrenchRow],
+    layout: Layout,
+    *,
+    stages: int = 0,
+    varying: bool = False,
+    drives: DrivePack | None = None,
+    anchors: AnchorPack | None = None,
+) -> Loads:
+    """
+    Wrenches for the kernels: a row for every block they act on.
+
+    In the order of the blocks; those of one block in the order given. `stages`: slopes of a
+    Runge-Kutta step; `varying`: with factors that are neither 0 nor 1, or with normals. Bodies
+    of `drives` feel no wrench: their paths bear it.
+    """
+    parts = list(rows)
+    count = len(layout.blocks.slot)
+    blocks, wrenches = [np.zeros(0, np.int32)], [np.zeros(0, np.int32)]
+    lanes = [np.zeros(0, np.uint8)]
+    members = [(number, part.bodies) for number, part in enumerate(parts)]
+    if drives is not None:
+        driven = np.zeros(layout.body_count, bool)
+        for row in drives.rows:
+            driven[row.bodies] = True
+        members = [(number, bodies[~driven[bodies]]) for number, bodies in members]
+        members += [(-1 - path, row.bodies) for path, row in enumerate(drives.rows)]
+    paths = 0 if drives is None else len(drives.rows)
+    if anchors is not None:
+        members += [
+            (-1 - paths - number, np.array([body], np.int32))
+            for number, body in enumerate(anchors.bodies)]
+    for number, bodies in members:
+        block, bits = layout.block_of(bodies), np.zeros(count, np.uint8)
+        np.bitwise_or.at(bits, block, (1 << layout.slot[bodies] % LANES).astype(np.uint8))
+        own = np.flatnonzero(bits).astype(np.int32)
+        blocks.append(own)
+        lanes.append(bits[own])
+        wrenches.append(np.full(len(own), number, np.int32))
+    block = np.concatenate(blocks)
+    order = np.argsort(block, kind='stable')
+    start = np.zeros(count + 1, np.int32)
+    np.cumsum(np.bincount(block, minlength=count), out=start[1:])
+
+    def column(field: str) -> np.ndarray:
+        return np.array([getattr(part, field) for part in parts], dtype=float).reshape(-1, 3)
+
+    def room(*rows: int) -> np.ndarray:
+        array = aligned_empty((*rows, LANES * len(block)))
+        array[:] = 0.0
+        return array
+
+    return Loads(
+        start=start,
+        wrench=np.concatenate(wrenches)[order],
+        lanes=np.concatenate(lanes)[order],
+        turning=np.array([255 if part.in_body_axes else 0 for part in parts], dtype=np.uint8),
+        force=column('force'),
+        torque=column('torque'),
+        point=column('point'),
+        work=room(),
+        earlier_work=room(),
+        power=room(stages),
+        varying=_varying(parts, column('normal')) if varying else None,
+        drives=None if drives is None else _pack_drives(drives, layout),
+        anchors=None if anchors is None else _pack_anchors(anchors, paths),
+    )
+
+
+def _varying(parts: list[WrenchRow], normal: np.ndarray) -> Varying:
+    pieces = np.array([part.piece for part in parts], dtype=float).reshape(-1, len(Piece._fields))
+    start, value, slope, height, rate, peak = np.ascontiguousarray(pieces.T)
+    return Varying(start, value, slope, height, rate, peak, normal)
+
+
+def _pack_drives(drives: DrivePack, layout: Layout) -> Drives:
+    def column(field: str, *shape: int) -> np.ndarray:
+        values = [getattr(row.piece, field) for row in drives.rows]
+        return np.array(values, dtype=float).reshape(len(values), *shape)
+
+    return Drives(
+        start=column('start'),
+        cubic=column('cubic', 4, 6),
+        wave=column('wave', 6),
+        rate=column('rate'),
+        phase=column('phase'),
+        base=column('shift', 3) + np.array([row.middle for row in drives.rows]),
+        turn=column('turn', 4),
+        arm=layout.spread(drives.arm),
+        first=layout.pack(drives.start).orientation,
+    )
+
+
+def _pack_anchors(anchors: AnchorPack, paths: int) -> Anchors:
+    return Anchors(
+        first=paths,
+        start=np.array([piece.start for piece in anchors.pieces]),
+        cubic=np.ascontiguousarray(
+            np.array([piece.cubic for piece in anchors.pieces], dtype=float)[:, :, :3]),
+        arm=np.array(anchors.arms),
+        extension=anchors.law[0],
+        compression=anchors.law[1],
+        natural_length=anchors.law[2],
+    )
+
+
+def acting_lanes(loads: Loads) -> tuple[np.ndarray, np.ndarray]:
+    """Row and lane of every body that a wrench acts on."""
+    row, lane = np.nonzero(
+        np.unpackbits(loads.lanes[:, None], axis=1, count=LANES, bitorder='little'))
+    return row, lane
+
+
+def load_rate(loads: Loads | None, model: Model, size: float) -> float:
+    """
+    Rate [rad/s] at which the loads alone would move a free body by `size` [m], or turn it.
+
+    Infinite where the loads are too large for numbers.
+    """
+    if loads is None:
+        return 0.0
+    # A step must also follow the factors and the paths themselves.
+    own = 0.0 if loads.varying is None else float(loads.varying.rate.max(initial=0.0))
+    if loads.drives is not None:
+        own = max(own, float(loads.drives.rate.max()))
+    if not (loads.wrench >= 0).any():
+        return own
+    with np.errstate(over='ignore', invalid='ignore'):
+        force = np.linalg.norm(loads.force, axis=1)
+        moment = np.linalg.norm(loads.torque, axis=1)
+        moment += np.linalg.norm(loads.point, axis=1) * force
+        square = force * (model.inverse_mass / size) + moment * model.inverse_inertia
+        if loads.varying is not None:
+            square *= loads.varying.peak
+        block = np.repeat(np.arange(len(loads.start) - 1), np.diff(loads.start))
+        row, lane = acting_lanes(loads)
+        wrenches = loads.wrench[row] >= 0
+        row, lane = row[wrenches], lane[wrenches]
+        largest = np.bincount(LANES * block[row] + lane, square[loads.wrench[row]]).max()
+    if not largest < np.inf:
+        return np.inf
+    return max(float(np.sqrt(largest)), own)
+
+
+def expected_liveliness(
+    scene: Scene, model: Model, loads: Loads | None, frequency: float
+) -> float:
+    """
+    Speeds over a, or spins [1/s], that a run will reach: from its start, its loads, its weight.
+
+    Loads and weight accelerate until the fabric answers, which takes as many radians of its
+    fastest vibration as it has bodies in a row, or until the run ends.
+    """
+    initial, half_edge = scene.initial, scene.geometry.half_edge
+    speed = float(np.sqrt((initial.linear_velocity**2).sum(axis=1).max())) / half_edge
+    spin = float(np.sqrt((initial.angular_velocity**2).sum(axis=1).max()))
+    duration = scene.parameters['duration'] or np.inf
+    answer = float(np.ptp(scene.weave.grid, axis=0).max() + 1) if len(scene.weave.grid) else 1.0
+    if frequency > 0.0:
+        duration = min(duration, answer / frequency)
+    rate = load_rate(loads, model, half_edge)
+    acceleration = rate * rate if rate < 1e150 else 0.0
+    if model.gravity is not None and model.supports is not None:
+        acceleration += float(np.linalg.norm(model.gravity)) / half_edge
+    growth = acceleration * duration if duration < np.inf else 0.0
+    # A displaced start lets go of energy within a period.
+    displaced = np.abs(initial.position - scene.position).max() / half_edge * frequency
+    for drive in scene.drives.values():
+        fastest, turning = drive.path.fastest
+        speed, spin = max(speed, fastest / half_edge), max(spin, turning)
+    return max(speed, spin, growth, float(min(displaced, frequency)))
+
+
+def expected_strain(scene: Scene, liveliness: float, frequency: float) -> float:
+    """
+    Part of their length that connectors change by while the fastest vibration turns by a radian.
+
+    Of a fabric in motion of `liveliness` a/s; 0 where it is too large for what follows from it.
+    """
+    if not (frequency > 0.0 and 0 < scene.body_count <= _LARGEST_WILD):
+        return 0.0
+    length = float(scene.connectors.laws.natural_length.min())
+    return liveliness * scene.geometry.half_edge / (length * frequency)

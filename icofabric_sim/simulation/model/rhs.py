@@ -1,0 +1,37 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""The equations of motion of a scene as a function, for other people's integrators."""
+
+from collections.abc import Callable
+
+from icofabric_sim.kernels.rhs import rates_of_rows
+from icofabric_sim.scene.scene import Scene
+from icofabric_sim.simulation.model.packing import pack_scene
+import numpy as np
+
+Rates = Callable[[float, np.ndarray], np.ndarray]
+
+
+def compile_rates(scene: Scene) -> Rates:
+    """
+    Compile dy/dt = f(t, y) of a scene without loads, by the same kernels as `compile_scene`.
+
+    y (13 n,): for each body position [m], quaternion x y z w, velocity [m/s], spin [rad/s], world
+    frame. The result is an array of its own.
+    """
+    packed = pack_scene(scene)
+    model, layout = packed.model, packed.layout
+    state = layout.pack(scene.initial)
+    work = layout.room(model.links, damped=model.damping is not None)
+    slope = np.zeros((13, layout.slot_count))
+
+    def rates(time: float, y: np.ndarray) -> np.ndarray:
+        if y.shape != (13 * layout.body_count,):
+            raise ValueError(
+                f'y must have the shape ({13 * layout.body_count},), 13 numbers for each of '
+                f'{layout.body_count} bodies, got {y.shape}')
+        result = np.empty_like(y)
+        rates_of_rows(model, state, work, slope, layout.slot, y, result)
+        return result
+
+    return rates

@@ -1,0 +1,193 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""Snapshots: immutable copies of the state at the time that was asked for."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+from icofabric_sim.geometry.rotations import cosines_from_quaternions, turned_since
+from icofabric_sim.kernels.fields import field_energy
+from icofabric_sim.kernels.moments import moment_energy
+from icofabric_sim.kernels.obstruction import find_obstructed
+from icofabric_sim.kernels.outlines import fill_lengths, fill_lines
+from icofabric_sim.kernels.wrap.forces import measure_wrapped
+from icofabric_sim.scene.initial import InitialState
+from icofabric_sim.simulation.model.packing import PackedScene
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """State of a fabric at one time, world frame; derived values are computed when first read."""
+
+    time: float  # [s]
+    position: np.ndarray  # (n, 3) [m]
+    orientation: np.ndarray  # (n, 4) unit quaternions x y z w, body to world
+    linear_velocity: np.ndarray  # (n, 3) [m/s]
+    angular_velocity: np.ndarray  # (n, 3) [rad/s]
+    connector_count: int
+    packed: PackedScene
+    # [J] work in, what was spent and lost at breaks, energy less work at the start, potential of
+    # a body force
+    ledger: Mapping[str, float]
+    broken_since: np.ndarray | None = None  # (c,) [s], NaN while unbroken; None: all are whole
+    # Bodies (a,), arms (a, 3) and world points (a, 3) [m] of the anchors.
+    anchors: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
+
+    @cached_property
+    def intact(self) -> np.ndarray:
+        """Which connectors are unbroken, (c,) bool."""
+        return np.asarray(np.isnan(self.break_time))
+
+    @cached_property
+    def break_time(self) -> np.ndarray:
+        """Times of breakage [s], (c,); NaN while unbroken."""
+        if self.broken_since is None:
+            return np.full(self.connector_count, np.nan)
+        return self.broken_since
+
+    @cached_property
+    def connector_ends(self) -> np.ndarray:
+        """World positions [m] of the ends of every connector, (c, 2, 3)."""
+        connectors = self.packed.connectors
+        if connectors is None:
+            return np.zeros((0, 2, 3))
+        ends = np.empty((len(connectors.first), 2, 3))
+        every = np.zeros(len(ends), np.uint8)
+        fill_lines(connectors, *self._frozen(), every, 0, ends.reshape(-1, 3))
+        return ends
+
+    @cached_property
+    def anchor_ends(self) -> np.ndarray:
+        """World positions [m] of the ends of every anchor, (a, 2, 3), that at the body first."""
+        if self.anchors is None:
+            return np.zeros((0, 2, 3))
+        body, arm, point = self.anchors
+        axes = cosines_from_quaternions(self.orientation[body])
+        ends = self.position[body] + np.einsum('ai,aij->aj', arm, axes)
+        return np.stack([ends, point], axis=1)
+
+    @cached_property
+    def connector_length(self) -> np.ndarray:
+        """Lengths [m] of the connectors, (c,); of those around their shells that of their way."""
+        connectors = self.packed.connectors
+        if connectors is None:
+            return np.zeros(0)
+        length = np.empty(len(connectors.first))
+        fill_lengths(connectors, *self._frozen(), length)
+        wrapping = self.packed.model.wrapping
+        if wrapping is not None:
+            measure_wrapped(
+                wrapping, connectors, *self._rows(), self.obstructed, length,
+                np.empty(len(length), np.uint8))
+        return length
+
+    @cached_property
+    def lost(self) -> np.ndarray:
+        """
+        Connectors that find no way around the shell of their first body (bit 0) or second (bit 1).
+
+        (c,) uint8; of `connector.obstruction: wrap`.
+        """
+        found = np.zeros(self.connector_count, np.uint8)
+        connectors, wrapping = self.packed.connectors, self.packed.model.wrapping
+        if connectors is not None and wrapping is not None:
+            measure_wrapped(
+                wrapping, connectors, *self._rows(), self.obstructed, np.empty(len(found)), found)
+        return found
+
+    @cached_property
+    def obstructed(self) -> np.ndarray:
+        """
+        Connectors that enter the shell of their first body (bit 0) or second (bit 1), (c,) uint8.
+        """
+        found = np.zeros(self.connector_count, np.uint8)
+        connectors = self.packed.connectors
+        if connectors is not None:
+            find_obstructed(connectors, self.packed.model.shells, *self._frozen(), found)
+            if self.broken_since is not None:
+                found[~self.intact] = 0
+        return found
+
+    @cached_property
+    def energy(self) -> dict[str, float]:
+        """
+        Energies [J]: kinetic, connectors, gravity (zero at the origin), contact, field; their sum.
+
+        `field` is that of charges (zero at the origin) and dipoles (zero along it) in the electric
+        field, of charges on each other, and the potential of a body force. Beside them `work_in`
+        by loads, what is `dissipated` and `lost_at_breaks`, and the `balance_error`: the sum, less
+        the work done and with what is dissipated and lost, beside what it was at the start.
+        """
+        model = self.packed.model
+        mass, inertia = 1.0 / model.inverse_mass, 1.0 / model.inverse_inertia
+        energy = {
+            'kinetic': 0.5 * mass * float((self.linear_velocity**2).sum())
+            + 0.5 * inertia * float((self.angular_velocity**2).sum()),
+            'connectors': 0.0,
+            'gravity': 0.0,
+            'contact': self.ledger.get('contact', 0.0),
+            'field': self._field_energy(),
+        }
+        connectors = self.packed.connectors
+        if connectors is not None:
+            stretch = self.connector_length - connectors.natural_length
+            if self.broken_since is not None:
+                stretch[~self.intact] = 0.0
+            tables = self.packed.tables
+            if not tables.tables and len(connectors.extension) == 1 and (
+                    connectors.extension[0] == connectors.compression[0]):
+                np.square(stretch, out=stretch)
+                energy['connectors'] = 0.5 * float(connectors.extension[0]) * float(stretch.sum())
+            else:
+                slope = np.where(stretch > 0.0, connectors.extension, connectors.compression)
+                each = 0.5 * slope * stretch**2
+                for number, table in enumerate(tables.tables):
+                    chosen = tables.of == number
+                    each[chosen] = table.evaluate(self.connector_length[chosen])[1]
+                if self.broken_since is not None:
+                    each[~self.intact] = 0.0
+                energy['connectors'] = float(each.sum())
+        if self.packed.moments is not None:
+            moments, ends = self.packed.moments, self.connector_ends
+            orientation = self._frozen()[1]
+            if moments.woven is not None:
+                orientation = turned_since(orientation, moments.woven)
+            if self.broken_since is not None:
+                whole, ends = np.flatnonzero(self.intact), ends[self.intact]
+                moments = moments._replace(**{
+                    name: values[whole] for name, values in moments._asdict().items()
+                    if name != 'woven' and len(values) > 1})
+            energy['connectors'] += moment_energy(moments, orientation, ends)
+        energy['connectors'] += self.ledger.get('anchors', 0.0)
+        if self.packed.gravity is not None:
+            energy['gravity'] = -mass * float((self.position @ self.packed.gravity).sum())
+        energy['total'] = sum(energy.values())
+        energy['work_in'], energy['dissipated'] = self.ledger['work_in'], self.ledger['spent']
+        energy['lost_at_breaks'] = self.ledger.get('lost_at_breaks', 0.0)
+        energy['balance_error'] = (
+            energy['total'] - energy['work_in'] + energy['dissipated']
+            + energy['lost_at_breaks'] - self.ledger['start'])
+        return energy
+
+    def _field_energy(self) -> float:
+        packed, energy = self.packed, self.ledger['potential']
+        if packed.field_force is not None:
+            energy -= float((self.position @ packed.field_force).sum())
+        if packed.model.dipole is not None or packed.model.coulomb is not None:
+            energy += field_energy(packed.model, packed.layout.pack(InitialState(
+                self.position, self.orientation, self.linear_velocity, self.angular_velocity)))
+        return energy
+
+    def _rows(self) -> tuple[np.ndarray, np.ndarray]:
+        """Places (3, n) and orientations (4, n)."""
+        return (
+            np.ascontiguousarray(self.position.T), np.ascontiguousarray(self.orientation.T))
+
+    def _frozen(self) -> tuple[np.ndarray, np.ndarray]:
+        """Places and orientations as the kernels were compiled for: not to be written to."""
+        views = self.position.view(), self.orientation.view()
+        for view in views:
+            view.flags.writeable = False
+        return views

@@ -1,0 +1,54 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+Kernels with contact, compiled by another process while a run goes on without it.
+
+A scene whose shells cannot touch yet is compiled without contact; the first contact would then
+hold the run up for as long as the compiler takes. So where they are not on disk a process of
+lowest priority makes them ready; the run finds them there. It ends with the one that began it.
+ICOFABRIC_COMPILE_AHEAD=0 in the environment forbids it.
+"""
+
+import atexit
+from contextlib import suppress
+import os
+import pickle
+import subprocess
+import sys
+
+from icofabric_sim.scene.scene import Scene
+
+# A larger scene would be built once more beside the first.
+_LARGEST = 20_000
+_processes: list[subprocess.Popen[bytes]] = []
+
+
+def compile_contact_ahead(
+    scene: Scene, *, method: str, rotation: str, body_wrenches: bool
+) -> None:
+    """Begin to compile the kernels with contact of a scene, in another process."""
+    if os.environ.get('ICOFABRIC_COMPILE_AHEAD', '1') == '0' or scene.body_count > _LARGEST:
+        return
+    given = {
+        **scene.parameters.given(), 'contact.mode': 'always', 'solver.method': method}
+    task = pickle.dumps((given, rotation, body_wrenches))
+    # A process that cannot be started is no reason to end the run.
+    with suppress(OSError):
+        process = subprocess.Popen(
+            [sys.executable, '-m', 'icofabric_sim.simulation.precompile_process'],
+            stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+            start_new_session=True)
+        if not _processes:
+            atexit.register(_end)
+        # Those that have ended are taken note of, so that none of them stays behind.
+        _processes[:] = [other for other in _processes if other.poll() is None]
+        _processes.append(process)
+        if process.stdin is not None:
+            with process.stdin as pipe:
+                pipe.write(task)
+
+
+def _end() -> None:
+    for process in _processes:
+        process.kill()
+        process.wait()

@@ -1,0 +1,27 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+The process that precompile.py starts: builds a scene from standard input and compiles its kernels.
+"""
+
+import os
+import pickle
+import sys
+from typing import Any
+
+from icofabric_sim.parameters.validation import make_parameters
+from icofabric_sim.scene.scene import Scene
+from icofabric_sim.simulation.simulation import compile_scene
+
+
+def _compile(task: tuple[dict[str, Any], str, bool]) -> None:
+    given, rotation, body_wrenches = task
+    simulation = compile_scene(
+        Scene.from_parameters(make_parameters(given)), rotation=rotation,
+        body_wrenches=body_wrenches)
+    simulation.warm_up()
+
+
+if __name__ == '__main__':
+    os.nice(19)
+    _compile(pickle.load(sys.stdin.buffer))

@@ -1,0 +1,455 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""A compiled scene that advances in time."""
+
+from collections.abc import Callable
+import logging
+
+from icofabric_sim import checks
+from icofabric_sim.kernels import monitor
+from icofabric_sim.kernels.runtime.interrupts import DeferredInterrupt
+from icofabric_sim.scene.initial import hold_still, InitialState
+from icofabric_sim.scene.scene import require_scene, Scene
+from icofabric_sim.simulation.checkpoint import Checkpoint
+from icofabric_sim.simulation.contact.broad_phase import Overlap
+from icofabric_sim.simulation.driving import PREFIX
+from icofabric_sim.simulation.errors import Interrupted, SimulationError
+from icofabric_sim.simulation.event_loop import Course
+from icofabric_sim.simulation.given_state import complete_state
+from icofabric_sim.simulation.inputs import Key, Vector, Wrench
+from icofabric_sim.simulation.model.body_force import as_body_force, BodyForce, Force
+from icofabric_sim.simulation.model.packing import pack_scene
+from icofabric_sim.simulation.model.snapshot import Snapshot
+from icofabric_sim.simulation.precompile import compile_contact_ahead
+from icofabric_sim.simulation.state_tree import Memory
+from icofabric_sim.simulation.stepping.ledger import EnergyBalance
+from icofabric_sim.simulation.stepping.methods import METHODS
+import numpy as np
+
+__all__ = ['compile_scene', 'Interrupted', 'Simulation', 'SimulationError']
+
+_LOGGER = logging.getLogger('icofabric_sim')
+_WAY = 'compile_scene(scene) makes one'
+
+
+def compile_scene(
+    scene: Scene, *, rotation: str = 'quaternion', body_wrenches: bool = False,
+    body_force: BodyForce | Force | None = None
+) -> 'Simulation':
+    """
+    Turn a scene into something fast, once.
+
+    `rotation` chooses the formulation: 'quaternion' (eqs 21-27, 10 N) or 'direction_cosines'
+    (eqs 16-20, 15 N). `body_wrenches` prepares for wrenches on single bodies, so that the first
+    one need not wait for a kernel. `body_force`: a Python function, or a BodyForce, that acts on
+    all bodies beside what the scene says.
+    Raises ValueError where `solver.step` is beyond the stability limit.
+    """
+    return Simulation(
+        scene, rotation=rotation, body_wrenches=body_wrenches, body_force=body_force)
+
+
+class Simulation:
+    """Motion of one scene from its initial state on; not for use by several threads at once."""
+
+    def __init__(
+        self, scene: Scene, *, rotation: str = 'quaternion', body_wrenches: bool = False,
+        body_force: BodyForce | Force | None = None
+    ) -> None:
+        """See `compile_scene`."""
+        require_scene(scene)
+        checks.choice('rotation', rotation, ('quaternion', 'direction_cosines'))
+        body_wrenches = checks.flag('body_wrenches', body_wrenches)
+        cosines = rotation == 'direction_cosines'
+        if cosines and body_force is not None:
+            raise ValueError("a body_force is given quaternions: rotation must be 'quaternion'")
+        self.scene, self.rotation = scene, rotation
+        self._body_wrenches = body_wrenches
+        self.body_force = as_body_force(body_force)
+        self.packed = pack_scene(scene, cosines=cosines, body_force=self.body_force)
+        self._deferred = DeferredInterrupt()
+        # Asked every 25 to 50 ms of computing; True ends the advance with Interrupted.
+        self.should_stop: Callable[[], bool] | None = None
+        self._course = Course(
+            scene, self.packed, body_wrenches=body_wrenches, on_pause=self._pause)
+        self._stepper, self._inputs = self._course.stepper, self._course.inputs
+        # Name of the method in METHODS, and why it was chosen.
+        self.method_name, self.method_reason = self._course.method
+        self._cached: Snapshot | None = None
+        self._cached_at = 0
+
+    @property
+    def time(self) -> float:
+        """Simulated time [s] that was asked for last."""
+        return self._course.time
+
+    @property
+    def step(self) -> float:
+        """Step [s] in use."""
+        return self._stepper.step
+
+    @property
+    def step_count(self) -> int:
+        """Steps taken so far."""
+        return self._stepper.step_count
+
+    @property
+    def largest_frequency(self) -> float:
+        """Largest frequency [rad/s] of the fabric in the configuration looked at last."""
+        return self._stepper.frequency.rate
+
+    @property
+    def stability_limit(self) -> float:
+        """Longest stable step [s] in that configuration."""
+        return self._stepper.limit
+
+    @property
+    def error_rate(self) -> float:
+        """Error that the method adds for each second, measured last: position over a, or rad."""
+        return self._stepper.error_rate()
+
+    @property
+    def error_estimate(self) -> float:
+        """Errors added since the start, as if none of them had grown: position over a, or rad."""
+        return self._stepper.error_estimate(self.time)
+
+    @property
+    def error_estimate_lacks(self) -> str:
+        """Sentence on errors of this run that the estimate may not cover; '': it covers all."""
+        found = []
+        if self.packed.model.wrapping is not None:
+            found.append(
+                'where connectors around shells change to another way round the force jumps, the '
+                'tolerance is not kept, and the estimate was up to 40 times too small in tests')
+        if self.deepest_overlap > 0.0 or self.contact_count:
+            missed = 7 if METHODS[self.method_name].adaptive else 260
+            found.append(
+                'what is added where a contact begins or ends within a step is seen in part: the '
+                f'estimate was up to {missed} times too small in tests')
+        return '; '.join(found)
+
+    @property
+    def balance(self) -> EnergyBalance:
+        """How well the energy balanced when it was looked at."""
+        return self._stepper.ledger.balance
+
+    @property
+    def thread_count(self) -> int:
+        """Threads that share a step."""
+        return self._stepper.crew.size
+
+    @property
+    def proximity(self) -> Overlap | None:
+        """The first two shells that overlapped by more than contact is meant for, if any."""
+        watch = self._stepper.watch
+        return None if watch is None else watch.found
+
+    @property
+    def contact_count(self) -> int:
+        """Pairs of shells, and shells and planes, that touched when the state was looked at."""
+        return int(self._stepper.ledger[monitor.TOUCHING])
+
+    @property
+    def deepest_overlap(self) -> float:
+        """Deepest overlap [m] of shells in contact at any look so far."""
+        return self._stepper.ledger[monitor.DEEPEST_EVER]
+
+    @property
+    def contact_tests(self) -> int:
+        """
+        Pairs that were looked at in all steps so far; what is shown in between does not count.
+        """
+        watch = self._stepper.watch
+        return 0 if watch is None else watch.tests
+
+    @property
+    def broken_count(self) -> int:
+        """Connectors that have broken so far."""
+        return self._stepper.broken.count
+
+    @property
+    def obstruction(self) -> str:
+        """Sentence on the first connector that was seen in its own shell; '': none was."""
+        return self._stepper.obstruction.found
+
+    @property
+    def obstructed_ends(self) -> int:
+        """Ends of connectors that were in their own shells when the state was looked at."""
+        return int(self._stepper.ledger[monitor.OBSTRUCTED])
+
+    @property
+    def active_loads(self) -> dict[Key, Wrench]:
+        """Wrenches that act now, by channel name or body number."""
+        return self._inputs.acting()
+
+    @property
+    def waiting_loads(self) -> int:
+        """Wrenches that are to begin or to end at a later time."""
+        return len(self._inputs.queue)
+
+    def advance_to(self, time: float) -> None:
+        """Advance to `time` [s]; in pieces it gives the same bits as in one go."""
+        time = checks.number('time', time, unit='s')
+        if time < self.time:
+            raise ValueError(
+                f'time must not be in the past: cannot advance to {time!r} s from {self.time!r} s'
+                '; reset_time() goes back to the start')
+        with self._deferred:
+            self._course.advance(time)
+
+    def advance_steps(self, count: int) -> None:
+        """Take `count` solver steps; an input that acts in between ends a step, which counts."""
+        count = checks.count('count', count, 1)
+        goal = self.step_count + count
+        with self._deferred:
+            while self.step_count < goal:
+                self._course.take_step(goal - self.step_count, self._pause)
+
+    def snapshot(self) -> Snapshot:
+        """Copy of the state at the present time."""
+        if self._cached is None or self._cached_at != self._course.changes:
+            state = self.packed.layout.unpack(self._stepper.state_at(self.time))
+            for array in state:
+                array.flags.writeable = False
+            self._cached = Snapshot(
+                self.time, *state, self.scene.connector_count, self.packed,
+                self._books(state), self._stepper.broken.since, self._anchors())
+            self._cached_at = self._course.changes
+        return self._cached
+
+    def apply_wrench(
+        self,
+        channel: str,
+        force: Vector = (0.0, 0.0, 0.0),
+        torque: Vector = (0.0, 0.0, 0.0),
+        *,
+        time: float | None = None,
+    ) -> float:
+        """
+        Put a wrench [N], [N m] on the load channel `channel`, from now or a later `time` [s] on.
+
+        Frame, point, share and hold time are the channel's (`loads.NAME.*`). Returns the time from
+        which it acts.
+        """
+        self._inputs.require_channel(checks.text('channel', channel))
+        return self._apply(channel, ('force', force), ('torque', torque), time)
+
+    def apply_body_wrench(
+        self,
+        body: int,
+        force: Vector = (0.0, 0.0, 0.0),
+        torque: Vector = (0.0, 0.0, 0.0),
+        *,
+        time: float | None = None,
+    ) -> float:
+        """
+        Put a wrench [N], [N m] on one body, on its own axes as they turn, about its centre.
+
+        Held until replaced; zero clears. Returns the time from which it acts.
+        """
+        body = checks.count('body', body, 0, self.scene.body_count - 1)
+        return self._apply(body, ('force', force), ('torque', torque), time)
+
+    def apply_twist(
+        self,
+        drive: str,
+        linear: Vector = (0.0, 0.0, 0.0),
+        angular: Vector = (0.0, 0.0, 0.0),
+        *,
+        time: float | None = None,
+    ) -> float:
+        """
+        Move a drive with one velocity [m/s] and spin [rad/s] from now or a later `time` [s] on.
+
+        Of the middle of its bodies and about it, world axes; until another one takes over, or a
+        reset. Returns the time from which it acts.
+        """
+        self._inputs.driving.require(checks.text('drive', drive))
+        return self._apply(PREFIX + drive, ('linear', linear), ('angular', angular), time)
+
+    def set_state(
+        self,
+        *,
+        position: np.ndarray | None = None,
+        orientation: np.ndarray | None = None,
+        linear_velocity: np.ndarray | None = None,
+        angular_velocity: np.ndarray | None = None,
+    ) -> None:
+        """
+        Replace parts of the state at the present time; (n, 3) and (n, 4), world frame, SI units.
+
+        What is broken stays broken.
+        """
+        state = complete_state(self.snapshot(), {
+            'position': position, 'orientation': orientation, 'linear_velocity': linear_velocity,
+            'angular_velocity': angular_velocity})
+        self._jump(hold_still(state, self.scene.supports))
+
+    def reset(self, *, time: float | None = None) -> None:
+        """
+        Go back to the initial state, with every connector whole; received wrenches are forgotten.
+
+        The time runs on, from a later `time` [s] where one is given: after a failure the present
+        one is that of the last good state.
+        """
+        if time is not None:
+            time = checks.number('time', time, unit='s')
+            if time < self.time:
+                raise ValueError(
+                    f'time must not be in the past: a reset cannot be at {time!r} s, the time is '
+                    f'{self.time!r} s; reset_time() goes back to the start')
+            self._course.time = time
+        self._inputs.reset(self._course.time)
+        self._stepper.broken.mend()
+        self._jump(self.scene.initial)
+
+    def reset_time(self) -> None:
+        """Go back to the initial state and to time 0."""
+        self._course.time = 0.0
+        self._course.stepper.forget()
+        self.reset()
+
+    def take_over(self, previous: 'Simulation', *, keep_motion: bool) -> None:
+        """
+        Go on where a run of an earlier scene stands: its time, and its wrenches where they fit.
+
+        With `keep_motion` also its state and its broken connectors, which needs the same number of
+        bodies; else from the initial state.
+        """
+        checks.instance('previous', previous, Simulation, _WAY)
+        keep_motion = checks.flag('keep_motion', keep_motion)
+        if keep_motion and previous.scene.body_count != self.scene.body_count:
+            raise ValueError(
+                f'the motion of {previous.scene.body_count} bodies cannot go on with '
+                f'{self.scene.body_count}'
+            )
+        self._inputs.adopt(previous._inputs, previous.time, anew=not keep_motion)
+        if keep_motion:
+            if self._stepper.watch is not None:
+                # The same motion: what was said once is not said again.
+                self._stepper.watch.take_over(previous.proximity)
+            self._stepper.broken.adopt(previous._stepper.broken)
+            if not self._stepper.obstruction.stops:
+                self._stepper.obstruction.found = previous.obstruction
+            self._course.time = previous.time
+            self._jump(_as_initial(previous.snapshot(), self.scene))
+        else:
+            self._course.begin_at(previous.time)
+
+    def break_like(self, other: 'Simulation') -> None:
+        """
+        Have the connectors broken that are broken in `other`, a simulation of the same fabric.
+        """
+        checks.instance('other', other, Simulation, _WAY)
+        if other.scene.connector_count != self.scene.connector_count:
+            raise ValueError(
+                f'other must be a simulation of the same fabric: it has '
+                f'{other.scene.connector_count} connectors, this one '
+                f'{self.scene.connector_count}')
+        self._stepper.broken.mend()
+        self._stepper.broken.adopt(other._stepper.broken)
+        self._course.changes += 1
+
+    def warm_up(self) -> None:
+        """
+        Make every kernel that a step needs ready, without taking one.
+
+        Those for contacts that may come later are compiled by another process, if need be.
+        """
+        self._course.settle_loads()
+        self._stepper.warm_up()
+        if self.body_force is None and not self._stepper.has_contact_kernels():
+            compile_contact_ahead(
+                self.scene, method=self.method_name, rotation=self.rotation,
+                body_wrenches=self._body_wrenches)
+
+    def checkpoint(self) -> Checkpoint:
+        """All that the run continues from; the run itself does not notice."""
+        with self._deferred:
+            return Checkpoint.of(self, self._course.memory())
+
+    def restore(self, checkpoint: Checkpoint) -> None:
+        """
+        Go on from a checkpoint of the same scene, at its time, to the bits of the run it is of.
+
+        That run may have had another number of threads, and other rates or a bag. ValueError says
+        what does not fit or is damaged; then nothing has changed. Where its processor or libraries
+        were others the last bits of what follows may be too, which is logged as a warning.
+        """
+        checks.instance(
+            'checkpoint', checkpoint, Checkpoint,
+            'simulation.checkpoint() makes one, Checkpoint.load(path) reads one')
+        checkpoint.require_fit(self)
+        with self._deferred:
+            before, time = self._course.memory(), self.time
+            try:
+                self._course.recall(checkpoint.memory(), checkpoint.time)
+            except BaseException as error:
+                self._course.recall(Memory(before), time)
+                if not isinstance(error, ValueError):
+                    raise
+                raise ValueError(
+                    f'the checkpoint is damaged, nothing was restored: {error}') from error
+        unlike = checkpoint.unlike_machine()
+        if unlike:
+            _LOGGER.warning(
+                'the checkpoint of t = %.9g s was made on another machine, so the last bits of '
+                'this run may differ from those of its own: %s', self.time, unlike)
+
+    @property
+    def next_step_time(self) -> float:
+        """Time [s] at which the step in progress ends, unless an input ends it before."""
+        return self._stepper.next_step_time
+
+    def _anchors(self) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+        anchors = self.scene.anchors.values()
+        if not anchors:
+            return None
+        return (
+            np.array([anchor.body for anchor in anchors]),
+            np.array([anchor.arm for anchor in anchors]), self._inputs.anchor_points(self.time))
+
+    def _apply(
+        self, key: Key, first: tuple[str, Vector], second: tuple[str, Vector],
+        time: float | None
+    ) -> float:
+        """Let a wrench or twist, of two named vectors, act on what has this key."""
+        wrench = Wrench(*(checks.array(name, value, (3,)) for name, value in (first, second)))
+        at = self.time if time is None else checks.number('time', time, unit='s')
+        if at < self.time:
+            raise ValueError(
+                f'time must not be in the past: {first[0]} and {second[0]} cannot act at {at!r} s'
+                f', the time is {self.time!r} s')
+        with self._deferred:
+            self._course.apply(key, wrench, at)
+        return at
+
+    def _books(self, state: InitialState) -> dict[str, float]:
+        """What a snapshot needs for its balance [J]."""
+        stepper, force = self._stepper, self.body_force
+        books = {
+            'work_in': stepper.work_at_state(), 'spent': stepper.spent_at_state(),
+            'start': stepper.ledger[monitor.BASE],
+            'lost_at_breaks': stepper.ledger[monitor.LOST], 'potential': 0.0,
+            'anchors': stepper.anchor_energy, 'contact': stepper.contact_energy}
+        if force is not None and force.potential is not None:
+            books['potential'] = force.energy(self.time, state.position, state.orientation)
+            books['start'] += stepper.potential_start
+        else:
+            books['work_in'] += stepper.given_at_state()
+        return books
+
+    def _jump(self, state: InitialState) -> None:
+        with self._deferred:
+            self._course.jump(state)
+
+    def _pause(self) -> None:
+        self._deferred.check()
+        if self.should_stop is not None and self.should_stop():
+            raise Interrupted
+
+
+def _as_initial(snapshot: Snapshot, scene: Scene) -> InitialState:
+    velocity, spin = snapshot.linear_velocity.copy(), snapshot.angular_velocity.copy()
+    state = InitialState(snapshot.position, snapshot.orientation, velocity, spin)
+    return hold_still(state, scene.supports)

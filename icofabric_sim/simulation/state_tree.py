@@ -1,0 +1,124 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+What the parts of a running simulation remember, by name.
+
+Each part says it with `memory()`, in plain values, lists, arrays and the memories of its own
+parts, and takes it back with `recall()`. What it takes back may come from a file, so everything
+is judged as it is read.
+"""
+
+from collections.abc import Mapping
+import math
+from typing import Any, NoReturn
+
+import numpy as np
+
+# JSON has no numbers for these.
+_SPECIAL = {'inf': math.inf, '-inf': -math.inf, 'nan': math.nan}
+_LARGEST_COUNT = 2**62
+
+
+class Memory:
+    """Reads what was remembered; a ValueError names what is missing or makes no sense."""
+
+    def __init__(self, values: Mapping[str, Any], place: str = '') -> None:
+        """Read from `values`; `place` is the name of the part that they belong to."""
+        self._values, self._place = values, place
+
+    def __contains__(self, name: str) -> bool:
+        """Whether something of that name is remembered."""
+        return self._values.get(name) is not None
+
+    def number(
+        self, name: str, least: float = -math.inf, most: float = math.inf, *, finite: bool = True
+    ) -> float:
+        """Return a number in a range; `finite` excludes infinite ones and NaN."""
+        value = as_number(self._found(name))
+        if value is None or (finite and not math.isfinite(value)):
+            self._refuse(name, 'must be a finite number' if finite else 'must be a number')
+        if value < least or value > most:
+            self._refuse(name, f'must lie between {least!r} and {most!r}')
+        return value
+
+    def count(self, name: str, least: int = 0, most: int = _LARGEST_COUNT) -> int:
+        """Return a whole number in a range."""
+        value = self._found(name)
+        if type(value) is not int or not least <= value <= most:
+            self._refuse(name, f'must be a whole number from {least} to {most}')
+        return int(value)
+
+    def flag(self, name: str) -> bool:
+        """Return a truth value."""
+        value = self._found(name)
+        if not isinstance(value, bool):
+            self._refuse(name, 'must be true or false')
+        return bool(value)
+
+    def text(self, name: str) -> str:
+        """Return a text."""
+        value = self._found(name)
+        if not isinstance(value, str):
+            self._refuse(name, 'must be a text')
+        return str(value)
+
+    def entries(self, name: str) -> list[Any]:
+        """Return a list, whose entries the caller judges."""
+        value = self._found(name)
+        if not isinstance(value, list):
+            self._refuse(name, 'must be a list')
+        return list(value)
+
+    def array(self, name: str, shape: tuple[int, ...] | None = None) -> np.ndarray:
+        """Return an array of doubles, of this shape if one is given."""
+        value = self._found(name)
+        if not isinstance(value, np.ndarray) or value.dtype != np.float64:
+            self._refuse(name, 'must be an array of doubles')
+        if shape is not None and value.shape != shape:
+            self._refuse(name, f'must have the shape {shape}')
+        return np.asarray(value)
+
+    def part(self, name: str) -> 'Memory':
+        """Return the memory of a part."""
+        value = self._found(name)
+        if not isinstance(value, Mapping):
+            self._refuse(name, 'must be a part with entries of its own')
+        return Memory(value, self._path(name))
+
+    def _path(self, name: str) -> str:
+        return f'{self._place}.{name}' if self._place else name
+
+    def _found(self, name: str) -> Any:
+        if self._values.get(name) is None:
+            raise ValueError(f'{self._path(name)} is missing')
+        return self._values[name]
+
+    def _refuse(self, name: str, wish: str) -> NoReturn:
+        value = self._values[name]
+        if isinstance(value, np.ndarray):
+            shown = f'one of the shape {value.shape}'
+        elif isinstance(value, (Mapping, list)):
+            shown = f'a {type(value).__name__}'
+        else:
+            text = repr(value)
+            shown = text if len(text) <= 60 else text[:60] + '...'
+        raise ValueError(f'{self._path(name)} {wish}, got {shown}')
+
+
+def as_number(value: Any) -> float | None:
+    """
+    Turn a number, or the text of an infinite one or NaN, into a float; None for anything else.
+    """
+    if isinstance(value, str):
+        return _SPECIAL.get(value)
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        return None
+    try:
+        return float(value)
+    except OverflowError:
+        return None
+
+
+def plain_number(value: float) -> float | str:
+    """Turn a float into what JSON can hold, and `as_number` turns back."""
+    return float(value) if math.isfinite(value) else str(float(value))

@@ -1,0 +1,107 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+The broken connectors of a run: part of its state, beside what moves.
+
+Kernels see them as connectors that are not there: their bits in the links are cleared.
+"""
+
+from typing import Any
+
+from icofabric_sim.simulation.model.link_places import link_places
+from icofabric_sim.simulation.model.packing import PackedScene
+from icofabric_sim.simulation.state_tree import Memory
+import numpy as np
+
+
+class Broken:
+    """Which connectors are broken, and since when."""
+
+    def __init__(self, packed: PackedScene) -> None:
+        """All connectors of the scene are whole."""
+        self._packed = packed
+        self._since: np.ndarray | None = None
+
+    @property
+    def count(self) -> int:
+        """Count the broken connectors."""
+        return 0 if self._since is None else int(np.isfinite(self._since).sum())
+
+    @property
+    def since(self) -> np.ndarray | None:
+        """Times of breakage [s], (c,), NaN while unbroken; None where all are whole."""
+        return None if self._since is None else self._since.copy()
+
+    def add(self, connectors: np.ndarray, time: float | np.ndarray) -> None:
+        """Break connectors, by their numbers, at `time` [s]."""
+        packed = self._packed
+        assert packed.connectors is not None
+        if self._since is None:
+            self._since = np.full(len(packed.connectors.first), np.nan)
+        self._since[connectors] = time
+        self._mark(connectors, present=False)
+
+    def mend(self) -> None:
+        """Make all of them whole."""
+        if self._since is not None:
+            connectors, self._since = np.flatnonzero(np.isfinite(self._since)), None
+            self._mark(connectors, present=True)
+
+    def adopt(self, other: 'Broken') -> None:
+        """Break what is broken in an earlier scene, where the same edges are joined here."""
+        if other._since is None or self._packed.connectors is None:
+            return
+        gone = np.flatnonzero(np.isfinite(other._since))
+        own = {key: number for number, key in enumerate(_keys(self._packed, slice(None)))}
+        pairs = [
+            (own[key], since)
+            for key, since in zip(_keys(other._packed, gone), other._since[gone]) if key in own]
+        if pairs:
+            numbers, since = zip(*pairs)
+            self.add(np.array(numbers), np.array(since))
+
+    def memory(self) -> dict[str, Any]:
+        """The broken ones, in order of their numbers."""
+        since = np.zeros(0) if self._since is None else self._since
+        gone = np.flatnonzero(np.isfinite(since))
+        return {'connector': gone.astype(float), 'time': since[gone]}
+
+    def recall(self, memory: Memory | None) -> None:
+        """Go on with these, or with all whole."""
+        self.mend()
+        if memory is None:
+            return
+        connectors, time = memory.array('connector'), memory.array('time')
+        numbers = connector_numbers(connectors, self._packed)
+        if time.shape != numbers.shape or not np.isfinite(time).all():
+            raise ValueError('broken.time must be a finite time for each broken connector')
+        self.add(numbers, time)
+
+    def _mark(self, connectors: np.ndarray, *, present: bool) -> None:
+        packed = self._packed
+        assert packed.connectors is not None and packed.model.links is not None
+        links = packed.model.links
+        places = link_places(packed.layout, links, packed.connectors, connectors)
+        bit = (1 << places.lane).astype(np.uint8)
+        if present:
+            np.bitwise_or.at(links.present, (places.block, places.link), bit)
+        else:
+            np.bitwise_and.at(links.present, (places.block, places.link), ~bit)
+
+
+def connector_numbers(values: np.ndarray, packed: PackedScene) -> np.ndarray:
+    """Remembered numbers of connectors, judged; ValueError where the scene has no such ones."""
+    count = 0 if packed.connectors is None else len(packed.connectors.first)
+    numbers = np.where((values >= 0.0) & (values < count), values, -1.0).astype(np.int64)
+    if values.ndim != 1 or not (numbers == values).all() or not (np.diff(numbers) > 0).all():
+        raise ValueError('broken connectors must be numbers of connectors in rising order')
+    return numbers
+
+
+def _keys(packed: PackedScene, chosen: np.ndarray | slice) -> list[tuple[int, ...]]:
+    """What the connectors join: bodies and edges."""
+    connectors = packed.connectors
+    assert connectors is not None
+    columns = (
+        connectors.first, connectors.second, connectors.first_edge, connectors.second_edge)
+    return list(zip(*(column[chosen].tolist() for column in columns)))

@@ -1,0 +1,120 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""Finds the first moment within a step at which one of several numbers reaches zero from below."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+from icofabric_sim.kernels.breakage import DOUBT
+import numpy as np
+
+# The place of a crossing is divided no further than this, in parts of the step.
+_FINEST = 1e-15
+# Roots of a cubic are places to look at next, no more.
+_STEPS, _CLOSE = 60, 1e-12
+_NEAREST = 1e-9
+
+
+class Moment(NamedTuple):
+    """How far below zero numbers are at a part of a step, and how fast they rise."""
+
+    x: float  # part of the step
+    value: np.ndarray  # (m,), at zero or above: reached
+    slope: np.ndarray  # (m,) change in a whole step
+
+    def reached(self, close: np.ndarray) -> np.ndarray:
+        """
+        Which have reached zero, (m,) bool: also those that rise and are as `close` (m,) to it.
+        """
+        return (self.value >= 0.0) | ((self.value >= -close) & (self.slope > 0.0))
+
+
+def first_crossing(
+    look: Callable[[float], Moment], close: np.ndarray, doubt: float = DOUBT
+) -> Moment | None:
+    """
+    Return the first moment at which one of the numbers is as `close` (m,) to zero, or above.
+
+    `look` tells how they are at a part 0 to 1 of the step. Crossings show at moments that were
+    looked at: a number above zero, or one that rose before and falls after, with room for zero
+    in between: the part `doubt` of the way from a cubic to the tangents. None where there is none.
+    """
+    start, end = look(0.0), look(1.0)
+    if start.reached(close).any():
+        return start
+    waiting = [(start, end)]
+    while waiting:
+        before, after = waiting.pop()
+        reached = after.reached(close).any()
+        x = _likely_place(before, after, doubt, humps_only=bool(
+            reached and (after.value <= close).all()))
+        if x is None or after.x - before.x <= _FINEST:
+            if reached:
+                return after
+            continue
+        middle = look(x)
+        if not middle.reached(close).any():
+            waiting.append((middle, after))
+        waiting.append((before, middle))
+    return None
+
+
+def _likely_place(
+    before: Moment, after: Moment, doubt: float, *, humps_only: bool = False
+) -> float | None:
+    """
+    Where between two moments the first of the numbers is likely to reach zero, if any is.
+
+    `humps_only`: and be below it again at the second.
+    """
+    width = after.x - before.x
+    low, high = before.value, after.value
+    rise, fall = width * before.slope, -width * after.slope
+    places = []
+    above = high > 0.0
+    if above.any() and not humps_only:
+        places.append(_root(*(part[above] for part in (low, rise, high, fall))))
+    turning = (rise > 0.0) & (fall > 0.0) & ~above
+    if turning.any():
+        low, high, rise, fall = (part[turning] for part in (low, high, rise, fall))
+        x = rise / (rise + fall)
+        cubic = _cubic(x, low, rise, high, fall)
+        tangent = np.minimum(low + rise * x, high + fall * (1.0 - x))
+        places.append(x[cubic + doubt * (tangent - cubic) >= 0.0])
+    every = np.concatenate(places) if places else np.zeros(0)
+    if not len(every):
+        return None
+    # Not an end itself: the step is divided there.
+    return before.x + width * min(max(float(every.min()), _NEAREST), 1.0 - _NEAREST)
+
+
+def _cubic(
+    x: np.ndarray, low: np.ndarray, rise: np.ndarray, high: np.ndarray, fall: np.ndarray
+) -> np.ndarray:
+    """The cubic from `low` to `high` that begins with the slope `rise` and ends with -`fall`."""
+    y = 1.0 - x
+    cubic = low * y * y * (1.0 + x + x) + high * x * x * (1.0 + y + y)
+    return np.asarray(cubic + x * y * (rise * y + fall * x))
+
+
+def _root(low: np.ndarray, rise: np.ndarray, high: np.ndarray, fall: np.ndarray) -> np.ndarray:
+    """
+    Where that cubic, from below zero to above it, is zero; in parts of the way.
+
+    By Newton's method, halved where it leaves the way that is left.
+    """
+    left, right = np.zeros_like(low), np.ones_like(low)
+    x = low / (low - high)
+    for _ in range(_STEPS):
+        value, y = _cubic(x, low, rise, high, fall), 1.0 - x
+        below = value < 0.0
+        left, right = np.where(below, x, left), np.where(below, right, x)
+        slope = 6.0 * x * y * (high - low) + rise * y * (y - 2.0 * x) + fall * x * (2.0 * y - x)
+        following = x - value / np.where(slope == 0.0, np.inf, slope)
+        inside = (following > left) & (following < right)
+        following = np.where(inside, following, 0.5 * (left + right))
+        done = np.abs(following - x).max() <= _CLOSE
+        x = following
+        if done:
+            break
+    return x

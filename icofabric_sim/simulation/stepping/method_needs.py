@@ -1,0 +1,51 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""What in a scene only a method with steps of its own error can integrate."""
+
+from icofabric_sim.parameters.validation import ParameterError
+from icofabric_sim.scene.scene import Scene
+from icofabric_sim.simulation.stepping.method_selection import Choice
+from icofabric_sim.simulation.stepping.methods import METHODS
+
+ADAPTIVE = 'dop8'
+
+
+def required_method(scene: Scene, *, outside: bool = False) -> Choice | None:
+    """
+    The method that the scene cannot do without, and why; None where any will do.
+
+    `outside`: with a body force of the user's. Raises ParameterError where another one is given.
+    """
+    reason = 'a body force may depend on velocities' if outside else _reason(scene)
+    if not reason:
+        return None
+    given = scene.parameters['solver.method']
+    if given != 'auto' and METHODS[given].symplectic:
+        raise ParameterError(
+            'solver.method',
+            f'solver.method {given} cannot integrate this scene: {reason}; take {ADAPTIVE} or '
+            'auto')
+    return Choice(ADAPTIVE, reason)
+
+
+def _reason(scene: Scene) -> str:
+    """Name the first term that needs it, if any."""
+    # Forces that depend on velocities and events within a step are named here.
+    parameters = scene.parameters
+    if scene.connector_count and scene.connectors.damping.any():
+        return 'connectors are damped, by forces that depend on velocities'
+    for name in ('drag.linear', 'drag.angular'):
+        if parameters[name] > 0.0:
+            return f'{name} is a force that depends on velocities'
+    charged = parameters['charge.per_body'] != 0.0 or any(parameters['charge.dipole'])
+    if charged and any(parameters['field.magnetic']):
+        return 'field.magnetic acts on charges by their velocities'
+    if scene.body_count + len(parameters.names('planes')) > 1 and (
+            parameters['contact.mode'] != 'never'):
+        if parameters['contact.damping'] > 0.0:
+            return 'contact.damping is a force that depends on velocities'
+        if parameters['contact.friction'] > 0.0:
+            return 'contact.friction follows the slip of what touches'
+    if scene.connectors.limits is not None:
+        return 'connectors that break need steps that end where one does'
+    return ''

@@ -1,0 +1,89 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""Fact sheets of the integration methods; tests and benchmarks read this table."""
+
+from collections.abc import Callable
+from functools import partial
+import math
+from typing import Any, NamedTuple
+
+from icofabric_sim.kernels.integrators.embedded import DOP8, fixed_pair
+from icofabric_sim.kernels.integrators.splitting import splitting
+import numpy as np
+
+
+class Method(NamedTuple):
+    """What there is to know about a method."""
+
+    order: int
+    symplectic: bool
+    adaptive: bool
+    stages: int  # force evaluations for each step
+    stability: float  # largest stable product of step and frequency
+    chosen: float  # product of step and largest frequency where the step is not given
+    # Error added in a second to motion of 1 a/s or 1 rad/s at step x frequency 1; measured on
+    # the S1 scene of `icofabric benchmark work-precision`.
+    error: float
+    source: str
+    kicks: tuple[float, ...]
+    drifts: tuple[float, ...]
+    advance: Callable[..., Any]
+
+
+def _symmetric(kicks: tuple[float, ...], drifts: tuple[float, ...], *, first: str,
+               odd_kicks: bool, **facts: Any) -> Method:
+    """
+    A palindrome whose middle weights follow from the sums of kicks and drifts, both 1.
+
+    `first` says which flow a step begins and ends with.
+    """
+    def complete(weights: tuple[float, ...], odd: bool) -> tuple[float, ...]:
+        rest = 0.5 - math.fsum(weights)
+        middle = (2.0 * rest,) if odd else (rest, rest)
+        return (*weights, *middle, *reversed(weights))
+
+    all_kicks = complete(kicks, odd_kicks)
+    all_drifts = complete(drifts, not odd_kicks)
+    assert len(all_kicks) - len(all_drifts) == (1 if first == 'kick' else -1)
+    return Method(
+        symplectic=True, adaptive=False, stages=min(len(all_kicks), len(all_drifts)),
+        kicks=all_kicks, drifts=all_drifts,
+        advance=partial(splitting, np.array(all_kicks), np.array(all_drifts)), **facts)
+
+
+METHODS: dict[str, Method] = {
+    'leapfrog': _symmetric(
+        (), (), first='kick', odd_kicks=False, order=2, stability=2.0, chosen=0.2, error=1.5e-2,
+        source='Verlet 1967, Phys. Rev. 159, 98; kick-drift-kick form, with the free rotation as '
+        'its drift'),
+    # Runge-Kutta-Nystrom splittings: they need [V, [V, [T, V]]] = 0, which holds because the
+    # kinetic energy is quadratic in the velocities and spins, the inertia being isotropic.
+    'srkn4': _symmetric(
+        (0.0829844064174052, 0.396309801498368, -0.0390563049223486),
+        (0.245298957184271, 0.604872665711080),
+        first='kick', odd_kicks=True, order=4, stability=3.16, chosen=1.2, error=4e-6,
+        source='Blanes and Moan 2002, J. Comput. Appl. Math. 142, 313: SRKN 6b'),
+    'srkn6': _symmetric(
+        (0.0414649985182624, 0.198128671918067, -0.0400061921041533, 0.0752539843015807,
+         -0.0115113874206879),
+        (0.123229775946271, 0.290553797799558, -0.127049212625417, -0.246331761062075,
+         0.357208872795928),
+        first='kick', odd_kicks=False, order=6, stability=3.14, chosen=1.5, error=2.6e-8,
+        source='Blanes and Moan 2002, J. Comput. Appl. Math. 142, 313: SRKN 11b'),
+    'srkn8': _symmetric(
+        (0.129478606560536730662, 0.222257260092671143423, -0.0577514893325147204757,
+         -0.0578312262103924910221, 0.103087297437175356748, -0.140819612554090768206,
+         0.0234462603492826699714, 0.134854517356684096618, 0.0287973821073779306345),
+        (0.0505805, 0.149999, -0.0551795510771615573511, 0.423755898835337951482,
+         -0.213495353584659048060, -0.0680769774574032619112, 0.227917056974013435949,
+         -0.235373619381058906525, 0.387413869179878047817),
+        first='drift', odd_kicks=True, order=8, stability=3.139, chosen=1.9, error=3.8e-9,
+        source='Blanes, Casas and Escorihuela-Tomas 2022, arXiv:2202.01541: a scheme of 19 '
+        'stages that begins with a drift'),
+    'dop8': Method(
+        order=8, symplectic=False, adaptive=True, stages=12, stability=5.95, chosen=2.0,
+        error=6.7e-8,
+        source='Dormand and Prince, in Hairer, Norsett and Wanner 1993, Solving Ordinary '
+        'Differential Equations I, II.10: DOP853, an embedded pair with dense output',
+        kicks=(), drifts=(), advance=partial(fixed_pair, DOP8)),
+}

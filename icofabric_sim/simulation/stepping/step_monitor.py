@@ -1,0 +1,440 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""What follows from a look at the state on the main line: another step, a way back, or the end."""
+
+import logging
+import math
+from typing import Any
+
+from icofabric_sim.kernels import monitor
+from icofabric_sim.kernels.contact.rebuild_check import MISSED, MOVED_FAR
+from icofabric_sim.kernels.drives import place_driven
+from icofabric_sim.kernels.records import Loads, State
+from icofabric_sim.kernels.runtime.lanes import LANES
+from icofabric_sim.simulation.contact.broad_phase import ContactWatch
+from icofabric_sim.simulation.model.packing import PackedScene
+from icofabric_sim.simulation.model.stability import fastest_motion, Frequency
+from icofabric_sim.simulation.state_tree import Memory
+from icofabric_sim.simulation.stepping.broken import Broken
+from icofabric_sim.simulation.stepping.contact_scheduling import ContactLine
+from icofabric_sim.simulation.stepping.faults import (
+    fastest_term,
+    find_fault,
+    shorter_steps,
+    stiffest_term,
+    too_fast,
+)
+from icofabric_sim.simulation.stepping.methods import Method
+from icofabric_sim.simulation.stepping.obstruction import Obstruction
+from icofabric_sim.simulation.stepping.step_size_control import (
+    Accuracy,
+    checked_step,
+    LONGEST,
+    rounded_down,
+    SHORTEST,
+)
+from icofabric_sim.simulation.stepping.thread_team import Crew
+import numpy as np
+
+_LOGGER = logging.getLogger('icofabric_sim')
+
+# Work between two looks at the state, in evaluations of the forces; a look costs about as much as
+# one and a half.
+CHECK_INTERVAL = 64
+# A fixed step near the limit is looked at more often, at most every so many steps.
+SHORTEST_INTERVAL = 8
+# Order of the differences by which the roughness of the motion is judged: that of the method,
+# but no more steps than this between two looks.
+LARGEST_DIFFERENCE = 6
+
+
+# Velocities over a that a chosen step may be wrong by, beside the tolerance for a second.
+_BESIDE_TOLERANCE = 100.0
+
+
+class WatchedLine(ContactLine):
+    """A main line whose steps are as long as its state and its accuracy allow."""
+
+    def __init__(
+        self,
+        packed: PackedScene,
+        method: Method,
+        state: State,
+        loads: Loads | None,
+        frequency: Frequency,
+        *,
+        origin: float,
+        fixed_step: float,
+        tolerance: float,
+        energy_limit: float,
+        output_period: float,
+        load_rate: float,
+        half_edge: float,
+        crew: Crew,
+        watch: ContactWatch | None,
+        broken: Broken,
+        obstruction: Obstruction,
+    ) -> None:
+        """
+        Start at time `origin` [s] with the `frequency` of the state; `fixed_step` 0: chosen.
+
+        `output_period` [s] is the step where nothing in the scene sets a scale.
+
+        Raises ValueError where a fixed step is too long or far too short.
+        """
+        # Only where the step follows the accuracy.
+        self._differences = 0
+        if method.symplectic and not fixed_step > 0.0 and packed.model.links is not None:
+            self._differences = min(method.order, LARGEST_DIFFERENCE)
+        super().__init__(
+            packed, method, state, loads, origin=origin, fixed_step=fixed_step,
+            differences=self._differences, energy_limit=energy_limit, half_edge=half_edge,
+            crew=crew, watch=watch, broken=broken,
+            obstruction=obstruction)
+        self.load_rate, self._fabric = load_rate, frequency
+        self._output_period = output_period
+        self.accuracy = Accuracy(self, tolerance, half_edge)
+        self._since_check = 0
+        self.look_interval = max(CHECK_INTERVAL // method.stages, 1)
+        if self._differences:
+            # Whole windows of the steps by which the roughness of the motion is judged.
+            windows = -(-self.look_interval // self._differences)
+            self.look_interval = windows * self._differences
+        self._returned_to = -math.inf
+        # Whether it is the speed of bodies that limits the step.
+        self._held_back = False
+        if self.fixed:
+            checked_step(fixed_step, self.limit, frequency.rate + packed.velocity_rate)
+        else:
+            self.accuracy.require_possible(frequency.rate)
+        self._start(exact=False)
+        self._require_safe_step(origin)
+
+    def _start(self, *, exact: bool = True) -> None:
+        """Compute the accelerations, the frequency and the step anew: the state has jumped."""
+        place_driven(self.model, self.loads, self.state, self.time)
+        if self.watch is not None:
+            self.watch.stretches.forget()
+        self._look_for_contacts(self.time)
+        self._refresh()
+        for meter in self._meters().values():
+            meter.done[:] = 0.0
+        self.ledger.restart()
+        self.ledger[monitor.OBSTRUCTED_LIMIT] = (
+            0.0 if self.obstruction.looks_out else math.inf)
+        self._save()
+        self.ledger[monitor.OBSTRUCTED_EVERY] = self.obstruction.looks
+        self.ledger[monitor.UNTIL_OBSTRUCTED] = 0.0
+        self._read_rates(exact=exact)
+        # So does the first look of the run.
+        self.ledger[monitor.UNTIL_OBSTRUCTED] = 0.0
+        self._require_room()
+        self.ledger.open(
+            self._moving(self.state), self.packed.layout.gather(self.work.acceleration),
+            self.frequency.rate,
+            _BESIDE_TOLERANCE * self.accuracy.tolerance if self.method.adaptive and (
+                not self.fixed) else 0.0)
+        force = self.packed.body_force
+        if force is not None:
+            place = self.packed.layout.unpack(self.state)
+            self._potential_start = force.energy(self.time, place.position, place.orientation)
+        self.accuracy.restart()
+        self._choose_step()
+
+    def jump(self, time: float, state: State, loads: Loads | None, load_rate: float) -> None:
+        """
+        Go on from another `state` at `time`, as a run that starts there; a failure is forgotten.
+        """
+        self._failure = None
+        self.accuracy.close(time)
+        self.origin, self.index, self.state = time, 0, state
+        self.loads, self.load_rate = loads, load_rate
+        self._since_check, self._returned_to = 0, -math.inf
+        if not self.fixed:
+            # Chosen afresh: the step must not depend on what was before.
+            self.step = 0.0
+        self._start()
+        self._require_safe_step(time)
+
+    def forget(self) -> None:
+        """Count steps and errors from zero again: a run begins that has no past."""
+        self.step_count, self.accuracy.total = 0, 0.0
+        self.obstruction.found = ''
+        self.ledger[monitor.TOLD_LIMIT] = math.inf if self.watch is None else self.watch.told
+        if self.watch is not None:
+            self.watch.forget()
+
+    def rebase(self, time: float) -> None:
+        """Move a stepper that has not moved yet to another start `time`."""
+        self.origin, self.index, self._saved_time = time, 0, time
+        self.accuracy.rebase(time)
+        if self.watch is not None:
+            self.watch.rebase(time)
+
+    def set_loads(self, loads: Loads | None, load_rate: float) -> None:
+        """Replace the loads at the current state."""
+        self.ledger.keep_work(self.loads)
+        # Nobody goes back to before other loads.
+        self.ledger[monitor.REGULAR] = 0.0
+        self.loads = loads
+        self.load_rate = load_rate
+        place_driven(self.model, loads, self.state, self.time)
+        self._choose_step()
+
+    def error_rate(self) -> float:
+        """Error that the method adds for each second, measured last."""
+        return self.accuracy.rate
+
+    def error_estimate(self, time: float) -> float:
+        """Errors added from the start to a present `time` [s], as if none had grown or faded."""
+        return self.accuracy.estimate(time)
+
+    def memory(self) -> dict[str, Any]:
+        """All that the steps to come depend on, body by body."""
+        memory = {
+            **super().memory(),
+            'since_check': self._since_check,
+            'look_interval': self.look_interval,
+            'returned_to': self._returned_to,
+            'held_back': self._held_back,
+            'load_rate': self.load_rate,
+            'frequency': self._fabric.rate,
+            'accuracy': self.accuracy.memory(),
+        }
+        if self._is_in_window:
+            difference = self.work.difference
+            # Also lanes without a body count, so this is only for processors with as many lanes.
+            memory['window'] = difference.reshape(len(difference), -1, LANES).copy()
+        return memory
+
+    def recall(self, memory: Memory, loads: Loads | None) -> None:
+        """Go on from there, with the `loads` that acted then."""
+        super().recall(memory, loads)
+        least, most = (1, CHECK_INTERVAL) if self.fixed else (self.look_interval,) * 2
+        self.look_interval = memory.count('look_interval', least, most)
+        self._since_check = memory.count('since_check', 0, self.look_interval - 1)
+        self._returned_to = memory.number('returned_to', finite=False)
+        self._held_back = memory.flag('held_back')
+        self.load_rate = memory.number('load_rate', 0.0, finite=False)
+        self._fabric = Frequency(memory.number('frequency', 0.0, finite=False), (), 0)
+        self.accuracy.recall(memory.part('accuracy'))
+        if self._is_in_window:
+            window, own = memory.array('window'), self.work.difference
+            if window.shape == (len(own), own.shape[1] // LANES, LANES):
+                own[:] = window.reshape(own.shape)
+            else:
+                # Of a processor with other lanes: the next look does not judge the roughness.
+                self.ledger[monitor.REGULAR] = 0.0
+
+    @property
+    def _is_in_window(self) -> bool:
+        """Whether some, but not all, of the steps of a difference are taken."""
+        if not self._differences:
+            return False
+        first = self.look_interval - self._differences if self.method.stages < 4 else 0
+        taken = self._since_check - first
+        return taken > 0 and taken % self._differences != 0
+
+    def _settle_roughness(self, time: float) -> bool:
+        """
+        The motion became rougher: measure anew, and go back if the error was too large.
+
+        Whether the run goes on from here; else it is back at the last look.
+        """
+        factor = self.accuracy.excess()
+        if factor is None:
+            self._save(time)
+            return True
+        whole = self.ledger[monitor.REGULAR] >= self.look_interval
+        if factor > 1.0 and whole and self._saved_time != self._returned_to:
+            # What was shown of the way there stays counted.
+            self.accuracy.close(time)
+            self._return_to_saved()
+            self._returned_to = self._saved_time
+            if self.loads is not None:
+                np.copyto(self.loads.work, self.loads.earlier_work)
+            self.ledger[monitor.REGULAR] = 0.0
+            self._choose_step(probe=True, shorter=factor)
+            return False
+        self._save(time)
+        if time == self.time:
+            self._choose_step(probe=True)
+        return True
+
+    def _respond(self, status: int, time: float) -> None:
+        if status & monitor.NOT_FINITE:
+            self._fail_here('is no longer finite', time)
+        if status & monitor.UNBALANCED:
+            self._fail_unbalanced(time)
+        if status & monitor.OBSTRUCTING:
+            self._meet_obstruction(time)
+        if status & (monitor.TOO_DEEP | monitor.DEEP):
+            self._meet_overlap(time, stop=bool(status & monitor.TOO_DEEP))
+        if status & (MOVED_FAR | MISSED):
+            self._look_again(time, missed=bool(status & MISSED))
+            if status & MISSED and self._since_check == 0:
+                # Kernels do not save where a contact may be behind.
+                self._save(time)
+        if status & (monitor.RATE_HIGH | monitor.RATE_LOW):
+            self._read_rates()
+            if not self.fixed:
+                if not self.step <= self.limit:
+                    _LOGGER.warning(
+                        'the fabric changed so fast before t = %.6g s that up to %d steps were '
+                        'longer than stable (limit %.3g s): their energy may be wrong; %s',
+                        time, self.look_interval, self.limit, self._way_out(),
+                    )
+                self._choose_step(probe=True)
+            self._require_safe_step(time)
+
+    def _look_again(self, time: float, *, missed: bool) -> None:
+        """Bodies have moved far: find what can touch now, and follow it with the step."""
+        if self.watch is None:
+            return
+        if missed:
+            self.watch.miss(self._way_out())
+        before = self.watch.rate
+        self._look_for_contacts(time)
+        longest = self.watch.longest_step
+        if not self.fixed and (
+                self.watch.rate != before or self._held_back or not self.step <= longest):
+            self._follow_contacts()
+        self._pace(self.step)
+        if missed and self.fixed and not self.step <= self.limit:
+            self._return_to_saved()
+        self._require_safe_step(time)
+
+    def _follow_contacts(self) -> None:
+        """Choose the step anew: contacts have begun, or are over, or bodies have become fast."""
+        self._choose_step()
+
+    def _meet_obstruction(self, time: float) -> None:
+        """Say once that a connector runs into its own shell, or stop."""
+        self.ledger[monitor.OBSTRUCTED_LIMIT] = math.inf
+        self.obstruction.note(time, self.state, self.broken.since)
+        if self.obstruction.stops:
+            self._return_to_saved()
+            self._fail(
+                f'{self.obstruction.found}, and connector.obstruction is stop; warn lets it pass '
+                f'through. The state of t = {self._saved_time:.9g} s is kept')
+
+    def _fail_here(self, what: str, time: float) -> None:
+        """Stop because numbers have run away: name where, and go back to the last good state."""
+        fault = find_fault(self.packed, self.state)
+        self._return_to_saved()
+        self._fail(
+            f'the state of {fault} {what} at t = {time:.9g} s, after steps of {self.step:.6g} s; '
+            f'the last good state, of t = {self._saved_time:.9g} s, is kept'
+        )
+
+    def _fail_unbalanced(self, time: float) -> None:
+        fault = find_fault(self.packed, self.state)
+        imbalance, way_out = self.ledger.describe_imbalance(time), self._way_out()
+        self._return_to_saved()
+        self._fail(
+            f'{imbalance}; the fastest is {fault}, and steps are {self.step:.6g} s (limit '
+            f'{self.limit:.6g} s). Start again: {way_out}; the last good state, of t = '
+            f'{self._saved_time:.9g} s, is kept'
+        )
+
+    def _way_out(self) -> str:
+        """Say what makes steps shorter."""
+        if self.fixed:
+            return 'give a smaller solver.step, or 0 to have it chosen'
+        return shorter_steps(self.step, self.accuracy.tolerance, self._fastest_term())
+
+    def _fastest_term(self) -> str:
+        """Name what moves or vibrates fastest, with its parameters."""
+        rates = {
+            stiffest_term(self.packed, anchored=self.loads is not None and (
+                self.loads.anchors is not None)): self._fabric.rate,
+            'spinning bodies': self.ledger[monitor.SPIN],
+            'bodies under loads and drives': self.load_rate,
+            'what takes energy from velocities (damping, drag, magnetic field)': (
+                self.packed.velocity_rate)}
+        if self.watch is not None:
+            stiffness = self.watch.setup.stiffness
+            rates[f'contacts (contact.stiffness {stiffness:.4g} N/m)'] = math.sqrt(self.watch.rate)
+        return fastest_term(rates)
+
+    def _read_rates(self, *, exact: bool = True) -> None:
+        """Exact largest frequency, and the cheap bound beside it for later comparison."""
+        if exact:
+            self._fabric = self._largest_frequency()
+        ledger = self.ledger
+        ledger[monitor.HIGH], ledger[monitor.LOW], ledger[monitor.SPIN_WEIGHT] = math.inf, 0.0, 1.0
+        monitor.examine(
+            self.model, self.loads, self.state, self.work, self.time, ledger.numbers)
+        if self.fixed:
+            # Below this the bound proves the step safe. Above it the exact value is computed at
+            # every look: the bound may be three times as high, its own growth says nothing.
+            ledger[monitor.HIGH] = self.method.stability / self.step - self.packed.velocity_rate
+            ledger[monitor.SPIN_WEIGHT] = 0.0
+            # As often in time as with a chosen step, as far as that is affordable.
+            ratio = self.step * self.frequency.rate / self.method.chosen
+            steps = CHECK_INTERVAL / self.method.stages / max(ratio, 1.0)
+            self.look_interval = max(int(steps), SHORTEST_INTERVAL)
+
+    def _choose_step(self, *, probe: bool = False, shorter: float = 1.0) -> None:
+        """
+        Choose the step: stable, and as accurate as asked; it is kept while it is about right.
+
+        `probe` measures the accuracy anew; the state must have been saved. `shorter`: how many
+        times too large the error is believed to be.
+        """
+        rate = self._fastest()
+        if self.fixed:
+            self._pace(self.step)
+            if probe or self.accuracy.is_new or self.load_rate > self.accuracy.load_rate:
+                if not probe:
+                    self._save()
+                self.accuracy.measure_only(self.step, rate, jumped=not probe)
+            return
+        if not rate < math.inf:
+            self._fail(too_fast(self.time, self._fastest_term()))
+        chosen = self.method.chosen
+        step = self.step * shorter ** (-1.0 / self.method.order)
+        if not rate > 0.0:
+            # Every step is exact.
+            step, rate = self._output_period, chosen / self._output_period
+        cap = chosen / rate
+        if self.watch is not None:
+            self._held_back = self.watch.longest_step < cap
+            cap = min(cap, self.watch.longest_step)
+        if not SHORTEST * min(cap, self.accuracy.step) <= step <= LONGEST * cap:
+            step = rounded_down(min(cap, self.accuracy.step))
+        if probe or self.accuracy.is_new or self.load_rate > self.accuracy.load_rate:
+            if not probe:
+                self._save()
+            step = self.accuracy.choose(step, rounded_down(cap), rate, jumped=not probe)
+        if not self.time + step > self.time:
+            # It would be lost in the time that it is added to.
+            self._fail(too_fast(self.time, self._fastest_term()))
+        if step != self.step:
+            self.origin, self.index, self.step = self.time, 0, step
+            self.ledger[monitor.REGULAR] = 0.0
+        self._pace(step)
+        # Above the first the exact value is computed again once the bound has grown; near the
+        # limit of the method at every look.
+        ledger = self.ledger
+        near = min(1.05 * ledger[monitor.RATE], 0.9 * self.method.stability / step)
+        ledger[monitor.HIGH] = max(LONGEST * chosen / step, near)
+        ledger[monitor.LOW] = SHORTEST * chosen / step if self.accuracy.step >= cap else 0.0
+
+    def _fastest(self) -> float:
+        """
+        Rate [rad/s] of the fastest motion; 0 where nothing turns, vibrates or is accelerated.
+        """
+        watch = self.watch
+        rate = fastest_motion(
+            self.packed, self.state, self.frequency.rate, self.ledger[monitor.SPIN],
+            self.load_rate, *((None, 0.0) if watch is None else (watch.passing, watch.fall)))
+        return rate if rate > 0.0 else self._acceleration_rate()
+
+    def _acceleration_rate(self) -> float:
+        """Rate [rad/s] at which forces move bodies at rest by a, or turn them by a radian."""
+        self._refresh()
+        acceleration = self.packed.layout.gather(self.work.acceleration)
+        linear, angular = np.linalg.norm(acceleration.reshape(-1, 2, 3), axis=2).max(
+            axis=0, initial=0.0)
+        return math.sqrt(max(float(linear) / self.half_edge, float(angular)))

@@ -1,0 +1,105 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+The threads that share the work of one simulation.
+
+The result is the same bits for any number of them: every body is computed by one thread, from
+values that do not depend on which.
+"""
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+import logging
+import os
+from typing import TypeVar
+import weakref
+
+from icofabric_sim.kernels.contact.surface import contact_scratch, Scratch
+from icofabric_sim.kernels.records import Sweep, Team
+from icofabric_sim.kernels.runtime.team import FLAG_COUNT
+from icofabric_sim.simulation.model.packing import PackedScene
+from icofabric_sim.simulation.stepping.traversal_order import make_sweeps
+from numba.core import config
+import numpy as np
+
+_LOGGER = logging.getLogger('icofabric_sim')
+Result = TypeVar('Result')
+
+# Bodies for each thread from which a second one pays: below, waiting for each other costs more
+# than it saves (`icofabric benchmark scaling`).
+BODIES_PER_THREAD = 1_000
+
+
+def core_count() -> int:
+    """Count the cores that this process may use."""
+    if hasattr(os, 'sched_getaffinity'):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def size_for(wanted: int, body_count: int) -> int:
+    """
+    Threads for so many bodies; clamps what is `wanted` to the cores there are, with a warning.
+    """
+    cores = core_count()
+    if wanted > cores:
+        _LOGGER.warning(
+            'solver.threads %d is more than the %d cores of this machine: %d are used; the '
+            'result does not depend on it', wanted, cores, cores)
+    if getattr(config, 'DISABLE_JIT', 0):
+        return 1
+    return min(wanted or cores, cores, max(1, body_count // BODIES_PER_THREAD))
+
+
+class Crew:
+    """As many threads as `wanted` (0: one for each core), and as the number of bodies is worth."""
+
+    def __init__(self, wanted: int, packed: PackedScene) -> None:
+        """Start with nobody but the caller; threads start when they are first needed."""
+        self.size = size_for(wanted, packed.layout.body_count)
+        self._flags = np.zeros(FLAG_COUNT, np.int64)
+        self._packed = packed
+        self._rooms: list[Scratch | None] = [None] * self.size
+        # The same blocks in another order, where all bodies drift before one is pushed.
+        self._together: list[Sweep] | None = None
+        self._apart = self._sweeps = make_sweeps(
+            packed.layout, packed.model.links, self.size,
+            together=packed.model.coulomb is not None)
+        self._pool: ThreadPoolExecutor | None = None
+
+    def meet(self, wanted: bool) -> None:
+        """Whether there are contacts: then all bodies drift before one is pushed."""
+        if not wanted:
+            self._sweeps, self._rooms = self._apart, [None] * self.size
+            return
+        if self._together is None:
+            self._together = make_sweeps(
+                self._packed.layout, self._packed.model.links, self.size, together=True)
+        self._sweeps = self._together
+        self._rooms = [contact_scratch() for _ in range(self.size)]
+
+    def alone(self) -> Team:
+        """What kernels know of a team of one."""
+        return Team(0, 1, self._flags, self._sweeps[0], self._rooms[0])
+
+    def team(self, member: int) -> Team:
+        """What kernels know of the crew, in the thread `member`."""
+        return Team(member, self.size, self._flags, self._sweeps[member], self._rooms[member])
+
+    def run(self, work: Callable[[Team], Result]) -> Result:
+        """
+        Call `work` once in every thread, with its place in the team; returns the first's result.
+        """
+        if self.size == 1:
+            return work(self.team(0))
+        if self._pool is None:
+            self._pool = ThreadPoolExecutor(self.size - 1, thread_name_prefix='icofabric')
+            weakref.finalize(self, self._pool.shutdown, wait=False)
+        self._flags[:] = 0
+        others = [
+            self._pool.submit(work, self.team(index))
+            for index in range(1, self.size)]
+        result = work(self.team(0))
+        for other in others:
+            other.result()
+        return result

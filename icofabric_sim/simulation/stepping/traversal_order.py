@@ -1,0 +1,95 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+In which order the threads of a crew go over a fabric, so that bodies come from memory once.
+
+Drifts run ahead of pushes by one layer of the fabric, and what lies between is read again soon: it
+should stay in a core's own cache. Where a layer is too large for that the fabric is swept in
+panels, one after the other, each through all layers. A panel's drifts lie a little across its
+border, where its pushes look. The order changes no result: every block is computed from values
+that do not depend on it.
+"""
+
+from collections.abc import Iterator
+
+from icofabric_sim.kernels.records import Links, Sweep
+from icofabric_sim.kernels.runtime.lanes import LANES
+from icofabric_sim.kernels.runtime.team import TILE
+from icofabric_sim.simulation.model.layout import Layout
+import numpy as np
+
+# Slots of a layer of a panel: the attachment points of two such layers take 0.9 MB.
+_PANEL = 3200
+# Rows by which a panel's drifts lie across its border: its neighbours are one row away.
+_OVERLAP = 1
+# Blocks whose neighbours are looked up at once: bounds the temporary arrays.
+_PIECE = 1 << 14
+# Of a byte whose bits are lanes.
+_FIRST_LANE = np.array([max(0, (byte & -byte).bit_length() - 1) for byte in range(256)])
+_LAST_LANE = np.array([max(0, byte.bit_length() - 1) for byte in range(256)])
+
+
+def make_sweeps(
+    layout: Layout, links: Links | None, size: int, *, together: bool = False
+) -> list[Sweep]:
+    """
+    The order for each of `size` threads, which own equal runs of blocks.
+
+    `together`: forces need the places of all bodies, so all drift before one is pushed.
+    """
+    count = len(layout.blocks.slot)
+    owners = np.repeat(
+        np.arange(size), np.diff([count * member // size for member in range(size + 1)]))
+    panels = -(-layout.blocks.reach * LANES // _PANEL)
+    width = max(1, -(-(int(layout.rows.max(initial=0)) + 1) // max(1, panels)))
+    sweeps = [
+        _make_sweep(layout, links, np.flatnonzero(owners == member), width)
+        for member in range(size)]
+    if not together:
+        return sweeps
+    return [
+        sweep._replace(
+            ahead=np.full_like(sweep.ahead, len(sweep.drifts)), border=len(sweep.drifts))
+        for sweep in sweeps]
+
+
+def _make_sweep(layout: Layout, links: Links | None, own: np.ndarray, width: int) -> Sweep:
+    # A block at the end of a layer has bodies in its last rows and in the first of the next layer.
+    first_row, last_row = layout.rows[:, own]
+    pushes = own[np.argsort(last_row // width, kind='stable')].astype(np.uint32)
+    border = np.zeros(len(own), bool)
+    for part, neighbours in _neighbours(layout, links, own):
+        inside = (neighbours >= own[0]) & (neighbours <= own[-1])
+        border[part] = ~inside.all(axis=1)
+    # Sorts border blocks to the front; else a block drifts with the panel that needs it first.
+    panel = np.where(border, -1, np.maximum(first_row - _OVERLAP, 0) // width)
+    drifts = own[np.argsort(panel, kind='stable')].astype(np.uint32)
+    turn = np.zeros(len(layout.blocks.slot), np.int32)
+    turn[drifts] = np.arange(1, len(own) + 1, dtype=np.int32)
+    needed = np.zeros(-(-len(own) // TILE) * TILE, np.int32)
+    needed[:len(own)] = turn[pushes]
+    for part, neighbours in _neighbours(layout, links, pushes):
+        # Other threads' blocks have no turn here: they are waited for before all pushes.
+        needed[part] = np.maximum(needed[part], turn[neighbours].max(axis=1, initial=0))
+    ahead = np.maximum.accumulate(needed.reshape(-1, TILE).max(axis=1, initial=0))
+    return Sweep(drifts, pushes, ahead.astype(np.int32), int(np.count_nonzero(border)))
+
+
+def _neighbours(
+    layout: Layout, links: Links | None, blocks: np.ndarray
+) -> Iterator[tuple[slice, np.ndarray]]:
+    """
+    Blocks (p, n) that the pushes of each part of `blocks` look at; their own where there is none.
+    """
+    if links is None:
+        return
+    number = np.full(layout.slot_count // LANES, -1, np.int32)
+    number[layout.blocks.slot // LANES] = np.arange(len(layout.blocks.slot), dtype=np.int32)
+    for start in range(0, len(blocks), _PIECE):
+        part = slice(start, min(start + _PIECE, len(blocks)))
+        present = links.present[blocks[part]]
+        place = links.place[blocks[part]] % layout.slot_count
+        seen = np.concatenate(
+            [number[(place + lane[present]) // LANES] for lane in (_FIRST_LANE, _LAST_LANE)], 1)
+        absent = np.tile(present == 0, (1, 2))
+        yield part, np.where(absent, blocks[part, None], seen)

@@ -1,0 +1,92 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""When the pieces of the profiles and paths of a scene begin, and which of them rule now."""
+
+from collections.abc import Mapping
+import math
+from typing import Any
+
+from icofabric_sim.scene.paths import Path
+from icofabric_sim.scene.profiles import Profile
+from icofabric_sim.simulation.state_tree import Memory
+
+
+class Timetable:
+    """Profiles by name, counted from the time at which the motion began."""
+
+    def __init__(self, profiles: Mapping[str, Profile | Path]) -> None:
+        """Begin at time 0."""
+        self._profiles = {
+            name: profile for name, profile in profiles.items() if len(profile.pieces) > 1}
+        self._steady = {
+            name: profile.pieces[0] for name, profile in profiles.items()
+            if len(profile.pieces) == 1}
+        self.epoch = 0.0  # [s] when the motion began
+        self.numbers: dict[str, int] = {}
+        self.begin(0.0)
+
+    def begin(self, epoch: float, now: float | None = None) -> None:
+        """Count from `epoch` [s], and stand `now` [s], or there."""
+        self.epoch = epoch
+        now = epoch if now is None else now
+        self.numbers = dict.fromkeys(self._profiles, 0)
+        while self.next_time <= now:
+            self.turn()
+
+    @property
+    def next_time(self) -> float:
+        """Time [s] at which the next piece begins; infinite where none does."""
+        return min((self._next(name) for name in self._profiles), default=math.inf)
+
+    def turn(self) -> list[str]:
+        """Let the next pieces begin; returns whose they are."""
+        time = self.next_time
+        begun = [name for name in self._profiles if self._next(name) <= time]
+        for name in begun:
+            self.numbers[name] += 1
+        return begun
+
+    def piece(self, name: str, number: int | None = None) -> Any:
+        """The piece of a profile that rules now, or number `number`, at times of the run."""
+        if name in self._steady:
+            piece: Any = self._steady[name]
+            return piece._replace(start=self.epoch + piece.start)
+        number = self.numbers[name] if number is None else number
+        piece = self._profiles[name].pieces[number]
+        return piece._replace(start=self.epoch + piece.start)
+
+    def memory(self) -> dict[str, Any]:
+        """What rules, and since when it is counted."""
+        return {'epoch': self.epoch, 'numbers': _listing(self.numbers)}
+
+    def recall(self, memory: Memory, now: float) -> None:
+        """Go on from there; nothing is to begin before `now` [s]."""
+        epoch = memory.number('epoch', 0.0, now)
+        numbers = self.known_numbers(memory.entries('numbers'))
+        if set(numbers) != set(self._profiles):
+            raise ValueError('inputs.timetable.numbers are of other profiles')
+        self.epoch, self.numbers = epoch, numbers
+        if self.next_time < now:
+            raise ValueError(
+                f'inputs.timetable has a piece that was to begin before {now!r} s')
+
+    def known_numbers(self, entries: list[Any]) -> dict[str, int]:
+        """Numbers of pieces as they were remembered, judged."""
+        numbers = {}
+        for entry in entries:
+            if not (isinstance(entry, list) and len(entry) == 2 and (
+                    isinstance(entry[0], str) and entry[0] in self._profiles)):
+                raise ValueError('inputs hold the piece of a profile that the scene lacks')
+            name, number = entry
+            if type(number) is not int or not 0 <= number < len(self._profiles[name].pieces):
+                raise ValueError(f'inputs hold no such piece of {name}: {number!r:.40}')
+            numbers[name] = number
+        return numbers
+
+    def _next(self, name: str) -> float:
+        pieces, number = self._profiles[name].pieces, self.numbers[name] + 1
+        return self.epoch + pieces[number].start if number < len(pieces) else math.inf
+
+
+def _listing(numbers: Mapping[str, int]) -> list[Any]:
+    return [[name, numbers[name]] for name in sorted(numbers)]

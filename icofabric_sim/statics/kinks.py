@@ -1,0 +1,61 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""How far a motion goes until the first connector comes from pulling to pushing, or back."""
+
+from icofabric_sim.statics.fabric import Configuration
+import numpy as np
+
+# A change of length below this part of the motion is rounding.
+_ROUNDING = 1e-9
+
+
+def length_changes(here: Configuration, motions: np.ndarray) -> np.ndarray:
+    """First-order changes of the connectors' lengths (m, c) by motions (m, n, 6)."""
+    ends, motions = here.snapshot.connector_ends, np.asarray(motions)
+    if not len(ends):
+        return np.zeros((len(motions), 0))
+    bodies = here.fabric.scene.connectors.bodies
+    reach = ends[:, 1] - ends[:, 0]
+    direction = reach / np.linalg.norm(reach, axis=1, keepdims=True)
+    changes = np.zeros((len(motions), len(ends)))
+    for end, sign in ((0, -1.0), (1, 1.0)):
+        arm = ends[:, end] - here.position[bodies[:, end]]
+        wrench = sign * np.hstack([direction, np.cross(arm, direction)])
+        # One motion at a time: all of them at once need as much room as the shapes again.
+        for row, motion in zip(changes, motions):
+            row += np.einsum('ci,ci->c', motion[bodies[:, end]], wrench)
+    return changes
+
+
+def anchor_changes(here: Configuration, motions: np.ndarray) -> np.ndarray:
+    """The same of anchors, (m, a)."""
+    columns = [
+        -(motions[:, body, :3] @ along + motions[:, body, 3:] @ np.cross(arm, along))
+        for body, arm, along in here.fabric.anchors.directions(here.position, here.axes)]
+    return np.array(columns).reshape(-1, len(motions)).T
+
+
+def amplitudes_to_kink(here: Configuration, motions: np.ndarray) -> np.ndarray:
+    """
+    By which factor motions (m, n, 6) may be taken, either way, before a connector changes side.
+
+    (m,); to first order. 0 where a connector at its kink changes its length, infinity where no
+    connector has two stiffnesses or none of those changes its length.
+    """
+    counted = here.fabric.counted & here.fabric.laws.kinked
+    size = np.abs(motions[..., :3]).max(axis=(1, 2), initial=0.0) + (
+        here.fabric.half_edge * np.abs(motions[..., 3:]).max(axis=(1, 2), initial=0.0))
+    found = np.full(len(motions), np.inf)
+    pulled = here.pulled
+    groups = [(here.stretched, counted, length_changes)]
+    groups.append((pulled.here, pulled.jump != 0.0, anchor_changes))
+    for state, chosen, changes_of in groups:
+        if not chosen.any():
+            continue
+        change = np.abs(changes_of(here, motions)[:, chosen])
+        change[change <= _ROUNDING * size[:, None]] = 0.0
+        stretch = np.where(state.at_kink, 0.0, np.abs(state.stretch))[chosen]
+        with np.errstate(divide='ignore', invalid='ignore'):
+            factor = np.where(change > 0.0, stretch / change, np.inf)
+        found = np.minimum(found, factor.min(axis=1, initial=np.inf))
+    return found

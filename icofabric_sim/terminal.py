@@ -1,0 +1,187 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""What the verbs say while they work: progress with an honest time left, notes, errors."""
+
+from collections import deque
+from collections.abc import Iterator
+from contextlib import contextmanager, ExitStack
+import logging
+import math
+import os
+from pathlib import Path
+import shutil
+import sys
+import time
+from types import TracebackType
+from typing import Self, TextIO
+
+from icofabric_sim.kernels.runtime.compile_notice import compile_notice
+
+# Wall time between two pictures of the bar [s], and between two lines where there is no terminal.
+_REDRAW, _LINE_INTERVAL = 0.1, 10.0
+# The speed is that of about the last while [s]: a fabric that stretches needs shorter steps.
+_WINDOW = 8.0
+# A time left is shown once so long a while [s] is known, whose two halves went at speeds of at
+# most this ratio.
+_KNOWN, _STEADY = 2.0, 2.0
+
+
+class InputError(Exception):
+    """Input that cannot be taken: exit status 2."""
+
+
+class FileSaysNo(Exception):
+    """A file that is what was asked for, but damaged or unfinished: exit status 1."""
+
+
+@contextmanager
+def bad_input() -> Iterator[None]:
+    """Turn the ValueErrors of building what the user described into InputErrors."""
+    try:
+        yield
+    except ValueError as error:
+        raise InputError(str(error)) from error
+
+
+def require_place(option: str, path: Path, *, is_folder: bool = False) -> Path:
+    """Refuse a path at which no file or folder can be made, before any work is done for it."""
+    folder = path.absolute() if is_folder else path.absolute().parent
+    while not os.path.lexists(folder):
+        folder = folder.parent
+    if not folder.is_dir():
+        raise InputError(f'{option} {path}: {folder} is not a folder; choose another place')
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise InputError(f'{option} {path}: {folder} is not writable; choose another place')
+    return path
+
+
+class Progress:
+    """
+    A bar on a terminal, a line now and then elsewhere; nothing is left of the bar at the end.
+    """
+
+    def __init__(
+        self, total: float, unit: str, *, stream: TextIO | None = None, foreseen: bool = True
+    ) -> None:
+        """
+        Go from 0 to `total` [unit].
+
+        `foreseen`: the pace of the last while says how long the rest takes; else the time that
+        has passed is shown.
+        """
+        self.total, self.unit, self.foreseen = total, unit, foreseen
+        self.stream = sys.stderr if stream is None else stream
+        self.is_terminal = self.stream.isatty()
+        self._start = self._last = time.monotonic()
+        self._notices = ExitStack()
+        self._marks: deque[tuple[float, float]] = deque([(_working_time(), 0.0)])
+        self._shown = 0
+
+    def update(self, done: float) -> None:
+        """Show that `done` of the total is done, if it is time for it."""
+        now, worked = time.monotonic(), _working_time()
+        if worked - self._marks[-1][0] >= _REDRAW:
+            self._marks.append((worked, done))
+            # One mark is as old as the window.
+            while len(self._marks) > 2 and worked - self._marks[1][0] >= _WINDOW:
+                self._marks.popleft()
+        if now - self._last < (_REDRAW if self.is_terminal else _LINE_INTERVAL):
+            return
+        self._last = now
+        text = f'{done:.4g} of {self.total:.4g} {self.unit}'
+        if self.foreseen:
+            text += self._time_left(worked, done)
+        else:
+            text += f', after {duration_text(now - self._start)}'
+        if not self.is_terminal:
+            self._write(f'{text}\n')
+            return
+        columns = shutil.get_terminal_size().columns - 1
+        length = max(0, min(40, columns - len(text) - 4))
+        filled = round(length * min(done / self.total, 1.0))
+        bar = f'[{"#" * filled}{"." * (length - filled)}] ' if length else ''
+        line = (bar + text)[:columns]
+        self._write('\r' + line.ljust(self._shown))
+        self._shown = len(line)
+
+    def note(self, text: str) -> None:
+        """Say something above the bar."""
+        self.clear()
+        self._write(f'{text}\n')
+
+    def clear(self) -> None:
+        """Wipe the bar away."""
+        if self._shown:
+            self._write('\r' + ' ' * self._shown + '\r')
+            self._shown = 0
+
+    def __enter__(self) -> Self:
+        self._notices.enter_context(compile_notice.shown_by(self.note))
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self._notices.close()
+        self.clear()
+
+    def _time_left(self, worked: float, done: float) -> str:
+        """The rest at the speed of the last while; nothing where that says nothing."""
+        since, before = self._marks[0]
+        span = worked - since
+        if span < _KNOWN:
+            return ''
+        middle, half = min(self._marks, key=lambda mark: abs(mark[0] - since - 0.5 * span))
+        if not since < middle < worked:
+            return ''
+        early, late = (half - before) / (middle - since), (done - half) / (worked - middle)
+        if not max(early, late) <= _STEADY * min(early, late):
+            return ''
+        left = (self.total - done) * span / (done - before) if done > before else math.inf
+        return f', about {duration_text(left)} left' if left < math.inf else ''
+
+    def _write(self, text: str) -> None:
+        self.stream.write(text)
+        self.stream.flush()
+
+
+def _working_time() -> float:
+    """Wall time [s] without that of the compiler, whose work says nothing of what is left."""
+    return time.monotonic() - compile_notice.seconds
+
+
+class NoteHandler(logging.Handler):
+    """Warnings of the library, shown above the bar."""
+
+    def __init__(self, progress: Progress, name: str) -> None:
+        """Begin each with the `name` of the command."""
+        super().__init__(logging.WARNING)
+        self._progress, self._name = progress, name
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self._progress.note(f'{self._name}: {record.getMessage()}')
+
+
+@contextmanager
+def notes(progress: Progress, name: str) -> Iterator[None]:
+    """Show the warnings of the library above the bar of `progress`."""
+    logger = logging.getLogger('icofabric_sim')
+    handler = NoteHandler(progress, name)
+    propagated = logger.propagate
+    logger.addHandler(handler)
+    logger.propagate = False
+    try:
+        yield
+    finally:
+        logger.removeHandler(handler)
+        logger.propagate = propagated
+
+
+def duration_text(seconds: float) -> str:
+    """A wall time as people say it."""
+    if seconds < 90.0:
+        return f'{max(seconds, 1.0):.0f} s'
+    if seconds < 5400.0:
+        return f'{seconds / 60.0:.0f} min'
+    return f'{seconds / 3600.0:.1f} h'

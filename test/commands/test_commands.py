@@ -1,0 +1,683 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""The command line: what it does, what it says, and its exit status."""
+
+from collections.abc import Callable, Iterator
+import os
+from pathlib import Path
+import pty
+import re
+import signal
+import subprocess
+import sys
+import time
+from typing import NamedTuple
+
+from icofabric_sim.bag import BagReader
+from icofabric_sim.bag.recorded_run import RecordedRun
+from icofabric_sim.bag.summary import summarise_bag
+from icofabric_sim.commands.main import main, VERBS
+from icofabric_sim.messages.schedule import seconds
+from icofabric_sim.parameters.file import load_parameter_file
+from icofabric_sim.parameters.ready_scenes import find_scene, ready_scenes
+from icofabric_sim.running.cross_check import cross_check, DISTURBANCE
+from icofabric_sim.scene.scene import Scene
+from icofabric_sim.simulation.divergence import measure_growth
+from icofabric_sim.simulation.simulation import compile_scene, Simulation
+import numpy as np
+import pytest
+import yaml
+
+COMMAND = [sys.executable, '-m', 'icofabric_sim.commands.main']
+# A shell script in the background ignores SIGINT, and so would its children.
+WITH_SIGINT = [
+    sys.executable, '-c',
+    'import os, signal, sys; signal.signal(signal.SIGINT, signal.SIG_DFL); '
+    'os.execv(sys.argv[1], sys.argv[1:])']
+SMALL = ['-p', 'weave.size:=[3, 3, 3]']
+# A slab held at one side, which falls.
+SWING = """\
+/**:
+  ros__parameters:
+    weave: {size: [3, 3, 3], connector_angle: 0.3}
+    gravity: [0.0, 0.0, -9.81]
+    groups: {wall: x_min, tip: x_max}
+    supports: {wall: {group: wall}}
+    loads: {tip: {group: tip, share: total}}
+"""
+DURATION = 0.25
+ESCAPE = '\x1b'
+
+
+class Result(NamedTuple):
+    status: int
+    out: str
+    err: str
+
+
+def command(*words: str, folder: Path) -> Result:
+    done = subprocess.run(
+        [*COMMAND, *words], cwd=folder, capture_output=True, text=True, timeout=400,
+        env={**os.environ, 'PYTHONPATH': str(Path(__file__).parents[2])}, check=False)
+    return Result(done.returncode, done.stdout, done.stderr)
+
+
+def wait_until(condition: Callable[[], bool], seconds: float = 300.0) -> None:
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, 'waited in vain'
+        time.sleep(0.02)
+
+
+@pytest.fixture
+def call(capsys: pytest.CaptureFixture[str], tmp_path: Path,
+         monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., Result]]:
+    """Run the command in this process: the same function, without the start of a Python."""
+    monkeypatch.chdir(tmp_path)
+    handler = signal.getsignal(signal.SIGTERM)
+
+    def run(*words: str) -> Result:
+        try:
+            status = main(list(words))
+        except SystemExit as exit_:
+            status = int(exit_.code or 0)
+        captured = capsys.readouterr()
+        return Result(status, captured.out, captured.err)
+
+    yield run
+    signal.signal(signal.SIGTERM, handler)
+
+
+class Recorded(NamedTuple):
+    folder: Path
+    bag: Path
+    result: Result
+
+
+@pytest.fixture(scope='module')
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
+    folder = tmp_path_factory.mktemp('recorded')
+    (folder / 'swing.yaml').write_text(SWING)
+    result = command('run', 'swing.yaml', '--duration', str(DURATION), folder=folder)
+    return Recorded(folder, folder / 'runs' / 'swing', result)
+
+
+def swing_scene(**changes: object) -> Scene:
+    return Scene.from_parameters({**yaml.safe_load(SWING)['/**']['ros__parameters'], **changes})
+
+
+# Starting.
+
+def test_help_lists_the_verbs_and_starts_without_a_compiler(tmp_path: Path) -> None:
+    code = (
+        'import sys\n'
+        'from icofabric_sim.commands.main import main\n'
+        'try:\n'
+        '    main(sys.argv[1:])\n'
+        'except SystemExit as end:\n'
+        '    assert end.code == 0\n'
+        'loaded = {"numba", "scipy", "numpy", "matplotlib", "rosbags"} & set(sys.modules)\n'
+        'assert not loaded, loaded\n')
+    for words in (['--help'], *([verb, '--help'] for verb in VERBS)):
+        done = subprocess.run(
+            [sys.executable, '-c', code, *words], capture_output=True, text=True, check=False,
+            env={**os.environ, 'PYTHONPATH': str(Path(__file__).parents[2])}, timeout=60)
+        assert done.returncode == 0, done.stderr
+        assert done.stdout.startswith('usage: icofabric')
+        if words == ['--help']:
+            assert all(f'  {verb} ' in done.stdout for verb in VERBS)
+
+
+def test_ready_scenes_are_found_by_name_and_by_path() -> None:
+    assert {'hanging_slab', 'free_slab', 'bias_column'} <= set(ready_scenes())
+    path = ready_scenes()['free_slab']
+    assert find_scene('free_slab') == path == find_scene(str(path))
+    with pytest.raises(ValueError, match='hanging_slab'):
+        find_scene('no_such_scene')
+
+
+def test_ready_scenes_are_found_in_an_installation(tmp_path: Path) -> None:
+    # As colcon, pip and Debian lay it out: the package somewhere below PREFIX, scenes in share.
+    source = Path(__file__).parents[2]
+    for place in ('lib/python3.11/site-packages', 'local/lib/python3.12/dist-packages'):
+        prefix = tmp_path / place.replace('/', '_')
+        package = prefix / place / 'icofabric_sim'
+        package.mkdir(parents=True)
+        (prefix / 'share' / 'icofabric_sim' / 'config').mkdir(parents=True)
+        (prefix / 'share' / 'icofabric_sim' / 'config' / 'mine.yaml').write_text('{}')
+        module = package / 'ready_scenes.py'
+        module.write_text((source / 'icofabric_sim' / 'ready_scenes.py').read_text())
+        done = subprocess.run(
+            [sys.executable, '-c', 'import ready_scenes; print(*ready_scenes.ready_scenes())'],
+            cwd=package, capture_output=True, text=True, check=True)
+        assert done.stdout.split() == ['mine']
+
+
+# icofabric run.
+
+def test_run_records_to_a_fresh_folder_and_sums_up(recorded: Recorded) -> None:
+    status, out, err = recorded.result
+    assert status == 0, err
+    for label in ('scene', 'method', 'step', 'threads', 'run', 'accuracy', 'growth', 'energy',
+                  'momentum', 'strain', 'motion', 'overlap', 'bag', 'next'):
+        assert re.search(f'^{label} ', out, re.MULTILINE), label
+    assert '14 bodies, 36 connectors' in out
+    assert re.search('^method +dop8: shells of neighbours are close', out, re.MULTILINE)
+    assert 'largest frequency' in out
+    assert f'{DURATION:g} s of simulated time' in out
+    assert str(recorded.bag) in out and f'icofabric info {recorded.bag}' in out
+    assert ESCAPE not in out + err and '\r' not in out + err
+
+
+def test_a_second_run_takes_the_next_folder_and_the_same_bits(recorded: Recorded) -> None:
+    result = command(
+        'run', 'swing.yaml', '--duration', str(DURATION), '--storage', 'sqlite3',
+        folder=recorded.folder)
+    assert result.status == 0, result.err
+    second = recorded.folder / 'runs' / 'swing_1'
+    assert list(second.glob('*.db3'))
+    with RecordedRun(recorded.bag) as one, RecordedRun(second) as two:
+        for left, right in zip(one.poses(), two.poses(), strict=True):
+            assert left.nanoseconds == right.nanoseconds
+            np.testing.assert_array_equal(left.position, right.position)
+            np.testing.assert_array_equal(left.orientation, right.orientation)
+
+
+def test_bag_holds_the_states_of_a_direct_run_to_the_last_bit(recorded: Recorded) -> None:
+    simulation = compile_scene(swing_scene())
+    start = simulation.snapshot().position
+    count = 0
+    with RecordedRun(recorded.bag) as run:
+        assert len(run.pose_times()) == round(60 * DURATION) + 1
+        for frame in run.poses():
+            simulation.advance_to(seconds(frame.nanoseconds))
+            state = simulation.snapshot()
+            np.testing.assert_array_equal(frame.position, state.position)
+            np.testing.assert_array_equal(frame.orientation, state.orientation)
+            count += 1
+    assert count > 10
+    assert np.abs(state.position - start).max() > 0.1 * simulation.scene.geometry.pitch
+
+
+def test_energy_of_the_summary_is_that_of_the_simulation(recorded: Recorded) -> None:
+    simulation = compile_scene(swing_scene())
+    first = simulation.snapshot().energy['total']
+    simulation.advance_to(DURATION)
+    last = simulation.snapshot().energy['total']
+    assert f'{first:.9g} J at the start, {last:.9g} J at the end' in recorded.result.out
+
+
+def test_accuracy_of_the_summary_is_that_of_the_simulation(recorded: Recorded) -> None:
+    simulation = compile_scene(swing_scene())
+    simulation.advance_to(DURATION)
+    out, custom = recorded.result.out, summarise_bag(recorded.bag).custom
+    assert f'{simulation.error_estimate:.2g} added in all' in out
+    assert f'lately {simulation.error_rate:.2g} per second' in out
+    assert 'solver.tolerance is 1e-06 per second' in out
+    assert float(custom['error_estimate']) == simulation.error_estimate > 0.0
+    assert float(custom['error_rate']) == simulation.error_rate
+    assert f'off by at most {simulation.balance.worst:.1e} of' in out
+    assert float(custom['balance_worst']) == simulation.balance.worst > 0.0
+    assert custom['method_reason'] == simulation.method_reason in out
+    growth = measure_growth(swing_scene(), DURATION)
+    assert float(custom['growth']) == pytest.approx(growth.largest, rel=0.3)
+    # Shells touch; a collision may be over between two looks at the disturbance.
+    assert re.search(
+        rf'grew (at least )?{re.escape(format(float(custom["growth"]), ".3g"))} times', out)
+
+
+def test_verdict_of_a_calm_motion_is_a_bound_of_its_error(
+        call: Callable[..., Result]) -> None:
+    words = ['run', 'free_slab', *SMALL, '--duration', '0.25', '--no-record']
+    result = call(*words)
+    assert result.status == 0, result.err
+    match = re.search(r'grew (\S+) times: the final error stays below (\S+) \(tol', result.out)
+    assert match is not None, result.out
+    assert float(match[2]) == pytest.approx(1e-6 * float(match[1]), rel=0.1)
+    assert 'to measure the growth' in result.out
+    without = call(*words, '--no-growth')
+    assert re.search('^growth +not measured$', without.out, re.MULTILINE)
+    assert 'to measure the growth' not in without.out
+    # The companion changes nothing.
+    same = [re.findall('^(?:energy|momentum|strain|motion).*', out, re.MULTILINE)
+            for out in (result.out, without.out)]
+    assert same[0] == same[1] and len(same[0]) == 4
+
+
+def test_verdict_of_a_chaotic_motion_is_the_time_for_which_it_means_something(
+        call: Callable[..., Result], tmp_path: Path) -> None:
+    (tmp_path / 'swing.yaml').write_text(SWING)
+    result = call(
+        'run', 'swing.yaml', '--duration', '2', '--record', 'bag', '-p', 'contact.mode:=never')
+    assert result.status == 0, result.err
+    match = re.search(r'grew (\S+) times: the motion is sensitive', result.out)
+    assert match is not None and float(match[1]) > 1e10, result.out
+    until = re.search(r'means something until t = (\S+) s', result.out)
+    assert until is not None and 0.1 < float(until[1]) < 1.9
+    told = call('info', 'bag').out
+    assert f'grew {match[1]} times; the trajectory means something until t = {until[1]} s' in told
+
+
+@pytest.mark.parametrize('step, verdict', [(1e-4, ''), (5e-4, ': not met by the step')])
+def test_tolerance_is_reported_against_a_step_that_was_given(
+        call: Callable[..., Result], step: float, verdict: str) -> None:
+    result = call(
+        'run', 'free_slab', *SMALL, '--duration', '0.1', '--no-record', '-p',
+        f'solver.step:={step}', '-p', 'solver.method:=leapfrog', '-p',
+        f'solver.tolerance:={1e-3 if not verdict else 1e-6}')
+    assert result.status == 0, result.err
+    assert re.search('^method +leapfrog: given as solver.method$', result.out, re.MULTILINE)
+    line = re.search('^accuracy +(.*)$', result.out, re.MULTILINE)
+    assert line is not None and float(line[1].split()[0]) > 0.0
+    assert ('not met' in line[1]) == bool(verdict) and verdict in line[1]
+    assert '(errors, times growth)' in result.out
+
+
+def test_free_fabric_keeps_its_momentum_in_the_summary(call: Callable[..., Result]) -> None:
+    result = call('run', 'free_slab', *SMALL, '--duration', '0.5', '--no-record')
+    assert result.status == 0, result.err
+    match = re.search(r'changed by linear (\S+), angular (\S+) of', result.out)
+    assert match is not None, result.out
+    assert 0.0 <= float(match[1]) < 1e-12 and 0.0 <= float(match[2]) < 1e-12
+    assert 'nothing was recorded' in result.out
+
+
+def test_no_record_leaves_nothing_behind(call: Callable[..., Result], tmp_path: Path) -> None:
+    assert call('run', 'hanging_slab', *SMALL, '--duration', '0.01', '--no-record').status == 0
+    assert not list(tmp_path.iterdir())
+
+
+def test_record_path_of_the_scene_is_used(call: Callable[..., Result], tmp_path: Path) -> None:
+    result = call('run', 'hanging_slab', *SMALL, '--duration', '0.01', '-p', 'record.path:=mine')
+    assert result.status == 0, result.err
+    assert (tmp_path / 'mine' / 'metadata.yaml').exists()
+
+
+def test_overlap_is_said_once_and_in_the_summary(call: Callable[..., Result]) -> None:
+    crash = ['-p', 'bodies.a.position:=[1.0, 0.0, 0.0]', '-p',
+             'bodies.b.position:=[1.1, 0.0, 0.0]', '-p',
+             'bodies.a.linear_velocity:=[1.0, 0.0, 0.0]', '-p', 'contact.stiffness:=1e4']
+    result = call('run', 'free_slab', *SMALL, *crash, '--duration', '0.2', '--record', 'bag')
+    assert result.status == 0
+    assert result.err.count('body 14 and body 15 overlap by') == 1
+    assert re.search('^overlap +body 14 and body 15 overlap', result.out, re.MULTILINE)
+    assert 'body 14 and body 15' in summarise_bag('bag').proximity
+
+
+def test_failure_exits_with_1_and_keeps_the_record(call: Callable[..., Result]) -> None:
+    # Spinning bodies stretch the fabric until the given step is too long for it.
+    result = call(
+        'run', 'free_slab', *SMALL, '--duration', '3', '--record', 'bag', '-p',
+        'initial_random.velocity_sigma:=10.0', '-p', 'solver.method:=srkn6', '-p',
+        f'solver.step:={_just_stable_step()!r}', '-p', 'contact.mode:=never')
+    assert result.status == 1, result.out + result.err
+    assert 'has become unsafe at t = ' in result.err and 'bodies' in result.err
+    assert 'smaller step' in result.err
+    assert re.search('^stopped ', result.out, re.MULTILINE)
+    summary = summarise_bag('bag')
+    assert 'has become unsafe' in summary.failure
+    assert summary.last is not None and 0.0 < summary.last.time < 3.0
+
+
+def _just_stable_step() -> float:
+    parameters = load_parameter_file(find_scene('free_slab'))
+    scene = Scene.from_parameters({
+        **parameters, 'weave.size': [3, 3, 3], 'initial_random.velocity_sigma': 10.0,
+        'solver.method': 'srkn6'})
+    return 0.999 * compile_scene(scene).stability_limit
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_interrupted_run_keeps_a_whole_bag(tmp_path: Path, number: signal.Signals) -> None:
+    process = subprocess.Popen(
+        [*WITH_SIGINT, *COMMAND, 'run', 'free_slab', *SMALL, '--duration', '1e6',
+         '--record', 'bag'],
+        cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        env={**os.environ, 'PYTHONPATH': str(Path(__file__).parents[2])})
+    try:
+        wait_until(lambda: any(
+            file.stat().st_size > 20_000 for file in tmp_path.glob('bag/*.mcap')))
+        process.send_signal(number)
+        out, err = process.communicate(timeout=300)
+    finally:
+        process.kill()
+    assert process.returncode == 130, err
+    assert 'Traceback' not in err
+    assert re.search('^stopped +by the user at t = ', out, re.MULTILINE)
+    summary = summarise_bag(tmp_path / 'bag')
+    assert summary.custom['interrupted'] == 'true' and summary.finished
+    assert summary.last is not None and summary.last.time > 0.0
+
+
+def test_terminal_shows_a_bar_with_the_time_left(tmp_path: Path) -> None:
+    ours, theirs = pty.openpty()
+    # So slow that nothing touches meanwhile: contact would have to be compiled.
+    calm = ['-p', 'initial_random.velocity_sigma:=1e-3', '-p', 'initial_random.spin_sigma:=0.01']
+    process = subprocess.Popen(
+        [*WITH_SIGINT, *COMMAND, 'run', 'free_slab', *SMALL, *calm, '--duration', '1e5',
+         '--no-record'],
+        cwd=tmp_path, stdout=subprocess.PIPE, stderr=theirs,
+        env={**os.environ, 'PYTHONPATH': str(Path(__file__).parents[2])})
+    os.close(theirs)
+    shown = b''
+    try:
+        end = time.monotonic() + 120.0
+        while b'left' not in shown and time.monotonic() < end:
+            shown += os.read(ours, 4096)
+        process.send_signal(signal.SIGINT)
+        process.communicate(timeout=300)
+    finally:
+        process.kill()
+        os.close(ours)
+    assert process.returncode == 130
+    assert re.search(r'\[[#.]+\] \S+ of 1e\+05 s, about \S+ (s|min|h) left', shown.decode())
+
+
+# Cross-check.
+
+def test_cross_check_reports_agreement_and_growth(
+        call: Callable[..., Result], tmp_path: Path) -> None:
+    (tmp_path / 'swing.yaml').write_text(SWING)
+    result = call('run', 'swing.yaml', '--duration', '0.2', '--cross-check', '-p',
+                  'solver.method:=leapfrog')
+    assert result.status == 0, result.out + result.err
+    assert 'quaternions' in result.out and 'direction cosines' in result.out
+    assert 'the formulations agree' in result.out
+    rows = [line.split() for line in result.out.splitlines() if re.match(r' +\d+\.\d', line)]
+    assert len(rows) > 5
+    assert 0.0 < float(rows[-1][2]) < 1e-9 and 0.0 < float(rows[-1][3]) < 1e-9
+
+
+def test_cross_check_bound_covers_rounding_and_no_more(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = swing_scene(solver={'method': 'leapfrog'}, contact={'mode': 'never'})
+    honest = cross_check(scene, 0.2)
+    assert honest.agrees and not honest.ended
+    assert honest.rows[-1].growth > 1.0
+    # Far above rounding, and far below what any wrong term would do.
+    assert honest.rows[-1].bound < 1e-6
+    advance = Simulation.advance_to
+
+    def wrong(self: Simulation, time: float) -> None:
+        advance(self, time)
+        state = self._stepper.state
+        with_cosines = state.orientation.ndim == 3
+        if with_cosines and time > 0.1 and not hasattr(self, 'spoilt'):
+            self.spoilt = True  # type: ignore[attr-defined]
+            # On the main line itself: set_state would choose the step anew.
+            state.angular_velocity[:, self.packed.layout.slot] += 1e-4
+            self._cached = None
+
+    monkeypatch.setattr(Simulation, 'advance_to', wrong)
+    spoilt = cross_check(scene, 0.2)
+    assert not spoilt.agrees
+    assert all(row.agrees for row in spoilt.rows if row.time < 0.1)
+
+
+def test_cross_check_ends_where_rounding_has_grown_too_far() -> None:
+    # A fabric that folds up: its motion doubles a disturbance every few hundredths of a second.
+    result = cross_check(swing_scene(contact={'mode': 'never'}), 20.0)
+    assert 'grown' in result.ended or 'rounding' in result.ended
+    assert result.rows and result.agrees
+    assert result.rows[-1].growth > 1e3 and DISTURBANCE < 1e-9
+
+
+# Bad input: status 2, one line that names it, no traceback.
+
+NAN_SCENE = '/**: {ros__parameters: {gravity: [0.0, 0.0, .nan]}}'
+BAD_SCENES = {
+    'malformed YAML': ('/**: {ros__parameters: [', 'scene.yaml'),
+    'unknown parameter': ('/**: {ros__parameters: {weave: {sise: [3, 3, 3]}}}', 'weave.sise'),
+    'NaN': (NAN_SCENE, 'gravity'),
+    'wrong type': ('/**: {ros__parameters: {duration: soon}}', 'duration'),
+    'L below its minimum': (
+        '/**: {ros__parameters: {weave: {connector_length: 0.01}}}', 'weave.connector_length'),
+    'thickness beyond eq 41': (
+        '/**: {ros__parameters: {shell: {thickness: 0.5}}}', 'shell.thickness'),
+    'empty weave': (
+        '/**: {ros__parameters: {weave: {variant: 1, size: [1, 1, 1]}}}', 'weave.size'),
+    'step beyond the limit': ('/**: {ros__parameters: {solver: {step: 0.5}}}', 'solver.step'),
+}
+
+
+def assert_bad_input(result: Result, named: str) -> None:
+    assert result.status == 2, result
+    assert result.out == ''
+    lines = result.err.strip().splitlines()
+    assert named in lines[-1] and lines[-1].startswith('icofabric')
+    assert 'Traceback' not in result.err
+    # Only the line that says what is being built may come before.
+    assert all(re.match('scene: .* bodies', line) for line in lines[:-1])
+
+
+@pytest.mark.parametrize('verb', [('run', '--duration', '1'), ('info',)])
+@pytest.mark.parametrize('kind', BAD_SCENES)
+def test_bad_scene(
+        call: Callable[..., Result], tmp_path: Path, kind: str, verb: tuple[str, ...]) -> None:
+    text, named = BAD_SCENES[kind]
+    (tmp_path / 'scene.yaml').write_text(text)
+    assert_bad_input(call(verb[0], 'scene.yaml', *verb[1:]), named)
+    assert not (tmp_path / 'runs').exists()
+
+
+@pytest.mark.parametrize('words, named', [
+    (('run', 'missing.yaml', '--duration', '1'), 'missing.yaml'),
+    (('run', 'hanging_slab'), '--duration'),
+    (('run', 'hanging_slab', '--duration', 'nan'), 'duration'),
+    (('run', 'hanging_slab', '--duration', '-1'), 'duration'),
+    (('run', 'hanging_slab', '--duration', 'long'), '--duration'),
+    (('run', 'hanging_slab', '--duration', '1', '-p', 'weave.size'), 'weave.size'),
+    (('run', 'hanging_slab', '--duration', '1', '-p', 'gravity:=[0.0, .nan, 0.0]'), 'gravity'),
+    (('run', 'hanging_slab', '--duration', '1', '--record', '.'), 'record.path'),
+    (('run', 'hanging_slab', '--duration', '1', '--record', 'x', '--no-record'), '--no-record'),
+    (('run', 'hanging_slab', '--duration', '1', '--storage', 'zip'), '--storage'),
+    (('info', 'missing.yaml'), 'missing.yaml'),
+    (('info', 'empty_folder'), 'empty_folder'),
+    (('render', 'empty_folder'), 'empty_folder'),
+    (('render', 'missing'), 'missing'),
+    (('render', 'empty_folder', '--size', 'big'), '--size'),
+    (('render', 'empty_folder', '--sheet', 'x.gif'), 'x.gif'),
+    (('render', 'empty_folder', '--view', '0', '100'), '--view'),
+    (('recover', 'missing'), 'missing'),
+    (('recover', 'empty_folder'), 'empty_folder'),
+    (('fly',), 'fly'),
+    ((), 'VERB'),
+])
+def test_bad_words(
+        call: Callable[..., Result], tmp_path: Path, words: tuple[str, ...], named: str) -> None:
+    (tmp_path / 'empty_folder').mkdir()
+    result = call(*words)
+    assert result.status == 2, result
+    assert named in result.err.strip().splitlines()[-1]
+    assert 'Traceback' not in result.err and result.out == ''
+    assert [entry.name for entry in tmp_path.iterdir()] == ['empty_folder']
+
+
+def test_existing_record_is_never_touched(recorded: Recorded) -> None:
+    before = {file: file.read_bytes() for file in recorded.bag.iterdir()}
+    result = command(
+        'run', 'swing.yaml', '--duration', '0.01', '--record', str(recorded.bag),
+        folder=recorded.folder)
+    assert result.status == 2 and 'record.path' in result.err and 'Traceback' not in result.err
+    assert {file: file.read_bytes() for file in recorded.bag.iterdir()} == before
+
+
+# icofabric info and recover.
+
+def test_info_describes_a_scene(call: Callable[..., Result], tmp_path: Path) -> None:
+    scene = swing_scene()
+    simulation = compile_scene(scene)
+    (tmp_path / 'swing.yaml').write_text(SWING)
+    result = call('info', 'swing.yaml')
+    assert result.status == 0, result.err
+    for text in (
+        f'mass {scene.shell.mass:.6g} kg', f'inertia {scene.shell.inertia:.6g} kg m^2',
+        f'L = {scene.geometry.connector_length:.6g} m', f'W = {scene.geometry.pitch:.6g} m',
+        f'{np.degrees(scene.geometry.connector_angle):.6g} degrees',
+        f'wall: {len(scene.groups["wall"])} bodies (x_min)',
+        '~/loads/tip', f'{simulation.largest_frequency:.6g} rad/s', f'{simulation.step:.6g} s',
+        f'{simulation.method_name}: {simulation.method_reason}',
+        f'errors of {simulation.error_rate:.2g} per second',
+    ):
+        assert text in result.out, text
+
+
+def test_info_describes_a_bag(recorded: Recorded, call: Callable[..., Result]) -> None:
+    result = call('info', str(recorded.bag))
+    assert result.status == 0, result.err
+    assert result.out.splitlines() == summarise_bag(recorded.bag).lines()
+    assert '14 bodies, 36 connectors' in result.out and 'closed properly' in result.out
+
+
+def test_unfinished_bag_says_so_and_is_recovered(
+        recorded: Recorded, call: Callable[..., Result], tmp_path: Path) -> None:
+    killed = tmp_path / 'killed'
+    killed.mkdir()
+    whole = next(recorded.bag.glob('*.mcap'))
+    # The end of the file is missing, as after a kill.
+    (killed / whole.name).write_bytes(whole.read_bytes()[:-3000])
+    for verb in ('info', 'render'):
+        result = call(verb, 'killed')
+        assert result.status == 1 and 'icofabric recover' in result.err
+    result = call('recover', 'killed')
+    assert result.status == 0, result.err
+    assert 'the source was damaged' in result.out
+    saved = tmp_path / 'killed_recovered'
+    with BagReader(saved) as reader:
+        assert reader.message_count > 10
+    result = call('info', str(saved))
+    assert result.status == 0 and '14 bodies' in result.out
+    assert call('recover', 'killed', str(saved)).status == 2
+
+
+def test_pipe_that_closes_early_is_quiet(recorded: Recorded) -> None:
+    process = subprocess.Popen(
+        [*COMMAND, 'info', str(recorded.bag)], stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+        env={**os.environ, 'PYTHONPATH': str(Path(__file__).parents[2])})
+    assert process.stdout is not None and process.stderr is not None
+    process.stdout.close()
+    with process.stderr:
+        assert process.stderr.read() == b''
+    assert process.wait(timeout=300) == 0
+
+
+def test_statics_says_where_a_scene_comes_to_rest(tmp_path: Path) -> None:
+    (tmp_path / 'swing.yaml').write_text(SWING)
+    done = command(
+        'statics', 'swing.yaml', '--output', 'rest', '--picture', 'rest.png', folder=tmp_path)
+    assert done.status == 0, done.err
+    assert 'equilibrium, stable' in done.out and 'pairs of shells' in done.out
+    bodies = (tmp_path / 'rest' / 'bodies.csv').read_text().splitlines()
+    assert len(bodies) == 15 and bodies[0].startswith('body,x,y,z,qx')
+    held = np.array([line.split(',')[8:11] for line in bodies[1:]], float).sum(axis=0)
+    scene = Scene.from_parameters(load_parameter_file(tmp_path / 'swing.yaml'))
+    assert held[2] == pytest.approx(14 * scene.shell.mass * 9.81, rel=1e-9)
+    assert len((tmp_path / 'rest' / 'connectors.csv').read_text().splitlines()) == 37
+    assert (tmp_path / 'rest.png').read_bytes().startswith(b'\x89PNG')
+    early = command('statics', 'swing.yaml', '--steps', '2', folder=tmp_path)
+    assert early.status == 1 and 'not in equilibrium' in early.out and 'left over' in early.out
+    bad = command('statics', 'swing.yaml', '--tolerance', '2', folder=tmp_path)
+    assert bad.status == 2 and 'tolerance' in bad.err
+    falls = command('statics', 'free_slab', '-p', 'gravity:=[0.0, 0.0, -9.81]', folder=tmp_path)
+    assert falls.status == 2 and 'supports' in falls.err and 'Traceback' not in falls.err
+
+
+@pytest.mark.parametrize('verb', ['statics', 'modes', 'elasticity'])
+def test_what_statics_leaves_out_is_refused_with_the_way_out(tmp_path: Path, verb: str) -> None:
+    small = ['-p', 'weave.size:=[2, 2, 2]']
+    rubs = command(verb, 'hanging_slab', *small, '-p', 'contact.friction:=0.3', folder=tmp_path)
+    assert rubs.status == 2 and 'Traceback' not in rubs.err and 'zero energy' not in rubs.out
+    for words in ('contact.friction 0.3', 'rests in many ways', 'set it to 0.0', 'drag.linear'):
+        assert words in rubs.err
+    # Refused at once, not after other results.
+    assert 'stiffness [Pa]' not in rubs.out and 'verdict' not in rubs.out
+    around = command(verb, 'twisted_column', folder=tmp_path)
+    assert around.status == 2 and 'Traceback' not in around.err
+    for words in ('connector.obstruction wrap', 'derivatives', 'take warn', 'run with drag'):
+        assert words in around.err
+    assert 'stiffness [Pa]' not in around.out
+
+
+def test_friction_does_not_matter_where_nothing_touches(tmp_path: Path) -> None:
+    done = command(
+        'modes', 'free_slab', '-p', 'weave.size:=[2, 2, 2]', '-p', 'contact.friction:=0.3', '-p',
+        'contact.mode:=never', folder=tmp_path)
+    assert done.status == 0 and 'zero energy' in done.out
+    endless = command(
+        'elasticity', 'free_slab', '-p', 'contact.friction:=0.3', '--kinds', folder=tmp_path)
+    assert endless.status == 0 and 'cost no energy' in endless.out
+
+
+def test_modes_lists_frequencies_and_mechanisms(tmp_path: Path) -> None:
+    (tmp_path / 'swing.yaml').write_text(SWING)
+    done = command(
+        'modes', 'swing.yaml', '--output', 'out', '--picture', 'm.png', '--bands', 'b.png',
+        folder=tmp_path)
+    assert done.status == 0, done.err
+    held = re.search(r'freedoms +(\d+)', done.out)
+    assert held is not None and 'states of self-stress' in done.out
+    rates = (tmp_path / 'out' / 'frequencies.csv').read_text().splitlines()[1:]
+    found = re.search(r'zero energy (\d+)', done.out)
+    assert found is not None and int(held[1]) == len(rates) + int(found[1])
+    largest = re.search(r'largest +([0-9.]+) rad/s', done.out)
+    assert largest is not None
+    assert float(largest[1]) == pytest.approx(float(rates[-1].split(',')[1]), rel=1e-5)
+    assert (tmp_path / 'm.png').is_file() and (tmp_path / 'b.png').is_file()
+    about = command('modes', 'swing.yaml', '--equilibrium', '--count', '3', folder=tmp_path)
+    assert about.status == 0 and 'equilibrium, stable' in about.out
+    assert 'frequencies 3,' in about.out
+    bad = command('modes', 'swing.yaml', '--count', '0', folder=tmp_path)
+    assert bad.status == 2 and 'count' in bad.err
+
+
+def test_elasticity_prints_constants_and_curves(tmp_path: Path) -> None:
+    size = ['-p', 'weave.size:=[5, 3, 3]']
+    done = command(
+        'elasticity', 'stiff_cantilever', *size, '--points', '2', '--kinds', 'pull', '--output',
+        'out', '--picture', 'e.png', folder=tmp_path)
+    assert done.status == 0, done.err
+    assert "Young's modulus along xyz" in done.out and 'equilibrium, stable' in done.out
+    rows = (tmp_path / 'out' / 'stiffness.csv').read_text().splitlines()
+    assert len(rows) == 7 and float(rows[1].split(',')[1]) > 0.0
+    assert len((tmp_path / 'out' / 'curves.csv').read_text().splitlines()) == 3
+    assert (tmp_path / 'e.png').read_bytes().startswith(b'\x89PNG')
+    alone = command('elasticity', 'free_slab', '--kinds', folder=tmp_path)
+    assert alone.status == 0 and '3 strains cost no energy' in alone.out
+    bad = command('elasticity', 'radial_arch', folder=tmp_path)
+    assert bad.status == 2 and 'weave.kind' in bad.err
+
+
+def test_fabrics_at_their_kink_say_so_and_give_both_branches(tmp_path: Path) -> None:
+    kinked = ['-p', 'weave.size:=[3, 2, 2]', '-p', 'connector.stiffness_compression:=200.0']
+    done = command(
+        'elasticity', 'stiff_cantilever', *kinked, '--kinds', 'pull', '--points', '1', '--output',
+        'out', '--picture', 'e.png', folder=tmp_path)
+    assert done.status == 0, done.err
+    for words in ('no single tangent', 'do not superpose', 'as if all connectors had k_e',
+                  'as if all connectors had k_c', 'Pa pulled', '6 connectors: at the natural'):
+        assert words in done.out
+    moduli = re.findall(r' xx +([+-]) +([0-9.]+)', done.out)
+    assert [sign for sign, _ in moduli] == ['+', '-']
+    assert float(moduli[0][1]) > 8.0 * float(moduli[1][1])
+    pull, push = (
+        float((tmp_path / 'out' / f'stiffness_{name}.csv').read_text().splitlines()[1].split(
+            ',')[1]) for name in ('pull', 'push'))
+    assert pull > 8.0 * push
+    assert len((tmp_path / 'out' / 'one_sided.csv').read_text().splitlines()) == 13
+    modes = command(
+        'modes', 'stiff_cantilever', *kinked, '--count', '2', '--output', 'modes', '--bands',
+        'b.png', folder=tmp_path)
+    assert modes.status == 0, modes.err
+    for words in ('no single frequency', 'do not superpose', 'pull, k_e', 'push, k_c', 'between'):
+        assert words in modes.out
+    rows = (tmp_path / 'modes' / 'frequency_bounds.csv').read_text().splitlines()[1:]
+    for number, row in enumerate(rows):
+        for name, value in zip(('push', 'pull'), row.split(',')[1:]):
+            own = (tmp_path / 'modes' / f'frequencies_{name}.csv').read_text().splitlines()
+            assert float(own[1 + number].split(',')[1]) == pytest.approx(float(value))
+    rest = command('statics', 'free_slab', *kinked, folder=tmp_path)
+    assert rest.status == 0 and 'at a kink' in rest.out and 'do not superpose' in rest.out
+    tense = command(
+        'modes', 'stiff_cantilever', *kinked, '-p', 'connector.natural_length:=0.1', '--count',
+        '2', folder=tmp_path)
+    assert tense.status == 0 and 'the first connector comes from' in tense.out
+    assert 'at its kink' not in tense.out

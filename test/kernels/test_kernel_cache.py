@@ -1,0 +1,370 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+Compiled kernels on disk: never stale, never in the way, and a wait for them is explained.
+
+Each case runs small kernels in new processes, in a copy of the package.
+"""
+
+import json
+import os
+from pathlib import Path
+import shutil
+import subprocess
+import sys
+import time
+from typing import NamedTuple
+
+import icofabric_sim
+from icofabric_sim.kernels.runtime import disk_cache, wait_notice
+from package_imports import imports_of, MODULES
+import pytest
+
+CALLEE = """
+from icofabric_sim.kernels.runtime.compiled import compiled
+
+@compiled
+def weight(value):
+    return 2.0 * value
+"""
+CALLER = """
+from typing import NamedTuple
+from icofabric_sim.kernels.runtime.compiled import compiled
+from icofabric_sim.kernels.trial_callee import weight
+
+class Pair(NamedTuple):
+    first: float
+    second: float
+
+@compiled
+def total(pair):
+    return weight(pair.first) + pair.second
+
+make = Pair
+"""
+# Short compilations are explained, too: a moment is over at once.
+RUN = """
+import json
+{prelude}
+from icofabric_sim.kernels.runtime import wait_notice
+wait_notice._MOMENT = 0.0
+from icofabric_sim.kernels import trial_caller
+{action}
+value = trial_caller.total(trial_caller.make(1.0, 10.0))
+stats = getattr(trial_caller.total, 'stats', None)
+print(json.dumps({{
+    'value': value,
+    'hits': stats and sum(stats.cache_hits.values()),
+    'misses': stats and sum(stats.cache_misses.values()),
+    'folder': stats and stats.cache_path}}))
+"""
+
+
+class Ran(NamedTuple):
+    """What a process found."""
+
+    value: float
+    hits: int | None
+    misses: int | None
+    folder: str | None
+    said: str = ''
+
+
+class Copy:
+    """A copy of the package with two kernels more, a user's home, and processes that use them."""
+
+    def __init__(self, folder):
+        self.folder, self.home = folder, folder / 'home'
+        self.home.mkdir()
+        self.kernels = folder / 'icofabric_sim' / 'kernels'
+        shutil.copytree(
+            Path(icofabric_sim.__file__).parent, self.kernels.parent,
+            ignore=shutil.ignore_patterns('__pycache__'))
+        self.write('callee', CALLEE)
+        self.write('caller', CALLER)
+
+    def write(self, name, text):
+        """Write a source file; its time says nothing about whether it has changed."""
+        path = self.kernels / f'trial_{name}.py'
+        path.write_text(text)
+        os.utime(path, (1.7e9, 1.7e9))
+
+    def start(self, prelude='', action='', **changes):
+        """Run the kernels in a new process."""
+        environment = {
+            name: value for name, value in os.environ.items()
+            if not name.startswith('NUMBA_') and name != 'XDG_CACHE_HOME'}
+        # Python's own cache of sources goes by time and size, which here stay.
+        environment |= {
+            'HOME': str(self.home), 'PYTHONDONTWRITEBYTECODE': '1', **changes}
+        return subprocess.run(
+            [sys.executable, '-c', RUN.format(prelude=prelude, action=action)], env=environment,
+            cwd=self.folder, capture_output=True, text=True, timeout=300)
+
+    def run(self, prelude='', action='', **changes):
+        """Run the kernels in a new process and read what it found."""
+        done = self.start(prelude, action, **changes)
+        assert done.returncode == 0, done.stderr
+        return Ran(**json.loads(done.stdout), said=done.stderr)
+
+    def entries(self, ending='nb?'):
+        """Cache files beside the kernels, with times of writing."""
+        found = (self.kernels / '__pycache__').glob(f'trial_*.{ending}')
+        return {path.name: path.stat().st_mtime_ns for path in found}
+
+
+@pytest.fixture
+def copy(tmp_path):
+    return Copy(tmp_path)
+
+
+def test_edited_callee_in_another_file_gives_the_new_result(copy):
+    first = copy.run()
+    assert first.value == 12.0 and (first.hits, first.misses) == (0, 1)
+    assert Path(first.folder) == copy.kernels / '__pycache__'
+    written = copy.entries()
+    assert len(written) == 4  # an index and an entry for each kernel
+    again = copy.run()
+    assert again.value == 12.0 and (again.hits, again.misses) == (1, 0)
+    assert copy.entries() == written and not again.said
+    copy.write('callee', CALLEE.replace('2.0', '3.0'))
+    edited = copy.run()
+    assert edited.value == 13.0 and edited.misses == 1
+    # What is of no use any more is gone.
+    assert len(copy.entries('nbc')) == 2 and not set(copy.entries('nbc')) & set(written)
+
+
+ROOM = Path(icofabric_sim.__file__).parent
+FOLDERS = sorted({
+    str(path.parent.relative_to(ROOM)) for room in disk_cache._STAMPED
+    for path in (ROOM / room).rglob('*.py')})
+
+
+@pytest.mark.parametrize('folder', FOLDERS)
+def test_an_edit_in_any_folder_of_kernels_compiles_anew(folder, copy):
+    copy.run()
+    with open(copy.folder / 'icofabric_sim' / folder / '__init__.py', 'a') as file:
+        file.write('\n# edited\n')
+    edited = copy.run()
+    assert edited.value == 12.0 and (edited.hits, edited.misses) == (0, 1)
+
+
+def test_the_stamp_covers_all_that_kernels_are_made_of():
+    """Modules with compiled functions, and all that these import, lie in the stamped rooms."""
+    def room_of(module):
+        return module.split('.')[1] if '.' in module else ''
+
+    compiled = [name for name, path in MODULES.items() if '\n@compiled\n' in path.read_text()]
+    assert len(compiled) > 40
+    assert {room_of(name) for name in compiled} == {'kernels'}
+    for name in MODULES:
+        if room_of(name) in disk_cache._STAMPED:
+            assert {room_of(target.module) for target in imports_of(name)} \
+                <= {*disk_cache._STAMPED, 'checks'}, name
+
+
+GENERIC = {'NUMBA_CPU_NAME': 'generic', 'NUMBA_CPU_FEATURES': ''}
+OTHER_HOST = """
+from llvmlite import binding
+features = binding.get_host_cpu_features()
+features['avx512f'] = not features.get('avx512f')
+binding.get_host_cpu_features = lambda: features
+"""
+
+
+def test_each_processor_has_its_own_entry(copy):
+    """The one that Numba compiles for, and the one that runs it: both shape the kernels."""
+    copy.run()
+    generic = copy.run(**GENERIC)
+    assert generic.value == 12.0 and (generic.hits, generic.misses) == (0, 1)
+    assert copy.run(OTHER_HOST, **GENERIC).misses == 1
+    # Beside each other, e.g. in a home folder that several machines share.
+    assert copy.run().hits == copy.run(**GENERIC).hits == 1
+
+
+@pytest.mark.parametrize('module', ['numba', 'llvmlite'])
+def test_another_compiler_compiles_anew(module, copy):
+    copy.run()
+    other = copy.run(f"import {module}; {module}.__version__ = '0.0'")
+    assert other.value == 12.0 and (other.hits, other.misses) == (0, 1)
+
+
+def block(folder):
+    """Let nobody make `folder`: permissions would not bind root."""
+    folder.parent.mkdir(exist_ok=True)
+    folder.write_text('not a folder')
+
+
+def test_package_that_cannot_be_written_uses_the_users_cache_folder(copy):
+    block(copy.kernels / '__pycache__')
+    first, second = copy.run(), copy.run()
+    assert first.value == second.value == 12.0
+    assert (first.hits, second.hits) == (0, 1)
+    assert Path(first.folder).is_relative_to(copy.home / '.cache')
+    assert 'once on a machine' in first.said and not second.said
+    # Another place can be named.
+    elsewhere = copy.run(NUMBA_CACHE_DIR=str(copy.folder / 'named'))
+    assert Path(elsewhere.folder).is_relative_to(copy.folder / 'named') and elsewhere.misses == 1
+
+
+def test_run_without_any_folder_to_write_says_so_and_works(copy):
+    block(copy.kernels / '__pycache__')
+    block(copy.home / '.cache')
+    for _ in range(2):
+        ran = copy.run()
+        assert ran.value == 12.0 and ran.folder is None
+        assert ran.said.count('\n') == 1
+        assert 'every start' in ran.said and 'NUMBA_CACHE_DIR' in ran.said
+
+
+# Index files are shorter, entries longer.
+FULL_DISK = 'import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))'
+
+
+def test_full_disk_is_no_end_of_a_run(copy):
+    full = copy.run(action=FULL_DISK)
+    assert full.value == 12.0 and not copy.entries('nbc')
+    assert full.said.count('cannot be kept on disk') == 1
+    after = copy.run()
+    assert after.value == 12.0 and after.misses == 1
+    assert copy.run().hits == 1
+
+
+@pytest.mark.parametrize(
+    ('caller', 'callee'), [({'nbi': 0.5}, {'nbc': 0.0}), ({'nbc': 0.5}, {'nbi': 0.0})])
+def test_damaged_files_are_compiled_anew(caller, callee, copy):
+    copy.run()
+    for name in copy.entries():
+        path = copy.kernels / '__pycache__' / name
+        share = (caller if 'caller' in name else callee).get(name[-3:], 1.0)
+        path.write_bytes(path.read_bytes()[:int(share * path.stat().st_size)])
+    ran = copy.run()
+    assert ran.value == 12.0 and ran.misses == 1
+    assert len(copy.entries('nbc')) == 2
+
+
+def test_index_that_names_a_record_which_is_gone_is_compiled_anew(copy):
+    copy.run()
+    copy.write('caller', CALLER.replace('Pair', 'Couple'))
+    ran = copy.run()
+    assert ran.value == 12.0 and ran.misses == 1
+
+
+ENDED = """
+import os
+from icofabric_sim.kernels.runtime import disk_cache
+disk_cache._CacheFile._save_data = lambda *_: os._exit(7)
+"""
+
+
+def test_process_that_ends_while_it_writes_leaves_nothing_stale(copy):
+    """Numba writes the index first, and would name the entry of the older source in it."""
+    copy.run()
+    copy.write('callee', CALLEE.replace('2.0', '5.0'))
+    assert copy.start(action=ENDED).returncode == 7
+    assert copy.run().value == 15.0
+
+
+def test_plain_twin_needs_no_cache(copy):
+    block(copy.kernels / '__pycache__')
+    block(copy.home / '.cache')
+    ran = copy.run(NUMBA_DISABLE_JIT='1')
+    assert ran.value == 12.0 and ran.hits is None and not ran.said
+
+
+OTHER_KERNEL = """
+import numba
+@numba.njit
+def of_the_user(x):
+    return sum([x, x])
+of_the_user(1.0)
+"""
+
+
+def test_who_has_set_up_logging_decides_what_to_see(copy):
+    setting = 'import logging; logging.basicConfig(level=logging.{})'
+    assert not copy.run(setting.format('WARNING')).said
+    copy.write('callee', CALLEE + '\n')
+    assert copy.run(setting.format('INFO')).said.startswith('INFO:icofabric_sim:compiling')
+    # Not what else Numba compiles.
+    assert not copy.run(action=OTHER_KERNEL).said
+
+
+PLAIN = 'import icofabric_sim as ico; ico.compile_scene(ico.Scene.from_parameters({}))'
+VERB = ['-m', 'icofabric_sim.commands.main', 'run', 'free_slab', '--no-record', '--duration', '1']
+
+
+@pytest.mark.parametrize('arguments', [['-c', PLAIN], VERB], ids=['python', 'icofabric run'])
+def test_first_run_says_what_it_waits_for(arguments, tmp_path):
+    environment = {**os.environ, 'NUMBA_CACHE_DIR': str(tmp_path / 'cache')}
+    log = tmp_path / 'log'
+    with log.open('wb') as file, subprocess.Popen(
+            [sys.executable, *arguments], env=environment, stdout=file,
+            cwd=Path(icofabric_sim.__file__).parents[1], stderr=subprocess.STDOUT) as process:
+        try:
+            deadline = time.monotonic() + 60.0
+            while b'compiling the kernels' not in log.read_bytes():
+                assert process.poll() is None and time.monotonic() < deadline, log.read_text()
+                time.sleep(0.05)
+        finally:
+            process.kill()
+
+
+class Clock:
+    """A clock and its timers."""
+
+    def __init__(self):
+        self.now, self.intervals = 100.0, []
+
+    def monotonic(self):
+        return self.now
+
+    def timer(self, interval, call):
+        self.intervals.append(interval)
+        self.call, self.due = call, self.now + interval
+        return self
+
+    def start(self):
+        pass
+
+    def cancel(self):
+        self.due = float('inf')
+
+    def wait(self, seconds):
+        end = self.now + seconds
+        while self.due <= end:
+            self.now = self.due
+            self.cancel()
+            self.call()
+        self.now = end
+
+
+def test_pieces_of_a_wait_add_up(monkeypatch):
+    clock, told = Clock(), []
+    monkeypatch.setattr(wait_notice.time, 'monotonic', clock.monotonic)
+    monkeypatch.setattr(wait_notice.threading, 'Timer', clock.timer)
+    waiting = wait_notice.Patience(told.append)
+    clock.due = float('inf')
+
+    def piece(seconds, pause):
+        waiting.begin()
+        clock.wait(seconds)
+        waiting.end()
+        clock.wait(pause)
+
+    piece(0.75, 0.25)
+    assert not told
+    piece(0.5, 1.0)
+    assert told == [1.0] and clock.intervals == [1.0, 0.25, 10.0]
+    # Again while it goes on.
+    piece(5.0, 1.0)
+    assert len(told) == 1
+    piece(15.0, 60.0)
+    assert told == [1.0, 11.0, 21.0]
+    # A new wait.
+    piece(0.75, 60.0)
+    piece(0.75, 60.0)
+    assert len(told) == 3
+    piece(2.0, 0.0)
+    assert told[3:] == [1.0]
+    assert waiting.seconds == 24.75

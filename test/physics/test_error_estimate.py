@@ -1,0 +1,78 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+What a run says that its method has added, beside what a far tighter one finds from outside.
+
+A selection of `benchmarks/error_estimate.py`, which judges many more scenes.
+"""
+
+from fabrics import make_scene
+import icofabric_sim as ico
+from icofabric_sim.benchmarking.added_errors import draw_scene, judge
+import numpy as np
+import pytest
+
+# Drag that stops all motion within some 20 ms: what is added is added then.
+STOPPED = {
+    'weave.size': [2, 2, 2], 'weave.connector_angle': 0.5, 'contact.mode': 'never',
+    'drag.linear': 0.5, 'drag.angular': 5e-5, 'initial_random.velocity_sigma': 0.3,
+    'initial_random.spin_sigma': 20.0, 'initial_random.seed': 1}
+
+
+@pytest.mark.parametrize('method', ['leapfrog', 'srkn4', 'srkn6', 'srkn8', 'dop8'])
+def test_estimate_is_within_three_times_of_what_was_added(method):
+    for seed, given in ((0, 0.0), (3, 0.0), (1, 0.7), (3, 0.5)):
+        changes, periods, _ = draw_scene('free', seed)
+        judged = judge(changes, method, given, min(periods, 60.0))
+        assert judged.tells and not judged.ended
+        assert 1.0 / 3.0 < judged.ratio < 3.0
+        assert not judged.falls
+
+
+@pytest.mark.parametrize('given', [0.0, 0.7])
+def test_estimate_of_a_motion_that_dies(given):
+    judged = judge(STOPPED, 'dop8', given, 150.0)
+    # With steps of one length nearly all is added in the first tenth of the run.
+    first = judged.added[len(judged.added) // 10]
+    assert (first > 0.9 * judged.added[-1]) == (given > 0.0)
+    assert judged.tells and not judged.falls
+    assert 1.0 / 3.0 < judged.ratio < 3.0
+
+
+@pytest.mark.parametrize('method, step', [('leapfrog', 0.0), ('leapfrog', 2e-4), ('dop8', 0.0)])
+def test_estimate_is_the_same_in_pieces_and_from_a_checkpoint(method, step):
+    scene = make_scene(changes={
+        'solver.method': method, 'solver.step': step, 'solver.tolerance': 1e-4,
+        'initial_random.velocity_sigma': 0.3, 'initial_random.spin_sigma': 20.0})
+    whole, pieces, restored = (ico.compile_scene(scene) for _ in range(3))
+    estimates = [0.0]
+    for time in np.random.default_rng(0).uniform(0.0, 4e-3, 100).cumsum():
+        pieces.advance_to(time)
+        estimates.append(pieces.error_estimate)
+        if len(estimates) == 50:
+            restored.restore(pieces.checkpoint())
+            assert restored.error_estimate == pieces.error_estimate
+    assert (np.diff(estimates) >= 0.0).all() and estimates[1] > 0.0
+    for simulation in (whole, restored):
+        simulation.advance_to(pieces.time)
+        assert simulation.error_estimate == pieces.error_estimate
+
+
+@pytest.mark.parametrize('method, step', [('leapfrog', 0.0), ('leapfrog', 2e-4), ('dop8', 0.0)])
+def test_jumps_and_inputs_take_nothing_back(method, step):
+    simulation = ico.compile_scene(make_scene(changes={
+        'solver.method': method, 'solver.step': step, 'solver.tolerance': 1e-4,
+        'initial_random.velocity_sigma': 0.3, 'initial_random.spin_sigma': 20.0,
+        'groups.one': 'ids 1', 'loads.push.group': 'one'}))
+    estimate = 0.0
+    for number in range(40):
+        simulation.advance_to(simulation.time + 3.1e-3)
+        assert simulation.error_estimate > estimate
+        estimate = simulation.error_estimate
+        if number % 4 == 1:
+            simulation.apply_wrench('push', (0.1 * number, 0.0, 0.0))
+        elif number % 4 == 3:
+            simulation.set_state(linear_velocity=0.9 * simulation.snapshot().linear_velocity)
+        assert simulation.error_estimate >= estimate * (1.0 - 1e-15)
+    simulation.reset_time()
+    assert simulation.error_estimate == 0.0

@@ -1,0 +1,153 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+`make run` waits for its node as long as that gets on, and says truly why it does not.
+
+Stand-ins for the node: they say what they are told, or nothing, or end.
+"""
+
+from contextlib import contextmanager
+import io
+import os
+import sys
+import time
+
+from geometry_msgs.msg import PoseArray
+from icofabric_sim.kernels.runtime.compile_notice import COMPILING, STILL_COMPILING
+from icofabric_sim.ros import first_light, node_watch
+from icofabric_sim.ros.node_watch import NodeStuck, NodeWatch
+from icofabric_sim.ros.start import READY
+import pytest
+import rclpy
+from ros_helpers import domain
+
+SLEEPER = [sys.executable, '-c', 'import time; time.sleep(600)']
+DEAD = [sys.executable, '-c', 'import sys; print("fabric_node: no such file"); sys.exit(7)']
+
+
+class StandIn:
+    """
+    A process that says what it is told, and a clock and a processor that do what they are told.
+    """
+
+    def __init__(self, folder):
+        self.now, self.used, self.shown = 1000.0, 0.0, io.StringIO()
+        words = folder / 'words'
+        os.mkfifo(words)
+        self.watch = NodeWatch(
+            [sys.executable, '-c', f'for line in open({str(words)!r}): print(line, end="")'],
+            READY, out=self.shown, clock=lambda: self.now, processor=lambda pid: self.used)
+        self.pipe = words.open('w')
+
+    def say(self, text):
+        """Have it say a line, and wait until that has come."""
+        before = len(self.shown.getvalue())
+        self.pipe.write(text + '\n')
+        self.pipe.flush()
+        deadline = time.monotonic() + 60.0
+        while text not in self.shown.getvalue()[before:]:
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+
+    def judge(self, passed, seen=''):
+        """Have it judged after so many seconds."""
+        self.now += passed
+        self.watch.judge(lambda: seen)
+
+
+@pytest.fixture
+def stand_in(tmp_path):
+    found = StandIn(tmp_path)
+    yield found
+    found.pipe.close()
+    found.watch.process.kill()
+    found.watch.wait()
+
+
+def test_a_node_that_compiles_is_waited_for(stand_in):
+    stand_in.say(f'[INFO] [icofabric]: {COMPILING}')
+    for turn in range(60):
+        stand_in.say(f'[INFO] [icofabric]: {STILL_COMPILING}, for {10 * turn} s so far')
+        stand_in.used = 4.0 * turn
+        stand_in.judge(10.0)
+    assert '   600 s: waiting for fabric_node, which compiles its kernels (236 s of' in (
+        stand_in.shown.getvalue())
+
+
+def test_a_node_that_works_without_a_word_is_waited_for(stand_in):
+    for _ in range(60):
+        stand_in.used += 0.6
+        stand_in.judge(10.0)
+    assert '600 s: waiting for fabric_node, which is at work (36 s of the processor' in (
+        stand_in.shown.getvalue())
+
+
+def test_a_node_that_starves_is_waited_for_while_it_speaks(stand_in):
+    for turn in range(60):
+        stand_in.say(f'importing {turn}')
+        stand_in.judge(50.0)
+
+
+def test_a_node_that_neither_speaks_nor_works_is_stuck(stand_in):
+    stand_in.say('importing')
+    stand_in.judge(node_watch.SILENCE)
+    assert 'which has said nothing for 60 s' in stand_in.shown.getvalue()
+    with pytest.raises(NodeStuck, match=r'for 61 s it has said nothing .*last line: importing'):
+        stand_in.judge(1.0)
+
+
+def test_a_node_that_is_ready_but_out_of_reach(stand_in):
+    stand_in.judge(50.0)
+    stand_in.say(f'[INFO] [icofabric]: {READY}63 bodies')
+    stand_in.judge(node_watch.DISCOVERY)
+    assert 'is ready, it has not been found over ROS 2 yet' in stand_in.shown.getvalue()
+    with pytest.raises(NodeStuck, match='ready for 61 s, but this process does not see it'):
+        stand_in.judge(1.0)
+    with pytest.raises(NodeStuck, match='ready for 62 s, but /poses is seen, but no pose'):
+        stand_in.judge(1.0, '/poses is seen, but no pose has come')
+
+
+def test_time_of_the_processor_is_that_of_the_process():
+    before = node_watch.processor_time(os.getpid())
+    spent = time.process_time()
+    while time.process_time() - spent < 0.3:
+        pass
+    assert 0.2 < node_watch.processor_time(os.getpid()) - before < 30.0
+    assert node_watch.processor_time(2**30) == 0.0
+
+
+@contextmanager
+def other_fabric():
+    context = rclpy.Context()
+    context.init()
+    node = rclpy.create_node('other', context=context)
+    node.create_publisher(PoseArray, first_light.POSES, 10)
+    try:
+        yield
+    finally:
+        node.destroy_node()
+        context.try_shutdown()
+
+
+@pytest.fixture
+def own_domain(monkeypatch):
+    monkeypatch.setenv('ROS_DOMAIN_ID', str(domain()))
+
+
+def test_a_node_that_dies_is_named_with_its_status(own_domain, capfd):
+    assert first_light.follow_node(DEAD, [0]) == 7
+    said = capfd.readouterr().err
+    assert 'no such file' in said and 'status 7 before it was ready' in said
+
+
+def test_a_stuck_node_is_ended(own_domain, capfd, monkeypatch):
+    monkeypatch.setattr(node_watch, 'SILENCE', 0.5)
+    assert first_light.follow_node(SLEEPER, [0]) == 1
+    assert 'it is stuck' in capfd.readouterr().err
+
+
+def test_another_fabric_in_the_graph_is_not_taken_for_the_own_node(own_domain, capfd, monkeypatch):
+    monkeypatch.setattr(first_light, '_LOOK_AROUND', 30.0)
+    with other_fabric():
+        assert first_light.follow_node(SLEEPER, [0]) == 1
+    assert 'another node publishes /icofabric/poses already' in capfd.readouterr().err

@@ -1,0 +1,150 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""Launch files, run against stand-ins for the launch packages: which nodes start, with what."""
+
+import importlib.util
+from pathlib import Path
+import sys
+from types import ModuleType
+
+from icofabric_sim.parameters.validation import find_specification, make_parameters
+from icofabric_sim.running.replay.replay_parameters import OPTIONS
+import pytest
+import yaml
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+class Recorded:
+    """Anything that is constructed from arguments, which it keeps."""
+
+    def __init__(self, *arguments, **named):
+        self.arguments, self.named = arguments, named
+
+
+class Node(Recorded):
+    pass
+
+
+class Argument(Recorded):
+    pass
+
+
+class Function(Recorded):
+    pass
+
+
+class Configuration(Recorded):
+    def perform(self, context):
+        return context[self.arguments[0]]
+
+
+class Value(Recorded):
+    def of(self, context):
+        """What a node would get."""
+        text, kind = self.arguments[0].perform(context), self.named['value_type']
+        return text.lower() == 'true' if kind is bool else kind(text)
+
+
+@pytest.fixture
+def launched(monkeypatch):
+    """A way to run a launch file with arguments: the nodes that it starts."""
+    stand_ins = {
+        'ament_index_python': {}, 'launch': {'LaunchDescription': Recorded},
+        'ament_index_python.packages': {'get_package_share_directory': lambda name: str(ROOT)},
+        'launch.actions': {'DeclareLaunchArgument': Argument, 'OpaqueFunction': Function},
+        'launch.conditions': {'IfCondition': Recorded},
+        'launch.substitutions': {'LaunchConfiguration': Configuration},
+        'launch_ros': {}, 'launch_ros.actions': {'Node': Node},
+        'launch_ros.parameter_descriptions': {'ParameterValue': Value},
+    }
+    for name, members in stand_ins.items():
+        module = ModuleType(name)
+        for key, value in members.items():
+            setattr(module, key, value)
+        monkeypatch.setitem(sys.modules, name, module)
+
+    def run(name, **given):
+        path = ROOT / 'launch' / f'{name}.launch.py'
+        specification = importlib.util.spec_from_file_location(name, path)
+        module = importlib.util.module_from_spec(specification)
+        specification.loader.exec_module(module)
+        (actions,) = module.generate_launch_description().arguments
+        declared = {
+            action.arguments[0]: action for action in actions if isinstance(action, Argument)}
+        assert set(given) <= set(declared)
+        assert all(action.named.get('description') for action in declared.values())
+        context = {key: action.named.get('default_value') for key, action in declared.items()}
+        context.update(given)
+        (function,) = [action for action in actions if isinstance(action, Function)]
+        nodes = function.named['function'](context)
+        assert all(isinstance(node, Node) for node in nodes)
+        return [(node.named, context) for node in nodes]
+    return run
+
+
+def parameters_of(node):
+    """Parameters of a node beside its file."""
+    named, context = node
+    last = named['parameters'][-1]
+    assert isinstance(last, dict)
+    return {
+        name: value.of(context) if isinstance(value, Value) else value
+        for name, value in last.items()}
+
+
+def fabrics(nodes):
+    return [node for node in nodes if node[0]['package'] == 'icofabric_sim']
+
+
+def test_simulate(launched):
+    (fabric,) = fabrics(launched('simulate', scene='free_slab', duration='2', start_paused='true'))
+    assert fabric[0]['executable'] == 'fabric_node'
+    assert Path(fabric[0]['parameters'][0]) == ROOT / 'config' / 'free_slab.yaml'
+    assert parameters_of(fabric) == {'duration': 2.0, 'start_paused': True}
+    with pytest.raises(RuntimeError, match='hanging_slab'):
+        launched('simulate', scene='nothing')
+
+
+def test_replay(launched, tmp_path):
+    (player,) = fabrics(launched('replay', bag=str(tmp_path), rate='0.5', loop='true'))
+    assert player[0]['executable'] == 'replay_node'
+    assert parameters_of(player) == {'bag': str(tmp_path), 'rate': 0.5, 'loop': True}
+    with pytest.raises(RuntimeError, match='does not exist'):
+        launched('replay', bag=str(tmp_path / 'none'))
+    # Every argument but those of the launch itself is an option of the node, in its type.
+    everything = {
+        'fabric': '/a', 'rate': '2', 'start_offset': '1', 'loop': 'false', 'stay': 'true',
+        'start_paused': 'true', 'publish_clock': 'false'}
+    (player,) = fabrics(launched('replay', bag=str(tmp_path), **everything))
+    given = parameters_of(player)
+    assert set(given) == {'bag', *everything}
+    assert all(type(value) is type(OPTIONS[name].default) for name, value in given.items())
+
+
+def test_compare(launched):
+    nodes = launched(
+        'compare', scene='free_slab', left_variant='1', right_kind='bias',
+        right_stiffness='800', right_scene='bias_column', real_time_factor='0.5')
+    left, right = fabrics(nodes)
+    assert (left[0]['namespace'], right[0]['namespace']) == ('left', 'right')
+    assert Path(left[0]['parameters'][0]).stem == 'free_slab'
+    assert Path(right[0]['parameters'][0]).stem == 'bias_column'
+    assert parameters_of(left) == {'weave.variant': 1, 'real_time_factor': 0.5}
+    given = parameters_of(right)
+    assert given == {
+        'weave.kind': 'bias', 'connector.stiffness': 800.0, 'real_time_factor': 0.5,
+        'publish_clock': False, 'frame_id': 'right_world'}
+    # They are parameters of a scene; exactly one fabric publishes the clock.
+    make_parameters(given)
+    assert find_specification('publish_clock').default is True
+    assert 'publish_clock' not in parameters_of(left)
+    (beside,) = [node for node in nodes if node[0]['package'] == 'tf2_ros']
+    assert 'right_world' in beside[0]['arguments']
+    assert len(fabrics(launched('compare', distance='0'))) == 2
+    # RViz, if asked for, shows the topics that they publish.
+    (view,) = [node for node in nodes if node[0]['package'] == 'rviz2']
+    shown = yaml.safe_load(Path(view[0]['arguments'][1]).read_text())['Visualization Manager']
+    topics = {display['Topic']['Value'] for display in shown['Displays'] if 'Topic' in display}
+    assert topics == {f'/{side}/icofabric/{name}' for side in ('left', 'right')
+                      for name in ('poses', 'connectors', 'icosahedra')}

@@ -1,0 +1,204 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""Diagnostics: the figures, and the level and sentence that follow from them."""
+
+import icofabric_sim as ico
+from icofabric_sim.messages import decode_diagnostic_array, ERROR, OK, WARN
+from icofabric_sim.messages.topics import DIAGNOSTICS
+from icofabric_sim.running import pace
+from icofabric_sim.running.diagnostics import (
+    describe,
+    HealthReport,
+    NOT_TAKEN,
+    RECORDER_DROPPED,
+    RECORDER_LAG,
+    WRENCHES_DROPPED,
+)
+from icofabric_sim.running.run_records import Errors
+from icofabric_sim.running.runner import Runner
+import pytest
+from runner_helpers import ListSink, make_runner, SCENE
+
+
+def finished_runner(sink, **changes):
+    dotted = {name.replace('__', '.'): value for name, value in changes.items()}
+    scene = ico.Scene.from_parameters(SCENE)
+    scene = ico.Scene.from_parameters(scene.parameters.with_changes(
+        {'initial_random.velocity_sigma': 0.1, **dotted}))
+    runner = Runner(
+        ico.compile_scene(scene), [sink], report=HealthReport('/lab/fabric').bytes)
+    runner.run(until_finished=True)
+    return runner
+
+
+@pytest.fixture
+def status():
+    return make_runner().status()
+
+
+def test_figures_are_those_of_the_simulation():
+    sink = ListSink(DIAGNOSTICS)
+    runner = finished_runner(sink)
+    simulation = runner.simulation
+    nanoseconds, [message] = decode_diagnostic_array(sink.of(DIAGNOSTICS)[-1][1])
+    assert nanoseconds == runner.now and message.name == '/lab/fabric'
+    # Floppy as it is, some of its connectors end in shells.
+    assert simulation.obstructed_ends > 0
+    assert message.level == WARN and message.message == (
+        f'{simulation.obstructed_ends} ends of connectors were in the shells they are attached '
+        'to at the last look')
+    values = message.values
+    assert values['method'] == simulation.method_name
+    assert float(values['tolerance']) == 1e-6
+    assert float(values['error per second']) == pytest.approx(simulation.error_rate, rel=5e-3)
+    assert float(values['error estimate']) == pytest.approx(simulation.error_estimate, rel=5e-3)
+    assert float(values['error estimate']) > 0.0
+    balance = simulation.balance
+    assert float(values['energy balance error']) == pytest.approx(
+        balance.error / balance.scale, rel=5e-3)
+    assert float(values['largest energy balance error']) == pytest.approx(
+        balance.worst, rel=5e-3)
+    assert float(values['stability margin']) > 1.0
+    assert int(values['steps']) == simulation.step_count > 0
+
+
+def test_errors_of_a_given_step_are_said_too():
+    sink = ListSink(DIAGNOSTICS)
+    runner = finished_runner(sink, solver__step=1e-4)
+    _, [message] = decode_diagnostic_array(sink.of(DIAGNOSTICS)[-1][1])
+    estimate = runner.simulation.error_estimate
+    assert float(message.values['error estimate']) == pytest.approx(estimate, rel=5e-3)
+    assert float(message.values['error per second']) > 0.0 < estimate
+
+
+def test_status_says_what_is_known_at_once(status):
+    """Before the first report, and from any thread: nothing is measured."""
+    assert status.errors is None and status.balance_worst == 0.0
+    assert status.method in ico.METHODS and status.tolerance == 1e-6
+    values = describe(status._replace(errors=Errors(2e-7, 3e-8)), '/x', {}, {}).values
+    assert (values['error per second'], values['error estimate']) == ('2e-07', '3e-08')
+
+
+@pytest.mark.parametrize(('changes', 'faults', 'level', 'words'), [
+    ({}, {}, OK, 'running'),
+    ({'paused': True}, {}, OK, 'paused'),
+    ({'obstructed': 3}, {}, WARN, '3 ends of connectors were in the shells'),
+    ({'factor': 0.5, 'wanted_factor': 1.0}, {}, WARN, 'slower than wanted'),
+    ({'factor': 0.5, 'wanted_factor': 0.0}, {}, OK, 'running'),
+    ({'factor': 0.5, 'wanted_factor': 1.0, 'cause': 'the steps take it all'}, {}, WARN,
+     'steps take it all'),
+    ({'balance_error': 0.0051, 'energy_limit': 0.01}, {}, WARN, 'solver.energy_limit = 0.01'),
+    ({'balance_error': 0.0049, 'energy_limit': 0.01}, {}, OK, 'running'),
+    ({'step': 0.002, 'limit': 0.001}, {}, WARN, 'beyond the stability limit 0.001 s'),
+    ({'finished': True, 'factor': 0.5, 'wanted_factor': 1.0}, {}, OK, 'finished'),
+    ({}, {'rejected change': 'the last change could not be built: x'}, ERROR, 'not be built'),
+    ({'factor': 0.5, 'wanted_factor': 1.0, 'paused': True}, {}, OK, 'paused'),
+    ({'proximity': 'bodies 1 and 2 meet'}, {}, WARN, 'bodies 1 and 2 meet'),
+    ({'proximity': 'bodies 1 and 2 meet'}, {'recording': 'disk full'}, ERROR, 'disk full'),
+    ({'failure': 'the energy does not balance'}, {'recording': 'disk full'}, ERROR, 'balance'),
+])
+def test_level_and_sentence(status, changes, faults, level, words):
+    message = describe(status._replace(**changes), '/x', faults, {'mine': '7'})
+    assert message.level == level and words in message.message
+    assert message.values['mine'] == '7' and faults.items() <= message.values.items()
+
+
+def test_all_reasons_are_said(status):
+    """The worst level, and everything of that level."""
+    bad = status._replace(proximity='bodies 1 and 2 meet', balance_error=1.0, energy_limit=0.1)
+    message = describe(bad, '/x', {}, {}, notes={'clock': '/clock is published twice'})
+    assert message.level == WARN
+    for words in ('bodies 1 and 2', 'energy balance', '/clock is published twice'):
+        assert words in message.message
+    assert message.values['clock'] == '/clock is published twice'
+    message = describe(
+        bad._replace(failure='it stopped'), '/x', {'recording': 'disk full'}, {})
+    assert message.level == ERROR and message.message == 'it stopped; disk full'
+
+
+@pytest.mark.parametrize(('figure', 'words'), [
+    (WRENCHES_DROPPED, 'wrenches were dropped'), (RECORDER_DROPPED, 'were not recorded'),
+    (NOT_TAKEN, 'before every subscriber had them')])
+def test_what_was_dropped_since_the_last_report(status, figure, words):
+    report = HealthReport('/x')
+
+    def told(count):
+        _, [message] = decode_diagnostic_array(report.bytes(status, {}, {figure: str(count)}))
+        assert message.values[figure] == str(count)
+        return message.level, message.message
+
+    assert told(0) == (OK, 'running')
+    level, sentence = told(7)
+    assert level == WARN and sentence.startswith('7 ') and words in sentence
+    assert told(7) == (OK, 'running')
+    assert told(9)[1].startswith('2 ')
+
+
+def test_recorder_that_lags(status):
+    assert describe(status, '/x', {}, {RECORDER_LAG: '0.900'}).level == OK
+    message = describe(status, '/x', {}, {RECORDER_LAG: '2.300'})
+    assert message.level == WARN and '2.3 s behind' in message.message
+
+
+def test_everything_that_a_user_wants_to_watch(status):
+    values = describe(status, '/x', {}, {}).values
+    assert {
+        'real-time factor', 'wanted real-time factor', 'pace', 'step [s]', 'method',
+        'stability margin', 'error per second', 'error estimate', 'energy balance error',
+        'contacts', 'breaks', 'loads active', 'loads waiting', 'queue lag [s]', 'steps',
+    } <= values.keys()
+    assert values['contacts'] == values['breaks'] == values['loads waiting'] == '0'
+
+
+# The pace.
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    """Wall time and processor time that a test sets: clock[0], clock[1]."""
+    now = [100.0, 0.0]
+    monkeypatch.setattr(pace.wall, 'monotonic', lambda: now[0])
+    monkeypatch.setattr(pace.wall, 'thread_time', lambda: now[1])
+    return now
+
+
+def spend(clock, kept, *, steps, rest, waits=0.0, share=1.0, turns=40):
+    """Turns of a runner: steps are computed, messages sent, and time is waited for."""
+    now = 0
+    for _ in range(turns):
+        kept.delay(now)
+        clock[0] += steps
+        now += 10_000_000
+        kept.learn(10_000_000, steps)
+        clock[0] += rest
+        clock[1] += share * (steps + rest)
+        if waits:
+            assert kept.delay(now) > 0.0
+            clock[0] += waits
+    kept.delay(now)
+    return kept.factor(now), kept.cause()
+
+
+def test_cause_of_a_slow_pace_is_the_steps(clock):
+    factor, cause = spend(clock, pace.Pace(1.0), steps=0.018, rest=0.002)
+    assert factor == pytest.approx(0.5, rel=0.05)
+    assert cause.startswith('90% of the time goes into the steps, 10% into messages')
+    assert 'shared' not in cause
+
+
+def test_cause_of_a_slow_pace_is_the_rest(clock):
+    _, cause = spend(clock, pace.Pace(1.0), steps=0.005, rest=0.015)
+    assert cause.startswith('25% of the time goes into the steps, 75% into messages')
+
+
+def test_cause_of_a_slow_pace_is_the_machine(clock):
+    _, cause = spend(clock, pace.Pace(1.0), steps=0.018, rest=0.002, share=0.5)
+    assert 'the processor is shared: this thread got 50% of one' in cause
+
+
+def test_time_that_is_waited_for_counts_for_nothing(clock):
+    """Steps that take a tenth of the time that they simulate."""
+    factor, cause = spend(clock, pace.Pace(1.0), steps=0.001, rest=0.0, waits=0.009)
+    assert factor == pytest.approx(1.0, rel=0.02)
+    assert cause.startswith('10% of the time goes into the steps, 0% into messages')
+    assert 'shared' not in cause

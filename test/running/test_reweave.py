@@ -1,0 +1,158 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""Changes of a running scene: what restarts the motion, and how builds follow each other."""
+from queue import SimpleQueue
+
+import icofabric_sim as ico
+from icofabric_sim.running import reweave
+from icofabric_sim.running.reweave import (
+    changed_names,
+    concerns_runner_only,
+    lost_wrenches,
+    restarts_motion,
+    Reweaver,
+    with_rates,
+)
+import pytest
+
+BASE = ico.Scene.from_parameters({
+    'weave': {'size': [2, 2, 2]}, 'groups': {'tip': 'x_max'},
+    'loads': {'tip': {'group': 'tip'}}}).parameters
+
+
+@pytest.mark.parametrize(('changes', 'rates_only', 'restarts'), [
+    ({}, True, False),
+    ({'publish_rate': 30.0, 'real_time_factor': 2.0}, True, False),
+    ({'duration': 4.0, 'step_count': 3, 'reset_time': True, 'input_horizon': 2.0}, True, False),
+    ({'record.path': 'x', 'record.split_size': 4096, 'publish_clock': False}, True, False),
+    ({'publish_rate': 30.0, 'gravity': [0.0, 0.0, -1.0]}, False, False),
+    ({'connector.stiffness': 1.0}, False, False),
+    ({'solver.step': 1e-5}, False, False),
+    ({'loads.tip.hold': 1.0}, False, False),
+    ({'loads.other.group': 'tip'}, False, False),
+    ({'weave.size': [3, 2, 2]}, False, True),
+    ({'shell.density': 1.0, 'publish_rate': 30.0}, False, True),
+    ({'bodies.one.position': [1.0, 0.0, 0.0]}, False, True),
+])
+def test_what_a_change_concerns(changes, rates_only, restarts):
+    after = BASE.with_changes(changes)
+    assert concerns_runner_only(BASE, after) == rates_only
+    assert restarts_motion(BASE, after) == restarts
+    assert restarts_motion(after, BASE) == restarts
+    assert changes.keys() <= changed_names(BASE, after) == changed_names(after, BASE)
+
+
+class Runner:
+    """Stands for the runner: takes what is posted when told to, and keeps results."""
+
+    def __init__(self):
+        self.posted, self.results = SimpleQueue(), []
+        self.reweaver = Reweaver(
+            self.posted.put, lambda *result: self.results.append(result))
+
+    def run_one(self):
+        self.posted.get(timeout=60.0)()
+
+    def is_idle(self):
+        return self.posted.empty()
+
+
+@pytest.fixture
+def builds(monkeypatch):
+    """Scenes that were built, by the density of their shells."""
+    found = []
+    compile_scene = reweave.compile_scene
+
+    def compile_and_note(scene, **options):
+        found.append(scene.parameters['shell.density'])
+        return compile_scene(scene, **options)
+
+    monkeypatch.setattr(reweave, 'compile_scene', compile_and_note)
+    return found
+
+
+def with_density(density):
+    return BASE.with_changes({'shell.density': density})
+
+
+def test_result_is_a_simulation_of_the_wanted_scene():
+    runner = Runner()
+    wanted = BASE.with_changes({'weave.size': [3, 3, 3]})
+    runner.reweaver.want(wanted)
+    assert runner.results == []
+    runner.run_one()
+    [(parameters, simulation, reason)] = runner.results
+    assert parameters is wanted and reason == ''
+    assert simulation.scene.parameters is wanted
+    assert simulation.time == 0.0 and simulation.step_count == 0
+
+
+def test_failure_is_a_reason():
+    runner = Runner()
+    runner.reweaver.want(BASE.with_changes({'solver.step': 1.0}))
+    runner.run_one()
+    [(_, simulation, reason)] = runner.results
+    assert simulation is None and 'solver.step' in reason
+    # The next change has its turn.
+    runner.reweaver.want(with_density(2.0))
+    runner.run_one()
+    assert runner.results[1][1].scene.parameters['shell.density'] == 2.0
+
+
+def test_any_error_while_building_is_a_reason(monkeypatch):
+    def fail(parameters):
+        raise MemoryError
+
+    monkeypatch.setattr(reweave.Scene, 'from_parameters', fail)
+    runner = Runner()
+    runner.reweaver.want(BASE)
+    runner.run_one()
+    assert runner.results[0][1:] == (None, 'MemoryError')
+
+
+def test_changes_during_a_build_become_one_more(builds):
+    runner = Runner()
+    for density in (2.0, 3.0, 4.0, 5.0):
+        runner.reweaver.want(with_density(density))
+    runner.run_one()
+    assert runner.results == []  # superseded while it was built
+    runner.run_one()
+    assert [result[0]['shell.density'] for result in runner.results] == [5.0]
+    assert builds == [2.0, 5.0]
+    assert runner.is_idle()
+
+
+def test_rates_reach_a_build_under_way(builds):
+    runner = Runner()
+    runner.reweaver.want(with_density(2.0))
+    runner.reweaver.amend(with_density(2.0).with_changes({'publish_rate': 7.0}))
+    # No second build: the fabric is the same.
+    runner.run_one()
+    assert [result[0]['publish_rate'] for result in runner.results] == [7.0]
+    assert len(builds) == 1 and runner.is_idle() and runner.reweaver.wanted is None
+
+
+def test_rates_are_taken_alone_out_of_a_larger_change():
+    wanted = with_density(2.0).with_changes({'publish_rate': 7.0, 'duration': 3.0})
+    taken = with_rates(BASE, wanted)
+    assert changed_names(BASE, taken) == {'publish_rate', 'duration'}
+    assert taken['publish_rate'] == 7.0 and taken['shell.density'] == BASE['shell.density']
+
+
+def test_wrenches_without_a_place_are_named():
+    simulation = ico.compile_scene(ico.Scene.from_parameters(BASE))
+    last = simulation.scene.body_count - 1
+    simulation.apply_wrench('tip', (0.0, 0.0, 1.0))
+    for body in (0, last):
+        simulation.apply_body_wrench(body, (0.0, 0.0, 1.0))
+    smaller = ico.Scene.from_parameters(BASE.with_changes({'weave.size': [2, 2, 1]}))
+    assert lost_wrenches(simulation, smaller) == [f'body {last}']
+    assert lost_wrenches(simulation, simulation.scene) == []
+    given = {name: value for name, value in BASE.given().items() if not name.startswith('loads')}
+    assert lost_wrenches(simulation, ico.Scene.from_parameters(given)) == ['loads.tip']
+
+
+def test_amending_nothing_builds_nothing(builds):
+    runner = Runner()
+    runner.reweaver.amend(with_density(2.0))
+    assert builds == [] and runner.is_idle()

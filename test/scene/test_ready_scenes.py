@@ -1,0 +1,92 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+Every scene in config/ is an example that works.
+
+It loads, moves, and keeps its energy; no two shells overlap by more than 1 % of a in two seconds.
+"""
+
+from fabrics import changed, same_state
+import icofabric_sim as ico
+from icofabric_sim.parameters.ready_scenes import ready_scenes
+import numpy as np
+import pytest
+
+SCENES = ready_scenes()
+# How far each moves within two seconds, in pitches of its weave.
+MOTION = {
+    'hanging_slab': 3.0, 'free_slab': 0.2, 'bias_column': 2.0, 'pressed_slab': 0.4,
+    'torn_slab': 5.0, 'shaken_slab': 0.2, 'hung_slab': 0.1, 'woven_ball': 1.0,
+    'charged_slab': 0.5, 'twisted_column': 1.0, 'dropped_slab': 1.0, 'draped_slab': 1.0,
+    'folded_slab': 1.0, 'squeezed_slab': 0.3}
+# Where `always` is compiled in `make test` too: a splitting method, dop8, and contacts. A kind of
+# scene with `always` takes the compiler a minute, so the others are for `make test-long`.
+ALWAYS_COMPILED = {'hanging_slab', 'dropped_slab'}
+# Those in which shells meet each other, planes, or held bodies.
+TOUCHING = {'dropped_slab', 'draped_slab', 'folded_slab', 'squeezed_slab'}
+
+
+def test_the_scenes_of_the_readme_are_there():
+    assert set(MOTION) <= set(SCENES)
+
+
+@pytest.mark.parametrize('name', SCENES)
+def test_scene_moves_and_keeps_its_energy(name):
+    scene = ico.load_scene(SCENES[name])
+    simulation = ico.compile_scene(scene)
+    start = simulation.snapshot()
+    farthest, largest = 0.0, start.energy['kinetic']
+    for time in np.linspace(0.05, 2.0, 40):
+        simulation.advance_to(time)
+        snapshot = simulation.snapshot()
+        motion = np.linalg.norm(snapshot.position - start.position, axis=1).max()
+        farthest = max(farthest, motion / scene.geometry.pitch)
+        largest = max(largest, snapshot.energy['kinetic'])
+    # Errors of 1e-6 a for each second, in connectors that stretch by 1e-2 a.
+    drift = abs(snapshot.energy['balance_error'])
+    assert drift < 1e-5 * largest
+    assert simulation.balance.worst < 1e-5
+    assert farthest > MOTION.get(name, 0.01)
+    assert simulation.proximity is None
+    assert (simulation.deepest_overlap > 0.0) == (name in TOUCHING)
+    assert np.isfinite(snapshot.position).all()
+
+
+@pytest.mark.parametrize('name', [
+    pytest.param(name, marks=[] if name in ALWAYS_COMPILED else pytest.mark.long)
+    for name in SCENES])
+def test_auto_and_always_give_the_same_bits(name):
+    scene = ico.load_scene(SCENES[name])
+    chosen = ico.compile_scene(scene)
+    solver = {'solver.method': chosen.method_name}
+    if not ico.METHODS[chosen.method_name].adaptive:
+        # Where contact is computed accuracy is measured with it, and steps may be others.
+        solver['solver.step'] = chosen.step
+    auto, always = (
+        ico.compile_scene(changed(scene, {**solver, 'contact.mode': mode}))
+        for mode in ('auto', 'always'))
+    for time in (0.05, 0.4):
+        for simulation in (auto, always):
+            simulation.advance_to(time)
+        one, other = auto.snapshot(), always.snapshot()
+        assert same_state(one, other) and one.energy == other.energy
+        assert auto.step_count == always.step_count
+        assert auto.deepest_overlap == always.deepest_overlap
+        assert auto.broken_count == always.broken_count
+    moved = np.abs(one.position - scene.position).max()
+    assert moved > 0.01 * scene.shell.half_edge
+    # Beyond it, what `always` was there for: contacts, where the scene has any by then.
+    assert (auto.deepest_overlap > 0.0) == (name in TOUCHING)
+
+
+@pytest.mark.parametrize('name', SCENES)
+def test_every_load_channel_of_a_scene_moves_its_bodies(name):
+    scene = ico.load_scene(SCENES[name])
+    assert scene.loads
+    for channel in scene.loads.values():
+        pushed, still = ico.compile_scene(scene), ico.compile_scene(scene)
+        pushed.apply_wrench(channel.name, force=(0.0, 0.1, 0.0))
+        for simulation in (pushed, still):
+            simulation.advance_to(0.05)
+        moved = pushed.snapshot().position - still.snapshot().position
+        assert np.abs(moved[channel.bodies]).max() > 1e-4 * scene.shell.half_edge

@@ -1,0 +1,74 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""Kernels with contact are made ready beside a run that has none yet."""
+
+import io
+import pickle
+
+from fabrics import make_scene
+import icofabric_sim as ico
+from icofabric_sim.simulation import precompile, precompile_process
+import pytest
+
+CHANGES = {'contact.mode': 'auto', 'solver.method': 'leapfrog', 'solver.step': 1e-5}
+
+
+class FakeProcess:
+    """Keeps what it is given."""
+
+    def __init__(self, begun, arguments):
+        begun.append(self)
+        self.arguments, self.stdin, self.task, self.ended = arguments, io.BytesIO(), b'', False
+        self.stdin.close = lambda: setattr(self, 'task', self.stdin.getvalue())
+
+    def poll(self):
+        return None
+
+    def kill(self):
+        self.ended = True
+
+    def wait(self):
+        assert self.ended
+
+
+@pytest.fixture
+def begun(monkeypatch):
+    found = []
+    monkeypatch.setenv('ICOFABRIC_COMPILE_AHEAD', '1')
+    monkeypatch.setattr(precompile, '_processes', [])
+    monkeypatch.setattr(
+        precompile.subprocess, 'Popen', lambda arguments, **options: FakeProcess(found, arguments))
+    return found
+
+
+def test_kernels_with_contact_are_ready_after_the_task_of_the_other_process(begun, monkeypatch):
+    simulation = ico.compile_scene(make_scene((2, 2, 2), CHANGES))
+    monkeypatch.setattr(simulation._stepper, 'has_contact_kernels', lambda: False)
+    simulation.warm_up()
+    process, = begun
+    assert process.arguments[1:] == ['-m', 'icofabric_sim.simulation.precompile_process']
+    task = pickle.loads(process.task)
+    assert task[0]['contact.mode'] == 'always' and task[0]['solver.method'] == 'leapfrog'
+    precompile_process._compile(task)
+    fresh = ico.compile_scene(make_scene((2, 2, 2), CHANGES))
+    assert fresh._stepper.watch.contacts is None
+    assert fresh._stepper.has_contact_kernels()
+    fresh.warm_up()
+    assert len(begun) == 1
+    precompile._end()
+    assert process.ended
+
+
+def test_nothing_is_begun_where_it_is_not_wanted(begun, monkeypatch):
+    for changes, forbidden in (
+            ({'contact.mode': 'never'}, '1'), ({'contact.mode': 'always'}, '1'),
+            ({'contact.mode': 'auto'}, '0')):
+        monkeypatch.setenv('ICOFABRIC_COMPILE_AHEAD', forbidden)
+        ico.compile_scene(make_scene((2, 2, 2), {**CHANGES, **changes})).warm_up()
+    assert not begun
+    monkeypatch.setenv('ICOFABRIC_COMPILE_AHEAD', '1')
+    monkeypatch.setattr(precompile, '_LARGEST', 1)
+    simulation = ico.compile_scene(make_scene((2, 2, 2), CHANGES))
+    monkeypatch.setattr(simulation._stepper, 'has_contact_kernels', lambda: False)
+    simulation.warm_up()
+    assert not begun

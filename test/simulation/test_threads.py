@@ -1,0 +1,133 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""The same bits for any number of threads, and a number that suits the machine and the fabric."""
+
+import logging
+
+from fabrics import changed, LOADED, make_scene, RANDOM, same_state, SUPPORTED
+import icofabric_sim as ico
+from icofabric_sim.simulation.model.packing import pack_scene
+from icofabric_sim.simulation.stepping import thread_team
+import numpy as np
+import pytest
+
+EVERYTHING = {
+    **SUPPORTED, **LOADED, 'groups': {**SUPPORTED['groups'], **LOADED['groups']}, **RANDOM}
+
+
+@pytest.fixture
+def forced(monkeypatch):
+    """A way to set how many cores there seem to be, with a team for the smallest fabric."""
+    monkeypatch.setattr(thread_team, 'BODIES_PER_THREAD', 1)
+
+    def force(count):
+        monkeypatch.setattr(thread_team, 'core_count', lambda: count)
+    return force
+
+
+def run(scene, form, time):
+    simulation = ico.compile_scene(scene, rotation=form)
+    for end in (0.3 * time, time):
+        simulation.advance_to(end)
+        if scene.loads and end < time:
+            simulation.apply_wrench('follower', (0.5, -1.0, 0.25), (0.001, 0.0, 0.0))
+    return simulation, simulation.snapshot()
+
+
+@pytest.mark.parametrize('method, form', [
+    *((method, 'quaternion') for method in (*ico.METHODS, 'auto')),
+    ('auto', 'direction_cosines'), ('leapfrog', 'direction_cosines')])
+@pytest.mark.parametrize('size, sections', [
+    ((2, 2, 1), RANDOM), ((3, 3, 3), EVERYTHING), ((9, 5, 7), EVERYTHING)],
+    ids=['two bodies', 'all terms', 'all terms, larger'])
+def test_same_bits_for_any_number_of_threads(size, sections, method, form, forced):
+    # A rough tolerance: more threads than cores wait for each other long.
+    scene = make_scene(
+        size, {'solver.method': method, 'solver.tolerance': 1e-3},
+        **sections)
+    forced(1)
+    single, expected = run(scene, form, 0.012)
+    assert single.thread_count == 1
+    for count in (2, 3, 5):
+        forced(count)
+        simulation, snapshot = run(scene, form, 0.012)
+        assert simulation.thread_count == min(count, scene.body_count)
+        assert same_state(snapshot, expected)
+        assert simulation.step == single.step and simulation.step_count == single.step_count
+        assert simulation.error_estimate == single.error_estimate
+        assert simulation.balance == single.balance
+        assert simulation.proximity == single.proximity
+    assert np.abs(expected.position - scene.initial.position).max() > 1e-3
+
+
+@pytest.mark.parametrize('size, kind', [((12, 12, 12), 'orthogonal'), ((9, 9, 9), 'bias')])
+def test_same_bits_for_large_fabrics(size, kind, forced):
+    # Several tiles of blocks for each thread, and borders where these are not whole rows.
+    scene = make_scene(size, {'weave.kind': kind, 'contact.mode': 'never'}, **EVERYTHING)
+    states = []
+    for count in (1, 2, 3):
+        forced(count)
+        simulation = ico.compile_scene(scene)
+        assert simulation.thread_count == count
+        simulation.advance_to(0.004)
+        states.append(simulation.snapshot())
+    assert all(same_state(states[0], other) for other in states[1:])
+    assert simulation.step_count > 3
+
+
+def test_same_bits_of_the_pair_with_direction_cosines(forced):
+    # Without other terms: each of their combinations is one more thing to compile.
+    states = []
+    for count in (1, 3):
+        forced(count)
+        simulation = ico.compile_scene(
+            make_scene((3, 3, 3), {'solver.method': 'dop8'}, **RANDOM),
+            rotation='direction_cosines')
+        simulation.advance_to(0.012)
+        states.append(simulation.snapshot())
+    assert same_state(*states)
+
+
+def test_number_of_threads_is_a_parameter():
+    scene = make_scene((3, 3, 3), {'solver.threads': 1})
+    assert ico.compile_scene(scene).thread_count == 1
+
+
+@pytest.mark.parametrize('wanted, cores, bodies, size', [
+    (0, 8, 100_000, 8), (0, 8, 3_500, 3), (0, 8, 63, 1), (3, 8, 100_000, 3), (2, 8, 1_999, 1),
+    (8, 8, 10**6, 8), (0, 1, 10**6, 1)])
+def test_size_of_a_crew(wanted, cores, bodies, size, monkeypatch, caplog):
+    monkeypatch.setattr(thread_team, 'core_count', lambda: cores)
+    monkeypatch.setattr(thread_team, 'BODIES_PER_THREAD', 1_000)
+    assert thread_team.size_for(wanted, bodies) == size
+    assert not caplog.records
+
+
+def test_more_threads_than_cores_are_clamped_with_a_warning(monkeypatch, caplog):
+    monkeypatch.setattr(thread_team, 'core_count', lambda: 2)
+    monkeypatch.setattr(thread_team, 'BODIES_PER_THREAD', 1)
+    scene = make_scene((3, 3, 3), {'solver.threads': 64}, **RANDOM)
+    with caplog.at_level(logging.WARNING):
+        simulation = ico.compile_scene(scene)
+    assert simulation.thread_count == 2
+    assert [record.getMessage() for record in caplog.records] == [
+        'solver.threads 64 is more than the 2 cores of this machine: 2 are used; the result does '
+        'not depend on it']
+    simulation.advance_to(0.01)
+    alone = ico.compile_scene(changed(scene, {'solver.threads': 1}))
+    alone.advance_to(0.01)
+    assert same_state(simulation.snapshot(), alone.snapshot())
+
+
+def test_an_error_in_one_thread_is_told(forced):
+    forced(3)
+    team = thread_team.Crew(0, pack_scene(make_scene((3, 3, 3))))
+
+    def work(member):
+        if member.member == 2:
+            raise ZeroDivisionError
+        return member.member
+
+    with pytest.raises(ZeroDivisionError):
+        team.run(work)
+    assert team.run(lambda member: member.size) == 3

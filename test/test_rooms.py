@@ -1,0 +1,57 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+The rooms of the package: imports point down only, and no modules import each other in a circle.
+"""
+
+from graphlib import TopologicalSorter
+
+from package_imports import imports_of, MODULES, PACKAGE
+
+# Ground floor first. A module imports from its own room and from those before it.
+ROOMS = (
+    'version', 'checks', 'geometry', 'parameters', 'kernels', 'scene', 'simulation', 'statics',
+    'messages', 'bag', 'running', 'pictures', 'terminal', 'benchmarking', 'commands', 'ros')
+# Documented names for users, above everything.
+ROOF = ('icofabric_sim', 'icofabric_sim.contact')
+RIMS = {'benchmarking', 'commands', 'ros'}
+
+
+def room_of(name):
+    return name.split('.')[1]
+
+
+def test_every_module_has_a_room():
+    assert {room_of(name) for name in MODULES if name not in ROOF} == {*ROOMS}
+    # Rooms, the documented import, and the one module of lowest rank each.
+    assert len([path for path in PACKAGE.iterdir() if path.name != '__pycache__']) <= 18
+
+
+def floor_of(name):
+    return len(ROOMS) if name in ROOF else ROOMS.index(room_of(name))
+
+
+def test_imports_point_down():
+    up = [f'{MODULES[name].relative_to(PACKAGE)}:{target.line} imports {target.module}'
+          for name in MODULES if name not in ROOF
+          for target in imports_of(name)
+          if floor_of(target.module) > floor_of(name)
+          # Rims are users: they may take what is documented for users.
+          and not (target.module in ROOF and room_of(name) in RIMS)]
+    assert not up, up
+
+
+def test_no_circles():
+    """Imports within functions count, too."""
+    graph = {name: {target.module for target in imports_of(name)} for name in MODULES}
+    assert sum(len(targets) for targets in graph.values()) > 1000
+    TopologicalSorter(graph).prepare()
+
+
+def test_rims_are_started_only_when_asked_for():
+    """`icofabric` starts benchmarks, and nodes take words from commands, within functions."""
+    for name in MODULES:
+        if name not in ROOF and room_of(name) in RIMS:
+            others = {room_of(target.module) for target in imports_of(name)
+                      if not target.late and target.module not in ROOF} & RIMS
+            assert others <= {room_of(name)}, name
