@@ -20,6 +20,7 @@ from icofabric_sim.benchmarking.held_arrays import arrays_of
 from icofabric_sim.benchmarking.instructions import count_in_loops
 from icofabric_sim.benchmarking.scenes import scene_parameters
 from icofabric_sim.benchmarking.timing import Spread
+from icofabric_sim.kernels.runtime.lanes import LANES
 import numpy as np
 import pytest
 
@@ -92,7 +93,9 @@ def test_bare_scene_has_the_instructions_of_springs_alone(costs):
         difference = entry.difference()
         # None where the listing is another processor's. Far fewer than
         # springs alone would mean that the loop was not found.
-        assert difference is None or -0.2 < difference <= 0.03, entry
+        # With 16 registers in place of 32 the addresses of more arrays wait in memory.
+        most = 0.03 if LANES == 8 else 0.07
+        assert difference is None or -0.2 < difference <= most, entry
         assert entry.package is None or entry.package > 100
 
 

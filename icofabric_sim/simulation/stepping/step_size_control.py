@@ -69,7 +69,7 @@ class Line(Protocol):
 
     def compare_ahead(
         self, step: float, count: int, windows: int, compare: Callable[[State, State], None]
-    ) -> None: ...
+    ) -> int: ...
 
 
 class Accuracy:
@@ -140,6 +140,12 @@ class Accuracy:
         step = min(step, cap)
         floor = self.floor(fastest)
         error = self.measured(step, fastest)
+        if math.isnan(error):
+            # The next look measures again, if the run comes to it.
+            self._add(self.rate)
+            self._end(self.rate, step)
+            self.looks_left = 1
+            return step
         self._add(self.rate if jumped else error)
         low = _SMALLEST if not self.is_new else 0.25 * AIM
         for _ in range(_TRIES):
@@ -154,6 +160,8 @@ class Accuracy:
             if longer == step:
                 break
             found = self.measured(longer, fastest)
+            if math.isnan(found):
+                break
             if longer < step and error <= found < math.inf:
                 # So short that rounding rules: it adds the same to every step, however short.
                 break
@@ -203,6 +211,8 @@ class Accuracy:
         steps = self._steps_of_period(step, fastest)
         # At first as far as the next look, so that nothing is missed of how a motion begins.
         error = self.measured(step, fastest, least=look if self._gap == 1 else 1)
+        if math.isnan(error):
+            error = self.rate
         change = self._add(self.rate if jumped else error)
         if not (self.is_new or jumped):
             if not change <= _LARGE_CHANGE * self.total:
@@ -257,7 +267,8 @@ class Accuracy:
         Error that the method adds for each second with this step; the state must be saved.
 
         Over one period, or as many as so many steps at `least` take, each of them by itself:
-        errors of different periods must neither cancel nor fade.
+        errors of different periods must neither cancel nor fade. NaN where not even one can be
+        run.
         """
         self._span = 0.0
         if not fastest > 0.0:
@@ -267,14 +278,16 @@ class Accuracy:
         if self._line.packed.layout.body_count > _MANY:
             count = -(-count // 4)
         windows = -(-least // count)
-        self._span = windows * count * step
         found = 0.0
 
         def compare(one: State, other: State) -> None:
             nonlocal found
             found += self._distance(one, other)
 
-        self._line.compare_ahead(step, count, windows, compare)
+        windows = self._line.compare_ahead(step, count, windows, compare)
+        self._span = windows * count * step
+        if not windows:
+            return math.nan
         power = 2.0**method.order
         return found * power / (power - 1.0) / self._span
 

@@ -160,25 +160,30 @@ class MainLine:
 
     def compare_ahead(
         self, step: float, count: int, windows: int, compare: Callable[[State, State], None]
-    ) -> None:
+    ) -> int:
         """
         Take so many windows of `count` steps, and come back; the state must be saved.
 
         After each `compare` gets where they lead, and where twice as many of half the length do
-        from the beginning of the window.
+        from the beginning of the window. Returns the number of windows: fewer where a body force
+        fails in what lies ahead. Whether the run itself ever comes there is not known, so that
+        is no failure of the run.
         """
         model, time = self._scratch_model(), self.time
         try:
-            for _ in range(windows):
+            for done in range(windows):
                 half = self.run_aside(
                     0.5 * step, 2 * count, start=time, model=self._scratch_model(model))
                 self._model_aside = model
                 self._take_aside(
                     self._scratch_loads(), self.state, self._scratch_work(), time, step, count)
+                if self._take_failure() is not None:
+                    return done
                 compare(self.state, half)
                 time += count * step
         finally:
             self._restore()
+        return windows
 
     def _take_aside(
         self, loads: Loads | None, state: State, work: Work, start: float, step: float, count: int
@@ -363,15 +368,22 @@ class MainLine:
 
     def _require_outside(self) -> None:
         """Stop if a body force has failed."""
-        packed = self.packed
-        if packed.external is None or packed.body_force is None or not packed.external.status[0]:
+        reason = self._take_failure()
+        if reason is None:
             return
-        reason = packed.body_force.explain(packed.external)
-        packed.external.status[0] = 0
         self._return_to_saved()
         self._failure = SimulationError(
             f'{reason}; the last good state, of t = {self._saved_time:.9g} s, is kept')
         raise self._failure
+
+    def _take_failure(self) -> str | None:
+        """Why a body force has failed since this was asked last; None if it has not."""
+        packed = self.packed
+        if packed.external is None or packed.body_force is None or not packed.external.status[0]:
+            return None
+        reason = packed.body_force.explain(packed.external)
+        packed.external.status[0] = 0
+        return reason
 
     def _advance(
         self, loads: Loads | None, state: State, work: Work, origin: float, index: int,
