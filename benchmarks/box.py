@@ -6,8 +6,8 @@ Loose icosahedra that collide in a box without losses, and the energy that shoul
 Prints the error of the energy over so many collisions, pairs and bodies on walls counted as they
 begin to touch, and what it takes.
 
-    python benchmarks/box.py                              # 1,000 bodies, 10,000 collisions
-    python benchmarks/box.py --size 6 6 6 --collisions 1000
+    .venv/bin/python benchmarks/box.py  # 1,000 bodies, 10,000 collisions
+    .venv/bin/python benchmarks/box.py --size 6 6 6 --collisions 1000
 """
 
 import argparse

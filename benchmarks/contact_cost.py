@@ -6,7 +6,7 @@ What `contact.mode: auto` costs beside `never` while nothing touches, and how ma
 Ready scenes to t = 1 s, and a slab within a degree of the least connector angle, whose bounding
 spheres overlap, that moves gently. Times of the processor, both in turn in every round.
 
-    python benchmarks/contact_cost.py
+    .venv/bin/python benchmarks/contact_cost.py
 """
 
 import argparse

@@ -8,6 +8,9 @@ With `--growth`: our solver alone, for slabs of 63 to 49,726 bodies, each in a p
 All start from the woven state and get the same energy and forces. SciPy's are given the gradient
 in positions and rotation vectors since the start; a damped run has drag of twice the lowest
 frequency.
+
+    .venv/bin/python benchmarks/equilibrium.py
+    .venv/bin/python benchmarks/equilibrium.py --growth
 """
 
 import argparse

@@ -8,7 +8,7 @@ to 0.8 of the stability limit; each window of one shortest period is repeated by
 Says how the ratios are spread, for each method and in all, and names the worst. Each kind has its
 kernels compiled once, which takes up to a few minutes.
 
-    python benchmarks/error_estimate.py [--scenes 17] [--kinds free damped]
+    .venv/bin/python benchmarks/error_estimate.py [--scenes 17] [--kinds free damped]
 """
 
 import argparse

@@ -10,8 +10,8 @@ same states, weight and floor, in MuJoCo the shells as convex meshes and connect
 a spring, contacts without friction, as stiff as it recommends at most (solref: twice the step).
 Its contacts are constraints that lose energy, ours a potential. Needs mujoco.
 
-    python benchmarks/fold_beside_mujoco.py --size 25 8 2 --stages 1 50 200      # 200 bodies
-    python benchmarks/fold_beside_mujoco.py                                      # 4,960
+    .venv/bin/python benchmarks/fold_beside_mujoco.py --size 25 8 2 --stages 1 50 200  # 200 bodies
+    .venv/bin/python benchmarks/fold_beside_mujoco.py  # 4,960
 """
 
 import argparse

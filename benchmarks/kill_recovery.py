@@ -3,7 +3,7 @@
 """
 Recordings that are killed (kill -9) at random moments: what `icofabric recover` saves of them.
 
-python benchmarks/kill_recovery.py [--kills 20] [--seed 1] [--longest 6] [--limit 1]
+    .venv/bin/python benchmarks/kill_recovery.py [--kills 20] [--seed 1] [--longest 6] [--limit 1]
 
 Each is a process of its own that simulates in real time, driven by wrenches, changes of the scene,
 pauses and checkpoints at random moments. For each the span of wall time that is lost is printed,

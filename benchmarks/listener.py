@@ -1,9 +1,9 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
 """
-A raw subscriber in a process of its own: tells what it received, with a checksum of each message.
+A raw subscriber in a process of its own; reports what it received, with checksums of messages.
 
-python benchmarks/listener.py TOPIC TYPE [TOPIC TYPE ...]
+Started by live_delivery.py with the arguments TOPIC TYPE [TOPIC TYPE ...].
 
 Each line on its standard input is answered with one of JSON: `clock` with the simulated time
 [ns], `listen` once it has subscribed to topics that are all published, `end` with what was

@@ -27,4 +27,4 @@ def import_mujoco() -> Any:
     try:
         return import_module('mujoco')
     except ImportError:
-        sys.exit("MuJoCo is not installed: pip install '.[benchmark]'")
+        sys.exit('MuJoCo is not installed: .venv/bin/pip install mujoco')

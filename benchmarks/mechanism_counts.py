@@ -8,6 +8,8 @@ nothing but the places of the attachment points; that of the package; all eigenv
 Hessian; and the pivots of an elimination of it, and of A^T A, A the compatibility matrix, as they
 are used for large fabrics. Wide gaps between the values that count as zero and all others show
 that no threshold decides.
+
+    .venv/bin/python benchmarks/mechanism_counts.py
 """
 
 import argparse

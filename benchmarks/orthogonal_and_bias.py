@@ -5,6 +5,8 @@ Slabs of orthogonal and of turned (bias) fabric pulled, pushed and sheared, up t
 
 With point springs, with bending stiffness, and with connectors that break: stress against strain
 as CSV and as a picture, and the modulus of the endless fabric in the same direction beside them.
+
+    .venv/bin/python benchmarks/orthogonal_and_bias.py
 """
 
 import argparse

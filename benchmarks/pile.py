@@ -5,9 +5,9 @@ A pile of loose icosahedra in a box, with damping, with and without friction: un
 
 Prints how deep they overlap, how the kinetic energy falls beside its largest, and what it takes.
 
-    python benchmarks/pile.py                      # 216 bodies, with friction
-    python benchmarks/pile.py --size 3 3 6         # 27
-    python benchmarks/pile.py --friction 0 --damping 10 --calm 3e-4 --longest 5
+    .venv/bin/python benchmarks/pile.py  # 216 bodies, with friction
+    .venv/bin/python benchmarks/pile.py --size 3 3 6  # 27
+    .venv/bin/python benchmarks/pile.py --friction 0 --damping 10 --calm 3e-4 --longest 5
 
 Without friction shells slide and roll freely until they meet, and slow meetings take little: what
 a loose tolerance adds would keep them going, so the last part has its own.

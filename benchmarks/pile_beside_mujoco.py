@@ -7,9 +7,9 @@ The same bodies from the same state with the same friction in the same box. MuJo
 as stiff as it recommends at most (solref: twice the step), so their overlap falls with the step;
 ours falls with contact.stiffness. What collisions lose differs between the laws. Needs mujoco.
 
-    python benchmarks/pile_beside_mujoco.py --size 3 3 6       # 27 bodies
-    python benchmarks/pile_beside_mujoco.py                    # 216
-    python benchmarks/pile_beside_mujoco.py --solver cg        # its conjugate gradients
+    .venv/bin/python benchmarks/pile_beside_mujoco.py --size 3 3 6  # 27 bodies
+    .venv/bin/python benchmarks/pile_beside_mujoco.py  # 216
+    .venv/bin/python benchmarks/pile_beside_mujoco.py --solver cg  # its conjugate gradients
 """
 
 import argparse

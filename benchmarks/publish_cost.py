@@ -3,7 +3,7 @@
 """
 Cost of messages: our bytes beside building rclpy's objects, and what a listener costs the node.
 
-python benchmarks/publish_cost.py [--rounds 5] [--only messages|listeners]
+    .venv/bin/python benchmarks/publish_cost.py [--rounds 5] [--only messages|listeners]
 
 Needs rclpy. In the first part the publisher has no subscriber, so that the middleware's part is
 the hand-over alone; in the second a node, a raw subscriber and this process check each other.

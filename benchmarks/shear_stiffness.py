@@ -5,6 +5,8 @@ Shear and Young's stiffness of a slab with point springs alone and with resistin
 
 The lowest and the highest level are moved as rigid plates, all others find their balance: of the
 second derivatives at rest, with least squares where bodies move at no cost.
+
+    .venv/bin/python benchmarks/shear_stiffness.py
 """
 
 import sys

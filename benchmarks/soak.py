@@ -3,8 +3,9 @@
 """
 Long and hard runs of the node over Fast DDS: whether it stays what docs/reliability.md promises.
 
-python benchmarks/soak.py [--part NAME] [--minutes 30]; parts: soak, verify60, kills, latency,
-slow-subscriber, dying-subscribers, all.
+    .venv/bin/python benchmarks/soak.py [--part all] [--minutes 30]
+
+Parts: soak, verify60, kills, latency, slow-subscriber, dying-subscribers, all.
 
 Each part is a `fabric_node` in a process of its own, driven from this one. The table says what is
 judged, and is written as CSV (--csv). Exit status 1 where one of the limits is not kept.

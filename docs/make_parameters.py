@@ -3,7 +3,7 @@
 """
 Writes docs/parameters.md from the tables in the code; a test holds both together.
 
-python docs/make_parameters.py
+    .venv/bin/python docs/make_parameters.py
 """
 
 from pathlib import Path

@@ -3,7 +3,10 @@
 """
 Push a running fabric and make its connectors stiffer, from a node of your own.
 
-Start the fabric first: fabric_node --ros-args --params-file config/hanging_slab.yaml
+Start the fabric first, then this script in another terminal:
+
+    .venv/bin/fabric_node --ros-args --params-file config/hanging_slab.yaml
+    .venv/bin/python examples/push.py
 """
 
 from geometry_msgs.msg import WrenchStamped

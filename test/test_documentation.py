@@ -25,7 +25,7 @@ def test_parameter_table_is_made_from_the_schema():
     module = importlib.util.module_from_spec(specification)
     specification.loader.exec_module(module)
     written = (ROOT / 'docs' / 'parameters.md').read_text(encoding='utf-8')
-    assert written == module.text(), 'run python docs/make_parameters.py'
+    assert written == module.text(), 'run .venv/bin/python docs/make_parameters.py'
 
 
 @pytest.mark.parametrize('path', DOCUMENTS, ids=lambda path: str(path.relative_to(ROOT)))
