@@ -27,9 +27,9 @@ at the start.
 _METHODS = """
 ## Methods
 
-What `solver.method` can be, from `icofabric_sim.METHODS`. `auto` picks one of the symplectic ones
-for each scene, and `icofabric info` says which and why. *Evaluations* of all forces for each step;
-*stable*: the longest stable step times the largest frequency of the fabric.
+What `solver.method` can be, from `icofabric_sim.METHODS`. `auto` picks one of these for each scene
+([accuracy.md](accuracy.md)), and `icofabric info` says which and why. *Evaluations* of all forces
+for each step; *stable*: the longest stable step times the largest frequency of the fabric.
 
 | method | order | symplectic | evaluations | stable | source |
 |---|---|---|---|---|---|

@@ -13,6 +13,8 @@ import icofabric_sim
 from icofabric_sim.commands.main import VERBS
 from icofabric_sim.messages.topics import STRAIN_CLASSES, TOPICS
 from icofabric_sim.parameters.table import FAMILIES, STATIC
+from icofabric_sim.ros.standard_services import ACTION, SERVICES, topic_name
+from icofabric_sim.simulation.stepping.methods import METHODS
 import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -44,6 +46,25 @@ def test_page_of_the_node_names_every_topic_and_strain_class():
     assert all(entry.name in text for entry in STRAIN_CLASSES)
 
 
+def test_page_of_the_node_names_every_service_and_no_other():
+    text = (ROOT / 'docs' / 'ros.md').read_text(encoding='utf-8')
+    own = re.findall(r"\((?:SetBool|Trigger), '(~/\w+)'", (
+        ROOT / 'icofabric_sim' / 'ros' / 'verbs.py').read_text(encoding='utf-8'))
+    assert {'~/pause', '~/reset', '~/step', '~/record'} <= {*own}
+    assert all(f'`{name}`' in text for name in own)
+    [standard] = re.findall(r'Where the package `simulation_interfaces`.*?\n\n', text, re.DOTALL)
+    assert set(re.findall(r'~/\w+', standard)) == {topic_name(name) for name in STANDARD}
+
+
+def test_page_of_accuracy_names_every_method_and_which_auto_takes():
+    text = (ROOT / 'docs' / 'accuracy.md').read_text(encoding='utf-8')
+    sheet, _, choice = text.partition('| `auto` takes |')
+    assert re.findall(r'^\| `(\w+)` \|', sheet, re.MULTILINE) == [*METHODS]
+    taken = set(re.findall(r'`(\w+)`', ' '.join(
+        line.split('|')[2] for line in re.findall(r'^\|[^-].*\|$', choice, re.MULTILINE))))
+    assert taken == {*METHODS}
+
+
 def quoted(text):
     """What stands in backticks or in blocks of code."""
     blocks = re.findall(r'^```.*?^```', text, re.DOTALL | re.MULTILINE)
@@ -58,6 +79,7 @@ MODULES = sorted(
     for path in (ROOT / folder).rglob('*.py'))
 SOURCE = '\n'.join(
     Path(name).read_text('utf-8') for name in MODULES if '/icofabric_sim/' in name)
+STANDARD = (*SERVICES, ACTION)
 EXECUTABLES = re.findall(
     r"'(\w+) = icofabric_sim\.", (ROOT / 'setup.py').read_text(encoding='utf-8'))
 
@@ -109,7 +131,8 @@ def test_names_of_parameters_topics_modules_and_python_exist(path):
             assert any(re.fullmatch(pattern, one) or one.startswith(f'{name}.')
                        for one in known) or is_python(name), f'{path.name} names {name}'
         for name in re.findall(r'(?<!\w)(~/[a-z_]+)', words):
-            assert f"'{name}" in SOURCE, f'{path.name} names the topic {name}'
+            assert f"'{name}" in SOURCE or name in {topic_name(one) for one in STANDARD}, (
+                f'{path.name} names {name}')
         for name in re.findall(r'^((?:[\w*]+/)*[\w*]+\.py)\b', words):
             assert any(fnmatch(module, f'*/{name}') for module in MODULES), (
                 f'{path.name} names {name}')
