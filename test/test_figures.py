@@ -57,7 +57,8 @@ def test_page_states_no_figure_of_its_own(page):
 @pytest.mark.parametrize('text', [
     'Killed at 40 random moments: all good', 'at most 0.3 s of wall time lost',
     'A step costs 15 times as much with a table of 5 rows', 'One evaluation takes 0.9 us',
-    'a million bodies take 3 times as long', 'An rclpy message of objects costs 77 to 1,200 times more'])
+    'a million bodies take 3 times as long',
+    'An rclpy message of objects costs 77 to 1,200 times more'])
 def test_figures_that_were_stated_twice_are_found(text):
     assert stated_apart(text)
 
