@@ -8,17 +8,32 @@ Writes docs/parameters.md from the tables in the code; a test holds both togethe
 
 from pathlib import Path
 
-from icofabric_sim.parameters.table import FAMILIES, Specification, STATIC, UNBUILT_FAMILIES
+from icofabric_sim.parameters.table import (
+    Change,
+    FAMILIES,
+    Specification,
+    STATIC,
+    UNBUILT_FAMILIES,
+)
 from icofabric_sim.simulation.stepping.methods import Method, METHODS
 
-_CHANGE = {'weave': 'weaves anew', 'live': 'at once', 'start': 'fixed at the start'}
+# What each entry of the column means, after its words.
+_EFFECTS = {
+    Change.FIXED: 'refused while the node runs',
+    Change.AT_ONCE: 'the fabric is not touched; `record.*` acts on the next bag',
+    Change.REBUILDS: 'another fabric is built beside the running one, which it replaces between '
+    'two steps; it goes on from the same state at the same time. `initial.*` and '
+    '`initial_random.*` are seen at the next reset',
+    Change.RESTARTS: 'built and replaced like that, but it starts from its initial state; the '
+    'time runs on',
+}
 _HEAD = """# Parameters
 
 Made by `docs/make_parameters.py` from `icofabric_sim/parameters/table.py`. SI units, radians.
 One tree for the node, for scene files and for Python. *Change* says what a change at run time
-does: at once (the motion goes on), weaves anew (it starts again from the initial state), or fixed
-at the start.
+does; a change of several parameters at once does the most that any of them does.
 
+{effects}
 | parameter | default | unit | allowed | change | meaning |
 |---|---|---|---|---|---|
 """
@@ -52,7 +67,7 @@ def allowed(entry: Specification) -> str:
 def row(name: str, entry: Specification) -> str:
     default = '(needed)' if entry.required else f'`{entry.default!r}`'
     return (f'| `{name}` | {default} | {entry.unit} | {allowed(entry)} | '
-            f'{_CHANGE[entry.change]} | {entry.description} |\n')
+            f'{entry.change.value} | {entry.description} |\n')
 
 
 def method_row(name: str, method: Method) -> str:
@@ -61,7 +76,9 @@ def method_row(name: str, method: Method) -> str:
 
 
 def text() -> str:
-    parts = [_HEAD]
+    effects = ''.join(
+        f'- *{change.value}*: {_EFFECTS[change]}.\n' for change in Change)
+    parts = [_HEAD.format(effects=effects)]
     parts += [row(entry.name, entry) for entry in STATIC]
     for family, fields in FAMILIES.items():
         parts += [row(f'{family}.NAME' + (f'.{field.name}' if field.name else ''), field)

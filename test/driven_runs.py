@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from icofabric_sim.messages.topics import CLOCK
+from icofabric_sim.parameters.changes import rebuilds
 from icofabric_sim.running.recording import BagSink, summarise_run
-from icofabric_sim.running.reweave import concerns_runner_only
 from icofabric_sim.running.runner import Runner
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.simulation import compile_scene
@@ -68,7 +68,7 @@ class Drive:
         dotted = {name.replace('__', '.'): value for name, value in changes.items()}
         before = self.runner._reweaver.wanted or self.runner.parameters
         wanted = before.with_changes(dotted)
-        if concerns_runner_only(before, wanted):
+        if not rebuilds(before, wanted):
             self.answers.append(self.runner.change(wanted))
             return
         self.runner.set_paused(True)

@@ -12,7 +12,7 @@ import re
 import icofabric_sim
 from icofabric_sim.commands.main import VERBS
 from icofabric_sim.messages.topics import STRAIN_CLASSES, TOPICS
-from icofabric_sim.parameters.table import FAMILIES, STATIC
+from icofabric_sim.parameters.table import Change, FAMILIES, STATIC
 from icofabric_sim.ros.standard_services import ACTION, SERVICES, topic_name
 from icofabric_sim.simulation.stepping.methods import METHODS
 import pytest
@@ -28,6 +28,22 @@ def test_parameter_table_is_made_from_the_schema():
     specification.loader.exec_module(module)
     written = (ROOT / 'docs' / 'parameters.md').read_text(encoding='utf-8')
     assert written == module.text(), 'run .venv/bin/python docs/make_parameters.py'
+
+
+@pytest.mark.parametrize('name', ['README.md', 'docs/ros.md'])
+def test_pages_say_what_a_change_does_in_the_words_of_the_table(name):
+    text = ' '.join((ROOT / name).read_text(encoding='utf-8').split())
+    for change in Change:
+        assert f'*{change.value}*' in text, change
+
+
+def test_page_of_the_node_names_all_that_restarts_the_motion():
+    text = ' '.join((ROOT / 'docs' / 'ros.md').read_text(encoding='utf-8').split())
+    [listing] = re.findall(rf'\*{Change.RESTARTS.value}\* \(([^)]*)\)', text)
+    sections = {entry.name.split('.')[0] for entry in STATIC if entry.change is Change.RESTARTS}
+    sections |= {family for family, fields in FAMILIES.items()
+                 if any(field.change is Change.RESTARTS for field in fields)}
+    assert {*re.findall(r'`(\w+)\.\*`', listing)} == sections
 
 
 @pytest.mark.parametrize('path', DOCUMENTS, ids=lambda path: str(path.relative_to(ROOT)))

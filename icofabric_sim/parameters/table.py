@@ -3,15 +3,28 @@
 """
 The table of all parameters: names, defaults, units, ranges and what a change does.
 
-Nothing is decided here but the vocabulary; `parameters.py` judges values against it, the node
+Nothing is decided here but the vocabulary; `validation.py` judges values against it, the node
 builds its descriptors from it, and the documentation prints it.
 """
 
-from typing import Literal, NamedTuple, TypedDict, Unpack
+from enum import Enum
+from typing import NamedTuple, TypedDict, Unpack
 
 Scalar = bool | int | float | str
 Value = bool | int | float | str | list[bool] | list[int] | list[float] | list[str]
-Change = Literal['weave', 'live', 'start']
+
+
+class Change(Enum):
+    """
+    What a change of a parameter does to a run; the value is how documents and answers say it.
+
+    From the least to the most: a change of several parameters does what the last of theirs does.
+    """
+
+    FIXED = 'fixed at the start'
+    AT_ONCE = 'acts at once'
+    REBUILDS = 'rebuilds and keeps the motion'
+    RESTARTS = 're-weaves and restarts the motion'
 
 
 class Specification(NamedTuple):
@@ -20,17 +33,15 @@ class Specification(NamedTuple):
 
     The type is that of the default; lists have the default's length and element type. `minimum`
     and `maximum` bound every element; `open_minimum` excludes the minimum itself;
-    `smallest` is the least value beside 0. `change` says
-    what a change at run time does: 'weave' builds the fabric anew, 'live' acts at once, 'start'
-    is fixed once the node runs. `built` is False while the effect is still missing: then any
-    value but the default is refused.
+    `smallest` is the least value beside 0. `change` says what a change at run time does. `built`
+    is False while the effect is still missing: then any value but the default is refused.
     """
 
     name: str
     default: Value
     unit: str
     description: str
-    change: Change = 'live'
+    change: Change = Change.REBUILDS
     minimum: float | None = None
     maximum: float | None = None
     open_minimum: bool = False
@@ -57,7 +68,7 @@ def _s(
     default: Value,
     unit: str,
     description: str,
-    change: Change = 'live',
+    change: Change = Change.REBUILDS,
     **options: Unpack[_Options],
 ) -> Specification:
     return Specification(name, default, unit, description, change, **options)
@@ -67,18 +78,19 @@ def _positive(**options: Unpack[_Options]) -> _Options:
     return {'minimum': 0.0, 'open_minimum': True, **options}
 
 
+FIXED, AT_ONCE, RESTARTS = Change.FIXED, Change.AT_ONCE, Change.RESTARTS
 _ZERO3 = [0.0, 0.0, 0.0]
 # Simulated time is counted in nanoseconds, and told in seconds to about as many digits [s].
 _LONGEST = 1e9
 
 STATIC: tuple[Specification, ...] = (
-    _s('shell.edge_length', 0.02, 'm', 'outer edge 2a of a shell', 'weave', **_positive()),
+    _s('shell.edge_length', 0.02, 'm', 'outer edge 2a of a shell', RESTARTS, **_positive()),
     _s(
         'shell.thickness',
         0.002,
         'm',
         'thickness T at a face centre (eq 41)',
-        'weave',
+        RESTARTS,
         **_positive(),
     ),
     _s(
@@ -86,16 +98,16 @@ STATIC: tuple[Specification, ...] = (
         0.0,
         'm',
         'inner edge 2b; above 0 it replaces the thickness',
-        'weave',
+        RESTARTS,
         minimum=0.0,
     ),
-    _s('shell.density', 1200.0, 'kg/m^3', 'density rho of the shell', 'weave', **_positive()),
+    _s('shell.density', 1200.0, 'kg/m^3', 'density rho of the shell', RESTARTS, **_positive()),
     _s(
         'shell.mass',
         0.0,
         'kg',
         '0: from the geometry; else the inertia scales with it',
-        'weave',
+        RESTARTS,
         minimum=0.0,
     ),
     _s(
@@ -103,7 +115,7 @@ STATIC: tuple[Specification, ...] = (
         0.0,
         'kg m^2',
         '0: from geometry and mass; else the isotropic inertia Lambda',
-        'weave',
+        RESTARTS,
         minimum=0.0,
     ),
     _s(
@@ -111,7 +123,7 @@ STATIC: tuple[Specification, ...] = (
         'orthogonal',
         '',
         'weave',
-        'weave',
+        RESTARTS,
         choices=('orthogonal', 'bias', 'radial'),
     ),
     _s(
@@ -119,16 +131,16 @@ STATIC: tuple[Specification, ...] = (
         0,
         '',
         'corner body or gap (0, 1), the same turned by 90 degrees (2, 3)',
-        'weave',
+        RESTARTS,
         choices=(0, 1, 2, 3),
     ),
-    _s('weave.size', [5, 5, 5], '', 'grid positions Nx, Ny, Nz', 'weave', minimum=1),
+    _s('weave.size', [5, 5, 5], '', 'grid positions Nx, Ny, Nz', RESTARTS, minimum=1),
     _s(
         'weave.box',
         _ZERO3,
         'm',
         'box to fill best; all zero: weave.size is used',
-        'weave',
+        RESTARTS,
         minimum=0.0,
     ),
     _s(
@@ -136,16 +148,16 @@ STATIC: tuple[Specification, ...] = (
         0.0,
         'm',
         'radial only: of the lowest level, about the axis; 0: the rows span a quarter circle',
-        'weave',
+        RESTARTS,
         minimum=0.0,
     ),
-    _s('weave.azimuth', 0.0, 'rad', 'bias only: turn about the vertical', 'weave'),
+    _s('weave.azimuth', 0.0, 'rad', 'bias only: turn about the vertical', RESTARTS),
     _s(
         'weave.boundary',
         'upright',
         '',
         'bias only: fill an upright box, or turn the whole slab',
-        'weave',
+        RESTARTS,
         choices=('upright', 'fabric'),
     ),
     _s(
@@ -155,18 +167,18 @@ STATIC: tuple[Specification, ...] = (
         'cuts the weave: sphere R, cylinder R H (upright), box X Y Z, all in m, or the path of '
         'a closed mesh (.stl, .obj; in m). Its middle is that of the fabric of weave.size or '
         'weave.box; bodies whose centres lie inside stay',
-        'weave',
+        RESTARTS,
     ),
-    _s('weave.connected', True, '', 'false: bodies at their places without connectors', 'weave'),
+    _s('weave.connected', True, '', 'false: bodies at their places without connectors', RESTARTS),
     _s(
         'weave.connector_length',
         0.0,
         'm',
         'length L; above 0 it rules and the angle follows',
-        'weave',
+        RESTARTS,
         minimum=0.0,
     ),
-    _s('weave.connector_angle', 0.0, 'rad', 'angle theta, used while the length is 0', 'weave'),
+    _s('weave.connector_angle', 0.0, 'rad', 'angle theta, used while the length is 0', RESTARTS),
     _s('connector.stiffness', 500.0, 'N/m', 'stiffness k in both directions (eq 1)', minimum=0.0),
     _s(
         'connector.stiffness_extension',
@@ -307,6 +319,7 @@ STATIC: tuple[Specification, ...] = (
         0.0,
         's',
         'simulated time; 0: the node runs until stopped',
+        AT_ONCE,
         minimum=0.0,
         maximum=_LONGEST,
     ),
@@ -353,6 +366,7 @@ STATIC: tuple[Specification, ...] = (
         1.0,
         '',
         'wanted pace; 0: as fast as possible',
+        AT_ONCE,
         minimum=0.0,
         maximum=1e6,
         smallest=1e-6,
@@ -362,6 +376,7 @@ STATIC: tuple[Specification, ...] = (
         60.0,
         'Hz',
         'rate of the poses, in simulated time',
+        AT_ONCE,
         **_positive(maximum=1e6),
     ),
     _s(
@@ -369,19 +384,36 @@ STATIC: tuple[Specification, ...] = (
         10.0,
         'Hz',
         'rate of the markers, in simulated time',
+        AT_ONCE,
         **_positive(maximum=1e6),
     ),
-    _s('clock_rate', 100.0, 'Hz', 'rate of /clock, in simulated time', **_positive(maximum=1e6)),
-    _s('publish_clock', True, '', 'publish /clock', 'start'),
-    _s('frame_id', 'world', '', 'frame of all that is published', 'start'),
-    _s('start_paused', False, '', 'start in pause', 'start'),
-    _s('reset_time', False, '', 'a reset also sets the time to 0'),
-    _s('step_count', 1, '', 'solver steps for each call of ~/step', minimum=1, maximum=10**6),
+    _s(
+        'clock_rate',
+        100.0,
+        'Hz',
+        'rate of /clock, in simulated time',
+        AT_ONCE,
+        **_positive(maximum=1e6),
+    ),
+    _s('publish_clock', True, '', 'publish /clock', FIXED),
+    _s('frame_id', 'world', '', 'frame of all that is published', FIXED),
+    _s('start_paused', False, '', 'start in pause', FIXED),
+    _s('reset_time', False, '', 'a reset also sets the time to 0', AT_ONCE),
+    _s(
+        'step_count',
+        1,
+        '',
+        'solver steps for each call of ~/step',
+        AT_ONCE,
+        minimum=1,
+        maximum=10**6,
+    ),
     _s(
         'input_horizon',
         1.0,
         's',
         'how far ahead of simulated time a stamp counts',
+        AT_ONCE,
         minimum=0.0,
         maximum=_LONGEST,
     ),
@@ -391,6 +423,7 @@ STATIC: tuple[Specification, ...] = (
         '',
         'folder of checkpoints, which are numbered, or one file NAME.checkpoint that always holds '
         "the last one; '': the folder PATH_checkpoints beside the bag PATH",
+        AT_ONCE,
     ),
     _s(
         'record.path',
@@ -398,13 +431,22 @@ STATIC: tuple[Specification, ...] = (
         '',
         "folder of the bag, followed by PATH_1 and so on each time that recording is switched on; "
         "'': nothing is recorded. Like all of record.*, a change acts on the next bag",
+        AT_ONCE,
     ),
-    _s('record.storage', 'mcap', '', 'storage of the bag', choices=('mcap', 'sqlite3')),
+    _s(
+        'record.storage',
+        'mcap',
+        '',
+        'storage of the bag',
+        AT_ONCE,
+        choices=('mcap', 'sqlite3'),
+    ),
     _s(
         'record.split_size',
         0,
         '',
         'bytes in a file after which the bag goes on in the next; 0: never',
+        AT_ONCE,
         minimum=0,
         maximum=10**15,
         smallest=1024,
@@ -414,6 +456,7 @@ STATIC: tuple[Specification, ...] = (
         0.0,
         's',
         'simulated time in a file after which the bag goes on in the next; 0: never',
+        AT_ONCE,
         minimum=0.0,
         maximum=_LONGEST,
         smallest=1e-3,
@@ -423,6 +466,7 @@ STATIC: tuple[Specification, ...] = (
         'none',
         '',
         'none, or zstd: chunks of mcap, messages of sqlite3',
+        AT_ONCE,
         choices=('none', 'zstd'),
     ),
 )
@@ -454,7 +498,8 @@ FAMILIES: dict[str, tuple[Specification, ...]] = {
             '',
             '',
             'selector of bodies: x_min, z_max, ..., level K, row K, column K, ids K K, '
-            'box x0 y0 z0 x1 y1 z1, all; joined by and, or, not',
+            'box x0 y0 z0 x1 y1 z1, all; joined by and, or, not. A change of the group of a drive '
+            f'{RESTARTS.value}',
             required=True,
         ),
     ),
@@ -528,13 +573,13 @@ FAMILIES: dict[str, tuple[Specification, ...]] = {
         *_PROFILE,
     ),
     'drives': (
-        _s('group', '', '', 'group that moves as one rigid body', 'weave', required=True),
+        _s('group', '', '', 'group that moves as one rigid body', RESTARTS, required=True),
         _s(
             'motion',
             'hold',
             '',
             'hold; velocity: one twist; ramp: from rest to it; sine: amplitudes; table: a file',
-            'weave',
+            RESTARTS,
             choices=('hold', 'velocity', 'ramp', 'sine', 'table'),
         ),
         _s(
@@ -542,21 +587,21 @@ FAMILIES: dict[str, tuple[Specification, ...]] = {
             _ZERO3,
             'm/s',
             'velocity of the middle of the group, world axes; of sine the amplitude [m]',
-            'weave',
+            RESTARTS,
         ),
         _s(
             'angular',
             _ZERO3,
             'rad/s',
             'spin about it; of sine the amplitude of the rotation vector [rad]',
-            'weave',
+            RESTARTS,
         ),
         _s(
             'start',
             0.0,
             's',
             'when it begins, after the motion began',
-            'weave',
+            RESTARTS,
             minimum=0.0,
             maximum=_LONGEST,
         ),
@@ -565,17 +610,17 @@ FAMILIES: dict[str, tuple[Specification, ...]] = {
             0.0,
             's',
             'of the rise of a ramp; else how long it moves, 0: for ever',
-            'weave',
+            RESTARTS,
             minimum=0.0,
             maximum=_LONGEST,
         ),
-        _s('frequency', 0.0, 'Hz', 'of sine', 'weave', minimum=0.0),
+        _s('frequency', 0.0, 'Hz', 'of sine', RESTARTS, minimum=0.0),
         _s(
             'phase',
             0.0,
             'rad',
             'of sine, which moves by sin(2 pi f t + phase) - sin(phase)',
-            'weave',
+            RESTARTS,
         ),
         _s(
             'file',
@@ -583,7 +628,7 @@ FAMILIES: dict[str, tuple[Specification, ...]] = {
             '',
             'of table: CSV of time [s], displacement x, y, z [m] and, if it turns, rotation '
             'vector x, y, z [rad]; a smooth curve through them that begins and ends at rest',
-            'weave',
+            RESTARTS,
         ),
     ),
     'planes': (
@@ -617,10 +662,10 @@ FAMILIES: dict[str, tuple[Specification, ...]] = {
         _s('angular_velocity', _ZERO3, 'rad/s', 'added spin'),
     ),
     'bodies': (
-        _s('position', _ZERO3, 'm', 'centre of a loose body', 'weave', required=True),
-        _s('orientation', [0.0, 0.0, 0.0, 1.0], '', 'quaternion x y z w, body to world', 'weave'),
-        _s('linear_velocity', _ZERO3, 'm/s', 'velocity', 'weave'),
-        _s('angular_velocity', _ZERO3, 'rad/s', 'spin', 'weave'),
+        _s('position', _ZERO3, 'm', 'centre of a loose body', RESTARTS, required=True),
+        _s('orientation', [0.0, 0.0, 0.0, 1.0], '', 'quaternion x y z w, body to world', RESTARTS),
+        _s('linear_velocity', _ZERO3, 'm/s', 'velocity', RESTARTS),
+        _s('angular_velocity', _ZERO3, 'rad/s', 'spin', RESTARTS),
     ),
 }
 

@@ -8,16 +8,15 @@ from array import array
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
-from icofabric_sim.parameters.table import FAMILIES, Specification
+from icofabric_sim.parameters.changes import changed_names, require_changeable
+from icofabric_sim.parameters.table import Change, FAMILIES, Specification
 from icofabric_sim.parameters.validation import (
-    find_specification,
     judge,
     make_parameters,
     ParameterError,
     Parameters,
 )
 from icofabric_sim.running.complaints import shortened
-from icofabric_sim.running.reweave import changed_names
 from icofabric_sim.scene.scene import check_parameters, estimate_bodies, Scene
 from rcl_interfaces.msg import (
     FloatingPointRange,
@@ -44,13 +43,14 @@ def describe(name: str, entry: Specification) -> ParameterDescriptor:
     """Descriptor of one parameter: what it is, its unit and its range."""
     descriptor = ParameterDescriptor(
         name=name,
-        read_only=entry.change == 'start',
+        read_only=entry.change is Change.FIXED,
         # rclpy would not delete others; the gate judges the type of all of them.
         dynamic_typing=name.split('.')[0] in FAMILIES,
     )
     unit = f' [{entry.unit}]' if entry.unit else ''
     missing = '' if entry.built else ' (not built yet: only the default is accepted)'
-    descriptor.description = f'{entry.description}{unit}{missing}'
+    descriptor.description = (
+        f'{entry.description}{unit}{missing}. A change: {entry.change.value}')
     if entry.choices:
         descriptor.additional_constraints = 'one of ' + ', '.join(str(c) for c in entry.choices)
     if entry.open_minimum:
@@ -137,12 +137,7 @@ class ParameterGate:
             if is_foreign(name):
                 stored.append(parameter)
                 continue
-            entry = find_specification(name)
-            if entry.change == 'start':
-                raise ParameterError(
-                    name,
-                    f'{name} is fixed once the node runs; start the node with the other value',
-                )
+            require_changeable([name])
             if parameter.type_ == Parameter.Type.NOT_SET:
                 if name.split('.')[0] not in FAMILIES:
                     raise ParameterError(name, f'{name} cannot be deleted, only set')

@@ -3,64 +3,27 @@
 """
 Changes of a running scene: built aside in a thread of their own, swapped in between two steps.
 
-What a change does to the run follows from the parameters before and after it, and from nothing
-else: so a record that holds them can be simulated again. Rates, pace, duration and recording are
-the runner's own. Everything else is a fabric built anew that goes on from the state of the old
-one, bit for bit, and at its time; only a change of `weave.*`, `shell.*` or `bodies.*`, which means
-other bodies, begins at rest. Wrenches go on where the new scene has their channel or their body
-(by number), also those whose hold time runs; the others end, by name.
+What a change does to the run is a column of the table of parameters, see parameters/changes.py.
+A rebuilt fabric goes on from the state of the old one, bit for bit, and at its time; where the
+motion restarts it begins from the initial state at that time. Wrenches go on where the new scene
+has their channel or their body (by number), also those whose hold time runs; the others end, by
+name.
 """
 
 from collections.abc import Callable
 import threading
 
+from icofabric_sim.parameters.changes import rebuilds
 from icofabric_sim.parameters.validation import Parameters
 from icofabric_sim.running.input_queue import describe_key, knows
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.model.body_force import BodyForce
 from icofabric_sim.simulation.simulation import compile_scene, Simulation
 
-# Parameters that concern the runner alone: the fabric is not touched.
-_RUNNER_NAMES = frozenset({
-    'publish_rate', 'marker_rate', 'clock_rate', 'real_time_factor', 'duration', 'step_count',
-    'input_horizon', 'reset_time', 'publish_clock', 'start_paused',
-})
-_RUNNER_PREFIXES = ('record.', 'checkpoint.')
-# A change of these restarts the motion: there are other bodies, or other paths for them.
-_WEAVE_PREFIXES = ('weave.', 'shell.', 'bodies.', 'drives.')
-
-
-def changed_names(before: Parameters, after: Parameters) -> set[str]:
-    """Names whose values differ, or that only one of the two has."""
-    return {name for name in {*before, *after} if before.get(name) != after.get(name)}
-
-
-def concerns_runner_only(before: Parameters, after: Parameters) -> bool:
-    """Whether rates, pace or duration are all that changes."""
-    return all(map(_is_runners, changed_names(before, after)))
-
-
-def with_rates(current: Parameters, wanted: Parameters) -> Parameters:
-    """The `current` set with the rates, pace and duration of the `wanted` one."""
-    names = filter(_is_runners, changed_names(current, wanted))
-    changes = {name: wanted[name] for name in names}
-    return current.with_changes(changes) if changes else current
-
-
-def restarts_motion(before: Parameters, after: Parameters) -> bool:
-    """Whether the change from one set to the other weaves the fabric anew."""
-    changed = changed_names(before, after)
-    driven = {f'groups.{after[f"drives.{name}.group"]}' for name in after.names('drives')}
-    return any(name.startswith(_WEAVE_PREFIXES) or name in driven for name in changed)
-
 
 def lost_wrenches(before: Simulation, scene: Scene) -> list[str]:
     """Names of the wrenches acting in `before` that `scene` has no channel or no body for."""
     return [describe_key(key) for key in before.active_loads if not knows(scene, key)]
-
-
-def _is_runners(name: str) -> bool:
-    return name in _RUNNER_NAMES or name.startswith(_RUNNER_PREFIXES)
 
 
 class Reweaver:
@@ -120,7 +83,7 @@ class Reweaver:
         wanted, self._wanted = self._wanted, None
         if wanted is None:
             wanted = built
-        if not concerns_runner_only(built, wanted):
+        if rebuilds(built, wanted):
             self.want(wanted)
             return
         self._on_ready(wanted, simulation, reason)

@@ -15,17 +15,17 @@ import threading
 from typing import Any, TYPE_CHECKING
 
 from icofabric_sim.messages.schedule import nanoseconds_not_before, seconds
+from icofabric_sim.parameters.changes import (
+    changed_names,
+    rebuilds,
+    require_changeable,
+    restarts_motion,
+    with_rates,
+)
 from icofabric_sim.parameters.validation import Parameters
 from icofabric_sim.running.broadcast import Sink
 from icofabric_sim.running.entities import set_body_state
-from icofabric_sim.running.reweave import (
-    changed_names,
-    concerns_runner_only,
-    lost_wrenches,
-    restarts_motion,
-    Reweaver,
-    with_rates,
-)
+from icofabric_sim.running.reweave import lost_wrenches, Reweaver
 from icofabric_sim.running.run_records import begins_anew, Status
 from icofabric_sim.running.time_line import TimeLine
 from icofabric_sim.simulation.errors import SimulationError
@@ -143,17 +143,18 @@ class ChangingRun(TimeLine):
         return ', '.join(said)
 
     def _change(self, parameters: Parameters) -> None:
-        # Rates, pace and duration act at once, also while another fabric is being built.
         before = self._reweaver.wanted or self.parameters
+        require_changeable(changed_names(before, parameters))
+        # Rates, pace and duration act at once, also while another fabric is being built.
         rates = with_rates(self.parameters, parameters)
         if rates is not self.parameters:
             self._take_rates(rates)
             self._broadcast.describe(self.now)
-        if concerns_runner_only(before, parameters):
-            self._reweaver.amend(parameters)
-        else:
+        if rebuilds(before, parameters):
             _LOGGER.info('building the changed fabric beside the running one')
             self._reweaver.want(parameters)
+        else:
+            self._reweaver.amend(parameters)
 
     def _take_rates(self, parameters: Parameters) -> None:
         self.parameters = parameters
@@ -161,9 +162,7 @@ class ChangingRun(TimeLine):
         self._pace.set_factor(parameters['real_time_factor'], self.now)
 
     def _swap(self, wanted: Parameters, simulation: Simulation | None, reason: str) -> None:
-        if simulation is not None and concerns_runner_only(
-            self.parameters, simulation.scene.parameters
-        ):
+        if simulation is not None and not rebuilds(self.parameters, simulation.scene.parameters):
             # Changed and changed back while it was built: the motion need not be touched.
             self.on_rebuilt(wanted, '')
             return

@@ -6,16 +6,12 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from icofabric_sim.kernels.records import State
+from icofabric_sim.parameters.changes import concerns_motion
 from icofabric_sim.parameters.named_files import files_in, with_recorded
 from icofabric_sim.parameters.sections import ParameterSet
 from icofabric_sim.parameters.validation import make_parameters, Parameters
 import numpy as np
 
-# Parameters that the motion does not depend on; `.` at the end: all below.
-IMMATERIAL = (
-    'publish_rate', 'marker_rate', 'clock_rate', 'publish_clock', 'real_time_factor', 'frame_id',
-    'duration', 'step_count', 'input_horizon', 'reset_time', 'start_paused', 'solver.threads',
-    'record.', 'checkpoint.')
 _NAMED_AT_MOST = 5
 # Told before any other difference.
 _FIRST_NAMED = ('time', *(f'stepper.state.{name}' for name in State._fields))
@@ -34,10 +30,9 @@ def scene_parameters(header: Mapping[str, Any]) -> Parameters:
 
 def material(parameters: Mapping[str, Any]) -> dict[str, Any]:
     """The parameters that the motion depends on."""
-    families = tuple(name for name in IMMATERIAL if name.endswith('.'))
     return {
         name: value for name, value in parameters.items()
-        if name not in IMMATERIAL and not name.startswith(families)}
+        if concerns_motion(name) and name != 'solver.threads'}
 
 
 def scene_difference(

@@ -7,7 +7,7 @@ import time
 
 import icofabric_sim as ico
 from icofabric_sim.messages import ERROR
-from icofabric_sim.parameters.table import STATIC
+from icofabric_sim.parameters.table import Change, STATIC
 import numpy as np
 import pytest
 from rcl_interfaces.msg import Parameter as ParameterMessage
@@ -86,8 +86,9 @@ def test_every_parameter_has_a_description_and_its_range(client):
         assert descriptor.dynamic_typing == (entry is None)
         if entry is None:
             continue
-        assert descriptor.read_only == (entry.change == 'start')
+        assert descriptor.read_only == (entry.change is Change.FIXED)
         assert entry.unit in descriptor.description
+        assert descriptor.description.endswith(entry.change.value)
         for choice in entry.choices:
             assert str(choice) in descriptor.additional_constraints
         if entry.built and entry.minimum is not None and not isinstance(entry.default, list):
@@ -136,7 +137,7 @@ REFUSED = {
     'NaN': (parameter('shell.density', float('nan')), ['finite', 'nan']),
     'infinity in a list': (parameter('gravity', [0.0, 0.0, float('inf')]), ['finite', 'inf']),
     'out of range': (parameter('contact.friction', -0.5), ['at least', '-0.5']),
-    'read only': (parameter('frame_id', 'map'), ['fixed once the node runs']),
+    'read only': (parameter('frame_id', 'map'), [Change.FIXED.value, 'start again']),
     'too thick': (parameter('shell.thickness', 0.5), ['eq 41']),
     'too short': (parameter('weave.connector_length', 0.001), ['eq 54']),
     'too steep': (parameter('weave.connector_angle', 1.0), ['1.0']),

@@ -9,12 +9,11 @@ import tracemalloc
 
 from fabrics import make_scene, RANDOM
 import icofabric_sim as ico
-from icofabric_sim.parameters.table import BY_NAME
-from icofabric_sim.running.reweave import _RUNNER_NAMES
+from icofabric_sim.parameters.table import BY_NAME, Change
 from icofabric_sim.simulation import checkpoint as module
 from icofabric_sim.simulation.checkpoint import Checkpoint
 from icofabric_sim.simulation.checkpoint_bytes import HEAD
-from icofabric_sim.simulation.checkpoint_difference import IMMATERIAL
+from icofabric_sim.simulation.checkpoint_difference import material
 from icofabric_sim.simulation.errors import Interrupted
 import numpy as np
 import pytest
@@ -307,9 +306,9 @@ def test_hostile_memory_is_refused_or_runs_and_ends(method):
     assert refused > 700 and taken > 20
 
 
-def test_names_that_do_not_matter_are_names_of_parameters():
-    families = [name for name in IMMATERIAL if name.endswith('.')]
-    for name in IMMATERIAL:
-        assert name in BY_NAME or any(known.startswith(name) for known in BY_NAME)
-    # What changes in a run without touching the motion must not keep its checkpoints from others.
-    assert set(IMMATERIAL) >= _RUNNER_NAMES and len(families) == 2
+def test_what_acts_at_once_does_not_keep_checkpoints_from_other_runs():
+    immaterial = BY_NAME.keys() - material(dict.fromkeys(BY_NAME, 0)).keys()
+    assert immaterial == {'solver.threads'} | {
+        name for name, entry in BY_NAME.items()
+        if entry.change in (Change.AT_ONCE, Change.FIXED)}
+    assert {'publish_rate', 'frame_id', 'record.path'} < immaterial

@@ -27,9 +27,9 @@ from icofabric_sim.messages import (
 )
 from icofabric_sim.messages.schedule import nanoseconds_not_before, seconds
 from icofabric_sim.messages.topics import Topic
+from icofabric_sim.parameters.changes import rebuilds, restarts_motion
 from icofabric_sim.parameters.validation import Parameters
 from icofabric_sim.running.entities import checked_parts, set_body_state, STATE_PARTS
-from icofabric_sim.running.reweave import concerns_runner_only, restarts_motion
 from icofabric_sim.simulation.checkpoint import Checkpoint
 from icofabric_sim.simulation.errors import SimulationError
 from icofabric_sim.simulation.simulation import compile_scene, Simulation
@@ -220,7 +220,7 @@ class Resimulation:
         parameters = self.run.parameters_of(text)
         if self._first is None:
             self._first = parameters
-        elif not concerns_runner_only(self.parameters, parameters):
+        elif rebuilds(self.parameters, parameters):
             self._reweave(time, parameters)
         self.parameters = parameters
 

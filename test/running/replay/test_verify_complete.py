@@ -30,8 +30,6 @@ SCRIPT = [
     (100, lambda drive: drive.change(connector__stiffness=700.0)),
     (130, lambda drive: drive.change(clock_rate=50.0)),
     (150, lambda drive: drive.pause_and_step()),
-    # The script goes by the clock.
-    (180, lambda drive: drive.change(publish_clock=False)),
 ]
 
 

@@ -1,0 +1,63 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+What a change from one set of parameters to another does to a run, as the column of the table says.
+
+It follows from the two sets and from nothing else, so a record that holds them can be simulated
+again.
+"""
+
+from collections.abc import Iterable
+
+from icofabric_sim.parameters.table import Change
+from icofabric_sim.parameters.validation import find_specification, ParameterError, Parameters
+
+_LEAST_FIRST = tuple(Change)
+
+
+def changed_names(before: Parameters, after: Parameters) -> set[str]:
+    """Names whose values differ, or that only one of the two has."""
+    return {name for name in {*before, *after} if before.get(name) != after.get(name)}
+
+
+def concerns_motion(name: str) -> bool:
+    """Whether the motion depends on the parameter `name`; else only what is shown of it does."""
+    return find_specification(name).change in (Change.REBUILDS, Change.RESTARTS)
+
+
+def effect_of(before: Parameters, after: Parameters) -> Change:
+    """Return the most that any of the changed parameters does."""
+    names = changed_names(before, after)
+    effects = [find_specification(name).change for name in names]
+    # A drive begins with the motion, so a drive of other bodies is another one.
+    driven = {f'groups.{after[f"drives.{name}.group"]}' for name in after.names('drives')}
+    if names & driven:
+        effects.append(Change.RESTARTS)
+    return max(effects, key=_LEAST_FIRST.index, default=Change.AT_ONCE)
+
+
+def rebuilds(before: Parameters, after: Parameters) -> bool:
+    """Whether the change needs another simulation, with the motion kept or restarted."""
+    return effect_of(before, after) in (Change.REBUILDS, Change.RESTARTS)
+
+
+def restarts_motion(before: Parameters, after: Parameters) -> bool:
+    """Whether the other simulation begins from its initial state."""
+    return effect_of(before, after) is Change.RESTARTS
+
+
+def with_rates(current: Parameters, wanted: Parameters) -> Parameters:
+    """Return the `current` set with those of the `wanted` values that act at once."""
+    changes = {
+        name: wanted[name] for name in changed_names(current, wanted)
+        if not concerns_motion(name)}
+    return current.with_changes(changes) if changes else current
+
+
+def require_changeable(names: Iterable[str]) -> None:
+    """Raise ParameterError where one of the parameters cannot change in a run."""
+    for name in names:
+        change = find_specification(name).change
+        if change is Change.FIXED:
+            raise ParameterError(
+                name, f'{name} is {change.value}; start again with the other value')
