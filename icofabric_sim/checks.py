@@ -219,7 +219,7 @@ def quaternions(
 
 def directions(name: str, value: Any, *, single: bool = False) -> np.ndarray:
     """
-    Return unit vectors along directions (..., 3), none of which is zero; `single`: of one, (3,).
+    Return unit vectors (..., 3) along directions, none of which is zero; `single`: of one, (3,).
     """
     found = array(name, value, (3,) if single else ('...', 3))
     if not found.size:

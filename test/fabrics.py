@@ -28,7 +28,7 @@ def make_scene(size=(2, 2, 2), changes=None, **sections):
 
 
 def changed(scene, changes):
-    """The same scene with some parameters changed (dotted names)."""
+    """The same scene with other parameters (dotted names)."""
     return ico.Scene.from_parameters(scene.parameters.with_changes(changes))
 
 

@@ -75,7 +75,7 @@ class PlainScene(NamedTuple):
 
     @property
     def axes(self) -> np.ndarray:
-        """Body axes (n, 3, 3) at the start."""
+        """Body axes at the start, (n, 3, 3)."""
         return axes_from_quaternions(self.orientation)
 
     @property

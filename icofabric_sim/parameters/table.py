@@ -429,7 +429,7 @@ STATIC: tuple[Specification, ...] = (
         'record.path',
         '',
         '',
-        "folder of the bag, followed by PATH_1 and so on each time that recording is switched on; "
+        'folder of the bag, followed by PATH_1 and so on each time that recording is switched on; '
         "'': nothing is recorded. Like all of record.*, a change acts on the next bag",
         AT_ONCE,
     ),

@@ -75,7 +75,7 @@ class Parameters(Mapping[str, Value]):
         return len(self.table)
 
     def names(self, family: str) -> list[str]:
-        """NAMEs of one family (`groups`, `loads`, ...), sorted."""
+        """Names of one family (`groups`, `loads`, ...), sorted."""
         prefix = checks.text('family', family) + '.'
         return sorted({key.split('.')[1] for key in self.table if key.startswith(prefix)})
 

@@ -117,7 +117,7 @@ class ParameterGate:
         wanted = list(wanted)
         try:
             changed, stored = self._judge(wanted)
-        except Exception as error:  # noqa: BLE001 - whatever a client sends must not end the executor
+        except Exception as error:  # noqa: BLE001 - no request may end the executor
             return _refusal(wanted, str(error) or type(error).__name__)
         result = store(stored)
         if not result.successful:

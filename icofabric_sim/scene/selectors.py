@@ -168,7 +168,7 @@ class Parser:
 
     def numbers(self, count: int) -> list[float]:
         values: list[float] = []
-        for word in self.words[self.at : self.at + count]:
+        for word in self.words[self.at:self.at + count]:
             try:
                 values.append(float(word))
             except ValueError:

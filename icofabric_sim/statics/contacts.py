@@ -80,7 +80,7 @@ class StaticContacts:
         self, contacts: Contacts, position: np.ndarray, axes: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """
-        Second derivatives by pairs: rows of two bodies (m, 2), and blocks (m, 12, 12).
+        Second derivatives by pairs: rows of two bodies, (m, 2), and of 12 x 12 numbers.
 
         By differences of forces. Where shells are at their first touch the push has a kink: it
         resists one way only, and is left out. A torque on a turned body is seen from other axes:

@@ -397,6 +397,7 @@ def test_damping_follows_the_rate_of_the_whole_way():
     shape = (scene.body_count, 3)
     velocity = 0.3 * generator.standard_normal(shape)
     spin = 20.0 * generator.standard_normal(shape)
+
     def lengths(h):
         return snapshot_of(scene, position + h * velocity, quaternion_product(
             rotation_quaternion(h * spin), orientation), packed).connector_length

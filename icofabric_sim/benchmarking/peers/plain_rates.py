@@ -84,7 +84,7 @@ def plain_rates(scene: PlainScene) -> Rates:
     compression = None if scene.compression == scene.stiffness else scene.compression
 
     def rates(time: float, flat: np.ndarray) -> np.ndarray:
-        return _rates(flat, connectors, constants, arms, compression)  # type: ignore[no-any-return]
+        return np.asarray(_rates(flat, connectors, constants, arms, compression))
 
     return rates
 
