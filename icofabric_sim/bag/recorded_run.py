@@ -226,6 +226,17 @@ class RecordedRun:
 
     def scene_at(self, time: int) -> Scene:
         """Scene in force at `time` [ns]; BagError where the bag does not say."""
+        number, text = self._text_at(time)
+        if number not in self._scenes:
+            self._scenes[number] = self.build(self.parameters_of(text))
+        return self._scenes[number]
+
+    def parameters_at(self, time: int) -> Parameters:
+        """Parameters in force at `time` [ns]; BagError where the bag does not say."""
+        return self.parameters_of(self._text_at(time)[1])
+
+    def _text_at(self, time: int) -> tuple[int, str]:
+        """Number and text of the scene in force at `time` [ns]."""
         texts = self.scene_texts()
         if not texts:
             raise BagError(
@@ -234,9 +245,7 @@ class RecordedRun:
             )
         before = [number for number, (start, _) in enumerate(texts) if start <= time]
         number = before[-1] if before else 0
-        if number not in self._scenes:
-            self._scenes[number] = self.build(self.parameters_of(texts[number][1]))
-        return self._scenes[number]
+        return number, texts[number][1]
 
     def parameters_of(self, text: str) -> Parameters:
         """The parameters that a parameter file holds; BagError where they cannot be taken."""

@@ -55,8 +55,7 @@ class GoingLive:
 
         with RecordedRun(self._path, self._fabric) as run:
             simulation = resimulate_to(run, time, on_time=self._note)
-            texts = [text for since, text in run.scene_texts() if since <= time]
-            self._parameters = run.parameters_of(texts[-1])
+            self._parameters = run.parameters_at(time)
         simulation.warm_up()
         self._simulation = simulation
 

@@ -19,13 +19,12 @@ from icofabric_sim.parameters.changes import (
     changed_names,
     rebuilds,
     require_changeable,
-    restarts_motion,
     with_rates,
 )
 from icofabric_sim.parameters.validation import Parameters
 from icofabric_sim.running.broadcast import Sink
-from icofabric_sim.running.entities import set_body_state
 from icofabric_sim.running.reweave import lost_wrenches, Reweaver
+from icofabric_sim.running.run_events import do_event, is_jump, replace_simulation
 from icofabric_sim.running.run_records import begins_anew, Status
 from icofabric_sim.running.time_line import TimeLine
 from icofabric_sim.simulation.errors import SimulationError
@@ -58,16 +57,15 @@ class ChangingRun(TimeLine):
         dropped = self._pending.drop_all('a reset came before')
         ended = self._fresh_status()
         time_reset = self.parameters['reset_time'] if wanted is None else wanted
-        self._broadcast.event(self.now, 'reset', time_reset=time_reset, dropped=dropped)
-        if time_reset:
-            self.simulation.reset_time()
+        facts = {'time_reset': time_reset, 'dropped': dropped}
+        self._broadcast.event(self.now, 'reset', **facts)
+        do_event(self.simulation, self.now, 'reset', facts)
+        if is_jump('reset', facts):
             self.now = 0
             self._broadcast.time_jumped(ended)
-        else:
-            self.simulation.reset(time=seconds(self.now))
         self.failure = ''
         self._pace.restart(self.now)
-        self._broadcast.start(self.now, cleared=True)
+        self._show_after('reset')
         return self.now
 
     def _save(self, path: Path, saved: 'Future[Any]') -> None:
@@ -116,13 +114,12 @@ class ChangingRun(TimeLine):
         self._require_sound('no state can be set')
         before = self.simulation.checkpoint()
         try:
-            set_body_state(self.simulation, body, parts)
+            do_event(self.simulation, self.now, 'state_set', {'body': body, **parts})
         except (SimulationError, ValueError) as error:
             self.simulation.restore(before)
             raise ValueError(f'body {body} cannot be there or move like that: {error}') from error
         self._broadcast.event(self.now, 'state_set', body=body, **parts)
-        if self.paused:
-            self._broadcast.emit(self.now)
+        self._show_after('state_set')
         return self.now
 
     def _set_recording(self, on: bool) -> str:
@@ -166,12 +163,11 @@ class ChangingRun(TimeLine):
             # Changed and changed back while it was built: the motion need not be touched.
             self.on_rebuilt(wanted, '')
             return
-        restarts = restarts_motion(self.parameters, wanted)
+        restarts = False
         if simulation is not None:
             try:
-                simulation.take_over(self.simulation, keep_motion=not restarts)
-                # After a failure the state is older than what was seen.
-                simulation.advance_to(seconds(self.now))
+                restarts = replace_simulation(
+                    self.simulation, simulation, self.now, self.parameters, wanted)
             except (SimulationError, ValueError) as error:
                 simulation, reason = None, str(error)
         if simulation is None:
@@ -185,7 +181,7 @@ class ChangingRun(TimeLine):
         self._pace.forget_speed()
         self._broadcast.set_scene(simulation)
         self._take_rates(wanted)
-        self._broadcast.start(self.now, cleared=True)
+        self._show_after('reweave')
         self.on_rebuilt(wanted, '')
 
     def _tell_of_change(

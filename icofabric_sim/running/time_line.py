@@ -22,6 +22,7 @@ from icofabric_sim.parameters.validation import Parameters
 from icofabric_sim.running.broadcast import Broadcast, Sink
 from icofabric_sim.running.input_queue import PendingInputs
 from icofabric_sim.running.pace import Pace
+from icofabric_sim.running.run_events import Shown, shown_after
 from icofabric_sim.running.run_records import Errors, errors_of, figures, Status, WrenchInput
 from icofabric_sim.running.step_requests import StepRequest, StepRequests
 from icofabric_sim.simulation.errors import Interrupted, SimulationError
@@ -203,7 +204,7 @@ class TimeLine:
             if request.done:
                 self._pace.restart(self.now)
                 self._broadcast.event(self.now, 'step', count=request.taken)
-                self._broadcast.emit(self.now)
+                self._show_after('step')
                 self._steps.finish(self.now)
         except SimulationError as error:
             self._fail(str(error), target)
@@ -220,7 +221,15 @@ class TimeLine:
         self._broadcast.event(self.now, 'failed', reason=reason, target=target)
         with suppress(SimulationError, Interrupted):
             if math.isfinite(self.simulation.snapshot().position.sum()):
-                self._broadcast.emit(self.now)
+                self._show_after('failed')
+
+    def _show_after(self, event: str) -> None:
+        """Send what a run shows after an event, see run_events.py."""
+        shown = shown_after(event, running=not self.paused)
+        if shown is Shown.ANEW:
+            self._broadcast.start(self.now, cleared=True)
+        elif shown is Shown.PRESENT:
+            self._broadcast.emit(self.now)
 
     def _require_sound(self, what: str) -> None:
         if self.failure:

@@ -29,6 +29,7 @@ from icofabric_sim.messages.topics import Topic
 from icofabric_sim.running.broadcast import MOVING, schedules
 from icofabric_sim.running.recording import DROPPED, GIVEN, PAUSED
 from icofabric_sim.running.replay.resimulation import Departure
+from icofabric_sim.running.run_events import is_jump, runs_after, Shown, shown_after
 from icofabric_sim.simulation.simulation import Simulation
 from icofabric_sim.version import __version__
 
@@ -179,18 +180,15 @@ class Completeness:
 
     def _follow(self, event: RecordedEvent) -> None:
         """Expect what a run shows after an event."""
-        if event.name in ('pause', 'resume'):
-            self._is_running = event.name == 'resume'
-        elif event.name == 'reset' and not event.facts.get('time_reset') or (
-                event.name == 'reweave'):
-            self._settle()
+        self._is_running = runs_after(event.name, running=self._is_running)
+        shown = shown_after(event.name, running=self._is_running)
+        if shown is Shown.NOTHING or is_jump(event.name, event.facts):
+            return  # after a jump the next bag has it
+        self._settle()
+        self._has_failed = event.name == 'failed'
+        if shown is Shown.ANEW:
             self._clears = self._may_clear = True
-            self._show(anew=True)
-        elif event.name in ('step', 'failed') or (
-                event.name == 'state_set' and not self._is_running):
-            self._settle()
-            self._has_failed = event.name == 'failed'
-            self._show()
+        self._show(anew=shown is Shown.ANEW)
 
     def _show(self, *, anew: bool = False) -> None:
         """Expect the present state on all topics."""

@@ -27,9 +27,9 @@ from icofabric_sim.messages import (
 )
 from icofabric_sim.messages.schedule import nanoseconds_not_before, seconds
 from icofabric_sim.messages.topics import Topic
-from icofabric_sim.parameters.changes import rebuilds, restarts_motion
+from icofabric_sim.parameters.changes import rebuilds
 from icofabric_sim.parameters.validation import Parameters
-from icofabric_sim.running.entities import checked_parts, set_body_state, STATE_PARTS
+from icofabric_sim.running.run_events import do_event, is_jump, replace_simulation
 from icofabric_sim.simulation.checkpoint import Checkpoint
 from icofabric_sim.simulation.errors import SimulationError
 from icofabric_sim.simulation.simulation import compile_scene, Simulation
@@ -226,22 +226,23 @@ class Resimulation:
 
     def _reweave(self, time: int, parameters: Parameters) -> None:
         self.reach(time)
-        keep_motion = not restarts_motion(self.parameters, parameters)
         changed = self._build(parameters)
         try:
-            changed.take_over(self.simulation, keep_motion=keep_motion)
-            changed.advance_to(seconds(time))
+            restarts = replace_simulation(
+                self.simulation, changed, time, self.parameters, parameters)
         except (ValueError, SimulationError) as error:
             raise Departure(time, f'the recorded change fails here: {error}') from error
         self._simulation, self.failure = changed, ''
         self.counts['re-weaves'] += 1
-        self._on_jump(keep_motion)
+        self._on_jump(not restarts)
 
     def _take_event(self, event: RecordedEvent) -> None:
-        if event.name == 'reset' and not event.facts.get('time_reset'):
+        if is_jump(event.name, event.facts):
+            return  # the record ends here
+        if event.name == 'reset':
             self.reach(event.nanoseconds)
             self.failure = ''
-            self._guarded(lambda: self.simulation.reset(time=seconds(event.nanoseconds)))
+            self._guarded(lambda: self._do(event))
             self.counts['resets'] += 1
             self._on_jump(False)
         elif event.name == 'failed':
@@ -251,11 +252,13 @@ class Resimulation:
         elif event.name in ('pause', 'step'):
             self.counts[f'{event.name}s'] += 1
 
+    def _do(self, event: RecordedEvent) -> None:
+        do_event(self.simulation, event.nanoseconds, event.name, event.facts)
+
     def _set_state(self, event: RecordedEvent) -> None:
         self.reach(event.nanoseconds)
-        parts = {name: event.facts[name] for name in STATE_PARTS if name in event.facts}
         try:
-            set_body_state(self.simulation, int(event.facts['body']), checked_parts(parts))
+            self._do(event)
         except (IndexError, KeyError, TypeError, ValueError, SimulationError) as error:
             raise Departure(
                 event.nanoseconds, f'a recorded body cannot be put there: {error}') from error
@@ -265,8 +268,12 @@ class Resimulation:
     def _fail(self, event: RecordedEvent) -> None:
         """Fail as the recorded run did."""
         if not self.failure:
-            target = int(event.facts['target'])
-            self._guarded(lambda: self.simulation.advance_to(seconds(target)))
+            try:
+                self._guarded(lambda: self._do(event))
+            except (KeyError, TypeError, ValueError) as error:
+                raise Departure(
+                    event.nanoseconds, f'the recorded failure does not say its target: {error!r}'
+                ) from error
         reason = event.facts.get('reason')
         if self.failure != reason:
             raise Departure(

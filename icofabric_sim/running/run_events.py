@@ -1,0 +1,85 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+What the events of a run mean: what each does to the motion, and what the run shows after it.
+
+The run itself, `icofabric verify` and `~/continue` all do events by these functions, so a record
+means what was done.
+"""
+
+from collections.abc import Mapping
+from enum import Enum
+from typing import Any
+
+from icofabric_sim.messages.schedule import seconds
+from icofabric_sim.parameters.changes import restarts_motion
+from icofabric_sim.parameters.validation import Parameters
+from icofabric_sim.running.entities import checked_parts, set_body_state, STATE_PARTS
+from icofabric_sim.simulation.simulation import Simulation
+
+_RUNS_AFTER = {'pause': False, 'resume': True}
+
+
+class Shown(Enum):
+    """What a run sends after an event, beside what is due by the clock."""
+
+    NOTHING = 'nothing'
+    PRESENT = 'the present state'
+    ANEW = 'the scene and the present state, after earlier markers are removed'
+
+
+def do_event(
+    simulation: Simulation, nanoseconds: int, name: str, facts: Mapping[str, Any]
+) -> None:
+    """
+    Do to the motion what the event `name` of that time means; many events do not touch it.
+
+    The `simulation` stands at that time, or has failed before it. Raises SimulationError where it
+    fails, and KeyError, TypeError or ValueError where the `facts` do not fit it. Another weave
+    is done by `replace_simulation`.
+    """
+    if name == 'reset' and facts.get('time_reset'):
+        simulation.reset_time()
+    elif name == 'reset':
+        simulation.reset(time=seconds(nanoseconds))
+    elif name == 'state_set':
+        parts = {part: facts[part] for part in STATE_PARTS if part in facts}
+        set_body_state(simulation, int(facts['body']), checked_parts(parts))
+    elif name == 'failed':
+        simulation.advance_to(seconds(int(facts['target'])))
+
+
+def replace_simulation(
+    previous: Simulation, built: Simulation, nanoseconds: int, before: Parameters,
+    after: Parameters,
+) -> bool:
+    """
+    Have `built` go on where `previous` stands, at that time; returns whether the motion restarts.
+
+    `before` and `after` are the parameters in force on either side of the change. Raises
+    ValueError or SimulationError where `built` cannot go on from there.
+    """
+    restarts = restarts_motion(before, after)
+    built.take_over(previous, keep_motion=not restarts)
+    # A failed run stands before the time that was seen of it.
+    built.advance_to(seconds(nanoseconds))
+    return restarts
+
+
+def is_jump(name: str, facts: Mapping[str, Any]) -> bool:
+    """Whether the time jumps at an event: a bag ends with it, and the next one begins."""
+    return name == 'checkpoint_restored' or (name == 'reset' and bool(facts.get('time_reset')))
+
+
+def runs_after(name: str, *, running: bool) -> bool:
+    """Whether simulated time goes on after an event, where it was `running` before or not."""
+    return _RUNS_AFTER.get(name, running)
+
+
+def shown_after(name: str, *, running: bool) -> Shown:
+    """What a run sends after an event; a failed one only where its state is finite."""
+    if name in ('reset', 'reweave', 'checkpoint_restored'):
+        return Shown.ANEW
+    if name in ('step', 'failed') or (name == 'state_set' and not running):
+        return Shown.PRESENT
+    return Shown.NOTHING
