@@ -1,26 +1,26 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
 """
-Reads the sections of parameter files twice: as they are meant and as ROS takes them.
+Reads the sections of parameter files and overrides to what a node gets of them.
 
-`rcl_parameters` tells what a node gets. Here the same text is read as a tree, as a person reads
-it, which gives each value its dotted name and its line. What ROS refuses is then refused with
-that name, and where the two readings differ, so that ROS would use something else than what the
-file says, that is refused too. YAML tags build nothing, aliases are never expanded.
+rcl builds no tree: it walks the events of the file with a few counters, and joins and cuts names
+as text. A few forms make it lose its place, or hand over something else than what is written.
+The text is read as a tree here, and these forms are refused, with the name of the parameter:
+lists and maps in lists, empty maps, a map below a dotted name or below a name that also has a
+value, more names behind `ros__parameters`, and a value that an earlier one hides. YAML tags
+build nothing, aliases are never expanded. A test compares random files with a real node.
 """
 
-import math
-from typing import Any
+from dataclasses import dataclass, field
 
-from icofabric_sim.parameters.rcl_file_walk import walk_file
 from icofabric_sim.parameters.rcl_parameters import (
+    Entries,
     Origin,
     origin,
-    RclParameters,
-    RefusedByRos,
     section_matches,
     Setting,
     Value,
+    what_is_wrong_with_section,
 )
 from icofabric_sim.parameters.rcl_scalars import Scalar
 from icofabric_sim.parameters.yaml_events import (
@@ -42,135 +42,172 @@ def is_own_parameter(name: str) -> bool:
     return name not in _ROS_OWN and not name.startswith(_ROS_OWN_PREFIX)
 
 
+@dataclass
+class _Section:
+    """What was written for one node, or for all that a pattern fits."""
+
+    entries: dict[str, Entries] = field(default_factory=dict)
+    maps: set[str] = field(default_factory=set)  # names with a map below
+
+
 class ParameterSet:
     """Parameter files and overrides, taken in order, as one node sees them."""
 
     def __init__(self, node: str) -> None:
         self.node = node
-        self._actual = RclParameters()
-        self._meant: dict[str, dict[str, Setting]] = {}
+        self._sections: dict[str, _Section] = {}
 
     def add_file(self, data: bytes, source: str) -> None:
         """Take the text of one parameter file; `source` is its name in messages."""
-        events = read_events(data, source)
-        trees = make_trees(events)
+        trees = make_trees(read_events(data, source))
         if not trees:
             raise ParameterFileError(f'{source}: the file is empty; {FORM}')
         for tree in trees:
-            if tree.is_map:
-                self._walk_names(tree, '', source)
-            elif not tree.is_missing:
+            if not tree.is_map:
                 raise ParameterFileError(
                     f'{source}:{tree.line}: expected the name of a node; {FORM}')
-        try:
-            walk_file(self._actual, events, source)
-        except RefusedByRos as refused:
-            raise ParameterFileError(
-                f'{source}:{refused.line}: ROS cannot read this: {refused.reason}; '
-                f'{FORM}') from None
+            self._walk_names(tree, '', source)
 
     def add_override(self, section: str, name: str, text: str, source: str) -> None:
         """Take one value of the command line, for the nodes of `section`."""
-        events = read_events(text.encode('utf-8', 'surrogateescape'), source, name=name)
-        trees = make_trees(events)
+        trees = make_trees(read_events(text.encode('utf-8', 'surrogateescape'), source, name=name))
         if len(trees) != 1:
             raise ParameterFileError(
                 f'{source}: parameter {name!r} has no single value; write {name}:=value')
-        try:
-            self._take_value(trees[0], name, section, Origin(source))
-            self._actual.read_override(section, name, events, source)
-        except RefusedByRos as refused:
-            raise ParameterFileError(
-                f'{source}: parameter {name!r}: {refused.reason}') from None
+        self._take_value(trees[0], name, section, Origin(source), in_map=False)
 
     def parameters(self, *, with_ros_own: bool = False) -> dict[str, Value]:
         """Name to value of the node, as ROS hands them over, without those of ROS itself."""
-        meant: dict[str, Setting] = {}
-        for section, settings in self._meant.items():
-            if section_matches(section, self.node):
-                meant.update(settings)
-        actual = self._actual.settings_of(self.node)
-        _refuse_differences(meant, actual)
+        kept = self._kept()
         for name in _ROS_OWN:
-            if name in meant and not isinstance(meant[name].value, bool):
+            if name in kept and not isinstance(kept[name].value, bool):
                 raise ParameterFileError(
-                    f'{meant[name].origin}: parameter {name!r} must be true or false, got '
-                    f'{meant[name].value!r}; ROS needs it')
-        return {name: setting.value for name, setting in meant.items()
+                    f'{kept[name].origin}: parameter {name!r} must be true or false, got '
+                    f'{kept[name].value!r}; ROS needs it')
+        return {name: setting.value for name, setting in kept.items()
                 if with_ros_own or is_own_parameter(name)}
 
     def hidden_overrides(self) -> list[str]:
         """One sentence for each override without effect, because ROS prefers another section."""
-        actual = self._actual.settings_of(self.node)
+        kept = self._kept()
         return [
-            f'{setting.origin} has no effect: ROS takes {name!r} from {winner.origin}, whose '
+            f'{setting.origin} has no effect: ROS takes {name!r} from {kept[name].origin}, whose '
             f'section comes later; write -p {self.node.rpartition("/")[2]}:{name}:=...'
-            for section, settings in self._meant.items() if section_matches(section, self.node)
-            for name, setting in settings.items() if not setting.origin.line
-            for winner in [actual[name]]
-            if winner is not None and winner.origin != setting.origin]
+            for section in self._own_sections() for name, entries in section.entries.items()
+            for setting in [entries.kept()]
+            if not setting.origin.line and setting.origin != kept[name].origin]
+
+    def _own_sections(self) -> list[_Section]:
+        return [section for name, section in self._sections.items()
+                if section_matches(name, self.node)]
+
+    def _kept(self) -> dict[str, Setting]:
+        """Later sections win; the place of a section is that of its first mention."""
+        return {name: entries.kept() for section in self._own_sections()
+                for name, entries in section.entries.items()}
 
     def _walk_names(self, tree: Tree, path: str, source: str) -> None:
+        pairs = tree.pairs()
+        for index, (key, value) in enumerate(pairs):
+            where = f'{source}:{key.line}'
+            if not key.is_scalar or not key.text or '\0' in key.text:
+                raise ParameterFileError(
+                    f'{where}: a list, a map or an empty text cannot be a name; {FORM}')
+            if key.text.startswith(SECTION_KEY):
+                if not path:
+                    raise ParameterFileError(
+                        f'{where}: there is no node name before {SECTION_KEY}; {FORM}')
+                wrong = what_is_wrong_with_section(path)
+                if wrong:
+                    raise ParameterFileError(
+                        f'{where}: {path!r} is not the name of a node: {wrong}; {FORM}')
+                if not value.is_map:
+                    raise ParameterFileError(
+                        f'{where}: {SECTION_KEY} of {path!r} holds no parameters; '
+                        f'write them below it, or delete it')
+                if index + 1 < len(pairs):
+                    raise ParameterFileError(
+                        f'{source}:{pairs[index + 1][0].line}: ROS loses the name of the node '
+                        f'behind {SECTION_KEY} of {path!r}; begin a new section with the whole '
+                        'name')
+                self._sections.setdefault(path, _Section())
+                self._walk_parameters(value, '', path, source)
+            elif not value.is_map:
+                raise ParameterFileError(
+                    f'{where}: {key.text!r} stands outside {SECTION_KEY}; {FORM}')
+            elif path and ('/' in key.text or path.endswith('/')):
+                raise ParameterFileError(
+                    f'{where}: {key.text!r} below {path!r}: ROS loses the name of the node where '
+                    'a part of it has a slash; write the whole name as one key')
+            else:
+                self._walk_names(value, f'{path}/{key.text}' if path else key.text, source)
+
+    def _walk_parameters(self, tree: Tree, prefix: str, section: str, source: str) -> None:
+        ours = section_matches(section, self.node)
         for key, value in tree.pairs():
             if not key.is_scalar:
                 raise ParameterFileError(
-                    f'{source}:{key.line}: a list or map cannot be a name; {FORM}')
-            if key.text.startswith(SECTION_KEY):
-                if not value.is_map:
-                    raise ParameterFileError(
-                        f'{source}:{key.line}: {SECTION_KEY} of {path!r} holds no parameters; '
-                        f'write them below it, or delete it')
-                self._meant.setdefault(path, {})
-                self._walk_parameters(value, '', path, source)
-            elif value.is_map:
-                joined = path + key.text if path.endswith('/') else f'{path}/{key.text}'
-                self._walk_names(value, joined if path else key.text, source)
-            else:
+                    f'{source}:{key.line}: a list or map below {prefix or SECTION_KEY!r} '
+                    'cannot be a name; write a word')
+            name = prefix + key.text
+            if not key.text or '\0' in key.text:
                 raise ParameterFileError(
-                    f'{source}:{key.line}: {key.text!r} stands outside {SECTION_KEY}; {FORM}')
-
-    def _walk_parameters(self, tree: Tree, prefix: str, section: str, source: str) -> None:
-        for key, value in tree.pairs():
-            name = prefix + (key.text if key.is_scalar else '?')
-            where = f'{source}:{value.line}: parameter {name!r}'
-            if section_matches(section, self.node):
-                if not key.is_scalar:
-                    raise ParameterFileError(
-                        f'{source}:{key.line}: a list or map below {prefix or SECTION_KEY!r} '
-                        'cannot be a name; write a word')
-                if not key.text or '\0' in key.text:
-                    raise ParameterFileError(
-                        f'{source}:{key.line}: parameter {name!r} is no name; write a word')
-                if value.is_map and not value.children:
-                    raise ParameterFileError(
-                        f'{where} is an empty map; write parameters into it or delete it')
-            if value.is_map:
-                self._walk_parameters(value, name + '.', section, source)
-            else:
+                    f'{source}:{key.line}: parameter {name!r} is not a name; write a word')
+            if not value.is_map:
                 first = value.children[0] if value.children else value
-                self._take_value(value, name, section, origin(source, first.event))
+                self._take_value(
+                    value, name, section, origin(source, first.event), in_map=bool(prefix))
+                continue
+            where = f'{source}:{value.line}: parameter {name!r}'
+            if not value.children:
+                raise ParameterFileError(
+                    f'{where} is an empty map; write parameters into it or delete it')
+            if ours and '.' in key.text:
+                raise ParameterFileError(
+                    f'{where}: ROS confuses the names nearby where a name with a dot has a map '
+                    'below it; write one nested map per word')
+            if ours and name in self._sections[section].entries:
+                raise ParameterFileError(f'{where} {_BOTH}')
+            self._sections[section].maps.add(name)
+            self._walk_parameters(value, name + '.', section, source)
 
-    def _take_value(self, tree: Tree, name: str, section: str, place: Origin) -> None:
+    def _take_value(
+        self, tree: Tree, name: str, section: str, place: Origin, *, in_map: bool
+    ) -> None:
         where = f'{place}: parameter {name!r}'
         ours = section_matches(section, self.node)
         items = [tree] if tree.is_scalar else tree.children
-        if ours:
-            _refuse_what_ros_spoils(tree, items, where)
+        if tree.is_map or not all(item.is_scalar for item in items):
+            raise ParameterFileError(
+                f'{where} is a list or map inside a value, which ROS flattens or refuses; write '
+                'one list of numbers or of words')
         if any(item.is_missing for item in items):
             raise ParameterFileError(f'{where} has no value; write one or delete the line')
-        if not tree.is_map and all(item.is_scalar for item in items):
-            values = [item.scalar() for item in items]
-            if len({type(value) for value in values}) > 1:
-                raise ParameterFileError(f'{where} {_mixed(values)}')
-            self._meant.setdefault(section, {})[name] = Setting(
-                values[0] if tree.is_scalar else values, place)  # type: ignore[arg-type]
+        values = [item.scalar() for item in items]
+        if len({type(value) for value in values}) > 1:
+            raise ParameterFileError(f'{where} {_mixed(values)}')
+        if not ours:
+            return
+        _refuse_what_ros_spoils(items, where)
+        known = self._sections.setdefault(section, _Section())
+        if name in known.maps:
+            raise ParameterFileError(f'{where} {_BOTH}')
+        setting = Setting(
+            values[0] if tree.is_scalar else values, place)  # type: ignore[arg-type]
+        entries = known.entries.setdefault(name, Entries())
+        entries.add(setting, in_map=in_map)
+        kept = entries.kept()
+        if kept is not setting:
+            raise ParameterFileError(
+                f'{where}: ROS would ignore {setting.value!r} and keep {kept.value!r} from '
+                f'{kept.origin}: {_why_ignored(setting.value, kept)}')
 
 
-def _refuse_what_ros_spoils(tree: Tree, items: list[Tree], where: str) -> None:
-    if tree.is_map or not all(item.is_scalar for item in items):
-        raise ParameterFileError(
-            f'{where} is a list or map inside a value, which ROS flattens or refuses; write one '
-            'list of numbers or of words')
+_BOTH = ('has both a value and a map, of which ROS loses one; give it in one place, or write one '
+         'nested map per word')
+
+
+def _refuse_what_ros_spoils(items: list[Tree], where: str) -> None:
     if not items:
         raise ParameterFileError(
             f'{where} is an empty list, which ROS turns into no value; delete the line')
@@ -195,40 +232,6 @@ def _mixed(values: list[Scalar]) -> str:
     else:
         remedy = 'quote what is meant as a text, or write all as numbers'
     return f'mixes {names} in one list, which ROS refuses; {remedy}'
-
-
-def _same(one: Any, other: Any) -> bool:
-    if type(one) is not type(other):
-        return False
-    if isinstance(one, list) and isinstance(other, list):
-        return len(one) == len(other) and all(_same(a, b) for a, b in zip(one, other))
-    if isinstance(one, float) and isinstance(other, float) and math.isnan(one):
-        return math.isnan(other)
-    return one == other
-
-
-def _refuse_differences(meant: dict[str, Setting], actual: dict[str, Setting | None]) -> None:
-    """Raise where ROS would hand over something else than what is written."""
-    names_by_origin = {setting.origin: name for name, setting in actual.items() if setting}
-    for name, wanted in meant.items():
-        got = actual.get(name)
-        if got is None:
-            other = names_by_origin.get(wanted.origin)
-            as_what = f'takes it for {other!r}' if other else 'loses it'
-            raise ParameterFileError(
-                f'{wanted.origin}: parameter {name!r}: ROS {as_what}, because a name with a dot '
-                'or slash has a map below it, or a name has both a value and a map, nearby; write '
-                'one nested map per word')
-        if not _same(wanted.value, got.value):
-            raise ParameterFileError(
-                f'{wanted.origin}: parameter {name!r}: ROS would ignore {wanted.value!r} and keep '
-                f'{got.value!r} from {got.origin}: {_why_ignored(wanted.value, got)}')
-    for name, extra in actual.items():
-        if name not in meant:
-            where = extra.origin if extra else 'parameters'
-            raise ParameterFileError(
-                f'{where}: ROS makes up a parameter {name!r}, because a name with a dot or slash '
-                'has a map below it nearby; write one nested map per word')
 
 
 def _why_ignored(wanted: Value, got: Setting) -> str:

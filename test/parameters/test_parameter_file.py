@@ -154,8 +154,9 @@ REFUSED = [
     ('    a: x\n    b: 1\n    a: [x]\n', 5, 'a', "keep 'x'", 'one type'),
     ('    a: [1]\n    a: [2.5]\n', 4, 'a', 'keep [1]', 'it keeps the list of int'),
     ('    a: true\n    a: 0.5\n', 4, 'a', 'keep True', 'give it once'),
-    ('    a: {b.c: {d: 1}, e: 2}\n', 3, 'a.e', "takes it for 'a.b.e'", 'nested map'),
-    ('    a: 1\n    a: {b: 2}\n', 3, 'a', 'loses it', 'nested map'),
+    ('    a: {b.c: {d: 1}, e: 2}\n', 3, 'a.b.c', 'ROS confuses', 'nested map'),
+    ('    a: 1\n    a: {b: 2}\n', 4, 'a', 'ROS loses one', 'nested map'),
+    ('    a: {b: 2}\n    a: 1\n', 4, 'a', 'ROS loses one', 'nested map'),
     ('    ? [a, b]\n    : 1\n', 3, '', 'cannot be a name', 'write a word'),
     ('    a: [http://x]\n', 3, 'a', 'inside brackets', 'quote it'),
     ('    a: "b\\/c"\n', 3, 'a', 'quoted text', 'write "/"'),
@@ -179,6 +180,9 @@ def test_refusals_name_file_line_parameter_and_remedy(tmp_path, body, line, name
     ('/**:\n', "'/**' stands outside"), (HEAD, 'no parameters'),
     ('my-node:\n  ros__parameters: {a: 1}\n', "'my-node' is not the name of a node"),
     ('/a//b:\n  ros__parameters: {a: 1}\n', 'is not the name of a node'),
+    ('a:\n  b/c:\n    ros__parameters: {a: 1}\n', 'a part of it has a slash'),
+    ('a: {ros__parameters: {a: 1}, b: {ros__parameters: {a: 1}}}\n', 'loses the name of the node'),
+    ('/**: {ros__parameters: {a: 1}}\n--- \n', 'expected the name of a node'),
     ('ros__parameters: {a: 1}\n', 'no node name'), ('a: [b\n', 'not valid YAML'),
     ('%YAML 1.2\n---\n' + HEAD + '    a: 1\n', 'YAML 1.2'),
     (b'\x7fELF\x01\x00\x02', 'not a text file'), (b'\x89PNG\r\n', 'not a text in UTF-8'),
@@ -224,9 +228,10 @@ def test_tags_build_nothing(tmp_path):
 
 def test_own_rules_hold_for_other_nodes_only_where_ros_insists(tmp_path):
     text = HEAD + '    a: 1\nother:\n  ros__parameters:\n    '
-    for harmless in ('b: []', 'b: ~', 'b: "x\\0y"', 'b: [[1, 2]]'):
+    for harmless in ('b: []', 'b: ~', 'b: "x\\0y"', 'b: 1, "b": 2.5'.replace(', ', '\n    '),
+                     'b: {c.d: {e: 1}}'):
         assert load(tmp_path, text + harmless + '\n') == {'a': 1}
-    for fatal in ('b: [1, 2.0]', 'b:', 'b: [[1], [2]]'):
+    for fatal in ('b: [1, 2.0]', 'b:', 'b: [[1], [2]]', 'b: [[1, 2]]', 'b: {}'):
         assert 'scene.yaml:6' in error_of(tmp_path, text + fatal + '\n')
 
 
