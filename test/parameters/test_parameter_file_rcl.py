@@ -175,7 +175,8 @@ WHOLE = ['[1, 2]', '[1.0, 2e3]', '[x1, "b"]', '[on, off]', '[]', '[1, 2.0]', '[x
          '[1,\n         2]', '\n      - 1\n      - 2', '"a\\\n      b"', '>-\n      a\n      b']
 NODES = [*['/**'] * 9, 'icofabric', 'icofabric', '/icofabric', '/*', '**', '"*"', 'other', 'other',
          '/a/icofabric', '/**/icofabric', 'a:\n  icofabric', 'a:\n  "**"', '/**:\n  /', 'my-node',
-         '9x', 'a//b', 'a:\n  b/icofabric', 'a/:\n  icofabric', '/a:\n  b:\n  icofabric', '"*":\n  /**']
+         '9x', 'a//b', 'a:\n  b/icofabric', 'a/:\n  icofabric', '/a:\n  b:\n  icofabric',
+         '"*":\n  /**']
 DAMAGE = list(' :-?[]{},#&*!|>\'"%@`\n\t./~') + [
     '\n---\n', '\n...\n', ': ', '- ', '\r\n', '\x85', '\u2028', '\x07', '\ufeff', '\0', '\\']
 
