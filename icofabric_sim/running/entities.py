@@ -8,7 +8,7 @@ import re
 from typing import Any, NamedTuple
 
 from icofabric_sim.geometry.icosahedron import circumscribed_radius
-from icofabric_sim.running.name_filter import NameFilter
+from icofabric_sim.running.name_filter import name_filter
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.simulation import Simulation
 import numpy as np
@@ -88,7 +88,7 @@ class Entities:
             chosen &= members.all(axis=0) if query.all_tags else members.any(axis=0)
         if query.bounds is not None:
             chosen &= query.bounds.distance(position) <= self.radius
-        matches = NameFilter(query.expression)
+        matches = name_filter(query.expression)
         return [body for body in np.flatnonzero(chosen).tolist() if matches(entity_name(body))]
 
     def _members(self, tag: str) -> np.ndarray:

@@ -3,67 +3,41 @@
 """
 Names picked by a POSIX extended regular expression, as clients of a simulator may send.
 
-The expression is run by the C library: Python's own engine has another syntax, and a short
-hostile expression keeps it busy for hours, with everything else of the process waiting.
+Taken are the forms that mean the same to Python's `re`; the others are refused, and so are
+expressions that could keep `re`, which tries one choice after the other, busy for long.
 """
 
 from collections.abc import Callable
-import ctypes
 import re
 
-# <regex.h> of glibc and musl.
-_EXTENDED, _NO_POSITIONS = 1, 8
-_STORAGE = 256  # bytes of a regex_t, with room to spare
 _LONGEST = 200
-# Copies of its parts that an expression may ask for: a{9}{9}{9} becomes 729 of them.
-_MOST_COPIES = 1000
-_REPEATED = re.compile(r'\{([0-9]*),?([0-9]*)\}')
+# Repetitions and groups: time grows with the length of a name to this power.
+_MOST_CHOICES = 3
+_ESCAPED = r'\\[][(){}*+?|^$.\\]'
+_BRACKETS = r'\[\^?\]?[^][\\&|~]*\]'
+_REPEATED = r'[*+?]|\{[0-9]{1,2}(?:,[0-9]{0,2})?\}'
+_FORM = re.compile(
+    rf'(?:(?:{_ESCAPED}|{_BRACKETS}|[^][(){{}}*+?|^$\\])(?:{_REPEATED})?|[()|^$])*')
 
 
-class NameFilter:
-    """Tells whether a name matches; ValueError where the expression is none."""
+def name_filter(expression: str) -> Callable[[str], bool]:
+    """
+    A function that says whether any part of a name matches; an empty expression matches all.
 
-    def __init__(self, expression: str) -> None:
-        """Compile `expression`; an empty one matches everything."""
-        self._expression = expression
-        self._regexec: Callable[..., int] | None = None
-        if expression:
-            self._compile()
-
-    def __call__(self, name: str) -> bool:
-        """Whether any part of `name` matches."""
-        if self._regexec is None:
-            return True
-        return self._regexec(self._compiled, name.encode(), 0, None, 0) == 0
-
-    def __del__(self) -> None:
-        """Give back what the C library keeps."""
-        if getattr(self, '_regexec', None) is not None:
-            self._library.regfree(self._compiled)
-
-    def _compile(self) -> None:
-        self._refuse_costly()
-        self._library = ctypes.CDLL(None)
-        self._compiled = ctypes.create_string_buffer(_STORAGE)
-        code = self._library.regcomp(
-            self._compiled, self._expression.encode(), _EXTENDED | _NO_POSITIONS)
-        if code:
-            reason = ctypes.create_string_buffer(200)
-            self._library.regerror(code, self._compiled, reason, len(reason))
-            raise ValueError(
-                f'{self._expression!r} is not a POSIX extended regular expression: '
-                f'{reason.value.decode(errors="replace")}')
-        self._regexec = self._library.regexec
-
-    def _refuse_costly(self) -> None:
-        copies = 1
-        for least, most in _REPEATED.findall(self._expression):
-            copies *= max(int(least or 0), int(most or 0), 1)
-        # Back references are no part of POSIX, and may take for ever.
-        if (
-            len(self._expression) > _LONGEST or copies > _MOST_COPIES
-            or '\0' in self._expression or re.search(r'\\[0-9]', self._expression)
-        ):
-            raise ValueError(
-                f'{self._expression[:_LONGEST]!r} asks for too much: at most {_LONGEST} '
-                f'characters and {_MOST_COPIES} repetitions, and no back references')
+    ValueError where the expression is not valid or not taken.
+    """
+    plain = re.sub(f'{_ESCAPED}|{_BRACKETS}', 'x', expression)
+    if len(expression) > _LONGEST or sum(map(plain.count, '*+?{(')) > _MOST_CHOICES:
+        raise ValueError(
+            f'{expression[:_LONGEST]!r} asks for too much: at most {_LONGEST} characters, and '
+            f'{_MOST_CHOICES} repetitions and groups')
+    if not _FORM.fullmatch(expression) or '--' in expression:
+        raise ValueError(
+            f'{expression!r} is not a regular expression of the forms that are taken: characters, '
+            r'., [abc], [^a-z], \ before a special one, each once or with *, +, ?, {n}, {n,m} '
+            'behind it; (a|b), which cannot be repeated; ^ and $')
+    try:
+        matches = re.compile(expression)
+    except (re.error, OverflowError) as error:
+        raise ValueError(f'{expression!r} is not a regular expression: {error}') from None
+    return lambda name: matches.search(name) is not None
