@@ -335,7 +335,7 @@ def test_all_entities(simulator, scene):
 
 def test_entities_by_name(simulator):
     assert entities(simulator, expression='_1$') == [1]
-    assert entities(simulator, expression='^icosahedron_[[:digit:]]$') == list(range(10))
+    assert entities(simulator, expression='^icosahedron_[0-9]$') == list(range(10))
     assert entities(simulator, expression='robot') == []
 
 
