@@ -25,7 +25,8 @@ from icofabric_sim.messages import PoseArrayBytes
 from machine import describe_machine
 from mcap.writer import Writer as PackageWriter
 import numpy as np
-from rosbags.rosbag2 import StoragePlugin, Writer as RosbagsWriter
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import Writer as RosbagsWriter
 
 TOPIC, KIND = '/icofabric/poses', 'geometry_msgs/msg/PoseArray'
 RATE, FLUSHED = 60, 15  # [Hz], messages between two flushes
