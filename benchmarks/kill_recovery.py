@@ -31,7 +31,6 @@ from icofabric_sim.messages import WrenchStampedBytes
 from icofabric_sim.messages.topics import CLOCK
 from icofabric_sim.running.recording import BagSink
 from icofabric_sim.running.replay.verify import verify_run
-from icofabric_sim.running.run_records import WrenchInput
 from icofabric_sim.running.runner import Runner
 from icofabric_sim.simulation.simulation import compile_scene
 import numpy as np
@@ -86,12 +85,11 @@ def drive(runner: Runner, folder: Path, generator: random.Random) -> None:
     while True:
         time.sleep(generator.uniform(0.01, 0.06))
         force = [generator.gauss(0.0, 0.02) for _ in range(3)]
-        topic, key, frame = generator.choice([
-            ('/icofabric/wrench', 0, 'icosahedron_0'), ('/icofabric/loads/tip', 'tip', '')])
+        topic, frame = generator.choice([
+            ('~/wrench', 'icosahedron_0'), ('~/loads/tip', '')])
         message = WrenchStampedBytes(frame)
         message.force[:] = force
-        runner.receive(WrenchInput(
-            topic, key, 0, np.array(force), np.zeros(3), message.stamped(0)))
+        runner.inputs.receive(topic, message.stamped(0))
         chance = generator.random()
         if chance < 0.02:
             runner.change(runner.parameters.with_changes({

@@ -55,11 +55,11 @@ class Drive:
 
     def push(self, key: str | int, force: Any, *, after: float = 0.0) -> None:
         """Send a wrench that acts at once, or `after` so many seconds."""
-        topic, frame = f'/icofabric/loads/{key}', ''
+        topic, frame = f'~/loads/{key}', ''
         if isinstance(key, int):
-            topic, frame = '/icofabric/wrench', f'icosahedron_{key}'
+            topic, frame = '~/wrench', f'icosahedron_{key}'
         stamp = self.runner.now + round(after * 1e9) if after else 0
-        self.runner.receive(wrench(topic, key, stamp, force, frame))
+        self.runner.inputs.receive(*wrench(topic, stamp, force, frame))
 
     def change(self, **changes: Any) -> None:
         """

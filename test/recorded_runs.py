@@ -3,15 +3,13 @@
 """Small recorded runs for tests of what reads them."""
 
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from icofabric_sim.messages import WrenchStampedBytes
 from icofabric_sim.running.recording import BagSink, summarise_run
-from icofabric_sim.running.run_records import WrenchInput
 from icofabric_sim.running.runner import Runner
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.simulation import compile_scene
-import numpy as np
 
 PUSH_START, PUSH_END = 100_000_000, 200_000_000  # [ns]
 FORCE = (0.0, 0.75, 0.0)  # [N]
@@ -44,21 +42,27 @@ def swing_scene(**changes: Any) -> Scene:
     })
 
 
-def wrench(topic: str, key: str | int, stamp: int, force: Any, frame: str = '') -> WrenchInput:
+class Sent(NamedTuple):
+    """A message on an input topic."""
+
+    topic: str
+    data: bytes
+
+
+def wrench(topic: str, stamp: int, force: Any, frame: str = '') -> Sent:
     message = WrenchStampedBytes(frame)
     message.force[:] = force
-    torque = np.zeros(3)
-    message.torque[:] = torque
-    return WrenchInput(topic, key, stamp, np.array(force), torque, message.stamped(stamp))
+    message.torque[:] = 0.0
+    return Sent(topic, message.stamped(stamp))
 
 
-def record_run(path: Path, scene: Scene, *inputs: WrenchInput, **summary: str) -> None:
+def record_run(path: Path, scene: Scene, *inputs: Sent, **summary: str) -> None:
     """Simulate a scene with inputs and record it."""
     simulation = compile_scene(scene)
     bag = BagSink(path, simulation, live=False, storage='mcap')
     runner = Runner(simulation, [bag])
-    for received in inputs:
-        runner.receive(received)
+    for topic, data in inputs:
+        runner.inputs.receive(topic, data)
     runner.run(until_finished=True)
     assert not runner.failure
     bag.close(summary={**summarise_run(runner.status()), **summary})
@@ -68,6 +72,6 @@ def record_push(path: Path, scene: Scene) -> None:
     """Simulate a scene whose tip is pushed for a while."""
     record_run(
         path, scene,
-        wrench('/icofabric/loads/tip', 'tip', PUSH_START, FORCE),
-        wrench('/icofabric/wrench', 3, PUSH_START, (0.1, 0.0, 0.0), 'icosahedron_3'),
-        wrench('/icofabric/loads/tip', 'tip', PUSH_END, (0.0, 0.0, 0.0)))
+        wrench('~/loads/tip', PUSH_START, FORCE),
+        wrench('~/wrench', PUSH_START, (0.1, 0.0, 0.0), 'icosahedron_3'),
+        wrench('~/loads/tip', PUSH_END, (0.0, 0.0, 0.0)))

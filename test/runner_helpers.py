@@ -6,8 +6,10 @@ import time
 
 import icofabric_sim as ico
 from icofabric_sim.messages import WrenchStampedBytes
-from icofabric_sim.running.run_records import WrenchInput
+from icofabric_sim.messages.frames import body_frame
+from icofabric_sim.messages.input_topics import InputMessage, topic_of
 from icofabric_sim.running.runner import Runner
+from icofabric_sim.simulation.input_types import BodyTarget, ChannelTarget, Wrench
 import numpy as np
 
 SCENE = {
@@ -56,11 +58,18 @@ def make_runner(*sinks, **changes):
     return Runner(ico.compile_scene(scene, body_wrenches=True), list(sinks))
 
 
-def push(runner, key='tip', *, stamp=0, force=FORCE, topic='/loads/tip'):
-    data = WrenchStampedBytes('')
-    data.force[:] = force
-    runner.receive(WrenchInput(topic, key, stamp, np.array(force), np.zeros(3),
-                               data.stamped(max(stamp, 0))))
+def push(runner, key='tip', *, stamp=0, force=FORCE, judged=True):
+    """Send a wrench on a channel or a body; where not `judged` it may be too large to follow."""
+    target = BodyTarget(key) if isinstance(key, int) else ChannelTarget(key)
+    frame = body_frame(key) if isinstance(key, int) else ''
+    message = WrenchStampedBytes(frame)
+    message.force[:] = force
+    data = message.stamped(max(stamp, 0))
+    if judged:
+        runner.inputs.receive(topic_of(target), data)
+        return
+    received = InputMessage(target, Wrench(np.array(force), np.zeros(3)), stamp, frame)
+    runner.post(lambda: runner.inputs.act(received, data))
 
 
 def run(runner):

@@ -15,13 +15,10 @@ from icofabric_sim.messages.decode import (
     decode_marker_points,
     decode_pose_array,
     decode_string,
-    decode_twist_stamped,
     decode_uint8_multi_array,
-    decode_wrench_stamped,
     LabelledArray,
     MarkerPoints,
     PoseArrayValues,
-    StampedPair,
 )
 from icofabric_sim.messages.diagnostics import (
     DiagnosticArrayBytes,
@@ -30,6 +27,11 @@ from icofabric_sim.messages.diagnostics import (
     OK,
     STALE,
     WARN,
+)
+from icofabric_sim.messages.input_topics import (
+    decode_twist_stamped,
+    decode_wrench_stamped,
+    StampedPair,
 )
 from icofabric_sim.messages.marker import MarkerAction, MarkerBytes, MarkerType
 from icofabric_sim.messages.stamped import (

@@ -15,12 +15,7 @@ from icofabric_sim.messages.arrays import Float64MultiArrayBytes, StringBytes, U
 from icofabric_sim.messages.cdr import CdrReader
 from icofabric_sim.messages.diagnostics import DiagnosticArrayBytes, DiagnosticStatus
 from icofabric_sim.messages.marker import MarkerBytes
-from icofabric_sim.messages.stamped import (
-    ClockBytes,
-    PoseArrayBytes,
-    TwistStampedBytes,
-    WrenchStampedBytes,
-)
+from icofabric_sim.messages.stamped import ClockBytes, PoseArrayBytes
 import numpy as np
 from numpy.typing import NDArray
 
@@ -34,17 +29,6 @@ class PoseArrayValues(NamedTuple):
     nanoseconds: int
     frame_id: str
     values: Floats
-
-
-class StampedPair(NamedTuple):
-    """
-    A WrenchStamped (force [N], torque [N m]) or TwistStamped (linear [m/s], angular [rad/s]).
-    """
-
-    nanoseconds: int
-    frame_id: str
-    first: Floats
-    second: Floats
 
 
 class MarkerPoints(NamedTuple):
@@ -77,23 +61,6 @@ def decode_pose_array(data: Buffer) -> PoseArrayValues:
     values = reader.floats(7 * count).reshape(count, 7)
     reader.finish()
     return PoseArrayValues(nanoseconds, frame_id, values)
-
-
-def decode_wrench_stamped(data: Buffer) -> StampedPair:
-    """Return (nanoseconds, frame_id, force, torque)."""
-    return _decode_pair(CdrReader(data, WrenchStampedBytes.TYPE))
-
-
-def decode_twist_stamped(data: Buffer) -> StampedPair:
-    """Return (nanoseconds, frame_id, linear, angular)."""
-    return _decode_pair(CdrReader(data, TwistStampedBytes.TYPE))
-
-
-def _decode_pair(reader: CdrReader) -> StampedPair:
-    nanoseconds, frame_id = reader.time(), reader.string()
-    values = reader.floats(6)
-    reader.finish()
-    return StampedPair(nanoseconds, frame_id, values[:3], values[3:])
 
 
 def decode_clock(data: Buffer) -> int:

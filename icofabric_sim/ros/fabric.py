@@ -15,6 +15,7 @@ from icofabric_sim.messages.topics import CLOCK, TOPICS
 from icofabric_sim.parameters.validation import find_specification, Parameters
 from icofabric_sim.ros.answers import Answers
 from icofabric_sim.ros.clock_watch import ClockWatch
+from icofabric_sim.ros.input_topics import InputTopics
 from icofabric_sim.ros.live_sink import LiveSink
 from icofabric_sim.ros.parameter_service import GuardedParameterService
 from icofabric_sim.ros.process import log_to_ros, Server
@@ -22,7 +23,6 @@ from icofabric_sim.ros.ros_parameters import describe, is_foreign, ParameterGate
 from icofabric_sim.ros.standard_services import offer_standard_services
 from icofabric_sim.ros.start import READY, StopSignals
 from icofabric_sim.ros.verbs import Verbs
-from icofabric_sim.ros.wrench_topics import WrenchTopics
 from icofabric_sim.running.diagnostics import (
     HealthReport,
     NOT_TAKEN,
@@ -80,6 +80,7 @@ class FabricNode(Node):
             parameters=parameters,
             on_rebuilt=self._rebuilt,
             report=self._diagnose,
+            full_name=self.resolve_topic_name,
         )
         self._clock_watch = ClockWatch(self) if publishes_clock else None
         self._declare(parameters)
@@ -87,7 +88,7 @@ class FabricNode(Node):
             parameters, self._changed, lambda: self.runner.simulation.stability_limit
         )
         self._parameter_service = GuardedParameterService(self)
-        self._wrenches = WrenchTopics(self, self.runner, simulation.scene)
+        self._inputs = InputTopics(self, self.runner.inputs, simulation.scene)
         self.answers = Answers(self)
         self._verbs = Verbs(self, self.runner, self.answers)
         self._standard = offer_standard_services(self, self.runner, self.answers, self._quit)
@@ -110,7 +111,7 @@ class FabricNode(Node):
             self._thread.join()
         self.answers.end('the node has ended')
         self.live.close()
-        self.bag.close(summary=self._summarise(self.runner.status()))
+        self.bag.close(summary=summarise_run(self.runner.status()))
 
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> Any:
         """Judge a change before rclpy sees it; both parameter services come through here."""
@@ -128,7 +129,6 @@ class FabricNode(Node):
             parameters=parameters,
             on_error=self._bag_failed,
             on_warning=self.get_logger().warning,
-            summarise=self._summarise,
         )
         if bag.recorder is not None and not bag.recorder.survives_kill:
             self.get_logger().warning(
@@ -161,7 +161,7 @@ class FabricNode(Node):
         """
         Have the node say what is in force, after a change to `wanted` that worked or did not.
         """
-        self._wrenches.set_scene(self.runner.simulation.scene)
+        self._inputs.set_scene(self.runner.simulation.scene)
         if not reason or self._gate is None:
             return
         self._faults['rejected change'] = f'the last change could not be built: {reason}'
@@ -172,9 +172,6 @@ class FabricNode(Node):
             if wanted[name] != in_force.get(name, wanted[name]):
                 super().set_parameters_atomically([Parameter(name, value=in_force[name])])
         self._declare(in_force)
-
-    def _summarise(self, status: Status) -> dict[str, str]:
-        return summarise_run(status._replace(dropped=self._wrenches.dropped + status.dropped))
 
     def _simulate(self) -> None:
         until_finished = self.runner.parameters['duration'] > 0.0
@@ -195,7 +192,7 @@ class FabricNode(Node):
 
     def _diagnose(self, status: Status) -> bytes:
         figures = {
-            WRENCHES_DROPPED: str(self._wrenches.dropped + status.dropped),
+            WRENCHES_DROPPED: str(status.dropped),
             NOT_TAKEN: str(self.live.not_taken),
         }
         if self.bag.path is not None:

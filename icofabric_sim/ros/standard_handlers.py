@@ -13,9 +13,10 @@ from typing import Any, NamedTuple
 
 from geometry_msgs.msg import Vector3
 from icofabric_sim.geometry.icosahedron import vertices
+from icofabric_sim.messages.frames import body_frame
 from icofabric_sim.messages.schedule import NANOSECONDS
 from icofabric_sim.ros.answers import Answers, begin_aside
-from icofabric_sim.running.entities import Box, checked_parts, Entities, entity_name, Query, Sphere
+from icofabric_sim.running.entities import Box, checked_parts, Entities, Query, Sphere
 from icofabric_sim.running.runner import Runner
 from icofabric_sim.running.step_requests import StepRequest
 from icofabric_sim.scene.scene import Scene
@@ -37,9 +38,9 @@ FEATURES = {
     'SimulateSteps': ('STEP_SIMULATION_MULTIPLE', 'STEP_SIMULATION_ACTION'),
 }
 _CUSTOM = (
-    'icofabric_sim: entities are the bodies, icosahedron_0 and on; their tags are the groups of '
-    'the scene. Time is reset together with the state only. Accelerations are not told (NaN) and '
-    'cannot be set. A step is one of the solver.')
+    f'icofabric_sim: entities are the bodies, {body_frame(0)} and on; their tags are the groups '
+    'of the scene. Time is reset together with the state only. Accelerations are not told (NaN) '
+    'and cannot be set. A step is one of the solver.')
 # Objects of this many states take about a second to build and to send.
 MOST_STATES = 10_000
 
@@ -159,7 +160,7 @@ class StandardHandlers:
         """Names of the bodies that fulfil the filters."""
         view = await self._view()
         response.entities = [
-            entity_name(body) for body in await self._selected(request.filters, view)]
+            body_frame(body) for body in await self._selected(request.filters, view)]
 
     async def GetEntitiesStates(self, request: Any, response: Any) -> None:
         """Names and states of the bodies that fulfil the filters."""
@@ -170,7 +171,7 @@ class StandardHandlers:
                 self._result.RESULT_OPERATION_FAILED,
                 f'{len(bodies)} states are too many for one answer ({MOST_STATES} at most): '
                 'filter them, or listen to ~/state')
-        response.entities = [entity_name(body) for body in bodies]
+        response.entities = [body_frame(body) for body in bodies]
         response.states = await self._answers.of(lambda: begin_aside(
             lambda: [self._fill(self._messages.EntityState(), view, body) for body in bodies]))
 

@@ -1,20 +1,18 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""The bodies of a scene as the entities that clients of a simulator ask for, by name."""
+"""The bodies of a scene as the entities of a simulator, named as their frames."""
 
 from collections.abc import Collection, Mapping
 import math
-import re
 from typing import Any, NamedTuple
 
 from icofabric_sim.geometry.icosahedron import circumscribed_radius
+from icofabric_sim.messages.frames import body_frame, parse_body_frame
 from icofabric_sim.running.name_filter import name_filter
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.simulation import Simulation
 import numpy as np
 
-# The same names as the frames of wrenches on bodies.
-_NAME = re.compile(r'icosahedron_(0|[1-9][0-9]{0,9})')
 # Parts of a body's state that can be set, and how many numbers each has.
 STATE_PARTS = {'position': 3, 'orientation': 4, 'linear_velocity': 3, 'angular_velocity': 3}
 
@@ -66,12 +64,12 @@ class Entities:
 
     def number(self, name: str) -> int:
         """Return the body of that name; KeyError where there is none."""
-        match = _NAME.fullmatch(name)
-        if match is None or not int(match[1]) < self.scene.body_count:
+        body = parse_body_frame(name)
+        if body is None or not body < self.scene.body_count:
             raise KeyError(
-                f'there is no entity {name!r}; entities are {entity_name(0)} to '
-                f'{entity_name(self.scene.body_count - 1)}')
-        return int(match[1])
+                f'there is no entity {name!r}; entities are {body_frame(0)} to '
+                f'{body_frame(self.scene.body_count - 1)}')
+        return body
 
     def tags(self, body: int) -> list[str]:
         """Return the groups that a body belongs to, but `all`."""
@@ -89,17 +87,12 @@ class Entities:
         if query.bounds is not None:
             chosen &= query.bounds.distance(position) <= self.radius
         matches = name_filter(query.expression)
-        return [body for body in np.flatnonzero(chosen).tolist() if matches(entity_name(body))]
+        return [body for body in np.flatnonzero(chosen).tolist() if matches(body_frame(body))]
 
     def _members(self, tag: str) -> np.ndarray:
         members = np.zeros(self.scene.body_count, dtype=bool)
         members[self.scene.groups.get(tag, [])] = True
         return members
-
-
-def entity_name(body: int) -> str:
-    """Name of a body."""
-    return f'icosahedron_{body}'
 
 
 def checked_parts(given: Mapping[str, Collection[float]]) -> dict[str, list[float]]:

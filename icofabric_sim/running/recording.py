@@ -216,6 +216,7 @@ class BagSink:
         """Record an input at the time it acts; never dropped."""
         recorder = self._taking()
         if recorder is not None:
+            topic = self.resolve(topic)
             recorder.add_topic(topic, type_name, latched=False, depth=100)
             if recorder.write(topic, nanoseconds, data, essential=True):
                 self._given[topic] += 1

@@ -28,6 +28,7 @@ from icofabric_sim.running.run_events import do_event, is_jump, replace_simulati
 from icofabric_sim.running.run_records import begins_anew, Status
 from icofabric_sim.running.time_line import TimeLine
 from icofabric_sim.simulation.errors import SimulationError
+from icofabric_sim.simulation.input_types import has_target
 from icofabric_sim.simulation.simulation import Simulation
 
 if TYPE_CHECKING:
@@ -45,16 +46,17 @@ class ChangingRun(TimeLine):
         sinks: list[Sink],
         parameters: Parameters | None,
         report: Callable[[Status], bytes] | None,
+        full_name: Callable[[str], str],
         on_rebuilt: Callable[[Parameters, str], None],
     ) -> None:
         """See `Runner`."""
-        super().__init__(simulation, sinks, parameters, report)
+        super().__init__(simulation, sinks, parameters, report, full_name)
         self.on_rebuilt = on_rebuilt
         self._reweaver = Reweaver(self.post, self._swap, simulation.body_force)
 
     def _reset(self, wanted: bool | None) -> int:
         self._steps.end('ended by a reset')
-        dropped = self._pending.drop_all('a reset came before')
+        dropped = self.inputs.drop_waiting('a reset came before')
         ended = self._fresh_status()
         time_reset = self.parameters['reset_time'] if wanted is None else wanted
         facts = {'time_reset': time_reset, 'dropped': dropped}
@@ -99,7 +101,7 @@ class ChangingRun(TimeLine):
         checkpoint, ended = Checkpoint.load(path), self._fresh_status()
         self.simulation.restore(checkpoint)
         self._steps.end('ended by a checkpoint that was restored')
-        dropped = self._pending.drop_all('a checkpoint was restored before')
+        dropped = self.inputs.drop_waiting('a checkpoint was restored before')
         self._broadcast.event(
             self.now, 'checkpoint_restored', path=str(path), of=self.simulation.time,
             dropped=dropped)
@@ -177,7 +179,7 @@ class ChangingRun(TimeLine):
             return
         self._tell_of_change(wanted, simulation, restarts)
         self.simulation, self.failure = simulation, ''
-        self._watch_for_stop()
+        self._follow_simulation()
         self._pace.forget_speed()
         self._broadcast.set_scene(simulation)
         self._take_rates(wanted)
@@ -192,8 +194,9 @@ class ChangingRun(TimeLine):
             _LOGGER.warning(
                 'wrenches ended with the change, which leaves no place for them: %s',
                 ', '.join(lost))
-        dropped = self._pending.drop_unknown(
-            simulation.scene, 'the weave changed before, and has no place for it')
+        dropped = self.inputs.drop_waiting(
+            'the weave changed before, and has no place for it',
+            lambda target: not has_target(simulation.scene, target))
         self._broadcast.event(
             self.now, 'reweave', restarts=restarts, lost=lost, dropped=dropped,
             changed=sorted(changed_names(self.parameters, wanted)))

@@ -1,25 +1,14 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""What goes into a running simulation, and what it reports."""
+"""What a running simulation reports."""
 
 import math
 from typing import Any, NamedTuple
 
-from icofabric_sim.simulation.inputs import Inputs, Key
+from icofabric_sim.simulation.inputs import Inputs
 from icofabric_sim.simulation.simulation import Simulation
 from icofabric_sim.simulation.stepping.methods import METHODS
 import numpy as np
-
-
-class WrenchInput(NamedTuple):
-    """A wrench as it was received, or the twist of a drive."""
-
-    topic: str
-    key: Key  # load channel, body, or drives.NAME
-    stamp: int  # [ns] of simulated time, 0: at once
-    force: Any  # or linear velocity
-    torque: Any  # or angular velocity
-    data: bytes  # the message, for the bag
 
 
 class Errors(NamedTuple):
@@ -110,7 +99,7 @@ def begins_anew(simulation: Simulation) -> bool:
     if simulation.time != 0.0 or simulation.waiting_loads or simulation.broken_count:
         return False
     state, first = simulation.snapshot(), simulation.scene.initial
-    acting, steady = simulation.active_loads, Inputs(simulation.scene).active
+    acting, steady = simulation.inputs.acting(), Inputs(simulation.scene).acting()
     return acting.keys() == steady.keys() and all(
         wrench.same(steady[key]) for key, wrench in acting.items()
     ) and all(np.array_equal(getattr(state, name), getattr(first, name)) for name in first._fields)

@@ -21,7 +21,7 @@ from icofabric_sim.messages.topics import BROKEN
 from icofabric_sim.parameters.validation import Parameters
 from icofabric_sim.running.broadcast import Sink
 from icofabric_sim.running.run_changes import ChangingRun
-from icofabric_sim.running.run_records import begins_anew, Status, WrenchInput
+from icofabric_sim.running.run_records import begins_anew, Status
 from icofabric_sim.running.step_requests import StepRequest
 from icofabric_sim.simulation.simulation import Simulation
 
@@ -40,22 +40,20 @@ class Runner(ChangingRun):
         parameters: Parameters | None = None,
         on_rebuilt: Callable[[Parameters, str], None] = lambda parameters, reason: None,
         report: Callable[[Status], bytes] | None = None,
+        full_name: Callable[[str], str] = str,
     ) -> None:
         """
         Start where the simulation stands, mostly at time 0, paused where the scene says so.
 
         `parameters` are in force where rates and the like differ from those of the scene.
         `on_rebuilt` hears of each change of the scene: the parameters that were wanted, and why
-        they could not be had ('' where they could). `report` lays out /diagnostics.
+        they could not be had ('' where they could). `report` lays out /diagnostics. `full_name`
+        of a topic is what warnings say.
         """
-        super().__init__(simulation, sinks, parameters, report, on_rebuilt)
+        super().__init__(simulation, sinks, parameters, report, full_name, on_rebuilt)
         self._last_refresh = 0.0
 
     # Called from any thread.
-
-    def receive(self, received: WrenchInput) -> None:
-        """Queue a wrench; it acts at its stamp, or at once (CONTRACT 4)."""
-        self.post(lambda: self._queue_input(received))
 
     def set_paused(self, paused: bool) -> 'Future[Any]':
         """Stop or resume simulated time; the result is the time [ns] at which that was."""
@@ -143,7 +141,7 @@ class Runner(ChangingRun):
         `progress` hears the simulated time [s] now and then. A failure of the simulation stops
         simulated time, is kept in `failure`, and ends the run where `until_finished`.
         """
-        self._watch_for_stop()
+        self._follow_simulation()
         self._stand_on_nanoseconds()
         self._broadcast.start(self.now, whole=begins_anew(self.simulation))
         self._pace.restart(self.now)
@@ -154,7 +152,7 @@ class Runner(ChangingRun):
         finally:
             self.simulation.should_stop = None
             self._steps.end('the run has ended')
-            self._pending.drop_all('the run ended before')
+            self.inputs.drop_waiting('the run ended before')
             self._fresh_status()
         # What broke since the last output; others come on their grid only.
         self._broadcast.emit(self.now, [BROKEN])

@@ -20,10 +20,10 @@ from typing import Any
 from icofabric_sim.messages.schedule import NANOSECONDS, nanoseconds_not_before, seconds
 from icofabric_sim.parameters.validation import Parameters
 from icofabric_sim.running.broadcast import Broadcast, Sink
-from icofabric_sim.running.input_queue import PendingInputs
 from icofabric_sim.running.pace import Pace
+from icofabric_sim.running.received_inputs import ReceivedInputs
 from icofabric_sim.running.run_events import Shown, shown_after
-from icofabric_sim.running.run_records import Errors, errors_of, figures, Status, WrenchInput
+from icofabric_sim.running.run_records import Errors, errors_of, figures, Status
 from icofabric_sim.running.step_requests import StepRequest, StepRequests
 from icofabric_sim.simulation.errors import Interrupted, SimulationError
 from icofabric_sim.simulation.simulation import Simulation
@@ -45,6 +45,7 @@ class TimeLine:
         sinks: list[Sink],
         parameters: Parameters | None,
         report: Callable[[Status], bytes] | None,
+        full_name: Callable[[str], str],
     ) -> None:
         """Start where the simulation stands; see `Runner`."""
         self.simulation = simulation
@@ -61,7 +62,7 @@ class TimeLine:
         self._wake = threading.Event()
         self._stopping = False
         self._patient_until = math.inf
-        self._pending = PendingInputs()
+        self.inputs = ReceivedInputs(self, self.post, self._broadcast.input, full_name)
         self._steps = StepRequests()
         self._pace = Pace(self.parameters['real_time_factor'])
         self._errors: Errors | None = None
@@ -84,7 +85,7 @@ class TimeLine:
             wanted_factor=self.parameters['real_time_factor'],
             dropped=self.dropped,
             errors=self._errors,
-            loads_waiting=len(self._pending),
+            loads_waiting=len(self.inputs),
             cause=self._pace.cause(),
             lag=self._lag,
             **figures(self.simulation),
@@ -93,7 +94,7 @@ class TimeLine:
     @property
     def dropped(self) -> int:
         """Wrenches that were received and never acted."""
-        return self._pending.dropped
+        return self.inputs.dropped
 
     @property
     def finished(self) -> bool:
@@ -110,7 +111,6 @@ class TimeLine:
                 self.simulation.advance_to(seconds(target))
             self.now = target
             self._pace.learn(target - before, wall.perf_counter() - started)
-            self._act_pending()
             # Broken off before its first step, it has shown this time already.
             if self.now > before:
                 self._broadcast.due(self.now)
@@ -138,8 +138,6 @@ class TimeLine:
     def _next_target(self) -> int:
         times = [self.now + self._pace.chunk(RESPONSE, self.simulation.step)]
         times += self._broadcast.next_times(self.now)
-        if self._pending.next_time is not None:
-            times.append(self._pending.next_time)
         if self._end() > self.now:
             times.append(self._end())
         return max(min(times), self.now)
@@ -161,16 +159,6 @@ class TimeLine:
                 _LOGGER.error('%s', error)
                 future.set_exception(error)
 
-    def _queue_input(self, received: WrenchInput) -> None:
-        if self.failure:
-            self._pending.drop(received, 'the simulation has stopped')
-            return
-        self._pending.add(received, self.now, self.parameters['input_horizon'])
-        self._act_pending()
-
-    def _act_pending(self) -> None:
-        self._pending.act(self.now, self.simulation, self._broadcast.input)
-
     def _begin_steps(self, request: StepRequest) -> None:
         if self.failure:
             request.future.set_exception(RuntimeError(self.failure))
@@ -186,15 +174,10 @@ class TimeLine:
         target = self.now
         try:
             while not request.done:
-                before, due = simulation.step_count, self._pending.next_time
-                if due is not None and seconds(due) < simulation.next_step_time:
-                    target = self.now = max(self.now, due)
-                    simulation.advance_to(seconds(self.now))
-                    self._act_pending()
-                else:
-                    # Rounding must not put it before the end of the step.
-                    target = nanoseconds_not_before(simulation.next_step_time) + 1
-                    simulation.advance_steps(1)
+                before = simulation.step_count
+                # Rounding must not put it before the end of the step.
+                target = nanoseconds_not_before(simulation.next_step_time) + 1
+                simulation.advance_steps(1)
                 request.taken += simulation.step_count - before
                 if wall.perf_counter() > end:
                     break
@@ -217,7 +200,7 @@ class TimeLine:
         self.failure = reason
         _LOGGER.error('the simulation has stopped: %s', reason)
         self._steps.end(reason)
-        self._pending.drop_all('the simulation has stopped')
+        self.inputs.drop_waiting('the simulation has stopped')
         self._broadcast.event(self.now, 'failed', reason=reason, target=target)
         with suppress(SimulationError, Interrupted):
             if math.isfinite(self.simulation.snapshot().position.sum()):
@@ -245,9 +228,10 @@ class TimeLine:
         duration = self.parameters['duration']
         return max(1, round(duration * NANOSECONDS)) if duration > 0.0 else 0
 
-    def _watch_for_stop(self) -> None:
+    def _follow_simulation(self) -> None:
         self.simulation.should_stop = (
             lambda: self._stopping or wall.monotonic() > self._patient_until)
+        self.inputs.follow(self.simulation)
 
     def _stand_on_nanoseconds(self) -> None:
         """Have the simulation stand where the run does: Python may have left it in between."""

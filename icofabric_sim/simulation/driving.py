@@ -10,11 +10,10 @@ from typing import Any, NamedTuple
 from icofabric_sim.scene.drives import Drive
 from icofabric_sim.scene.initial import InitialState
 from icofabric_sim.scene.paths import PathPiece
+from icofabric_sim.simulation.input_types import DriveTarget, restored_target, stored_target, Twist
 from icofabric_sim.simulation.state_tree import as_number, Memory
 from icofabric_sim.simulation.timetable import Timetable
 import numpy as np
-
-PREFIX = 'drives.'
 
 
 class DriveRow(NamedTuple):
@@ -40,39 +39,29 @@ class Driving:
         self, drives: Mapping[str, Drive], start: InitialState, timetable: Timetable
     ) -> None:
         """Begin on the paths of the scene; `start` is its initial state."""
-        self._drives, self._start, self._timetable = drives, start, timetable
+        self._drives = {DriveTarget(name): drive for name, drive in drives.items()}
+        self._start, self._timetable = start, timetable
         self._arm = np.zeros_like(start.position)
         for drive in drives.values():
             self._arm[drive.bodies] = start.position[drive.bodies] - drive.middle
-        self.taken: dict[str, PathPiece] = {}
+        self.taken: dict[DriveTarget, PathPiece] = {}
         # Numbers of the pieces, or the twists, that were packed last.
-        self._packed: dict[str, int | PathPiece] = {}
+        self._packed: dict[DriveTarget, int | PathPiece] = {}
 
-    def knows(self, key: object) -> bool:
-        """Whether a key of an input is one of these drives."""
-        return isinstance(key, str) and key.startswith(PREFIX) and (
-            key.removeprefix(PREFIX) in self._drives)
-
-    def require(self, name: str) -> None:
-        """Refuse a drive that the scene lacks."""
-        if name not in self._drives:
-            known = ', '.join(self._drives) or 'none'
-            raise ValueError(
-                f'there is no drive {name!r}; known: {known}. Define it with drives.{name}.group')
-
-    def take_over(self, key: str, time: float, linear: np.ndarray, angular: np.ndarray) -> None:
-        """Go on from where a drive is at `time` [s] with one velocity [m/s] and spin [rad/s]."""
-        pose = self.taken.get(key, self._timetable.piece(key)).pose_at(time)
-        self.taken[key] = PathPiece.constant_twist(time, pose, linear, angular)
+    def take_over(self, target: DriveTarget, time: float, twist: Twist) -> None:
+        """Go on with one twist from where a drive is at `time` [s]."""
+        pose = self.taken.get(target, self._timetable.piece(target)).pose_at(time)
+        self.taken[target] = PathPiece.constant_twist(time, pose, twist.linear, twist.angular)
 
     def adopt(self, other: 'Driving') -> None:
         """Take over the twists of a run that goes on here."""
-        self.taken = {key: piece for key, piece in other.taken.items() if self.knows(key)}
+        self.taken = {
+            target: piece for target, piece in other.taken.items() if target in self._drives}
 
     def pack(self) -> DrivePack | None:
         """What moves them now."""
         self._packed = {
-            PREFIX + name: self._timetable.numbers.get(PREFIX + name, 0) for name in self._drives}
+            target: self._timetable.numbers.get(target, 0) for target in self._drives}
         self._packed.update(self.taken)
         return self.pack_again()
 
@@ -81,46 +70,51 @@ class Driving:
         if not self._drives:
             return None
         rows = []
-        for name, drive in self._drives.items():
-            kept = self._packed.get(PREFIX + name, 0)
+        for target, drive in self._drives.items():
+            kept = self._packed.get(target, 0)
             if not isinstance(kept, PathPiece):
-                kept = self._timetable.piece(PREFIX + name, kept)
+                kept = self._timetable.piece(target, kept)
             rows.append(DriveRow(drive.bodies, drive.middle, kept))
         return DrivePack(tuple(rows), self._arm, self._start)
 
     def memory(self) -> dict[str, Any]:
         """The twists that rule, and what was packed."""
         return {
-            'taken': [[key, *_numbers(self.taken[key])] for key in sorted(self.taken)],
+            'taken': [
+                [stored_target(target), *_numbers(self.taken[target])]
+                for target in sorted(self.taken, key=str)],
             'packed': [
-                [key, kept] if isinstance(kept, int) else [key, *_numbers(kept)]
-                for key, kept in sorted(self._packed.items(), key=lambda item: item[0])],
+                [stored_target(target), *([kept] if isinstance(kept, int) else _numbers(kept))]
+                for target, kept in sorted(self._packed.items(), key=lambda item: str(item[0]))],
         }
 
     def recall(self, memory: Memory) -> None:
         """Go on from there."""
-        taken: dict[str, PathPiece] = {}
-        packed: dict[str, int | PathPiece] = {}
+        taken: dict[DriveTarget, PathPiece] = {}
+        packed: dict[DriveTarget, int | PathPiece] = {}
         for entry in memory.entries('taken'):
-            key, piece = self._entry(entry)
+            target, piece = self._entry(entry)
             if isinstance(piece, int):
-                raise ValueError(f'inputs.driving.taken has no twist for {key}')
-            taken[key] = piece
+                raise ValueError(f'inputs.driving.taken has no twist for {target}')
+            taken[target] = piece
         for entry in memory.entries('packed'):
-            key, packed[key] = self._entry(entry)
+            target, packed[target] = self._entry(entry)
         self.taken, self._packed = taken, packed
 
-    def _entry(self, entry: Any) -> tuple[str, int | PathPiece]:
-        if not isinstance(entry, list) or len(entry) not in (2, 15) or not self.knows(entry[0]):
+    def _entry(self, entry: Any) -> tuple[DriveTarget, int | PathPiece]:
+        target = None
+        if isinstance(entry, list) and len(entry) in (2, 15):
+            target = restored_target(entry[0])
+        if not isinstance(target, DriveTarget) or target not in self._drives:
             raise ValueError('inputs.driving has an entry that is not of a drive of the scene')
-        key, *rest = entry
+        rest = entry[1:]
         if len(rest) == 1:
-            known = self._timetable.known_numbers([entry]) if rest[0] != 0 else {key: 0}
-            return key, known[key]
+            known = self._timetable.known_numbers([entry]) if rest[0] != 0 else {target: 0}
+            return target, known[target]
         values = np.array([as_number(value) for value in rest], dtype=float)
         if not np.isfinite(values).all():
-            raise ValueError(f'inputs.driving has no finite numbers for {key}')
-        return key, PathPiece.constant_twist(
+            raise ValueError(f'inputs.driving has no finite numbers for {target}')
+        return target, PathPiece.constant_twist(
             float(values[0]), (values[1:4], values[4:8]), values[8:11], values[11:])
 
 

@@ -11,7 +11,8 @@ from icofabric_sim.scene.initial import InitialState
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.contact.broad_phase import ContactWatch
 from icofabric_sim.simulation.errors import SimulationError
-from icofabric_sim.simulation.inputs import Inputs, Key, Wrench
+from icofabric_sim.simulation.input_types import Target, Twist, Wrench
+from icofabric_sim.simulation.inputs import Inputs
 from icofabric_sim.simulation.model.packing import (
     expected_liveliness,
     expected_strain,
@@ -134,11 +135,9 @@ class Course:
         if done == 0:
             self._handle_events(due)
 
-    def apply(self, key: Key, wrench: Wrench, time: float) -> None:
-        """Let a wrench act from `time` [s] on, now or later."""
-        if isinstance(key, int):
-            self._body_wrenches = True
-        self.inputs.schedule(time, key, wrench)
+    def apply(self, target: Target, value: Wrench | Twist, time: float) -> None:
+        """Let an input act from `time` [s] on, now or later."""
+        self.inputs.queue.put(time, target, value)
         if time == self.time:
             self._handle_events(time)
 
@@ -228,6 +227,8 @@ class Course:
     def _loads(self, *, again: bool = False) -> Loads | None:
         """What acts now, for the kernels; `again`: what they had last."""
         scene = self._scene
+        # Once a body was pushed alone, loads stay prepared for that.
+        self._body_wrenches = self._body_wrenches or self.inputs.queue.has_body_targets
         if not (scene.loads or scene.tractions or scene.drives or scene.anchors
                 or self._body_wrenches):
             return None

@@ -1,49 +1,139 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""External wrenches in time: what acts now, and what is to come."""
+"""
+Inputs in time: what acts now, and what is to come.
 
-from collections.abc import Mapping
+What is to come stands in one queue: inputs that were given ahead of their time, the ends of hold
+times, and messages that wait for their stamp. Only the messages are no part of the state: a
+checkpoint leaves them out, and a restored one leaves them in place. They belong to the run that
+received them, which records each as it acts, and may drop those that wait.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
 import heapq
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 from icofabric_sim.kernels.records import Loads
 from icofabric_sim.scene.anchors import AnchorPack
-from icofabric_sim.scene.profiles import Piece, STEADY
+from icofabric_sim.scene.paths import Path
+from icofabric_sim.scene.profiles import Piece, Profile, STEADY
 from icofabric_sim.scene.scene import Scene
-from icofabric_sim.simulation.driving import Driving, PREFIX
+from icofabric_sim.simulation.driving import Driving
+from icofabric_sim.simulation.input_types import (
+    BodyTarget,
+    ChannelTarget,
+    DriveTarget,
+    has_target,
+    load_order,
+    LoadTarget,
+    require_target,
+    restored_target,
+    stored_target,
+    Target,
+    Twist,
+    Wrench,
+)
 from icofabric_sim.simulation.model.layout import Layout
 from icofabric_sim.simulation.model.packing import pack_loads, WrenchRow
 from icofabric_sim.simulation.state_tree import as_number, Memory
-from icofabric_sim.simulation.timetable import Timetable
-from icofabric_sim.simulation.wrench import Event, Key, Vector, Wrench
+from icofabric_sim.simulation.timetable import AnchorPath, Follower, Timetable, TractionProfile
 import numpy as np
-
-__all__ = ['Event', 'Inputs', 'Key', 'Vector', 'Wrench']
 
 _ZERO = np.zeros(3)
 
 
+class Event(NamedTuple):
+    """An input that begins to act, or (`value` None) the end of its hold time."""
+
+    time: float  # [s]
+    rank: int  # at one time, holds end before inputs begin
+    sequence: int
+    target: Target
+    value: Wrench | Twist | None
+    message: Any = None  # what was received, for who records it
+
+
+class InputQueue:
+    """Events in the order in which they act: by time, ends of holds first, then as they came."""
+
+    def __init__(self) -> None:
+        """Start empty."""
+        self._heap: list[Event] = []
+        self._sequence = 0
+        self.message_count = 0  # of the events that are messages
+        self.has_body_targets = False  # whether an event was ever for a single body
+
+    def __len__(self) -> int:
+        """Count the events."""
+        return len(self._heap)
+
+    def __iter__(self) -> Iterator[Event]:
+        """Go through the events in their order."""
+        return iter(sorted(self._heap, key=lambda event: event[:3]))
+
+    @property
+    def next_time(self) -> float:
+        """Time [s] of the next event; infinite without any."""
+        return self._heap[0].time if self._heap else math.inf
+
+    def put(
+        self, time: float, target: Target, value: Wrench | Twist | None, message: Any = None
+    ) -> None:
+        """Add an event at `time` [s]."""
+        rank = 0 if value is None else 1
+        heapq.heappush(self._heap, Event(time, rank, self._sequence, target, value, message))
+        self._sequence += 1
+        self.message_count += message is not None
+        self.has_body_targets |= isinstance(target, BodyTarget)
+
+    def take(self) -> Event:
+        """Remove and return the next event."""
+        event = heapq.heappop(self._heap)
+        self.message_count -= event.message is not None
+        return event
+
+    def refill(self, events: Iterable[Event]) -> None:
+        """Hold these events, in the order given where their times are the same."""
+        kept = list(events)
+        self._heap.clear()
+        self.message_count = 0
+        for event in kept:
+            self.put(event.time, event.target, event.value, event.message)
+
+    def drop_messages(self, is_lost: Callable[[Target], bool]) -> list[Event]:
+        """Remove and return the messages whose target is lost, in their order."""
+        lost = [event for event in self if event.message is not None and is_lost(event.target)]
+        if lost:
+            gone = {event.sequence for event in lost}
+            self.refill([event for event in self if event.sequence not in gone])
+        return lost
+
+
 class Inputs:
-    """Active wrenches of all channels and bodies, and the queue of events."""
+    """Active wrenches of all channels and bodies, the motion of drives, and what is to come."""
 
     def __init__(self, scene: Scene) -> None:
         """Start with the scene's own loads."""
         self.scene = scene
-        self.active: dict[Key, Wrench] = {}
-        self.expiry: dict[Key, float] = {}
-        self.received: set[Key] = set()
-        self.queue: list[Event] = []
+        self.active: dict[LoadTarget, Wrench] = {}
+        self.expiry: dict[LoadTarget, float] = {}
+        self.received: set[LoadTarget] = set()
+        self.queue = InputQueue()
+        # Hears of each message before it acts.
+        self.on_message: Callable[[Any], object] = lambda message: None
         # What the loads are made of that were packed last.
-        self.packed: dict[Key, Wrench] = {}
+        self.packed: dict[LoadTarget, Wrench] = {}
         # Which pieces of the profiles they followed.
-        self._packed_pieces: dict[str, int] = {}
-        self._sequence = 0
-        profiles = {
-            **{name: channel.profile for name, channel in scene.loads.items()},
-            **{_traction(name): part.profile for name, part in scene.tractions.items()}}
-        paths = {PREFIX + name: drive.path for name, drive in scene.drives.items()}
-        paths |= {_anchor(name): anchor.path for name, anchor in scene.anchors.items()}
+        self._packed_pieces: dict[Follower, int] = {}
+        self._channels = {
+            ChannelTarget(name): channel for name, channel in scene.loads.items()}
+        profiles: dict[Follower, Profile] = {
+            target: channel.profile for target, channel in self._channels.items()}
+        profiles |= {TractionProfile(name): part.profile for name, part in scene.tractions.items()}
+        paths: dict[Follower, Path] = {
+            DriveTarget(name): drive.path for name, drive in scene.drives.items()}
+        paths |= {AnchorPath(name): anchor.path for name, anchor in scene.anchors.items()}
         self.timetable = Timetable({**profiles, **paths})
         self.driving = Driving(scene.drives, scene.initial, self.timetable)
         self._varying = any(not profile.is_plain for profile in profiles.values()) or any(
@@ -52,7 +142,7 @@ class Inputs:
 
     def reset(self, time: float) -> None:
         """Forget all that was received; what the scene does itself begins anew at `time` [s]."""
-        self.queue.clear()
+        self.queue.refill(())
         self.expiry.clear()
         self.received.clear()
         self.active.clear()
@@ -62,54 +152,37 @@ class Inputs:
     def _begin(self, epoch: float, now: float) -> None:
         """Let the scene's own loads act where nothing was received in their place."""
         self.timetable.begin(epoch, now)
-        for name in self.scene.loads:
-            self._follow(name)
+        for target in self._channels:
+            self._follow(target)
 
-    def _follow(self, name: str) -> bool:
+    def _follow(self, target: ChannelTarget) -> bool:
         """Put the scene's own load on a channel, or take it off; whether that changes anything."""
-        channel = self.scene.loads[name]
-        if name in self.received or not (channel.force.any() or channel.torque.any()):
+        channel = self._channels[target]
+        if target in self.received or not (channel.force.any() or channel.torque.any()):
             return False
-        if self.timetable.piece(name).is_zero:
-            self.active.pop(name, None)
+        if self.timetable.piece(target).is_zero:
+            self.active.pop(target, None)
         else:
-            self.active[name] = Wrench(channel.force, channel.torque)
+            self.active[target] = Wrench(channel.force, channel.torque)
         return True
 
-    def acting(self) -> dict[Key, Wrench]:
+    def acting(self) -> dict[LoadTarget, Wrench]:
         """Return what acts now: channels by name, then bodies by number."""
-        return {key: self.active[key] for key in _in_order(self.active)}
+        return {target: self.active[target] for target in sorted(self.active, key=load_order)}
 
     @property
     def next_time(self) -> float:
         """Time [s] at which something changes next; infinite where nothing will."""
-        due = self.queue[0].time if self.queue else math.inf
-        return min(due, self.timetable.next_time)
+        return min(self.queue.next_time, self.timetable.next_time)
 
     def apply_next(self) -> bool:
         """Let that happen; returns whether anything changed for the bodies."""
         if self.timetable.next_time > self.next_time:
-            return self.apply(self.take())
+            return self._apply(self.queue.take())
         changes = [
-            self._follow(name) if name in self.scene.loads else name not in self.driving.taken
-            for name in self.timetable.turn()]
+            self._follow(begun) if isinstance(begun, ChannelTarget)
+            else begun not in self.driving.taken for begun in self.timetable.turn()]
         return any(changes)
-
-    def require_channel(self, name: str) -> None:
-        """Refuse a load channel that the scene lacks."""
-        if name not in self.scene.loads:
-            known = ', '.join(self.scene.loads) or 'none'
-            raise ValueError(
-                f'there is no load channel {name!r}; known: {known}. Define it with '
-                f'loads.{name}.group'
-            )
-
-    def require_body(self, body: int) -> None:
-        """Refuse a body that the scene lacks."""
-        if not 0 <= body < self.scene.body_count:
-            raise ValueError(
-                f'there is no body {body}; bodies are 0 to {self.scene.body_count - 1}'
-            )
 
     def adopt(self, other: 'Inputs', now: float, *, anew: bool) -> None:
         """
@@ -118,57 +191,52 @@ class Inputs:
         `anew`: what the scene does itself begins now; else it goes on.
         """
 
-        def known(key: Key) -> bool:
-            if isinstance(key, int):
-                return key < self.scene.body_count
-            return key in self.scene.loads or self.driving.knows(key)
+        def known(target: Target) -> bool:
+            return has_target(self.scene, target)
 
         # What was received goes on, also that it was cleared; other loads are the scene's.
-        self.received = {key for key in other.received if known(key)}
+        self.received = {target for target in other.received if known(target)}
         self.active.clear()
         self._begin(now if anew else other.timetable.epoch, now)
         self.driving.taken.clear()
         if not anew:
             self.driving.adopt(other.driving)
-        for key in self.received:
-            if key in other.active:
-                self.active[key] = other.active[key]
+        for target in self.received:
+            if target in other.active:
+                self.active[target] = other.active[target]
             else:
-                self.active.pop(key, None)
-        self.expiry = {key: time for key, time in other.expiry.items() if known(key)}
-        self.queue = [event for event in other.queue if known(event.key)]
-        heapq.heapify(self.queue)
-        self._sequence = other._sequence
+                self.active.pop(target, None)
+        self.expiry = {target: time for target, time in other.expiry.items() if known(target)}
+        self.queue.refill(event for event in other.queue if known(event.target))
 
-    def schedule(self, time: float, key: Key, wrench: Wrench | None) -> None:
-        """Put an event into the queue; events of one time act in the order they came."""
-        rank = 0 if wrench is None else 1
-        heapq.heappush(self.queue, Event(time, rank, self._sequence, key, wrench))
-        self._sequence += 1
-
-    def apply(self, event: Event) -> bool:
+    def _apply(self, event: Event) -> bool:
         """Let an event act; returns whether anything changed for the bodies."""
-        if event.wrench is not None and self.driving.knows(event.key):
-            self.driving.take_over(str(event.key), event.time, *event.wrench)
+        target, value = event.target, event.value
+        if event.message is not None:
+            self.on_message(event.message)
+        if isinstance(target, DriveTarget):
+            assert isinstance(value, Twist)
+            self.driving.take_over(target, event.time, value)
             return True
-        before = self.active.get(event.key, Wrench(_ZERO, _ZERO))
-        if event.wrench is None:
-            if self.expiry.get(event.key) != event.time:
+        before = self.active.get(target, Wrench(_ZERO, _ZERO))
+        if value is None:
+            if self.expiry.get(target) != event.time:
                 return False  # held on by a later wrench
-            del self.expiry[event.key]
-            self.active.pop(event.key, None)
+            del self.expiry[target]
+            self.active.pop(target, None)
             return not before.is_zero()
-        hold = self.scene.loads[event.key].hold if isinstance(event.key, str) else 0.0
-        self.received.add(event.key)
-        self.expiry.pop(event.key, None)
-        if event.wrench.is_zero():
-            self.active.pop(event.key, None)
+        assert isinstance(value, Wrench)
+        hold = self._channels[target].hold if isinstance(target, ChannelTarget) else 0.0
+        self.received.add(target)
+        self.expiry.pop(target, None)
+        if value.is_zero():
+            self.active.pop(target, None)
         else:
-            self.active[event.key] = event.wrench
+            self.active[target] = value
             if hold > 0.0:
-                self.expiry[event.key] = event.time + hold
-                self.schedule(event.time + hold, event.key, None)
-        return not event.wrench.same(before)
+                self.expiry[target] = event.time + hold
+                self.queue.put(event.time + hold, target, None)
+        return not value.same(before)
 
     def pack(self, layout: Layout, *, stages: int = 0) -> Loads:
         """Rows for the kernels of what acts now."""
@@ -188,11 +256,11 @@ class Inputs:
     def packed_rows(self) -> list[WrenchRow]:
         """The wrenches that were packed last."""
         rows = []
-        for key in _in_order(self.packed):
-            piece = self._piece(key) if key in self._packed_pieces else STEADY.pieces[0]
-            rows.append(self._row(key, self.packed[key], piece))
+        for target in sorted(self.packed, key=load_order):
+            piece = self._piece(target) if target in self._packed_pieces else STEADY.pieces[0]
+            rows.append(self._row(target, self.packed[target], piece))
         for name, part in self.scene.tractions.items():
-            piece = self._piece(_traction(name))
+            piece = self._piece(TractionProfile(name))
             if not piece.is_zero:
                 rows += [WrenchRow(*wrench[:-1], piece, wrench.normal) for wrench in part.wrenches]
         return rows
@@ -200,8 +268,8 @@ class Inputs:
     def pack_strongest(self, layout: Layout) -> Loads:
         """Rows of all that the scene does itself, each at its strongest, as if at one time."""
         rows = [
-            self._row(name, Wrench(channel.force, channel.torque), channel.profile.strongest)
-            for name, channel in self.scene.loads.items()]
+            self._row(target, Wrench(channel.force, channel.torque), channel.profile.strongest)
+            for target, channel in self._channels.items()]
         for part in self.scene.tractions.values():
             strongest = part.profile.strongest
             rows += [WrenchRow(*wrench[:-1], strongest, wrench.normal) for wrench in part.wrenches]
@@ -214,46 +282,45 @@ class Inputs:
         return AnchorPack(
             tuple(anchor.body for anchor in anchors.values()),
             tuple(anchor.arm for anchor in anchors.values()),
-            tuple(self._piece(_anchor(name)) for name in anchors), laws)
+            tuple(self._piece(AnchorPath(name)) for name in anchors), laws)
 
     def anchor_points(self, time: float) -> np.ndarray:
         """
         Where the points of the anchors are at a `time` [s] of the present pieces, (a, 3) [m].
         """
-        pieces = [self.timetable.piece(_anchor(name)) for name in self.scene.anchors]
+        pieces = [self.timetable.piece(AnchorPath(name)) for name in self.scene.anchors]
         return np.array([piece.at(time)[:3] for piece in pieces]).reshape(-1, 3)
 
     def _piece(self, name: Any) -> Any:
         """The piece of a profile that ruled when the loads were packed last."""
         return self.timetable.piece(name, self._packed_pieces.get(name))
 
-    def _row(self, key: Key, wrench: Wrench, piece: Piece) -> WrenchRow:
-        if isinstance(key, int):
-            return WrenchRow(np.array([key], np.int32), True, *wrench, piece=piece)
-        channel = self.scene.loads[key]
+    def _row(self, target: LoadTarget, wrench: Wrench, piece: Piece) -> WrenchRow:
+        if isinstance(target, BodyTarget):
+            return WrenchRow(np.array([target.number], np.int32), True, *wrench, piece=piece)
+        channel = self._channels[target]
         part = len(channel.bodies) if channel.total else 1
         return WrenchRow(
             channel.bodies, channel.in_body_axes, wrench.force / part, wrench.torque / part,
             channel.point, piece)
 
-    def take(self) -> Event:
-        """Remove and return the next event."""
-        return heapq.heappop(self.queue)
-
     def memory(self) -> dict[str, Any]:
         """What acts, what acts still, and what is to come, in an order of its own."""
         queue = [
-            [event.time, event.rank, event.key, *_numbers(event.wrench)]
-            for event in sorted(self.queue, key=lambda event: event[:3])]
+            [event.time, event.rank, stored_target(event.target), *_numbers(event.value)]
+            for event in self.queue if event.message is None]
         return {
             'active': _listing(self.active),
             'packed': _listing(self.packed),
-            'expiry': [[key, self.expiry[key]] for key in _in_order(self.expiry)],
-            'received': _in_order(dict.fromkeys(self.received)),
+            'expiry': [
+                [stored_target(target), self.expiry[target]]
+                for target in sorted(self.expiry, key=load_order)],
+            'received': [
+                stored_target(target) for target in sorted(self.received, key=load_order)],
             'queue': queue,
             'timetable': self.timetable.memory(),
             'driving': self.driving.memory(),
-            'packed_pieces': [list(item) for item in sorted(self._packed_pieces.items())],
+            'packed_pieces': self.timetable.listing(self._packed_pieces),
         }
 
     def recall(self, memory: Memory, now: float) -> None:
@@ -262,67 +329,71 @@ class Inputs:
         pieces = self.timetable.known_numbers(memory.entries('packed_pieces'))
         self.driving.recall(memory.part('driving'))
         active, packed = (self._wrenches(memory.entries(name)) for name in ('active', 'packed'))
-        expiry: dict[Key, float] = {}
+        expiry: dict[LoadTarget, float] = {}
         for entry in memory.entries('expiry'):
-            key, time = _fields(entry, 2)
-            expiry[self._known(key)] = _moment(time, now)
-        received = {self._known(key) for key in memory.entries('received')}
+            stored, time = _fields(entry, 2)
+            expiry[self._load_target(stored)] = _moment(time, now)
+        received = {self._load_target(stored) for stored in memory.entries('received')}
         queue = []
         for number, entry in enumerate(memory.entries('queue')):
-            time, rank, key, force, torque = _fields(entry, 5)
-            wrench = None if force is None and torque is None else Wrench.checked(force, torque)
-            if type(rank) is not int or rank != (0 if wrench is None else 1):
+            time, rank, stored, first, second = _fields(entry, 5)
+            target = self._known(stored)
+            value = None if first is None and second is None else _value(target, first, second)
+            if type(rank) is not int or rank != (0 if value is None else 1):
                 raise ValueError(f'inputs.queue has an entry of rank {rank!r:.40}')
-            queue.append(Event(_moment(time, now), rank, number, self._known(key), wrench))
-        heapq.heapify(queue)
+            queue.append(Event(_moment(time, now), rank, number, target, value))
+        queue += [event for event in self.queue if event.message is not None]
+        self.queue.refill(queue)
         self.active, self.packed, self.expiry = active, packed, expiry
-        self._packed_pieces = pieces
-        self.received, self.queue, self._sequence = received, queue, len(queue)
+        self._packed_pieces, self.received = pieces, received
 
     @property
     def concern_bodies(self) -> bool:
         """Whether any of them is for a single body."""
-        keys = (*self.active, *self.packed, *self.received, *(event.key for event in self.queue))
-        return any(isinstance(key, int) for key in keys)
+        targets = (
+            *self.active, *self.packed, *self.received, *(event.target for event in self.queue))
+        return any(isinstance(target, BodyTarget) for target in targets)
 
-    def _wrenches(self, entries: list[Any]) -> dict[Key, Wrench]:
+    def _wrenches(self, entries: list[Any]) -> dict[LoadTarget, Wrench]:
         wrenches = {}
         for entry in entries:
-            key, force, torque = _fields(entry, 3)
-            wrenches[self._known(key)] = Wrench.checked(force, torque)
+            stored, force, torque = _fields(entry, 3)
+            target = self._load_target(stored)
+            wrench = _value(target, force, torque)
+            assert isinstance(wrench, Wrench)
+            wrenches[target] = wrench
         return wrenches
 
-    def _known(self, key: Any) -> Key:
-        if type(key) is int:
-            self.require_body(key)
-        elif isinstance(key, str) and self.driving.knows(key):
-            pass
-        elif isinstance(key, str):
-            self.require_channel(key)
-        else:
-            raise ValueError('inputs hold a wrench on neither a channel nor a body')
-        return key
+    def _known(self, stored: Any) -> Target:
+        target = restored_target(stored)
+        require_target(self.scene, target)
+        return target
+
+    def _load_target(self, stored: Any) -> LoadTarget:
+        target = self._known(stored)
+        if isinstance(target, DriveTarget):
+            raise ValueError(f'inputs hold a wrench on {target}, which a twist moves')
+        return target
 
 
-def _traction(name: str) -> str:
-    """What a traction is called among the profiles: no channel has a dot in its name."""
-    return f'tractions.{name}'
+def _listing(wrenches: Mapping[LoadTarget, Wrench]) -> list[Any]:
+    return [
+        [stored_target(target), *_numbers(wrenches[target])]
+        for target in sorted(wrenches, key=load_order)]
 
 
-def _anchor(name: str) -> str:
-    return f'anchors.{name}'
+def _numbers(value: Wrench | Twist | None) -> list[Any]:
+    return [None, None] if value is None else [part.tolist() for part in value]
 
 
-def _in_order(keys: Mapping[Key, Any]) -> list[Key]:
-    return sorted(keys, key=lambda key: (isinstance(key, int), key))
-
-
-def _listing(wrenches: Mapping[Key, Wrench]) -> list[Any]:
-    return [[key, *_numbers(wrenches[key])] for key in _in_order(wrenches)]
-
-
-def _numbers(wrench: Wrench | None) -> list[Any]:
-    return [None, None] if wrench is None else [part.tolist() for part in wrench]
+def _value(target: Target, first: Any, second: Any) -> Wrench | Twist:
+    """The wrench or twist that a file holds for a target; ValueError where it is none."""
+    try:
+        if isinstance(target, DriveTarget):
+            return Twist.checked(first, second)
+        return Wrench.checked(first, second)
+    except TypeError as error:
+        raise ValueError(str(error)) from None
 
 
 def _fields(entry: Any, count: int) -> list[Any]:

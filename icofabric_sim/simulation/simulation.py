@@ -12,11 +12,19 @@ from icofabric_sim.scene.initial import hold_still, InitialState
 from icofabric_sim.scene.scene import require_scene, Scene
 from icofabric_sim.simulation.checkpoint import Checkpoint
 from icofabric_sim.simulation.contact.broad_phase import Overlap
-from icofabric_sim.simulation.driving import PREFIX
 from icofabric_sim.simulation.errors import Interrupted, SimulationError
 from icofabric_sim.simulation.event_loop import Course
 from icofabric_sim.simulation.given_state import complete_state
-from icofabric_sim.simulation.inputs import Key, Vector, Wrench
+from icofabric_sim.simulation.input_types import (
+    BodyTarget,
+    ChannelTarget,
+    DriveTarget,
+    require_target,
+    Target,
+    Twist,
+    Vector,
+    Wrench,
+)
 from icofabric_sim.simulation.model.body_force import as_body_force, BodyForce, Force
 from icofabric_sim.simulation.model.packing import pack_scene
 from icofabric_sim.simulation.model.snapshot import Snapshot
@@ -72,7 +80,10 @@ class Simulation:
         self.should_stop: Callable[[], bool] | None = None
         self._course = Course(
             scene, self.packed, body_wrenches=body_wrenches, on_pause=self._pause)
-        self._stepper, self._inputs = self._course.stepper, self._course.inputs
+        self._stepper = self._course.stepper
+        # What acts and what is to come. Whoever puts a judged input into `inputs.queue` advances
+        # to its time, or to the present one, to have it act.
+        self.inputs = self._course.inputs
         # Name of the method in METHODS, and why it was chosen.
         self.method_name, self.method_reason = self._course.method
         self._cached: Snapshot | None = None
@@ -178,14 +189,16 @@ class Simulation:
         return int(self._stepper.ledger[monitor.OBSTRUCTED])
 
     @property
-    def active_loads(self) -> dict[Key, Wrench]:
+    def active_loads(self) -> dict[str | int, Wrench]:
         """Wrenches that act now, by channel name or body number."""
-        return self._inputs.acting()
+        return {
+            target.number if isinstance(target, BodyTarget) else target.name: wrench
+            for target, wrench in self.inputs.acting().items()}
 
     @property
     def waiting_loads(self) -> int:
-        """Wrenches that are to begin or to end at a later time."""
-        return len(self._inputs.queue)
+        """Wrenches that are to begin or to end at a later time, messages left out."""
+        return len(self.inputs.queue) - self.inputs.queue.message_count
 
     def advance_to(self, time: float) -> None:
         """Advance to `time` [s]; in pieces it gives the same bits as in one go."""
@@ -231,8 +244,8 @@ class Simulation:
         Frame, point, share and hold time are the channel's (`loads.NAME.*`). Returns the time from
         which it acts.
         """
-        self._inputs.require_channel(checks.text('channel', channel))
-        return self._apply(channel, ('force', force), ('torque', torque), time)
+        target = ChannelTarget(checks.text('channel', channel))
+        return self._apply(target, Wrench.checked(force, torque), time)
 
     def apply_body_wrench(
         self,
@@ -247,8 +260,8 @@ class Simulation:
 
         Held until replaced; zero clears. Returns the time from which it acts.
         """
-        body = checks.count('body', body, 0, self.scene.body_count - 1)
-        return self._apply(body, ('force', force), ('torque', torque), time)
+        target = BodyTarget(checks.count('body', body, 0, self.scene.body_count - 1))
+        return self._apply(target, Wrench.checked(force, torque), time)
 
     def apply_twist(
         self,
@@ -264,8 +277,8 @@ class Simulation:
         Of the middle of its bodies and about it, world axes; until another one takes over, or a
         reset. Returns the time from which it acts.
         """
-        self._inputs.driving.require(checks.text('drive', drive))
-        return self._apply(PREFIX + drive, ('linear', linear), ('angular', angular), time)
+        target = DriveTarget(checks.text('drive', drive))
+        return self._apply(target, Twist.checked(linear, angular), time)
 
     def set_state(
         self,
@@ -299,7 +312,7 @@ class Simulation:
                     f'time must not be in the past: a reset cannot be at {time!r} s, the time is '
                     f'{self.time!r} s; reset_time() goes back to the start')
             self._course.time = time
-        self._inputs.reset(self._course.time)
+        self.inputs.reset(self._course.time)
         self._stepper.broken.mend()
         self._jump(self.scene.initial)
 
@@ -323,7 +336,7 @@ class Simulation:
                 f'the motion of {previous.scene.body_count} bodies cannot go on with '
                 f'{self.scene.body_count}'
             )
-        self._inputs.adopt(previous._inputs, previous.time, anew=not keep_motion)
+        self.inputs.adopt(previous.inputs, previous.time, anew=not keep_motion)
         if keep_motion:
             if self._stepper.watch is not None:
                 # The same motion: what was said once is not said again.
@@ -407,21 +420,17 @@ class Simulation:
             return None
         return (
             np.array([anchor.body for anchor in anchors]),
-            np.array([anchor.arm for anchor in anchors]), self._inputs.anchor_points(self.time))
+            np.array([anchor.arm for anchor in anchors]), self.inputs.anchor_points(self.time))
 
-    def _apply(
-        self, key: Key, first: tuple[str, Vector], second: tuple[str, Vector],
-        time: float | None
-    ) -> float:
-        """Let a wrench or twist, of two named vectors, act on what has this key."""
-        wrench = Wrench(*(checks.array(name, value, (3,)) for name, value in (first, second)))
+    def _apply(self, target: Target, value: Wrench | Twist, time: float | None) -> float:
+        require_target(self.scene, target)
         at = self.time if time is None else checks.number('time', time, unit='s')
         if at < self.time:
             raise ValueError(
-                f'time must not be in the past: {first[0]} and {second[0]} cannot act at {at!r} s'
-                f', the time is {self.time!r} s')
+                f'time must not be in the past: {" and ".join(value._fields)} cannot act at '
+                f'{at!r} s, the time is {self.time!r} s')
         with self._deferred:
-            self._course.apply(key, wrench, at)
+            self._course.apply(target, value, at)
         return at
 
     def _books(self, state: InitialState) -> dict[str, float]:

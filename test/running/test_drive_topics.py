@@ -6,11 +6,10 @@ import icofabric_sim as ico
 from icofabric_sim.bag.recorded_run import RecordedRun
 from icofabric_sim.messages import TwistStampedBytes
 from icofabric_sim.running.replay.verify import verify_run
-from icofabric_sim.running.run_records import WrenchInput
 from icofabric_sim.running.runner import Runner
 import numpy as np
 import pytest
-from recorded_runs import DRIVEN_SCENE, record_run
+from recorded_runs import DRIVEN_SCENE, record_run, Sent
 from runner_helpers import Beside
 
 LINEAR, ANGULAR = np.array([0.02, 0.0, -0.01]), np.array([0.0, 0.5, 0.0])
@@ -19,9 +18,7 @@ LINEAR, ANGULAR = np.array([0.02, 0.0, -0.01]), np.array([0.0, 0.5, 0.0])
 def twist(stamp, linear=LINEAR, angular=ANGULAR, drive='top'):
     message = TwistStampedBytes('')
     message.linear[:], message.angular[:] = linear, angular
-    return WrenchInput(
-        f'/icofabric/drives/{drive}', f'drives.{drive}', stamp, np.array(linear),
-        np.array(angular), message.stamped(stamp))
+    return Sent(f'~/drives/{drive}', message.stamped(stamp))
 
 
 def test_record_with_twists_is_identical(tmp_path):
@@ -47,5 +44,5 @@ def test_twist_for_a_drive_that_is_gone_is_dropped():
     scene = ico.Scene.from_parameters(DRIVEN_SCENE)
     runner = Runner(ico.compile_scene(scene), [])
     with Beside(runner) as beside:
-        runner.receive(twist(0, drive='other'))
+        runner.inputs.receive(*twist(0, drive='other'))
         beside.wait_for(lambda: runner.status().dropped == 1)

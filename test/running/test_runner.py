@@ -107,7 +107,7 @@ def test_input_acts_at_its_stamp(stamp, acts):
     direct = ico.compile_scene(ico.Scene.from_parameters(SCENE))
     direct.apply_wrench('tip', FORCE, time=seconds(acts))
     direct.advance_to(0.1)
-    assert [time for time, _ in sink.of('/loads/tip')] == [acts]
+    assert [time for time, _ in sink.of('~/loads/tip')] == [acts]
     assert runner.simulation.snapshot().position.tobytes() == direct.snapshot().position.tobytes()
 
 
@@ -117,7 +117,7 @@ def test_input_comes_before_the_states_it_changes():
     push(runner, stamp=50_000_000)
     run(runner)
     kinds = [(kind, time) for kind, time, _ in sink.messages]
-    assert kinds.index(('/loads/tip', 50_000_000)) + 1 == kinds.index((POSES, 50_000_000))
+    assert kinds.index(('~/loads/tip', 50_000_000)) + 1 == kinds.index((POSES, 50_000_000))
 
 
 def test_inputs_of_one_time_act_in_the_order_in_which_they_came():

@@ -28,7 +28,7 @@ def test_pause_and_steps():
     assert runner.now > 5_500_000
     times = [time for time, _ in sink.of(POSES)]
     assert {0, 3_000_000, 5_500_000} <= set(times)
-    assert [time for time, _ in sink.of('/loads/tip')] == [4_500_000]
+    assert [time for time, _ in sink.of('~/loads/tip')] == [4_500_000]
 
 
 def test_steps_tick_where_they_end_however_long_they_take(monkeypatch):
@@ -142,7 +142,7 @@ def test_changes_of_the_scene():
     runner.on_rebuilt = lambda *report: told.append(report)
     with Beside(runner) as beside:
         push(runner)
-        push(runner, key=0, topic='/wrench')
+        push(runner, key=0)
         runner.take_steps().result(60.0)
         before = runner.simulation
         wanted = change_and_wait(beside, runner, told, connector__stiffness=250.0)
@@ -216,11 +216,12 @@ def test_wrench_that_waits_for_a_body_that_is_gone_is_dropped(caplog):
     runner.on_rebuilt = lambda *report: told.append(report)
     last = runner.simulation.scene.body_count - 1
     with Beside(runner) as beside:
-        push(runner, key=last, stamp=10**7, topic='/wrench')
+        push(runner, key=last, stamp=10**7)
         change_and_wait(beside, runner, told, weave__size=[2, 2, 1])
         runner.set_paused(False)
         beside.wait_for(lambda: runner.finished)
     assert runner.dropped == 1 and sink.messages == []
     [warning] = warnings_said(caplog)
-    assert warning.startswith('1 waiting wrench was dropped (/wrench; the first for t = 0.01 s): ')
+    assert warning.startswith(
+        '1 waiting wrench was dropped (~/wrench; the first for t = 0.01 s): ')
     assert 'the weave changed before' in warning

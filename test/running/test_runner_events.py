@@ -10,7 +10,7 @@ import icofabric_sim as ico
 from icofabric_sim.bag import BagError
 from icofabric_sim.messages import decode_pose_array, decode_string, decode_uint8_multi_array
 from icofabric_sim.messages.topics import CHECKPOINT, EVENTS, POSES, TOPICS, WEAVE
-from icofabric_sim.running import input_queue, reweave
+from icofabric_sim.running import received_inputs, reweave
 from icofabric_sim.running.run_records import begins_anew
 from icofabric_sim.running.runner import Runner
 from icofabric_sim.simulation.checkpoint import Checkpoint
@@ -221,7 +221,7 @@ def test_wrench_of_a_sender_that_is_gone_stays_or_ends_with_its_hold_time():
 
 
 def test_queue_of_those_that_wait_is_bounded(monkeypatch, caplog):
-    monkeypatch.setattr(input_queue, 'LARGEST_QUEUE', 3)
+    monkeypatch.setattr(received_inputs, 'LARGEST_QUEUE', 3)
     runner = paused_runner(ListSink())
     with Beside(runner):
         for stamp in range(1, 7):
@@ -371,7 +371,7 @@ def test_recording_that_is_not_possible_is_refused():
 def test_nothing_is_saved_or_recorded_of_a_run_that_has_failed(tmp_path):
     runner = paused_runner(bag := BagLike(POSES))
     with Beside(runner):
-        push(runner, force=[1e308, 1e308, 1e308])
+        push(runner, force=[1e308, 1e308, 1e308], judged=False)
         with pytest.raises(RuntimeError):
             runner.take_steps().result(60.0)
         for future in (

@@ -82,10 +82,11 @@ def test_extreme_paces_and_durations_run(factor):
 def test_wrench_that_the_simulation_fails_on_ends_the_run_in_order(caplog):
     runner = make_runner(sink := ListSink())
 
-    def fail(*arguments):
+    def fail(time):
         raise SimulationError('too much')
 
-    runner.simulation.apply_wrench = fail
+    # What the simulation does first once a wrench has changed.
+    runner.simulation._stepper.cut = fail
     for stamp in (10_000_000, 10_000_000, 20_000_000):
         push(runner, stamp=stamp)
     run(runner)
@@ -98,7 +99,7 @@ def test_wrench_that_the_simulation_fails_on_ends_the_run_in_order(caplog):
 def test_infinite_load_is_forgotten_by_a_reset():
     runner = make_runner(ListSink())
     for stamp in (10_000_000, 20_000_000):
-        push(runner, stamp=stamp, force=[1e308, 1e308, 1e308])
+        push(runner, stamp=stamp, force=[1e308, 1e308, 1e308], judged=False)
     run(runner)
     assert runner.failure and runner.dropped == 1
     runner.reset()

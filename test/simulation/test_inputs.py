@@ -4,6 +4,7 @@
 from analytical import projectile
 from fabrics import changed, loaded_fabric, make_scene, same_state
 import icofabric_sim as ico
+from icofabric_sim.simulation.input_types import BodyTarget, ChannelTarget
 from icofabric_sim.simulation.inputs import Inputs
 import numpy as np
 import pytest
@@ -272,7 +273,7 @@ def test_inputs_go_over_to_a_changed_scene():
     simulation.apply_wrench('two', FORCE)
     simulation.apply_body_wrench(5, FORCE)
     simulation.apply_body_wrench(1, FORCE, time=0.3)
-    inputs = simulation._inputs
+    inputs = simulation.inputs
     smaller = Inputs(
         make_scene(
             (2, 2, 2),
@@ -281,12 +282,13 @@ def test_inputs_go_over_to_a_changed_scene():
     )
     smaller.adopt(inputs, 0.0, anew=False)
     # Neither the channel 'two' nor body 5 exist any more; the scene's own load is the new one.
-    assert set(smaller.active) == {'tip'}
-    assert smaller.active['tip'].force[0] == 2.0
-    assert [event.key for event in smaller.queue] == [1]
+    tip, two = ChannelTarget('tip'), ChannelTarget('two')
+    assert set(smaller.active) == {tip}
+    assert smaller.active[tip].force[0] == 2.0
+    assert [event.target for event in smaller.queue] == [BodyTarget(1)]
     again = Inputs(changed(scene, {'gravity': [0.0, 0.0, -1.0]}))
     again.adopt(inputs, 0.0, anew=False)
-    assert set(again.active) == {'tip', 'two', 5}
+    assert set(again.active) == {tip, two, BodyTarget(5)}
 
 
 def test_cleared_load_stays_cleared_in_a_changed_scene():
@@ -295,5 +297,5 @@ def test_cleared_load_stays_cleared_in_a_changed_scene():
     simulation.apply_wrench('tip')
     assert not simulation.active_loads
     again = Inputs(changed(scene, {'gravity': [0.0, 0.0, -1.0]}))
-    again.adopt(simulation._inputs, 0.0, anew=False)
+    again.adopt(simulation.inputs, 0.0, anew=False)
     assert not again.active

@@ -11,20 +11,12 @@ do. Pauses, steps, rates and pace are not done again: they do not touch the moti
 from collections import Counter
 from collections.abc import Callable, Iterator
 from functools import partial
-import re
 import time as wall
 
 from icofabric_sim.bag import BagError
 from icofabric_sim.bag.recorded_run import RecordedEvent, RecordedRun
-from icofabric_sim.messages import (
-    decode_string,
-    decode_twist_stamped,
-    decode_uint8_multi_array,
-    decode_wrench_stamped,
-    topics,
-    TwistStampedBytes,
-    WrenchStampedBytes,
-)
+from icofabric_sim.messages import decode_string, decode_uint8_multi_array, topics
+from icofabric_sim.messages.input_topics import decode_input, input_type, INPUT_TYPES
 from icofabric_sim.messages.schedule import nanoseconds_not_before, seconds
 from icofabric_sim.messages.topics import Topic
 from icofabric_sim.parameters.changes import rebuilds
@@ -32,19 +24,16 @@ from icofabric_sim.parameters.validation import Parameters
 from icofabric_sim.running.run_events import do_event, is_jump, replace_simulation
 from icofabric_sim.simulation.checkpoint import Checkpoint
 from icofabric_sim.simulation.errors import SimulationError
+from icofabric_sim.simulation.input_types import require_target
 from icofabric_sim.simulation.simulation import compile_scene, Simulation
 
-# A wrench on its way: what it does to a simulation.
+# What an input does to a simulation.
 Act = Callable[[Simulation], object]
 # States of the run that can be looked at again.
 OUTPUTS = (
     topics.POSES, topics.STATE, topics.ENERGY, topics.BROKEN, topics.CONNECTORS, topics.CLOCK,
     topics.CHECKPOINT)
 _BY_NAME = {topic.name: topic for topic in OUTPUTS}
-_LOAD = re.compile(r'~/loads/([A-Za-z][A-Za-z0-9_]*)')
-_DRIVE = re.compile(r'~/drives/([A-Za-z][A-Za-z0-9_]*)')
-_BODY = re.compile(r'icosahedron_(0|[1-9][0-9]{0,9})')
-_INPUT_TYPES = (WrenchStampedBytes.TYPE, TwistStampedBytes.TYPE)
 # Wall time between two calls of `on_time` [s].
 _RESPONSE = 0.1
 
@@ -285,49 +274,26 @@ class Resimulation:
 
     def _take_input(self, name: str, time: int, data: bytes) -> None:
         type_name = self.run.topics[self.run.node + name.removeprefix('~')].type_name
-        if type_name not in _INPUT_TYPES:
+        if type_name not in INPUT_TYPES:
             return
-        load, drive = _LOAD.fullmatch(name), _DRIVE.fullmatch(name)
-        if type_name == TwistStampedBytes.TYPE and drive is not None:
-            self._take_twist(drive[1], time, data)
-            return
-        if type_name != WrenchStampedBytes.TYPE or not (load or name == '~/wrench'):
+        if type_name != input_type(name):
             raise NotRepeatable(
                 f'{self.run.path} holds inputs on {self.run.node}{name[1:]} ({type_name}), which '
                 'this version cannot repeat')
-        wrench = self.run.decoded(decode_wrench_stamped, data)
-        if load is not None:
-            channel = load[1]
+        target, value, _, _ = self.run.decoded(partial(decode_input, name), data)
 
-            def act(simulation: Simulation) -> object:
-                return simulation.apply_wrench(channel, wrench.first, wrench.second)
-        else:
-            match = _BODY.fullmatch(wrench.frame_id)
-            if match is None:
-                raise BagError(
-                    f'{self.run.path} holds a wrench at t = {seconds(time):.9g} s on no body: its '
-                    f'frame is {wrench.frame_id!r}')
-            body = int(match[1])
+        def act(simulation: Simulation) -> None:
+            require_target(simulation.scene, target)
+            simulation.inputs.queue.put(simulation.time, target, type(value).checked(*value))
+            simulation.advance_to(simulation.time)
 
-            def act(simulation: Simulation) -> object:
-                return simulation.apply_body_wrench(body, wrench.first, wrench.second)
-        self._repeat(time, act, 'wrench')
-
-    def _take_twist(self, drive: str, time: int, data: bytes) -> None:
-        twist = self.run.decoded(decode_twist_stamped, data)
-
-        def act(simulation: Simulation) -> object:
-            return simulation.apply_twist(drive, twist.first, twist.second)
-
-        self._repeat(time, act, 'twist')
-
-    def _repeat(self, time: int, act: Callable[[Simulation], object], what: str) -> None:
         self.reach(time)
         self._on_input(act)
         try:
             self._guarded(lambda: act(self.simulation))
         except ValueError as error:
-            raise Departure(time, f'a recorded {what} cannot act: {error}') from error
+            raise Departure(
+                time, f'a recorded {type(value).__name__.lower()} cannot act: {error}') from error
         self.counts['inputs'] += 1
 
 

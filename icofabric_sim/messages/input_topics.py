@@ -1,0 +1,115 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+Inputs as messages: the topic and frame of each target, and what a message puts on it.
+
+    ~/wrench         WrenchStamped   the body of the frame icosahedron_K
+    ~/loads/NAME     WrenchStamped   a load channel
+    ~/drives/NAME    TwistStamped    a drive
+"""
+
+import re
+from typing import NamedTuple, TYPE_CHECKING
+
+from icofabric_sim.messages.cdr import CdrReader
+from icofabric_sim.messages.decode import Buffer, Floats
+from icofabric_sim.messages.frames import parse_body_frame, shown_frame
+from icofabric_sim.messages.stamped import TwistStampedBytes, WrenchStampedBytes
+from icofabric_sim.simulation.input_types import (
+    BodyTarget,
+    ChannelTarget,
+    DriveTarget,
+    Target,
+    Twist,
+    Wrench,
+)
+import numpy as np
+
+if TYPE_CHECKING:
+    from icofabric_sim.scene.scene import Scene
+
+INPUT_TYPES = (WrenchStampedBytes.TYPE, TwistStampedBytes.TYPE)
+_BODIES = '~/wrench'
+_NAME = r'([A-Za-z][A-Za-z0-9_]*)'
+_CHANNEL, _DRIVE = re.compile(f'~/loads/{_NAME}'), re.compile(f'~/drives/{_NAME}')
+
+
+class StampedPair(NamedTuple):
+    """
+    A WrenchStamped (force [N], torque [N m]) or TwistStamped (linear [m/s], angular [rad/s]).
+    """
+
+    nanoseconds: int
+    frame_id: str
+    first: Floats
+    second: Floats
+
+
+class InputMessage(NamedTuple):
+    """What a message puts on a target."""
+
+    target: Target
+    value: Wrench | Twist
+    stamp: int  # [ns] of simulated time, 0: at once
+    frame_id: str
+
+
+def topic_of(target: Target) -> str:
+    """The topic on which a target is driven."""
+    if isinstance(target, BodyTarget):
+        return _BODIES
+    kind = 'loads' if isinstance(target, ChannelTarget) else 'drives'
+    return f'~/{kind}/{target.name}'
+
+
+def input_topics(scene: 'Scene') -> dict[str, str]:
+    """Topics on which a scene takes inputs, with the type of their messages."""
+    topics = [
+        _BODIES, *(topic_of(ChannelTarget(name)) for name in scene.loads),
+        *(topic_of(DriveTarget(name)) for name in scene.drives)]
+    return {topic: input_type(topic) for topic in topics}
+
+
+def input_type(topic: str) -> str:
+    """Type of the messages of an input topic; '': it is none."""
+    if topic == _BODIES or _CHANNEL.fullmatch(topic):
+        return WrenchStampedBytes.TYPE
+    return TwistStampedBytes.TYPE if _DRIVE.fullmatch(topic) else ''
+
+
+def decode_input(topic: str, data: Buffer) -> InputMessage:
+    """Read a message of an input topic; ValueError where it is malformed or names no body."""
+    drive = _DRIVE.fullmatch(topic)
+    if drive is not None:
+        stamp, frame_id, linear, angular = decode_twist_stamped(data)
+        return InputMessage(
+            DriveTarget(drive[1]), Twist(np.array(linear), np.array(angular)), stamp, frame_id)
+    stamp, frame_id, force, torque = decode_wrench_stamped(data)
+    channel = _CHANNEL.fullmatch(topic)
+    target: Target | None = None
+    if channel is not None:
+        target = ChannelTarget(channel[1])
+    elif (body := parse_body_frame(frame_id)) is not None:
+        target = BodyTarget(body)
+    if target is None:
+        raise ValueError(
+            f"its header.frame_id is {shown_frame(frame_id)}, and must be 'icosahedron_K' with "
+            'the number K of the body')
+    return InputMessage(target, Wrench(np.array(force), np.array(torque)), stamp, frame_id)
+
+
+def decode_wrench_stamped(data: Buffer) -> StampedPair:
+    """Return (nanoseconds, frame_id, force, torque)."""
+    return _decode_pair(CdrReader(data, WrenchStampedBytes.TYPE))
+
+
+def decode_twist_stamped(data: Buffer) -> StampedPair:
+    """Return (nanoseconds, frame_id, linear, angular)."""
+    return _decode_pair(CdrReader(data, TwistStampedBytes.TYPE))
+
+
+def _decode_pair(reader: CdrReader) -> StampedPair:
+    nanoseconds, frame_id = reader.time(), reader.string()
+    values = reader.floats(6)
+    reader.finish()
+    return StampedPair(nanoseconds, frame_id, values[:3], values[3:])

@@ -1,0 +1,54 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""Subscriptions for inputs: each message goes to the run as it came."""
+
+from typing import Any
+
+from geometry_msgs.msg import TwistStamped, WrenchStamped
+from icofabric_sim.messages import TwistStampedBytes, WrenchStampedBytes
+from icofabric_sim.messages.input_topics import input_topics
+from icofabric_sim.running.received_inputs import ReceivedInputs
+from icofabric_sim.scene.scene import Scene
+from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+
+# Inputs are reliable, and deep enough for a burst while the node does something else.
+_QUALITY = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
+# So many more are taken out of the queue at once: one turn of the executor for each message would
+# be too slow for ten thousand a second.
+_BURST = 200
+_CLASSES = {WrenchStampedBytes.TYPE: WrenchStamped, TwistStampedBytes.TYPE: TwistStamped}
+
+
+class InputTopics:
+    """
+    Subscriptions `~/wrench`, `~/loads/NAME` and `~/drives/NAME`; all but one follow the scene.
+    """
+
+    def __init__(self, node: Node, inputs: ReceivedInputs, scene: Scene) -> None:
+        """Subscribe for `node` and pass on to `inputs`."""
+        self._node, self._inputs = node, inputs
+        self._subscriptions: dict[str, Any] = {}
+        self.set_scene(scene)
+
+    def set_scene(self, scene: Scene) -> None:
+        """Follow a changed scene: channels and drives come and go."""
+        wanted = input_topics(scene)
+        for topic in set(self._subscriptions) - set(wanted):
+            self._node.destroy_subscription(self._subscriptions.pop(topic))
+        for topic in sorted(set(wanted) - set(self._subscriptions)):
+            self._subscriptions[topic] = self._subscribe(topic, _CLASSES[wanted[topic]])
+
+    def _subscribe(self, topic: str, message_type: Any) -> Any:
+        def receive(data: bytes) -> None:
+            self._inputs.receive(topic, data)
+            with subscription.handle:
+                for _ in range(_BURST):
+                    more = subscription.handle.take_message(message_type, True)
+                    if more is None:
+                        break
+                    self._inputs.receive(topic, more[0])
+
+        subscription = self._node.create_subscription(
+            message_type, topic, receive, _QUALITY, raw=True)
+        return subscription

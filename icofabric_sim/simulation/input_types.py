@@ -1,0 +1,133 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""Inputs as types: a channel, a body or a drive that they act on, a wrench or twist they carry."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple, Self, TYPE_CHECKING
+
+from icofabric_sim import checks
+import numpy as np
+
+if TYPE_CHECKING:
+    from icofabric_sim.scene.scene import Scene
+
+Vector = Sequence[float] | np.ndarray
+_DRIVES = 'drives.'
+
+
+@dataclass(frozen=True, slots=True)
+class ChannelTarget:
+    """The bodies of `loads.NAME`, in the frame and at the point of the channel."""
+
+    name: str
+
+    def __str__(self) -> str:
+        return f'loads.{self.name}'
+
+
+@dataclass(frozen=True, slots=True)
+class BodyTarget:
+    """One body, in its own axes and about its centre."""
+
+    number: int
+
+    def __str__(self) -> str:
+        return f'body {self.number}'
+
+
+@dataclass(frozen=True, slots=True)
+class DriveTarget:
+    """The motion of `drives.NAME`."""
+
+    name: str
+
+    def __str__(self) -> str:
+        return f'{_DRIVES}{self.name}'
+
+
+LoadTarget = ChannelTarget | BodyTarget
+Target = LoadTarget | DriveTarget
+
+
+class Wrench(NamedTuple):
+    """A force and a torque on the axes of their channel."""
+
+    force: np.ndarray  # (3,) [N]
+    torque: np.ndarray  # (3,) [N m]
+
+    @classmethod
+    def checked(cls, force: Vector, torque: Vector) -> Self:
+        """Make a wrench of arguments; TypeError or ValueError names the wrong one."""
+        return cls(checks.array('force', force, (3,)), checks.array('torque', torque, (3,)))
+
+    def is_zero(self) -> bool:
+        """Whether it does nothing."""
+        return not (self.force.any() or self.torque.any())
+
+    def same(self, other: 'Wrench') -> bool:
+        """Whether both have the same values."""
+        return bool((self.force == other.force).all() and (self.torque == other.torque).all())
+
+
+class Twist(NamedTuple):
+    """A velocity and a spin, world axes."""
+
+    linear: np.ndarray  # (3,) [m/s]
+    angular: np.ndarray  # (3,) [rad/s]
+
+    @classmethod
+    def checked(cls, linear: Vector, angular: Vector) -> Self:
+        """Make a twist of arguments; TypeError or ValueError names the wrong one."""
+        return cls(checks.array('linear', linear, (3,)), checks.array('angular', angular, (3,)))
+
+
+def has_target(scene: 'Scene', target: Target) -> bool:
+    """Whether the scene has that channel, body or drive."""
+    if isinstance(target, BodyTarget):
+        return 0 <= target.number < scene.body_count
+    return target.name in (scene.loads if isinstance(target, ChannelTarget) else scene.drives)
+
+
+def require_target(scene: 'Scene', target: Target) -> None:
+    """Refuse a target that the scene lacks; the ValueError lists those that it has."""
+    if has_target(scene, target):
+        return
+    if isinstance(target, BodyTarget):
+        raise ValueError(
+            f'there is no body {target.number}; bodies are 0 to {scene.body_count - 1}')
+    what, names = 'drive', list(scene.drives)
+    if isinstance(target, ChannelTarget):
+        what, names = 'load channel', list(scene.loads)
+    raise ValueError(
+        f'there is no {what} {target.name!r}; known: {", ".join(names) or "none"}. Define it with '
+        f'{target}.group')
+
+
+def load_order(target: LoadTarget) -> tuple[bool, str | int]:
+    """Key that sorts channels by name, then bodies by number."""
+    if isinstance(target, BodyTarget):
+        return True, target.number
+    return False, target.name
+
+
+def stored_target(target: Target) -> str | int:
+    """
+    Return what a checkpoint holds for a target.
+
+    A channel by its name, a drive as drives.NAME, a body by its number; names have no dots.
+    """
+    if isinstance(target, ChannelTarget):
+        return target.name
+    return target.number if isinstance(target, BodyTarget) else str(target)
+
+
+def restored_target(stored: Any) -> Target:
+    """The target that a checkpoint holds, whether the scene has it or not."""
+    if type(stored) is int:
+        return BodyTarget(stored)
+    if not isinstance(stored, str):
+        raise ValueError('inputs hold a wrench on neither a channel nor a body')
+    if stored.startswith(_DRIVES):
+        return DriveTarget(stored.removeprefix(_DRIVES))
+    return ChannelTarget(stored)
