@@ -121,7 +121,6 @@ class BagSink:
         name: str = '/icofabric',
         on_error: Callable[[BagError], None] | None = None,
         on_warning: Callable[[str], None] | None = None,
-        summarise: Callable[[Status], dict[str, str]] = summarise_run,
     ) -> None:
         """
         Open the bag; raises BagError (a ValueError) naming `record.path` where that fails.
@@ -131,10 +130,8 @@ class BagSink:
         is in their `record.*`.
 
         A `live` run drops and counts messages when the disk is too slow, and says so to
-        `on_warning`; otherwise the run waits for the disk. `summarise` makes the last words of a
-        bag that a jump of time or a switch ends.
+        `on_warning`; otherwise the run waits for the disk.
         """
-        self._summarise = summarise
         parameters = parameters or simulation.scene.parameters
         self._path = '' if str(path) == parameters['record.path'] else str(path)
         self._storage = '' if storage in (None, parameters['record.storage']) else storage
@@ -235,7 +232,7 @@ class BagSink:
             raise BagError(
                 'record.path is empty: there is no folder to record to; set it first (ros2 param '
                 f'set {self.name} record.path runs/mine), or start with -p record.path:=runs/mine')
-        closed = self._close_present(self._summarise(status)) if self.is_recording else ''
+        closed = self._close_present(summarise_run(status)) if self.is_recording else ''
         if not on:
             return closed or 'nothing was being recorded'
         self._open(
@@ -256,7 +253,7 @@ class BagSink:
         """
         if not self.is_recording:
             return
-        self._close_present(self._summarise(ended))
+        self._close_present(summarise_run(ended))
         base = self._path or str(parameters['record.path'])
         try:
             if not base:
