@@ -55,3 +55,10 @@ def test_rims_are_started_only_when_asked_for():
             others = {room_of(target.module) for target in imports_of(name)
                       if not target.late and target.module not in ROOF} & RIMS
             assert others <= {room_of(name)}, name
+
+
+def test_a_scene_describes_and_does_not_pack():
+    """Records for kernels are packed in simulation/model; a scene asks only what lies inside."""
+    taken = {target.module for name in MODULES if name not in ROOF and room_of(name) == 'scene'
+             for target in imports_of(name) if room_of(target.module) == 'kernels'}
+    assert taken == {'icofabric_sim.kernels.inside'}

@@ -29,15 +29,6 @@ class Anchor(NamedTuple):
     path: Path  # of the point, world frame; only its first three coordinates count
 
 
-class AnchorPack(NamedTuple):
-    """What kernels need of all anchors."""
-
-    bodies: tuple[int, ...]
-    arms: tuple[np.ndarray, ...]
-    pieces: tuple[PathPiece, ...]  # at times of the run
-    law: tuple[float, float, float]  # k_e [N/m], k_c [N/m], D [m]
-
-
 def make_anchors(
     parameters: Parameters, body_count: int, drives: Mapping[str, Drive], half_edge: float
 ) -> dict[str, Anchor]:

@@ -2,13 +2,7 @@
 # Licensed under the Apache License, Version 2.0; see LICENSE.
 """Where connectors attach to their bodies, and how long they are in the weave."""
 
-from icofabric_sim.geometry.icosahedron import (
-    edge_midpoints,
-    face_geometry,
-    inscribed_radius,
-    NAMED_EDGES,
-)
-from icofabric_sim.kernels.records import Shells
+from icofabric_sim.geometry.icosahedron import edge_midpoints, NAMED_EDGES
 from icofabric_sim.parameters.validation import ParameterError, Parameters
 from icofabric_sim.scene.radial import bent_spans
 from icofabric_sim.scene.weave import fabric_orientation, rotation_matrix, Weave
@@ -20,8 +14,6 @@ import numpy as np
 _SHORTEST = 1e-6
 # Lengths that differ by less, relatively, are taken for one.
 _ROUNDING = 1e-12
-# A point this close to a face, in parts of the inscribed radius, lies on it.
-_ON_FACE = 1e-9
 
 
 def are_given(parameters: Parameters) -> bool:
@@ -37,19 +29,6 @@ def attachment_points(parameters: Parameters, half_edge: float) -> np.ndarray:
         if any(given):
             points[code] = given
     return points
-
-
-def pack_shells(parameters: Parameters, half_edge: float) -> Shells | None:
-    """
-    How deep the attachment points lie below the faces; None where they are the edge midpoints.
-    """
-    if not are_given(parameters) and parameters['connector.attachment_scale'] == 1.0:
-        return None
-    normals, height = face_geometry(half_edge).normals, inscribed_radius(half_edge)
-    depth = height - attachment_points(parameters, half_edge) @ normals.T
-    depth[np.abs(depth) <= _ON_FACE * height] = 0.0
-    depth[(depth > 0.0).all(axis=1)] = -np.inf
-    return Shells(np.ascontiguousarray(normals), depth)
 
 
 def check_attachments(parameters: Parameters, geometry: WeaveGeometry) -> None:

@@ -15,7 +15,6 @@ import math
 from typing import Any, NamedTuple
 
 from icofabric_sim.kernels.records import Loads
-from icofabric_sim.scene.anchors import AnchorPack
 from icofabric_sim.scene.paths import Path
 from icofabric_sim.scene.profiles import Piece, Profile, STEADY
 from icofabric_sim.scene.scene import Scene
@@ -35,7 +34,7 @@ from icofabric_sim.simulation.input_types import (
     Wrench,
 )
 from icofabric_sim.simulation.model.layout import Layout
-from icofabric_sim.simulation.model.packing import pack_loads, WrenchRow
+from icofabric_sim.simulation.model.packing import AnchorPack, pack_loads, WrenchRow
 from icofabric_sim.simulation.state_tree import as_number, Memory
 from icofabric_sim.simulation.timetable import AnchorPath, Follower, Timetable, TractionProfile
 import numpy as np

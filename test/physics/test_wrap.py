@@ -22,10 +22,10 @@ from icofabric_sim.kernels.flows import place_all
 from icofabric_sim.kernels.wrap.pairs import taut, whole
 from icofabric_sim.kernels.wrap.path import apart, leaving, seen_from
 from icofabric_sim.parameters.validation import make_parameters, ParameterError
-from icofabric_sim.scene.wrapping import pack_wrapping, ways_from
 from icofabric_sim.simulation.model.packing import pack_scene
 from icofabric_sim.simulation.model.snapshot import Snapshot
 from icofabric_sim.simulation.model.stability import largest_frequency
+from icofabric_sim.simulation.model.wrapping import pack_wrapping, ways_from
 from icofabric_sim.simulation.stepping import thread_team
 import numpy as np
 import pytest

@@ -21,12 +21,11 @@ from icofabric_sim.kernels.records import (
 )
 from icofabric_sim.kernels.records import Supports as PackedSupports
 from icofabric_sim.kernels.runtime.lanes import LANES
-from icofabric_sim.scene.anchors import AnchorPack
-from icofabric_sim.scene.attachments import are_given, pack_shells
+from icofabric_sim.scene.attachments import are_given
 from icofabric_sim.scene.connector_laws import ConnectorTables
+from icofabric_sim.scene.paths import PathPiece
 from icofabric_sim.scene.profiles import Piece, STEADY
 from icofabric_sim.scene.scene import Scene
-from icofabric_sim.scene.wrapping import pack_wrapping
 from icofabric_sim.simulation.contact.setup import ContactSetup, pack_contact
 from icofabric_sim.simulation.driving import DrivePack
 from icofabric_sim.simulation.model.body_force import BodyForce
@@ -35,6 +34,8 @@ from icofabric_sim.simulation.model.damping import pack_damping
 from icofabric_sim.simulation.model.electric import pack_coulomb, pack_dipole, pack_magnet
 from icofabric_sim.simulation.model.layout import aligned_empty, Layout, make_layout, make_links
 from icofabric_sim.simulation.model.link_places import pack_breakage
+from icofabric_sim.simulation.model.shells import pack_shells
+from icofabric_sim.simulation.model.wrapping import pack_wrapping
 import numpy as np
 
 # Runge-Kutta methods hold 1.7 kB more for each body: larger fabrics are not offered them.
@@ -54,6 +55,15 @@ class WrenchRow(NamedTuple):
     point: np.ndarray = _ZERO  # (3,) [m], body axes
     piece: Piece = STEADY.pieces[0]  # at times of the run
     normal: np.ndarray = _ZERO  # (3,) body axes: only the part of the force along it acts
+
+
+class AnchorPack(NamedTuple):
+    """What kernels need of all anchors."""
+
+    bodies: tuple[int, ...]
+    arms: tuple[np.ndarray, ...]
+    pieces: tuple[PathPiece, ...]  # at times of the run
+    law: tuple[float, float, float]  # k_e [N/m], k_c [N/m], D [m]
 
 
 @dataclass(frozen=True)
