@@ -42,7 +42,7 @@ def separation(half_edge: float, first: Pose, second: Pose) -> Separation:
     """
     Distance of two shells of half edge a [m], to rounding; minus their depth where they overlap.
 
-    The depth is the least shift that parts them. Looks at every feature of both.
+    The depth is the least shift that parts them. Tests every feature of both.
     """
     from icofabric_sim.kernels.contact.many import signed_distances
 

@@ -147,7 +147,7 @@ class Progress:
 
 
 def _working_time() -> float:
-    """Wall time [s] without that of the compiler, whose work says nothing of what is left."""
+    """Wall time [s] without that of the compiler, which does not predict what is left."""
     return time.monotonic() - compile_notice.seconds
 
 

@@ -159,7 +159,7 @@ class BagFile:
         current.flush()
         _check_there(current)
         entry = current.path.name, current.tally
-        # A file tells of itself alone: the others may be many.
+        # A file describes itself alone: the others may be many.
         current.finish(to_yaml(self._describe([entry])))
         self._finished.append(entry)
         self._current = None
@@ -170,6 +170,6 @@ class BagFile:
 
 
 def _check_there(file: StorageFile) -> None:
-    """Notice what the system does not tell: whoever writes to a removed file hears of no error."""
+    """Raise where the file was removed: the system reports no error for writing to it."""
     if not os.path.lexists(file.path):
         raise BagError(f'{file.path} was removed')

@@ -1,6 +1,6 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""The queue between those who record and the thread that writes: bounded in bytes, in order."""
+"""The queue between recording and the thread that writes: bounded in bytes, in order."""
 from __future__ import annotations
 
 from collections import deque
@@ -24,7 +24,7 @@ class RecorderStatistics(NamedTuple):
 
 
 class Heading(NamedTuple):
-    """What the files that begin after this say of themselves: one entry of their custom data."""
+    """An entry of the custom data of the files that begin after this."""
 
     key: str
     value: str
@@ -67,7 +67,7 @@ class Handover:
         self._queued_bytes = 0
 
     def put_notice(self, notice: TopicEntry | Heading) -> None:
-        """Append what is no message and takes no room."""
+        """Append a notice, which takes no room in the queue."""
         with self._lock:
             if not self._stopped:
                 self._items.append(notice)

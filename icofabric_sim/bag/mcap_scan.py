@@ -44,7 +44,7 @@ class McapScan:
     """One pass over the records of a file; no more than a chunk is in memory."""
 
     def __init__(self, path: Path, *, on_damage: Callable[[str], None]) -> None:
-        """Look at the file at `path`; `on_damage` hears of chunks that are left out."""
+        """Scan the file at `path`; `on_damage` is called for chunks that are left out."""
         self.path = path
         self.compressed = False  # whether a chunk was, among those read so far
         self._on_damage = on_damage

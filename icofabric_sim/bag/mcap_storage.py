@@ -131,7 +131,7 @@ class McapFile:
         self._begin_chunk()
 
     def finish(self, metadata: str) -> None:
-        # Topics that never had a message: the data part is to know them too.
+        # Topics that never had a message: the data part declares them too.
         self._put(self._definitions)
         self._definitions.clear()
         self._put_metadata(metadata)

@@ -1,6 +1,6 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""Reading a recorded run: its topics, its messages in time order, and what it says of itself."""
+"""Reading a recorded run: its topics, its messages in time order, and its custom data."""
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator

@@ -180,7 +180,7 @@ class RecordedRun:
             yield self.event(time, data)
 
     def event(self, time: int, data: bytes) -> RecordedEvent:
-        """The event that a message of `time` [ns] tells."""
+        """The event in a message of `time` [ns]."""
         try:
             facts = json.loads(self.decoded(decode_string, data))
             return RecordedEvent(time, str(facts.pop('event')), facts)
@@ -305,6 +305,6 @@ def active_inputs(inputs: Sequence[RecordedInput], time: int) -> list[RecordedIn
     latest: dict[tuple[str, str], RecordedInput] = {}
     for entry in inputs:
         if entry.nanoseconds <= time:
-            # Wrenches on single bodies share a topic and are told apart by their frame.
+            # Wrenches on single bodies share a topic and are distinguished by their frame.
             latest[entry.topic, entry.frame_id] = entry
     return [entry for entry in latest.values() if not entry.is_zero]

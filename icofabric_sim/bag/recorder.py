@@ -41,7 +41,7 @@ class BagRecorder:
     (a live simulation is not slowed by its disk). Essential messages are never dropped: they may
     fill the queue a second time over; then `write` waits, or, under 'drop', the recording ends.
 
-    An error of the disk ends the recording, never the caller: it is kept in `error`, told once to
+    A disk error ends the recording, never the caller: it is kept in `error`, passed once to
     `on_error` (mostly from the writing thread), and messages after it are counted as lost. What
     was recorded before stays a whole bag where the disk still takes the few bytes of its end.
 
@@ -172,7 +172,7 @@ class BagRecorder:
         self._announce({key: value})
 
     def set_heading(self, key: str, value: str) -> None:
-        """Set what the later files of a split bag say of themselves, and only they."""
+        """Set the custom data of the later files of a split bag."""
         _check_custom({key: value})
         self._handover.put_notice(Heading(key, value))
 
@@ -231,7 +231,7 @@ class BagRecorder:
             self._write_all(writing)
             file.close(self._custom)
         except Exception as error:
-            # Whatever it is, the simulation goes on and must hear of it.
+            # Whatever it is, the simulation goes on, and the error is reported to it.
             said = (error.strerror if isinstance(error, OSError) else str(error)) or repr(error)
             whole = file.salvage({**self._custom, STOPPED: said})
             self._handover.give_up(written=max(0, file.message_count - writing.extra))
@@ -264,7 +264,7 @@ class BagRecorder:
     def _fail(self, error: BagError) -> None:
         with self._failing:
             if self.error is not None:
-                return  # told once is enough
+                return  # reported once
             self.error = error
         if self._on_error is not None:
             self._on_error(error)
@@ -275,7 +275,7 @@ class _Writing:
 
     def __init__(self, file: BagFile, custom_topic: str, heading: dict[str, str]) -> None:
         self.file, self.heading = file, heading
-        self.extra = 0  # messages that nobody handed over
+        self.extra = 0  # messages that the recorder adds itself
         self._custom_topic = custom_topic
         self._part = 0
 

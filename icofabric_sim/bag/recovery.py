@@ -57,7 +57,7 @@ def recover_bag(
 
     MCAP yields all up to the last closed chunk, SQLite all up to the last commit. The storage,
     the compression, the files of a split bag, the topics with their QoS, the order and the custom
-    data stay as they were. `on_progress` is told the part done, 0 to 1. The source is not
+    data stay as they were. `on_progress` gets the part done, 0 to 1. The source is not
     changed.
     """
     source, destination = Path(source).expanduser(), absolute_path(destination)

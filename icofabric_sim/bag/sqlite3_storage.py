@@ -202,7 +202,7 @@ class Sqlite3Reader:
             yield topics[number], nanoseconds, data
 
     def is_finished(self) -> bool:
-        """Whether the recorder came to its end: then the metadata tell of the messages."""
+        """Whether the recording was closed: then the metadata count the messages."""
         if not self._has('metadata'):
             return True  # rosbag2 before Iron
         stored = self._metadata()

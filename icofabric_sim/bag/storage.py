@@ -116,7 +116,7 @@ class StorageFile(Protocol):
         """Give everything written so far to the system."""
 
     def roll_back(self) -> None:
-        """Forget what was written since the last flush that worked."""
+        """Drop what was written since the last flush that worked."""
 
     def finish(self, metadata: str) -> None:
         """Make the file whole, with the metadata of its bag, and close it; after `flush`."""

@@ -22,7 +22,7 @@ _LARGEST_LIST = 12
 
 @dataclass(frozen=True)
 class BagSummary:
-    """What there is to say of a recorded run without looking at every pose."""
+    """The summary of a recorded run, without reading every pose."""
 
     path: Path
     node: str
@@ -157,7 +157,7 @@ class BagSummary:
 
     def _accuracy(self) -> list[Row]:
         """
-        What was achieved; bags that were killed, and those of older versions, do not tell it.
+        What was achieved; bags that were killed, and those of older versions, lack it.
         """
         rows: list[Row] = []
         if 'tolerance' in self.custom:

@@ -112,7 +112,7 @@ def judge(
     Follow one run from step end to step end, and measure what is added in each window.
 
     `given`: length of the steps in parts of the stability limit, 0: chosen. `looks`: whether the
-    estimate is asked for at every window; else at the end only.
+    estimate is read at every window; else at the end only.
     """
     changes = changes | {'solver.method': method, 'solver.step': 0.0}
     run = ico.compile_scene(ico.Scene.from_parameters(changes))

@@ -1,6 +1,6 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""The leapfrog of the package without its surroundings, and the one that knows only springs."""
+"""The leapfrog of the package without its surroundings, and the one for springs alone."""
 
 from collections.abc import Callable
 from functools import cache
@@ -98,14 +98,14 @@ def require_same_motion(bare: Simulation, kernels: list[Kernel]) -> None:
 
 
 def package_kernel(packed: PackedScene) -> Kernel:
-    """The package's own, with a look at the state never."""
+    """The package's own, without health checks."""
     ledger = np.zeros(monitor.LEDGER_COUNT)
     ledger[monitor.OBSTRUCTED_LIMIT] = np.inf
     team = Crew(1, packed).team(0)
     advance = METHODS['leapfrog'].advance
 
     def run(state: State, work: Work, count: int) -> None:
-        # Nothing is saved where nothing is looked at.
+        # Nothing is saved without health checks.
         status, done, _ = advance(
             packed.model, None, state, state, work, team, 0.0, 0, STEP, count, 0, _NEVER, None,
             ledger)

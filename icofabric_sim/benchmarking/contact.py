@@ -25,12 +25,12 @@ KEPT, APART, PUSH = 'axis kept from before', 'whether they touch', 'force, torqu
 COLLIDE, DISTANCE = 'coal: collide', 'coal: distance or depth'
 # Deeper than the library's own accuracy, over a.
 _DEEP = 1e-5
-# Pairs of which the library is asked in one go.
+# Pairs that the library gets in one go.
 _SAMPLE = 5_000
 
 
 class ContactTime(NamedTuple):
-    """Times of one way to look at one family of pairs, one for each round."""
+    """Times of one test of one family of pairs, one for each round."""
 
     family: str
     what: str
@@ -69,7 +69,7 @@ def measure(
     say: Callable[[str], None] = lambda text: None,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Contact:
-    """Time all ways to look at all families of `count` pairs, in rounds."""
+    """Time all tests of all families of `count` pairs, in rounds."""
     say('compiling and placing pairs')
     coal, missing = None, ''
     if library:

@@ -71,7 +71,7 @@ def _rotations(rng: np.random.Generator, count: int) -> np.ndarray:
 
 
 def _half_turns(normals: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Rotations by pi about axes across the normals: faces that looked away look back."""
+    """Rotations by pi about axes across the normals: so that faces point the other way."""
     across = _unit(np.cross(normals, rng.normal(size=normals.shape)))
     return 2.0 * across[:, :, None] * across[:, None, :] - np.eye(3)
 

@@ -1,6 +1,6 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""Who takes part: the package, and each peer that is installed."""
+"""The contestants: the package, and each peer that is installed."""
 
 from collections.abc import Iterable
 from typing import NamedTuple

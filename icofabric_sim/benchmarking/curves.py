@@ -12,7 +12,7 @@ from icofabric_sim.benchmarking.scenes import motion_error, PlainScene
 from icofabric_sim.benchmarking.solver import Solver, StepSolver, ToleranceSolver, Unusable
 from icofabric_sim.benchmarking.timing import timed
 
-# An error above this is no motion; one below it is of no interest, or the reference's own.
+# Above this the motion is another one; below it errors do not matter, or are the reference's.
 _ROUGHEST, _FINEST = 0.3, 3e-11
 # Where an error below this falls no further it is rounding.
 _ROUNDING = 1e-6
@@ -84,7 +84,7 @@ class Curve:
         if not isinstance(self.solver, StepSolver):
             return math.nan
         clean = [point for point in self.points if 10.0 * _FINEST < point.error < 2e-2]
-        # The finest points say best how the error goes to zero.
+        # The finest points show best how the error goes to zero.
         clean = clean[-4:]
         if len(clean) < 3:
             return math.nan
@@ -96,7 +96,7 @@ class Curve:
         good = [k for k, point in enumerate(self.points) if point.error <= target]
         if not good:
             return [len(self.points) - 1] if self.points else []
-        # A finer run may take less: close to the limit of stability looks at the state cost more.
+        # A finer run may take less: close to the limit of stability health checks cost more.
         # The medians decide for all rounds.
         best = min(good, key=lambda k: self.points[k].time)
         if good[0] == 0:

@@ -17,7 +17,7 @@ _WIDTHS = (('avx512f', 'AVX-512'), ('avx2', 'AVX2'), ('avx', 'AVX'), ('sse2', 'S
 
 
 def use_one_thread() -> None:
-    """Tell all libraries that are loaded from now on to compute with one thread."""
+    """Have all libraries that are loaded from now on compute with one thread."""
     for name in THREAD_VARIABLES:
         os.environ[name] = '1'
 

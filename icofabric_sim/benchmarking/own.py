@@ -21,7 +21,7 @@ Changes = dict[str, Any] | None
 
 
 class _Own(Solver):
-    """A simulation, made anew for every setting."""
+    """A simulation, made again for every setting."""
 
     tool = TOOL
 

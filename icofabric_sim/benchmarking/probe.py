@@ -1,7 +1,7 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
 """
-What only a process of its own can tell: first calls, and peaks of memory.
+What only a process of its own can measure: first calls, and peaks of memory.
 
 `python -m icofabric_sim.benchmarking.probe compile|memory|record NX NY NZ` prints figures as JSON;
 `run` has it done, and reads them.
@@ -58,7 +58,7 @@ def resident(key: str) -> int:
 
 
 def forget_peak() -> None:
-    """Let the peak start anew from what is resident now, where the system can do that."""
+    """Reset the peak to what is resident now, where the system can do that."""
     try:
         Path('/proc/self/clear_refs').write_text('5', encoding='ascii')
     except OSError:

@@ -35,7 +35,7 @@ class Motion(NamedTuple):
 
 
 class PlainScene(NamedTuple):
-    """A free fabric as numbers, for tools that know nothing of weaves."""
+    """A free fabric as numbers, for tools without weaves."""
 
     name: str
     half_edge: float  # a [m]

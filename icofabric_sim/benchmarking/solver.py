@@ -1,6 +1,6 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""What a measurement asks of every contestant, the package itself included."""
+"""What every contestant provides to a measurement, the package itself included."""
 
 from abc import ABC, abstractmethod
 

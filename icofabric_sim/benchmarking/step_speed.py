@@ -15,7 +15,7 @@ from icofabric_sim.benchmarking.timing import in_rounds, Spread, STEPS_BLOCK, ti
 
 # Step [s], and the time [s] after which the motions are compared with the reference.
 STEP, CHECKED = 1e-4, 2e-3
-# Evaluations of all forces in a timed run: two looks at the state, of ours; and steps before it.
+# Evaluations of all forces in a timed run: two health checks of ours; and steps before it.
 _EVALUATIONS, _WARM_UP = 128, 2
 # A motion this far from the reference after CHECKED is another one; the leapfrog's is 5e-5.
 _ANOTHER = 1e-2

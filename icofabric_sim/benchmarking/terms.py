@@ -31,8 +31,8 @@ BARE = 'bare scene: springs alone'
 # What needs a method for forces that depend on velocities is compared with this.
 ADAPTIVE = 'bare scene by dop8'
 UNWATCHED, KERNEL, LEANEST = (
-    'without looks at the state', 'springs-only kernel', 'springs-only kernel, one kick a step')
-# Steps that are timed, after so many that are not. Two looks at the state; S3 meets its first
+    'without health checks', 'springs-only kernel', 'springs-only kernel, one kick a step')
+# Steps that are timed, after so many that are not. Two health checks; S3 meets its first
 # contact at step 922.
 _STEPS, _WARM_UP = 128, 2
 # The same for terms whose steps take a hundred times as long.
@@ -180,7 +180,7 @@ class Terms(NamedTuple):
         return next((row for row in self.rows if row.label == label), None)
 
     def ratio(self, row: Cost, label: str | None = None) -> Spread | None:
-        """Time of `row` over that of another, its bare scene unless told, round by round."""
+        """Time of `row` over that of another, by default its bare scene, round by round."""
         other = self.row(label or row.over)
         if other is None:
             return None

@@ -46,7 +46,7 @@ def lines(result: Terms) -> list[str]:
     for label in (KERNEL, LEANEST):
         other = result.ratio(unwatched, label) if unwatched is not None else None
         if other is not None:
-            answer += [f'bare scene without looks over {label}: {other.text()}']
+            answer += [f'bare scene without health checks over {label}: {other.text()}']
     return answer + ([''] + result.remarks if result.remarks else [])
 
 

@@ -72,7 +72,7 @@ def measure(
     curves = []
     for solver in contestants.solvers:
         say(f'{solver.label}: errors')
-        # Errors of kinks go up and down: the order of a method says nothing of where to look.
+        # Errors of kinks go up and down: the order of a method does not say where to search.
         curves.append(trace(
             solver, scene, reference, longest_run=longest_run, growth=2.0 if kinked else None))
         solver.close()

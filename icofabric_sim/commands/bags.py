@@ -17,7 +17,7 @@ def is_bag(path: Path) -> bool:
 
 
 def bag_path(text: str) -> Path:
-    """Where the argument BAG is; an empty one is no bag, though Path takes it for this folder."""
+    """Path of the argument BAG; an empty text is refused, which Path takes for this folder."""
     if not text:
         raise InputError(
             'an empty name is that of no bag: give the folder of a recorded run, or its file')
@@ -27,7 +27,7 @@ def bag_path(text: str) -> Path:
 @contextmanager
 def bag_errors(path: Path) -> Iterator[None]:
     """
-    Tell what is no bag at all (bad input) from one that is damaged, unfinished or no fabric's.
+    Distinguish what is not a bag (bad input) from a bag that is damaged, unfinished or of others.
     """
     from icofabric_sim.bag import BagError
     try:

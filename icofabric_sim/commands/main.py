@@ -70,7 +70,7 @@ def main(argv: list[str] | None = None) -> int:
         print(f'{name}: interrupted', file=sys.stderr)
         return INTERRUPTED
     except BrokenPipeError:
-        # Whoever read the output has seen enough; Python must not complain at its end.
+        # The reader of the output closed it; Python must not complain at its end.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return DONE
     except MemoryError:
@@ -91,7 +91,7 @@ def _run(words: list[str]) -> int:
     from icofabric_sim.version import __version__
     parser.add_argument('--version', action='version', version=f'icofabric_sim {__version__}')
     verbs = parser.add_subparsers(dest='verb', metavar='VERB', required=True)
-    # A word that is no verb needs the names only.
+    # For a word that is not a verb the names are enough.
     wanted = next((word for word in words if not word.startswith('-')), '')
     for verb, summary in VERBS.items():
         sub = verbs.add_parser(

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 _SHOWN = 12
 _DRAWN = 5  # modes in a picture
-# What somebody may expect of an animation.
+# Lengths and sizes of an animation.
 _OTHER_FILES = ('.png', '.jpg', '.jpeg', '.mp4', '.webm', '.avi', '.mov', '.mcap', '.db3')
 
 
@@ -89,7 +89,7 @@ def main(arguments: argparse.Namespace) -> int:
             print(f'verdict     {found.verdict} (residual {found.residual:.2g})')
             if not found.converged:
                 raise FileSaysNo(
-                    'there is no equilibrium to vibrate about; icofabric statics says more')
+                    'no equilibrium was found to vibrate about; icofabric statics shows why')
             at = found.snapshot
         spectrum = solve_modes(
             scene, at=at, time=arguments.time, count=arguments.count,

@@ -159,7 +159,7 @@ class _Run:
                 storage=self.simulation.scene.parameters['record.storage'])
 
     def _bag_failed(self, error: Exception) -> None:
-        # A run whose record has failed is of little use, and has another reason to go on: none.
+        # A run whose record has failed ends: the record was asked for.
         if self.runner is not None:
             self.progress.note(f'{_NAME}: {error}; the run ends here')
             self.runner.stop()
@@ -179,7 +179,7 @@ class _Run:
         def stop(number: int, frame: object) -> None:
             self.interrupted = True
             runner.stop()
-            # What does not hear that, the compiler above all, is broken off.
+            # What does not check for that, above all the compiler, is broken off.
             leaving.request()
 
         before = {number: signal.signal(number, stop)
@@ -199,7 +199,7 @@ def _complete(arguments: argparse.Namespace, parameters: 'Parameters') -> 'Param
     given = {rule.partition(':=')[0] for rule in arguments.parameter}
     if 'real_time_factor' not in given:
         changes['real_time_factor'] = 0.0
-    # Nobody could end the pause.
+    # There is no service to end the pause.
     changes['start_paused'] = False
     if arguments.duration is not None:
         changes['duration'] = arguments.duration

@@ -90,7 +90,7 @@ def _search(
     goal = -float(np.log10(arguments.tolerance)) if 0.0 < arguments.tolerance < 1.0 else 1.0
     reached: list[tuple[float, 'Equilibrium']] = []
     unit = 'decimal places of the residual' if count == 1 else 'load steps'
-    # A residual falls by leaps: its pace says nothing of the rest.
+    # A residual falls by leaps: its pace does not predict the rest.
     with Progress(
             goal if count == 1 else count, unit, foreseen=count > 1) as progress, bad_input():
         def show(search: Search) -> None:

@@ -85,7 +85,7 @@ def _verify(
                     run, threads=threads, start=start, stop=stop,
                     on_time=lambda time: progress.update((time - begin) / _NANOSECONDS))
             except NotRepeatable as error:
-                # A bag, but none that anyone could simulate again: not what was asked for.
+                # A bag, but one that cannot be simulated again: bad input.
                 raise InputError(str(error)) from error
             except KeyboardInterrupt:
                 progress.note(f'{_NAME}: {path} was not verified to its end')

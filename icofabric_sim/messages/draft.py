@@ -18,8 +18,8 @@ class Draft:
     """
     The bytes of one message while they may still change, all zero at first.
 
-    A BytesIO hands out the memory that it has written, as bytes, when nobody can write to it any
-    more; while somebody can, it hands out a copy.
+    A BytesIO hands out the memory that it has written, as bytes, once nothing can write to it any
+    more; until then it hands out a copy.
     """
 
     def __init__(self, size: int) -> None:

@@ -182,7 +182,7 @@ def _read(path: str | os.PathLike[str]) -> bytes:
             return file.read()
     except FileNotFoundError:
         raise ParameterFileError(
-            f'{name}: there is no such parameter file (looked from {os.getcwd()}); check the '
+            f'{name}: there is no such parameter file (searched from {os.getcwd()}); check the '
             'path') from None
     except (OSError, ValueError) as error:
         if isinstance(error, ParameterFileError):

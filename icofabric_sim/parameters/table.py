@@ -80,7 +80,7 @@ def _positive(**options: Unpack[_Options]) -> _Options:
 
 FIXED, AT_ONCE, RESTARTS = Change.FIXED, Change.AT_ONCE, Change.RESTARTS
 _ZERO3 = [0.0, 0.0, 0.0]
-# Simulated time is counted in nanoseconds, and told in seconds to about as many digits [s].
+# Simulated time is counted in nanoseconds, and given in seconds to about as many digits [s].
 _LONGEST = 1e9
 
 STATIC: tuple[Specification, ...] = (

@@ -90,7 +90,7 @@ def _flatten(nested: Mapping[str, Any], prefix: str, flat: dict[str, Value]) -> 
     for key, value in nested.items():
         if not isinstance(key, str) or not key or '\0' in key:
             raise ParameterFileError(
-                f'{shown(key)} below {prefix.rstrip(".") or "the top"!r} is no parameter name; '
+                f'{shown(key)} below {prefix.rstrip(".") or "the top"!r} is not a parameter name; '
                 'use a text')
         name = prefix + key
         if isinstance(value, Mapping):
@@ -172,7 +172,7 @@ def _key_text(name: str) -> str:
     if not isinstance(name, str) or not name or '\0' in name or len(name) > _LONGEST_NAME or (
             not _is_text(name)):
         raise ParameterFileError(
-            f'{name!r} is no parameter name; use a text of 1 to {_LONGEST_NAME} characters')
+            f'{name!r} is not a parameter name; use a text of 1 to {_LONGEST_NAME} characters')
     return _quoted(name)
 
 

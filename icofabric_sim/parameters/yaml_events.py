@@ -168,7 +168,7 @@ def _refuse_new_forms(event: Any, text: str, in_brackets: bool, where: str) -> N
                 f'{where}not every ROS reads "\\/" in a quoted text; write "/" alone')
         if any('\ud800' <= character <= '\udfff' for character in event.value):
             raise ParameterFileError(
-                f'{where}half of a surrogate pair is no character; write it as \\U and 8 digits')
+                f'{where}a character is half of a surrogate pair; write it as \\U and 8 digits')
     elif in_brackets and event.style in ('', None) and re.search('[:?]', event.value):
         raise ParameterFileError(
             f'{where}not every ROS reads {event.value!r} inside brackets; quote it, or put a '

@@ -32,7 +32,7 @@ _SWINGS, _RATE = 5, 60
 _NODE = '/icofabric'
 _SIZE = (800, 600)
 
-Progress = Callable[[int], None]  # hears how many moments are done
+Progress = Callable[[int], None]  # called with the number of moments done
 
 
 def scaled_shape(scene: Scene, shape: np.ndarray) -> np.ndarray:

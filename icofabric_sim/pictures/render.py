@@ -11,7 +11,7 @@ from icofabric_sim.pictures.drawing import Moment, Renderer
 from icofabric_sim.pictures.fabric_polygons import Bounds, bounds_of, View
 import numpy as np
 
-Progress = Callable[[int], None]  # hears how many pictures are done
+Progress = Callable[[int], None]  # called with the number of pictures done
 DEFAULT_SIZE = (1280, 960)
 
 
@@ -33,7 +33,7 @@ class RunPictures:
     def __init__(
             self, run: RecordedRun, *, view: View | None = None,
             size: tuple[int, int] = DEFAULT_SIZE, title: str = '') -> None:
-        """Look at all poses once, so that whatever moves stays in the picture."""
+        """Read all poses once, so that all that moves stays in the picture."""
         self.run = run
         self.view = View() if view is None else view
         self._inputs = run.inputs()

@@ -12,13 +12,13 @@ from typing import Any
 from rclpy.node import Node
 from rclpy.task import Future as Promise
 
-# Requests that may wait for their answer at once: a thousand clients are none of a simulator's.
+# Limit on pending requests.
 MOST = 100
 
 
 class Answers:
     """
-    Requests that wait for another thread, without holding up whatever else the node hears.
+    Requests that wait for another thread, without holding up other callbacks of the node.
 
     All methods but `hand_over` are for the executor's thread.
     """
@@ -67,7 +67,7 @@ class Answers:
         return future.result()
 
     def end(self, reason: str) -> None:
-        """Let everyone who still waits know why there will be no other answer."""
+        """Answer all pending requests with the reason why no other answer will come."""
         self._ended = reason
         self._run_handed()
         for promise in list(self._waiting):
@@ -85,7 +85,7 @@ def begin_aside(work: Callable[[], Any]) -> 'Future[Any]':
     def run() -> None:
         try:
             result = work()
-        except Exception as error:  # noqa: BLE001 - the one who asked gets it
+        except Exception as error:  # noqa: BLE001 - passed on in the answer
             future.set_exception(error)
         else:
             future.set_result(result)

@@ -1,6 +1,6 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""Looks for others who publish /clock too: a graph can follow one clock only."""
+"""Finds other publishers of /clock: a graph can follow one clock only."""
 
 from icofabric_sim.messages.topics import CLOCK
 from rclpy.clock import Clock, ClockType
@@ -10,7 +10,7 @@ _INTERVAL = 1.0  # [s] of wall time
 
 
 class ClockWatch:
-    """Says once for each other publisher of /clock that it is one, and keeps it in `note`."""
+    """Warns once of each other publisher of /clock, and keeps the warning in `note`."""
 
     def __init__(self, node: Node) -> None:
         """Watch for `node`, which publishes /clock itself."""
@@ -26,7 +26,7 @@ class ClockWatch:
         self.note = ''
         if others:
             self.note = (
-                f'/clock is published by {", ".join(others)} too: nodes that follow it hear two '
+                f'/clock is published by {", ".join(others)} too: nodes that follow it get two '
                 'times; set publish_clock to false for all but one')
         if set(others) - self._told:
             self._node.get_logger().warning(self.note)

@@ -215,16 +215,16 @@ def run_node(node: FabricNode, signals: StopSignals) -> int:
         f'{simulation.method_name}, step {simulation.step:.3g} s'
     )
     server = Server(node)
-    # What was imported stays: looking through it for garbage would hold everything up.
+    # What was imported stays: a garbage collection over it would block the node.
     gc.freeze()
     node.start()
     try:
         server.serve(lambda: signals.received or node.is_done())
     finally:
         node.close()
-    # Who still waits for an answer hears that there will be none.
+    # Pending requests are answered: no result will come.
     deadline = time.monotonic() + _LAST_ANSWERS
     server.serve(lambda: not node.answers or time.monotonic() > deadline)
     node.destroy_node()
-    gc.freeze()  # the end of the process, which looks once more, takes half a second otherwise
+    gc.freeze()  # the collection at the end of the process takes half a second otherwise
     return 1 if node.runner.failure else 0

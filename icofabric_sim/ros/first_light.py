@@ -57,7 +57,7 @@ class Pusher(Node):
         self._next_report = 0.0
 
     def listeners(self) -> int:
-        """Count who takes the push."""
+        """Count the subscribers of the push."""
         return int(self._publisher.get_subscription_count())
 
     def seen_of_node(self) -> str:
@@ -78,7 +78,7 @@ class Pusher(Node):
 
     def start_when_met(self) -> None:
         """
-        Let simulated time run once the node is seen and hears us: nothing of the run is missed.
+        Let simulated time run once both directions are connected: nothing of the run is missed.
         """
         if self._resumed or self.first_seen is None or not self.listeners():
             return

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from icofabric_sim.parameters.validation import Parameters
     from icofabric_sim.simulation.simulation import Simulation
 
-# Where to, and whose clock it is, was the recorded run's own business.
+# Where it was recorded to, and whether it published the clock, does not matter now.
 _OWN = ('record.path', 'record.storage', 'publish_clock')
 
 
@@ -40,7 +40,7 @@ class GoingLive:
         def work() -> None:
             try:
                 self._build(time)
-            except BaseException as error:  # noqa: BLE001 - the one who asked gets it
+            except BaseException as error:  # noqa: BLE001 - passed on in the answer
                 future.set_exception(error)
             else:
                 future.set_result(None)

@@ -25,9 +25,9 @@ _LAST_WORDS = 0.3
 # every three seconds. A healthy one does so before the next message, unless that follows within
 # this time [s]; so a moment comes at which everything is confirmed.
 _ANSWER = 0.01
-# Without such a moment for this long [s], in so many looks, a subscriber is stuck.
+# Without such a moment for this long [s], in so many checks, a subscriber is stuck.
 _STUCK_AFTER, _STUCK_LOOKS = 5.0, 20
-# A look costs a tenth of a millisecond; it is left out below so many messages.
+# A check costs a tenth of a millisecond; it is left out below so many messages.
 _FEW = 10
 
 
@@ -55,7 +55,7 @@ class _Outlet:
     def __init__(self, publisher: Publisher, depth: int) -> None:
         self.publisher = publisher
         self.depth = max(depth, _FEW)
-        self.unconfirmed, self.looks = 0, 0  # looks that found no such moment
+        self.unconfirmed, self.looks = 0, 0  # checks that found no such moment
         self.waits_since, self.sent_at = 0.0, 0.0
 
 
@@ -88,7 +88,7 @@ class LiveSink:
         return False
 
     def wants(self, topic: Topic) -> bool:
-        """Whether anyone listens; a latched message waits for those who come later."""
+        """Whether there are subscribers; a latched message is kept for later ones."""
         with self._lock:
             outlet = self._outlets.get(topic.name)
             if self._closed or outlet is None:
@@ -136,7 +136,7 @@ class LiveSink:
     def time_jumped_back(
         self, simulation: Simulation, parameters: Parameters, ended: Status
     ) -> None:
-        """Publishers need not know: /clock tells everyone."""
+        """Nothing to do here: subscribers see the jump in /clock."""
 
     def close(self) -> None:
         """Publish no more, once listeners have what was sent: the context is about to end."""

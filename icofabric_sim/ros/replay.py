@@ -272,17 +272,17 @@ def run_replay(node: ReplayNode, options: Mapping[str, Any], signals: StopSignal
     """
     _introduce(node)
     server = Server(node)
-    gc.freeze()  # looking through what was imported for garbage would hold everything up
+    gc.freeze()  # a garbage collection over what was imported would block the node
     node.start()
     try:
         server.serve(lambda: signals.received or node.is_over())
     finally:
         node.close()
-    # Who still waits for an answer hears that there will be none.
+    # Pending requests are answered: no result will come.
     deadline = time.monotonic() + _LAST_ANSWERS
     server.serve(lambda: not node.answers or time.monotonic() > deadline)
     node.destroy_node()
-    gc.freeze()  # the end of the process looks once more
+    gc.freeze()  # there is one more at the end of the process
     if signals.received or not node.gives_way or node.going_live is None:
         return 1 if node.player.failure else 0
     return node.going_live.run(options, node.player.rate, signals)

@@ -100,9 +100,9 @@ class ParameterGate:
         limit: Callable[[], float],
     ) -> None:
         """
-        Start from `parameters`; `on_change` hears of every accepted set.
+        Start from `parameters`; `on_change` is called with every accepted set.
 
-        `limit` tells the stability limit [s] of the step of the running fabric.
+        `limit` returns the stability limit [s] of the step of the running fabric.
         """
         self.accepted = parameters
         self._on_change = on_change

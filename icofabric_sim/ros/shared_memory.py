@@ -14,7 +14,7 @@ import os
 from pathlib import Path
 import tempfile
 
-# Set by users who know better; then nothing is changed.
+# Where users have set these, nothing is changed.
 _OWN_SETTINGS = (
     'FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE',
     'FASTDDS_BUILTIN_TRANSPORTS')

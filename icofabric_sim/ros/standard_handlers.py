@@ -39,7 +39,7 @@ FEATURES = {
 }
 _CUSTOM = (
     f'icofabric_sim: entities are the bodies, {body_frame(0)} and on; their tags are the groups '
-    'of the scene. Time is reset together with the state only. Accelerations are not told (NaN) '
+    'of the scene. Time is reset together with the state only. Accelerations are not given (NaN) '
     'and cannot be set. A step is one of the solver.')
 # Objects of this many states take about a second to build and to send.
 MOST_STATES = 10_000
@@ -67,7 +67,7 @@ class StandardHandlers:
     def __init__(
         self, messages: Any, runner: Runner, answers: Answers, stop: Callable[[], None]
     ) -> None:
-        """Speak for `runner`; `stop` ends the node."""
+        """Answer for `runner`; `stop` ends the node."""
         self._messages, self._result = messages, messages.Result
         self._runner, self._answers, self._stop = runner, answers, stop
         self._frame_id = runner.parameters['frame_id']
@@ -93,7 +93,7 @@ class StandardHandlers:
     # The simulator.
 
     async def GetSimulatorFeatures(self, request: Any, response: Any) -> None:
-        """Tell what of this module is really offered."""
+        """Return the features that are offered."""
         kind = self._messages.SimulatorFeatures
         names = {feature for name in self.offered for feature in FEATURES.get(name, ())}
         response.features.features = sorted(
@@ -101,7 +101,7 @@ class StandardHandlers:
         response.features.custom_info = _CUSTOM
 
     async def GetSimulationState(self, request: Any, response: Any) -> str:
-        """Tell whether time runs; one that has ended stands still."""
+        """Return whether time runs; a run that has ended is stopped."""
         response.state.state = self._state()
         return self._why_ended()
 
@@ -114,7 +114,7 @@ class StandardHandlers:
         if target not in (kind.STATE_STOPPED, kind.STATE_PLAYING, kind.STATE_PAUSED):
             raise Refused(
                 self._result.RESULT_FEATURE_UNSUPPORTED,
-                f'there is no way to state {target}: a fabric stands, runs or ends')
+                f'state {target} cannot be reached: a fabric is stopped, runs or ends')
         if target == self._state():
             raise Refused(response.ALREADY_IN_TARGET_STATE, 'it is in this state already')
         if target == kind.STATE_PLAYING:

@@ -57,7 +57,7 @@ class StopSignals:
 @contextmanager
 def importing() -> Iterator[None]:
     """
-    Import much without looking for garbage: all of it stays, and that took a tenth of the start.
+    Import without garbage collection: all of it stays, and that took a tenth of the start.
 
     It is left out of later collections too, which would hold up a running node.
     """
@@ -70,7 +70,7 @@ def importing() -> Iterator[None]:
 
 
 def arguments_of_its_own(arguments: list[str]) -> list[str]:
-    """What stands outside of `--ros-args ... --`, and is no renaming in the old form."""
+    """Arguments outside of `--ros-args ... --`, without renamings in the old form."""
     own, for_ros = [], False
     for argument in arguments:
         if argument == '--ros-args':

@@ -61,7 +61,7 @@ class Sink(Protocol):
         self, simulation: Simulation, parameters: Parameters, ended: Status
     ) -> None:
         """
-        Hear that the simulated time has jumped: to 0, or to a checkpoint; a bag ends here.
+        Called when the simulated time has jumped: to 0, or to a checkpoint; a bag ends here.
 
         `simulation` goes on from there with the `parameters` in force, `ended` is how the run
         stood before the jump.
@@ -70,7 +70,7 @@ class Sink(Protocol):
 
 @runtime_checkable
 class Recorder(Sink, Protocol):
-    """A sink that keeps messages, and can be told to begin and to end."""
+    """A sink that keeps messages, and can be begun and ended."""
 
     def switch(
         self, on: bool, simulation: Simulation, parameters: Parameters, status: Status
@@ -83,7 +83,7 @@ class Recorder(Sink, Protocol):
 
 
 class Broadcast:
-    """Topics of one run; nothing is built that no sink wants."""
+    """Topics of one run; nothing is built that no sink takes."""
 
     def __init__(
         self, sinks: list[Sink], simulation: Simulation, report: Callable[[], bytes] | None = None
@@ -122,7 +122,7 @@ class Broadcast:
         only: Sequence[Sink] | None = None,
     ) -> None:
         """
-        Tell everyone, or `only` some sinks, about the scene and its present state.
+        Send the scene and its present state to all sinks, or `only` some.
 
         `cleared` removes the markers of an earlier scene. A record gets a checkpoint first, unless
         what it holds is the `whole` run: then its scene says how it begins.
@@ -140,7 +140,7 @@ class Broadcast:
 
     def describe_scene(self, now: int, only: Sequence[Sink] | None = None) -> None:
         """
-        Tell what the scene was built from, and then what is in force where that differs.
+        Send what the scene was built from, and then what is in force where that differs.
 
         A run can only be repeated from the first: even the duration has a part in the choice of
         the method.
@@ -151,12 +151,12 @@ class Broadcast:
             self._describe(now, self._parameters, only)
 
     def describe(self, now: int) -> None:
-        """Tell everyone the parameters in force."""
+        """Send the parameters in force."""
         self._describe(now, self._parameters, None)
 
     def event(self, now: int, event: str, **facts: Any) -> None:
         """
-        Tell everyone what was done to the run beside its inputs, with the facts that belong to it.
+        Send what was done to the run beside its inputs, with the facts that belong to it.
         """
         receivers = self._receivers(topics.EVENTS)
         if receivers:
@@ -178,11 +178,11 @@ class Broadcast:
             self._send(topics.CHECKPOINT, now, [data], receivers)
 
     def recorders(self) -> list[Recorder]:
-        """The sinks that can be told to begin and to end."""
+        """The sinks that can be begun and ended."""
         return [sink for sink in self.sinks if isinstance(sink, Recorder)]
 
     def time_jumped(self, ended: Status) -> None:
-        """Have the sinks begin anew: simulated time has jumped, and the run was `ended` before."""
+        """Restart the sinks: simulated time has jumped, and the run was `ended` before."""
         for sink in self.sinks:
             sink.time_jumped_back(self.simulation, self._parameters, ended)
 
@@ -197,7 +197,7 @@ class Broadcast:
         only: Sequence[Sink] | None = None,
     ) -> None:
         """
-        Build and send the messages of the present time that anyone wants; the clock goes first.
+        Build and send the messages of the present time that a sink takes; the clock goes first.
         """
         for topic in chosen:
             if topic is topics.BROKEN and (live_only or not self._is_news_of_breaks()):
@@ -207,7 +207,7 @@ class Broadcast:
                 self._send(topic, now, self._build(topic, now), receivers)
 
     def _is_news_of_breaks(self) -> bool:
-        """Whether more has broken than was told; the message stays, so nothing is told twice."""
+        """Whether more has broken than was sent; the message stays, so nothing is sent twice."""
         told, self._breaks_told = self._breaks_told, self.simulation.broken_count
         return told != self._breaks_told
 
@@ -270,5 +270,5 @@ class Broadcast:
 
 
 def _plain(value: Any) -> Any:
-    """Numbers that JSON does not know, as those it does."""
+    """Numbers that JSON lacks, as those it has."""
     return np.asarray(value).tolist()

@@ -60,7 +60,7 @@ def _place(parameters: Parameters) -> Path:
         bag = Path(bag).expanduser()
         return bag.with_name(f'{bag.name}_checkpoints')
     raise ValueError(
-        'nobody said where checkpoints are kept: set checkpoint.path to a folder, or to a file '
+        'checkpoint.path is empty: set it to a folder, or to a file '
         f'whose name ends with {SUFFIX}; without it they lie beside the bag of record.path')
 
 

@@ -10,13 +10,13 @@ FIRST_INTERVAL, LONGEST_INTERVAL = 1.0, 60.0
 LONGEST_LINE = 1000  # characters
 # A line that stands for more than this many makes the next one wait twice as long.
 _FEW = 10
-# Kinds that are kept apart: whoever makes up new ones shall not fill the memory.
+# Kinds that are counted separately: a limit, so that invented ones cannot fill the memory.
 _MOST_KINDS = 1000
 
 
 def shortened(text: str) -> str:
     """
-    A line for a log or an answer, which quotes what somebody sent, without its middle if long.
+    A line for a log or an answer, which quotes a received text, without its middle if long.
     """
     if len(text) <= LONGEST_LINE:
         return text

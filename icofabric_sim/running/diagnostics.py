@@ -106,7 +106,7 @@ def _warnings(
     if status.obstructed:
         found.append(
             f'{status.obstructed:,} ends of connectors were in the shells they are attached to '
-            'at the last look')
+            'at the last health check')
     if status.balance_error > _UNBALANCED * status.energy_limit:
         found.append(
             f'the energy balance is off by {status.balance_error:.3g}; the run stops at '

@@ -54,7 +54,7 @@ class Pace:
         self._marks = deque([mark])
 
     def forget_speed(self) -> None:
-        """Learn the speed of computing anew: another fabric has come."""
+        """Measure the speed of computing again: the fabric was replaced."""
         self._speed = 0.0
 
     def learn(self, simulated: int, seconds: float) -> None:
@@ -106,7 +106,7 @@ class Pace:
 
     def cause(self) -> str:
         """
-        Say what the wall time of the last while went into: why a run is no faster than it is.
+        Describe what the last wall time was spent on: why a run is not faster.
         """
         marks = self._marks
         first, last = marks[0], marks[-1]

@@ -107,7 +107,7 @@ class BagSink:
     Bags as a sink of the runner: one after the other, as recording is switched off and on.
 
     Called from the thread of the simulation, which no disk ever stops: an error ends the bag, is
-    told once to `on_error`, and the run goes on; recording can be switched on again.
+    passed once to `on_error`, and the run goes on; recording can be switched on again.
     """
 
     def __init__(
@@ -198,7 +198,7 @@ class BagSink:
             recorder.set_heading('scene', decode_string(data))
         name = self.resolve(topic.name)
         if not self._says_left_out and recorder.has_room(len(data)):
-            # Before whatever follows the gap: also a bag that is killed then tells of it.
+            # Before what follows the gap, so that a bag that is killed has it too.
             recorder.set_custom(DROPPED, json.dumps(self._left_out))
             self._says_left_out = True
         if recorder.write(name, nanoseconds, data, essential=topic in _ESSENTIAL):
@@ -301,7 +301,7 @@ class BagSink:
                 )
                 break
             except BagError:
-                # Somebody else may have taken the name meanwhile.
+                # The name may have been taken meanwhile.
                 if patience is None or not os.path.lexists(path):
                     raise
                 path = next_free_path(base)

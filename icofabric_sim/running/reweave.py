@@ -38,7 +38,7 @@ class Reweaver:
         body_force: BodyForce | None = None,
     ) -> None:
         """
-        `post` brings a call into the runner's thread, where `on_ready` hears of each result.
+        `post` brings a call into the runner's thread, where `on_ready` gets each result.
 
         The result is the simulation, or None and the reason, after the parameters wanted by then:
         their rates may be newer than those in the scene that was built. A `body_force` goes on.
@@ -61,7 +61,7 @@ class Reweaver:
         return self._wanted
 
     def amend(self, parameters: Parameters) -> None:
-        """Let a change of rates also reach a build under way, which need not begin anew for it."""
+        """Apply a change of rates to a build under way too, which need not be restarted for it."""
         if self._wanted is not None:
             self._wanted = parameters
 

@@ -1,7 +1,7 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
 """
-Extremes of a run, looked at on the grid of its outputs, so that they are the same for every pace.
+Extremes of a run, taken on the grid of its outputs, so that they are the same for every pace.
 """
 
 from typing import NamedTuple
@@ -21,7 +21,7 @@ class Extreme(NamedTuple):
 
     value: float
     time: float  # [s]
-    number: int  # body or connector, -1: nothing was looked at
+    number: int  # body or connector, -1: none yet
 
 
 NOTHING = Extreme(0.0, 0.0, -1)
@@ -40,7 +40,7 @@ class RunMonitor:
     """A sink of the runner that keeps extremes instead of messages."""
 
     def __init__(self, simulation: Simulation, *, with_growth: bool = False) -> None:
-        """Look at the initial state; `with_growth` has a companion run beside, see growth.py."""
+        """Take the initial state; `with_growth` has a companion run beside, see growth.py."""
         self._simulation = simulation
         self.companion = Companion(simulation) if with_growth else None
         self.first = self.last = simulation.snapshot()
@@ -59,7 +59,7 @@ class RunMonitor:
         return topic is topics.POSES
 
     def send(self, topic: Topic, nanoseconds: int, data: bytes) -> None:
-        """Look at the present state."""
+        """Take the present state into account."""
         self.look(self._simulation.snapshot())
         if self.companion is not None:
             self.companion.look()

@@ -43,11 +43,11 @@ class Status(NamedTuple):
     balance_worst: float  # the largest so far
     energy_limit: float = math.inf  # what it may be before the run stops
     loads_waiting: int = 0  # wrenches whose stamp lies ahead
-    contacts: int = 0  # pairs that touched at the last look
+    contacts: int = 0  # pairs that touched at the last health check
     breaks: int = 0  # connectors that have broken
     obstruction: str = ''  # the first connector in its own shell
     obstructed: int = 0  # ends of connectors in their own shells
-    cause: str = ''  # why the run is no faster than it is
+    cause: str = ''  # why the run is not faster
     lag: float = 0.0  # longest time that a request waited since the last report [s]
 
 

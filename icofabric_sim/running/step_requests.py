@@ -25,7 +25,7 @@ class StepRequest:
 
 
 class StepRequests:
-    """Requests one after the other; what ends them early is told to those who asked."""
+    """Requests one after the other; their answers say what ended them early."""
 
     def __init__(self) -> None:
         """Start without any."""
@@ -45,7 +45,7 @@ class StepRequests:
         self._queue.popleft().future.set_result(now)
 
     def end(self, reason: str) -> None:
-        """Take no more steps: everyone who asked for some hears why."""
+        """Take no more steps: all pending requests are answered with the reason."""
         while self._queue:
             request = self._queue.popleft()
             text = f'{request.taken} of {request.count} solver steps taken: {reason}'

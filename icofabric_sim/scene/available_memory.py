@@ -5,7 +5,7 @@
 import os
 from pathlib import Path
 
-# Beyond this a limit is none.
+# A limit beyond this means that there is none.
 _UNLIMITED = 2**60
 
 

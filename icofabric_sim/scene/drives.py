@@ -104,7 +104,7 @@ def _set_off(
 
 
 def make_path(parameters: Parameters, prefix: str) -> Path:
-    """The path that `prefix` (drives.NAME) describes; ParameterError where it is none."""
+    """The path that `prefix` (drives.NAME) describes; ParameterError where it is not valid."""
     def field(name: str) -> Any:
         return parameters[f'{prefix}.{name}']
 

@@ -26,7 +26,7 @@ _HELP = (
 
 
 class Shells(NamedTuple):
-    """What selectors of faces look at: woven rest places of all bodies, and who is meant."""
+    """What selectors of faces need: woven rest places of all bodies, and the chosen ones."""
 
     position: np.ndarray  # (n, 3) [m]
     orientation: np.ndarray  # (n, 4) x y z w
@@ -97,7 +97,7 @@ class _FaceParser(Parser):
 
     def near(self, direction: list[float], angle: float | None) -> np.ndarray:
         """
-        Faces that look into a world direction, as woven: the nearest, or all within an angle.
+        Faces that point in a world direction, as woven: the nearest, or all within an angle.
         """
         size = float(np.linalg.norm(direction))
         if not 0.0 < size < np.inf:
@@ -111,7 +111,7 @@ class _FaceParser(Parser):
 
     def exterior(self) -> np.ndarray:
         """
-        Faces that look out of the fabric: a place for a neighbour before them is empty.
+        Faces that point out of the fabric: a place for a neighbour before them is empty.
 
         In every weave a body can have twelve neighbours, half-way between two of its axes and W
         sqrt(2) away. Those nearest to the normal of a face stand before it: one or three.

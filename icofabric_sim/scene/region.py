@@ -91,8 +91,8 @@ def make_region(text: str) -> Region | None:
         if not words[-1].lower().endswith(SUFFIXES):
             known = ', '.join(f'{word} {lengths}' for word, lengths in _SHAPES.items())
             raise ParameterError(
-                NAME, f'{NAME} {text!r} is no region; known: {known}, with lengths in m, or the '
-                'path of a closed mesh (.stl, .obj)')
+                NAME, f'{NAME} {text!r} is not a region; known: {known}, with lengths in m, or '
+                'the path of a closed mesh (.stl, .obj)')
         try:
             return _mesh(text.strip())
         except ValueError as error:

@@ -54,7 +54,7 @@ import numpy as np
 # Build, run and record together; about 1,000 without a bag (`icofabric benchmark scaling`). What
 # cannot fit is refused early.
 BYTES_PER_BODY = 1500
-_SMALL = 2**27  # bytes that need no look at what is free
+_SMALL = 2**27  # bytes for which the free memory is not read
 
 
 @dataclass(frozen=True)

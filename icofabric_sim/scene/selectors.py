@@ -19,7 +19,7 @@ _HELP = (
 
 
 class Bodies(NamedTuple):
-    """What selectors look at."""
+    """What selectors choose from."""
 
     position: np.ndarray  # (n, 3) woven rest positions [m], loose bodies after the woven ones
     grid: np.ndarray  # (m, 3) grid positions of the woven bodies on the fabric's own axes, m <= n
@@ -118,7 +118,7 @@ class Parser:
         return self.true() if word == 'all' else self.atom(word)
 
     def atom(self, word: str) -> np.ndarray:
-        """What a word that is none of the common ones selects, with the words after it."""
+        """What a word other than the common ones selects, with the words after it."""
         if word in _EXTREMES:
             return self.extreme(*_EXTREMES[word])
         if word in _GRID:

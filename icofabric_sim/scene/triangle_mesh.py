@@ -40,7 +40,7 @@ class TriangleMesh(NamedTuple):
         strips = max(1, min(_STRIPS, round(len(self.corners) ** 0.5)))
         room = _ROUNDING * float(self.half_extent.max())
         low, width = low - 2.0 * room, (height + 4.0 * room) / strips
-        # The same rounding as for points, so that none looks into a strip too few.
+        # The same rounding as for points, so that no point is searched in a strip too few.
         ends = [
             np.clip(np.floor((bound - low) / width), 0, strips - 1).astype(np.int64)
             for bound in (self.corners[:, :, 1].min(axis=1), self.corners[:, :, 1].max(axis=1))]

@@ -31,7 +31,7 @@ def gap_parity(variant: int) -> int:
 
 
 def is_turned(variant: int) -> bool:
-    """Tell whether the bodies are turned by 90 degrees about z (variants 2 and 3)."""
+    """Return whether the bodies are turned by 90 degrees about z (variants 2 and 3)."""
     return checked_variant(variant) >= 2
 
 
@@ -69,7 +69,7 @@ def indices_from_grid(
 
 
 def is_centre(variant: int, grid: np.ndarray) -> np.ndarray:
-    """Tell which grid points (..., 3) hold an icosahedron in the infinite fabric."""
+    """Return which grid points (..., 3) hold an icosahedron in the infinite fabric."""
     points = np.asarray(grid, np.int64)
     return (points.sum(axis=-1) & 1) == gap_parity(variant)
 
@@ -125,7 +125,7 @@ def indices_from_alpha(
     columns = (along or rule_of(variant)) == 'column'
     level_size = int(size[0]) * int(size[1])
     line_length = int(size[0] if columns else size[1])
-    # The last level, then the last line, that starts at or before the place looked for.
+    # The last level, then the last line, that starts at or before the wanted place.
     k = (2 * remainder + gap) // level_size
     remainder = remainder - _half(level_size * k, gap)
     line_gap = (k + gap) & 1

@@ -41,7 +41,7 @@ def part_bounds(
     """
     First and last grid places of a slab at most `reach` (3,) places from its middle, int64 (3,).
 
-    Where the last is before the first there is none.
+    Empty where the last is before the first.
     """
     last = np.array(size, np.float64) - 1.0
     reach = reach * (1.0 + ROUNDING) + _ROOM

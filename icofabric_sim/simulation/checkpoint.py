@@ -254,7 +254,7 @@ def _joined(values: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> dict
         for step in parts:
             inner = part.get(step, {})
             if not isinstance(inner, Mapping):
-                raise ValueError(f'the array {path} is in a part that is none')
+                raise ValueError(f'the array {path} is in a part that is missing')
             part[step] = dict(inner)
             part = part[step]
         part[name] = array
@@ -267,7 +267,7 @@ def _read(path: str | os.PathLike[str]) -> bytes:
     with open(path, 'rb', opener=lambda name, flags: os.open(name, flags | os.O_NONBLOCK)) as file:
         status = os.fstat(file.fileno())
         if not stat.S_ISREG(status.st_mode):
-            raise ValueError('this is no ordinary file')
+            raise ValueError('this is not an ordinary file')
         size = claimed_size(file.read(HEAD))
         if status.st_size != size:
             raise ValueError(f'it has {status.st_size:,} bytes instead of {size:,}')

@@ -57,7 +57,7 @@ def encode(header: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> Itera
 def claimed_size(head: bytes) -> int:
     """Length that the first HEAD bytes claim for the whole; ValueError where they are not such."""
     if not head.startswith(_MAGIC):
-        raise ValueError('it is no checkpoint of icofabric_sim: it begins otherwise')
+        raise ValueError('it is not a checkpoint of icofabric_sim: its first bytes are others')
     if len(head) < HEAD:
         raise ValueError('it is cut short in its first bytes')
     return int.from_bytes(head[len(_MAGIC):len(_MAGIC) + 8], 'little')
@@ -83,7 +83,7 @@ def decode(data: bytes) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     if not isinstance(content, dict) or set(content) != {'header', 'arrays'}:
         raise ValueError('its text is not an object with a header and arrays')
     if not isinstance(content['header'], dict) or not isinstance(content['arrays'], list):
-        raise ValueError('its header is no object, or its arrays are no list')
+        raise ValueError('its header is not an object, or its arrays are not a list')
     return content['header'], _arrays(content['arrays'], view[HEAD + length:total - _CHECKSUM])
 
 
@@ -96,7 +96,7 @@ def _parsed(text: bytes) -> Any:
 
 
 def _refuse_constant(name: str) -> NoReturn:
-    raise ValueError(f'{name} is no number in JSON')
+    raise ValueError(f'{name} is not a number in JSON')
 
 
 def _arrays(entries: Sequence[Any], view: memoryview) -> dict[str, np.ndarray]:
@@ -104,7 +104,7 @@ def _arrays(entries: Sequence[Any], view: memoryview) -> dict[str, np.ndarray]:
     start = 0
     for entry in entries:
         if not isinstance(entry, list) or len(entry) != 2:
-            raise ValueError('its list of arrays has an entry that is no name with a shape')
+            raise ValueError('its list of arrays has an entry other than a name with a shape')
         name, shape = entry
         if not isinstance(name, str) or not _NAME.fullmatch(name) or name in arrays:
             raise ValueError(f'it has an array with a name that is wrong or used: {name!r:.60}')

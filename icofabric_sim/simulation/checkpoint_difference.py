@@ -13,7 +13,7 @@ from icofabric_sim.parameters.validation import make_parameters, Parameters
 import numpy as np
 
 _NAMED_AT_MOST = 5
-# Told before any other difference.
+# Named before any other difference.
 _FIRST_NAMED = ('time', *(f'stepper.state.{name}' for name in State._fields))
 
 

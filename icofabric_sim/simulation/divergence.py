@@ -40,7 +40,7 @@ SENSITIVE = 100.0
 # A trajectory means something while the error, grown, is below a tenth of a half edge.
 MEANINGFUL = 0.1
 _SEED = 3
-# History kept of the longest run; and looks of `measure_growth`: every so many periods.
+# History kept of the longest run; and how many periods `measure_growth` takes at a time.
 _LARGEST_HISTORY = 4096
 _PERIODS, _FEWEST, _MOST = 4.0, 50, 4000
 
@@ -51,7 +51,7 @@ class Growth(NamedTuple):
     time: np.ndarray  # (m,) [s]
     growth: np.ndarray  # (m,) distance beside the first one: of positions over a, or angles
     error: np.ndarray  # (m,) errors that the method had added by then, position over a or rad
-    at_least: bool  # it grew too fast between two looks to be followed: it is larger than this
+    at_least: bool  # it grew too fast between two comparisons: it is larger than this
     ended: str  # why it was not measured to the end of the run; '': it was
 
     @property
@@ -129,7 +129,7 @@ class Companion:
 
     def act(self, act: Callable[[Simulation], object]) -> None:
         """
-        Have an input act here too, that acts on the run where it stands and was looked at last.
+        Have an input act here too, that acts on the run at the time of the last comparison.
         """
         if self._ended:
             return
@@ -199,7 +199,7 @@ def measure_growth(
     """
     Simulate `scene` for `duration` [s] and measure how a small displacement of it grows.
 
-    It takes about twice as long as the run alone; `progress` hears the simulated time [s]. Raises
+    It takes about twice as long as the run alone; `progress` gets the simulated time [s]. Raises
     SimulationError where the run itself fails.
     """
     require_scene(scene)

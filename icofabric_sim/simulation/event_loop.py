@@ -159,7 +159,7 @@ class Course:
 
     def settle_loads(self) -> None:
         """
-        Tell the stepper what acts now: once, however many wrenches have changed at this time.
+        Give the stepper what acts now: once, however many wrenches have changed at this time.
         """
         if self._stale_loads:
             loads = self._loads()

@@ -32,7 +32,7 @@ def compile_contact_ahead(
     given = {
         **scene.parameters.given(), 'contact.mode': 'always', 'solver.method': method}
     task = pickle.dumps((given, rotation, body_wrenches))
-    # A process that cannot be started is no reason to end the run.
+    # The run goes on where the process cannot be started.
     with suppress(OSError):
         process = subprocess.Popen(
             [sys.executable, '-m', 'icofabric_sim.simulation.precompile_process'],

@@ -106,7 +106,7 @@ class Simulation:
 
     @property
     def largest_frequency(self) -> float:
-        """Largest frequency [rad/s] of the fabric in the configuration looked at last."""
+        """Largest frequency [rad/s] of the fabric in the configuration evaluated last."""
         return self._stepper.frequency.rate
 
     @property
@@ -141,7 +141,7 @@ class Simulation:
 
     @property
     def balance(self) -> EnergyBalance:
-        """How well the energy balanced when it was looked at."""
+        """How well the energy balanced at the health checks."""
         return self._stepper.ledger.balance
 
     @property
@@ -157,18 +157,18 @@ class Simulation:
 
     @property
     def contact_count(self) -> int:
-        """Pairs of shells, and shells and planes, that touched when the state was looked at."""
+        """Pairs of shells, and shells and planes, that touched at the last health check."""
         return int(self._stepper.ledger[monitor.TOUCHING])
 
     @property
     def deepest_overlap(self) -> float:
-        """Deepest overlap [m] of shells in contact at any look so far."""
+        """Deepest overlap [m] of shells in contact at any health check so far."""
         return self._stepper.ledger[monitor.DEEPEST_EVER]
 
     @property
     def contact_tests(self) -> int:
         """
-        Pairs that were looked at in all steps so far; what is shown in between does not count.
+        Pairs that were tested in all steps so far; what is shown in between does not count.
         """
         watch = self._stepper.watch
         return 0 if watch is None else watch.tests
@@ -185,7 +185,7 @@ class Simulation:
 
     @property
     def obstructed_ends(self) -> int:
-        """Ends of connectors that were in their own shells when the state was looked at."""
+        """Ends of connectors that were in their own shells at the last health check."""
         return int(self._stepper.ledger[monitor.OBSTRUCTED])
 
     @property
@@ -339,7 +339,7 @@ class Simulation:
         self.inputs.adopt(previous.inputs, previous.time, anew=not keep_motion)
         if keep_motion:
             if self._stepper.watch is not None:
-                # The same motion: what was said once is not said again.
+                # The same motion: warnings are not repeated.
                 self._stepper.watch.take_over(previous.proximity)
             self._stepper.broken.adopt(previous._stepper.broken)
             if not self._stepper.obstruction.stops:

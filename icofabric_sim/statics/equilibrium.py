@@ -291,7 +291,7 @@ class _Search:
         found = steihaug(here.multiply, self.weight, gradient, self.radius, accuracy, most)
         self.products += found.iterations
         motion = layout.gather(found.step)
-        # Only turns are cut: all of a fabric may move far, and the energy tells what is too far.
+        # Only turns are cut: all of a fabric may move far, and the energy limits it.
         turn = float(np.abs(motion[:, 3:]).max(initial=0.0))
         part = _LARGEST_TURN / turn if turn > _LARGEST_TURN else 1.0
         slope = product_of(gradient, found.step)

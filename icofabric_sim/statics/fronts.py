@@ -19,7 +19,7 @@ from scipy.linalg.lapack import dpotrf
 
 def count_negative(matrix: sparse.csr_matrix, ends: np.ndarray, shift: float) -> int:
     """
-    How many eigenvalues of a matrix, in order of elimination, lie below `shift`; -1: no telling.
+    How many eigenvalues of a matrix, in order of elimination, lie below `shift`; -1: undecided.
 
     `ends` (t,): where the parts end that are eliminated together; rising, the last is the size.
     """

@@ -11,7 +11,7 @@ import numpy as np
 # Relative accuracy of the largest squared frequency; a step is content with 1e-4.
 _ACCURACY = 1e-9
 _MOST = 3_000  # products
-_LOOKS = 16  # products between two looks at what has converged
+_LOOKS = 16  # products between two tests of convergence
 
 
 def begin(here: Configuration, most: int, *, seed: int = 1) -> tuple[Lanczos, np.ndarray]:

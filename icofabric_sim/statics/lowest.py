@@ -5,7 +5,7 @@ The lowest frequencies of a large fabric, in memory that grows with the fabric a
 
 The Lanczos iteration (lanczos.py) goes on until they have come out of it. Its vectors are not
 kept: they are made again for the shapes. Without them it loses orthogonality and finds values
-again; what was found again only is told by its vector's part of the start, which is next to
+again; what was found again only is recognised by its vector's part of the start, which is next to
 nothing (Cullum and Willoughby 1985, Lanczos Algorithms for Large Symmetric Eigenvalue
 Computations, 4.5). Of motions with one frequency a pass finds one; the next begins without it.
 """
@@ -18,7 +18,7 @@ from icofabric_sim.statics.iteration import begin
 import numpy as np
 from scipy.linalg import eigh_tridiagonal, eigvalsh_tridiagonal
 
-# After how many steps to look first, and how much longer until the next look.
+# Steps before the first test of convergence, and how many more until the next.
 _FIRST, _LONGER = 100, 1.25
 # Residual of a squared frequency, in parts of it.
 _RESIDUAL = 1e-8
@@ -41,7 +41,7 @@ def lowest_modes(
     """
     `count` squared frequencies above `zero` [1/s^2], rising, and scaled free motions (f, count).
 
-    `below` tells how many there are between zero and a value, and so whether one is missing; None
+    `below` counts those between zero and a value, which shows whether one is missing; None
     where that is too large to count: then passes are made until one brings nothing new. Raises
     NotFoundError where they do not come out of `most` products.
     """

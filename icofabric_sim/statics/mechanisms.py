@@ -81,7 +81,7 @@ def count_by_elimination(here: Configuration) -> Counts | None:
     """
     The counts of a large fabric, from the signs of the pivots of A^T A less a little.
 
-    None where an elimination cannot tell.
+    None where an elimination cannot decide.
     """
     matrix = sparse_compatibility(here)
     connectors, freedoms = matrix.shape

@@ -52,7 +52,7 @@ _ZERO = 1e-10
 # Freedoms above which the lowest are first sought by iteration, and with how many products: at
 # 27,786 freedoms six of one frequency took 16 s so, and 163 s with factors.
 ITERATED, _FEW, _MOST = 8_000, 5_000, 40_000
-# Modes that are sought in a large fabric where nobody says how many.
+# Modes that are sought in a large fabric by default.
 _SOME = 20
 _SEARCHES = 40
 
@@ -128,7 +128,7 @@ def solve_modes(
     'lowest' or 'highest'; None: all of a fabric with up to 2,400 free freedoms, 20 of a larger
     one. Loads, drives and anchors are held at `time` [s]; dead loads with their point off the
     centre count, follower loads do not. `branch`: how connectors at their kink count in what is
-    not told of both, 'push' (None) or 'pull'.
+    not given for both, 'push' (None) or 'pull'.
     """
     require_scene(scene)
     check_snapshot('at', at, scene)
@@ -245,7 +245,7 @@ def _lowest(
     if curvature.zero < 0:
         raise ValueError(
             'the zero-energy motions of this fabric could not be counted, and with them the '
-            "lowest frequencies not be told apart; which='highest' needs no such count")
+            "lowest frequencies not be separated; which='highest' needs no such count")
     low, high = zero_limit(matrix), row_sum(matrix)
     factor: Factor | None = None
     shift = low

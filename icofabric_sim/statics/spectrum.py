@@ -124,7 +124,7 @@ def judge_curvature(here: Configuration) -> Curvature:
 
 
 def judge_ends(lowest: float, largest: float) -> Curvature:
-    """What the ends of the spectrum of a fabric that is too large to count tell."""
+    """What follows from the ends of the spectrum of a fabric that is too large to count."""
     return Curvature(-1, -1 if lowest >= -_LARGE_ZERO * largest else 1)
 
 
@@ -135,7 +135,7 @@ def curvature_of(here: Configuration, matrix: sparse.csr_matrix) -> Curvature:
     if not size:
         return Curvature(0, 0)
     if size <= DENSE:
-        # Where all of them are clear of zero one factorisation tells, in a tenth of the time.
+        # Where all of them are clear of zero one factorisation decides, in a tenth of the time.
         if size > _SMALL and not count_under(here, matrix, _ZERO * row_sum(matrix)):
             return Curvature(0, 0)
         return count_signs(np.linalg.eigvalsh(matrix.toarray()), _ZERO)
@@ -212,7 +212,7 @@ def count_under(here: Configuration, matrix: sparse.csr_matrix, shift: float) ->
     """
     How many eigenvalues of the scaled Hessian lie below `shift` [1/s^2], in little memory.
 
-    -1 where an elimination cannot tell.
+    -1 where an elimination cannot decide.
     """
     fabric = here.fabric
     grid, count = fabric.scene.weave.grid, fabric.scene.body_count

@@ -16,7 +16,7 @@ import numpy as np
 PULL, PUSH, SHEAR = 'pull', 'push', 'shear'
 KINDS = (PULL, PUSH, SHEAR)
 _SECTIONS = ('groups.', 'supports.', 'drives.', 'loads.', 'tractions.', 'anchors.', 'initial')
-# Names of our own in the scene; nobody else's, because those are left out.
+# Names of our own in the scene; those of the user are left out.
 _FIXED, _MOVED = 'fixed_end', 'moved_end'
 
 

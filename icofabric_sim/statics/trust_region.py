@@ -56,7 +56,7 @@ def steihaug(
         times(direction, image)
         curvature = product_of(direction, image)
         most = max(most, abs(curvature) / ahead)
-        # What rounding leaves of a mechanism is no curvature.
+        # What rounding leaves of a mechanism does not count as curvature.
         along = square / curvature if curvature > 1e-14 * most * ahead else math.inf
         if not long + along * (2.0 * mixed + along * ahead) < radius**2:
             along = _to_border(long, mixed, ahead, radius)

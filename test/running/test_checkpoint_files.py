@@ -120,7 +120,7 @@ def test_files_that_cannot_be_written_or_read_are_errors_of_the_system(run, tmp_
 def test_what_is_no_file_is_refused_at_once(tmp_path):
     os.mkfifo(tmp_path / 'pipe')
     for path in ('/dev/zero', tmp_path / 'pipe'):
-        with pytest.raises(ValueError, match=f'{path}: this is no ordinary file'):
+        with pytest.raises(ValueError, match=f'{path}: this is not an ordinary file'):
             Checkpoint.load(path)
 
 
@@ -142,7 +142,7 @@ def test_huge_files_are_not_read(data, tmp_path):
 def test_what_is_cut_short_or_goes_on_is_refused(data, tmp_path):
     for count in [*range(100), *range(100, len(data), 37), len(data) - 1]:
         with pytest.raises(ValueError, match='not a checkpoint that can be read: it is cut short|'
-                                             'it is no checkpoint of icofabric_sim'):
+                                             'it is not a checkpoint of icofabric_sim'):
             Checkpoint.from_bytes(data[:count])
     with pytest.raises(ValueError, match='followed by something else'):
         Checkpoint.from_bytes(data + b'x')
@@ -172,13 +172,13 @@ def test_something_else_is_refused(junk):
     (b'\xff\xfe', 'its text cannot be read'),
     (b'{"header": {}, "arrays": []', 'its text cannot be read'),
     (b'[' * 100_000, 'its text cannot be read: nested too deeply'),
-    (b'{"header": {"a": NaN}, "arrays": []}', 'NaN is no number'),
+    (b'{"header": {"a": NaN}, "arrays": []}', 'NaN is not a number'),
     (b'9' * 10_000, 'its text cannot be read'),
     ([], 'not an object with a header and arrays'),
     ({'header': {}, 'arrays': [], 'more': 1}, 'not an object with a header and arrays'),
-    ({'header': [], 'arrays': []}, 'its header is no object'),
-    ({'header': {}, 'arrays': {}}, 'arrays are no list'),
-    ({'header': {}, 'arrays': [5]}, 'no name with a shape'),
+    ({'header': [], 'arrays': []}, 'its header is not an object'),
+    ({'header': {}, 'arrays': {}}, 'arrays are not a list'),
+    ({'header': {}, 'arrays': [5]}, 'other than a name with a shape'),
     ({'header': {}, 'arrays': [['../x', [0]]]}, 'a name that is wrong or used'),
     ({'header': {}, 'arrays': [['a', [0]], ['a', [0]]]}, 'a name that is wrong or used'),
     ({'header': {}, 'arrays': [['a', [-1]]]}, 'a shape that makes no sense'),

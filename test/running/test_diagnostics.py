@@ -46,7 +46,7 @@ def test_figures_are_those_of_the_simulation():
     assert simulation.obstructed_ends > 0
     assert message.level == WARN and message.message == (
         f'{simulation.obstructed_ends} ends of connectors were in the shells they are attached '
-        'to at the last look')
+        'to at the last health check')
     values = message.values
     assert values['method'] == simulation.method_name
     assert float(values['tolerance']) == 1e-6

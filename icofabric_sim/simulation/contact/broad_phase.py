@@ -53,7 +53,7 @@ _LEAST = 0.01
 # Evaluations of the forces until the next look, about, where shells are near each other: a look
 # costs as much as some ten.
 LOOK_AFTER = 32
-# Overlaps, in parts of a, that are told once, and of the inscribed radius that end a run.
+# Overlaps, in parts of a, that are reported once, and of the inscribed radius that end a run.
 _TOLD, _DEEPEST = 0.01, 0.2
 
 
@@ -103,7 +103,7 @@ class ContactWatch:
         self._watch = Watch(
             aligned_empty((3, layout.slot_count)), aligned_empty(shape), np.zeros(7),
             self._radius, self.limits, np.zeros(8 * threads), self._lists.nearby)
-        # Nobody asks what was seen aside.
+        # What trial steps note is not used.
         nobody = self.limits.copy()
         nobody[STRIDE] = 2.0**62
         self._aside = self._watch._replace(far=np.zeros(8 * threads), limits=nobody)
@@ -140,7 +140,7 @@ class ContactWatch:
 
     @property
     def aside(self) -> Watch:
-        """The same for steps aside: nobody asks what they saw."""
+        """The same for trial steps, whose notes are not used."""
         return self._aside._replace(nearby=self._lists.nearby)
 
     @property
@@ -180,7 +180,7 @@ class ContactWatch:
         velocity, limits = np.empty(3), self.limits
         speed = self._lists.survey(state, velocity)
         if not speed < math.inf:
-            # Who looks at the state next ends the run.
+            # The next health check ends the run.
             return
         watch = self._watch
         limits[SPEED] = speed
@@ -357,10 +357,10 @@ class ContactWatch:
             if pair and numbers and isinstance(plane, str):
                 return Overlap(
                     float(time), first, second, float(depth), float(part), plane)
-        raise ValueError('watch.found is no time, pair of bodies and overlap')
+        raise ValueError('watch.found is not a time, a pair of bodies and an overlap')
 
     def nothing(self) -> Contacts:
-        """Contacts that are none, of the type that others have; only while there are none."""
+        """Empty contacts, of the type that others have; only while there are none."""
         return self._pack(Near(0.0, np.zeros((0, 2), np.int32)))
 
     def _pack(self, near: Near) -> Contacts:

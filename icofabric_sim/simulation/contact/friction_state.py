@@ -22,7 +22,7 @@ CURVATURE = 7.0
 _PATCH = 0.25
 _ROWS = ('stretch', 'held', 'start', 'saved')
 _SLOPES = 16
-# Those that a step leaves behind; dense output finds the others anew.
+# Those that a step leaves behind; dense output finds the others again.
 _KEPT_SLOPES = 13
 
 

@@ -29,7 +29,7 @@ class Near(NamedTuple):
 
 class ContactLists:
     """
-    Bodies whose spheres are close, found anew once they have moved far; and the axes of each pair.
+    Bodies whose spheres are close, found again once they have moved far; and axes of each pair.
 
     What is returned depends on the state alone: an axis kept for a pair is one of those that are
     searched, and only spares the search.
@@ -67,7 +67,7 @@ class ContactLists:
         """
         Largest speed of a point of a body [m/s] beside the mean velocity, which goes into `frame`.
 
-        Not a number where any of the state is none. Notes how far bodies have moved.
+        NaN where any of the state is. Notes how far bodies have moved.
         """
         speed, self._way = survey(self.nearby, state)
         frame[:] = self.nearby.velocity

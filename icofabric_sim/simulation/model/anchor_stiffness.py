@@ -45,7 +45,7 @@ def stiffness_of(
 
     With s the arm, n the direction and l the length of the connector, f its tension,
     du = dx + dtheta x s: k (n.du)^2 + f/l |P du|^2 - f n.(dtheta x (dtheta x s)). The larger of
-    k_e and k_c counts: the connector may come from one to the other before the next look.
+    k_e and k_c counts: the connector may pass from one to the other before the next health check.
     """
     after = time - anchors.start[a]
     point = after ** np.arange(4.0) @ anchors.cubic[a]

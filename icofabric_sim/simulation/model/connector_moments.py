@@ -40,7 +40,7 @@ def pack_moments(scene: Scene, layout: Layout, links: Links | None) -> PackedMom
     if kappa_b.any():
         direction, directions = np.zeros((LINK_COUNT, 3)), None
         for sign, link in zip((1.0, -1.0), ends):
-            # Where all bodies have the same orientation one connector tells of all.
+            # Where all bodies have the same orientation one connector stands for all.
             number, connector = np.unique(link, return_index=True)
             direction[number] = sign * spans[connector]
         if woven is not None:

@@ -49,7 +49,7 @@ class Lanczos:
         self.begin_with(start)
 
     def begin_with(self, start: np.ndarray) -> None:
-        """Begin anew."""
+        """Start over."""
         self.done = 0  # steps
         self._current, self._previous = aligned_empty(start.shape), np.zeros_like(start)
         self._current[:] = start
@@ -98,7 +98,7 @@ class Lanczos:
 
 def find_largest(run: Lanczos, upper: float, accuracy: float, every: int) -> Largest:
     """
-    Find the largest eigenvalue to a relative accuracy, with a look after `every` few steps.
+    Find the largest eigenvalue to a relative accuracy, tested after `every` few steps.
 
     The Ritz value approaches from below, and an eigenvalue lies within the residual of it; the
     nearer of that and of the proved bound `upper` is returned once they agree.

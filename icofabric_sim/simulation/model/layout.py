@@ -242,7 +242,7 @@ def make_links(
     block = layout.block_of(np.arange(layout.body_count, dtype=np.int32))
     if 18 * layout.slot_count > np.iinfo(np.int32).max:
         raise ValueError('too many bodies to number their attachment points with 32 bits')
-    # Two connectors leave each edge, to either side of it; which of them, their direction tells.
+    # Two connectors leave each edge, to either side of it; their direction says which is which.
     pieces = [
         (bodies[start:start + _PIECE, [end, 1 - end]], edges[start:start + _PIECE, [end, 1 - end]])
         for start in range(0, len(bodies), _PIECE) for end in range(2)]

@@ -30,7 +30,7 @@ def link_places(
     """
     Find the `chosen` connectors, by their numbers.
 
-    Two leave each edge; which of them, the place that they lead to tells, also once they are
+    Two leave each edge; which of them follows from the place they lead to, also once they are
     broken.
     """
     bodies = np.array([connectors.first[chosen], connectors.second[chosen]])

@@ -26,7 +26,7 @@ ACCURACY = 1e-4
 _LARGE_ACCURACY = 0.03
 _SMALL = 2_000  # bodies
 LARGEST_ITERATION_COUNT = 300
-# Iterations between two looks at what has converged: a look costs as much as several iterations
+# Iterations between two tests of convergence: a test costs as much as several iterations
 # of a small fabric, and a large one needs few.
 _ITERATIONS = 8
 _LARGE_ITERATIONS = 2
@@ -136,7 +136,7 @@ def fastest_motion(
     velocity = state.linear_velocity[:, packed.layout.slot]
     spread = float(np.linalg.norm(np.ptp(velocity, axis=1)))
     if model.links is None:
-        # Free bodies take any step; whoever watches must see them before they have passed.
+        # Free bodies take any step; health checks must come before they have passed each other.
         if proximity is None:
             return rate + load_rate
         return rate + load_rate + max(spread / proximity, math.sqrt(fall / proximity))
