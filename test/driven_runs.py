@@ -66,7 +66,7 @@ class Drive:
         Change parameters; time stands still until that is done, so that the run does not end.
         """
         dotted = {name.replace('__', '.'): value for name, value in changes.items()}
-        before = self.runner._reweaver.wanted or self.runner.parameters
+        before = self.runner.changes.wanted or self.runner.parameters
         wanted = before.with_changes(dotted)
         if not rebuilds(before, wanted):
             self.answers.append(self.runner.change(wanted))
@@ -105,7 +105,7 @@ class Drive:
         if reason:
             self.refused.append(reason)
         # Changes that came while another was built are one.
-        if self.runner._reweaver.wanted is None:
+        if self.runner.changes.wanted is None:
             self._building = False
             self.runner.set_paused(False)
 

@@ -149,10 +149,10 @@ class FabricNode(Node):
             if name not in parameters and not is_foreign(name):
                 self.undeclare_parameter(name)
 
-    def _changed(self, parameters: Parameters) -> None:
+    def _changed(self, parameters: Parameters, scene: Scene | None) -> None:
         self._declare(parameters)
         self._faults.pop('rejected change', None)
-        self.runner.change(parameters)
+        self.runner.change(parameters, scene)
 
     def _rebuilt(self, wanted: Parameters, reason: str) -> None:
         self.answers.hand_over(lambda: self._follow(wanted, reason))
@@ -180,7 +180,7 @@ class FabricNode(Node):
         except Exception as error:  # noqa: BLE001 - the node must say it, and close the bag
             reason = f'the simulation thread has ended: {error!r}'
             self.get_logger().fatal(reason)
-            self.runner.failure = self.runner.failure or reason
+            self.runner.state.failure = self.runner.failure or reason
         self.answers.hand_over(lambda: None)
 
     def _quit(self) -> None:

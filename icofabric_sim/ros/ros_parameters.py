@@ -8,7 +8,7 @@ from array import array
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
-from icofabric_sim.parameters.changes import changed_names, require_changeable
+from icofabric_sim.parameters.changes import changed_names, rebuilds, require_changeable
 from icofabric_sim.parameters.table import Change, FAMILIES, Specification
 from icofabric_sim.parameters.validation import (
     judge,
@@ -96,13 +96,14 @@ class ParameterGate:
     def __init__(
         self,
         parameters: Parameters,
-        on_change: Callable[[Parameters], None],
+        on_change: Callable[[Parameters, Scene | None], None],
         limit: Callable[[], float],
     ) -> None:
         """
         Start from `parameters`; `on_change` is called with every accepted set.
 
-        `limit` returns the stability limit [s] of the step of the running fabric.
+        It also gets the scene of the set where judging it has built one. `limit` returns the
+        stability limit [s] of the step of the running fabric.
         """
         self.accepted = parameters
         self._on_change = on_change
@@ -116,7 +117,7 @@ class ParameterGate:
         """
         wanted = list(wanted)
         try:
-            changed, stored = self._judge(wanted)
+            changed, scene, stored = self._judge(wanted)
         except Exception as error:  # noqa: BLE001 - no request may end the executor
             return _refusal(wanted, str(error) or type(error).__name__)
         result = store(stored)
@@ -124,10 +125,12 @@ class ParameterGate:
             return _refusal(wanted, result.reason)
         if changed is not None:
             self.accepted = changed
-            self._on_change(changed)
+            self._on_change(changed, scene)
         return result
 
-    def _judge(self, wanted: list[Parameter]) -> tuple[Parameters | None, list[Parameter]]:
+    def _judge(
+        self, wanted: list[Parameter]
+    ) -> tuple[Parameters | None, Scene | None, list[Parameter]]:
         given: dict[str, Any] = dict(self.accepted.given())
         stored, touched = [], False
         for parameter in wanted:
@@ -151,13 +154,12 @@ class ParameterGate:
                 stored.append(Parameter(name, value=given[name]))
             touched = True
         if not touched:
-            return None, stored
+            return None, None, stored
         changed = make_parameters(given)
-        self._check_fabric(changed)
-        return changed, stored
+        return changed, self._checked_scene(changed), stored
 
-    def _check_fabric(self, changed: Parameters) -> None:
-        """Refuse now what building would refuse, as far as that takes a moment only."""
+    def _checked_scene(self, changed: Parameters) -> Scene | None:
+        """Refuse what building would refuse; returns the scene where it is built in a moment."""
         check_parameters(changed)
         names = changed_names(self.accepted, changed)
         step = changed['solver.step']
@@ -167,8 +169,9 @@ class ParameterGate:
                 f'solver.step {step!r} s is beyond the stability limit {self._limit():.6g} s of '
                 'the running fabric; choose a smaller one, or 0 to have it chosen',
             )
-        if estimate_bodies(changed) <= _QUICK_BODIES:
-            Scene.from_parameters(changed)
+        if not rebuilds(self.accepted, changed) or estimate_bodies(changed) > _QUICK_BODIES:
+            return None
+        return Scene.from_parameters(changed)
 
 
 def _refusal(wanted: list[Parameter], reason: str) -> SetParametersResult:

@@ -8,9 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from icofabric_sim.messages.schedule import seconds
+from icofabric_sim.parameters.validation import Parameters
 from icofabric_sim.ros.answers import Answers
 from icofabric_sim.running.checkpoint_files import path_to_restore, path_to_save
 from icofabric_sim.running.runner import Runner
+from icofabric_sim.running.step_requests import StepRequest
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
@@ -54,9 +56,10 @@ class Verbs:
     async def _step(
         self, request: Trigger.Request, response: Trigger.Response
     ) -> Trigger.Response:
-        count = self._runner.parameters['step_count']
+        steps = StepRequest()
         return await self._answer(
-            response, self._runner.take_steps, _at(f'{count} solver steps taken'))
+            response, lambda: self._runner.take_steps(steps),
+            lambda time: _at(f'{steps.count} solver steps taken')(time))
 
     async def _record(
         self, request: SetBool.Request, response: SetBool.Response
@@ -67,11 +70,17 @@ class Verbs:
     async def _save(
         self, request: Trigger.Request, response: Trigger.Response
     ) -> Trigger.Response:
-        def begin() -> 'Future[Any]':
-            path = path_to_save(self._runner.parameters, self._being_saved)
+        chosen: list[Path] = []
+
+        def choose(parameters: Parameters) -> Path:
+            path = path_to_save(parameters, self._being_saved)
+            chosen.append(path)
             self._being_saved.add(path)
-            future = self._runner.save_checkpoint(path)
-            future.add_done_callback(lambda _: self._being_saved.discard(path))
+            return path
+
+        def begin() -> 'Future[Any]':
+            future = self._runner.save_checkpoint(choose)
+            future.add_done_callback(lambda _: self._being_saved.difference_update(chosen))
             return future
 
         return await self._answer(response, begin, lambda path: f'saved as {path}')
@@ -79,15 +88,15 @@ class Verbs:
     async def _restore(
         self, request: Trigger.Request, response: Trigger.Response
     ) -> Trigger.Response:
-        runner, path = self._runner, None
+        chosen: list[Path] = []
 
-        def begin() -> 'Future[Any]':
-            nonlocal path
-            path = path_to_restore(runner.parameters)
-            return runner.restore_checkpoint(path)
+        def choose(parameters: Parameters) -> Path:
+            chosen.append(path_to_restore(parameters))
+            return chosen[0]
 
         return await self._answer(
-            response, begin, lambda time: f'goes on from {path}, t = {seconds(time):.9f} s')
+            response, lambda: self._runner.restore_checkpoint(choose),
+            lambda time: f'goes on from {chosen[0]}, t = {seconds(time):.9f} s')
 
     async def _answer(
         self,

@@ -41,7 +41,6 @@ from icofabric_sim.simulation.input_types import (
     Wrench,
 )
 from icofabric_sim.simulation.simulation import Simulation
-import numpy as np
 
 _LOGGER = logging.getLogger('icofabric_sim')
 # Inputs that wait at most: while time stands still those stamped ahead would fill the memory.
@@ -134,7 +133,7 @@ class ReceivedInputs:
     def drop_waiting(
         self, reason: str, is_lost: Callable[[Target], bool] = lambda target: True
     ) -> int:
-        """Drop those that wait, of lost targets only; says once how many, and returns it."""
+        """Drop those that wait, of lost targets only; logs once how many, and returns it."""
         lost = self._run.simulation.inputs.queue.drop_messages(is_lost)
         count = len(lost)
         if count:
@@ -171,7 +170,7 @@ def judge(scene: Scene, received: InputMessage) -> None:
     target, value = received.target, received.value
     require_target(scene, target)
     _require_frame(scene, target, received.frame_id)
-    if not np.isfinite(value).all():
+    if not all(math.isfinite(number) for part in value for number in part.tolist()):
         raise ValueError(f'it is not finite ({_amounts(value)})')
     if not _rate(scene, received) <= _LARGEST_RATE:
         if isinstance(target, DriveTarget):
@@ -204,8 +203,8 @@ def _amounts(value: Wrench | Twist) -> str:
 
 def _rate(scene: Scene, received: InputMessage) -> float:
     """How fast [1/s] an input alone would move a body by its size, or turn it."""
-    target, (first, second) = received.target, received.value
-    straight, turning = math.hypot(*first), math.hypot(*second)
+    target = received.target
+    straight, turning = (math.hypot(*part.tolist()) for part in received.value)
     size, shell = scene.geometry.cube_width, scene.shell
     if isinstance(target, DriveTarget):
         return straight / size + turning

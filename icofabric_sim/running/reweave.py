@@ -47,13 +47,18 @@ class Reweaver:
         self._on_ready = on_ready
         self._body_force = body_force
         self._wanted: Parameters | None = None
+        self._scene: Scene | None = None  # of what is wanted, where it is built already
 
-    def want(self, parameters: Parameters) -> None:
-        """Build the scene of `parameters`; from the runner's thread."""
+    def want(self, parameters: Parameters, scene: Scene | None = None) -> None:
+        """
+        Build the simulation of `parameters`, of their `scene` where there is one.
+
+        From the runner's thread.
+        """
         idle = self._wanted is None
-        self._wanted = parameters
+        self._wanted, self._scene = parameters, scene
         if idle:
-            self._build(parameters)
+            self._build(parameters, scene)
 
     @property
     def wanted(self) -> Parameters | None:
@@ -63,14 +68,14 @@ class Reweaver:
     def amend(self, parameters: Parameters) -> None:
         """Apply a change of rates to a build under way too, which need not be restarted for it."""
         if self._wanted is not None:
-            self._wanted = parameters
+            self._wanted, self._scene = parameters, None
 
-    def _build(self, parameters: Parameters) -> None:
+    def _build(self, parameters: Parameters, scene: Scene | None) -> None:
         def build() -> None:
             simulation, reason = None, ''
             try:
                 simulation = compile_scene(
-                    Scene.from_parameters(parameters), body_wrenches=True,
+                    scene or Scene.from_parameters(parameters), body_wrenches=True,
                     body_force=self._body_force)
                 simulation.warm_up()
             except Exception as error:  # noqa: BLE001 - reported, the old fabric runs on
@@ -80,10 +85,9 @@ class Reweaver:
         threading.Thread(target=build, name='weave', daemon=True).start()
 
     def _finish(self, built: Parameters, simulation: Simulation | None, reason: str) -> None:
-        wanted, self._wanted = self._wanted, None
-        if wanted is None:
-            wanted = built
+        wanted, scene = self._wanted or built, self._scene
+        self._wanted = self._scene = None
         if rebuilds(built, wanted):
-            self.want(wanted)
+            self.want(wanted, scene)
             return
         self._on_ready(wanted, simulation, reason)

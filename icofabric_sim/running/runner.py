@@ -4,10 +4,12 @@
 Runs a simulation in time: inputs at their moment, outputs on their grid, at the wanted pace.
 
 One runner serves the node (its own thread, live topics and bag) and `icofabric run` (no graph, bag
-only). Simulated time between two calls of the simulation is always a whole number of nanoseconds,
-so every input acts at a time that a bag can hold, and a run repeats to the last bit. What else is
-done to a run (pause, steps, reset, another weave, ...) is told as an event, and recorded like the
-inputs: before any state that it changed.
+only). It is a loop over three parts: commands from other threads (command_queue.py), what they do
+to the run (run_changes.py), and the advance of simulated time (time_advance.py). Simulated time
+between two calls of the simulation is always a whole number of nanoseconds, so every input acts at
+a time that a bag can hold, and a run repeats to the last bit. What else is done to a run (pause,
+steps, reset, another weave, ...) is published as an event, and recorded like the inputs: before any
+state that it changed.
 """
 
 from collections.abc import Callable, Mapping
@@ -16,20 +18,29 @@ from pathlib import Path
 import time as wall
 from typing import Any
 
-from icofabric_sim.messages.schedule import seconds
+from icofabric_sim.messages.schedule import nanoseconds_not_before, seconds
 from icofabric_sim.messages.topics import BROKEN
 from icofabric_sim.parameters.validation import Parameters
-from icofabric_sim.running.broadcast import Sink
-from icofabric_sim.running.run_changes import ChangingRun
-from icofabric_sim.running.run_records import begins_anew, Status
+from icofabric_sim.running.broadcast import Broadcast, Sink
+from icofabric_sim.running.command_queue import CommandQueue
+from icofabric_sim.running.pace import Pace
+from icofabric_sim.running.received_inputs import ReceivedInputs
+from icofabric_sim.running.run_changes import RunChanges
+from icofabric_sim.running.run_records import begins_anew, Errors, errors_of, figures, Status
+from icofabric_sim.running.run_state import RunState
 from icofabric_sim.running.step_requests import StepRequest
+from icofabric_sim.running.time_advance import TimeAdvance
+from icofabric_sim.scene.scene import Scene
+from icofabric_sim.simulation.errors import SimulationError
 from icofabric_sim.simulation.simulation import Simulation
 
 # Wall time between repeated live messages while the simulated time stands still [s].
 _IDLE_REFRESH = 0.5
+# A checkpoint, or how its path follows from the parameters in force.
+Place = str | Path | Callable[[Parameters], Path]
 
 
-class Runner(ChangingRun):
+class Runner:
     """Drives one simulation after another; all methods but `run` may be called from any thread."""
 
     def __init__(
@@ -46,26 +57,92 @@ class Runner(ChangingRun):
         Start where the simulation stands, mostly at time 0, paused where the scene says so.
 
         `parameters` are in force where rates and the like differ from those of the scene.
-        `on_rebuilt` hears of each change of the scene: the parameters that were wanted, and why
-        they could not be had ('' where they could). `report` lays out /diagnostics. `full_name`
+        `on_rebuilt` is called after each change of the scene with the parameters that were wanted,
+        and why they could not be had ('' where they could). `report` lays out /diagnostics. `full_name`
         of a topic is what warnings say.
         """
-        super().__init__(simulation, sinks, parameters, report, full_name, on_rebuilt)
+        in_force = parameters or simulation.scene.parameters
+        self.state = RunState(
+            simulation, in_force, nanoseconds_not_before(simulation.time),
+            bool(in_force['start_paused']))
+        self.commands = CommandQueue()
+        self._broadcast = Broadcast(
+            sinks, simulation, None if report is None else lambda: report(self._fresh_status()))
+        self._broadcast.set_rates(in_force)
+        self._pace = Pace(in_force['real_time_factor'])
+        self.inputs = ReceivedInputs(
+            self.state, self.commands.post, self._broadcast.input, full_name)
+        self._time = TimeAdvance(self.state, self.inputs, self._broadcast, self._pace)
+        self.changes = RunChanges(
+            self.state, self._time, self.inputs, self._broadcast, self._pace,
+            post=self.commands.post, fresh_status=self._fresh_status, on_rebuilt=on_rebuilt)
+        self._errors: Errors | None = None
         self._last_refresh = 0.0
+
+    # Where it stands; each is read on its own.
+
+    @property
+    def simulation(self) -> Simulation:
+        """The simulation that runs."""
+        return self.state.simulation
+
+    @property
+    def parameters(self) -> Parameters:
+        """The parameters in force."""
+        return self.state.parameters
+
+    @property
+    def now(self) -> int:
+        """Simulated time [ns]."""
+        return self.state.now
+
+    @property
+    def paused(self) -> bool:
+        """Whether simulated time stands still until it is resumed."""
+        return self.state.paused
+
+    @property
+    def failure(self) -> str:
+        """Why simulated time has stopped; '': it has not."""
+        return self.state.failure
+
+    @property
+    def finished(self) -> bool:
+        """Whether the `duration` of the scene has passed."""
+        return self.state.finished
+
+    @property
+    def dropped(self) -> int:
+        """Inputs that were received and never acted."""
+        return self.inputs.dropped
+
+    def status(self) -> Status:
+        """Present figures; those of the accuracy are as at the last report."""
+        state = self.state
+        return Status(
+            time=state.now,
+            paused=state.paused,
+            finished=state.finished,
+            failure=state.failure,
+            factor=self._pace.factor(state.now),
+            wanted_factor=state.parameters['real_time_factor'],
+            dropped=self.dropped,
+            errors=self._errors,
+            loads_waiting=len(self.inputs),
+            cause=self._pace.cause(),
+            lag=self.commands.lag,
+            **figures(state.simulation),
+        )
 
     # Called from any thread.
 
+    def post(self, act: Callable[[], Any]) -> 'Future[Any]':
+        """Have `act` done between two steps; its result comes with the future."""
+        return self.commands.post(act)
+
     def set_paused(self, paused: bool) -> 'Future[Any]':
         """Stop or resume simulated time; the result is the time [ns] at which that was."""
-
-        def act() -> int:
-            self._steps.end('ended by a pause' if paused else 'time runs on')
-            self.paused = paused
-            self._broadcast.event(self.now, 'pause' if paused else 'resume')
-            self._pace.restart(self.now)
-            return self.now
-
-        return self.post(act)
+        return self.post(lambda: self.changes.pause(paused))
 
     def take_steps(self, request: StepRequest | None = None) -> 'Future[Any]':
         """
@@ -74,9 +151,9 @@ class Runner(ChangingRun):
         The result is its time [ns]; a pause, a reset or the end of `run` ends them early, with a
         RuntimeError that says how many were taken.
         """
-        request = request or StepRequest(self.parameters['step_count'])
-        self.post(lambda: self._begin_steps(request))
-        return request.future
+        steps = request or StepRequest()
+        self.post(lambda: self._time.begin_steps(steps))
+        return steps.future
 
     def reset(self, *, time_reset: bool | None = None) -> 'Future[Any]':
         """
@@ -84,19 +161,19 @@ class Runner(ChangingRun):
 
         Wrenches that were received are forgotten, those that wait are dropped.
         """
-        return self.post(lambda: self._reset(time_reset))
+        return self.post(lambda: self.changes.reset(time_reset))
 
-    def save_checkpoint(self, path: str | Path) -> 'Future[Any]':
+    def save_checkpoint(self, place: Place) -> 'Future[Any]':
         """
         Save the run as it is between two steps, to go on from later; results in the path.
 
         The file is written beside the run. Wrenches that wait for their stamp are not in it.
         """
         saved: Future[Any] = Future()
-        self.post(lambda: self._save(Path(path), saved))
+        self.post(lambda: self.changes.save(_chooser(place), saved))
         return saved
 
-    def restore_checkpoint(self, path: str | Path) -> 'Future[Any]':
+    def restore_checkpoint(self, place: Place) -> 'Future[Any]':
         """
         Go on from a checkpoint of the same scene; results in its time [ns].
 
@@ -104,31 +181,32 @@ class Runner(ChangingRun):
         wait are dropped. Where it is not a checkpoint of this scene and version a ValueError says
         so, and nothing changes.
         """
-        return self.post(lambda: self._restore(Path(path)))
+        return self.post(lambda: self.changes.restore(_chooser(place)))
 
     def set_recording(self, on: bool) -> 'Future[Any]':
         """
         Begin a new bag from the present state on, or end the present one; results in its path.
         """
-        return self.post(lambda: self._set_recording(on))
+        return self.post(lambda: self.changes.set_recording(on))
 
     def set_body_state(self, body: int, parts: Mapping[str, Any]) -> 'Future[Any]':
         """Put one body elsewhere, see entities.py; results in the time [ns] at which that was."""
-        return self.post(lambda: self._set_body_state(body, parts))
+        return self.post(lambda: self.changes.set_body_state(body, parts))
 
-    def change(self, parameters: Parameters) -> 'Future[Any]':
+    def change(self, parameters: Parameters, scene: Scene | None = None) -> 'Future[Any]':
         """
         Take other parameters; a changed fabric is built aside and swapped in between two steps.
 
-        Wrenches that act or wait go on where the new fabric has their channel or body, see
-        reweave.py; the others are named in a warning and an event.
+        Where their `scene` was built already, e.g. to judge them, that one is used. Wrenches that
+        act or wait go on where the new fabric has their channel or body, see reweave.py; the
+        others are named in a warning and an event.
         """
-        return self.post(lambda: self._change(parameters))
+        return self.post(lambda: self.changes.change(parameters, scene))
 
     def stop(self) -> None:
         """End `run` soon."""
-        self._stopping = True
-        self._wake.set()
+        self._time.stop()
+        self.commands.wake()
 
     # Called from the thread of `run` only.
 
@@ -141,48 +219,57 @@ class Runner(ChangingRun):
         `progress` hears the simulated time [s] now and then. A failure of the simulation stops
         simulated time, is kept in `failure`, and ends the run where `until_finished`.
         """
-        self._follow_simulation()
-        self._stand_on_nanoseconds()
-        self._broadcast.start(self.now, whole=begins_anew(self.simulation))
-        self._pace.restart(self.now)
+        state = self.state
+        self._time.follow(state.simulation)
+        self._time.stand_on_nanoseconds()
+        self._broadcast.start(state.now, whole=begins_anew(state.simulation))
+        self._pace.restart(state.now)
         try:
             while self._turn(until_finished):
                 if progress is not None:
-                    progress(seconds(self.now))
+                    progress(seconds(state.now))
         finally:
-            self.simulation.should_stop = None
-            self._steps.end('the run has ended')
+            state.simulation.should_stop = None
+            self._time.steps.end('the run has ended')
             self.inputs.drop_waiting('the run ended before')
             self._fresh_status()
         # What broke since the last output; others come on their grid only.
-        self._broadcast.emit(self.now, [BROKEN])
-        self._broadcast.report(self.now, at_once=True)
+        self._broadcast.emit(state.now, [BROKEN])
+        self._broadcast.report(state.now, at_once=True)
 
     def _turn(self, until_finished: bool) -> bool:
-        """Do what is to be done next; False when that is nothing ever more."""
-        # Before looking at what it announces: nothing that comes later is slept over.
-        self._wake.clear()
-        if self._stopping:
+        """Do what is to be done next; False where nothing is left to do."""
+        state = self.state
+        # Before the commands are done: none that comes later is slept over.
+        self.commands.begin_turn()
+        if self._time.stopping:
             return False
-        self._run_commands()
-        self._broadcast.report(self.now)
-        if self._steps.current is not None:
+        self._do_commands()
+        self._broadcast.report(state.now)
+        steps = self._time.steps.current
+        if steps is not None:
             # Shown where they end, with an event that says so; not where a portion of them does.
-            self._take_steps(self._steps.current)
+            self._time.take_steps(steps)
             return True
-        if self.paused or self.failure or self.finished:
-            if until_finished and (self.failure or self.finished):
+        if state.paused or state.failure or state.finished:
+            if until_finished and (state.failure or state.finished):
                 return False
             self._refresh()
-            self._wake.wait(_IDLE_REFRESH)
+            self.commands.wait(_IDLE_REFRESH)
             return True
-        delay = self._pace.delay(self.now)
+        delay = self._pace.delay(state.now)
         if delay > 0.0:
             # Whatever arrives wakes it, and must not make simulated time run ahead.
-            self._wake.wait(min(delay, _IDLE_REFRESH))
+            self.commands.wait(min(delay, _IDLE_REFRESH))
         else:
-            self._advance(self._next_target())
+            self._time.advance()
         return True
+
+    def _do_commands(self) -> None:
+        def failed(error: SimulationError) -> None:
+            self._time.fail(str(error), self.state.now)
+
+        self.commands.do_all(failed, self.state.catch_up)
 
     def _refresh(self) -> None:
         """
@@ -193,4 +280,13 @@ class Runner(ChangingRun):
         """
         if wall.monotonic() - self._last_refresh > _IDLE_REFRESH:
             self._last_refresh = wall.monotonic()
-            self._broadcast.emit(self.now, live_only=True)
+            self._broadcast.emit(self.state.now, live_only=True)
+
+    def _fresh_status(self) -> Status:
+        self._errors = errors_of(self.state.simulation)
+        status, self.commands.lag = self.status(), 0.0
+        return status
+
+
+def _chooser(place: Place) -> Callable[[Parameters], Path]:
+    return place if callable(place) else lambda parameters: Path(place)

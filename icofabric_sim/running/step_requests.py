@@ -13,10 +13,14 @@ _LOGGER = logging.getLogger('icofabric_sim')
 class StepRequest:
     """So many solver steps, taken in portions."""
 
-    def __init__(self, count: int) -> None:
-        """Ask for `count` steps."""
-        self.count, self.taken = count, 0
+    def __init__(self, count: int | None = None) -> None:
+        """Ask for `count` steps; None: for the `step_count` that is in force when they begin."""
+        self._wanted, self.count, self.taken = count, count or 0, 0
         self.future: Future[Any] = Future()
+
+    def begin(self, step_count: int) -> None:
+        """Take that many steps where the request says no number."""
+        self.count = step_count if self._wanted is None else self._wanted
 
     @property
     def done(self) -> bool:

@@ -213,7 +213,7 @@ def test_quitting_ends_the_node(simulator):
 
 
 def test_failed_simulation_cannot_be_played(simulator, runner):
-    runner.failure = 'the energy does not balance'
+    runner.state.failure = 'the energy does not balance'
     code, text = simulator.set_state(PLAYING)
     assert code == Services.SetSimulationState.Response.STATE_TRANSITION_ERROR
     assert 'does not balance' in text and 'reset' in text

@@ -6,8 +6,11 @@ import threading
 from fabrics import warnings_said
 from icofabric_sim.messages import decode_marker_points, decode_pose_array, decode_string
 from icofabric_sim.messages.topics import CLOCK, CONNECTORS, EVENTS, POSES, TOPICS, WEAVE
-from icofabric_sim.running import reweave, time_line
+from icofabric_sim.running import reweave, time_advance
 from icofabric_sim.running import runner as runner_module
+from icofabric_sim.running.checkpoint_files import path_to_restore, path_to_save
+from icofabric_sim.running.step_requests import StepRequest
+from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.simulation import compile_scene
 import numpy as np
 import pytest
@@ -32,7 +35,7 @@ def test_pause_and_steps():
 
 
 def test_steps_tick_where_they_end_however_long_they_take(monkeypatch):
-    monkeypatch.setattr(time_line, 'RESPONSE', 0.0)
+    monkeypatch.setattr(time_advance, 'RESPONSE', 0.0)
     monkeypatch.setattr(runner_module, '_IDLE_REFRESH', 0.0)
     sink = ListSink(CLOCK, EVENTS)
     runner = make_runner(
@@ -62,7 +65,7 @@ def test_reset_keeps_the_time_unless_told():
     run(runner)
     runner.reset()
     push(runner, stamp=10**9)
-    runner._run_commands()
+    runner._do_commands()
     assert runner.now == 100_000_000 and sink.jumps == []
     assert runner.simulation.active_loads == {}
     pose = decode_pose_array(sink.of(POSES)[-1][1])
@@ -109,11 +112,11 @@ def test_failure_stops_the_time_and_a_reset_forgets_it(caplog):
     for _ in range(50):
         push(runner)
     runner.take_steps()
-    runner._run_commands()
+    runner._do_commands()
     assert runner.dropped == 50
     assert sum('was dropped' in record.getMessage() for record in caplog.records) == 1
     runner.reset()
-    runner._run_commands()
+    runner._do_commands()
     assert runner.failure == ''
 
 
@@ -139,7 +142,7 @@ def test_changes_of_the_scene():
     """A live change keeps state, time and wrenches; a new weave keeps the time."""
     sink, told = ListSink(POSES, WEAVE, CONNECTORS), []
     runner = make_runner(sink, start_paused=True, duration=0.0, solver__step=0.001, step_count=20)
-    runner.on_rebuilt = lambda *report: told.append(report)
+    runner.changes.on_rebuilt = lambda *report: told.append(report)
     with Beside(runner) as beside:
         push(runner)
         push(runner, key=0)
@@ -165,7 +168,7 @@ def test_changes_of_the_scene():
 def test_change_that_cannot_be_built_leaves_everything():
     sink, told = ListSink(WEAVE), []
     runner = make_runner(sink, start_paused=True, solver__step=0.001)
-    runner.on_rebuilt = lambda *report: told.append(report)
+    runner.changes.on_rebuilt = lambda *report: told.append(report)
     before = runner.simulation, runner.parameters
     with Beside(runner) as beside:
         wanted = change_and_wait(beside, runner, told, connector__stiffness=1e9)
@@ -194,7 +197,7 @@ def test_rates_act_at_once_while_another_fabric_is_being_built(monkeypatch):
 
     runner = make_runner(ListSink(POSES), start_paused=True, duration=0.0)
     told = []
-    runner.on_rebuilt = lambda *report: told.append(report)
+    runner.changes.on_rebuilt = lambda *report: told.append(report)
     monkeypatch.setattr(reweave, 'compile_scene', slow_build)
     with Beside(runner) as beside:
         woven = runner.parameters.with_changes({'weave.size': [3, 3, 3]})
@@ -213,7 +216,7 @@ def test_rates_act_at_once_while_another_fabric_is_being_built(monkeypatch):
 def test_wrench_that_waits_for_a_body_that_is_gone_is_dropped(caplog):
     sink, told = ListSink(), []
     runner = make_runner(sink, start_paused=True)
-    runner.on_rebuilt = lambda *report: told.append(report)
+    runner.changes.on_rebuilt = lambda *report: told.append(report)
     last = runner.simulation.scene.body_count - 1
     with Beside(runner) as beside:
         push(runner, key=last, stamp=10**7)
@@ -225,3 +228,68 @@ def test_wrench_that_waits_for_a_body_that_is_gone_is_dropped(caplog):
     assert warning.startswith(
         '1 waiting wrench was dropped (~/wrench; the first for t = 0.01 s): ')
     assert 'the weave changed before' in warning
+
+
+def test_what_parameters_say_is_read_in_the_order_of_the_commands(tmp_path):
+    """A change that was accepted counts for whatever is asked for after it."""
+    runner = make_runner(ListSink(), start_paused=True, step_count=3, solver__step=0.001)
+    runner.change(runner.parameters.with_changes(
+        {'step_count': 7, 'checkpoint.path': str(tmp_path / 'new.checkpoint')}))
+    steps = StepRequest()
+    taken, saved = runner.take_steps(steps), runner.save_checkpoint(path_to_save)
+    assert runner.parameters['step_count'] == 3  # nothing is done yet
+    with Beside(runner):
+        assert taken.result(60.0) == 7_000_000 and steps.count == 7
+        assert saved.result(60.0) == str(tmp_path / 'new.checkpoint')
+        elsewhere = runner.parameters.with_changes({'checkpoint.path': str(tmp_path / 'none')})
+        runner.change(elsewhere)
+        with pytest.raises(ValueError, match='no checkpoint in .*none'):
+            runner.restore_checkpoint(path_to_restore).result(60.0)
+
+
+def test_scene_that_was_built_to_judge_a_change_is_used(monkeypatch):
+    built, told = [], []
+
+    class CountedScene(Scene):
+        @classmethod
+        def from_parameters(cls, parameters):
+            built.append(parameters)
+            return Scene.from_parameters(parameters)
+
+    monkeypatch.setattr(reweave, 'Scene', CountedScene)
+    runner = make_runner(ListSink(), start_paused=True)
+    runner.changes.on_rebuilt = lambda *report: told.append(report)
+    wanted = runner.parameters.with_changes({'connector.stiffness': 300.0})
+    scene = Scene.from_parameters(wanted)
+    with Beside(runner) as beside:
+        runner.change(wanted, scene)
+        beside.wait_for(lambda: told)
+        assert runner.simulation.scene is scene and not built
+        again = wanted.with_changes({'connector.stiffness': 400.0})
+        runner.change(again)
+        beside.wait_for(lambda: len(told) == 2)
+    assert built == [again] and runner.simulation.scene.parameters == again
+    assert [reason for _, reason in told] == ['', '']
+
+
+def test_scene_of_a_later_change_is_used_once_the_earlier_one_is_built(monkeypatch):
+    """Changes that come while a fabric is built are one more build, of the last scene."""
+    held, told = threading.Event(), []
+
+    def slow_compile(scene, **options):
+        held.wait(60.0)
+        return compile_scene(scene, **options)
+
+    monkeypatch.setattr(reweave, 'compile_scene', slow_compile)
+    runner = make_runner(ListSink(), start_paused=True)
+    runner.changes.on_rebuilt = lambda *report: told.append(report)
+    first = runner.parameters.with_changes({'connector.stiffness': 300.0})
+    second = first.with_changes({'gravity': [0.0, 0.0, -1.0]})
+    scenes = [Scene.from_parameters(parameters) for parameters in (first, second)]
+    with Beside(runner) as beside:
+        runner.change(first, scenes[0])
+        runner.change(second, scenes[1]).result(60.0)
+        held.set()
+        beside.wait_for(lambda: told)
+        assert runner.simulation.scene is scenes[1]
+    assert told == [(second, '')]

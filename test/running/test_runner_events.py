@@ -47,7 +47,7 @@ def paused_runner(*sinks, **changes):
 def change(beside, runner, **changes):
     """Change the scene and wait until it is there."""
     told = []
-    runner.on_rebuilt = lambda *report: told.append(report)
+    runner.changes.on_rebuilt = lambda *report: told.append(report)
     runner.change(runner.parameters.with_changes(
         {name.replace('__', '.'): value for name, value in changes.items()}))
     beside.wait_for(lambda: told)
@@ -128,7 +128,7 @@ def test_wrench_on_a_channel_that_is_deleted_ends_by_name(caplog):
         push(runner)
         push(runner, key=2)
         told = []
-        runner.on_rebuilt = lambda *report: told.append(report)
+        runner.changes.on_rebuilt = lambda *report: told.append(report)
         given = {name: value for name, value in runner.parameters.given().items()
                  if not name.startswith('loads.')}
         runner.change(ico.Scene.from_parameters(given).parameters)
@@ -159,7 +159,7 @@ def test_change_there_and_back_does_not_touch_the_motion(monkeypatch):
     sink, told = ListSink(EVENTS), []
     runner = paused_runner(sink)
     before, parameters = runner.simulation, runner.parameters
-    runner.on_rebuilt = lambda *report: told.append(report)
+    runner.changes.on_rebuilt = lambda *report: told.append(report)
     monkeypatch.setattr(reweave, 'compile_scene', slow_build)
     with Beside(runner) as beside:
         runner.change(parameters.with_changes({'connector.stiffness': 1.0})).result(60.0)
@@ -180,7 +180,7 @@ def test_newer_rates_than_those_that_were_built_are_told_after_them(monkeypatch)
 
     sink, told = ListSink(WEAVE), []
     runner = paused_runner(sink)
-    runner.on_rebuilt = lambda *report: told.append(report)
+    runner.changes.on_rebuilt = lambda *report: told.append(report)
     monkeypatch.setattr(reweave, 'compile_scene', slow_build)
     with Beside(runner) as beside:
         wanted = runner.parameters.with_changes({'gravity': [0.0, 0.0, -1.0], 'duration': 7.0})

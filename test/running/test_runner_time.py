@@ -8,7 +8,7 @@ import time
 from icofabric_sim.messages.schedule import seconds
 from icofabric_sim.messages.topics import CLOCK, POSES
 from icofabric_sim.parameters.validation import make_parameters, ParameterError
-from icofabric_sim.running import time_line
+from icofabric_sim.running import time_advance
 from icofabric_sim.running.pace import Pace
 from icofabric_sim.simulation.errors import SimulationError
 import numpy as np
@@ -233,7 +233,7 @@ def test_wrenches_that_a_reset_forgets_are_counted(caplog):
 def test_calls_that_are_broken_off_change_no_bit(method, monkeypatch):
     ends = []
     for patience in (1e9, 0.0):
-        monkeypatch.setattr(time_line, '_PATIENCE', patience)
+        monkeypatch.setattr(time_advance, '_PATIENCE', patience)
         sink = ListSink(POSES)
         # Fast enough for some hundred steps between two outputs, so for calls that take a while.
         runner = make_runner(
@@ -241,9 +241,9 @@ def test_calls_that_are_broken_off_change_no_bit(method, monkeypatch):
             publish_rate=4.0, connector__stiffness=2e5, solver__tolerance=1e-3)
         push(runner, stamp=123_456_789)
         broken = []
-        reaches = runner._reaches
+        reaches = runner._time._reaches
         monkeypatch.setattr(
-            runner, '_reaches', lambda target, reaches=reaches, broken=broken: (
+            runner._time, '_reaches', lambda target, reaches=reaches, broken=broken: (
                 broken.append(reaches(target)) or broken[-1]))
         run(runner)
         assert runner.now == 500_000_000 and not runner.failure
@@ -256,7 +256,7 @@ def test_call_that_is_broken_off_at_once_repeats_no_output(monkeypatch):
     """The time at which it stands has been shown."""
     sink = ListSink(CLOCK)
     runner = make_runner(sink, solver__method='leapfrog', solver__step=1e-4, duration=0.1)
-    reaches, broken = runner._reaches, []
+    reaches, broken = runner._time._reaches, []
 
     def breaks_off(target):
         # At every tick but the first.
@@ -265,7 +265,7 @@ def test_call_that_is_broken_off_at_once_repeats_no_output(monkeypatch):
             return False
         return reaches(target)
 
-    monkeypatch.setattr(runner, '_reaches', breaks_off)
+    monkeypatch.setattr(runner._time, '_reaches', breaks_off)
     run(runner)
     stamps = [stamp for stamp, _ in sink.of(CLOCK)]
     assert len(broken) > 5 and not runner.failure

@@ -1,0 +1,43 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""Where a run stands: what its parts share, and the thread of the run alone changes."""
+
+from dataclasses import dataclass
+
+from icofabric_sim.messages.schedule import NANOSECONDS, nanoseconds_not_before
+from icofabric_sim.parameters.validation import Parameters
+from icofabric_sim.simulation.simulation import Simulation
+
+
+@dataclass
+class RunState:
+    """One simulation in time; `now` is always a whole number of nanoseconds."""
+
+    simulation: Simulation
+    parameters: Parameters  # in force: rates and the like may differ from those of the scene
+    now: int  # [ns]
+    paused: bool
+    failure: str = ''  # why simulated time has stopped; '': it has not
+
+    @property
+    def end(self) -> int:
+        """Time [ns] at which the `duration` has passed; 0 without one."""
+        duration = self.parameters['duration']
+        return max(1, round(duration * NANOSECONDS)) if duration > 0.0 else 0
+
+    @property
+    def finished(self) -> bool:
+        """Whether the `duration` has passed."""
+        return 0 < self.end <= self.now
+
+    def catch_up(self) -> None:
+        """
+        Take the time that the simulation has reached by steps, or before something broke it off.
+        """
+        self.now = max(self.now, nanoseconds_not_before(self.simulation.time))
+
+    def require_sound(self, what: str) -> None:
+        """Refuse `what` after a failure."""
+        if self.failure:
+            raise RuntimeError(
+                f'{what}: the simulation has stopped ({self.failure}); reset it first')

@@ -1,0 +1,166 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+The advance of simulated time: to the next output, by solver steps, or to a failure.
+
+Between two calls of the simulation the time is always a whole number of nanoseconds, and the
+simulation stands there exactly: so every input acts at a time that a bag can hold.
+"""
+
+from contextlib import suppress
+import logging
+import math
+import time as wall
+
+from icofabric_sim.messages.schedule import nanoseconds_not_before, seconds
+from icofabric_sim.running.broadcast import Broadcast
+from icofabric_sim.running.pace import Pace
+from icofabric_sim.running.received_inputs import ReceivedInputs
+from icofabric_sim.running.run_events import Shown, shown_after
+from icofabric_sim.running.run_state import RunState
+from icofabric_sim.running.step_requests import StepRequest, StepRequests
+from icofabric_sim.simulation.errors import Interrupted, SimulationError
+from icofabric_sim.simulation.simulation import Simulation
+
+_LOGGER = logging.getLogger('icofabric_sim')
+# Wall time of one call into the simulation [s]: how late an immediate input, a pause or a stop
+# is heard.
+RESPONSE = 0.01
+# Of a call that takes longer than that, because the motion has become faster meanwhile [s].
+_PATIENCE = 0.1
+
+
+class TimeAdvance:
+    """Moves one run through time, in its thread; only `stop` is for any thread."""
+
+    def __init__(
+        self, state: RunState, inputs: ReceivedInputs, broadcast: Broadcast, pace: Pace
+    ) -> None:
+        """Move `state`; outputs go to `broadcast`."""
+        self._state, self._inputs, self._broadcast, self._pace = state, inputs, broadcast, pace
+        self.steps = StepRequests()
+        self.stopping = False
+        self._patient_until = math.inf
+
+    def stop(self) -> None:
+        """Have the simulation come to a halt at the end of a step."""
+        self.stopping = True
+
+    def follow(self, simulation: Simulation) -> None:
+        """Move this simulation from now on."""
+        self._state.simulation = simulation
+        simulation.should_stop = (
+            lambda: self.stopping or wall.monotonic() > self._patient_until)
+        self._inputs.follow(simulation)
+
+    def advance(self) -> None:
+        """Advance to the next output, or for a moment, whichever is sooner."""
+        state, started, before = self._state, wall.perf_counter(), self._state.now
+        target = self._next_target()
+        try:
+            if not self._reaches(target):
+                state.catch_up()
+                target = state.now
+                state.simulation.advance_to(seconds(target))
+            state.now = target
+            self._pace.learn(target - before, wall.perf_counter() - started)
+            # Broken off before its first step, it has shown this time already.
+            if state.now > before:
+                self._broadcast.due(state.now)
+        except SimulationError as error:
+            self.fail(str(error), target)
+        except Interrupted:
+            state.catch_up()
+
+    def begin_steps(self, request: StepRequest) -> None:
+        """Queue a request for solver steps, or answer it why there are none."""
+        state = self._state
+        if state.failure:
+            request.future.set_exception(RuntimeError(state.failure))
+        elif not state.paused:
+            request.future.set_exception(RuntimeError(
+                'steps are taken only while paused: call ~/pause with data: true first'))
+        else:
+            request.begin(state.parameters['step_count'])
+            self.steps.add(request)
+
+    def take_steps(self, request: StepRequest) -> None:
+        """Take steps for a moment; the rest follows once commands had their turn."""
+        state, end = self._state, wall.perf_counter() + RESPONSE
+        simulation, target = state.simulation, state.now
+        try:
+            while not request.done:
+                before = simulation.step_count
+                # Rounding must not put it before the end of the step.
+                target = nanoseconds_not_before(simulation.next_step_time) + 1
+                simulation.advance_steps(1)
+                request.taken += simulation.step_count - before
+                if wall.perf_counter() > end:
+                    break
+            state.catch_up()
+            # What comes in between two portions acts at a whole number of nanoseconds too.
+            simulation.advance_to(seconds(state.now))
+            if request.done:
+                self._pace.restart(state.now)
+                self._broadcast.event(state.now, 'step', count=request.taken)
+                self.show_after('step')
+                self.steps.finish(state.now)
+        except SimulationError as error:
+            self.fail(str(error), target)
+        except Interrupted:
+            state.catch_up()
+
+    def stand_on_nanoseconds(self) -> None:
+        """Have the simulation stand where the run does: it may have been left in between."""
+        state = self._state
+        try:
+            state.simulation.advance_to(seconds(state.now))
+        except SimulationError as error:
+            self.fail(str(error), state.now)
+        except Interrupted:
+            pass
+
+    def fail(self, reason: str, target: int) -> None:
+        """Stop simulated time: the simulation failed on its way to `target` [ns]."""
+        state = self._state
+        state.catch_up()
+        state.failure = reason
+        _LOGGER.error('the simulation has stopped: %s', reason)
+        self.steps.end(reason)
+        self._inputs.drop_waiting('the simulation has stopped')
+        self._broadcast.event(state.now, 'failed', reason=reason, target=target)
+        with suppress(SimulationError, Interrupted):
+            if math.isfinite(state.simulation.snapshot().position.sum()):
+                self.show_after('failed')
+
+    def show_after(self, event: str) -> None:
+        """Send what a run shows after an event, see run_events.py."""
+        shown = shown_after(event, running=not self._state.paused)
+        if shown is Shown.ANEW:
+            self._broadcast.start(self._state.now, cleared=True)
+        elif shown is Shown.PRESENT:
+            self._broadcast.emit(self._state.now)
+
+    def _reaches(self, target: int) -> bool:
+        """
+        Advance to `target` [ns]; False where that is broken off on the way, at the end of a step.
+
+        A wrench may make the motion a thousand times faster than it was when the target was
+        chosen: what waits for its turn must not wait for all of that.
+        """
+        self._patient_until = wall.monotonic() + _PATIENCE
+        try:
+            self._state.simulation.advance_to(seconds(target))
+        except Interrupted:
+            return False
+        finally:
+            self._patient_until = math.inf
+        return True
+
+    def _next_target(self) -> int:
+        state = self._state
+        times = [state.now + self._pace.chunk(RESPONSE, state.simulation.step)]
+        times += self._broadcast.next_times(state.now)
+        if state.end > state.now:
+            times.append(state.end)
+        return max(min(times), state.now)
