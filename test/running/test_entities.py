@@ -159,7 +159,7 @@ def test_state_that_cannot_be_leaves_the_run_as_it_was(scene):
     from icofabric_sim.running.runner import Runner
 
     runner = Runner(ico.compile_scene(scene), [])
-    runner.paused = True
+    runner.state.paused = True
     with Beside(runner):
         before = runner.post(runner.simulation.checkpoint).result(60.0)
         for parts in ({'position': [1e200, 0.0, 0.0]}, {'orientation': [0.0, 0.0, 0.0, 0.5]},
