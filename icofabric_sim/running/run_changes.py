@@ -3,8 +3,8 @@
 """
 What changes a run from outside: pauses, resets, checkpoints, another weave; and what is recorded.
 
-All of it happens between two steps, in the thread of the run, and is published as an event before any
-state that it changed: so a record can be simulated again.
+All of it happens between two steps, in the thread of the run, and is published as an event before
+any state that it changed: so a record can be simulated again.
 """
 
 from collections.abc import Callable, Mapping

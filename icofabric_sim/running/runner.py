@@ -8,8 +8,8 @@ only). It is a loop over three parts: commands from other threads (command_queue
 to the run (run_changes.py), and the advance of simulated time (time_advance.py). Simulated time
 between two calls of the simulation is always a whole number of nanoseconds, so every input acts at
 a time that a bag can hold, and a run repeats to the last bit. What else is done to a run (pause,
-steps, reset, another weave, ...) is published as an event, and recorded like the inputs: before any
-state that it changed.
+steps, reset, another weave, ...) is published as an event, and recorded like the inputs: before
+any state that it changed.
 """
 
 from collections.abc import Callable, Mapping
@@ -54,12 +54,12 @@ class Runner:
         full_name: Callable[[str], str] = str,
     ) -> None:
         """
-        Start where the simulation stands, mostly at time 0, paused where the scene says so.
+        Start where the simulation stands, mostly at time 0, paused where `start_paused` is set.
 
         `parameters` are in force where rates and the like differ from those of the scene.
         `on_rebuilt` is called after each change of the scene with the parameters that were wanted,
-        and why they could not be had ('' where they could). `report` lays out /diagnostics. `full_name`
-        of a topic is what warnings say.
+        and why they could not be had ('' where they could). `report` lays out /diagnostics.
+        `full_name` of a topic is what warnings say.
         """
         in_force = parameters or simulation.scene.parameters
         self.state = RunState(
