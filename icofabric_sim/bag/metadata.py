@@ -127,7 +127,7 @@ def _parse(folder: Path, stored: dict[str, Any]) -> Metadata:
         raise BagError(f'cannot read {folder}: version {version} of rosbag2 is newer than known')
     if stored['storage_identifier'] not in STORAGES:
         raise BagError(
-            f'cannot read {folder}: storage {stored["storage_identifier"]!r} is none of '
+            f'cannot read {folder}: storage {stored["storage_identifier"]!r} is not one of '
             f'{", ".join(STORAGES)}')
     mode = str(stored.get('compression_mode') or '').lower()
     if mode == 'none':

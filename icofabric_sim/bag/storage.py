@@ -247,7 +247,7 @@ def merge_custom(
 def absolute_path(path: str | Path) -> Path:
     """Return the path of a bag, wherever the process goes afterwards."""
     if not str(path) or '\0' in str(path):
-        raise BagError(f'record.path: {str(path)!r} names no folder for the bag')
+        raise BagError(f'record.path: {str(path)!r} is not the name of a folder')
     return Path(path).expanduser().absolute()
 
 

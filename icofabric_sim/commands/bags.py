@@ -20,7 +20,7 @@ def bag_path(text: str) -> Path:
     """Path of the argument BAG; an empty text is refused, which Path takes for this folder."""
     if not text:
         raise InputError(
-            'an empty name is that of no bag: give the folder of a recorded run, or its file')
+            'the name of the bag is empty: give the folder of a recorded run, or its file')
     return Path(text).expanduser()
 
 

@@ -170,7 +170,7 @@ def follow_node(command: Sequence[str], tip: list[int]) -> int:
             code, was_ready = node.wait(), node.is_ready
     if code != 0:
         print(f'fabric_node ended with status {code}'
-              + ('' if was_ready else ' before it was ready: its own words above say why'),
+              + ('' if was_ready else ' before it was ready: its output above says why'),
               file=sys.stderr)
         return code if code > 0 else 1
     if pusher.first_seen is None or not pusher.pushed:

@@ -16,7 +16,7 @@ def check_wrapping(parameters: Parameters) -> None:
         return
     if are_given(parameters) or parameters['connector.attachment_scale'] != 1.0:
         raise ParameterError(
-            name, f'{name} wrap knows the ways from edge midpoints only: leave out '
+            name, f'{name} wrap has geodesics from edge midpoints only: leave out '
             'connector.attachment_scale and connector.attachment.*, or take warn')
     prefixes = ['connector'] + [
         f'connector_groups.{group}' for group in parameters.names('connector_groups')]

@@ -72,13 +72,14 @@ def decode(data: bytes) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
         what = 'cut short' if len(data) < total else 'followed by something else'
         raise ValueError(f'it is {what}: it has {len(data):,} bytes instead of {total:,}')
     if total < _SMALLEST:
-        raise ValueError(f'it claims to have {total} bytes, fewer than any checkpoint')
+        raise ValueError(f'its length is given as {total} bytes, fewer than any checkpoint')
     view = memoryview(data)
     if hashlib.sha256(view[:-_CHECKSUM]).digest() != view[-_CHECKSUM:]:
         raise ValueError('its checksum is wrong: it was damaged or altered')
     length = int.from_bytes(view[HEAD - 8:HEAD], 'little')
     if length > total - HEAD - _CHECKSUM:
-        raise ValueError(f'its text claims to have {length:,} bytes, more than there are')
+        raise ValueError(
+            f'the length of its text is given as {length:,} bytes, more than there are')
     content = _parsed(bytes(view[HEAD:HEAD + length]))
     if not isinstance(content, dict) or set(content) != {'header', 'arrays'}:
         raise ValueError('its text is not an object with a header and arrays')
@@ -111,7 +112,7 @@ def _arrays(entries: Sequence[Any], view: memoryview) -> dict[str, np.ndarray]:
         if not isinstance(shape, list) or len(shape) > 4 or not all(
             type(count) is int and 0 <= count <= _LARGEST_DIMENSION for count in shape
         ):
-            raise ValueError(f'its array {name} has a shape that makes no sense: {shape!r:.60}')
+            raise ValueError(f'its array {name} has an invalid shape: {shape!r:.60}')
         size = math.prod(shape) * _DOUBLE.itemsize
         if size > len(view) - start:
             raise ValueError(

@@ -65,8 +65,8 @@ class Course:
         if self.method.name == 'auto' and required is None and packed.model.wrapping is not None:
             # Any method can, but those with steps of one length err by these.
             required = Choice(
-                ADAPTIVE, 'connectors around their shells change their ways, and only steps that '
-                'adapt see where')
+                ADAPTIVE, 'connectors around their shells change to other geodesics, and only '
+                'steps that adapt see where')
         if self.method.name == 'auto' and required is not None:
             self.method = required
             loads = self._loads()

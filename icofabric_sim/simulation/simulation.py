@@ -130,7 +130,7 @@ class Simulation:
         found = []
         if self.packed.model.wrapping is not None:
             found.append(
-                'where connectors around shells change to another way round the force jumps, the '
+                'where connectors around shells change to another geodesic the force jumps, the '
                 'tolerance is not kept, and the estimate was up to 40 times too small in tests')
         if self.deepest_overlap > 0.0 or self.contact_count:
             missed = 7 if METHODS[self.method_name].adaptive else 260

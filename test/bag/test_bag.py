@@ -258,7 +258,7 @@ def test_refused_places(tmp_path: Path) -> None:
     with pytest.raises(BagError, match='record.path: .*too long'):
         BagRecorder(tmp_path / ('a' * 300))
     for path in ('', 'a\0b'):
-        with pytest.raises(BagError, match='record.path: .* names no folder'):
+        with pytest.raises(BagError, match='record.path: .* is not the name of a folder'):
             BagRecorder(path)
     with pytest.raises(BagError, match="record.storage: 'rosbag' is not one of mcap, sqlite3"):
         BagRecorder(tmp_path / 'bag', storage='rosbag')

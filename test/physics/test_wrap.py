@@ -330,7 +330,7 @@ def test_energy_and_momenta_stay():
             change = (after - before).sum(axis=0)
             assert np.abs(change).max() < 1e-10 * np.abs(before).sum()
     assert around > 10 and simulation.obstruction == ''
-    assert 'another way round' in simulation.error_estimate_lacks
+    assert 'another geodesic' in simulation.error_estimate_lacks
     free = ico.compile_scene(changed(scene, {'connector.obstruction': 'warn'}))
     free.advance_to(0.06)
     assert np.abs(free.snapshot().position - s.position).max() > 0.01 * scene.geometry.half_edge

@@ -181,10 +181,10 @@ def test_something_else_is_refused(junk):
     ({'header': {}, 'arrays': [5]}, 'other than a name with a shape'),
     ({'header': {}, 'arrays': [['../x', [0]]]}, 'a name that is wrong or used'),
     ({'header': {}, 'arrays': [['a', [0]], ['a', [0]]]}, 'a name that is wrong or used'),
-    ({'header': {}, 'arrays': [['a', [-1]]]}, 'a shape that makes no sense'),
-    ({'header': {}, 'arrays': [['a', [True]]]}, 'a shape that makes no sense'),
-    ({'header': {}, 'arrays': [['a', [1.5]]]}, 'a shape that makes no sense'),
-    ({'header': {}, 'arrays': [['a', 3]]}, 'a shape that makes no sense'),
+    ({'header': {}, 'arrays': [['a', [-1]]]}, 'an invalid shape'),
+    ({'header': {}, 'arrays': [['a', [True]]]}, 'an invalid shape'),
+    ({'header': {}, 'arrays': [['a', [1.5]]]}, 'an invalid shape'),
+    ({'header': {}, 'arrays': [['a', 3]]}, 'an invalid shape'),
     ({'header': {}, 'arrays': [['a', [2**40, 2**40]]]}, 'claims to have .* 16 are left'),
     ({'header': {}, 'arrays': [['a', [3]]]}, 'claims to have 24 bytes, but 16 are left'),
     ({'header': {}, 'arrays': [['a', [0, 2**40]]]}, '16 of its bytes belong to no array'),
@@ -205,7 +205,7 @@ def test_hostile_texts_with_a_right_checksum_are_refused(text, words):
 def test_hostile_lengths_with_a_right_checksum_are_refused(data):
     text, arrays = taken_apart(data)
     for length in (2**63, 2 * len(data), 2**20):
-        with pytest.raises(ValueError, match='its text claims to have'):
+        with pytest.raises(ValueError, match='the length of its text is given as'):
             Checkpoint.from_bytes(packed(text, arrays, length=length))
     with pytest.raises(ValueError, match='fewer than any checkpoint'):
         Checkpoint.from_bytes(b'icofabric-state\n' + (32).to_bytes(8, 'little') + b'\0' * 8)

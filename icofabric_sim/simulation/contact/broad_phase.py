@@ -234,8 +234,9 @@ class ContactWatch:
             else f'plane {self.setup.names[-1 - found.second]}')
         return (
             f'body {found.first} and {other} may pass through each other unseen between t = '
-            f'{start:.9g} s and {end:.9g} s: they move by {found.way:.3g} m beside each other in '
-            f'one step of {length:.6g} s, and contacts are known for ways of {reach:.3g} m')
+            f'{start:.9g} s and {end:.9g} s: they move by {found.way:.3g} m against each other '
+            f'in one step of {length:.6g} s, and contacts are known for displacements of '
+            f'{reach:.3g} m')
 
     def miss(self, way_out: str) -> None:
         """
