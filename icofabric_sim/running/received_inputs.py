@@ -23,14 +23,14 @@ What was dropped is counted and said.
 from collections.abc import Callable
 import logging
 import math
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 from icofabric_sim.messages import TwistStampedBytes
 from icofabric_sim.messages.frames import ANY_BODY, shown_frame
 from icofabric_sim.messages.input_topics import decode_input, input_type, InputMessage, topic_of
 from icofabric_sim.messages.schedule import NANOSECONDS, seconds
-from icofabric_sim.parameters.validation import Parameters
 from icofabric_sim.running.complaints import Complaints
+from icofabric_sim.running.run_state import RunState
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.input_types import (
     ChannelTarget,
@@ -60,21 +60,12 @@ class Message(NamedTuple):
     data: bytes
 
 
-class Run(Protocol):
-    """What an input needs to know of the run that it is for."""
-
-    simulation: Simulation
-    parameters: Parameters
-    now: int
-    failure: str
-
-
 class ReceivedInputs:
     """The inputs of one run; all but `receive` in the thread of the run."""
 
     def __init__(
         self,
-        run: Run,
+        run: RunState,
         put: Callable[[Callable[[], object]], object],
         record: Callable[[str, str, int, bytes], object],
         full_name: Callable[[str], str],

@@ -4,8 +4,8 @@
 from analytical import projectile
 from fabrics import changed, loaded_fabric, make_scene, same_state
 import icofabric_sim as ico
-from icofabric_sim.simulation.input_types import BodyTarget, ChannelTarget
-from icofabric_sim.simulation.inputs import Inputs
+from icofabric_sim.simulation.input_types import BodyTarget, ChannelTarget, Wrench
+from icofabric_sim.simulation.inputs import InputQueue, Inputs
 import numpy as np
 import pytest
 
@@ -299,3 +299,54 @@ def test_cleared_load_stays_cleared_in_a_changed_scene():
     again = Inputs(changed(scene, {'gravity': [0.0, 0.0, -1.0]}))
     again.adopt(simulation.inputs, 0.0, anew=False)
     assert not again.active
+
+
+# Messages in the queue.
+
+def test_message_acts_as_an_input_that_was_given_ahead():
+    """The same bits; it is reported before it acts, and not part of the state until then."""
+    times, heard = (0.003, 0.0071, 0.003), []
+    ahead, told = ico.compile_scene(loaded_fabric()), ico.compile_scene(loaded_fabric())
+    told.inputs.on_message = lambda message: heard.append((message, dict(told.active_loads)))
+    for number, time in enumerate(times):
+        force = (1.0 + number) * FORCE
+        ahead.apply_wrench('tip', force, TORQUE, time=time)
+        told.inputs.queue.put(time, ChannelTarget('tip'), Wrench(force, TORQUE), number)
+    assert (ahead.waiting_loads, told.waiting_loads) == (3, 0)
+    assert told.inputs.queue.message_count == 3
+    for simulation in (ahead, told):
+        simulation.advance_to(0.01)
+    assert same_state(ahead.snapshot(), told.snapshot()) and told.inputs.queue.message_count == 0
+    assert [message for message, _ in heard] == [0, 2, 1]
+    before = [acting['tip'].force[0] if acting else None for _, acting in heard]
+    assert before == [None, FORCE[0], 3.0 * FORCE[0]]
+
+
+def test_queue_keeps_messages_when_a_checkpoint_is_restored():
+    simulation = ico.compile_scene(loaded_fabric())
+    simulation.apply_wrench('tip', FORCE, time=0.002)
+    checkpoint = simulation.checkpoint()
+    tip, body = ChannelTarget('tip'), BodyTarget(1)
+    for time, target in ((0.004, tip), (0.003, body), (0.005, tip)):
+        simulation.inputs.queue.put(time, target, Wrench(2.0 * FORCE, TORQUE), str(target))
+    simulation.apply_wrench('tip', time=0.006)
+    simulation.restore(checkpoint)
+    queue = simulation.inputs.queue
+    assert [(event.time, event.message) for event in queue] == [
+        (0.002, None), (0.003, 'body 1'), (0.004, 'loads.tip'), (0.005, 'loads.tip')]
+    lost = queue.drop_messages(lambda target: target == tip)
+    assert [event.time for event in lost] == [0.004, 0.005] and queue.message_count == 1
+    simulation.advance_to(0.01)
+    assert set(simulation.active_loads) == {'tip', 1}
+    assert np.array_equal(simulation.active_loads['tip'].force, FORCE)
+
+
+def test_holds_end_before_inputs_of_the_same_time_begin():
+    queue = InputQueue()
+    tip = ChannelTarget('tip')
+    queue.put(1.0, tip, Wrench(FORCE, TORQUE))
+    queue.put(1.0, tip, None)
+    queue.put(0.5, tip, Wrench(-FORCE, TORQUE), 'first')
+    assert len(queue) == 3 and queue.next_time == 0.5
+    assert [queue.take().value is None for _ in range(3)] == [False, True, False]
+    assert queue.next_time == np.inf and queue.message_count == 0
