@@ -122,7 +122,7 @@ class Scene:
         Build a scene from a nested or dotted dictionary, or from Parameters.
 
         The dictionary of a whole parameter file will do too. Raises ValueError (mostly
-        ParameterError) that names the parameter and the way out.
+        ParameterError) that names the parameter and the remedy.
         """
         checked = as_parameters(parameters)
         if shell is not None:

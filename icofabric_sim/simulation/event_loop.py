@@ -1,6 +1,6 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""The course of a run: steps, and the wrenches that act on the way, in order of time."""
+"""The event loop of a run: steps, and the wrenches between them, in order of time."""
 
 from collections.abc import Callable
 import math

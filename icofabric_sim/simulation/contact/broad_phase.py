@@ -3,9 +3,9 @@
 """
 Says when shells can touch, and which.
 
-While no pair can touch before the next look nothing of contact is computed. Kernels note how far
+While no pair can touch before the next search nothing of contact is computed. Kernels note how far
 bodies have moved wherever forces are evaluated (kernels/contact/displacement.py, where the bound
-is proved), and ask for the next look in time.
+is proved), and request the next search in time.
 """
 
 import logging
@@ -48,9 +48,9 @@ from icofabric_sim.simulation.state_tree import as_number, Memory
 import numpy as np
 
 _LOGGER = logging.getLogger('icofabric_sim')
-# The reach of a look, in parts of a: at least.
+# The reach of a neighbour search, in parts of a: at least.
 _LEAST = 0.01
-# Evaluations of the forces until the next look, about, where shells are near each other: a look
+# Evaluations of the forces until the next search, about, where shells are near: a search
 # costs as much as some ten.
 LOOK_AFTER = 32
 # Overlaps, in parts of a, that are reported once, and of the inscribed radius that end a run.
@@ -76,14 +76,14 @@ class Overlap(NamedTuple):
 
 
 class ContactWatch:
-    """Looks for what can touch, when bodies have moved far enough to matter."""
+    """Searches for what can touch, when bodies have moved far enough to matter."""
 
     def __init__(self, setup: ContactSetup, layout: Layout, model: Model, threads: int) -> None:
         """Watch the bodies of a `layout` for `threads` threads."""
         self.setup, self._layout, self._threads = setup, layout, threads
         self._lists = ContactLists(setup, layout)
         self._radius = circumscribed_radius(setup.half_edge)
-        # Contacts that may happen before the next look; None: there are none.
+        # Contacts that may happen before the next search; None: there are none.
         self.contacts: Contacts | None = None
         # Bound of what they add to the squared frequency [1/s^2].
         self.rate = 0.0
@@ -112,12 +112,12 @@ class ContactWatch:
             model.inverse_mass, setup.half_edge**2 * model.inverse_inertia))
         self.least_rate = self.stretches.least_rate
         self._rows = aligned_empty((6, layout.slot_count if layout.body_count else 0))
-        # Pairs that were looked at in the steps of the main line.
+        # Pairs that were tested in the steps of the trajectory.
         self.tests = 0
 
     @property
     def evaluated(self) -> int:
-        """Pairs that kernels have looked at since the last search, whatever for."""
+        """Pairs that kernels have tested since the last search, in any step."""
         return 0 if self.contacts is None else int(self.contacts.tests.sum())
 
     @property
@@ -135,7 +135,7 @@ class ContactWatch:
 
     @property
     def watch(self) -> Watch:
-        """What kernels look out for."""
+        """The limits that kernels check."""
         return self._watch._replace(nearby=self._lists.nearby)
 
     @property
@@ -155,9 +155,9 @@ class ContactWatch:
 
     def pace(self, step: float, stages: int, *, alone: bool) -> None:
         """
-        Say for a `step` [s] after how many of them the ways are asked for.
+        Say for a `step` [s] after how many of them displacements are checked.
 
-        `alone`: kernels may look on their own, as the step need not follow.
+        `alone`: kernels may search by themselves, as the step need not follow.
         """
         self.limits[MOST_STRIDE] = max(LOOK_AFTER // stages, 1)
         pace(self.limits, step)
@@ -165,7 +165,7 @@ class ContactWatch:
 
     @property
     def way(self) -> float:
-        """The longest way [m] since the last look that a step has led to."""
+        """The largest displacement [m] since the last search that a step has led to."""
         return math.sqrt(self._watch.far.max(initial=0.0))
 
     def look(
@@ -174,8 +174,8 @@ class ContactWatch:
         """
         Find what can touch from `state` on at `time` [s].
 
-        Within so many `steps` of `step` [s], as contacts ask for; at least until the next look,
-        and for a `way` [m] as far as any look reaches.
+        Within so many `steps` of `step` [s], as contacts ask for; at least until the next search,
+        and for a displacement `way` [m] as far as any search reaches.
         """
         velocity, limits = np.empty(3), self.limits
         speed = self._lists.survey(state, velocity)
@@ -240,7 +240,7 @@ class ContactWatch:
 
     def miss(self, way_out: str) -> None:
         """
-        Bodies have moved beyond where contacts were known: look farther from now on.
+        Bodies have moved beyond where contacts were known: search farther from now on.
 
         `way_out`: what makes steps shorter.
         """
@@ -253,7 +253,7 @@ class ContactWatch:
 
     def energies(self, state: State, stretches: np.ndarray | None) -> tuple[float, float]:
         """
-        Energy [J] of the contacts in a state near the last look, and in the springs of friction.
+        Energy [J] of the contacts in a state near the last search, and in the springs of friction.
         """
         if self.contacts is None:
             return 0.0, 0.0
@@ -274,7 +274,7 @@ class ContactWatch:
             float(depth[number]) / self.setup.half_edge, name)
 
     def forget(self) -> None:
-        """Look as if nothing had come close yet."""
+        """Search as if nothing had come close yet."""
         self.found, self._announced = None, False
         self._caution, self._missed = 1.0, False
         self.tests = 0
@@ -299,7 +299,7 @@ class ContactWatch:
             self.found, self._announced = found, True
 
     def memory(self) -> dict[str, Any]:
-        """Where bodies were looked at, what for, and what was found and said."""
+        """The state of the last search, its purpose, and what was found and reported."""
         gather, watch, limits = self._layout.gather, self._watch, self.limits
         memory: dict[str, Any] = {
             'reference': gather(watch.reference), 'turned': gather(watch.turned),

@@ -1,6 +1,6 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""The stretches of friction between two looks: what pairs keep while lists of pairs change."""
+"""The stretches of friction between two searches: what pairs keep while lists of pairs change."""
 
 import math
 from typing import Any

@@ -95,7 +95,7 @@ class ContactLists:
 
     def _refresh(self, position: np.ndarray, most: float) -> None:
         """
-        Look for close bodies again where others may have come close.
+        Search for close bodies again where others may have come close.
 
         Bodies that are in no pair were 2 R + skin apart, and are still 2 R + 2 most where none
         has moved by more than skin / 2 - most.

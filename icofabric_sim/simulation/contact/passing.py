@@ -3,8 +3,8 @@
 """
 Whether shells may have passed through each other unseen within one long step.
 
-A look finds all pairs that can touch before a body has moved by its reach. Where bodies move
-farther in one step, the way of each pair is bounded instead: the cubic through the places and
+A search finds all pairs that can touch before a body has moved by its reach. Where bodies move
+farther in one step, the displacement of each pair is bounded instead: the cubic through the places and
 velocities at both ends of the step lies within the hull of its Bezier points, and so does the
 difference of two.
 """
@@ -22,7 +22,7 @@ class Course(NamedTuple):
     """Where bodies are within a step."""
 
     points: np.ndarray  # (4, n, 3) Bezier points of the centres [m], beside a common motion
-    turned: np.ndarray  # (n,) turned since the look at most [rad], or 2
+    turned: np.ndarray  # (n,) turned since the search at most [rad], or 2
 
 
 class Passing(NamedTuple):
@@ -30,7 +30,7 @@ class Passing(NamedTuple):
 
     first: int
     second: int  # -1 - k: plane k
-    way: float  # [m] that they moved beside each other
+    way: float  # [m] that they moved against each other
 
 
 def bezier_points(before: InitialState, after: InitialState, length: float) -> np.ndarray:
@@ -45,7 +45,7 @@ def turned_at_most(
     look: np.ndarray, before: InitialState, after: InitialState, length: float
 ) -> np.ndarray:
     """
-    Bound (n,) of the angles [rad] since the orientations (n, 4) at the `look`; 2 where more.
+    Bound (n,) of the angles [rad] since the orientations (n, 4) at `look`; 2 where more.
 
     A point that turns by an angle x about a centre moves by 2 sin(x / 2), at most min(x, 2) radii.
     """
@@ -61,7 +61,7 @@ def first_passing(
     radius: float
 ) -> Passing | None:
     """
-    Return the first bodies that may have met unseen since they were at `look` (n, 3); or None.
+    Return the first bodies that may have met unseen since the search at `look` (n, 3); or None.
 
     Of a pair that was not listed then the gap was at least twice the `reach` [m], so it is closed
     only where the two move by more than that beside each other; and they touch only where the

@@ -44,14 +44,14 @@ _SLOPE_COUNT = 16
 _MOST_THREADS = 1024
 # Blocks in which the roughness of the motion is judged; of larger fabrics a part.
 _SAMPLES = 4096
-# Slots for each body with which the first way to lay them out is taken.
+# Slots for each body with which the first layout is taken.
 _GOOD = 1.3
 # Blocks more that shorter ways between neighbours are worth.
 _CLOSER = 1.05
 
 
 class _Places(NamedTuple):
-    """One way to lay out the bodies of a weave."""
+    """A layout of the bodies of a weave."""
 
     slot: np.ndarray  # (n,) int64, from 0
     order: np.ndarray  # (n,) int64: grows along the fabric, equal for bodies computed close by

@@ -70,7 +70,7 @@ class Snapshot:
 
     @cached_property
     def connector_length(self) -> np.ndarray:
-        """Lengths [m] of the connectors, (c,); of those around their shells that of their way."""
+        """Lengths [m] of the connectors, (c,); of those around their shells along the geodesic."""
         connectors = self.packed.connectors
         if connectors is None:
             return np.zeros(0)
@@ -86,7 +86,7 @@ class Snapshot:
     @cached_property
     def lost(self) -> np.ndarray:
         """
-        Connectors that find no way around the shell of their first body (bit 0) or second (bit 1).
+        Connectors without a geodesic around their first (bit 0) or second (bit 1) body.
 
         (c,) uint8; of `connector.obstruction: wrap`.
         """

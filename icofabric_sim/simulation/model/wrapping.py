@@ -26,7 +26,7 @@ from icofabric_sim.kernels.records import Wrapping
 from icofabric_sim.parameters.validation import Parameters
 import numpy as np
 
-# No shortest way from the midpoint of an edge to any point outside crosses more (a test looks).
+# No geodesic from the midpoint of an edge to any point outside crosses more (tested).
 MOST_EDGES = 5
 # Ways that see less of their last edge, in parts of a, see nothing of it.
 _NARROW = 1e-9
@@ -48,7 +48,7 @@ class Way(NamedTuple):
 
 @lru_cache(maxsize=6)
 def ways_from(code: int) -> tuple[Way, ...]:
-    """All ways from the midpoint of the named edge `code` over at most MOST_EDGES edges."""
+    """All geodesics from the midpoint of the named edge `code` over at most MOST_EDGES edges."""
     found: list[Way] = []
     first, second = (int(vertex) for vertex in NAMED_EDGE_VERTICES[code])
     for number in NAMED_EDGE_FACES[code]:
@@ -115,7 +115,7 @@ def _across(face: int, edge: _Pair) -> int:
 
 
 def pack_wrapping(parameters: Parameters, half_edge: float) -> Wrapping | None:
-    """All ways from all attachment points; None where connectors do not lie around shells."""
+    """All geodesics from all attachment points; None where connectors do not lie around shells."""
     if parameters['connector.obstruction'] != 'wrap':
         return None
     corners = vertices(half_edge)
