@@ -4,9 +4,9 @@
 Whether shells may have passed through each other unseen within one long step.
 
 A search finds all pairs that can touch before a body has moved by its reach. Where bodies move
-farther in one step, the displacement of each pair is bounded instead: the cubic through the places and
-velocities at both ends of the step lies within the hull of its Bezier points, and so does the
-difference of two.
+farther in one step, the displacement of each pair is bounded instead: the cubic through the
+places and velocities at both ends of the step lies within the hull of its Bezier points, and so
+does the difference of two.
 """
 
 from typing import NamedTuple
