@@ -3,7 +3,7 @@
 """
 Marks the tests that start nodes, and those that `make test` leaves to `make test-long`.
 
-What nodes hear depends on what else the machine does. Long are repetitions of what a shorter test
+What nodes receive depends on the load of the machine. Long are repetitions of what a shorter test
 of the same file shows: the other rotation form, further tolerances, further seeds.
 """
 import os

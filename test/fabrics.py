@@ -97,7 +97,7 @@ class Wrenches(NamedTuple):
 
 
 def packed_state(packed, position, orientation, linear_velocity=None, angular_velocity=None):
-    """State for kernels from arrays of bodies; at rest unless told."""
+    """State for kernels from arrays of bodies; at rest by default."""
     rest = np.zeros_like(position)
     return packed.layout.pack(InitialState(
         position, orientation,

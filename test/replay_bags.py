@@ -64,7 +64,7 @@ TYPES = {
 
 
 def records():
-    """Two seconds of a fabric that is woven anew after one; in order of time."""
+    """Two seconds of a fabric that is rewoven after one; in order of time."""
     found = [
         (0, f'{NODE}/weave', text('first')),
         (0, '/b/fabric/weave', text('other')),

@@ -60,7 +60,7 @@ _DOMAIN = _free_domain()
 
 
 def domain(offset=0):
-    """Domain of this test process, so that runs side by side do not hear each other."""
+    """Domain of this test process, so that runs side by side do not meet."""
     return (_DOMAIN + offset) % 102
 
 

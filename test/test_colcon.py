@@ -32,7 +32,7 @@ def install(tmp_path_factory):
                             ignore=shutil.ignore_patterns('__pycache__'))
         else:
             shutil.copy(ROOT / part, source / part)
-    # Outside ROS nobody tells colcon where the prefix ends; and no message on the desktop.
+    # Outside ROS colcon is not given the end of the prefix; and no message on the desktop.
     done = subprocess.run(
         [COLCON, 'build', '--event-handlers', 'desktop_notification-', 'console_direct+'],
         cwd=workspace, capture_output=True, text=True, timeout=120)

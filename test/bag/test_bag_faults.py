@@ -1,6 +1,6 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""Disks that fail, vanish or hang: told at once, what was recorded is kept, and nobody waits."""
+"""Disks that fail, vanish or hang: reported at once, the record is kept, no caller waits."""
 from __future__ import annotations
 
 from collections.abc import Iterator

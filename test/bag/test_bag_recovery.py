@@ -251,7 +251,7 @@ def test_what_cannot_be_recovered(tmp_path: Path) -> None:
 
 
 def test_a_damaged_chunk_is_left_out(tmp_path: Path) -> None:
-    """The sum over each chunk tells; what comes after it is still saved."""
+    """The sum over each chunk shows it; what comes after it is still saved."""
     records = example_bag(tmp_path / 'bag', chunks=4)
     file = tmp_path / 'bag' / 'bag_0.mcap'
     data = bytearray(file.read_bytes())

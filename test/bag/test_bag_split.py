@@ -149,7 +149,7 @@ def test_independent_mcap_reader_reads_each_file(tmp_path: Path, compression: st
                 assert set(channel.metadata) == {'offered_qos_profiles', 'topic_type_hash'}
                 assert channel.metadata['topic_type_hash'].startswith('RIHS01_')
                 assert yaml.safe_load(channel.metadata['offered_qos_profiles'])[0]['depth'] > 0
-            # At the start for whoever finds it killed, at the end with all that is known.
+            # At the start, in case it is killed, and at the end with all that is known.
             stored = [yaml.safe_load(item.metadata['serialized_metadata'])
                       for item in reader.iter_metadata() if item.name == 'rosbag2']
             assert [item['message_count'] > 0 for item in stored] == [False, True]
@@ -215,7 +215,7 @@ def test_later_files_say_what_holds_there(tmp_path: Path) -> None:
     for number in range(4):
         with BagReader(tmp_path / 'bag' / f'bag_{number}.mcap') as part:
             scenes.append((part.custom['scene'], part.custom['version']))
-    # What is set at 6 s is told at once, in the file of the last message before.
+    # What is set at 6 s is written at once, in the file of the last message before.
     assert scenes == [('first', '1'), ('first', '1'), ('second', '2'), ('second', '2')]
     # Of the whole bag, what holds at its start, and what was set later.
     whole = {'scene': 'first', 'version': '2'}

@@ -405,7 +405,7 @@ def test_cross_check_bound_covers_rounding_and_no_more(monkeypatch: pytest.Monke
         with_cosines = state.orientation.ndim == 3
         if with_cosines and time > 0.1 and not hasattr(self, 'spoilt'):
             self.spoilt = True  # type: ignore[attr-defined]
-            # On the main line itself: set_state would choose the step anew.
+            # On the trajectory itself: set_state would choose the step again.
             state.angular_velocity[:, self.packed.layout.slot] += 1e-4
             self._cached = None
 

@@ -24,7 +24,7 @@ RUN = ['run', 'free_slab', '-p', 'weave.size:=[3, 3, 3]', '--no-growth', '--dura
 
 
 class Work:
-    """Work with a bar, at a pace that is told, on a clock of its own."""
+    """Work with a bar, at a given pace, on a clock of its own."""
 
     def __init__(self, monkeypatch, *, total=1000.0, **choices):
         self.now = self.done = 0.0

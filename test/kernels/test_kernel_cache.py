@@ -190,7 +190,7 @@ def test_another_compiler_compiles_anew(module, copy):
 
 
 def block(folder):
-    """Let nobody make `folder`: permissions would not bind root."""
+    """Make `folder` impossible to create: permissions would not bind root."""
     folder.parent.mkdir(exist_ok=True)
     folder.write_text('not a folder')
 

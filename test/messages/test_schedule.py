@@ -70,7 +70,7 @@ def test_nanoseconds_and_seconds():
 
 
 class FakeWall:
-    """A wall clock that only moves when told."""
+    """A wall clock that is moved by hand."""
 
     def __init__(self, monkeypatch):
         self.now = 1000.0

@@ -124,7 +124,7 @@ def test_connector_messages_depend_on_nothing_but_the_state():
     first = list(outputs.connectors(calm, NOW))
     assert list(outputs.connectors(wild, NOW)) != first
     assert list(outputs.connectors(calm, NOW)) == first
-    # Lists that the wild state had are removed, whoever has seen them.
+    # Lists that the wild state had are removed for all subscribers.
     assert [decode_marker_points(data).action for data in first] == [2, 2, 0, 2, 2, 2]
 
 

@@ -175,7 +175,7 @@ def test_errors_end_the_run_and_name_the_function(force, compiled, words, step):
         assert word in str(caught.value)
     s = simulation.snapshot()
     assert np.isfinite(s.position).all() and s.time <= 0.012
-    # The failure stays until the run begins anew.
+    # The failure stays until the run is reset.
     with pytest.raises(ico.SimulationError):
         simulation.advance_to(0.2)
     simulation.reset_time()

@@ -176,7 +176,7 @@ def test_a_checkpoint_holds_what_is_about_to_break():
 
 
 def test_what_is_alike_breaks_at_once():
-    # A ring of four bodies pulled outwards alike, so that rounding alone tells its sides apart.
+    # A ring of four bodies pulled outwards alike, so that its sides differ by rounding alone.
     scene = make_scene((3, 3, 1), {
         **DOP8, 'weave.variant': 1, 'connector.break_length_extension': 1.1 * L})
     outwards = scene.position - scene.position.mean(axis=0)

@@ -55,7 +55,7 @@ def test_no_touching_pair_is_missed_and_distances_agree():
     assert np.percentile(difference[:COUNT // 2], 99.0) < 1e-13 and good.mean() > 0.998
     assert push.touching[good & (expected < -3.0 * ACCURACY)].all()
     assert not push.touching[good & (expected > 3.0 * ACCURACY)].any()
-    # Where it fails a linear program tells who is right.
+    # Where it fails a linear program decides.
     for k in np.flatnonzero(~good):
         depth = ball_inside_both(xa[k], ra[k], xb[k], rb[k])
         assert (depth > 0.0) == (found.distance[k] < 0.0) or abs(found.distance[k]) < 1e-8

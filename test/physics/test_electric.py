@@ -224,7 +224,7 @@ def test_a_fabric_with_everything_keeps_its_balance_and_its_bits(method, monkeyp
         for piece in range(pieces):
             simulation.advance_to(0.04 * (piece + 1) / pieces)
         ends.append(simulation.snapshot())
-    # All places are those of one moment, whoever computes them.
+    # All places are those of one moment, whichever thread computes them.
     assert all(same_state(ends[0], end) for end in ends[1:])
     energy, held = ends[0].energy, scene.supports
     size = max(abs(energy[name]) for name in ('kinetic', 'connectors', 'field'))

@@ -217,7 +217,7 @@ def test_a_rough_step_just_below_the_limit_is_stopped_by_the_balance():
     rough = changed(scene, {'solver.step': 0.999 * limit})
     text = failed(ico.compile_scene(rough))
     assert 'is above solver.energy_limit 0.01' in text
-    # Who allows it gets it.
+    # A larger limit allows it.
     simulation = ico.compile_scene(changed(rough, {'solver.energy_limit': 100.0}))
     try:
         simulation.advance_steps(100)

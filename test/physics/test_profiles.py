@@ -152,7 +152,7 @@ def test_received_wrench_replaces_a_profile_for_good():
     got = simulation.snapshot().linear_velocity[0] * scene.shell.mass / FORCE
     assert got == pytest.approx(2.0 * 0.25, rel=1e-12)
     assert not simulation.active_loads
-    # A reset begins anew, with the profile counted from then.
+    # After a reset the profile is counted from then.
     simulation.reset()
     simulation.advance_to(2.0)
     got = simulation.snapshot().linear_velocity[0] * scene.shell.mass / FORCE

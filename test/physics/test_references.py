@@ -177,7 +177,7 @@ def test_chosen_step_is_as_accurate_as_asked(reference):
 
 
 def test_references_reject_a_wrong_connector():
-    # The references can tell: a stiffness wrong by 1e-6 shows.
+    # The references are sharp enough: a stiffness wrong by 1e-6 shows.
     scene = SCENES['free']
     wrong = changed(scene, {'connector.stiffness': 500.0005})
     difference = distances(

@@ -378,7 +378,7 @@ def test_random_fabric_has_the_limit_of_its_state():
     before = simulation.largest_frequency
     simulation.advance_to(0.05)
     s = simulation.snapshot()
-    simulation.set_state(position=s.position)  # a jump reads the frequency anew
+    simulation.set_state(position=s.position)  # a jump computes the frequency again
     exact = exact_rate(simulation.scene, s.position, s.orientation)
     assert simulation.largest_frequency == pytest.approx(exact, rel=2e-4)
     assert simulation.largest_frequency != before

@@ -158,7 +158,7 @@ def test_diagnostics_follow_a_pause(paused):
 
 
 def test_another_node_follows_the_clock(client):
-    """A node with use_sim_time tells our time, to the nanosecond when it stands still."""
+    """A node with use_sim_time has our time, to the nanosecond when it stands still."""
     import rclpy
 
     follower = rclpy.create_node(

@@ -1,7 +1,7 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
 """
-Several fabrics in one graph, one clock, and a fabric that is told to follow simulated time itself.
+Several fabrics in one graph, one clock, and a fabric that is set to follow simulated time itself.
 """
 import time
 
@@ -96,7 +96,7 @@ def test_a_second_clock_is_told_by_both(tmp_path):
 
 
 def test_fabric_told_to_use_simulated_time_runs_the_same(tmp_path):
-    """It is the clock itself: nothing of it may wait for a time that it has not told yet."""
+    """It is the clock itself: it must not wait for a time that it has not published yet."""
     scene = write_scene(tmp_path / 'scene.yaml', SCENE)
     parameters = {'use_sim_time': 'true', 'start_paused': 'true'}
     with NodeProcess(tmp_path / 'log', scene=scene, parameters=parameters, offset=1) as node, \

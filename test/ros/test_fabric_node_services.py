@@ -1,6 +1,6 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
-"""Services of the node: recording, checkpoints, and answers that hold nobody else up."""
+"""Services of the node: recording, checkpoints, and answers that do not delay others."""
 import json
 import time
 

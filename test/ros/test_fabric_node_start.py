@@ -182,7 +182,7 @@ def test_simulation_thread_that_dies_is_a_failure(tmp_path):
 
 def test_unstable_run_ends_with_status_one(tmp_path):
     """
-    A step that becomes unsafe as the slab stretches: time, bodies and the new limit are told.
+    A step that becomes unsafe as the slab stretches: time, bodies and the new limit are named.
     """
     limit = ico.compile_scene(ico.Scene.from_parameters({'weave': {'size': [3, 3, 3]}}))
     step = np.nextafter(limit.stability_limit, 0.0)

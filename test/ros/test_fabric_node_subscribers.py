@@ -101,7 +101,7 @@ def test_stuck_subscriber_holds_nobody_up(client, other):
     noticed = len(poses)
     status = client.health(lambda status: count(status) > 0)
     assert status.level == WARN and 'every subscriber' in status.message
-    # However busy the machine is, the other one goes on to hear poses.
+    # However busy the machine is, the other one goes on to receive poses.
     end = time.monotonic() + 30.0
     while len(poses) <= noticed + 60 and time.monotonic() < end:
         time.sleep(0.05)

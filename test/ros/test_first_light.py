@@ -3,7 +3,7 @@
 """
 `make run` waits for its node as long as that gets on, and says truly why it does not.
 
-Stand-ins for the node: they say what they are told, or nothing, or end.
+Stand-ins for the node: they print what is given, or nothing, or end.
 """
 
 from contextlib import contextmanager
@@ -27,7 +27,7 @@ DEAD = [sys.executable, '-c', 'import sys; print("fabric_node: no such file"); s
 
 class StandIn:
     """
-    A process that says what it is told, and a clock and a processor that do what they are told.
+    A process that prints what is given, and a clock and a processor that are set by hand.
     """
 
     def __init__(self, folder):

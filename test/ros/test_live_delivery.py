@@ -37,7 +37,7 @@ def test_a_large_fabric_arrives_whole(tmp_path):
                 == len(STRAIN_CLASSES) + 1, 'the last markers', limit=300.0)
             client.wait_for(lambda: poses[-1].nanoseconds > END, 'poses after them')
         assert node.stop() == 0
-    # The state at rest is repeated for those who come later.
+    # The state at rest is repeated for later subscribers.
     received = {
         pose.nanoseconds: pose.values for pose in poses if pose.nanoseconds <= END}
     assert list(received) == [k * 10**8 for k in range(11)]

@@ -22,7 +22,7 @@ def node():
 def test_only_what_someone_listens_to_is_wanted(node):
     sink = LiveSink(node)
     wanted = [topic for topic in TOPICS if sink.wants(topic)]
-    # Latched: for those who come later.
+    # Latched: for later subscribers.
     assert wanted == [topic for topic in TOPICS if topic.latched] and WEAVE in wanted
     subscription = node.create_subscription(
         message_class(POSES.type), POSES.name, lambda message: None, 10)
@@ -79,7 +79,7 @@ def test_healthy_subscribers_cost_few_looks(sink):
 
 @pytest.mark.parametrize('phase', range(10))
 def test_subscribers_are_asked_once_for_a_full_queue(sink, phase):
-    """In between there is always something that nobody was asked to confirm yet."""
+    """In between there is always something whose acknowledgement was not requested yet."""
     sent = []
     sink.publisher.confirms = lambda: len(sent) % 10 == phase
     for _ in range(600):

@@ -231,7 +231,7 @@ def test_damage_is_told_and_is_a_status_of_its_own(tmp_path):
 
 @pytest.fixture(scope='module')
 def driven(tmp_path_factory):
-    """A run of 0.7 s that was pushed at random, woven anew and stiffened in its first half."""
+    """A run of 0.7 s that was pushed at random, rewoven and stiffened in its first half."""
     path = tmp_path_factory.mktemp('driven') / 'run'
     scene = lively_scene(real_time_factor=0.0, duration=0.7)
     Drive(path, scene, in_order(

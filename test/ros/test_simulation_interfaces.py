@@ -396,7 +396,7 @@ def check_state(state, snapshot, body, time):
             (state.twist.linear, 'xyz', snapshot.linear_velocity),
             (state.twist.angular, 'xyz', snapshot.angular_velocity)):
         assert [getattr(field, name) for name in names] == values[body].tolist()
-    # Not told, and no number that could be taken for one.
+    # Not given, and not a number that could be taken for one.
     assert math.isnan(state.acceleration.linear.x)
 
 

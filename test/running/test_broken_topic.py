@@ -1,7 +1,7 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
 """
-What a run tells of connectors that break: `~/broken`, markers, figures, bags and what reads them.
+What a run has of connectors that break: `~/broken`, markers, figures, bags and what reads them.
 """
 
 import icofabric_sim as ico
@@ -38,7 +38,7 @@ def torn(**changes):
 
 @pytest.fixture(scope='module')
 def played():
-    """A run with all that it told."""
+    """A run with all that it sent."""
     sink = ListSink(BROKEN, CONNECTORS, POSES)
     runner = Runner(ico.compile_scene(torn()), [sink])
     monitor = RunMonitor(runner.simulation)

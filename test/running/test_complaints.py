@@ -45,7 +45,7 @@ def test_flood_is_heard_ever_more_rarely(clock):
     assert len(said) < 20
     counted = len(said) + sum(int(line.split('(')[1].split()[0]) for line in said[1:])
     assert counted >= 600 * 100 - 60 * 100
-    # After a quiet while it begins anew.
+    # After a quiet while counting starts over.
     clock[0] += 100.0
     heard.add('nan', 'again')
     clock[0] += 1.1

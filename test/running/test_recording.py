@@ -144,7 +144,7 @@ def test_inputs_are_recorded_under_their_own_topic(simulation, tmp_path):
 def test_jump_of_time_opens_the_next_bag_with_the_scene_that_runs(simulation, tmp_path):
     sink = BagSink(tmp_path / 'bag', simulation, storage='mcap', live=True)
     sink.send(CLOCK, 5, b'\0\1\0\0' + bytes(8))
-    (tmp_path / 'bag_1').mkdir()  # of somebody else
+    (tmp_path / 'bag_1').mkdir()  # of another owner
     other = make_simulation(gravity=[0.0, 0.0, -3.0])
     in_force = other.scene.parameters.with_changes({'publish_rate': 10.0})
     ended = Runner(simulation, []).status()._replace(
@@ -169,7 +169,7 @@ def test_jump_of_time_opens_the_next_bag_with_the_scene_that_runs(simulation, tm
 
 
 def test_jump_of_time_without_a_place_for_the_next_bag(simulation, tmp_path):
-    """The run goes on, without a bag, and hears of it once."""
+    """The run goes on, without a bag, and the error is reported once."""
     errors = []
     (tmp_path / 'folder').mkdir()
     sink = BagSink(
@@ -211,7 +211,7 @@ def test_recording_is_switched_off_and_on(simulation, tmp_path):
     sink.send(CLOCK, 6, b'\0\1\0\0' + bytes(8))
     sink.send_input('/icofabric/wrench', WrenchStampedBytes.TYPE, 6, b'')
     assert sink.switch(False, simulation, in_force, ended) == 'nothing was being recorded'
-    (tmp_path / 'bag_1').mkdir()  # of somebody else
+    (tmp_path / 'bag_1').mkdir()  # of another owner
     said = sink.switch(True, simulation, in_force, status_of(simulation, 0.5))
     assert said == f'recording to {tmp_path / "bag_2"}'
     sink.send(CLOCK, 7 * 10**8, b'\0\1\0\0' + bytes(8))
@@ -291,7 +291,7 @@ def test_parameters_split_and_compress(tmp_path):
     with BagReader(tmp_path / 'bag') as bag:
         assert bag.topics['/icofabric/poses'].message_count == 4
     with BagReader(tmp_path / 'bag' / 'bag_1.mcap') as part:
-        # The scene in force, told by ~/weave.
+        # The scene in force, from ~/weave.
         assert part.custom['part'] == '1'
         (tmp_path / 'scene.yaml').write_text(part.custom['scene'])
     assert dict(ico.load_scene(tmp_path / 'scene.yaml').parameters) == dict(

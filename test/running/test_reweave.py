@@ -14,7 +14,7 @@ BASE = ico.Scene.from_parameters({
 
 
 class Runner:
-    """Stands for the runner: takes what is posted when told to, and keeps results."""
+    """Stands for the runner: takes what is posted on demand, and keeps results."""
 
     def __init__(self):
         self.posted, self.results = SimpleQueue(), []

@@ -1,7 +1,7 @@
 # Copyright 2026 The icofabric_sim authors
 # Licensed under the Apache License, Version 2.0; see LICENSE.
 """
-What a runner tells of what is done to it: events, checkpoints, what survives and what does not.
+What a runner reports of what is done to it: events, checkpoints, what survives and what does not.
 """
 import json
 import threading
@@ -199,7 +199,7 @@ def test_newer_rates_than_those_that_were_built_are_told_after_them(monkeypatch)
 # Inputs of several senders, and inputs that wait.
 
 def test_of_several_senders_the_last_wrench_rules_alone():
-    """Who sent it does not matter; those of one stamp act in the order in which they came."""
+    """The sender does not matter; those of one stamp act in the order in which they came."""
     runner = paused_runner(sink := ListSink())
     with Beside(runner):
         for force in (1.0, 5.0, 2.0):
@@ -344,7 +344,7 @@ def test_recording_is_switched_on_with_scene_and_state():
     assert [kind for kind, _, _ in bag.messages] == [WEAVE, CHECKPOINT, POSES, EVENTS]
     assert bag.switched == [(False, 0.01, 10_000_000), (True, 0.01, 10_000_000)]
     assert [facts['on'] for _, facts in events(live, 'record')] == [False, True]
-    # Those who listen have it all already.
+    # Subscribers have it all already.
     assert len(live.of(WEAVE)) == count
 
 

@@ -41,7 +41,7 @@ def test_flood_of_messages_does_not_drive_the_time():
 
 def test_chunk_is_bounded_by_the_wanted_pace():
     """
-    With nobody listening nothing else would bound it, and an immediate wrench would act far ahead.
+    Without subscribers nothing else would bound it, and an immediate wrench would act far ahead.
     """
     pace = Pace(0.5)
     pace.learn(10**12, 0.001)

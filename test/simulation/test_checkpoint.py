@@ -336,7 +336,7 @@ def test_a_question_about_the_error_leaves_no_trace():
         each.advance_to(0.0123)
     assert asked.error_rate > 0.0
     assert asked.checkpoint().to_bytes() == quiet.checkpoint().to_bytes()
-    # And it is asked anew where the state has changed since.
+    # And it is evaluated again where the state has changed since.
     rate = asked.error_rate
     asked.set_state(linear_velocity=20.0 * asked.snapshot().linear_velocity)
     assert asked.error_rate != rate

@@ -127,7 +127,7 @@ def moments(scene: ico.Scene, seed: int) -> list[float]:
 
 
 def other_runs(scene: ico.Scene, seed: int) -> tuple[ico.Simulation, list[Checkpoint]]:
-    """The run in pieces that someone looks at, and checkpoints of it."""
+    """The run in pieces, with snapshots between them, and checkpoints of it."""
     simulation, checkpoints = prepared(scene, seed), []
     for time in moments(scene, seed):
         simulation.advance_to(time)

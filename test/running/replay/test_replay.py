@@ -294,7 +294,7 @@ def test_pause_stands_still_and_late_joiners_see_the_state(source):
         at = now(beside.player.set_paused(True))
         assert 0 < at < END
         beside.wait_for(lambda: len(sink.of('/clock')) > 2)
-        sink.names = ()  # someone else listens from here on
+        sink.names = ()  # another subscriber from here on
         sink.sent.clear()
         beside.wait_for(lambda: {'~/connectors', '~/energy', '/clock'} <= {
             name for name, *_ in sink.sent})
@@ -456,7 +456,7 @@ def test_damage_ends_the_replay_with_the_reason(tmp_path):
     write_bag(tmp_path / 'bag', large)
     (file,) = (tmp_path / 'bag').glob('*.mcap')
     data = bytearray(file.read_bytes())
-    # The length of the second chunk's last message, as the index of records tells it.
+    # The length of the second chunk's last message, from the index of records.
     place = data.index(large[-1][2]) - 40
     data[place:place + 40] = b'\xff' * 40
     file.write_bytes(data)

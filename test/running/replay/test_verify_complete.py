@@ -213,7 +213,7 @@ def test_a_run_whose_disk_was_slow_for_a_while(
     result = verify(tmp_path / 'bag')
     assert result.verdict == 'identical' and result.gaps == ()
     assert set(result.dropped) == set(NAMES) and result.dropped['/clock'] == 20
-    # Also where the bag was killed afterwards: it was told before what followed the gap.
+    # Also where the bag was killed afterwards: it was written before what followed the gap.
     with BagReader(tmp_path / 'bag') as reader:
         order = [(name, time) for name, time, data in reader.messages()
                  if name in NAMES or DROPPED.encode() in data]
