@@ -21,11 +21,13 @@ from icofabric_sim.messages import (
     StringBytes,
     WrenchStampedBytes,
 )
+from icofabric_sim.messages.input_topics import target_of
 from icofabric_sim.messages.schedule import seconds
 from icofabric_sim.parameters.named_files import with_recorded
 from icofabric_sim.parameters.sections import ParameterSet
 from icofabric_sim.parameters.validation import make_parameters, Parameters
 from icofabric_sim.scene.scene import Scene
+from icofabric_sim.simulation.input_types import Target
 import numpy as np
 
 _Message = TypeVar('_Message')
@@ -50,6 +52,7 @@ class RecordedInput(NamedTuple):
     nanoseconds: int
     topic: str
     frame_id: str
+    target: Target | None  # None: of no topic that this version records
     force: np.ndarray  # (3,) [N]
     torque: np.ndarray  # (3,) [N m]
 
@@ -167,11 +170,10 @@ class RecordedRun:
         result = []
         for name, time, data in self._reader.messages(names):
             wrench = self.decoded(decode_wrench_stamped, data)
-            result.append(
-                RecordedInput(
-                    time, name, wrench.frame_id, np.array(wrench.first), np.array(wrench.second)
-                )
-            )
+            target = target_of(f'~{name.removeprefix(self.node)}', wrench.frame_id)
+            result.append(RecordedInput(
+                time, name, wrench.frame_id, target, np.array(wrench.first),
+                np.array(wrench.second)))
         return result
 
     def events(self) -> Iterator[RecordedEvent]:

@@ -77,25 +77,27 @@ def input_type(topic: str) -> str:
     return TwistStampedBytes.TYPE if _DRIVE.fullmatch(topic) else ''
 
 
+def target_of(topic: str, frame_id: str) -> Target | None:
+    """The target of messages on a topic and in a frame; None where there is none."""
+    if drive := _DRIVE.fullmatch(topic):
+        return DriveTarget(drive[1])
+    if channel := _CHANNEL.fullmatch(topic):
+        return ChannelTarget(channel[1])
+    body = parse_body_frame(frame_id) if topic == _BODIES else None
+    return None if body is None else BodyTarget(body)
+
+
 def decode_input(topic: str, data: Buffer) -> InputMessage:
     """Read a message of an input topic; ValueError where it is malformed or names no body."""
-    drive = _DRIVE.fullmatch(topic)
-    if drive is not None:
-        stamp, frame_id, linear, angular = decode_twist_stamped(data)
-        return InputMessage(
-            DriveTarget(drive[1]), Twist(np.array(linear), np.array(angular)), stamp, frame_id)
-    stamp, frame_id, force, torque = decode_wrench_stamped(data)
-    channel = _CHANNEL.fullmatch(topic)
-    target: Target | None = None
-    if channel is not None:
-        target = ChannelTarget(channel[1])
-    elif (body := parse_body_frame(frame_id)) is not None:
-        target = BodyTarget(body)
+    twists = input_type(topic) == TwistStampedBytes.TYPE
+    decode, kind = (decode_twist_stamped, Twist) if twists else (decode_wrench_stamped, Wrench)
+    stamp, frame_id, first, second = decode(data)
+    target = target_of(topic, frame_id)
     if target is None:
         raise ValueError(
             f"its header.frame_id is {shown_frame(frame_id)}, and must be 'icosahedron_K' with "
             'the number K of the body')
-    return InputMessage(target, Wrench(np.array(force), np.array(torque)), stamp, frame_id)
+    return InputMessage(target, kind(np.array(first), np.array(second)), stamp, frame_id)
 
 
 def decode_wrench_stamped(data: Buffer) -> StampedPair:

@@ -9,6 +9,7 @@ from icofabric_sim.bag import BagError
 from icofabric_sim.bag.recorded_run import active_inputs, RecordedInput, RecordedRun
 from icofabric_sim.pictures.drawing import Moment, Renderer
 from icofabric_sim.pictures.fabric_polygons import Bounds, bounds_of, View
+from icofabric_sim.simulation.input_types import ChannelTarget
 import numpy as np
 
 Progress = Callable[[int], None]  # called with the number of pictures done
@@ -118,8 +119,10 @@ def _note(inputs: Sequence[RecordedInput]) -> str:
     """Channels that push, for a caption."""
     names = []
     for entry in inputs:
-        channel = entry.topic.split('/loads/')[-1] if '/loads/' in entry.topic else ''
-        names.append(channel or entry.frame_id or entry.topic)
+        if isinstance(entry.target, ChannelTarget):
+            names.append(entry.target.name)
+        else:
+            names.append(entry.frame_id or entry.topic)
     if not names:
         return ''
     shown = ', '.join(names[:2]) + (f' and {len(names) - 2} more' if len(names) > 2 else '')

@@ -5,7 +5,13 @@
 import icofabric_sim as ico
 from icofabric_sim.messages import TwistStampedBytes, WrenchStampedBytes
 from icofabric_sim.messages.frames import body_frame, parse_body_frame
-from icofabric_sim.messages.input_topics import decode_input, input_topics, input_type, topic_of
+from icofabric_sim.messages.input_topics import (
+    decode_input,
+    input_topics,
+    input_type,
+    target_of,
+    topic_of,
+)
 from icofabric_sim.simulation.input_types import (
     BodyTarget,
     ChannelTarget,
@@ -63,3 +69,12 @@ def test_frame_of_no_body_is_refused(frame):
 def test_frames_of_bodies_are_read_as_they_are_written():
     for body in (0, 1, 10, 9_999_999_999):
         assert parse_body_frame(body_frame(body)) == body
+
+
+@pytest.mark.parametrize(('topic', 'frame'), [
+    ('~/wrench', ''), ('~/wrench', 'world'), ('~/poses', 'icosahedron_1'),
+    ('~/wrench_2', 'icosahedron_1')])
+def test_topic_or_frame_of_no_target(topic, frame):
+    assert target_of(topic, frame) is None
+    assert target_of('~/wrench', 'icosahedron_1') == BodyTarget(1)
+    assert target_of('~/loads/a', frame) == ChannelTarget('a')

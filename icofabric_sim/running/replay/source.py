@@ -10,6 +10,7 @@ from typing import NamedTuple, Self
 from icofabric_sim.bag import BagError, BagReader
 from icofabric_sim.messages import PoseArrayBytes
 from icofabric_sim.messages import topics as outputs
+from icofabric_sim.messages.input_topics import input_type
 from icofabric_sim.messages.schedule import seconds
 from icofabric_sim.messages.topics import Topic
 
@@ -18,7 +19,6 @@ _POSES = outputs.POSES.name[1:]
 _EVENTS = (outputs.EVENTS.name[1:], outputs.CHECKPOINT.name[1:])
 # What a bag says of itself; the node publishes no such topic.
 _OF_THE_BAG = '/recording'
-_INPUTS = ('/wrench', '/loads/', '/drives/')
 # How far back the last message of each topic is searched at first [ns]; doubled each time.
 _FIRST_REACH = 50_000_000
 _SMALLEST_DEPTH = 10
@@ -129,8 +129,7 @@ class ReplaySource:
 
     def lasts(self, topic: Topic) -> bool:
         """Whether the last message of `topic` holds until the next; not so inputs and events."""
-        private = topic.name.removeprefix('~')
-        return private not in _EVENTS and not private.startswith(_INPUTS)
+        return topic.name.removeprefix('~') not in _EVENTS and not input_type(topic.name)
 
     def close(self) -> None:
         """Let go of the files."""
@@ -174,7 +173,7 @@ class ReplaySource:
             if self._owner(name) != self.fabric:
                 continue
             private = name.removeprefix(self.fabric)
-            if private != _OF_THE_BAG and (inputs or not private.startswith(_INPUTS)):
+            if private != _OF_THE_BAG and (inputs or not input_type(f'~{private}')):
                 topics[name] = Topic(
                     f'~{private}', topic.type_name, topic.latched,
                     topic.depth or _SMALLEST_DEPTH, True)
