@@ -63,8 +63,8 @@ def main() -> None:
     simulation = ico.compile_scene(scene)
     simulation.warm_up()
     setup = simulation.packed.contact
-    print(f'{scene.body_count} bodies, {simulation.method_name}, tolerance {given.tolerance:g}, '
-          f'K = {setup.stiffness:.3g} N/m')
+    print(f'{scene.body_count} bodies, {simulation.status.method_name}, '
+          f'tolerance {given.tolerance:g}, K = {setup.stiffness:.3g} N/m')
     first = simulation.snapshot().energy['total']
     before, count, worst, shown = touching(simulation), 0, 0.0, 0
     started = time.perf_counter()
@@ -78,12 +78,14 @@ def main() -> None:
             energy = simulation.snapshot().energy
             worst = max(worst, abs(energy['balance_error']) / first)
             print(f'{count:6d} collisions  t = {simulation.time:.4f} s  energy off by '
-                  f'{energy["balance_error"] / first:9.2e}  {simulation.step_count:7d} steps  '
+                  f'{energy["balance_error"] / first:9.2e}  '
+                  f'{simulation.status.step_count:7d} steps  '
                   f'{time.perf_counter() - started:6.0f} s', flush=True)
     velocity = np.linalg.norm(simulation.snapshot().linear_velocity, axis=1)
     print(f'{count} collisions in {simulation.time:.4f} s: energy off by at most {worst:.1e}, '
-          f'deepest overlap {100.0 * simulation.deepest_overlap / A:.2f} % of a, '
-          f'{simulation.step_count} steps, {simulation.contact_tests} pairs looked at, '
+          f'deepest overlap {100.0 * simulation.status.deepest_overlap / A:.2f} % of a, '
+          f'{simulation.status.step_count} steps, '
+          f'{simulation.status.contact_tests} pairs looked at, '
           f'mean speed {velocity.mean():.3f} m/s, {time.perf_counter() - started:.0f} s')
 
 

@@ -59,10 +59,11 @@ def main() -> None:
     scenes.append(('within 1 degree of the least angle', GENTLE, 0.06))
     for name, flat, until in scenes:
         ratios, simulation = measure(dict(flat), until, given.rounds)
-        tests = simulation.contact_tests / simulation.scene.body_count / simulation.step_count
-        print(f'{name:35} {simulation.method_name:9} time {statistics.median(ratios):.2f} '
+        status = simulation.status
+        tests = status.contact_tests / simulation.scene.body_count / status.step_count
+        print(f'{name:35} {status.method_name:9} time {statistics.median(ratios):.2f} '
               f'({min(ratios):.2f}-{max(ratios):.2f}), pair tests for each body and step '
-              f'{tests:g}, {simulation.step_count} steps', flush=True)
+              f'{tests:g}, {simulation.status.step_count} steps', flush=True)
 
 
 if __name__ == '__main__':

@@ -152,8 +152,8 @@ def damped(scene: ico.Scene) -> Row:
         here = Configuration(fabric, snapshot.position.copy(), snapshot.orientation.copy())
         left = residual(here)
     assert here is not None
-    return Row('run with drag (dop8)', time.perf_counter() - began, 12 * simulation.step_count,
-               left, here.energy)
+    return Row('run with drag (dop8)', time.perf_counter() - began,
+               12 * simulation.status.step_count, left, here.energy)
 
 
 KINDS = {'held': cantilever, 'hanging': hanging}

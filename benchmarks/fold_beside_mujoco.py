@@ -117,11 +117,11 @@ def stages(
     left = sorted(wanted)
     while left and simulation.time < longest:
         simulation.advance_to(simulation.time + SPACING)
-        if simulation.contact_count < left[0]:
+        if simulation.status.contact_count < left[0]:
             continue
-        left = [count for count in left if count > simulation.contact_count]
+        left = [count for count in left if count > simulation.status.contact_count]
         now = simulation.snapshot()
-        yield simulation.time, simulation.contact_count, InitialState(
+        yield simulation.time, simulation.status.contact_count, InitialState(
             now.position, now.orientation, now.linear_velocity, now.angular_velocity)
 
 
@@ -131,13 +131,14 @@ def own_row(scene: ico.Scene, state: InitialState, span: float) -> Row:
     # Whatever is needed where shells touch is compiled and found in the first.
     for _ in range(RUNS):
         give(simulation, state)
-        begun, counted, started = simulation.time, simulation.step_count, time.process_time()
+        begun, counted = simulation.time, simulation.status.step_count
+        started = time.process_time()
         simulation.advance_to(begun + span)
         taken = min(taken, time.process_time() - started)
-        steps = simulation.step_count - counted
+        steps = simulation.status.step_count - counted
         if taken > ENOUGH:
             break
-    method, now = simulation.method_name, simulation.snapshot()
+    method, now = simulation.status.method_name, simulation.snapshot()
     label = f'{method}, tolerance {scene.parameters["solver.tolerance"]:g}' if (
         ico.METHODS[method].adaptive) else method
     return Row(label, steps, span / steps, taken / steps, ico.METHODS[method].stages,

@@ -68,13 +68,14 @@ def settle(
         calm = calm + 1 if energy['kinetic'] < rest * peak else 0
         if show and round(simulation.time / SPACING) % 10 == 0:
             print(f't = {simulation.time:5.2f} s  kinetic energy {energy["kinetic"] / peak:8.1e} '
-                  f'of its largest  {simulation.step_count:7d} steps  '
+                  f'of its largest  {simulation.status.step_count:7d} steps  '
                   f'{time.perf_counter() - start:6.0f} s', flush=True)
     return {
-        'time': simulation.time, 'rested': float(calm == LOOKS), 'steps': simulation.step_count,
+        'time': simulation.time, 'rested': float(calm == LOOKS),
+        'steps': simulation.status.step_count,
         'kinetic': energy['kinetic'] / peak, 'peak': peak,
         'balance': energy['balance_error'] / peak,
-        'deepest': simulation.deepest_overlap / A, 'wall': time.perf_counter() - start,
+        'deepest': simulation.status.deepest_overlap / A, 'wall': time.perf_counter() - start,
         'outside': outside(simulation)}
 
 

@@ -80,7 +80,7 @@ def run_own(scene: ico.Scene, until: float) -> dict[str, float]:
     simulation.warm_up()
     began = time.process_time()
     simulation.advance_to(until)
-    return {'overlap': simulation.deepest_overlap / A, 'taken': time.process_time() - began,
+    return {'overlap': simulation.status.deepest_overlap / A, 'taken': time.process_time() - began,
             'height': float(simulation.snapshot().position[:, 2].mean())}
 
 

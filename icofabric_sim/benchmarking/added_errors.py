@@ -117,9 +117,9 @@ def judge(
     changes = changes | {'solver.method': method, 'solver.step': 0.0}
     run = ico.compile_scene(ico.Scene.from_parameters(changes))
     if given > 0.0:
-        changes['solver.step'] = given * run.stability_limit
+        changes['solver.step'] = given * run.status.stability_limit
         run = ico.compile_scene(ico.Scene.from_parameters(changes))
-    rate = run.largest_frequency
+    rate = run.status.largest_frequency
     period = 2.0 * math.pi / rate
     reference = ico.compile_scene(ico.Scene.from_parameters(changes | {
         'solver.method': 'dop8', 'solver.step': 0.0, 'solver.tolerance': min(

@@ -97,7 +97,7 @@ def solvers(size: Size, changes: Changes = None) -> Iterator[Solver]:
     """
     Every method: by tolerance where it adapts its step, by step where not; and the automatic one.
     """
-    frequency = _compile(size, changes).largest_frequency
+    frequency = _compile(size, changes).status.largest_frequency
     for name, facts in METHODS.items():
         if not facts.adaptive:
             yield OwnSteps(size, name, changes, frequency)

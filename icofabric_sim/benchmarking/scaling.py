@@ -108,8 +108,8 @@ def measure(
         simulations += pair
         scene = pair[0].scene
         rows.append(SizeResult(
-            size, scene.body_count, scene.connector_count, pair[1].thread_count, [], [], [], 0.0,
-            0.0))
+            size, scene.body_count, scene.connector_count, pair[1].status.thread_count, [], [], [],
+            0.0, 0.0))
     say(f'{rounds} rounds of {len(tasks)} runs')
     total = rounds * len(tasks)
     times = in_rounds(tasks, rounds, lambda done: progress(done, total))

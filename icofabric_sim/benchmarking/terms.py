@@ -200,7 +200,7 @@ def measure(
         say(term.label)
         simulation = _compile(size, term)
         label = term.label
-        if term.threads == 0 and simulation.thread_count == 1:
+        if term.threads == 0 and simulation.status.thread_count == 1:
             remarks.append(f'{label}: one thread is all that pays here')
         rows.append(Cost(
             label, simulation.scene.body_count, [], sum(arrays_of(simulation).values()),

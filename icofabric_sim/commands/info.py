@@ -43,12 +43,12 @@ def _describe(arguments: argparse.Namespace) -> int:
         scene = Scene.from_parameters(parameters)
         simulation = compile_scene(scene)
     rows = [('scene', name), *describe_scene(scene)]
-    rate = simulation.largest_frequency
+    rate = simulation.status.largest_frequency
     rows.append(('frequency', f'{rate:.6g} rad/s at most, at the start'))
     rows += method_rows(simulation)
     rows.append(('accuracy', _accuracy(simulation)))
-    if simulation.proximity is not None:
-        rows.append(('overlap', str(simulation.proximity)))
+    if simulation.status.proximity is not None:
+        rows.append(('overlap', str(simulation.status.proximity)))
     duration = parameters['duration']
     rows.append(('duration', f'{duration:g} s' if duration > 0.0 else (
         'none: a node runs until it is stopped, `icofabric run` needs --duration')))
@@ -58,5 +58,6 @@ def _describe(arguments: argparse.Namespace) -> int:
 
 def _accuracy(simulation: 'Simulation') -> str:
     tolerance = simulation.scene.parameters['solver.tolerance']
-    return (f'errors of {simulation.error_rate:.2g} per second at the start (position over a, or '
-            f'rad); solver.tolerance is {tolerance:g} per second')
+    rate = simulation.status.error_rate
+    return (f'errors of {rate:.2g} per second at the start (position over a, or rad); '
+            f'solver.tolerance is {tolerance:g} per second')

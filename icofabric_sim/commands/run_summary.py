@@ -70,10 +70,10 @@ def broken_off_summary(
 def method_rows(simulation: Simulation) -> list[Row]:
     """What takes the steps, and why."""
     wanted = simulation.scene.parameters['solver.threads']
-    threads = f'{simulation.thread_count}, ' + (
+    threads = f'{simulation.status.thread_count}, ' + (
         f'of solver.threads {wanted}' if wanted else 'as many as cores and bodies are worth')
     return [
-        ('method', f'{simulation.method_name}: {simulation.method_reason}'),
+        ('method', f'{simulation.status.method_name}: {simulation.status.method_reason}'),
         ('step', step_reason(simulation)),
         ('threads', threads),
     ]
@@ -89,7 +89,7 @@ def accuracy_rows(
             f'over a, or rad); solver.tolerance is {tolerance:g} per second')
     if errors.rate > tolerance:
         text += ': not met by the step that was given' if given else ': not met'
-    lacks = simulation.error_estimate_lacks
+    lacks = simulation.status.error_estimate_lacks
     return [('accuracy', text), *([('', f'not covered by that: {lacks}')] if lacks else []), *(
         [('growth', 'not measured')] if growth is None
         else growth_rows(growth, 0.0 if given else tolerance))]
@@ -118,18 +118,18 @@ def growth_rows(growth: Growth, tolerance: float) -> list[Row]:
 
 def step_reason(simulation: Simulation) -> str:
     """The step in use, and where it comes from."""
-    text = f'{simulation.step:.6g} s'
-    rate, limit = simulation.largest_frequency, step_limit(simulation)
+    text = f'{simulation.status.step:.6g} s'
+    rate, limit = simulation.status.largest_frequency, step_limit(simulation)
     if simulation.scene.parameters['solver.step'] > 0.0:
         return f'{text}, given as solver.step; the limit is {limit:.6g} s'
-    if limit == math.inf and METHODS[simulation.method_name].adaptive:
-        when = 'to begin with' if simulation.step_count == 0 else (
-            f'at last, {simulation.time / simulation.step_count:.3g} s on average')
+    if limit == math.inf and METHODS[simulation.status.method_name].adaptive:
+        when = 'to begin with' if simulation.status.step_count == 0 else (
+            f'at last, {simulation.time / simulation.status.step_count:.3g} s on average')
         return f'{text} {when}: each is as long as its error allows'
     if rate > 0.0:
         return (
-            f'{text}, chosen: {simulation.step * rate:.2g} over the largest frequency of the '
-            f'fabric, {rate:.6g} rad/s; the limit is {limit:.6g} s')
+            f'{text}, chosen: {simulation.status.step * rate:.2g} over the largest frequency of '
+            f'the fabric, {rate:.6g} rad/s; the limit is {limit:.6g} s')
     return f'{text}, chosen: no connector sets a frequency'
 
 
@@ -166,7 +166,7 @@ def _pace(body_count: int, status: Status, wall: float, aside: float) -> str:
 def _energy(simulation: Simulation, monitor: RunMonitor) -> str:
     first, last = monitor.first.energy['total'], monitor.last.energy['total']
     text = f'{first:.9g} J at the start, {last:.9g} J at the end'
-    if simulation.active_loads or simulation.scene.loads and _loads_act(simulation):
+    if simulation.status.active_loads or simulation.scene.loads and _loads_act(simulation):
         return text
     if not monitor.energy_scale > 0.0:
         return text

@@ -85,7 +85,7 @@ class FabricNode(Node):
         self._clock_watch = ClockWatch(self) if publishes_clock else None
         self._declare(parameters)
         self._gate = ParameterGate(
-            parameters, self._changed, lambda: self.runner.simulation.stability_limit
+            parameters, self._changed, lambda: self.runner.simulation.status.stability_limit
         )
         self._parameter_service = GuardedParameterService(self)
         self._inputs = InputTopics(self, self.runner.inputs, simulation.scene)
@@ -212,7 +212,7 @@ def run_node(node: FabricNode, signals: StopSignals) -> int:
     node.get_logger().info(
         f'{READY}{simulation.scene.body_count} bodies, '
         f'{simulation.scene.connector_count} connectors, '
-        f'{simulation.method_name}, step {simulation.step:.3g} s'
+        f'{simulation.status.method_name}, step {simulation.status.step:.3g} s'
     )
     server = Server(node)
     # What was imported stays: a garbage collection over it would block the node.

@@ -247,7 +247,7 @@ class StandardHandlers:
         return int(kind.STATE_PAUSED if stands else kind.STATE_PLAYING)
 
     def _place(self) -> tuple[int, int]:
-        return self._runner.now, self._runner.simulation.step_count
+        return self._runner.now, self._runner.simulation.status.step_count
 
     def _why_ended(self) -> str:
         if self._runner.failure:

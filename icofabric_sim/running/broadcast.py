@@ -208,7 +208,7 @@ class Broadcast:
 
     def _is_news_of_breaks(self) -> bool:
         """Whether more has broken than was sent; the message stays, so nothing is sent twice."""
-        told, self._breaks_told = self._breaks_told, self.simulation.broken_count
+        told, self._breaks_told = self._breaks_told, self.simulation.status.broken_count
         return told != self._breaks_told
 
     def report(self, now: int, *, at_once: bool = False) -> None:

@@ -76,8 +76,8 @@ def cross_check(
     half_edge = scene.geometry.half_edge
     rounding = ROUNDINGS_PER_EVALUATION * np.finfo(float).eps
     end = round(duration * NANOSECONDS)
-    stages = METHODS[quaternions.method_name].stages
-    between = max(_EVALUATIONS_BETWEEN // stages, 1) * quaternions.step
+    stages = METHODS[quaternions.status.method_name].stages
+    between = max(_EVALUATIONS_BETWEEN // stages, 1) * quaternions.status.step
     count = min(math.ceil(duration / between), _LARGEST_COUNT)
     rows: list[Comparison] = []
     growth = size = 0.0
@@ -86,7 +86,7 @@ def cross_check(
         for simulation in (quaternions, cosines, disturbed):
             simulation.advance_to(time)
             progress(time)
-        steps = {run.step_count for run in (quaternions, cosines, disturbed)}
+        steps = {run.status.step_count for run in (quaternions, cosines, disturbed)}
         if len(steps) > 1:
             return CrossCheck(rows, f'from about t = {time:.6g} s on rounding decided about the '
                               'length of the steps, which then differ')
@@ -98,10 +98,10 @@ def cross_check(
                               f'grown to {apart:.1e}: from there on the motion cannot be foreseen '
                               'in this precision, and no two computations agree')
         size = max(size, float(np.abs(quaternions.snapshot().position).max()) / half_edge, 1.0)
-        evaluations = stages * quaternions.step_count
+        evaluations = stages * quaternions.status.step_count
         bound = math.sqrt(2.0 * evaluations) * rounding * size * max(growth, 1.0)
         rows.append(Comparison(
-            time, quaternions.step_count, position, angle, growth, bound))
+            time, quaternions.status.step_count, position, angle, growth, bound))
     return CrossCheck(rows, '')
 
 

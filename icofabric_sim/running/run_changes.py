@@ -242,4 +242,4 @@ class RunChanges:
             state.now, 'reweave', restarts=restarts, lost=lost, dropped=dropped,
             changed=sorted(changed_names(state.parameters, wanted)))
         _LOGGER.info('the changed fabric is in place at t = %.9g s: %d bodies, step %.3g s',
-                     seconds(state.now), simulation.scene.body_count, simulation.step)
+                     seconds(state.now), simulation.scene.body_count, simulation.status.step)

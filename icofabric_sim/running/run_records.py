@@ -53,21 +53,22 @@ class Status(NamedTuple):
 
 def figures(simulation: Simulation) -> dict[str, Any]:
     """What a status says of the simulation itself; cheap, and harmless beside a run."""
-    proximity, balance = simulation.proximity, simulation.balance
+    status, balance = simulation.status, simulation.balance
+    proximity = status.proximity
     return {
-        'step': simulation.step,
+        'step': status.step,
         'limit': step_limit(simulation),
-        'step_count': simulation.step_count,
+        'step_count': status.step_count,
         'body_count': simulation.scene.body_count,
         'connector_count': simulation.scene.connector_count,
-        'loads_active': len(simulation.active_loads),
-        'breaks': simulation.broken_count,
-        'obstruction': simulation.obstruction,
-        'obstructed': simulation.obstructed_ends,
-        'contacts': simulation.contact_count,
-        'errors_lack': simulation.error_estimate_lacks,
+        'loads_active': len(status.active_loads),
+        'breaks': status.broken_count,
+        'obstruction': status.obstruction,
+        'obstructed': status.obstructed_ends,
+        'contacts': status.contact_count,
+        'errors_lack': status.error_estimate_lacks,
         'proximity': '' if proximity is None else str(proximity),
-        'method': simulation.method_name,
+        'method': status.method_name,
         'tolerance': simulation.scene.parameters['solver.tolerance'],
         'balance_error': balance.error / balance.scale if balance.scale > 0.0 else 0.0,
         'balance_worst': balance.worst,
@@ -82,21 +83,21 @@ def step_limit(simulation: Simulation) -> float:
     A frequency that contacts may reach some time limits no step that adapts.
     """
     given = simulation.scene.parameters['solver.step'] > 0.0
-    if METHODS[simulation.method_name].adaptive and not given:
+    if METHODS[simulation.status.method_name].adaptive and not given:
         return math.inf
-    return simulation.stability_limit
+    return simulation.status.stability_limit
 
 
 def errors_of(simulation: Simulation) -> Errors:
     """What the method has added; in the thread that advances the simulation only."""
-    return Errors(simulation.error_rate, simulation.error_estimate)
+    return Errors(simulation.status.error_rate, simulation.error_estimate)
 
 
 def begins_anew(simulation: Simulation) -> bool:
     """
     Whether a simulation stands where building its scene has put it: nothing was done to it yet.
     """
-    if simulation.time != 0.0 or simulation.waiting_loads or simulation.broken_count:
+    if simulation.time != 0.0 or simulation.status.waiting_loads or simulation.status.broken_count:
         return False
     state, first = simulation.snapshot(), simulation.scene.initial
     acting, steady = simulation.inputs.acting(), Inputs(simulation.scene).acting()

@@ -90,11 +90,11 @@ class TimeAdvance:
         simulation, target = state.simulation, state.now
         try:
             while not request.done:
-                before = simulation.step_count
+                before = simulation.status.step_count
                 # Rounding must not put it before the end of the step.
-                target = nanoseconds_not_before(simulation.next_step_time) + 1
+                target = nanoseconds_not_before(simulation.status.next_step_time) + 1
                 simulation.advance_steps(1)
-                request.taken += simulation.step_count - before
+                request.taken += simulation.status.step_count - before
                 if wall.perf_counter() > end:
                     break
             state.catch_up()
@@ -159,7 +159,7 @@ class TimeAdvance:
 
     def _next_target(self) -> int:
         state = self._state
-        times = [state.now + self._pace.chunk(RESPONSE, state.simulation.step)]
+        times = [state.now + self._pace.chunk(RESPONSE, state.simulation.status.step)]
         times += self._broadcast.next_times(state.now)
         if state.end > state.now:
             times.append(state.end)

@@ -29,6 +29,7 @@ from icofabric_sim.simulation.checkpoint_difference import (
     scene_parameters,
 )
 from icofabric_sim.simulation.state_tree import Memory, plain_number
+from icofabric_sim.simulation.status import SimulationStatus
 from icofabric_sim.version import __version__
 import llvmlite
 from llvmlite import binding
@@ -52,7 +53,7 @@ class Run(Protocol):
     def time(self) -> float: ...
 
     @property
-    def method_name(self) -> str: ...
+    def status(self) -> SimulationStatus: ...
 
     @property
     def rotation(self) -> str: ...
@@ -169,7 +170,7 @@ class Checkpoint:
 
 
 def _require_simulation(simulation: Any) -> None:
-    wanted = ('scene', 'time', 'method_name', 'rotation')
+    wanted = ('scene', 'time', 'status', 'rotation')
     if not all(hasattr(simulation, name) for name in wanted):
         raise TypeError(
             f'simulation must be a Simulation, got {checks.shown(simulation)}; '
@@ -197,7 +198,7 @@ def _identity(simulation: Run) -> dict[str, Any]:
         'version': __version__,
         'time': float(simulation.time),
         'scene': with_files(dump_parameters(scene.parameters.given()), scene.files),
-        'method': simulation.method_name,
+        'method': simulation.status.method_name,
         'rotation': simulation.rotation,
         # A shell may have been given apart from the parameters.
         'mass': scene.shell.mass,

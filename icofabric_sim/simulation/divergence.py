@@ -103,7 +103,7 @@ class Companion:
         self._at_least, self._ended = False, ''
         with self._aside():
             # Where nothing vibrates nothing hides.
-            tolerance = _LARGEST_TOLERANCE * simulation.largest_frequency
+            tolerance = _LARGEST_TOLERANCE * simulation.status.largest_frequency
             if 0.0 < tolerance < simulation.scene.parameters['solver.tolerance'] and (
                 simulation.scene.parameters['solver.step'] == 0.0
             ):
@@ -207,7 +207,7 @@ def measure_growth(
     checks.function('progress', progress)
     simulation = compile_scene(scene)
     companion = Companion(simulation)
-    periods = duration * simulation.largest_frequency / (2.0 * math.pi)
+    periods = duration * simulation.status.largest_frequency / (2.0 * math.pi)
     count = math.ceil(min(max(periods / _PERIODS, _FEWEST), _MOST))
     for number in range(1, count + 1):
         simulation.advance_to(number * duration / count)

@@ -11,7 +11,6 @@ from icofabric_sim.kernels.runtime.interrupts import DeferredInterrupt
 from icofabric_sim.scene.initial import hold_still, InitialState
 from icofabric_sim.scene.scene import require_scene, Scene
 from icofabric_sim.simulation.checkpoint import Checkpoint
-from icofabric_sim.simulation.contact.broad_phase import Overlap
 from icofabric_sim.simulation.errors import Interrupted, SimulationError
 from icofabric_sim.simulation.event_loop import Course
 from icofabric_sim.simulation.given_state import complete_state
@@ -30,8 +29,8 @@ from icofabric_sim.simulation.model.packing import pack_scene
 from icofabric_sim.simulation.model.snapshot import Snapshot
 from icofabric_sim.simulation.precompile import compile_contact_ahead
 from icofabric_sim.simulation.state_tree import Memory
+from icofabric_sim.simulation.status import SimulationStatus
 from icofabric_sim.simulation.stepping.ledger import EnergyBalance
-from icofabric_sim.simulation.stepping.methods import METHODS
 import numpy as np
 
 __all__ = ['compile_scene', 'Interrupted', 'Simulation', 'SimulationError']
@@ -84,8 +83,7 @@ class Simulation:
         # What acts and what is to come. Whoever puts a judged input into `inputs.queue` advances
         # to its time, or to the present one, to have it act.
         self.inputs = self._course.inputs
-        # Name of the method in METHODS, and why it was chosen.
-        self.method_name, self.method_reason = self._course.method
+        self._status = SimulationStatus(self._course, self.packed)
         self._cached: Snapshot | None = None
         self._cached_at = 0
 
@@ -95,110 +93,19 @@ class Simulation:
         return self._course.time
 
     @property
-    def step(self) -> float:
-        """Step [s] in use."""
-        return self._stepper.step
-
-    @property
-    def step_count(self) -> int:
-        """Steps taken so far."""
-        return self._stepper.step_count
-
-    @property
-    def largest_frequency(self) -> float:
-        """Largest frequency [rad/s] of the fabric in the configuration evaluated last."""
-        return self._stepper.frequency.rate
-
-    @property
-    def stability_limit(self) -> float:
-        """Longest stable step [s] in that configuration."""
-        return self._stepper.limit
-
-    @property
-    def error_rate(self) -> float:
-        """Error that the method adds for each second, measured last: position over a, or rad."""
-        return self._stepper.error_rate()
+    def status(self) -> SimulationStatus:
+        """Figures of the run: method, step, errors, contacts, breaks, loads."""
+        return self._status
 
     @property
     def error_estimate(self) -> float:
         """Errors added since the start, as if none of them had grown: position over a, or rad."""
-        return self._stepper.error_estimate(self.time)
-
-    @property
-    def error_estimate_lacks(self) -> str:
-        """Sentence on errors of this run that the estimate may not cover; '': it covers all."""
-        found = []
-        if self.packed.model.wrapping is not None:
-            found.append(
-                'where connectors around shells change to another geodesic the force jumps, the '
-                'tolerance is not kept, and the estimate was up to 40 times too small in tests')
-        if self.deepest_overlap > 0.0 or self.contact_count:
-            missed = 7 if METHODS[self.method_name].adaptive else 260
-            found.append(
-                'what is added where a contact begins or ends within a step is seen in part: the '
-                f'estimate was up to {missed} times too small in tests')
-        return '; '.join(found)
+        return self._status.error_estimate
 
     @property
     def balance(self) -> EnergyBalance:
         """How well the energy balanced at the health checks."""
-        return self._stepper.ledger.balance
-
-    @property
-    def thread_count(self) -> int:
-        """Threads that share a step."""
-        return self._stepper.crew.size
-
-    @property
-    def proximity(self) -> Overlap | None:
-        """The first two shells that overlapped by more than contact is meant for, if any."""
-        watch = self._stepper.watch
-        return None if watch is None else watch.found
-
-    @property
-    def contact_count(self) -> int:
-        """Pairs of shells, and shells and planes, that touched at the last health check."""
-        return int(self._stepper.ledger[monitor.TOUCHING])
-
-    @property
-    def deepest_overlap(self) -> float:
-        """Deepest overlap [m] of shells in contact at any health check so far."""
-        return self._stepper.ledger[monitor.DEEPEST_EVER]
-
-    @property
-    def contact_tests(self) -> int:
-        """
-        Pairs that were tested in all steps so far; what is shown in between does not count.
-        """
-        watch = self._stepper.watch
-        return 0 if watch is None else watch.tests
-
-    @property
-    def broken_count(self) -> int:
-        """Connectors that have broken so far."""
-        return self._stepper.broken.count
-
-    @property
-    def obstruction(self) -> str:
-        """Sentence on the first connector that was seen in its own shell; '': none was."""
-        return self._stepper.obstruction.found
-
-    @property
-    def obstructed_ends(self) -> int:
-        """Ends of connectors that were in their own shells at the last health check."""
-        return int(self._stepper.ledger[monitor.OBSTRUCTED])
-
-    @property
-    def active_loads(self) -> dict[str | int, Wrench]:
-        """Wrenches that act now, by channel name or body number."""
-        return {
-            target.number if isinstance(target, BodyTarget) else target.name: wrench
-            for target, wrench in self.inputs.acting().items()}
-
-    @property
-    def waiting_loads(self) -> int:
-        """Wrenches that are to begin or to end at a later time, messages left out."""
-        return len(self.inputs.queue) - self.inputs.queue.message_count
+        return self._status.balance
 
     def advance_to(self, time: float) -> None:
         """Advance to `time` [s]; in pieces it gives the same bits as in one go."""
@@ -213,10 +120,11 @@ class Simulation:
     def advance_steps(self, count: int) -> None:
         """Take `count` solver steps; an input that acts in between ends a step, which counts."""
         count = checks.count('count', count, 1)
-        goal = self.step_count + count
+        stepper = self._stepper
+        goal = stepper.step_count + count
         with self._deferred:
-            while self.step_count < goal:
-                self._course.take_step(goal - self.step_count, self._pause)
+            while stepper.step_count < goal:
+                self._course.take_step(goal - stepper.step_count, self._pause)
 
     def snapshot(self) -> Snapshot:
         """Copy of the state at the present time."""
@@ -340,10 +248,10 @@ class Simulation:
         if keep_motion:
             if self._stepper.watch is not None:
                 # The same motion: warnings are not repeated.
-                self._stepper.watch.take_over(previous.proximity)
+                self._stepper.watch.take_over(previous.status.proximity)
             self._stepper.broken.adopt(previous._stepper.broken)
             if not self._stepper.obstruction.stops:
-                self._stepper.obstruction.found = previous.obstruction
+                self._stepper.obstruction.found = previous.status.obstruction
             self._course.time = previous.time
             self._jump(_as_initial(previous.snapshot(), self.scene))
         else:
@@ -373,7 +281,7 @@ class Simulation:
         self._stepper.warm_up()
         if self.body_force is None and not self._stepper.has_contact_kernels():
             compile_contact_ahead(
-                self.scene, method=self.method_name, rotation=self.rotation,
+                self.scene, method=self._status.method_name, rotation=self.rotation,
                 body_wrenches=self._body_wrenches)
 
     def checkpoint(self) -> Checkpoint:
@@ -408,11 +316,6 @@ class Simulation:
             _LOGGER.warning(
                 'the checkpoint of t = %.9g s was made on another machine, so the last bits of '
                 'this run may differ from those of its own: %s', self.time, unlike)
-
-    @property
-    def next_step_time(self) -> float:
-        """Time [s] at which the step in progress ends, unless an input ends it before."""
-        return self._stepper.next_step_time
 
     def _anchors(self) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
         anchors = self.scene.anchors.values()

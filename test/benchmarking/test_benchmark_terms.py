@@ -164,7 +164,8 @@ def timed_motions(monkeypatch, measure, tick):
     advance = ico.Simulation.advance_steps
 
     def noted(simulation, steps):
-        motions.add((simulation.scene.body_count, round(simulation.time / simulation.step), steps))
+        begun = round(simulation.time / simulation.status.step)
+        motions.add((simulation.scene.body_count, begun, steps))
         advance(simulation, steps)
 
     with monkeypatch.context() as patch:

@@ -214,13 +214,13 @@ def test_accuracy_of_the_summary_is_that_of_the_simulation(recorded: Recorded) -
     simulation.advance_to(DURATION)
     out, custom = recorded.result.out, summarise_bag(recorded.bag).custom
     assert f'{simulation.error_estimate:.2g} added in all' in out
-    assert f'lately {simulation.error_rate:.2g} per second' in out
+    assert f'lately {simulation.status.error_rate:.2g} per second' in out
     assert 'solver.tolerance is 1e-06 per second' in out
     assert float(custom['error_estimate']) == simulation.error_estimate > 0.0
-    assert float(custom['error_rate']) == simulation.error_rate
+    assert float(custom['error_rate']) == simulation.status.error_rate
     assert f'off by at most {simulation.balance.worst:.1e} of' in out
     assert float(custom['balance_worst']) == simulation.balance.worst > 0.0
-    assert custom['method_reason'] == simulation.method_reason in out
+    assert custom['method_reason'] == simulation.status.method_reason in out
     growth = measure_growth(swing_scene(), DURATION)
     assert float(custom['growth']) == pytest.approx(growth.largest, rel=0.3)
     # Shells touch; a collision may be over between two looks at the disturbance.
@@ -326,7 +326,7 @@ def _just_stable_step() -> float:
     scene = Scene.from_parameters({
         **parameters, 'weave.size': [3, 3, 3], 'initial_random.velocity_sigma': 10.0,
         'solver.method': 'srkn6'})
-    return 0.999 * compile_scene(scene).stability_limit
+    return 0.999 * compile_scene(scene).status.stability_limit
 
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
@@ -516,9 +516,10 @@ def test_info_describes_a_scene(call: Callable[..., Result], tmp_path: Path) -> 
         f'L = {scene.geometry.connector_length:.6g} m', f'W = {scene.geometry.pitch:.6g} m',
         f'{np.degrees(scene.geometry.connector_angle):.6g} degrees',
         f'wall: {len(scene.groups["wall"])} bodies (x_min)',
-        '~/loads/tip', f'{simulation.largest_frequency:.6g} rad/s', f'{simulation.step:.6g} s',
-        f'{simulation.method_name}: {simulation.method_reason}',
-        f'errors of {simulation.error_rate:.2g} per second',
+        '~/loads/tip', f'{simulation.status.largest_frequency:.6g} rad/s',
+        f'{simulation.status.step:.6g} s',
+        f'{simulation.status.method_name}: {simulation.status.method_reason}',
+        f'errors of {simulation.status.error_rate:.2g} per second',
     ):
         assert text in result.out, text
 

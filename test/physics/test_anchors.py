@@ -135,7 +135,7 @@ def test_body_on_a_spring_that_is_pulled_away():
                   'solver.tolerance': 1e-8})
     simulation = ico.compile_scene(scene)
     own = math.sqrt(500.0 / scene.shell.mass)
-    assert simulation.largest_frequency == pytest.approx(own, rel=1e-12)
+    assert simulation.status.largest_frequency == pytest.approx(own, rel=1e-12)
     for time in np.linspace(0.0, 0.1, 9)[1:]:
         simulation.advance_to(float(time))
         snapshot = simulation.snapshot()

@@ -49,7 +49,8 @@ def test_a_spring_to_a_point(compiled):
     force = ico.BodyForce(spring, potential=spring_energy, compiled=compiled)
     simulation = ico.compile_scene(scene, body_force=force)
     assert force.is_compiled is (compiled is None)
-    assert simulation.method_name == 'dop8' and 'body force' in simulation.method_reason
+    assert simulation.status.method_name == 'dop8'
+    assert 'body force' in simulation.status.method_reason
     first, rate = scene.initial, math.sqrt(PULL / MASS)
     energy = spring_energy(0.0, first.position, None).sum()
     assert simulation.snapshot().energy['field'] == pytest.approx(energy, rel=1e-12)

@@ -83,7 +83,7 @@ def test_the_moment_converges_at_the_order_of_the_method():
 
 def test_hundreds_break_in_a_cascade_each_at_its_moment():
     scene = cascade(size=(7, 7, 6))
-    frequency = ico.compile_scene(scene).largest_frequency
+    frequency = ico.compile_scene(scene).status.largest_frequency
     duration, runs = 0.01, {}
     parts = (1.6, 1.1, 0.8, 0.1)
     for part in parts:
@@ -313,7 +313,7 @@ def test_a_method_without_events_is_refused():
     with pytest.raises(ParameterError, match='solver.method leapfrog.*break.*dop8'):
         ico.compile_scene(scene)
     simulation = ico.compile_scene(changed(scene, {'solver.method': 'auto'}))
-    assert simulation.method_name == 'dop8' and 'break' in simulation.method_reason
+    assert simulation.status.method_name == 'dop8' and 'break' in simulation.status.method_reason
 
 
 @pytest.mark.parametrize('top', [0.3, 0.999999, 1e-9])

@@ -108,7 +108,7 @@ def test_two_bodies_along_their_connector(form):
         simulation.advance_to(count * step)
         s = simulation.snapshot()
         lengths.append(s.position[1, 0] - s.position[0, 0] - 2.0 * ARM - LENGTH)
-        expected.append(amplitude * np.cos(discrete * simulation.step_count * step))
+        expected.append(amplitude * np.cos(discrete * simulation.status.step_count * step))
     # The leapfrog's own closed form, to rounding; it tends to the true one as (omega h)^2 / 24.
     np.testing.assert_allclose(lengths, expected, rtol=0, atol=1e-9 * amplitude)
     assert discrete / frequency - 1.0 == pytest.approx(0.2**2 / 24.0, rel=0.01)
@@ -142,7 +142,7 @@ def test_woven_pair_rocks_in_its_only_mode(form):
     mode = analytical.pair_mode(STIFFNESS, MASS, INERTIA, arms, direction)
     step = 0.05 / mode.frequency
     simulation = ico.compile_scene(changed(PAIR, {'solver.step': step}), rotation=form)
-    assert simulation.largest_frequency == pytest.approx(mode.frequency, rel=1e-9)
+    assert simulation.status.largest_frequency == pytest.approx(mode.frequency, rel=1e-9)
     amplitude = 1e-6 * LENGTH
     simulation.set_state(
         position=PAIR.position + amplitude * mode.shift,
@@ -155,7 +155,7 @@ def test_woven_pair_rocks_in_its_only_mode(form):
         s = simulation.snapshot()
         lengths.append(s.connector_length[0] - LENGTH)
         turns.append(2.0 * s.orientation[:, :3])
-        expected.append(amplitude * np.cos(discrete * simulation.step_count * step))
+        expected.append(amplitude * np.cos(discrete * simulation.status.step_count * step))
     # The mode leaves out quadratic terms, which are smaller by the amplitude.
     np.testing.assert_allclose(lengths, expected, rtol=0, atol=1e-4 * amplitude)
     np.testing.assert_allclose(
@@ -191,7 +191,7 @@ def test_rocking_about_held_centres(opposite):
     for count in range(0, 700, 13):
         simulation.advance_to(count * step)
         s = simulation.snapshot()
-        cosine = np.cos(discrete * simulation.step_count * step)
+        cosine = np.cos(discrete * simulation.status.step_count * step)
         expected = analytical.free_rotation(orientation, turn * cosine, 1.0)
         worst = max(worst, analytical.rotation_distance(s.orientation, expected).max())
         low = min(low, cosine)
@@ -201,5 +201,5 @@ def test_rocking_about_held_centres(opposite):
     # The faster of the two is what limits the step.
     equal, other = analytical.rocking_frequencies(STIFFNESS, LENGTH, ARM, distance, INERTIA)
     simulation.set_state(position=position, orientation=orientation)
-    assert simulation.largest_frequency == pytest.approx(equal, rel=1e-6)
+    assert simulation.status.largest_frequency == pytest.approx(equal, rel=1e-6)
     assert equal > 1.2 * other

@@ -122,7 +122,7 @@ def test_loads_on_a_kinked_fabric_with_a_chosen_method():
     # The method is known only after the loads are; a pair of stages needs room for their power.
     scene = make_scene((2, 2, 2), {**KINKED, 'solver.tolerance': 1e-8}, **LOADED, **RANDOM)
     simulation = ico.compile_scene(scene)
-    assert simulation.method_name == 'dop8'
+    assert simulation.status.method_name == 'dop8'
     simulation.advance_to(0.02)
     simulation.apply_wrench(next(iter(scene.loads)), (0.5, 0.0, 0.1))
     simulation.advance_to(0.05)
@@ -157,7 +157,7 @@ def test_threads_and_pieces_give_the_same_bits(monkeypatch):
         for piece in range(pieces):
             simulation.advance_to(0.01 * (piece + 1) / pieces)
         ends.append(simulation.snapshot())
-    assert simulation.step_count > 1_000
+    assert simulation.status.step_count > 1_000
     assert same_state(ends[0], ends[1]) and same_state(ends[0], ends[2])
 
 
@@ -221,6 +221,7 @@ def test_chosen_steps_keep_the_tolerance_on_a_kinked_fabric(tolerance):
     for one in (simulation, exact):
         one.advance_to(0.05)
     error = np.abs(simulation.snapshot().position - exact.snapshot().position).max()
-    print(simulation.method_name, error / scene.geometry.half_edge, simulation.error_rate)
+    status = simulation.status
+    print(status.method_name, error / scene.geometry.half_edge, status.error_rate)
     # Growth of small differences is below 100 in so short a run.
     assert error / scene.geometry.half_edge < 100.0 * tolerance

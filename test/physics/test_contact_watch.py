@@ -298,8 +298,8 @@ def test_a_gently_moving_fabric_near_the_least_angle_computes_no_contact():
         assert 2.0 * 1.5115 < nearest / scene.geometry.half_edge < 2.0 * 1.9021
         simulation = ico.compile_scene(scene)
         simulation.advance_to(0.03)
-        assert simulation.contact_tests == simulation.contact_count == 0
-        assert simulation.step_count > 10
+        assert simulation.status.contact_tests == simulation.status.contact_count == 0
+        assert simulation.status.step_count > 10
         states.append(simulation.snapshot())
     assert np.array_equal(states[0].position, states[1].position)
     assert np.array_equal(states[0].orientation, states[1].orientation)

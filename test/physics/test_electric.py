@@ -56,7 +56,8 @@ def test_cyclotron_motion_and_larmor_precession():
         **LOOSE, 'charge.per_body': charge, 'field.magnetic': field.tolist(),
         'solver.tolerance': 1e-9}, **RANDOM)
     simulation, first = ico.compile_scene(scene), scene.initial
-    assert simulation.method_name == 'dop8' and 'field.magnetic' in simulation.method_reason
+    assert simulation.status.method_name == 'dop8'
+    assert 'field.magnetic' in simulation.status.method_reason
     rate = charge * 50.0 / MASS
     axis = field / 50.0
     for time in (0.3 / rate, 2.0 * math.pi / rate):
@@ -121,7 +122,7 @@ def test_a_dipole_swings_like_a_pendulum():
     simulation = ico.compile_scene(scene)
     rate = math.sqrt(moment * field / INERTIA)
     # The bound of the frequency is that of small swings.
-    assert simulation.largest_frequency == pytest.approx(rate, rel=1e-12)
+    assert simulation.status.largest_frequency == pytest.approx(rate, rel=1e-12)
     for angle in (1e-3, 1.0, 3.0):
         turn = Rotation.from_rotvec([0.0, 0.6 * angle, 0.8 * angle])
         simulation.reset_time()
@@ -292,7 +293,7 @@ def test_fields_without_charges_cost_nothing():
         model = pack_scene(make_scene((2, 2, 2), changes)).model
         assert model.gravity is model.dipole is model.magnet is model.coulomb is None
     scene = make_scene((2, 2, 2), {'field.magnetic': [0.0, 0.0, 1.0]})
-    assert ico.compile_scene(scene).method_name != 'dop8'
+    assert ico.compile_scene(scene).status.method_name != 'dop8'
 
 
 def test_a_step_follows_charges_that_come_close():

@@ -83,7 +83,7 @@ def test_constant_force_does_force_times_way(method, form):
         simulation.advance_steps(100)
         position = simulation.snapshot().position
         way = (position - last)[load.bodies].sum(axis=0) / len(load.bodies)
-        total, last = total + float(simulation.active_loads['tip'].force @ way), position
+        total, last = total + float(simulation.status.active_loads['tip'].force @ way), position
         # Sums of ways that partly cancel: beside the work done by then.
         done = work_so_far(simulation)
         assert done == pytest.approx(total, rel=1e-11, abs=1e-13)
@@ -120,7 +120,7 @@ COARSEST = {'leapfrog': 0.2, 'srkn4': 0.9, 'srkn6': 1.2, 'srkn8': 1.2, 'dop8': 0
 @pytest.mark.parametrize('name', FABRICS)
 def test_balance_converges_at_the_order_of_the_method(name, method, form):
     scene = changed(FABRICS[name], {'solver.method': method, 'solver.energy_limit': 10.0})
-    longest = COARSEST[method] / ico.compile_scene(scene).largest_frequency
+    longest = COARSEST[method] / ico.compile_scene(scene).status.largest_frequency
     if name == 'spinning':
         longest *= 0.5
     duration, errors, steps = 0.02, [], []
@@ -131,11 +131,11 @@ def test_balance_converges_at_the_order_of_the_method(name, method, form):
         start, samples = simulation.snapshot().energy['total'], []
         # At many moments: the error of a symplectic method comes and goes.
         for part in range(1, 9):
-            simulation.advance_steps(max(count * part // 8 - simulation.step_count, 1))
+            simulation.advance_steps(max(count * part // 8 - simulation.status.step_count, 1))
             work = work_so_far(simulation) if scene.loads else 0.0
             samples.append(abs(simulation.snapshot().energy['total'] - start - work))
         errors.append(max(samples) / simulation.balance.scale)
-        steps.append(simulation.step)
+        steps.append(simulation.status.step)
     errors, steps = np.array(errors), np.array(steps)
     above = errors > 3e-13
     if above.sum() < 2:
@@ -171,10 +171,10 @@ def failed(simulation):
     scene = simulation.scene
     assert 0 <= body < scene.body_count
     assert body in scene.connectors.bodies[connector]
-    assert simulation.step_count <= 1000
+    assert simulation.status.step_count <= 1000
     s = simulation.snapshot()
     assert simulation.time == s.time == pytest.approx(saved, rel=1e-8, abs=1e-12)
-    assert saved < time <= 1001 * simulation.step
+    assert saved < time <= 1001 * simulation.status.step
     assert all(np.isfinite(getattr(s, name)).all() for name in (
         'position', 'orientation', 'linear_velocity', 'angular_velocity'))
     # It stays where it is until it is given another state.
@@ -194,13 +194,13 @@ def test_unstable_runs_stop_within_a_thousand_steps(growth, method, form, monkey
     # limits, splittings of high order are unstable in a narrow band only.
     product = next(p for p in np.arange(METHODS[method].stability, 20.0, 1e-3)
                    if amplification(METHODS[method], p) > growth)
-    step = product / ico.compile_scene(scene).largest_frequency
+    step = product / ico.compile_scene(scene).status.largest_frequency
     # A method that is taken to be stable everywhere.
     monkeypatch.setitem(METHODS, method, METHODS[method]._replace(stability=1e3))
     simulation = ico.compile_scene(changed(scene, {'solver.step': step}), rotation=form)
     start = simulation.snapshot().energy
     text = failed(simulation)
-    assert f'steps are {simulation.step:.6g} s' in text or 'finite' in text
+    assert f'steps are {simulation.status.step:.6g} s' in text or 'finite' in text
     # The state that is kept is one of before: its energy still balances.
     kept = simulation.snapshot().energy
     assert abs(kept['total'] - start['total']) <= 0.0101 * simulation.balance.scale
@@ -213,7 +213,7 @@ def test_unstable_runs_stop_within_a_thousand_steps(growth, method, form, monkey
 def test_a_rough_step_just_below_the_limit_is_stopped_by_the_balance():
     # Stable, but the leapfrog's energy is off by (omega h)^2 / 4 in the fastest motions.
     scene = make_scene((4, 4, 4), {'solver.method': 'leapfrog', 'contact.mode': 'never'}, **RANDOM)
-    limit = ico.compile_scene(scene).stability_limit
+    limit = ico.compile_scene(scene).status.stability_limit
     rough = changed(scene, {'solver.step': 0.999 * limit})
     text = failed(ico.compile_scene(rough))
     assert 'is above solver.energy_limit 0.01' in text
@@ -223,7 +223,7 @@ def test_a_rough_step_just_below_the_limit_is_stopped_by_the_balance():
         simulation.advance_steps(100)
     except ico.SimulationError as error:
         assert 'unsafe' in str(error)
-    assert simulation.step_count >= 8
+    assert simulation.status.step_count >= 8
 
 
 def test_first_number_that_is_not_finite_stops_the_run():

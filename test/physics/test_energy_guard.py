@@ -87,9 +87,9 @@ def run(term: str, kind: str, a: float, k: float, amplitude: float, folder: str)
     # Given, because a step that is chosen is tried out first, which takes longer than the run.
     short = max(1e-4 * a * float(np.sqrt(1e3 * a / k)), 2e-9)
     probe = build(changes, method='leapfrog', step=short)
-    rate = probe.largest_frequency
+    rate = probe.status.largest_frequency
     if term in ('contact', 'plane'):
-        rate = METHODS['leapfrog'].stability / probe.stability_limit
+        rate = METHODS['leapfrog'].stability / probe.status.stability_limit
     rate = rate if 0.0 < rate < np.inf else float(np.sqrt(9.81 / a))
     if amplitude and term in ('springs', 'table'):
         # Stretched: two bodies in any motion hardly stretch their connector.
@@ -170,7 +170,7 @@ def fall(folder: str) -> dict:
     with open(path, 'w', encoding='utf-8') as file:
         file.write('0.09, 2.0\n0.12, 1.0\n')
     changes = {'weave.size': [3, 3, 3], 'contact.mode': 'never', 'connector.law': path}
-    step = 0.2 * build(changes, method='leapfrog', step=1e-4).stability_limit
+    step = 0.2 * build(changes, method='leapfrog', step=1e-4).status.stability_limit
     simulation, said = build(changes, method='leapfrog', step=step), ''
     try:
         simulation.advance_to(0.3)

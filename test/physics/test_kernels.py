@@ -278,7 +278,7 @@ for sections in (LOADED, SUPPORTED):
         results += [s.position, s.orientation, s.linear_velocity, s.angular_velocity,
                     s.connector_ends, np.array(list(s.energy.values()))]
         simulation.set_state(position=s.position)
-        results.append(np.array([simulation.largest_frequency]))
+        results.append(np.array([simulation.status.largest_frequency]))
 np.savez(sys.argv[1], *results)
 """
 

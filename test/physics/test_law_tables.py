@@ -127,7 +127,7 @@ def test_a_straight_table_is_the_spring(tmp_path, method):
         simulation = ico.compile_scene(make_scene((3, 3, 3), {**fixed, **changes}, **RANDOM))
         simulation.advance_to(0.02)
         ends.append(simulation.snapshot())
-        assert simulation.largest_frequency == pytest.approx(653.0, rel=0.5)
+        assert simulation.status.largest_frequency == pytest.approx(653.0, rel=0.5)
     scale = np.abs(ends[0].position - simulation.scene.initial.position).max()
     assert np.abs(ends[1].position - ends[0].position).max() < 1e-10 * scale
     assert ends[1].energy['connectors'] == pytest.approx(ends[0].energy['connectors'], rel=1e-9)
@@ -136,7 +136,7 @@ def test_a_straight_table_is_the_spring(tmp_path, method):
 def test_energy_of_a_swing_through_all_pieces_stays(band):
     scene = make_scene((2, 2, 1), {'connector.law': band, 'contact.mode': 'never'})
     simulation = ico.compile_scene(scene)
-    assert simulation.method_name == 'dop8'
+    assert simulation.status.method_name == 'dop8'
     position, orientation = pair_face_to_face(scene, scene.geometry.cube_width + 1.28 * LENGTH)
     simulation.set_state(position=position, orientation=orientation)
     start = simulation.snapshot().energy['connectors']

@@ -226,7 +226,7 @@ def test_same_bits_in_pieces_and_threads(monkeypatch):
     for threads, pieces in ((1, 1), (2, 1), (1, 5)):
         monkeypatch.setattr(thread_team, 'core_count', lambda threads=threads: threads)
         simulation = ico.compile_scene(scene)
-        assert simulation.thread_count == threads
+        assert simulation.status.thread_count == threads
         for piece in range(pieces):
             simulation.advance_to(0.01 * (piece + 1) / pieces)
         ends.append(simulation.snapshot())

@@ -66,7 +66,7 @@ def test_every_obstructed_connector_is_found_and_no_other(form):
     assert {0, 1, 2, 3} == set(wanted.tolist())
     # The look at the running state counts the same ends.
     ends = int((wanted & 1).sum() + (wanted >> 1).sum())
-    assert simulation.obstructed_ends == ends
+    assert simulation.status.obstructed_ends == ends
 
 
 # A vertex, a face, a point on an edge beside its middle, two stalks and a point within.
@@ -104,7 +104,7 @@ def test_from_any_points_the_open_segment_meets_the_interior(changes, form):
                 outside += (faces.normals @ points[end]).max() > height * (1.0 + 1e-9)
     assert sure > 60 and outside > 20 and set(wanted.tolist()) >= {0, 1, 2}
     ends = int((wanted & 1).sum() + (wanted >> 1).sum())
-    assert simulation.obstructed_ends == ends
+    assert simulation.status.obstructed_ends == ends
 
 
 def test_a_connector_that_lies_along_its_face_is_not_in_its_shell():
@@ -148,15 +148,15 @@ def test_it_is_said_once(caplog):
     said = [record.message for record in caplog.records if 'enters the shell' in record.message]
     assert len(said) == 1
     assert 'connector 0' in said[0] and 'of body 1' in said[0] and 't = 0.0' in said[0]
-    assert simulation.obstruction in said[0]
+    assert simulation.status.obstruction in said[0]
     # A checkpoint knows that it was said.
     other = turned_pair()
     other.restore(simulation.checkpoint())
     caplog.clear()
     other.advance_to(0.2)
-    assert not caplog.records and other.obstruction == simulation.obstruction
+    assert not caplog.records and other.status.obstruction == simulation.status.obstruction
     simulation.reset_time()
-    assert simulation.obstruction == ''
+    assert simulation.status.obstruction == ''
 
 
 @pytest.mark.parametrize('method', ['leapfrog', 'dop8'])
@@ -170,7 +170,7 @@ def test_stop_ends_the_run(method):
     # Not before: the same motion is free of it until shortly before.
     free = turned_pair(**{'solver.method': method})
     free.advance_to(0.5 * simulation.time)
-    assert not free.snapshot().obstructed.any() and free.obstruction == ''
+    assert not free.snapshot().obstructed.any() and free.status.obstruction == ''
 
 
 @pytest.mark.parametrize('method', ['srkn6', 'dop8'])
@@ -184,7 +184,7 @@ def test_looking_changes_no_bit(method, monkeypatch):
                 property(lambda _: False))
         simulation = ico.compile_scene(scene)
         simulation.advance_to(0.05)
-        assert bool(simulation.obstruction) is not blind
+        assert bool(simulation.status.obstruction) is not blind
         ends.append(simulation.snapshot())
     assert same_state(*ends)
 
@@ -206,6 +206,6 @@ def test_it_is_marked_and_counted():
     simulation.advance_to(0.001)
     _, [status] = decode_diagnostic_array(HealthReport('/icofabric').bytes(runner.status()))
     values = dict(status.values)
-    assert int(values['connector ends in their shells']) == simulation.obstructed_ends > 0
+    assert int(values['connector ends in their shells']) == simulation.status.obstructed_ends > 0
     assert status.level == WARN and 'ends of connectors were in the shells' in status.message
     assert monitor.OBSTRUCTED < monitor.LEDGER_COUNT

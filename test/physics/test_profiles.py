@@ -144,14 +144,14 @@ def test_bits_do_not_depend_on_pieces_threads_or_a_restart(method, short_table):
 def test_received_wrench_replaces_a_profile_for_good():
     scene = one_body({**profile('half_sine', 0.1, 0.4), 'solver.step': 0.01})
     simulation = ico.compile_scene(scene)
-    assert not simulation.active_loads
+    assert not simulation.status.active_loads
     simulation.advance_to(0.05)
     simulation.apply_wrench('tip', 2.0 * FORCE)
     simulation.apply_wrench('tip', time=0.3)
     simulation.advance_to(1.0)
     got = simulation.snapshot().linear_velocity[0] * scene.shell.mass / FORCE
     assert got == pytest.approx(2.0 * 0.25, rel=1e-12)
-    assert not simulation.active_loads
+    assert not simulation.status.active_loads
     # After a reset the profile is counted from then.
     simulation.reset()
     simulation.advance_to(2.0)

@@ -87,7 +87,7 @@ def test_what_bodies_do_in_one_point_is_one_impulse(meet, across, spins):
             linear_velocity=velocity, angular_velocity=spin)
         simulation.advance_to(1.5 * way)
         snapshot = simulation.snapshot()
-        assert simulation.deepest_overlap > 0.0 and snapshot.energy['contact'] == 0.0
+        assert simulation.status.deepest_overlap > 0.0 and snapshot.energy['contact'] == 0.0
         errors.append(max(
             np.abs(snapshot.linear_velocity - expected).max(),
             A * np.abs(snapshot.angular_velocity - expected_spin).max()) / approach)

@@ -72,14 +72,14 @@ def run(scene, moments, length=1.0, time=1.0):
 def test_no_bit_depends_on_the_units(flat, end):
     moments = [0.3 * end, end]
     states, simulation = run(scaled(flat, 1.0, 1.0, 1.0), moments)
-    assert simulation.step_count >= 5
+    assert simulation.status.step_count >= 5
     assert not np.allclose(states[0][0], states[1][0], rtol=0, atol=1e-4)
     if flat['contact.mode'] == 'auto':
-        assert simulation.deepest_overlap > 0.0
+        assert simulation.status.deepest_overlap > 0.0
     for length, time, mass in SCALES:
         others, other = run(scaled(flat, length, time, mass), moments, length, time)
-        assert other.step_count == simulation.step_count
-        assert other.step == time * simulation.step
+        assert other.status.step_count == simulation.status.step_count
+        assert other.status.step == time * simulation.status.step
         assert other.error_estimate == simulation.error_estimate
         for state, same in zip(states, others):
             for values, wanted in zip(same, state):
@@ -96,7 +96,7 @@ def test_where_nothing_sets_a_scale_the_step_is_that_of_the_outputs(method, time
         'bodies.b.linear_velocity': [-0.5, 0.25, 1.0]}, 1.0, time, 1.0)
     whole, pieces = ico.compile_scene(scene), ico.compile_scene(scene)
     # Of a mantissa of 12 bits.
-    assert whole.step == pytest.approx(time / 60.0, rel=1e-3)
+    assert whole.status.step == pytest.approx(time / 60.0, rel=1e-3)
     end = 0.7 * time
     for moment in (0.001, 0.1, 0.6999):
         pieces.advance_to(moment * time)

@@ -254,8 +254,8 @@ def test_step_beyond_the_limit_is_refused_with_the_limit(method):
     with pytest.raises(ValueError, match='stability limit'):
         ico.compile_scene(changed(scene, {'solver.step': 1.001 * limit}))
     simulation = ico.compile_scene(changed(scene, {'solver.step': 0.999 * limit}))
-    assert simulation.step == 0.999 * limit
-    assert simulation.stability_limit == pytest.approx(limit, rel=2e-4)
+    assert simulation.status.step == 0.999 * limit
+    assert simulation.status.stability_limit == pytest.approx(limit, rel=2e-4)
 
 
 def test_a_step_that_no_method_can_take_is_refused_also_where_the_method_is_free():
@@ -265,15 +265,15 @@ def test_a_step_that_no_method_can_take_is_refused_also_where_the_method_is_free
     # One that some method can take makes it the choice.
     rate = exact_rate(scene, scene.position, scene.orientation)
     simulation = ico.compile_scene(changed(scene, {'solver.step': 3.0 / rate}))
-    assert METHODS[simulation.method_name].stability > 3.0
-    assert 'solver.step' in simulation.method_reason
+    assert METHODS[simulation.status.method_name].stability > 3.0
+    assert 'solver.step' in simulation.status.method_reason
 
 
 @pytest.mark.parametrize('share, force, method', [
     (0.8, 100.0, 'leapfrog'), (0.95, 20.0, 'leapfrog'), (0.95, 20.0, 'srkn4'),
     (0.9, 50.0, 'srkn6'), (0.95, 20.0, 'srkn8')])
 def test_fixed_step_that_becomes_unsafe_stops_the_run(share, force, method):
-    limit = ico.compile_scene(pulled((5, 3, 3), 0.0, method)).stability_limit
+    limit = ico.compile_scene(pulled((5, 3, 3), 0.0, method)).status.stability_limit
     scene = pulled((5, 3, 3), force, method, share * limit, **ANY_BALANCE)
     simulation = ico.compile_scene(scene)
     length = np.ptp(simulation.snapshot().position[:, 0])
@@ -301,7 +301,7 @@ def test_fixed_step_that_becomes_unsafe_stops_the_run(share, force, method):
     # A reset is a new start.
     simulation.reset()
     assert np.array_equal(simulation.snapshot().position, scene.initial.position)
-    simulation.advance_to(time + 4 * simulation.step)
+    simulation.advance_to(time + 4 * simulation.status.step)
     assert np.ptp(simulation.snapshot().position[:, 0]) > length
 
 
@@ -321,16 +321,16 @@ def test_no_look_of_a_fixed_step_passes_over_an_unsafe_configuration(seed, metho
         },
     )
     simulation = ico.compile_scene(
-        changed(rest, {'solver.step': share * ico.compile_scene(rest).stability_limit})
+        changed(rest, {'solver.step': share * ico.compile_scene(rest).status.stability_limit})
     )
-    part, worst = simulation.step / METHODS[method].stability, 0.0
+    part, worst = simulation.status.step / METHODS[method].stability, 0.0
     with pytest.raises(ico.SimulationError, match='has become unsafe'):
         for _ in range(2_000):
             simulation.advance_steps(8)
             s = simulation.snapshot()
             worst = max(worst, exact_rate(rest, s.position, s.orientation) * part)
     assert 0.85 < worst < 1.0 + 2e-4
-    assert simulation.step_count >= 40
+    assert simulation.status.step_count >= 40
     s = simulation.snapshot()
     assert exact_rate(rest, s.position, s.orientation) * part > 1.0 - 2e-4
 
@@ -339,15 +339,15 @@ def test_chosen_step_shrinks_as_the_fabric_is_pulled_and_energy_stays_sane():
     # With a tolerance that is never the reason.
     scene = pulled((5, 3, 3), 400.0, 'leapfrog', **{'solver.tolerance': 1e3})
     simulation = ico.compile_scene(scene)
-    start, first = simulation.snapshot(), simulation.step
+    start, first = simulation.snapshot(), simulation.status.step
     shortest, largest = first, 0.0
     for count in range(1, 101):
         simulation.advance_to(0.001 * count)
-        shortest = min(shortest, simulation.step)
+        shortest = min(shortest, simulation.status.step)
         s = simulation.snapshot()
         largest = max(
             largest,
-            exact_rate(scene, s.position, s.orientation) * simulation.step
+            exact_rate(scene, s.position, s.orientation) * simulation.status.step
             if count % 10 == 0
             else 0,
         )
@@ -359,29 +359,29 @@ def test_chosen_step_shrinks_as_the_fabric_is_pulled_and_energy_stays_sane():
     assert 0.05 < largest < 0.5
     assert s.energy['total'] - start.energy['total'] == pytest.approx(work, rel=0.01)
     assert work > 1.0
-    assert simulation.stability_limit > 4.0 * simulation.step
+    assert simulation.status.stability_limit > 4.0 * simulation.status.step
 
 
 def test_step_follows_a_spin_and_a_calm():
     scene = make_scene((2, 2, 2), {'contact.mode': 'never'})
     simulation = ico.compile_scene(scene)
-    calm = simulation.step
+    calm = simulation.status.step
     simulation.set_state(angular_velocity=np.full((4, 3), 2000.0))
-    fast = simulation.step
+    fast = simulation.status.step
     assert fast < 0.3 * calm
     simulation.set_state(angular_velocity=np.zeros((4, 3)))
-    assert simulation.step == pytest.approx(calm, rel=0.3)
+    assert simulation.status.step == pytest.approx(calm, rel=0.3)
 
 
 def test_random_fabric_has_the_limit_of_its_state():
     simulation = ico.compile_scene(make_scene((3, 3, 3), **RANDOM))
-    before = simulation.largest_frequency
+    before = simulation.status.largest_frequency
     simulation.advance_to(0.05)
     s = simulation.snapshot()
     simulation.set_state(position=s.position)  # a jump computes the frequency again
     exact = exact_rate(simulation.scene, s.position, s.orientation)
-    assert simulation.largest_frequency == pytest.approx(exact, rel=2e-4)
-    assert simulation.largest_frequency != before
+    assert simulation.status.largest_frequency == pytest.approx(exact, rel=2e-4)
+    assert simulation.status.largest_frequency != before
 
 
 @pytest.mark.parametrize('seed', range(40))

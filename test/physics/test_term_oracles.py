@@ -248,7 +248,7 @@ def test_anchors_and_moments_with_two_threads_and_from_a_checkpoint(monkeypatch)
     for threads, stop in ((1, 0.0), (2, 0.0), (2, 0.0043)):
         monkeypatch.setattr(thread_team, 'core_count', lambda threads=threads: threads)
         simulation = ico.compile_scene(scene)
-        assert simulation.thread_count == threads
+        assert simulation.status.thread_count == threads
         if stop:
             simulation.advance_to(stop)
             checkpoint, simulation = simulation.checkpoint(), ico.compile_scene(scene)

@@ -87,19 +87,20 @@ def measured(scene, generator, periods):
     """Follow a run at random moments within so many of its first shortest `periods`."""
     scene = changed(scene, {'contact.mode': 'never'})
     run = ico.compile_scene(scene)
-    rate = run.largest_frequency
+    rate = run.status.largest_frequency
     ratios, by_accuracy = [], []
     for time in np.sort(generator.uniform(0.0, periods * 2.0 * np.pi / rate, MOMENTS)):
         # From the end of a step to one: what the main line itself does.
         run.advance_to(max(time, run.time))
         run.advance_steps(1)
-        start, longest = run.snapshot(), min(run.step / 3.0, REFERENCE / run.largest_frequency)
+        start = run.snapshot()
+        longest = min(run.status.step / 3.0, REFERENCE / run.status.largest_frequency)
         # At the time of the run: paths and loads of a scene depend on it.
         reference = ico.compile_scene(changed(scene, {
             'solver.method': 'srkn8' if required_method(scene) is None else 'dop8',
             'solver.step': longest, 'solver.energy_limit': 1e3}))
         reference.take_over(run, keep_motion=True)
-        run.advance_to(start.time + 2.0 * np.pi / run.largest_frequency)
+        run.advance_to(start.time + 2.0 * np.pi / run.status.largest_frequency)
         run.advance_steps(1)
         end = run.snapshot()
         reference.advance_to(end.time)
@@ -109,8 +110,8 @@ def measured(scene, generator, periods):
             / scene.geometry.half_edge,
             rotation_distance(end.orientation, exact.orientation).max())
         ratios.append(error / (end.time - start.time) / scene.parameters['solver.tolerance'])
-        chosen = ico.METHODS[run.method_name].chosen
-        by_accuracy.append(run.step < 0.4 * chosen / run.largest_frequency)
+        chosen = ico.METHODS[run.status.method_name].chosen
+        by_accuracy.append(run.status.step < 0.4 * chosen / run.status.largest_frequency)
     return Measured(np.array(ratios), run, all(by_accuracy))
 
 
@@ -122,7 +123,8 @@ def check(scene, generator, periods, *, passing=0.0):
     ratios, run = result.ratios, result.run
     print(
         f'{scene.body_count} bodies, tolerance {scene.parameters["solver.tolerance"]:.1e}, '
-        f'{run.method_name} at {run.step * run.largest_frequency:.3g}: error / tolerance '
+        f'{run.status.method_name} at {run.status.step * run.status.largest_frequency:.3g}: '
+        'error / tolerance '
         f'{ratios.min():.2e}, {np.median(ratios):.2e}, {ratios.max():.2e}')
     assert np.mean(ratios >= 1.0) <= passing
     assert ratios.max() < (100.0 if passing else 1.0)
@@ -164,7 +166,7 @@ def test_estimate_is_that_of_the_run():
         scene, generator = random_scene(seed)
         result = measured(scene, generator, 60)
         tolerance = scene.parameters['solver.tolerance']
-        assert 0.1 * np.median(result.ratios) < result.run.error_rate / tolerance < 1.0
+        assert 0.1 * np.median(result.ratios) < result.run.status.error_rate / tolerance < 1.0
         assert 0.0 < result.run.error_estimate < tolerance * result.run.time
         assert result.run.error_estimate > 0.02 * np.median(result.ratios) * (
             tolerance * result.run.time)
@@ -180,7 +182,8 @@ def test_tolerance_is_for_each_unit_of_time(scale):
             'initial_random.spin_sigma': 20.0 / scale, 'solver.tolerance': 1e-5 / scale,
             'solver.method': 'srkn6'}))
         simulation.advance_to(0.05 * scale)
-        return simulation.method_name, simulation.step / scale, simulation.step_count
+        status = simulation.status
+        return status.method_name, status.step / scale, status.step_count
 
     assert steps(scale) == steps(1.0)
 
@@ -190,13 +193,13 @@ def test_pieces_give_the_same_bits_where_a_run_goes_back(seed):
     scene = changed(
         random_scene(seed)[0], {'contact.mode': 'never', 'solver.method': 'srkn6'})
     whole, pieces = ico.compile_scene(scene), ico.compile_scene(scene)
-    end = 60.0 * 2.0 * np.pi / whole.largest_frequency
+    end = 60.0 * 2.0 * np.pi / whole.status.largest_frequency
     whole.advance_to(end)
     for time in np.sort(np.random.default_rng(0).uniform(0.0, end, 200)):
         pieces.advance_to(time)
         assert pieces.snapshot().time == time
     pieces.advance_to(end)
     assert np.isfinite(whole._stepper._returned_to)  # it did go back
-    assert whole.step_count == pieces.step_count
+    assert whole.status.step_count == pieces.status.step_count
     for name in STATE:
         assert np.array_equal(getattr(whole.snapshot(), name), getattr(pieces.snapshot(), name))

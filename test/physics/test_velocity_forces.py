@@ -58,7 +58,7 @@ def test_damped_oscillator(part):
         assert s.energy['dissipated'] == pytest.approx(start - s.energy['total'], rel=1e-5)
     assert s.energy['dissipated'] > 0.1 * start
     # An explicit method follows the fast decay of a stiff damper, with steps as short as that.
-    assert simulation.step * abs(roots).max() < 10.0
+    assert simulation.status.step * abs(roots).max() < 10.0
 
 
 def test_drag_decays_and_falls_at_its_own_speed():
@@ -268,7 +268,7 @@ def test_methods_that_cannot_are_refused():
         for part in ('solver.method', word, 'dop8'):
             assert part in str(caught.value)
     simulation = ico.compile_scene(make_scene((2, 2, 2), {'connector.damping': 1.0}))
-    assert simulation.method_name == 'dop8' and 'damped' in simulation.method_reason
+    assert simulation.status.method_name == 'dop8' and 'damped' in simulation.status.method_reason
     with pytest.raises(ParameterError, match='connector.damping'):
         make_scene((2, 2, 2), {'connector.damping': -1.0})
 
@@ -276,8 +276,8 @@ def test_methods_that_cannot_are_refused():
 def test_a_fixed_step_knows_the_limit_of_its_damping():
     # Twenty times critical: the limit follows the decay, not the vibration.
     scene = make_scene((2, 2, 2), {**DAMPED, 'connector.damping': 20.0 * CRITICAL})
-    limit = ico.compile_scene(scene).stability_limit
+    limit = ico.compile_scene(scene).status.stability_limit
     assert limit < 0.1 * ico.compile_scene(make_scene((2, 2, 2), {
-        'solver.method': 'dop8'})).stability_limit
+        'solver.method': 'dop8'})).status.stability_limit
     with pytest.raises(ValueError, match='stability limit'):
         ico.compile_scene(changed(scene, {'solver.step': 1.01 * limit}))

@@ -329,8 +329,8 @@ def test_energy_and_momenta_stay():
         for before, after in zip(momenta(scene, first), momenta(scene, s)):
             change = (after - before).sum(axis=0)
             assert np.abs(change).max() < 1e-10 * np.abs(before).sum()
-    assert around > 10 and simulation.obstruction == ''
-    assert 'another geodesic' in simulation.error_estimate_lacks
+    assert around > 10 and simulation.status.obstruction == ''
+    assert 'another geodesic' in simulation.status.error_estimate_lacks
     free = ico.compile_scene(changed(scene, {'connector.obstruction': 'warn'}))
     free.advance_to(0.06)
     assert np.abs(free.snapshot().position - s.position).max() > 0.01 * scene.geometry.half_edge
@@ -356,7 +356,7 @@ def test_same_bits_in_pieces_threads_and_checkpoints(monkeypatch):
     for threads, pieces in ((1, 1), (2, 1), (1, 5)):
         monkeypatch.setattr(thread_team, 'core_count', lambda threads=threads: threads)
         simulation = ico.compile_scene(scene)
-        assert simulation.thread_count == threads
+        assert simulation.status.thread_count == threads
         for piece in range(pieces):
             simulation.advance_to(0.02 * (piece + 1) / pieces)
             if piece == 2:
@@ -477,11 +477,11 @@ def test_what_finds_no_way_is_said(caplog):
     simulation = ico.compile_scene(scene)
     simulation.set_state(position=position, orientation=orientation)
     snapshot = simulation.snapshot()
-    assert snapshot.lost.tolist() == [3] and simulation.obstructed_ends == 2
+    assert snapshot.lost.tolist() == [3] and simulation.status.obstructed_ends == 2
     assert np.isfinite(snapshot.energy['connectors'])
     with caplog.at_level(logging.WARNING):
         simulation.advance_to(0.001)
-    assert 'finds no way around the shell of body 0' in simulation.obstruction
+    assert 'finds no way around the shell of body 0' in simulation.status.obstruction
     assert sum('finds no way' in record.message for record in caplog.records) == 1
 
 
@@ -498,7 +498,7 @@ def test_what_does_not_go_with_it_is_refused(changes):
 
 def test_auto_takes_a_method_that_sees_the_bends():
     scene = make_scene((2, 2, 2), {**WRAP, 'solver.method': 'auto'})
-    assert ico.compile_scene(scene).method_name == 'dop8'
+    assert ico.compile_scene(scene).status.method_name == 'dop8'
     assert pack_scene(make_scene((2, 2, 2))).model.wrapping is None
     with pytest.raises(ParameterError, match='connector.obstruction wrap: statics and modes need'):
         ico.solve_equilibrium(scene)

@@ -185,7 +185,7 @@ def test_unstable_run_ends_with_status_one(tmp_path):
     A step that becomes unsafe as the slab stretches: time, bodies and the new limit are named.
     """
     limit = ico.compile_scene(ico.Scene.from_parameters({'weave': {'size': [3, 3, 3]}}))
-    step = np.nextafter(limit.stability_limit, 0.0)
+    step = np.nextafter(limit.status.stability_limit, 0.0)
     parameters = {'weave.size': '[3, 3, 3]', 'solver.step': repr(float(step)), 'duration': 5.0,
                   'initial_random.velocity_sigma': 3.0, 'contact.mode': 'never',
                   'real_time_factor': 0.0, 'record.path': tmp_path / 'bag'}

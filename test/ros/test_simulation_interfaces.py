@@ -245,7 +245,7 @@ def test_reset_of_time_alone_is_refused(simulator, runner, scope):
 def test_steps(simulator, runner):
     assert simulator.result('StepSimulation', steps=7) == (OK, '')
     assert runner.now == pytest.approx(7 * STEP * 1e9, abs=1.0)
-    assert runner.simulation.step_count >= 7
+    assert runner.simulation.status.step_count >= 7
     assert simulator.result('StepSimulation', steps=0)[0] == FAILED
 
 

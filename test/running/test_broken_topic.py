@@ -43,7 +43,7 @@ def played():
     runner = Runner(ico.compile_scene(torn()), [sink])
     monitor = RunMonitor(runner.simulation)
     runner.run(until_finished=True)
-    assert not runner.failure and runner.simulation.broken_count == 40
+    assert not runner.failure and runner.simulation.status.broken_count == 40
     return runner, sink, monitor
 
 
@@ -94,7 +94,7 @@ def test_a_reset_tells_that_all_are_whole():
     sink = ListSink(BROKEN)
     simulation = ico.compile_scene(torn(duration=0.0))
     simulation.advance_to(0.003)
-    count = simulation.broken_count
+    count = simulation.status.broken_count
     runner = Runner(simulation, [sink])
     done = runner.reset()
     done.add_done_callback(lambda _: runner.stop())

@@ -31,7 +31,7 @@ def make_run(method='srkn4'):
     run.apply_wrench('tip', (0.1, 0.2, 0.3))
     run.apply_body_wrench(1, (0.1, 0.2, 0.3), time=run.time + 1.0)
     run.advance_steps(2)
-    run.advance_to(run.time + 0.4 * run.step)
+    run.advance_to(run.time + 0.4 * run.status.step)
     return run
 
 
@@ -263,7 +263,7 @@ def test_hostile_memory_is_refused_or_runs_and_ends(method):
             victim.advance_steps(1)
             if taken % 3 == 0:
                 raise Interrupted  # before the next look, which finds what is not finite
-            victim.advance_to(victim.time + 5 * min(victim.step, 1.0))
+            victim.advance_to(victim.time + 5 * min(victim.status.step, 1.0))
             victim.advance_steps(2)
         except (Interrupted, ico.SimulationError, ValueError, OverflowError):
             pass
@@ -275,7 +275,7 @@ def test_hostile_memory_is_refused_or_runs_and_ends(method):
         assert victim.checkpoint().to_bytes() == expected
         victim.restore(good)
 
-    victim.advance_to(end := victim.time + 3.3 * victim.step)
+    victim.advance_to(end := victim.time + 3.3 * victim.status.step)
     expected = victim.checkpoint().to_bytes()
     victim.restore(good)
     text, arrays = taken_apart(untouched)

@@ -43,14 +43,15 @@ def test_figures_are_those_of_the_simulation():
     nanoseconds, [message] = decode_diagnostic_array(sink.of(DIAGNOSTICS)[-1][1])
     assert nanoseconds == runner.now and message.name == '/lab/fabric'
     # Floppy as it is, some of its connectors end in shells.
-    assert simulation.obstructed_ends > 0
+    assert simulation.status.obstructed_ends > 0
     assert message.level == WARN and message.message == (
-        f'{simulation.obstructed_ends} ends of connectors were in the shells they are attached '
-        'to at the last health check')
+        f'{simulation.status.obstructed_ends} ends of connectors were in the shells they are '
+        'attached to at the last health check')
     values = message.values
-    assert values['method'] == simulation.method_name
+    assert values['method'] == simulation.status.method_name
     assert float(values['tolerance']) == 1e-6
-    assert float(values['error per second']) == pytest.approx(simulation.error_rate, rel=5e-3)
+    assert float(values['error per second']) == pytest.approx(
+        simulation.status.error_rate, rel=5e-3)
     assert float(values['error estimate']) == pytest.approx(simulation.error_estimate, rel=5e-3)
     assert float(values['error estimate']) > 0.0
     balance = simulation.balance
@@ -59,7 +60,7 @@ def test_figures_are_those_of_the_simulation():
     assert float(values['largest energy balance error']) == pytest.approx(
         balance.worst, rel=5e-3)
     assert float(values['stability margin']) > 1.0
-    assert int(values['steps']) == simulation.step_count > 0
+    assert int(values['steps']) == simulation.status.step_count > 0
 
 
 def test_errors_of_a_given_step_are_said_too():

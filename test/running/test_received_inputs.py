@@ -82,8 +82,8 @@ def test_what_waits_is_in_no_checkpoint_and_stays_when_a_state_cannot_be_set():
         while runner.now < 2_000_000:
             runner.take_steps().result(60.0)
     assert [time for _, time, _ in sink.messages] == [1_000_000, 2_000_000]
-    assert runner.simulation.active_loads['tip'].force.tolist() == FORCE.tolist()
+    assert runner.simulation.status.active_loads['tip'].force.tolist() == FORCE.tolist()
     again = ico.compile_scene(runner.simulation.scene)
     again.restore(checkpoint)
     again.advance_to(0.003)
-    assert not again.active_loads
+    assert not again.status.active_loads

@@ -62,11 +62,11 @@ def test_run_is_described_for_a_repetition(simulation, tmp_path):
     (tmp_path / 'scene.yaml').write_text(described['scene'])
     assert dict(ico.load_scene(tmp_path / 'scene.yaml').parameters) == dict(
         simulation.scene.parameters)
-    assert float(described['step']) == simulation.step
-    assert described['method'] == simulation.method_name in ico.METHODS
-    assert described['method_reason'] == simulation.method_reason
+    assert float(described['step']) == simulation.status.step
+    assert described['method'] == simulation.status.method_name in ico.METHODS
+    assert described['method_reason'] == simulation.status.method_reason
     assert float(described['tolerance']) == 1e-6
-    assert described['threads'] == str(simulation.thread_count)
+    assert described['threads'] == str(simulation.status.thread_count)
     assert described['version'] == ico.__version__
     assert described['processor'] == host_processor() != ''
     libraries = json.loads(described['libraries'])
@@ -102,7 +102,7 @@ def test_what_the_run_achieved_is_said_at_its_end(step):
     said = summarise_run(runner.status())
     assert all(type(value) is str for value in said.values())
     assert 0.0 < float(said['balance_worst']) == simulation.balance.worst < 1e-3
-    assert float(said['error_rate']) == simulation.error_rate > 0.0
+    assert float(said['error_rate']) == simulation.status.error_rate > 0.0
     assert float(said['error_estimate']) == simulation.error_estimate > 0.0
 
 

@@ -55,7 +55,7 @@ def test_result_is_a_simulation_of_the_wanted_scene():
     [(parameters, simulation, reason)] = runner.results
     assert parameters is wanted and reason == ''
     assert simulation.scene.parameters is wanted
-    assert simulation.time == 0.0 and simulation.step_count == 0
+    assert simulation.time == 0.0 and simulation.status.step_count == 0
 
 
 def test_failure_is_a_reason():

@@ -32,10 +32,10 @@ def moving():
 def test_reset_goes_back_to_the_initial_state_and_forgets_what_was_received(moving):
     later = TIME + 5_000_000
     do_event(moving, later, 'reset', {'time_reset': False, 'dropped': 0})
-    assert moving.time == later / 1e9 and not moving.active_loads
+    assert moving.time == later / 1e9 and not moving.status.active_loads
     assert (moving.snapshot().position == moving.scene.initial.position).all()
     do_event(moving, later, 'reset', {'time_reset': True})
-    assert moving.time == 0.0 and moving.step_count == 0
+    assert moving.time == 0.0 and moving.status.step_count == 0
 
 
 def test_a_body_that_is_put_elsewhere_is_the_only_one_that_moves(moving):
@@ -55,7 +55,7 @@ def test_a_body_that_is_put_elsewhere_is_the_only_one_that_moves(moving):
 def test_failure_is_met_again_on_the_way_to_its_target():
     scene = make_scene(
         (3, 3, 3), initial_random={'velocity_sigma': 3.0}, solver={'method': 'srkn6'})
-    limit = ico.compile_scene(scene).stability_limit
+    limit = ico.compile_scene(scene).status.stability_limit
     failing = ico.compile_scene(
         changed(scene, {'solver.step': float(np.nextafter(limit, 0.0))}))
     with pytest.raises(ico.SimulationError, match='solver.step'):
@@ -68,7 +68,7 @@ def test_failure_is_met_again_on_the_way_to_its_target():
 def test_other_events_do_not_touch_the_motion(moving, name):
     before = moving.snapshot()
     do_event(moving, TIME, name, {})
-    assert moving.snapshot() is before and moving.active_loads
+    assert moving.snapshot() is before and moving.status.active_loads
 
 
 @pytest.mark.parametrize(('changes', 'restarts'), [
@@ -78,7 +78,7 @@ def test_the_changed_fabric_takes_over_as_its_parameters_say(moving, changes, re
     built, later = ico.compile_scene(scene), TIME + 1_000_000
     assert replace_simulation(
         moving, built, later, moving.scene.parameters, scene.parameters) == restarts
-    assert built.time == later / 1e9 and built.active_loads.keys() == {'tip'}
+    assert built.time == later / 1e9 and built.status.active_loads.keys() == {'tip'}
     moved = abs(built.snapshot().position - before.position).max()
     begun = abs(built.snapshot().position - scene.initial.position).max()
     assert (begun < moved) == restarts

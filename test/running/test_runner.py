@@ -127,7 +127,7 @@ def test_inputs_of_one_time_act_in_the_order_in_which_they_came():
     push(runner, stamp=9_000_000)
     run(runner)
     assert [time for _, time, _ in sink.messages] == [9_000_000, *[10_000_000] * 3]
-    assert runner.simulation.active_loads['tip'].force.tolist() == (2.0 * FORCE).tolist()
+    assert runner.simulation.status.active_loads['tip'].force.tolist() == (2.0 * FORCE).tolist()
 
 
 def test_input_beyond_the_horizon_acts_at_once_with_one_warning(caplog):
@@ -166,5 +166,5 @@ def test_report_comes_at_once_and_at_the_end():
     runner = run(Runner(simulation, [sink], report=report))
     assert [time for time, _ in sink.of(DIAGNOSTICS)] == [0, runner.now]
     assert statuses[-1].finished and not statuses[0].finished
-    assert statuses[-1].step_count == simulation.step_count > 0
+    assert statuses[-1].step_count == simulation.status.step_count > 0
     assert statuses[-1].body_count == simulation.scene.body_count

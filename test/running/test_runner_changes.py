@@ -22,7 +22,7 @@ def test_pause_and_steps():
     runner = make_runner(sink, start_paused=True, solver__step=0.001, step_count=3, duration=0.0)
     with Beside(runner):
         assert runner.take_steps().result(60.0) == 3_000_000
-        assert runner.simulation.step_count == 3
+        assert runner.simulation.status.step_count == 3
         # An input within the steps ends one of them there.
         push(runner, stamp=4_500_000)
         assert runner.take_steps().result(60.0) == 5_500_000
@@ -67,7 +67,7 @@ def test_reset_keeps_the_time_unless_told():
     push(runner, stamp=10**9)
     runner._do_commands()
     assert runner.now == 100_000_000 and sink.jumps == []
-    assert runner.simulation.active_loads == {}
+    assert runner.simulation.status.active_loads == {}
     pose = decode_pose_array(sink.of(POSES)[-1][1])
     assert pose.nanoseconds == 100_000_000
     assert (pose.values[:, :3] == runner.simulation.scene.position).all()
@@ -97,7 +97,7 @@ UNSTABLE = {
 
 def unstable_runner(sink):
     scene = make_runner(**UNSTABLE).simulation
-    step = float(np.nextafter(scene.stability_limit, 0.0))
+    step = float(np.nextafter(scene.status.stability_limit, 0.0))
     return make_runner(sink, solver__step=step, duration=1.0, **UNSTABLE)
 
 
@@ -152,7 +152,7 @@ def test_changes_of_the_scene():
         assert told == [(wanted, '')] and runner.simulation is not before
         assert runner.parameters is wanted
         assert (runner.simulation.snapshot().position == before.snapshot().position).all()
-        assert set(runner.simulation.active_loads) == {'tip', 0}
+        assert set(runner.simulation.status.active_loads) == {'tip', 0}
         assert runner.now == 20_000_000 and runner.simulation.time == 0.02
         wanted = change_and_wait(beside, runner, told, weave__size=[3, 3, 3])
         assert runner.simulation.scene.body_count > before.scene.body_count

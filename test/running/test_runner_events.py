@@ -88,7 +88,7 @@ def test_failure_is_told_with_what_the_run_was_on_its_way_to():
     settings = {
         'weave__size': [3, 3, 3], 'initial_random__velocity_sigma': 3.0,
         'solver__method': 'srkn6'}
-    step = np.nextafter(make_runner(**settings).simulation.stability_limit, 0.0)
+    step = np.nextafter(make_runner(**settings).simulation.status.stability_limit, 0.0)
     runner = run(make_runner(
         sink := ListSink(EVENTS), solver__step=float(step), duration=1.0, **settings))
     [(time, facts)] = events(sink, 'failed')
@@ -111,9 +111,9 @@ def test_wrenches_survive_a_change_where_they_have_a_place(caplog):
         for key in (1, last):
             push(runner, key=key, stamp=runner.now + 10**6)
         assert change(beside, runner, weave__size=[2, 2, 1]) == ''
-        assert set(runner.simulation.active_loads) == {'tip', 0}
+        assert set(runner.simulation.status.active_loads) == {'tip', 0}
         runner.take_steps().result(60.0)
-        assert set(runner.simulation.active_loads) == {'tip', 0, 1}
+        assert set(runner.simulation.status.active_loads) == {'tip', 0, 1}
     [(_, facts)] = events(sink, 'reweave')
     assert facts['restarts'] and facts['lost'] == [f'body {last}'] and facts['dropped'] == 1
     texts = [record.getMessage() for record in caplog.records]
@@ -133,7 +133,7 @@ def test_wrench_on_a_channel_that_is_deleted_ends_by_name(caplog):
                  if not name.startswith('loads.')}
         runner.change(ico.Scene.from_parameters(given).parameters)
         beside.wait_for(lambda: told)
-        assert set(runner.simulation.active_loads) == {2}
+        assert set(runner.simulation.status.active_loads) == {2}
     [(_, facts)] = events(sink, 'reweave')
     assert facts['lost'] == ['loads.tip'] and not facts['restarts']
 
@@ -144,9 +144,9 @@ def test_hold_time_runs_on_through_a_change():
         push(runner)
         runner.take_steps().result(60.0)
         change(beside, runner, weave__size=[3, 2, 2])
-        assert 'tip' in runner.simulation.active_loads
+        assert 'tip' in runner.simulation.status.active_loads
         runner.take_steps().result(60.0)
-        assert not runner.simulation.active_loads
+        assert not runner.simulation.status.active_loads
 
 
 def test_change_there_and_back_does_not_touch_the_motion(monkeypatch):
@@ -208,7 +208,7 @@ def test_of_several_senders_the_last_wrench_rules_alone():
         push(runner, stamp=3_000_000, force=4.0 * FORCE)
         runner.take_steps().result(60.0)
     assert [time for _, time, _ in sink.messages] == [0, 0, 0, 3_000_000, 4_000_000]
-    assert runner.simulation.active_loads['tip'].force.tolist() == (3.0 * FORCE).tolist()
+    assert runner.simulation.status.active_loads['tip'].force.tolist() == (3.0 * FORCE).tolist()
 
 
 def test_wrench_of_a_sender_that_is_gone_stays_or_ends_with_its_hold_time():
@@ -217,7 +217,7 @@ def test_wrench_of_a_sender_that_is_gone_stays_or_ends_with_its_hold_time():
         with Beside(runner):
             push(runner)
             runner.take_steps().result(60.0)
-        assert bool(runner.simulation.active_loads) == acts
+        assert bool(runner.simulation.status.active_loads) == acts
 
 
 def test_queue_of_those_that_wait_is_bounded(monkeypatch, caplog):

@@ -111,7 +111,7 @@ def failing_runner(**changes):
     settings = {
         'weave__size': [3, 3, 3], 'initial_random__velocity_sigma': 3.0,
         'solver__method': 'srkn6', **changes}
-    step = np.nextafter(make_runner(**settings).simulation.stability_limit, 0.0)
+    step = np.nextafter(make_runner(**settings).simulation.status.stability_limit, 0.0)
     return make_runner(ListSink(POSES), solver__step=float(step), **settings)
 
 
@@ -134,13 +134,13 @@ def test_stop_is_heard_within_a_long_advance():
     runner = make_runner(ListSink(), duration=0.0, solver__step=1e-6)
     runner._pace.chunk = lambda *arguments: 2 * 10**10
     with Beside(runner) as beside:
-        beside.wait_for(lambda: runner.simulation.step_count > 100)
+        beside.wait_for(lambda: runner.simulation.status.step_count > 100)
     assert 0 < runner.now < 2 * 10**10
     simulation = runner.simulation
     assert 0.0 <= seconds(runner.now) - simulation.time < 2e-9
-    count = simulation.step_count
+    count = simulation.status.step_count
     simulation.advance_steps(50)
-    assert simulation.step_count == count + 50
+    assert simulation.status.step_count == count + 50
 
 
 def test_endless_commands_do_not_stop_the_time():
@@ -173,7 +173,7 @@ def test_many_steps_leave_room_for_requests(ending, caplog):
     with Beside(runner) as beside:
         future = runner.take_steps()
         beside.wait_for(lambda: runner.now > 0)
-        assert 0 < runner.post(lambda: runner.simulation.step_count).result(60.0) < 10**6
+        assert 0 < runner.post(lambda: runner.simulation.status.step_count).result(60.0) < 10**6
         assert not future.done()
         act(runner)
         error = future.exception(60.0)
@@ -189,7 +189,7 @@ def test_requests_for_steps_follow_each_other():
         futures = [runner.take_steps(), runner.take_steps()]
         times = [future.result(60.0) for future in futures]
     assert times == pytest.approx([10**7, 2 * 10**7], abs=2)
-    assert runner.simulation.step_count == 2000
+    assert runner.simulation.status.step_count == 2000
 
 
 def test_steps_are_refused_while_time_runs():
@@ -205,7 +205,7 @@ def test_input_at_the_end_of_a_step_costs_none():
         push(runner, stamp=1_000_000)
         push(runner, stamp=2_000_000)
         assert runner.take_steps().result(60.0) == 3_000_000
-    assert runner.simulation.step_count == 3
+    assert runner.simulation.status.step_count == 3
     assert [now for _, now, _ in sink.messages] == [1_000_000, 2_000_000]
 
 

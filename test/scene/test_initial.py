@@ -148,7 +148,7 @@ def test_loose_bodies_come_after_the_weave_in_the_order_of_their_names():
     assert scene.initial.angular_velocity[5].tolist() == [0.0, 0.0, 5.0]
     assert scene.connectors.bodies.max() == 3
     simulation = ico.compile_scene(scene)
-    assert simulation.method_name == 'dop8'  # for the speed of a loose body
+    assert simulation.status.method_name == 'dop8'  # for the speed of a loose body
     simulation.advance_to(0.1)
     s = simulation.snapshot()
     np.testing.assert_allclose(

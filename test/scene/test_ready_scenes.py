@@ -47,8 +47,8 @@ def test_scene_moves_and_keeps_its_energy(name):
     assert drift < 1e-5 * largest
     assert simulation.balance.worst < 1e-5
     assert farthest > MOTION.get(name, 0.01)
-    assert simulation.proximity is None
-    assert (simulation.deepest_overlap > 0.0) == (name in TOUCHING)
+    assert simulation.status.proximity is None
+    assert (simulation.status.deepest_overlap > 0.0) == (name in TOUCHING)
     assert np.isfinite(snapshot.position).all()
 
 
@@ -58,10 +58,10 @@ def test_scene_moves_and_keeps_its_energy(name):
 def test_auto_and_always_give_the_same_bits(name):
     scene = ico.load_scene(SCENES[name])
     chosen = ico.compile_scene(scene)
-    solver = {'solver.method': chosen.method_name}
-    if not ico.METHODS[chosen.method_name].adaptive:
+    solver = {'solver.method': chosen.status.method_name}
+    if not ico.METHODS[chosen.status.method_name].adaptive:
         # Where contact is computed accuracy is measured with it, and steps may be others.
-        solver['solver.step'] = chosen.step
+        solver['solver.step'] = chosen.status.step
     auto, always = (
         ico.compile_scene(changed(scene, {**solver, 'contact.mode': mode}))
         for mode in ('auto', 'always'))
@@ -70,13 +70,13 @@ def test_auto_and_always_give_the_same_bits(name):
             simulation.advance_to(time)
         one, other = auto.snapshot(), always.snapshot()
         assert same_state(one, other) and one.energy == other.energy
-        assert auto.step_count == always.step_count
-        assert auto.deepest_overlap == always.deepest_overlap
-        assert auto.broken_count == always.broken_count
+        assert auto.status.step_count == always.status.step_count
+        assert auto.status.deepest_overlap == always.status.deepest_overlap
+        assert auto.status.broken_count == always.status.broken_count
     moved = np.abs(one.position - scene.position).max()
     assert moved > 0.01 * scene.shell.half_edge
     # Beyond it, what `always` was there for: contacts, where the scene has any by then.
-    assert (auto.deepest_overlap > 0.0) == (name in TOUCHING)
+    assert (auto.status.deepest_overlap > 0.0) == (name in TOUCHING)
 
 
 @pytest.mark.parametrize('name', SCENES)

@@ -57,8 +57,8 @@ def assert_same(one, other):
     assert a.energy == b.energy
     for name in ('step', 'step_count', 'next_step_time', 'balance', 'proximity', 'error_rate',
                  'error_estimate', 'largest_frequency', 'waiting_loads'):
-        assert getattr(one, name) == getattr(other, name), name
-    assert one.active_loads.keys() == other.active_loads.keys()
+        assert getattr(one.status, name) == getattr(other.status, name), name
+    assert one.status.active_loads.keys() == other.status.active_loads.keys()
     assert one.checkpoint().difference(other.checkpoint()) == ''
 
 
@@ -146,7 +146,7 @@ def test_random_runs_with_everything_that_can_be_done_to_them(seed):
         run.advance_to(end + 0.01)
     for run in runs[1:]:
         assert_same(one, run)
-    assert one.step_count > 10
+    assert one.status.step_count > 10
 
 
 def test_what_is_remembered_covers_every_kind():
@@ -239,7 +239,7 @@ def test_with_another_number_of_threads(method, monkeypatch):
     single.advance_to(0.0043)
     for threads in (2, 3):
         other = restored(single.checkpoint(), changed(scene, {'solver.threads': threads}))
-        assert (single.thread_count, other.thread_count) == (1, threads)
+        assert (single.status.thread_count, other.status.thread_count) == (1, threads)
         single.advance_to(single.time + 0.003)
         other.advance_to(single.time)
         assert_same(single, other)
@@ -286,13 +286,13 @@ def test_right_after_something_was_done_to_the_run(deed, method):
     for each in (run, again):
         each.advance_to(end)
     assert_same(run, again)
-    assert run.step_count > 10 and 'steady' in run.active_loads
+    assert run.status.step_count > 10 and 'steady' in run.status.active_loads
 
 
 def test_failed_run_stays_failed_until_it_is_given_another_state():
     rough = {'solver.method': 'leapfrog', 'solver.energy_limit': 1e3,
              'initial_random.velocity_sigma': 8.0}
-    limit = ico.compile_scene(make_scene(**RANDOM)).largest_frequency
+    limit = ico.compile_scene(make_scene(**RANDOM)).status.largest_frequency
     scene = make_scene(changes={**rough, 'solver.step': 1.8 / limit}, **RANDOM)
     run = ico.compile_scene(scene)
     with pytest.raises(ico.SimulationError) as caught:
@@ -304,7 +304,7 @@ def test_failed_run_stays_failed_until_it_is_given_another_state():
             each.advance_to(10.0)
         assert str(once_more.value) == str(caught.value)
         each.reset()
-        each.advance_to(each.time + 3 * each.step)
+        each.advance_to(each.time + 3 * each.status.step)
     assert_same(run, again)
 
 
@@ -334,12 +334,12 @@ def test_a_question_about_the_error_leaves_no_trace():
     asked, quiet = ico.compile_scene(scene), ico.compile_scene(scene)
     for each in (asked, quiet):
         each.advance_to(0.0123)
-    assert asked.error_rate > 0.0
+    assert asked.status.error_rate > 0.0
     assert asked.checkpoint().to_bytes() == quiet.checkpoint().to_bytes()
     # And it is evaluated again where the state has changed since.
-    rate = asked.error_rate
+    rate = asked.status.error_rate
     asked.set_state(linear_velocity=20.0 * asked.snapshot().linear_velocity)
-    assert asked.error_rate != rate
+    assert asked.status.error_rate != rate
 
 
 def test_goes_on_where_proximity_was_told_without_telling_it_again(caplog):
@@ -351,15 +351,15 @@ def test_goes_on_where_proximity_was_told_without_telling_it_again(caplog):
     before = run.checkpoint()
     with caplog.at_level(logging.WARNING):
         run.advance_to(0.2)
-        assert run.proximity is not None and len(warnings_said(caplog)) == 1
+        assert run.status.proximity is not None and len(warnings_said(caplog)) == 1
         after = ico.compile_scene(scene)
         after.restore(run.checkpoint())
         after.advance_to(0.3)
-        assert after.proximity == run.proximity and len(warnings_said(caplog)) == 1
+        assert after.status.proximity == run.status.proximity and len(warnings_said(caplog)) == 1
         after.restore(before)
-        assert after.proximity is None
+        assert after.status.proximity is None
         after.advance_to(0.2)
-    assert after.proximity == run.proximity and len(warnings_said(caplog)) == 2
+    assert after.status.proximity == run.status.proximity and len(warnings_said(caplog)) == 2
     assert_same(run, after)
 
 
@@ -401,8 +401,8 @@ def test_on_another_processor_the_motion_is_the_same_and_bits_are_not_promised(m
     plain = ico.compile_scene(make_scene(
         (2, 2, 1), {'solver.method': method, 'solver.tolerance': 1e-3}, **RANDOM))
     plain.advance_steps(7)
-    end = plain.next_step_time + 0.3 * plain.step
-    plain.advance_to(plain.time + 0.4 * plain.step)
+    end = plain.status.next_step_time + 0.3 * plain.status.step
+    plain.advance_to(plain.time + 0.4 * plain.status.step)
     checkpoint = plain.checkpoint()
     assert method == 'dop8' or 'stepper.window' in checkpoint.arrays
     checkpoint.save(tmp_path / 'saved')
@@ -461,7 +461,8 @@ def test_other_versions_forms_and_shells_are_refused():
         run.restore(checkpoint)
     checkpoint = run.checkpoint()
     checkpoint.header['method'] = 'srkn8'
-    with pytest.raises(ValueError, match=f"method is 'srkn8' in it and '{run.method_name}' here"):
+    own = run.status.method_name
+    with pytest.raises(ValueError, match=f"method is 'srkn8' in it and '{own}' here"):
         run.restore(checkpoint)
     shell = ico.Shell.from_thickness(0.02, 0.002, 1300.0)
     heavier = ico.compile_scene(ico.Scene.from_parameters(scene.parameters, shell=shell))

@@ -40,7 +40,7 @@ def test_impulse_is_force_times_time_whatever_the_step(step, times):
     way = projectile(np.zeros(3), 0.0, FORCE / scene.shell.mass, duration)
     way = way + FORCE * duration / scene.shell.mass * (1.0 - end)
     np.testing.assert_allclose(s.position[0] - scene.position[0], way, rtol=1e-11)
-    assert simulation.active_loads == {}
+    assert simulation.status.active_loads == {}
 
 
 def test_wrench_applied_now_acts_from_now():
@@ -48,7 +48,7 @@ def test_wrench_applied_now_acts_from_now():
     simulation = ico.compile_scene(scene)
     simulation.advance_to(0.1234)
     assert simulation.apply_wrench('tip', FORCE) == 0.1234
-    assert np.array_equal(simulation.active_loads['tip'].force, FORCE)
+    assert np.array_equal(simulation.status.active_loads['tip'].force, FORCE)
     simulation.advance_to(0.2)
     assert simulation.snapshot().linear_velocity[0] == pytest.approx(
         FORCE * 0.0766 / scene.shell.mass, rel=1e-12
@@ -63,7 +63,7 @@ def test_hold_time_ends_a_wrench(hold):
     simulation.advance_to(1.0)
     expected = FORCE * hold / scene.shell.mass
     assert simulation.snapshot().linear_velocity[0] == pytest.approx(expected, rel=1e-12)
-    assert not simulation.active_loads
+    assert not simulation.status.active_loads
 
 
 def test_a_new_wrench_starts_a_new_hold_time():
@@ -233,7 +233,7 @@ def test_wrench_on_one_body_acts_on_its_own_axes_and_adds_to_its_channels():
         s.angular_velocity[0], np.array([0.0, 0.0, 1e-3]) * 5e-4 / scene.shell.inertia, rtol=1e-12
     )
     assert not s.linear_velocity[[0, 1, 3]].any()
-    assert set(simulation.active_loads) == {0, 2, 'tip'}
+    assert set(simulation.status.active_loads) == {0, 2, 'tip'}
     simulation.apply_body_wrench(2)
     simulation.advance_to(2e-3)
     assert simulation.snapshot().linear_velocity[2, 1] == s.linear_velocity[2, 1]
@@ -263,7 +263,7 @@ def test_refused_wrenches_change_nothing():
     for each in (simulation, untouched):
         each.advance_to(0.02)
     assert same_state(simulation.snapshot(), untouched.snapshot())
-    assert not simulation.active_loads
+    assert not simulation.status.active_loads
 
 
 def test_inputs_go_over_to_a_changed_scene():
@@ -295,7 +295,7 @@ def test_cleared_load_stays_cleared_in_a_changed_scene():
     scene = loaded_fabric({'loads.tip.force': [1.0, 0.0, 0.0]})
     simulation = ico.compile_scene(scene)
     simulation.apply_wrench('tip')
-    assert not simulation.active_loads
+    assert not simulation.status.active_loads
     again = Inputs(changed(scene, {'gravity': [0.0, 0.0, -1.0]}))
     again.adopt(simulation.inputs, 0.0, anew=False)
     assert not again.active
@@ -307,12 +307,13 @@ def test_message_acts_as_an_input_that_was_given_ahead():
     """The same bits; it is reported before it acts, and not part of the state until then."""
     times, heard = (0.003, 0.0071, 0.003), []
     ahead, told = ico.compile_scene(loaded_fabric()), ico.compile_scene(loaded_fabric())
-    told.inputs.on_message = lambda message: heard.append((message, dict(told.active_loads)))
+    told.inputs.on_message = lambda message: heard.append(
+        (message, dict(told.status.active_loads)))
     for number, time in enumerate(times):
         force = (1.0 + number) * FORCE
         ahead.apply_wrench('tip', force, TORQUE, time=time)
         told.inputs.queue.put(time, ChannelTarget('tip'), Wrench(force, TORQUE), number)
-    assert (ahead.waiting_loads, told.waiting_loads) == (3, 0)
+    assert (ahead.status.waiting_loads, told.status.waiting_loads) == (3, 0)
     assert told.inputs.queue.message_count == 3
     for simulation in (ahead, told):
         simulation.advance_to(0.01)
@@ -337,8 +338,8 @@ def test_queue_keeps_messages_when_a_checkpoint_is_restored():
     lost = queue.drop_messages(lambda target: target == tip)
     assert [event.time for event in lost] == [0.004, 0.005] and queue.message_count == 1
     simulation.advance_to(0.01)
-    assert set(simulation.active_loads) == {'tip', 1}
-    assert np.array_equal(simulation.active_loads['tip'].force, FORCE)
+    assert set(simulation.status.active_loads) == {'tip', 1}
+    assert np.array_equal(simulation.status.active_loads['tip'].force, FORCE)
 
 
 def test_holds_end_before_inputs_of_the_same_time_begin():

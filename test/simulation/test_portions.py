@@ -29,7 +29,7 @@ def run(monkeypatch, changes, count):
     values = np.concatenate([
         part.ravel() for part in (snapshot.position, snapshot.orientation,
                                   snapshot.linear_velocity, snapshot.angular_velocity)])
-    return values.tobytes(), simulation.step_count, simulation.error_estimate, len(calls)
+    return values.tobytes(), simulation.status.step_count, simulation.error_estimate, len(calls)
 
 
 def fixed(count):

@@ -79,25 +79,25 @@ def test_pieces_snapshots_and_random_output_times_give_the_same_bits():
     ):
         other, seen = run([*np.sort(pieces), 0.1], True)
         assert same_state(whole.snapshot(), other.snapshot())
-        assert other.step == whole.step
-        assert other.step_count == whole.step_count
+        assert other.status.step == whole.status.step
+        assert other.status.step_count == whole.status.step_count
         # What a snapshot says does not depend on what was asked before it.
         middle = seen[len(seen) // 2]
         alone, _ = run([middle.time], False)
         assert same_state(alone.snapshot(), middle)
-    assert whole.step_count > 100
+    assert whole.status.step_count > 100
     assert np.abs(whole.snapshot().position - whole.scene.initial.position).max() > 0.05
 
 
 def test_snapshot_of_a_time_within_a_step_is_on_the_way():
     simulation = ico.compile_scene(loaded_fabric({'solver.step': 2e-4}))
     simulation.advance_to(1e-3)
-    steps = simulation.step_count
+    steps = simulation.status.step_count
     places = []
     for time in np.linspace(1e-3, 1.4e-3, 9):
         simulation.advance_to(time)
         places.append(simulation.snapshot().position[0])
-    assert simulation.step_count <= steps + 2
+    assert simulation.status.step_count <= steps + 2
     ways = np.diff(places, axis=0)
     # Evenly along a smooth path, none of them stuck at a step end.
     lengths = np.linalg.norm(ways, axis=1)

@@ -93,7 +93,7 @@ def test_advance_to_refuses_times_that_make_no_sense(time):
 def test_steps_one_by_one_are_the_steps_of_advance_to(form):
     one, other = (ico.compile_scene(START, rotation=form) for _ in range(2))
     one.advance_steps(100)
-    assert one.step_count == 100
+    assert one.status.step_count == 100
     assert one.time == 100 * 2e-4
     other.advance_to(one.time)
     assert same_state(one.snapshot(), other.snapshot())
@@ -203,7 +203,7 @@ def test_quaternions_have_unit_length_however_loose_the_tolerance(form):
         seen.advance_to(5e-4 * k)
         length = np.linalg.norm(seen.snapshot().orientation, axis=1)
         assert np.abs(length - 1.0).max() <= 4e-16
-    assert seen.step_count < 10
+    assert seen.status.step_count < 10
     unseen.advance_to(seen.time)
     assert same_state(seen.snapshot(), unseen.snapshot())
     # What is shown is a state from which a run can go on as it is.
@@ -258,7 +258,7 @@ def test_state_that_is_no_longer_finite_stops_the_run():
 @pytest.mark.parametrize('advance', ['advance_to', 'advance_steps'])
 def test_failed_run_can_be_looked_at_and_started_anew(advance):
     rough = {'solver.method': 'leapfrog', 'solver.energy_limit': 1e3}
-    limit = ico.compile_scene(changed(START, {**rough, 'solver.step': 0.0})).stability_limit
+    limit = ico.compile_scene(changed(START, {**rough, 'solver.step': 0.0})).status.stability_limit
     scene = changed(
         START, {**rough, 'solver.step': 0.9 * limit, 'initial_random.velocity_sigma': 8.0})
     simulation = ico.compile_scene(scene)
@@ -270,7 +270,7 @@ def test_failed_run_can_be_looked_at_and_started_anew(advance):
     assert (
         s.time
         == simulation.time
-        == pytest.approx(simulation.step_count * simulation.step, rel=1e-12)
+        == pytest.approx(simulation.status.step_count * simulation.status.step, rel=1e-12)
     )
     assert s.time > 0.0
     assert not np.array_equal(s.position, scene.initial.position)
@@ -293,7 +293,7 @@ def test_set_state_beyond_the_fixed_step_is_refused_and_seen():
         {
             'solver.method': 'leapfrog',
             'solver.step': 1.9
-            / ico.compile_scene(changed(START, {'solver.step': 0.0})).largest_frequency,
+            / ico.compile_scene(changed(START, {'solver.step': 0.0})).status.largest_frequency,
         },
     )
     simulation = ico.compile_scene(scene)

@@ -115,7 +115,7 @@ def test_a_run_from_a_state_does_not_depend_on_what_was_before(back):
         again.set_state(position=start.position, orientation=start.orientation,
                         linear_velocity=start.linear_velocity,
                         angular_velocity=start.angular_velocity)
-    assert again.step == fresh.step
+    assert again.status.step == fresh.status.step
     for simulation in (fresh, again):
         simulation.advance_to(0.3)
     assert same_bits(fresh, again)
@@ -131,20 +131,20 @@ def test_a_wrench_that_renews_a_hold_at_its_end_gives_the_same_bits_whenever_it_
         pieces.apply_wrench('push', force=(0.0, 0.0, 1.0))
     for simulation in (ahead, pieces):
         simulation.advance_to(0.4)
-    assert same_bits(ahead, pieces) and not ahead.active_loads
+    assert same_bits(ahead, pieces) and not ahead.status.active_loads
 
 
 def test_steps_are_counted_as_they_are_taken():
     simulation = make()
-    end = simulation.next_step_time
+    end = simulation.status.next_step_time
     # At a step end, without effect, and twice the same: none of these is a step of its own.
     simulation.apply_wrench('push', force=(0.0, 0.0, 0.1), time=end)
     simulation.apply_wrench('push', force=(0.0, 0.0, 0.1), time=end + 1e-5)
     simulation.apply_wrench('push', time=0.9)
-    before = simulation.step_count
+    before = simulation.status.step_count
     simulation.advance_steps(7)
-    assert simulation.step_count == before + 7
-    assert simulation.time == pytest.approx(end + 6 * simulation.step, rel=1e-9)
+    assert simulation.status.step_count == before + 7
+    assert simulation.time == pytest.approx(end + 6 * simulation.status.step, rel=1e-9)
     with pytest.raises(TypeError):
         simulation.advance_steps(1.5)
 
@@ -207,14 +207,14 @@ def test_a_changed_scene_says_once_what_is_known_already(caplog):
     crowded = {'contact': {'mode': 'auto', 'stiffness': 100.0},
                'bodies': {'near': {'position': [0.0, 0.0, -0.0305]}}}
     old = make(**crowded)
-    assert old.proximity is not None
+    assert old.status.proximity is not None
     new = make(**crowded, gravity=[0.0, 0.0, -1.0])
     with caplog.at_level(logging.WARNING):
         old.advance_to(0.01)
         assert len(warnings_said(caplog)) == 1
         new.take_over(old, keep_motion=True)
         new.advance_to(0.02)
-    assert new.proximity is old.proximity and len(warnings_said(caplog)) == 1
+    assert new.status.proximity is old.status.proximity and len(warnings_said(caplog)) == 1
     assert np.abs(new.snapshot().position - old.snapshot().position).max() > 0.0
 
 
@@ -229,8 +229,8 @@ def test_received_wrenches_outlive_a_change_and_steady_loads_follow_the_scene():
     old.apply_wrench('push', force=(0.0, 0.0, 1.0))
     old.advance_to(0.01)
     new.take_over(old, keep_motion=True)
-    assert new.active_loads['push'].force.tolist() == [0.0, 0.0, 1.0]
-    assert new.active_loads['pull'].force.tolist() == [2.0, 0.0, 0.0]
+    assert new.status.active_loads['push'].force.tolist() == [0.0, 0.0, 1.0]
+    assert new.status.active_loads['pull'].force.tolist() == [2.0, 0.0, 0.0]
 
 
 @pytest.mark.parametrize('method', ico.METHODS)
@@ -248,7 +248,7 @@ def test_looking_at_a_state_does_not_delay_the_inputs_of_that_time(method):
     for simulation in (quiet, watched):
         simulation.advance_to(0.015)
     assert same_bits(quiet, watched)
-    assert quiet.step_count == watched.step_count
+    assert quiet.status.step_count == watched.status.step_count
     assert quiet.error_estimate == watched.error_estimate
     assert abs(quiet.snapshot().energy['work_in']) > 1e-3
 
@@ -258,7 +258,7 @@ def test_warming_up_takes_no_step(method):
     scene = loaded_fabric({'solver.method': method, 'loads.tip.force': [1.0, 0.0, 0.0]})
     cold, warm = ico.compile_scene(scene), ico.compile_scene(scene)
     warm.warm_up()
-    assert warm.step_count == 0
+    assert warm.status.step_count == 0
     assert warm.checkpoint().to_bytes() == cold.checkpoint().to_bytes()
     old = ico.compile_scene(scene)
     old.apply_wrench('two', (0.0, 1.0, 0.0))
@@ -275,15 +275,15 @@ def test_adaptive_steps_are_counted_as_they_end():
     times = []
     for count in range(1, 6):
         simulation.advance_steps(1)
-        assert simulation.step_count == count
+        assert simulation.status.step_count == count
         times.append(simulation.time)
     assert times == sorted(set(times))
     other = ico.compile_scene(loaded_fabric({'solver.method': 'dop8'}))
     other.advance_steps(5)
-    assert other.step_count == 5 and other.time == times[-1]
+    assert other.status.step_count == 5 and other.time == times[-1]
     third = ico.compile_scene(loaded_fabric({'solver.method': 'dop8'}))
     third.advance_to(times[-1])
-    assert third.step_count == 5
+    assert third.status.step_count == 5
 
 
 def test_a_fabric_woven_anew_owes_no_errors_for_the_time_before():
@@ -305,7 +305,7 @@ def test_what_overlaps_in_a_fabric_woven_anew_does_so_from_then_on():
     old, new = make(), make(**crowded)
     old.advance_to(2.5)
     new.take_over(old, keep_motion=False)
-    assert new.proximity.time == 2.5
+    assert new.status.proximity.time == 2.5
 
 
 # A pull that folds the fabric up, and makes its motion rougher and rougher.
@@ -326,7 +326,7 @@ def test_a_run_whose_time_is_reset_remembers_nothing(method):
         again.apply_wrench('two', (0.0, 3.0, 0.0), time=again.time + 0.002)
         again.advance_to(again.time + 0.005)
         again.advance_steps(number + 1)
-        count += again.step_count
+        count += again.status.step_count
         again.reset_time()
         assert again.checkpoint().difference(start) == ''
     assert count > 500

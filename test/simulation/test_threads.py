@@ -47,16 +47,17 @@ def test_same_bits_for_any_number_of_threads(size, sections, method, form, force
         **sections)
     forced(1)
     single, expected = run(scene, form, 0.012)
-    assert single.thread_count == 1
+    assert single.status.thread_count == 1
     for count in (2, 3, 5):
         forced(count)
         simulation, snapshot = run(scene, form, 0.012)
-        assert simulation.thread_count == min(count, scene.body_count)
+        assert simulation.status.thread_count == min(count, scene.body_count)
         assert same_state(snapshot, expected)
-        assert simulation.step == single.step and simulation.step_count == single.step_count
+        assert simulation.status.step == single.status.step
+        assert simulation.status.step_count == single.status.step_count
         assert simulation.error_estimate == single.error_estimate
         assert simulation.balance == single.balance
-        assert simulation.proximity == single.proximity
+        assert simulation.status.proximity == single.status.proximity
     assert np.abs(expected.position - scene.initial.position).max() > 1e-3
 
 
@@ -68,11 +69,11 @@ def test_same_bits_for_large_fabrics(size, kind, forced):
     for count in (1, 2, 3):
         forced(count)
         simulation = ico.compile_scene(scene)
-        assert simulation.thread_count == count
+        assert simulation.status.thread_count == count
         simulation.advance_to(0.004)
         states.append(simulation.snapshot())
     assert all(same_state(states[0], other) for other in states[1:])
-    assert simulation.step_count > 3
+    assert simulation.status.step_count > 3
 
 
 def test_same_bits_of_the_pair_with_direction_cosines(forced):
@@ -90,7 +91,7 @@ def test_same_bits_of_the_pair_with_direction_cosines(forced):
 
 def test_number_of_threads_is_a_parameter():
     scene = make_scene((3, 3, 3), {'solver.threads': 1})
-    assert ico.compile_scene(scene).thread_count == 1
+    assert ico.compile_scene(scene).status.thread_count == 1
 
 
 @pytest.mark.parametrize('wanted, cores, bodies, size', [
@@ -109,7 +110,7 @@ def test_more_threads_than_cores_are_clamped_with_a_warning(monkeypatch, caplog)
     scene = make_scene((3, 3, 3), {'solver.threads': 64}, **RANDOM)
     with caplog.at_level(logging.WARNING):
         simulation = ico.compile_scene(scene)
-    assert simulation.thread_count == 2
+    assert simulation.status.thread_count == 2
     assert [record.getMessage() for record in caplog.records] == [
         'solver.threads 64 is more than the 2 cores of this machine: 2 are used; the result does '
         'not depend on it']

@@ -80,7 +80,7 @@ def test_panels_change_no_bit(method, monkeypatch):
         monkeypatch.setattr(traversal_order, '_PANEL', panel)
         monkeypatch.setattr(thread_team, 'core_count', lambda threads=threads: threads)
         simulation = ico.compile_scene(scene)
-        assert simulation.thread_count == threads
+        assert simulation.status.thread_count == threads
         simulation.advance_to(0.01)
         ends.append(simulation.snapshot())
     for end in ends[1:]:

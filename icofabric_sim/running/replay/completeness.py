@@ -244,9 +244,9 @@ class Completeness:
                 self._miss(topics.BROKEN, now, 1)
             elif simulation is not None and shows_poses and self._exact:
                 # It stands where the state is shown.
-                if self._breaks_told not in (None, simulation.broken_count):
+                if self._breaks_told not in (None, simulation.status.broken_count):
                     self._miss(topics.BROKEN, now, 1)
-                self._breaks_told = simulation.broken_count
+                self._breaks_told = simulation.status.broken_count
         self._owed.clear()
         self._lists.clear()
         self._clears = self._tells_breaks = self._anew = False

@@ -155,7 +155,7 @@ def verify_run(
             text = comparison.difference(topic, time, data)
             if text:
                 found = Difference(
-                    time, again.simulation.step_count, resolved(run, topic), text)
+                    time, again.simulation.status.step_count, resolved(run, topic), text)
                 break
             counts = left_out if text is None else compared
             counts[topic.name] += 1
@@ -165,7 +165,8 @@ def verify_run(
             gaps = record.end(stop, whole=start is None and stop is None)
     except Departure as departure:
         found = Difference(
-            departure.nanoseconds, again.simulation.step_count, departure.topic, str(departure))
+            departure.nanoseconds, again.simulation.status.step_count, departure.topic,
+            str(departure))
         body_count = again.simulation.scene.body_count
     if found is None and not compared:
         raise NotRepeatable(

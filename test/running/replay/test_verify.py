@@ -131,7 +131,7 @@ def unstable_scene(**changes: Any) -> Any:
     """A slab whose fixed step becomes unsafe once it stretches."""
     plain = lively_scene(**{
         'initial_random.velocity_sigma': 2.0, 'solver.method': 'srkn4', **changes})
-    limit = compile_scene(plain).stability_limit
+    limit = compile_scene(plain).status.stability_limit
     return lively_scene(**{
         'initial_random.velocity_sigma': 2.0, 'solver.method': 'srkn4',
         'solver.step': float(np.nextafter(limit, 0.0)), **changes})

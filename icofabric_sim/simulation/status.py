@@ -1,0 +1,151 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""Figures of a run, to be read only."""
+
+from icofabric_sim.kernels import monitor
+from icofabric_sim.simulation.contact.broad_phase import Overlap
+from icofabric_sim.simulation.event_loop import Course
+from icofabric_sim.simulation.input_types import BodyTarget, Wrench
+from icofabric_sim.simulation.model.packing import PackedScene
+from icofabric_sim.simulation.stepping.ledger import EnergyBalance
+from icofabric_sim.simulation.stepping.methods import METHODS
+
+
+class SimulationStatus:
+    """
+    How a run stands: each figure is read when it is asked for, and none of them changes the run.
+
+    Errors are the larger of position over a and orientation in rad.
+    """
+
+    def __init__(self, course: Course, packed: PackedScene) -> None:
+        """Read from the event loop of one simulation."""
+        self._course, self._stepper, self._packed = course, course.stepper, packed
+
+    # The method and its steps.
+
+    @property
+    def method_name(self) -> str:
+        """Name of the method in METHODS."""
+        return self._course.method.name
+
+    @property
+    def method_reason(self) -> str:
+        """Sentence on why this method was chosen."""
+        return self._course.method.reason
+
+    @property
+    def step(self) -> float:
+        """Step [s] in use."""
+        return self._stepper.step
+
+    @property
+    def step_count(self) -> int:
+        """Steps taken so far."""
+        return self._stepper.step_count
+
+    @property
+    def next_step_time(self) -> float:
+        """Time [s] at which the step in progress ends, unless an input ends it before."""
+        return self._stepper.next_step_time
+
+    @property
+    def largest_frequency(self) -> float:
+        """Largest frequency [rad/s] of the fabric in the configuration evaluated last."""
+        return self._stepper.frequency.rate
+
+    @property
+    def stability_limit(self) -> float:
+        """Longest stable step [s] in that configuration."""
+        return self._stepper.limit
+
+    @property
+    def thread_count(self) -> int:
+        """Threads that share a step."""
+        return self._stepper.crew.size
+
+    # Errors and energy.
+
+    @property
+    def error_rate(self) -> float:
+        """Error that the method adds for each second [1/s], measured last."""
+        return self._stepper.error_rate()
+
+    @property
+    def error_estimate(self) -> float:
+        """Errors added since the start, as if none of them had grown."""
+        return self._stepper.error_estimate(self._course.time)
+
+    @property
+    def error_estimate_lacks(self) -> str:
+        """Sentence on errors of this run that the estimate may not cover; '': it covers all."""
+        found = []
+        if self._packed.model.wrapping is not None:
+            found.append(
+                'where connectors around shells change to another geodesic the force jumps, the '
+                'tolerance is not kept, and the estimate was up to 40 times too small in tests')
+        if self.deepest_overlap > 0.0 or self.contact_count:
+            missed = 7 if METHODS[self.method_name].adaptive else 260
+            found.append(
+                'what is added where a contact begins or ends within a step is seen in part: the '
+                f'estimate was up to {missed} times too small in tests')
+        return '; '.join(found)
+
+    @property
+    def balance(self) -> EnergyBalance:
+        """How well the energy balanced at the health checks."""
+        return self._stepper.ledger.balance
+
+    # Contacts, breaks, connectors in shells.
+
+    @property
+    def contact_count(self) -> int:
+        """Pairs of shells, and shells and planes, that touched at the last health check."""
+        return int(self._stepper.ledger[monitor.TOUCHING])
+
+    @property
+    def contact_tests(self) -> int:
+        """Pairs tested in all steps so far; tests for snapshots in between do not count."""
+        watch = self._stepper.watch
+        return 0 if watch is None else watch.tests
+
+    @property
+    def deepest_overlap(self) -> float:
+        """Deepest overlap [m] of shells in contact at any health check so far."""
+        return self._stepper.ledger[monitor.DEEPEST_EVER]
+
+    @property
+    def proximity(self) -> Overlap | None:
+        """The first two shells that overlapped by more than contact is meant for, if any."""
+        watch = self._stepper.watch
+        return None if watch is None else watch.found
+
+    @property
+    def broken_count(self) -> int:
+        """Connectors that have broken so far."""
+        return self._stepper.broken.count
+
+    @property
+    def obstruction(self) -> str:
+        """Sentence on the first connector that was seen in its own shell; '': none was."""
+        return self._stepper.obstruction.found
+
+    @property
+    def obstructed_ends(self) -> int:
+        """Ends of connectors that were in their own shells at the last health check."""
+        return int(self._stepper.ledger[monitor.OBSTRUCTED])
+
+    # What acts.
+
+    @property
+    def active_loads(self) -> dict[str | int, Wrench]:
+        """Wrenches that act now, by channel name or body number."""
+        return {
+            target.number if isinstance(target, BodyTarget) else target.name: wrench
+            for target, wrench in self._course.inputs.acting().items()}
+
+    @property
+    def waiting_loads(self) -> int:
+        """Wrenches that are to begin or to end at a later time, messages left out."""
+        queue = self._course.inputs.queue
+        return len(queue) - queue.message_count
