@@ -1,5 +1,16 @@
 # Copyright 2026 The icofabric_sim authors
-# Licensed under the Apache License, Version 2.0; see LICENSE.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """The manifests agree with each other and with the tree, and only `ros/` knows ROS."""
 import ast
 import configparser
@@ -24,8 +35,21 @@ ROS_MESSAGES = {
     'std_msgs', 'std_srvs', 'visualization_msgs'}
 ROS = ROS_MESSAGES | {
     'ament_index_python', 'launch', 'launch_ros', 'rclpy', 'rpyutils', 'simulation_interfaces'}
-HEADER = ('# Copyright 2026 The icofabric_sim authors\n'
-          '# Licensed under the Apache License, Version 2.0; see LICENSE.\n')
+# The form that ament_copyright knows.
+HEADER = """# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
 
 
 def sources(folder):
@@ -219,9 +243,11 @@ except ImportError:
 
 
 def test_headers():
-    for folder in ('icofabric_sim', 'test', 'launch', 'benchmarks', 'examples'):
+    for folder in ('icofabric_sim', 'test', 'launch', 'benchmarks', 'examples', 'docs'):
         for path in sources(ROOT / folder):
-            assert path.read_text().startswith(HEADER), path.relative_to(ROOT)
+            room = path.relative_to(ROOT).parts[1]
+            wanted = HEADER.splitlines()[0] if room in ('kernels', 'geometry') else HEADER
+            assert path.read_text().startswith(wanted), path.relative_to(ROOT)
     assert (ROOT / 'setup.py').read_text().startswith(HEADER)
 
 
