@@ -47,7 +47,7 @@ class Listener:
     """Subscriptions, and what came."""
 
     def __init__(self, node: Any, topics: list[tuple[str, str]]) -> None:
-        """Listen to /clock, and to the (name, type) pairs when told."""
+        """Listen to /clock, and to the (name, type) pairs on request."""
         self._node, self._topics = node, topics
         self._clock, self._last = 0, 0.0
         self._received: dict[str, list[list[int]]] = {name: [] for name, _ in topics}

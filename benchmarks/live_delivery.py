@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-What listeners cost the node, and whether they receive every message, bit by bit.
+Cost of listeners for the node, and whether they receive every message, bit by bit.
 
 A `fabric_node` runs in a process of its own, then a raw subscriber in another one listens to it.
 What that received is compared with the messages of a simulation in this process.

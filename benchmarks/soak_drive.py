@@ -64,7 +64,7 @@ class Driver:
     """
     Does things at random, and counts.
 
-    Wrenches are sent only while a bag is open, which tells which of them acted.
+    Wrenches are sent only while a bag is open, which has those that acted.
     """
 
     def __init__(self, graph: Graph, watch: Watch, generator: random.Random) -> None:

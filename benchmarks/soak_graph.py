@@ -161,7 +161,7 @@ class Graph:
     def listen(
         self, topic: tuple[str, str], take: Callable[[bytes], Any], *, depth: int = 100
     ) -> Any:
-        """Hear a topic (name, type) as bytes; returns the subscription."""
+        """Subscribe to a topic (name, type) as bytes; returns the subscription."""
         name, type_name = topic
         quality = QoSProfile(depth=depth, reliability=ReliabilityPolicy.RELIABLE)
         return self.node.create_subscription(
