@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-The true motion of a fabric whose connectors pull otherwise than they push (eq 2).
+The true motion of a fabric whose connectors have two stiffnesses (eq 2).
 
 The extrapolation of reference.py, order 16, with every connector on the side of its natural length
 where the step began, so that forces are smooth. A step in which one changes sides is taken again

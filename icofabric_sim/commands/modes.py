@@ -52,7 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--highest', action='store_true', help='the highest instead of the lowest')
     parser.add_argument(
         '--branch', choices=('pull', 'push'),
-        help='where connectors are at their natural length and pull otherwise than they push: '
+        help='where connectors are at their natural length and have two stiffnesses: '
              'which of the two all of them do, in what is drawn and animated (default: push; what '
              'is listed and written is of both, bands are drawn of both)')
     parser.add_argument(

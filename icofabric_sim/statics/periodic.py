@@ -118,7 +118,7 @@ def solve_bands(
 
     Rising; waves that cost no energy have 0, those that lower it (under pre-stress) negative
     values, the size of which is the rate of their growth. Where connectors are at their natural
-    length and pull otherwise than they push there are no waves that add up, and a `branch` has to
+    length and have two stiffnesses there are no waves that add up, and a `branch` has to
     be named: 'pull' or 'push', with k_e or k_c in all connectors. The k-th frequency of every
     mixture of pulling and pushing connectors lies between those of the two.
     """

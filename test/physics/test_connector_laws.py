@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Connectors that pull otherwise than they push (eq 2), and groups of them with laws of their own.
+Connectors with two stiffnesses (eq 2), and groups of them with laws of their own.
 """
 
 import analytical
