@@ -164,7 +164,7 @@ def test_diagnostics_follow_a_pause(paused):
     status = paused.health(lambda status: status.message == 'paused' or (
         status.level == WARN and float(status.values['simulated time [s]']) * 1e9 == pytest.approx(
             paused.clock, abs=0.5)))
-    assert status.level == OK or status.message.endswith('at the last look')
+    assert status.level == OK or status.message.endswith('at the last health check')
     assert float(status.values['simulated time [s]']) * 1e9 == pytest.approx(paused.clock, abs=0.5)
 
 

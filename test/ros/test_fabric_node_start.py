@@ -170,12 +170,12 @@ def test_interrupt_while_the_node_is_being_built(tmp_path):
 BROKEN = """
 import sys
 from icofabric_sim.ros.fabric_node import main
-from icofabric_sim.running.runner import Runner
+from icofabric_sim.running.time_advance import TimeAdvance
 
-def fail(self, target):
+def fail(self):
     raise MemoryError('nothing left')
 
-Runner._advance = fail
+TimeAdvance.advance = fail
 sys.exit(main(sys.argv))
 """
 
