@@ -8,17 +8,26 @@ from icofabric_sim.kernels.runtime.compiled import compiled
 from icofabric_sim.kernels.runtime.lanes import fma, maximum, rsqrt, splat, sqrt, Vector, where
 
 
+# Of an oscillation: the ratio of the two errors over x^2 (0.0033 to 0.0041 for x up to 1).
+SMOOTH_RATIO = 0.0042
+# What a kink makes a step err by, over what it adds to the error of order 5: 0.3 to 7 in single
+# steps, after where in the step it lies.
+_KINK = 1.7
+
+
 @compiled
-def probable_error(square_5: Vector, square_3: Vector) -> Vector:
+def probable_error(square_5: Vector, square_3: Vector, smooth: float) -> Vector:
     """
     What a step errs by, from the squares of its errors of order 5 and 3; see docs/decisions/.
 
     In x, step times frequency, these are as x^6 and x^4, the error itself as x^9: so with their
     ratio r it is e5 r^1.5. The constants are those of an oscillation, within 1.3 for x up to 4.
-    Where forces jump r is not small, and the error about as large as e5.
+    Where a force has a kink r is larger than `smooth`, which the fastest oscillation has; what
+    is beyond that in e5 is about as large as the error. 1e300: no force has one.
     """
-    error_5 = sqrt(square_5)
+    error_5, error_3 = sqrt(square_5), sqrt(square_3)
     ratio = error_5 * rsqrt(maximum(square_3, splat(1e-300)))
     ratio = where(ratio < splat(1.0), ratio, splat(1.0))
     scale = rsqrt(fma(splat(20.0), ratio, splat(1.0)))
-    return splat(26.0) * ratio * sqrt(ratio) * scale * scale * error_5
+    kink = splat(_KINK) * fma(splat(-smooth), error_3, error_5)
+    return maximum(splat(26.0) * ratio * sqrt(ratio) * scale * scale * error_5, kink)

@@ -209,7 +209,7 @@ def normalise(orientation: np.ndarray, s: int) -> None:
 @compiled
 def step_error(
     slopes: np.ndarray, turn_rows: int, error_5: np.ndarray, error_3: np.ndarray,
-    scales: np.ndarray, s: int
+    scales: np.ndarray, smooth: float, s: int
 ) -> tuple[float, float]:
     """
     Error of a step of length 1 for a block, the largest of its bodies, to judge it by; what it is.
@@ -217,7 +217,7 @@ def step_error(
     Squares of position, orientation, velocity and spin are multiplied by `scales` (4,), and the
     largest of the four counts. The estimates of order 5 and 3 are combined as in DOP853,
     e5^2 / sqrt(e5^2 + 0.01 e3^2), which makes it one of order 7, on the safe side. What the step
-    probably errs by: see `probable_error`.
+    probably errs by: see `probable_error`, also for `smooth`.
     """
     zero = splat(0.0)
     largest_5, largest_3 = zero, zero
@@ -240,7 +240,7 @@ def step_error(
         largest_3 = maximum(splat(scales[part]) * square_3, largest_3)
     sum_ = maximum(fma(splat(0.01), largest_3, largest_5), splat(1e-300))
     error = largest_5 * rsqrt(sum_)
-    error_of_step = probable_error(largest_5, largest_3)
+    error_of_step = probable_error(largest_5, largest_3, smooth)
     largest, probable = 0.0, 0.0
     for i in range(LANES):
         # Also where it is not a number.

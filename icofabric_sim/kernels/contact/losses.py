@@ -267,7 +267,7 @@ def save_stretches(losses: ContactLosses | None, team: Team) -> None:
 @compiled
 def stretch_error(
     losses: ContactLosses | None, error_5: np.ndarray, error_3: np.ndarray, scale: float,
-    team: Team
+    smooth: float, team: Team
 ) -> tuple[float, float]:
     """
     Error of a step of length 1, the largest of the stretches, as `step_error` has both.
@@ -293,5 +293,5 @@ def stretch_error(
         if not error <= largest:
             largest = error
         probable = max(probable, lane(probable_error(
-            splat(scale * square_5), splat(scale * square_3)), 0))
+            splat(scale * square_5), splat(scale * square_3), smooth), 0))
     return largest, probable

@@ -30,6 +30,7 @@ from icofabric_sim.kernels.integrators import dop853
 from icofabric_sim.kernels.loads import keep_work
 from icofabric_sim.kernels.meters import add_flow, repeat_flow
 from icofabric_sim.kernels.monitor import DEEPEST_LIMIT, examine, save, SAVED_AT, TOO_DEEP, UNSOUND
+from icofabric_sim.kernels.probable_error import SMOOTH_RATIO
 from icofabric_sim.kernels.records import Loads, Model, State, Team, Trail, Watch, Work
 from icofabric_sim.kernels.rhs import (
     add_work,
@@ -61,9 +62,11 @@ FLOOR = 13
 # When a contact begins or ends, for all threads, and the next length [s] after a step that ends
 # there.
 MEETING, RESUME = 14, 15
-# Squared errors of position, orientation, velocity and spin are multiplied by these.
-SCALES = 16
-CONTROL_COUNT = 20
+# Square [1/s^2] of the fastest motion where forces have kinks; 0: they have none.
+KINKED = 16
+# Squared errors of position, orientation, velocity and spin are multiplied by these four.
+SCALES = 17
+CONTROL_COUNT = 21
 # A step is aimed at this part of the tolerance and refused above all of it; it may become so many
 # times as long at once.
 _AIM, _SHRINK, _GROW = 0.4, 0.2, 4.0
@@ -219,23 +222,25 @@ def look(
 @compiled
 def largest_error(
     pair: Pair, model: Model, trail: Trail, control: np.ndarray, turn_rows: int, team: Team,
-    watch: Watch | None, first: int, last: int
+    watch: Watch | None, h: float, first: int, last: int
 ) -> tuple[float, float]:
     """
-    Error of a step of length 1, the largest of all bodies, and what it probably is.
+    Error of a step of length `h` [s] for each second, the largest of all bodies; what it is.
 
     The same in all threads. More than any other where bodies came to where contacts are not known.
     """
     largest, probable = 0.0, 0.0
+    smooth = SMOOTH_RATIO * control[KINKED] * h * h if control[KINKED] > 0.0 else 1e300
     for block in range(first, last):
         error, error_of_step = step_error(
-            trail.slopes, turn_rows, pair.error_5, pair.error_3, control[SCALES:],
+            trail.slopes, turn_rows, pair.error_5, pair.error_3, control[SCALES:], smooth,
             model.blocks.slot[block])
         if not error <= largest:
             largest = error
         probable = max(probable, error_of_step)
     error, error_of_step = stretch_error(
-        losses_of(model.contacts), pair.error_5, pair.error_3, control[SCALES], team)
+        losses_of(model.contacts), pair.error_5, pair.error_3, control[SCALES], smooth,
+        team)
     if not error <= largest:
         largest = error
     probable = max(probable, error_of_step)
@@ -295,7 +300,7 @@ def adaptive_pair(
                 last)
             # Per unit of time, so the length of the step cancels.
             error, probable = largest_error(
-                pair, model, trail, control, turn_rows, team, watch, first, last)
+                pair, model, trail, control, turn_rows, team, watch, h, first, last)
             change = _SHRINK
             if error <= tolerance or error * h <= tolerance * spare:
                 accepted = True

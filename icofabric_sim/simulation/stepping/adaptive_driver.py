@@ -332,6 +332,7 @@ class AdaptiveStepper(Stepper):
         # Whether anything is near must not matter: steps do not depend on looks.
         control[embedded.LONGEST] = ANY if self.watch is None or not rate > 0.0 else (
             _LONGEST_STEP / rate)
+        control[embedded.KINKED] = self._kinked_rate(rate)
         # Around shells the shortest way may change to the other side.
         rate = rate or 1.0 / self._output_period
         control[embedded.SPARE] = 0.0 if self.model.wrapping is None else 2.0 * math.pi / rate
@@ -343,6 +344,17 @@ class AdaptiveStepper(Stepper):
         self.ledger[monitor.HIGH], self.ledger[monitor.LOW] = math.inf, 0.0
         self.accuracy.looks_left = NEVER
         self.step = self.step or first
+
+    def _kinked_rate(self, rate: float) -> float:
+        """Square [1/s^2] of the fastest motion where forces may have kinks; 0: they have none."""
+        links = self.model.links
+        varied = links is not None and (links.tables is not None or (
+            links.variety is not None
+            and not np.array_equal(links.variety.extension, links.variety.compression)))
+        if self.watch is None and self.model.wrapping is None and not varied:
+            return 0.0
+        # With whatever may touch: estimates must not depend on looks either.
+        return rate * rate + (0.0 if self.watch is None else self.watch.least_rate)
 
     def _outlook(self, watch: ContactWatch) -> tuple[float, float]:
         # What is near need not touch: the steps are as long as the motion allows until then.
