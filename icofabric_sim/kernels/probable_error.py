@@ -7,7 +7,6 @@ What a step of the embedded pair errs by, as against the safe side that accepts 
 from icofabric_sim.kernels.runtime.compiled import compiled
 from icofabric_sim.kernels.runtime.lanes import fma, maximum, rsqrt, splat, sqrt, Vector, where
 
-
 # Of an oscillation: the ratio of the two errors over x^2 (0.0033 to 0.0041 for x up to 1).
 SMOOTH_RATIO = 0.0042
 # What a kink makes a step err by, over what it adds to the error of order 5: 0.3 to 7 in single

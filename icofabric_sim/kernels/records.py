@@ -301,7 +301,9 @@ class Contacts(NamedTuple):
     slot: np.ndarray  # (e,) int32 of the body that an entry acts on, rising
     entry: np.ndarray  # (e,) int32: twice the number of the pair, 1 more: on its second body
     rows: np.ndarray  # (6, s) forces [N] and torques [N m]
-    deepest: np.ndarray  # (8 t,) [m] deepest overlap in the last evaluation, for each thread
+    # (8 t,) [m] deepest overlap in the last evaluation, and in all since the caller has set it to
+    # zero, for each thread
+    deepest: np.ndarray
     tests: np.ndarray  # (8 t,) pairs that were looked at so far
     first: np.ndarray  # (t, 4, 3) place and matrix of the first body, for each thread
     second: np.ndarray  # (t, 4, 3) and of the second

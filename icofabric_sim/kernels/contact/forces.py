@@ -77,6 +77,7 @@ def touch_some(
                     axes_of(orientation, s), axes_of(orientation, t)))
         deepest = max(deepest, out[11])
     contacts.deepest[8 * member] = deepest
+    contacts.deepest[8 * member + 1] = max(contacts.deepest[8 * member + 1], deepest)
     contacts.tests[8 * member] += last - first
 
 

@@ -126,6 +126,15 @@ class ContactWatch:
         # Pairs that were tested in the steps of the trajectory.
         self.tests = 0
 
+    def has_touched(self) -> bool:
+        """Whether anything touched since this was asked last, whatever for it was evaluated."""
+        if self.contacts is None:
+            return False
+        deepest = self.contacts.deepest[1::8]
+        touched = bool((deepest > 0.0).any())
+        deepest[:] = 0.0
+        return touched
+
     @property
     def evaluated(self) -> int:
         """Pairs that kernels have tested since the last search, in any step."""

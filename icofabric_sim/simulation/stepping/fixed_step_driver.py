@@ -152,6 +152,25 @@ class Stepper(WatchedLine):
         due = self.accuracy.looks_left * self.look_interval - self._since_check
         return self._call(self.step, min(count, due, self.portions.count))
 
+    def _prepare_touching(self, step: float, since_check: int, count: int) -> int:
+        """
+        How many of `count` steps to take, so that what touches within them can be judged.
+
+        Not beyond a health check, whose predecessor is then kept.
+        """
+        if self.touching is None or self.watch is None:
+            return count
+        self.watch.has_touched()
+        if step != self.step:
+            self.touching.spoil()
+        count = min(count, self.look_interval - since_check)
+        if since_check + count == self.look_interval:
+            if self._saved_time == self.touching.start:
+                self.keep_behind()
+            else:
+                self.touching.spoil()
+        return count
+
     def _call(self, step: float, count: int) -> int:
         start, self.ledger[monitor.SAVED_AT] = self.index, -1.0
         before, far = self._since_check, self._is_far(step)
@@ -161,10 +180,13 @@ class Stepper(WatchedLine):
             self._save()
         # A step of another length is cut to end at an input.
         origin, index = (self.origin, self.index) if step == self.step else (self.time, 0)
+        count = self._prepare_touching(step, before, count)
         status, done, self._since_check = self._advance(
             self.loads, self.state, self.work, origin, index, step, count, before,
             self.look_interval)
         self._require_outside()
+        if self.touching is not None and self.watch is not None:
+            self.touching.note(self.watch.has_touched())
         saved_at = int(self.ledger[monitor.SAVED_AT])
         if step == self.step:
             self.index += done
@@ -186,6 +208,11 @@ class Stepper(WatchedLine):
         rougher = status & monitor.ROUGHER and not status & monitor.UNSOUND
         if rougher and not self._settle_roughness(time):
             return int(done)
+        if self.touching is not None and self._since_check == 0:
+            if saved_at >= 0 and not status & monitor.UNSOUND:
+                self.touching.end(saved_time, self.accuracy.estimated_rate)
+            else:
+                self.touching.begin(time)
         if status:
             self._respond(status, time)
         if self._since_check == 0 and (

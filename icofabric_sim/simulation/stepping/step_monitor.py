@@ -45,6 +45,7 @@ from icofabric_sim.simulation.stepping.step_size_control import (
     SHORTEST,
 )
 from icofabric_sim.simulation.stepping.thread_team import Crew
+from icofabric_sim.simulation.stepping.touching_errors import TouchingErrors
 import numpy as np
 
 _LOGGER = logging.getLogger('icofabric_sim')
@@ -105,6 +106,8 @@ class WatchedLine(ContactLine):
         self.load_rate, self._fabric = load_rate, frequency
         self._output_period = output_period
         self.accuracy = Accuracy(self, tolerance, half_edge)
+        self.touching = None if watch is None or (method.adaptive and not fixed_step > 0.0) else (
+            TouchingErrors(self, self.accuracy.distance))
         self._since_check = 0
         self.look_interval = max(CHECK_INTERVAL // method.stages, 1)
         if self._differences:
@@ -151,6 +154,9 @@ class WatchedLine(ContactLine):
             self._potential_start = force.energy(self.time, place.position, place.orientation)
         self.accuracy.restart()
         self._choose_step()
+        if self.touching is not None:
+            self.touching.restart()
+            self.touching.begin(self._saved_time)
 
     def jump(self, time: float, state: State, loads: Loads | None, load_rate: float) -> None:
         """
@@ -170,6 +176,8 @@ class WatchedLine(ContactLine):
     def forget(self) -> None:
         """Count steps and errors from zero again: a run begins that has no past."""
         self.step_count, self.accuracy.total = 0, 0.0
+        if self.touching is not None:
+            self.touching.total = 0.0
         self.obstruction.found = ''
         self.ledger[monitor.TOLD_LIMIT] = math.inf if self.watch is None else self.watch.told
         if self.watch is not None:
@@ -179,6 +187,8 @@ class WatchedLine(ContactLine):
         """Move a stepper that has not moved yet to another start `time`."""
         self.origin, self.index, self._saved_time = time, 0, time
         self.accuracy.rebase(time)
+        if self.touching is not None:
+            self.touching.begin(time)
         if self.watch is not None:
             self.watch.rebase(time)
 
@@ -189,6 +199,8 @@ class WatchedLine(ContactLine):
         self.ledger[monitor.REGULAR] = 0.0
         self.loads = loads
         self.load_rate = load_rate
+        if self.touching is not None:
+            self.touching.spoil()
         place_driven(self.model, loads, self.state, self.time)
         self._choose_step()
 
@@ -198,7 +210,8 @@ class WatchedLine(ContactLine):
 
     def error_estimate(self, time: float) -> float:
         """Errors added from the start to a present `time` [s], as if none had grown or faded."""
-        return self.accuracy.estimate(time)
+        touching = 0.0 if self.touching is None else self.touching.total
+        return self.accuracy.estimate(time) + touching
 
     def memory(self) -> dict[str, Any]:
         """All that the steps to come depend on, body by body."""
@@ -212,6 +225,8 @@ class WatchedLine(ContactLine):
             'frequency': self._fabric.rate,
             'accuracy': self.accuracy.memory(),
         }
+        if self.touching is not None:
+            memory['touching'] = self.touching.memory()
         if self._is_in_window:
             difference = self.work.difference
             # Also lanes without a body count, so this is only for processors with as many lanes.
@@ -229,6 +244,8 @@ class WatchedLine(ContactLine):
         self.load_rate = memory.number('load_rate', 0.0, finite=False)
         self._fabric = Frequency(memory.number('frequency', 0.0, finite=False), (), 0)
         self.accuracy.recall(memory.part('accuracy'))
+        if self.touching is not None:
+            self.touching.recall(memory.part('touching'))
         if self._is_in_window:
             window, own = memory.array('window'), self.work.difference
             if window.shape == (len(own), own.shape[1] // LANES, LANES):
@@ -261,6 +278,8 @@ class WatchedLine(ContactLine):
             # What was shown of the way there stays counted.
             self.accuracy.close(time)
             self._return_to_saved()
+            if self.touching is not None:
+                self.touching.begin(self._saved_time)
             self._returned_to = self._saved_time
             if self.loads is not None:
                 np.copyto(self.loads.work, self.loads.earlier_work)
@@ -424,6 +443,8 @@ class WatchedLine(ContactLine):
         if step != self.step:
             self.origin, self.index, self.step = self.time, 0, step
             self.ledger[monitor.REGULAR] = 0.0
+            if self.touching is not None and self._since_check:
+                self.touching.spoil()
         self._pace(step)
         # Above the first the exact value is computed again once the bound has grown; near the
         # limit of the method at every look.

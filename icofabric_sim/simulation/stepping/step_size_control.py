@@ -74,6 +74,7 @@ class Line(Protocol):
     ledger: Ledger
     load_rate: float
     look_interval: int  # steps
+    touched_ahead: bool
 
     @property
     def time(self) -> float: ...
@@ -99,6 +100,8 @@ class Accuracy:
         self._window = 0.0  # [s] from that moment on for which the rate was measured
         self.step = math.inf  # the longest step [s] that is accurate enough, as far as known
         self.rate = 0.0  # error added for each second, measured last
+        # The same where no shells touched: what they add is measured behind them.
+        self._free_rate = 0.0
         self.load_rate = 0.0
         self.is_new, self.is_measured = True, False
         self._gap = _FIRST_GAP
@@ -115,6 +118,7 @@ class Accuracy:
             'total': self.total,
             'step': self.step,
             'rate': self.rate,
+            'free_rate': self._free_rate,
             'load_rate': self.load_rate,
             'is_new': self.is_new,
             'is_measured': self.is_measured,
@@ -130,6 +134,7 @@ class Accuracy:
         self.total = memory.number('total', 0.0, finite=False)
         self.step = memory.number('step', math.ulp(0.0), finite=False)
         self.rate = memory.number('rate', 0.0, finite=False)
+        self._free_rate = memory.number('free_rate', 0.0, finite=False)
         self.load_rate = memory.number('load_rate', 0.0, finite=False)
         self.is_new, self.is_measured = memory.flag('is_new'), memory.flag('is_measured')
         self._gap = memory.count('gap', 1)
@@ -153,11 +158,11 @@ class Accuracy:
         error = self.measured(step, fastest)
         if math.isnan(error):
             # The next look measures again, if the run comes to it.
-            self._add(self.rate)
+            self._add(self._free_rate)
             self._end(self.rate, step)
             self.looks_left = 1
             return step
-        self._add(self.rate if jumped else error)
+        self._add(self._free_rate if jumped else error)
         low = _SMALLEST if not self.is_new else 0.25 * AIM
         for _ in range(_TRIES):
             if error <= _LARGEST * tolerance and (error >= low * tolerance or step >= cap):
@@ -224,7 +229,7 @@ class Accuracy:
         error = self.measured(step, fastest, least=look if self._gap == 1 else 1)
         if math.isnan(error):
             error = self.rate
-        change = self._add(self.rate if jumped else error)
+        change = self._add(self._free_rate if jumped else error)
         if not (self.is_new or jumped):
             if not change <= _LARGE_CHANGE * self.total:
                 self._gap = max(self._gap // 4, 1)
@@ -234,6 +239,11 @@ class Accuracy:
         self.looks_left = self._gap
         self.is_new = False
 
+    @property
+    def estimated_rate(self) -> float:
+        """What is counted [1/s] from the last measurement on, as if no shells touched."""
+        return self._free_rate
+
     def estimate(self, time: float) -> float:
         """
         Errors added until `time` [s], as if none of them had grown or faded.
@@ -241,14 +251,14 @@ class Accuracy:
         After what was measured half as much is counted: the next measurement adds to that.
         """
         past = time - self._since
-        if not past > 0.0 or self.rate == 0.0:
+        if not past > 0.0 or self._free_rate == 0.0:
             return self.total
-        return self.total + self.rate * (past - 0.5 * max(past - self._window, 0.0))
+        return self.total + self._free_rate * (past - 0.5 * max(past - self._window, 0.0))
 
     def close(self, time: float) -> None:
         """Count what was added until `time` [s], where the state jumps."""
         self.total = self.estimate(time)
-        self._since, self.rate = time, 0.0
+        self._since, self.rate, self._free_rate = time, 0.0, 0.0
 
     def _begin(self) -> None:
         self.load_rate = 1.5 * self._line.load_rate
@@ -265,11 +275,15 @@ class Accuracy:
         self.total = self.estimate(time)
         if not rest > 0.0:
             return 0.0
+        if self._line.touched_ahead:
+            error = self._free_rate
         self.total += 0.5 * error * rest
-        return 0.5 * abs(error - self.rate) * rest if error < math.inf else math.inf
+        return 0.5 * abs(error - self._free_rate) * rest if error < math.inf else math.inf
 
     def _end(self, error: float, step: float) -> None:
         self._since, self.rate, self._window = self._line.time, error, self._span
+        if not self._line.touched_ahead:
+            self._free_rate = error
         self.is_measured = True
         self._line.ledger[LIVELY] = _LIVELIER * self._line.ledger[KINETIC]
 
@@ -293,7 +307,7 @@ class Accuracy:
 
         def compare(one: State, other: State) -> None:
             nonlocal found
-            found += self._distance(one, other)
+            found += self.distance(one, other)
 
         windows = self._line.compare_ahead(step, count, windows, compare)
         self._span = windows * count * step
@@ -308,7 +322,7 @@ class Accuracy:
         # Also where the period is beyond counting.
         return max(1, math.ceil(min(2.0 * math.pi / fastest / step, _LARGEST_MEASUREMENT)))
 
-    def _distance(self, first: State, second: State) -> float:
+    def distance(self, first: State, second: State) -> float:
         """Largest error of a body: its position over a, or its orientation [rad]."""
         with np.errstate(over='ignore', invalid='ignore'):
             shift = ((first.position - second.position) ** 2).sum(axis=0).max()

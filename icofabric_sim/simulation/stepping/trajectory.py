@@ -109,7 +109,11 @@ class MainLine:
         self._saved = packed.layout.like(state)
         self._saved_time = origin
         self._side: tuple[State, np.ndarray] | None = None
+        self._behind: State | None = None
+        self._stretch_behind: np.ndarray | None = None
         self._model_aside: Model = self.model
+        # Whether shells touched in the last accuracy probe.
+        self.touched_ahead = False
         # [J] by the last run aside
         self._spent_aside = self._given_aside = 0.0
         self._present_work = self._present_spent = self._present_given = 0.0
@@ -181,6 +185,8 @@ class MainLine:
         is no failure of the run.
         """
         model, time = self._scratch_model(), self.time
+        if self.watch is not None:
+            self.watch.has_touched()
         try:
             for done in range(windows):
                 half = self.run_aside(
@@ -193,8 +199,46 @@ class MainLine:
                 compare(self.state, half)
                 time += count * step
         finally:
+            self.touched_ahead = self.watch is not None and self.watch.has_touched()
             self._restore()
         return windows
+
+    def keep_behind(self) -> None:
+        """Keep the saved state aside, for `compare_behind`: the next health check replaces it."""
+        losses = self._losses
+        if self._behind is None:
+            self._behind = self.packed.layout.like(self.state)
+        for target, source in zip(self._behind, self._saved):
+            np.copyto(target, source)
+        self._stretch_behind = None if losses is None else losses.saved.copy()
+
+    def compare_behind(
+        self, start: float, count: int, compare: Callable[[State, State], float]
+    ) -> float | None:
+        """
+        Repeat the last `count` steps with twice as many of half the length, and come back.
+
+        From the state of `start` [s], which `keep_behind` has kept. Returns what `compare` finds
+        for the two ends; None where a body force fails.
+        """
+        assert self._behind is not None
+        now = [row.copy() for row in self.state]
+        acceleration, model = self.work.acceleration.copy(), self._scratch_model()
+        losses = losses_of(model.contacts)
+        if losses is not None and self._stretch_behind is not None:
+            np.copyto(losses.stretch, self._stretch_behind)
+        try:
+            for target, source in zip(self.state, self._behind):
+                np.copyto(target, source)
+            self._refresh(start)
+            half = self.run_aside(0.5 * self.step, 2 * count, start=start, model=model)
+            failed = self._take_failure() is not None
+        finally:
+            for target, source in zip(self.state, now):
+                np.copyto(target, source)
+            self._refresh()
+            np.copyto(self.work.acceleration, acceleration)
+        return None if failed else compare(self.state, half)
 
     def _take_aside(
         self, loads: Loads | None, state: State, work: Work, start: float, step: float, count: int
@@ -459,15 +503,16 @@ class MainLine:
             self.crew.meet(self.watch.contacts is not None)
             self.ledger[monitor.CONTACT_RATE] = self.watch.rate
 
-    def _refresh(self) -> None:
-        """Accelerations of the state as it is."""
+    def _refresh(self, time: float | None = None) -> None:
+        """Accelerations of the state as it is; `time` [s] where that is not the present."""
         last = len(self.model.blocks.slot)
         place_all(self.model, self.state, self.work, 0, last)
         if self.model.contacts is not None:
             touch_all(
                 self.model.contacts, self.state.position, self.state.orientation,
                 self.crew.alone())
-        keep_accelerations(self.model, self.state, self.work, self.time, 0, last)
+        keep_accelerations(
+            self.model, self.state, self.work, self.time if time is None else time, 0, last)
 
     def _save(self, time: float | None = None) -> None:
         for target, source in zip(self._saved, self.state):
