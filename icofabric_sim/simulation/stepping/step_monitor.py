@@ -453,6 +453,11 @@ class WatchedLine(ContactLine):
         ledger[monitor.HIGH] = max(LONGEST * chosen / step, near)
         ledger[monitor.LOW] = SHORTEST * chosen / step if self.accuracy.step >= cap else 0.0
 
+    @property
+    def fabric_rate(self) -> float:
+        """Largest frequency [rad/s] of the fabric alone."""
+        return self._fabric.rate
+
     def _fastest(self) -> float:
         """
         Rate [rad/s] of the fastest motion; 0 where nothing turns, vibrates or is accelerated.

@@ -322,16 +322,22 @@ class Accuracy:
         # Also where the period is beyond counting.
         return max(1, math.ceil(min(2.0 * math.pi / fastest / step, _LARGEST_MEASUREMENT)))
 
-    def distance(self, first: State, second: State) -> float:
-        """Largest error of a body: its position over a, or its orientation [rad]."""
+    def distance(self, first: State, second: State, rate: float = 0.0) -> float:
+        """
+        Largest error of a body: its position over a, or its orientation [rad].
+
+        With a `rate` [rad/s] of vibrations also what its velocity and spin make of these.
+        """
         with np.errstate(over='ignore', invalid='ignore'):
-            shift = ((first.position - second.position) ** 2).sum(axis=0).max()
-            turn = ((first.orientation - second.orientation) ** 2).reshape(
-                -1, first.orientation.shape[-1]).sum(axis=0).max()
-        # A small rotation by x changes the quaternion by x / 2, the cosines by sqrt(2) x.
-        turn *= 4.0 if first.orientation.ndim == 2 else 0.5
-        error = max(float(shift) / self._half_edge**2, float(turn))
-        return math.sqrt(error) if math.isfinite(error) else math.inf
+            square = _apart(first.position, second.position) / self._half_edge**2
+            # A small rotation by x changes the quaternion by x / 2, the cosines by sqrt(2) x.
+            square = max(square, (4.0 if first.orientation.ndim == 2 else 0.5) * _apart(
+                first.orientation, second.orientation))
+            if rate > 0.0:
+                slip = _apart(first.linear_velocity, second.linear_velocity)
+                spin = _apart(first.angular_velocity, second.angular_velocity)
+                square = max(square, max(slip / self._half_edge**2, spin) / rate**2)
+        return math.sqrt(square) if math.isfinite(square) else math.inf
 
     def floor(self, fastest: float) -> float:
         """What rounding adds to the error in each second: no step gives less."""
@@ -347,6 +353,11 @@ class Accuracy:
                 f'rounding adds about {floor:.2g} 1/s (positions are up to '
                 f'{np.abs(self._line.state.position).max():.3g} m, vibrations up to '
                 f'{fastest:.4g} rad/s); choose a larger one')
+
+
+def _apart(first: np.ndarray, second: np.ndarray) -> float:
+    """Largest squared distance of two vectors; components first, bodies last."""
+    return float(((first - second) ** 2).reshape(-1, first.shape[-1]).sum(axis=0).max())
 
 
 def checked_step(step: float, limit: float, frequency: float) -> None:
