@@ -40,6 +40,41 @@ def test_estimate_is_within_three_times_of_what_was_added(method):
         assert not judged.falls
 
 
+@pytest.mark.parametrize('method', ['dop8', 'srkn6'])
+@pytest.mark.parametrize('seed', [7, 21])
+def test_estimate_counts_what_contacts_add(method, seed):
+    changes, periods, _ = draw_scene('contact', seed)
+    judged = judge(changes, method, 0.0, periods)
+    assert judged.tells and not judged.ended and not judged.falls
+    # Shells meet and part in a few windows, in which most is added.
+    windows = np.sort(np.diff(judged.added))
+    assert windows[-4:].sum() > 0.6 * judged.added[-1]
+    assert 1.0 / 3.0 < judged.ratio < 3.0
+
+
+def test_estimate_with_contacts_is_the_same_in_pieces_and_from_a_checkpoint():
+    changes, periods, _ = draw_scene('contact', 21)
+    scene = ico.Scene.from_parameters(changes | {'solver.method': 'srkn6'})
+    whole, pieces, restored = (ico.compile_scene(scene) for _ in range(3))
+    end = periods * 2.0 * np.pi / whole.largest_frequency
+    whole.advance_to(end)
+    estimates, free = [0.0], 0.0
+    for time in np.sort(np.random.default_rng(0).uniform(0.0, end, 100)):
+        pieces.advance_to(time)
+        estimates.append(pieces.error_estimate)
+        if not pieces.deepest_overlap:
+            free = estimates[-1]
+        if len(estimates) == 75:
+            assert pieces.deepest_overlap > 0.0
+            restored.restore(pieces.checkpoint())
+            assert restored.error_estimate == pieces.error_estimate
+    assert (np.diff(estimates) >= 0.0).all() and estimates[-1] > 10.0 * free > 0.0
+    for simulation in (pieces, restored):
+        simulation.advance_to(end)
+        assert simulation.error_estimate == whole.error_estimate
+        np.testing.assert_array_equal(simulation.snapshot().position, whole.snapshot().position)
+
+
 @pytest.mark.parametrize('given', [0.0, 0.7])
 def test_estimate_of_a_motion_that_dies(given):
     judged = judge(STOPPED, 'dop8', given, 150.0)

@@ -1,0 +1,110 @@
+# Copyright 2026 The icofabric_sim authors
+# Licensed under the Apache License, Version 2.0; see LICENSE.
+"""
+Errors that steps of one length add while shells touch, measured behind them.
+
+A contact may begin and end between two accuracy probes, and adds more error than free motion in
+many periods. So a stretch of steps between two health checks in which shells touched is repeated
+with twice as many of half the length, and the difference of the ends counted (Richardson). All of
+the first such stretches are repeated, later one of several, which then stands for those before it.
+"""
+
+from collections.abc import Callable
+import math
+from typing import Any, Protocol
+
+from icofabric_sim.kernels.records import State
+from icofabric_sim.simulation.state_tree import Memory
+
+# So many stretches are measured, then twice as many that stand for two each, and so on up to the
+# second number. Few of them make most of the error: which kink lies where in its step is chance.
+_SAMPLES, _MOST = 128, 8
+# A kink in a force leaves an error of order 2.
+_RICHARDSON = 4.0 / 3.0
+
+
+class Line(Protocol):
+    """What is needed of the trajectory."""
+
+    step: float
+
+    @property
+    def fabric_rate(self) -> float: ...
+
+    def compare_behind(
+        self, start: float, count: int, compare: Callable[[State, State], float]
+    ) -> float | None: ...
+
+
+class TouchingErrors:
+    """The sum of these errors, and when to measure the next."""
+
+    def __init__(self, line: Line, distance: Callable[[State, State, float], float]) -> None:
+        """
+        Measure on `line`, by the `distance` of two states.
+
+        Its third argument is a frequency [rad/s]: of what errors of velocities make later.
+        """
+        self._line, self._distance = line, distance
+        self.total = 0.0
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget the stretch in progress: the state has jumped. The sum goes on."""
+        self._every, self._left, self._waiting = 1, _SAMPLES, 0
+        self.begin(math.inf)
+
+    def begin(self, time: float) -> None:
+        """Begin a stretch at `time` [s], whose state is saved; inf: it cannot be judged."""
+        self._start, self._touched = time, False
+
+    def spoil(self) -> None:
+        """Something else than steps of one length is part of this stretch."""
+        self._start = math.inf
+
+    @property
+    def start(self) -> float:
+        """Time [s] at which the stretch in progress began; inf: it cannot be judged."""
+        return self._start
+
+    def note(self, touched: bool) -> None:
+        """Note whether shells touched in steps that were taken."""
+        self._touched = self._touched or touched
+
+    def end(self, time: float, rate: float) -> None:
+        """
+        Measure the stretch that ends at `time` [s], if that is due; the next begins there.
+
+        `rate` [1/s]: what is counted for free motion anyway.
+        """
+        length, step = time - self._start, self._line.step
+        self._waiting += self._touched
+        count = round(length / step) if 0.0 < length < math.inf else 0
+        whole = count > 0 and abs(length - count * step) < 1e-6 * step
+        if self._touched and whole and self._waiting >= self._every:
+            error = self._line.compare_behind(
+                self._start, count, lambda one, other: self._distance(
+                    one, other, self._line.fabric_rate))
+            if error is not None:
+                added = max(_RICHARDSON * error - rate * length, 0.0)
+                self.total += self._waiting * added
+                self._waiting = 0
+                self._left -= 1
+                if not self._left:
+                    self._every = min(2 * self._every, _MOST)
+                    self._left = _SAMPLES * self._every
+        self.begin(time)
+
+    def memory(self) -> dict[str, Any]:
+        """What was measured, and when it will be again."""
+        return {
+            'total': self.total, 'every': self._every, 'left': self._left,
+            'waiting': self._waiting, 'start': self._start, 'touched': self._touched}
+
+    def recall(self, memory: Memory) -> None:
+        """Go on from there."""
+        self.total = memory.number('total', 0.0, finite=False)
+        self._every, self._left = memory.count('every', 1, _MOST), memory.count('left', 1)
+        self._waiting = memory.count('waiting')
+        self._start = memory.number('start', finite=False)
+        self._touched = memory.flag('touched')
