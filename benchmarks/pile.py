@@ -37,8 +37,8 @@ import numpy as np
 A, BESIDE, BELOW = 0.01, 0.004, 0.02
 # They rest once their kinetic energy is this part of the largest at ten looks, SPACING [s] apart.
 REST, LOOKS, SPACING = 1e-6, 10, 0.01
-# The last part begins where it is this.
-CALM = 1e-3
+# The last part begins where it is this: more than what errors of a loose tolerance keep alive.
+CALM = 1e-2
 
 
 def pile(size: tuple[int, int, int], **changes: Any) -> ico.Scene:

@@ -19,7 +19,6 @@ from icofabric_sim.simulation.event_loop import Course
 from icofabric_sim.simulation.input_types import BodyTarget, Wrench
 from icofabric_sim.simulation.model.packing import PackedScene
 from icofabric_sim.simulation.stepping.ledger import EnergyBalance
-from icofabric_sim.simulation.stepping.methods import METHODS
 
 
 class SimulationStatus:
@@ -96,10 +95,9 @@ class SimulationStatus:
                 'where connectors around shells change to another geodesic the force jumps, the '
                 'tolerance is not kept, and the estimate was up to 40 times too small in tests')
         if self.deepest_overlap > 0.0 or self.contact_count:
-            missed = 7 if METHODS[self.method_name].adaptive else 260
             found.append(
-                'what is added where a contact begins or ends within a step is seen in part: the '
-                f'estimate was up to {missed} times too small in tests')
+                'a contact that begins and ends between two evaluations of the forces within a '
+                'step is not seen')
         return '; '.join(found)
 
     @property

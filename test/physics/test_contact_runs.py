@@ -46,7 +46,7 @@ def test_a_collision_keeps_momenta_to_rounding_and_energy(method):
         assert np.abs(one - other).max() < 1e-12 * scale
     assert 1e-4 * A < deepest < 0.05 * A and most > 0.1 * start
     assert simulation.status.contact_count == 0
-    assert 'a contact begins or ends' in simulation.status.error_estimate_lacks
+    assert 'a contact that begins and ends' in simulation.status.error_estimate_lacks
     velocity = simulation.snapshot().linear_velocity
     assert velocity[0, 0] < -0.1 and abs(simulation.balance.error) < 1e-3 * start
 

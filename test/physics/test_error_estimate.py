@@ -62,10 +62,10 @@ def test_estimate_with_contacts_is_the_same_in_pieces_and_from_a_checkpoint():
     for time in np.sort(np.random.default_rng(0).uniform(0.0, end, 100)):
         pieces.advance_to(time)
         estimates.append(pieces.error_estimate)
-        if not pieces.deepest_overlap:
+        if not pieces.status.deepest_overlap:
             free = estimates[-1]
         if len(estimates) == 75:
-            assert pieces.deepest_overlap > 0.0
+            assert pieces.status.deepest_overlap > 0.0
             restored.restore(pieces.checkpoint())
             assert restored.error_estimate == pieces.error_estimate
     assert (np.diff(estimates) >= 0.0).all() and estimates[-1] > 10.0 * free > 0.0
