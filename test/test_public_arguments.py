@@ -229,7 +229,7 @@ def table(t):
         'Checkpoint.of': (ico.Checkpoint.of, {
             'simulation': some(ico.Simulation, simulation),
             'memory': Argument(
-                [checkpoint.memory()._values], ['x', None, 3, NAN, [], {1: 2}, Other()])}),
+                [checkpoint.state_tree()._values], ['x', None, 3, NAN, [], {1: 2}, Other()])}),
         'Checkpoint.from_bytes': (ico.Checkpoint.from_bytes, {
             'data': Argument([checkpoint.to_bytes(), bytearray(checkpoint.to_bytes())], [
                 'x', None, 3, True, NAN, [], {}, b'', b'x' * 100, checkpoint.to_bytes()[:-1],

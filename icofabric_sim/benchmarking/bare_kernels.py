@@ -27,7 +27,7 @@ from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.model.packing import PackedScene
 from icofabric_sim.simulation.simulation import Simulation
 from icofabric_sim.simulation.stepping.methods import METHODS
-from icofabric_sim.simulation.stepping.thread_team import Crew
+from icofabric_sim.simulation.stepping.thread_team import ThreadTeam
 import numpy as np
 
 SPRINGS_ONLY = Path(__file__).resolve().parents[2] / 'benchmarks' / 'springs_only.py'
@@ -112,7 +112,7 @@ def package_kernel(packed: PackedScene) -> Kernel:
     """The package's own, without health checks."""
     ledger = np.zeros(monitor.LEDGER_COUNT)
     ledger[monitor.OBSTRUCTED_LIMIT] = np.inf
-    team = Crew(1, packed).team(0)
+    team = ThreadTeam(1, packed).team(0)
     advance = METHODS['leapfrog'].advance
 
     def run(state: State, work: Work, count: int) -> None:

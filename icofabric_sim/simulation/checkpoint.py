@@ -14,7 +14,7 @@
 """
 Checkpoints: all that a run continues from, to the same bits as if it had never stopped.
 
-A checkpoint holds the memory of a `Simulation` (see state_tree.py) and says of which scene, by
+A checkpoint holds the state tree of a `Simulation` (see state_tree.py) and says of which scene, by
 which method, version and processor it is. It is plain text and numbers; reading one executes
 nothing.
 """
@@ -39,7 +39,7 @@ from icofabric_sim.simulation.checkpoint_difference import (
     scene_difference,
     scene_parameters,
 )
-from icofabric_sim.simulation.state_tree import Memory, plain_number
+from icofabric_sim.simulation.state_tree import plain_number, StateTree
 from icofabric_sim.simulation.status import SimulationStatus
 from icofabric_sim.version import __version__
 import llvmlite
@@ -73,7 +73,7 @@ class Run(Protocol):
 @dataclass(frozen=True, eq=False)
 class Checkpoint:
     """
-    A run at one time: `header` in words and numbers, and the `arrays` of its memory.
+    A run at one time: `header` in words and numbers, and the `arrays` of its tree.
 
     `Simulation.checkpoint` makes one; `Simulation.restore` goes on from it.
     """
@@ -89,11 +89,11 @@ class Checkpoint:
                 raise TypeError(f'arrays must be of doubles, got the type {array.dtype}')
 
     @classmethod
-    def of(cls, simulation: Run, memory: dict[str, Any]) -> Self:
+    def of(cls, simulation: Run, tree: dict[str, Any]) -> Self:
         """Make a checkpoint from what the `simulation` remembers."""
         arrays: dict[str, np.ndarray] = {}
         _require_simulation(simulation)
-        values = _split(checks.mapping('memory', memory), '', arrays)
+        values = _split(checks.mapping('memory', tree), '', arrays)
         return cls({**_identity(simulation), 'memory': values}, arrays)
 
     @property
@@ -105,9 +105,9 @@ class Checkpoint:
         """Parameters of its scene; ValueError where this version cannot take them."""
         return scene_parameters(self.header)
 
-    def memory(self) -> Memory:
+    def state_tree(self) -> StateTree:
         """What was remembered."""
-        return Memory(_joined(self.header['memory'], self.arrays))
+        return StateTree(_joined(self.header['memory'], self.arrays))
 
     def to_bytes(self) -> bytes:
         """All of it, for a file or a message."""
@@ -222,7 +222,7 @@ def _identity(simulation: Run) -> dict[str, Any]:
 
 def _check_header(header: Mapping[str, Any]) -> None:
     """Refuse a header that lacks what everyone reads."""
-    known = Memory(header, 'header')
+    known = StateTree(header, 'header')
     number = known.count('format')
     if number != FORMAT:
         raise ValueError(f'its format is {number}, and this version reads format {FORMAT}')
@@ -241,10 +241,10 @@ def _flat_machine(header: Mapping[str, Any]) -> dict[str, Any]:
         'processor': header['processor'], 'lanes': header['lanes'], **header['libraries']}
 
 
-def _split(memory: Mapping[str, Any], place: str, arrays: dict[str, np.ndarray]) -> dict[str, Any]:
-    """What JSON can hold of a memory; its arrays go into `arrays`, by their path."""
+def _split(tree: Mapping[str, Any], place: str, arrays: dict[str, np.ndarray]) -> dict[str, Any]:
+    """What JSON can hold of a state tree; its arrays go into `arrays`, by their path."""
     values: dict[str, Any] = {}
-    for name, value in memory.items():
+    for name, value in tree.items():
         path = f'{place}.{name}' if place else name
         if isinstance(value, np.ndarray):
             arrays[path] = value
@@ -258,11 +258,11 @@ def _split(memory: Mapping[str, Any], place: str, arrays: dict[str, np.ndarray])
 
 
 def _joined(values: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> dict[str, Any]:
-    """The memory again, of parts with their arrays."""
-    memory = dict(values)
+    """The state tree again, of parts with their arrays."""
+    tree = dict(values)
     for path, array in arrays.items():
         *parts, name = path.split('.')
-        part = memory
+        part = tree
         for step in parts:
             inner = part.get(step, {})
             if not isinstance(inner, Mapping):
@@ -270,7 +270,7 @@ def _joined(values: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> dict
             part[step] = dict(inner)
             part = part[step]
         part[name] = array
-    return memory
+    return tree
 
 
 def _read(path: str | os.PathLike[str]) -> bytes:

@@ -22,7 +22,7 @@ from icofabric_sim.scene.drives import Drive
 from icofabric_sim.scene.initial import InitialState
 from icofabric_sim.scene.paths import PathPiece
 from icofabric_sim.simulation.input_types import DriveTarget, restored_target, stored_target, Twist
-from icofabric_sim.simulation.state_tree import as_number, Memory
+from icofabric_sim.simulation.state_tree import as_number, StateTree
 from icofabric_sim.simulation.timetable import Timetable
 import numpy as np
 
@@ -88,7 +88,7 @@ class Driving:
             rows.append(DriveRow(drive.bodies, drive.middle, kept))
         return DrivePack(tuple(rows), self._arm, self._start)
 
-    def memory(self) -> dict[str, Any]:
+    def state_tree(self) -> dict[str, Any]:
         """The twists that rule, and what was packed."""
         return {
             'taken': [
@@ -99,16 +99,16 @@ class Driving:
                 for target, kept in sorted(self._packed.items(), key=lambda item: str(item[0]))],
         }
 
-    def recall(self, memory: Memory) -> None:
+    def load_state(self, tree: StateTree) -> None:
         """Go on from there."""
         taken: dict[DriveTarget, PathPiece] = {}
         packed: dict[DriveTarget, int | PathPiece] = {}
-        for entry in memory.entries('taken'):
+        for entry in tree.entries('taken'):
             target, piece = self._entry(entry)
             if isinstance(piece, int):
                 raise ValueError(f'inputs.driving.taken has no twist for {target}')
             taken[target] = piece
-        for entry in memory.entries('packed'):
+        for entry in tree.entries('packed'):
             target, packed[target] = self._entry(entry)
         self.taken, self._packed = taken, packed
 

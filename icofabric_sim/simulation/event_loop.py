@@ -20,7 +20,7 @@ from typing import Any
 from icofabric_sim.kernels.records import Loads
 from icofabric_sim.scene.initial import InitialState
 from icofabric_sim.scene.scene import Scene
-from icofabric_sim.simulation.contact.broad_phase import ContactWatch
+from icofabric_sim.simulation.contact.broad_phase import BroadPhase
 from icofabric_sim.simulation.errors import SimulationError
 from icofabric_sim.simulation.input_types import Target, Twist, Wrench
 from icofabric_sim.simulation.inputs import Inputs
@@ -31,27 +31,27 @@ from icofabric_sim.simulation.model.packing import (
     PackedScene,
 )
 from icofabric_sim.simulation.model.stability import largest_frequency, with_anchors
-from icofabric_sim.simulation.state_tree import Memory
-from icofabric_sim.simulation.stepping.adaptive_driver import AdaptiveStepper
+from icofabric_sim.simulation.state_tree import StateTree
+from icofabric_sim.simulation.stepping.adaptive_driver import AdaptiveDriver
 from icofabric_sim.simulation.stepping.broken import Broken
-from icofabric_sim.simulation.stepping.event_detection import BreakingStepper
+from icofabric_sim.simulation.stepping.event_detection import BreakageLocatingDriver
 from icofabric_sim.simulation.stepping.faults import stiffest_term, too_fast
-from icofabric_sim.simulation.stepping.fixed_step_driver import Stepper
+from icofabric_sim.simulation.stepping.fixed_step_driver import FixedStepDriver
 from icofabric_sim.simulation.stepping.method_needs import ADAPTIVE, required_method
 from icofabric_sim.simulation.stepping.method_selection import Choice, choose_method
 from icofabric_sim.simulation.stepping.methods import METHODS
 from icofabric_sim.simulation.stepping.obstruction import Obstruction
-from icofabric_sim.simulation.stepping.thread_team import Crew
+from icofabric_sim.simulation.stepping.thread_team import ThreadTeam
 
 
-class Course:
+class EventLoop:
     """Where a run stands, what acts on it, and what will."""
 
     def __init__(
         self, scene: Scene, packed: PackedScene, *, body_wrenches: bool,
         on_pause: Callable[[], None]
     ) -> None:
-        """Stand at the start of the `scene`; see `compile_scene` and `Stepper`."""
+        """Stand at the start of the `scene`; see `compile_scene` and `FixedStepDriver`."""
         self._scene, self._packed, self._body_wrenches = scene, packed, body_wrenches
         self.time = 0.0  # [s] that was asked for last
         self.inputs = Inputs(scene)
@@ -59,9 +59,9 @@ class Course:
         self.changes = 0
         self._stale_loads = False
         parameters = scene.parameters
-        crew, watch = Crew(parameters['solver.threads'], packed), None
+        thread_team, watch = ThreadTeam(parameters['solver.threads'], packed), None
         if packed.contact is not None:
-            watch = ContactWatch(packed.contact, packed.layout, packed.model, crew.size)
+            watch = BroadPhase(packed.contact, packed.layout, packed.model, thread_team.size)
         # Name of the method in METHODS, and why it was chosen.
         self.method = Choice(parameters['solver.method'], 'given as solver.method')
         loads = self._loads()
@@ -96,12 +96,12 @@ class Course:
             loads = self._loads()
         method = METHODS[self.method.name]
         try:
-            kind: type[Stepper] = Stepper
+            kind: type[FixedStepDriver] = FixedStepDriver
             if packed.breakage is not None:
-                kind = BreakingStepper
+                kind = BreakageLocatingDriver
             elif method.adaptive and not fixed > 0.0:
-                kind = AdaptiveStepper
-            self.stepper = kind(
+                kind = AdaptiveDriver
+            self.driver = kind(
                 packed,
                 method,
                 state,
@@ -114,7 +114,7 @@ class Course:
                 output_period=1.0 / parameters['publish_rate'],
                 load_rate=self._load_rate(loads),
                 half_edge=scene.geometry.half_edge,
-                crew=crew,
+                thread_team=thread_team,
                 watch=watch,
                 broken=Broken(packed),
                 obstruction=Obstruction(parameters['connector.obstruction'], packed),
@@ -135,13 +135,13 @@ class Course:
         due = self.inputs.next_time
         self.settle_loads()
         try:
-            done = self.stepper.advance_steps(most, until=due)
+            done = self.driver.advance_steps(most, until=due)
             pause()
         except SimulationError:
             self.time = -math.inf  # the last good state may be older
             raise
         finally:
-            self.time = max(self.time, self.stepper.time)
+            self.time = max(self.time, self.driver.time)
             self.changes += 1
         if done == 0:
             self._handle_events(due)
@@ -157,14 +157,14 @@ class Course:
         self.changes += 1
         self._stale_loads = False
         loads = self._loads()
-        self.stepper.jump(
+        self.driver.jump(
             self.time, self._packed.layout.pack(state), loads, self._load_rate(loads))
 
     def begin_at(self, time: float) -> None:
-        """Move a course that has not begun to another `time` [s]; what acts may have changed."""
+        """Move an event loop that has not begun to another `time` [s]; what acts may be new."""
         self.time = time
         self.changes += 1
-        self.stepper.rebase(time)
+        self.driver.rebase(time)
         self._stale_loads = True
         self.settle_loads()
 
@@ -175,30 +175,30 @@ class Course:
         if self._stale_loads:
             loads = self._loads()
             self._stale_loads = False
-            self.stepper.set_loads(loads, self._load_rate(loads))
+            self.driver.set_loads(loads, self._load_rate(loads))
 
-    def memory(self) -> dict[str, Any]:
+    def state_tree(self) -> dict[str, Any]:
         """All that what is to come depends on, but for the time."""
         return {
             'stale_loads': self._stale_loads,
-            'inputs': self.inputs.memory(),
-            'stepper': self.stepper.memory(),
+            'inputs': self.inputs.state_tree(),
+            'stepper': self.driver.state_tree(),
         }
 
-    def recall(self, memory: Memory, time: float) -> None:
+    def load_state(self, tree: StateTree, time: float) -> None:
         """
         Go on from there at `time` [s]; where it raises ValueError, only another recall helps.
         """
         self.changes += 1
-        self.inputs.recall(memory.part('inputs'), time)
+        self.inputs.load_state(tree.part('inputs'), time)
         # A wrench on a body has loads prepared for all that follows, here or there.
         self._body_wrenches = self._body_wrenches or self.inputs.concern_bodies
-        self._stale_loads = memory.flag('stale_loads')
-        self.stepper.recall(memory.part('stepper'), self._loads(again=True))
-        if not self.stepper.time <= time <= self.stepper.next_step_time:
+        self._stale_loads = tree.flag('stale_loads')
+        self.driver.load_state(tree.part('stepper'), self._loads(again=True))
+        if not self.driver.time <= time <= self.driver.next_step_time:
             raise ValueError(
                 f'its time {time!r} s is not in the step in progress, '
-                f'{self.stepper.time!r} to {self.stepper.next_step_time!r} s')
+                f'{self.driver.time!r} to {self.driver.next_step_time!r} s')
         self.time = time
 
     def _handle_events(self, until: float) -> None:
@@ -207,21 +207,21 @@ class Course:
             self._reach(time)
             if self.inputs.apply_next():
                 self._settle_loads_before(time)
-                self.stepper.cut(time)
+                self.driver.cut(time)
                 self._stale_loads = True
                 self.changes += 1
 
     def _reach(self, time: float) -> None:
         try:
             self._settle_loads_before(time)
-            self.stepper.advance(time)
+            self.driver.advance(time)
         except SimulationError:
             # The last good state may be older than what was seen of the run.
-            self.time = self.stepper.time
+            self.time = self.driver.time
             self.changes += 1
             raise
         except BaseException:
-            self.time = max(self.time, self.stepper.time)
+            self.time = max(self.time, self.driver.time)
             self.changes += 1
             raise
         if time != self.time:
@@ -229,7 +229,7 @@ class Course:
             self.changes += 1
 
     def _settle_loads_before(self, time: float) -> None:
-        if time > self.stepper.time:
+        if time > self.driver.time:
             self.settle_loads()
 
     def _load_rate(self, loads: Loads | None) -> float:

@@ -46,7 +46,7 @@ from icofabric_sim.simulation.input_types import (
 )
 from icofabric_sim.simulation.model.layout import Layout
 from icofabric_sim.simulation.model.packing import AnchorPack, pack_loads, WrenchRow
-from icofabric_sim.simulation.state_tree import as_number, Memory
+from icofabric_sim.simulation.state_tree import as_number, StateTree
 from icofabric_sim.simulation.timetable import AnchorPath, Follower, Timetable, TractionProfile
 import numpy as np
 
@@ -314,7 +314,7 @@ class Inputs:
             channel.bodies, channel.in_body_axes, wrench.force / part, wrench.torque / part,
             channel.point, piece)
 
-    def memory(self) -> dict[str, Any]:
+    def state_tree(self) -> dict[str, Any]:
         """What acts, what acts still, and what is to come, in an order of its own."""
         queue = [
             [event.time, event.rank, stored_target(event.target), *_numbers(event.value)]
@@ -328,24 +328,24 @@ class Inputs:
             'received': [
                 stored_target(target) for target in sorted(self.received, key=load_order)],
             'queue': queue,
-            'timetable': self.timetable.memory(),
-            'driving': self.driving.memory(),
+            'timetable': self.timetable.state_tree(),
+            'driving': self.driving.state_tree(),
             'packed_pieces': self.timetable.listing(self._packed_pieces),
         }
 
-    def recall(self, memory: Memory, now: float) -> None:
+    def load_state(self, tree: StateTree, now: float) -> None:
         """Go on from there; nothing is to come before `now` [s]."""
-        self.timetable.recall(memory.part('timetable'), now)
-        pieces = self.timetable.known_numbers(memory.entries('packed_pieces'))
-        self.driving.recall(memory.part('driving'))
-        active, packed = (self._wrenches(memory.entries(name)) for name in ('active', 'packed'))
+        self.timetable.load_state(tree.part('timetable'), now)
+        pieces = self.timetable.known_numbers(tree.entries('packed_pieces'))
+        self.driving.load_state(tree.part('driving'))
+        active, packed = (self._wrenches(tree.entries(name)) for name in ('active', 'packed'))
         expiry: dict[LoadTarget, float] = {}
-        for entry in memory.entries('expiry'):
+        for entry in tree.entries('expiry'):
             stored, time = _fields(entry, 2)
             expiry[self._load_target(stored)] = _moment(time, now)
-        received = {self._load_target(stored) for stored in memory.entries('received')}
+        received = {self._load_target(stored) for stored in tree.entries('received')}
         queue = []
-        for number, entry in enumerate(memory.entries('queue')):
+        for number, entry in enumerate(tree.entries('queue')):
             time, rank, stored, first, second = _fields(entry, 5)
             target = self._known(stored)
             value = None if first is None and second is None else _value(target, first, second)

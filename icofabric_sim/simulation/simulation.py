@@ -23,7 +23,7 @@ from icofabric_sim.scene.initial import hold_still, InitialState
 from icofabric_sim.scene.scene import require_scene, Scene
 from icofabric_sim.simulation.checkpoint import Checkpoint
 from icofabric_sim.simulation.errors import Interrupted, SimulationError
-from icofabric_sim.simulation.event_loop import Course
+from icofabric_sim.simulation.event_loop import EventLoop
 from icofabric_sim.simulation.given_state import complete_state
 from icofabric_sim.simulation.input_types import (
     BodyTarget,
@@ -39,7 +39,7 @@ from icofabric_sim.simulation.model.body_force import as_body_force, BodyForce, 
 from icofabric_sim.simulation.model.packing import pack_scene
 from icofabric_sim.simulation.model.snapshot import Snapshot
 from icofabric_sim.simulation.precompile import compile_contact_ahead
-from icofabric_sim.simulation.state_tree import Memory
+from icofabric_sim.simulation.state_tree import StateTree
 from icofabric_sim.simulation.status import SimulationStatus
 from icofabric_sim.simulation.stepping.ledger import EnergyBalance
 import numpy as np
@@ -88,20 +88,20 @@ class Simulation:
         self._deferred = DeferredInterrupt()
         # Asked every 25 to 50 ms of computing; True ends the advance with Interrupted.
         self.should_stop: Callable[[], bool] | None = None
-        self._course = Course(
+        self._event_loop = EventLoop(
             scene, self.packed, body_wrenches=body_wrenches, on_pause=self._pause)
-        self._stepper = self._course.stepper
+        self._driver = self._event_loop.driver
         # What acts and what is to come. Whoever puts a judged input into `inputs.queue` advances
         # to its time, or to the present one, to have it act.
-        self.inputs = self._course.inputs
-        self._status = SimulationStatus(self._course, self.packed)
+        self.inputs = self._event_loop.inputs
+        self._status = SimulationStatus(self._event_loop, self.packed)
         self._cached: Snapshot | None = None
         self._cached_at = 0
 
     @property
     def time(self) -> float:
         """Simulated time [s] that was asked for last."""
-        return self._course.time
+        return self._event_loop.time
 
     @property
     def status(self) -> SimulationStatus:
@@ -126,27 +126,27 @@ class Simulation:
                 f'time must not be in the past: cannot advance to {time!r} s from {self.time!r} s'
                 '; reset_time() goes back to the start')
         with self._deferred:
-            self._course.advance(time)
+            self._event_loop.advance(time)
 
     def advance_steps(self, count: int) -> None:
         """Take `count` solver steps; an input that acts in between ends a step, which counts."""
         count = checks.count('count', count, 1)
-        stepper = self._stepper
+        stepper = self._driver
         goal = stepper.step_count + count
         with self._deferred:
             while stepper.step_count < goal:
-                self._course.take_step(goal - stepper.step_count, self._pause)
+                self._event_loop.take_step(goal - stepper.step_count, self._pause)
 
     def snapshot(self) -> Snapshot:
         """Copy of the state at the present time."""
-        if self._cached is None or self._cached_at != self._course.changes:
-            state = self.packed.layout.unpack(self._stepper.state_at(self.time))
+        if self._cached is None or self._cached_at != self._event_loop.changes:
+            state = self.packed.layout.unpack(self._driver.state_at(self.time))
             for array in state:
                 array.flags.writeable = False
             self._cached = Snapshot(
                 self.time, *state, self.scene.connector_count, self.packed,
-                self._books(state), self._stepper.broken.since, self._anchors())
-            self._cached_at = self._course.changes
+                self._books(state), self._driver.broken.since, self._anchors())
+            self._cached_at = self._event_loop.changes
         return self._cached
 
     def apply_wrench(
@@ -230,15 +230,15 @@ class Simulation:
                 raise ValueError(
                     f'time must not be in the past: a reset cannot be at {time!r} s, the time is '
                     f'{self.time!r} s; reset_time() goes back to the start')
-            self._course.time = time
-        self.inputs.reset(self._course.time)
-        self._stepper.broken.mend()
+            self._event_loop.time = time
+        self.inputs.reset(self._event_loop.time)
+        self._driver.broken.mend()
         self._jump(self.scene.initial)
 
     def reset_time(self) -> None:
         """Go back to the initial state and to time 0."""
-        self._course.time = 0.0
-        self._course.stepper.forget()
+        self._event_loop.time = 0.0
+        self._event_loop.driver.forget()
         self.reset()
 
     def take_over(self, previous: 'Simulation', *, keep_motion: bool) -> None:
@@ -257,16 +257,16 @@ class Simulation:
             )
         self.inputs.adopt(previous.inputs, previous.time, anew=not keep_motion)
         if keep_motion:
-            if self._stepper.watch is not None:
+            if self._driver.watch is not None:
                 # The same motion: warnings are not repeated.
-                self._stepper.watch.take_over(previous.status.proximity)
-            self._stepper.broken.adopt(previous._stepper.broken)
-            if not self._stepper.obstruction.stops:
-                self._stepper.obstruction.found = previous.status.obstruction
-            self._course.time = previous.time
+                self._driver.watch.take_over(previous.status.proximity)
+            self._driver.broken.adopt(previous._driver.broken)
+            if not self._driver.obstruction.stops:
+                self._driver.obstruction.found = previous.status.obstruction
+            self._event_loop.time = previous.time
             self._jump(_as_initial(previous.snapshot(), self.scene))
         else:
-            self._course.begin_at(previous.time)
+            self._event_loop.begin_at(previous.time)
 
     def break_like(self, other: 'Simulation') -> None:
         """
@@ -278,9 +278,9 @@ class Simulation:
                 f'other must be a simulation of the same fabric: it has '
                 f'{other.scene.connector_count} connectors, this one '
                 f'{self.scene.connector_count}')
-        self._stepper.broken.mend()
-        self._stepper.broken.adopt(other._stepper.broken)
-        self._course.changes += 1
+        self._driver.broken.mend()
+        self._driver.broken.adopt(other._driver.broken)
+        self._event_loop.changes += 1
 
     def warm_up(self) -> None:
         """
@@ -288,9 +288,9 @@ class Simulation:
 
         Those for contacts that may come later are compiled by another process, if need be.
         """
-        self._course.settle_loads()
-        self._stepper.warm_up()
-        if self.body_force is None and not self._stepper.has_contact_kernels():
+        self._event_loop.settle_loads()
+        self._driver.warm_up()
+        if self.body_force is None and not self._driver.has_contact_kernels():
             compile_contact_ahead(
                 self.scene, method=self._status.method_name, rotation=self.rotation,
                 body_wrenches=self._body_wrenches)
@@ -298,7 +298,7 @@ class Simulation:
     def checkpoint(self) -> Checkpoint:
         """All that the run continues from; the run itself does not notice."""
         with self._deferred:
-            return Checkpoint.of(self, self._course.memory())
+            return Checkpoint.of(self, self._event_loop.state_tree())
 
     def restore(self, checkpoint: Checkpoint) -> None:
         """
@@ -313,11 +313,11 @@ class Simulation:
             'simulation.checkpoint() makes one, Checkpoint.load(path) reads one')
         checkpoint.require_fit(self)
         with self._deferred:
-            before, time = self._course.memory(), self.time
+            before, time = self._event_loop.state_tree(), self.time
             try:
-                self._course.recall(checkpoint.memory(), checkpoint.time)
+                self._event_loop.load_state(checkpoint.state_tree(), checkpoint.time)
             except BaseException as error:
-                self._course.recall(Memory(before), time)
+                self._event_loop.load_state(StateTree(before), time)
                 if not isinstance(error, ValueError):
                     raise
                 raise ValueError(
@@ -344,12 +344,12 @@ class Simulation:
                 f'time must not be in the past: {" and ".join(value._fields)} cannot act at '
                 f'{at!r} s, the time is {self.time!r} s')
         with self._deferred:
-            self._course.apply(target, value, at)
+            self._event_loop.apply(target, value, at)
         return at
 
     def _books(self, state: InitialState) -> dict[str, float]:
         """What a snapshot needs for its balance [J]."""
-        stepper, force = self._stepper, self.body_force
+        stepper, force = self._driver, self.body_force
         books = {
             'work_in': stepper.work_at_state(), 'spent': stepper.spent_at_state(),
             'start': stepper.ledger[monitor.BASE],
@@ -364,7 +364,7 @@ class Simulation:
 
     def _jump(self, state: InitialState) -> None:
         with self._deferred:
-            self._course.jump(state)
+            self._event_loop.jump(state)
 
     def _pause(self) -> None:
         self._deferred.check()

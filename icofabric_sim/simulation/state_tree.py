@@ -14,9 +14,9 @@
 """
 What the parts of a running simulation remember, by name.
 
-Each part says it with `memory()`, in plain values, lists, arrays and the memories of its own
-parts, and takes it back with `recall()`. What it takes back may come from a file, so everything
-is judged as it is read.
+Each part says it with `state_tree()`, in plain values, lists, arrays and the trees of its own
+parts, and takes it back with `load_state()`. What it takes back may come from a file, so
+everything is judged as it is read.
 """
 
 from collections.abc import Mapping
@@ -30,7 +30,7 @@ _SPECIAL = {'inf': math.inf, '-inf': -math.inf, 'nan': math.nan}
 _LARGEST_COUNT = 2**62
 
 
-class Memory:
+class StateTree:
     """Reads what was remembered; a ValueError names what is missing or makes no sense."""
 
     def __init__(self, values: Mapping[str, Any], place: str = '') -> None:
@@ -89,12 +89,12 @@ class Memory:
             self._refuse(name, f'must have the shape {shape}')
         return np.asarray(value)
 
-    def part(self, name: str) -> 'Memory':
-        """Return the memory of a part."""
+    def part(self, name: str) -> 'StateTree':
+        """Return the tree of a part."""
         value = self._found(name)
         if not isinstance(value, Mapping):
             self._refuse(name, 'must be a part with entries of its own')
-        return Memory(value, self._path(name))
+        return StateTree(value, self._path(name))
 
     def _path(self, name: str) -> str:
         return f'{self._place}.{name}' if self._place else name

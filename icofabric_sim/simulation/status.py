@@ -15,7 +15,7 @@
 
 from icofabric_sim.kernels import monitor
 from icofabric_sim.simulation.contact.broad_phase import Overlap
-from icofabric_sim.simulation.event_loop import Course
+from icofabric_sim.simulation.event_loop import EventLoop
 from icofabric_sim.simulation.input_types import BodyTarget, Wrench
 from icofabric_sim.simulation.model.packing import PackedScene
 from icofabric_sim.simulation.stepping.ledger import EnergyBalance
@@ -28,63 +28,63 @@ class SimulationStatus:
     Errors are the larger of position over a and orientation in rad.
     """
 
-    def __init__(self, course: Course, packed: PackedScene) -> None:
+    def __init__(self, event_loop: EventLoop, packed: PackedScene) -> None:
         """Read from the event loop of one simulation."""
-        self._course, self._stepper, self._packed = course, course.stepper, packed
+        self._event_loop, self._driver, self._packed = event_loop, event_loop.driver, packed
 
     # The method and its steps.
 
     @property
     def method_name(self) -> str:
         """Name of the method in METHODS."""
-        return self._course.method.name
+        return self._event_loop.method.name
 
     @property
     def method_reason(self) -> str:
         """Sentence on why this method was chosen."""
-        return self._course.method.reason
+        return self._event_loop.method.reason
 
     @property
     def step(self) -> float:
         """Step [s] in use."""
-        return self._stepper.step
+        return self._driver.step
 
     @property
     def step_count(self) -> int:
         """Steps taken so far."""
-        return self._stepper.step_count
+        return self._driver.step_count
 
     @property
     def next_step_time(self) -> float:
         """Time [s] at which the step in progress ends, unless an input ends it before."""
-        return self._stepper.next_step_time
+        return self._driver.next_step_time
 
     @property
     def largest_frequency(self) -> float:
         """Largest frequency [rad/s] of the fabric in the configuration evaluated last."""
-        return self._stepper.frequency.rate
+        return self._driver.frequency.rate
 
     @property
     def stability_limit(self) -> float:
         """Longest stable step [s] in that configuration."""
-        return self._stepper.limit
+        return self._driver.limit
 
     @property
     def thread_count(self) -> int:
         """Threads that share a step."""
-        return self._stepper.crew.size
+        return self._driver.thread_team.size
 
     # Errors and energy.
 
     @property
     def error_rate(self) -> float:
         """Error that the method adds for each second [1/s], measured last."""
-        return self._stepper.error_rate()
+        return self._driver.error_rate()
 
     @property
     def error_estimate(self) -> float:
         """Errors added since the start, as if none of them had grown."""
-        return self._stepper.error_estimate(self._course.time)
+        return self._driver.error_estimate(self._event_loop.time)
 
     @property
     def error_estimate_lacks(self) -> str:
@@ -103,46 +103,46 @@ class SimulationStatus:
     @property
     def balance(self) -> EnergyBalance:
         """How well the energy balanced at the health checks."""
-        return self._stepper.ledger.balance
+        return self._driver.ledger.balance
 
     # Contacts, breaks, connectors in shells.
 
     @property
     def contact_count(self) -> int:
         """Pairs of shells, and shells and planes, that touched at the last health check."""
-        return int(self._stepper.ledger[monitor.TOUCHING])
+        return int(self._driver.ledger[monitor.TOUCHING])
 
     @property
     def contact_tests(self) -> int:
         """Pairs tested in all steps so far; tests for snapshots in between do not count."""
-        watch = self._stepper.watch
+        watch = self._driver.watch
         return 0 if watch is None else watch.tests
 
     @property
     def deepest_overlap(self) -> float:
         """Deepest overlap [m] of shells in contact at any health check so far."""
-        return self._stepper.ledger[monitor.DEEPEST_EVER]
+        return self._driver.ledger[monitor.DEEPEST_EVER]
 
     @property
     def proximity(self) -> Overlap | None:
         """The first two shells that overlapped by more than contact is meant for, if any."""
-        watch = self._stepper.watch
+        watch = self._driver.watch
         return None if watch is None else watch.found
 
     @property
     def broken_count(self) -> int:
         """Connectors that have broken so far."""
-        return self._stepper.broken.count
+        return self._driver.broken.count
 
     @property
     def obstruction(self) -> str:
         """Sentence on the first connector that was seen in its own shell; '': none was."""
-        return self._stepper.obstruction.found
+        return self._driver.obstruction.found
 
     @property
     def obstructed_ends(self) -> int:
         """Ends of connectors that were in their own shells at the last health check."""
-        return int(self._stepper.ledger[monitor.OBSTRUCTED])
+        return int(self._driver.ledger[monitor.OBSTRUCTED])
 
     # What acts.
 
@@ -151,10 +151,10 @@ class SimulationStatus:
         """Wrenches that act now, by channel name or body number."""
         return {
             target.number if isinstance(target, BodyTarget) else target.name: wrench
-            for target, wrench in self._course.inputs.acting().items()}
+            for target, wrench in self._event_loop.inputs.acting().items()}
 
     @property
     def waiting_loads(self) -> int:
         """Wrenches that are to begin or to end at a later time, messages left out."""
-        queue = self._course.inputs.queue
+        queue = self._event_loop.inputs.queue
         return len(queue) - queue.message_count

@@ -21,7 +21,7 @@ from typing import Any
 from icofabric_sim.scene.paths import Path
 from icofabric_sim.scene.profiles import Profile
 from icofabric_sim.simulation.input_types import ChannelTarget, DriveTarget, stored_target
-from icofabric_sim.simulation.state_tree import Memory
+from icofabric_sim.simulation.state_tree import StateTree
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,14 +93,14 @@ class Timetable:
         piece = self._profiles[name].pieces[number]
         return piece._replace(start=self.epoch + piece.start)
 
-    def memory(self) -> dict[str, Any]:
+    def state_tree(self) -> dict[str, Any]:
         """What rules, and since when it is counted."""
         return {'epoch': self.epoch, 'numbers': self.listing(self.numbers)}
 
-    def recall(self, memory: Memory, now: float) -> None:
+    def load_state(self, tree: StateTree, now: float) -> None:
         """Go on from there; nothing is to begin before `now` [s]."""
-        epoch = memory.number('epoch', 0.0, now)
-        numbers = self.known_numbers(memory.entries('numbers'))
+        epoch = tree.number('epoch', 0.0, now)
+        numbers = self.known_numbers(tree.entries('numbers'))
         if set(numbers) != set(self._profiles):
             raise ValueError('inputs.timetable.numbers are of other profiles')
         self.epoch, self.numbers = epoch, numbers

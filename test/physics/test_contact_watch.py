@@ -32,7 +32,7 @@ from icofabric_sim.kernels.contact.rebuild_check import look_around
 from icofabric_sim.kernels.contact.search import find_close, sort_cubes
 from icofabric_sim.kernels.records import Watch
 from icofabric_sim.scene.initial import InitialState
-from icofabric_sim.simulation.contact.neighbour_list import ContactLists
+from icofabric_sim.simulation.contact.neighbour_list import NeighbourList
 from icofabric_sim.simulation.contact.passing import Course, first_passing
 from icofabric_sim.simulation.contact.setup import ContactSetup
 from icofabric_sim.simulation.model.layout import make_layout
@@ -128,7 +128,7 @@ def test_nothing_else_touches_before_a_way_is_as_long_as_the_reach(seed):
     generator = np.random.default_rng(seed)
     layout = make_layout(np.zeros((0, 3), np.int32), 140)
     position, rotation = crowd(generator)
-    lists = ContactLists(SETUP, layout)
+    lists = NeighbourList(SETUP, layout)
     state = packed_state(layout, position, rotation.as_quat())
     watch = make_watch(lists, state)
     lists.survey(state, np.empty(3))
@@ -206,7 +206,7 @@ def test_ways_are_those_of_both_rotation_forms_beside_a_moving_frame():
         layout = make_layout(np.zeros((0, 3), np.int32), 20, cosines=cosines)
         before = packed_state(layout, position, rotation.as_quat())
         after = packed_state(layout, position + way + common, turned.as_quat())
-        watch = make_watch(ContactLists(SETUP, layout), before, frame)
+        watch = make_watch(NeighbourList(SETUP, layout), before, frame)
         # Two seconds later.
         ways_of(watch, layout.blocks, after, 3.0, 0, 0, len(layout.blocks.slot))
         far.append(np.sqrt(watch.far[0]))
@@ -217,7 +217,7 @@ def test_ways_are_those_of_both_rotation_forms_beside_a_moving_frame():
 
 def test_longer_reach_where_nothing_is_near():
     layout = make_layout(np.zeros((0, 3), np.int32), 2)
-    lists = ContactLists(SETUP._replace(planes=np.zeros((0, 4))), layout)
+    lists = NeighbourList(SETUP._replace(planes=np.zeros((0, 4))), layout)
     straight = np.tile([0.0, 0.0, 0.0, 1.0], (2, 1))
     normal = np.ones(3) / np.sqrt(3.0)
     for gap, reach in ((0.3, 0.15), (5.0, 0.4), (0.09, 0.05)):
@@ -245,10 +245,10 @@ def test_kernels_look_as_others_do(free):
     count = 120
     layout = make_layout(np.zeros((0, 3), np.int32), count)
     setup = SETUP._replace(planes=np.array([[0.0, 0.0, 1.0, -9.0]]), free=free)
-    lists, watch = ContactLists(setup, layout), None
+    lists, watch = NeighbourList(setup, layout), None
     reaches = []
     for time, state in slowly_apart(np.random.default_rng(6), layout, count):
-        fresh = ContactLists(setup, layout)
+        fresh = NeighbourList(setup, layout)
         speed = fresh.survey(state, frame := np.empty(3))
         near = fresh.find(state, 0.02, fresh.most)
         if watch is None:
@@ -272,7 +272,7 @@ def test_kernels_look_as_others_do(free):
 def test_kernels_do_not_look_where_steps_must_follow_or_lists_have_no_room():
     layout = make_layout(np.zeros((0, 3), np.int32), 27)
     setup = SETUP._replace(planes=np.zeros((0, 4)))
-    lists = ContactLists(setup, layout)
+    lists = NeighbourList(setup, layout)
     (_, state), (_, later), *_ = slowly_apart(np.random.default_rng(7), layout, 27)
     lists.survey(state, np.empty(3))
     near = lists.find(state, 0.02, lists.most)

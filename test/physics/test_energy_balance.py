@@ -74,7 +74,7 @@ def test_work_of_a_drift_is_the_integral_of_the_power(angle, in_body_axes, form)
 
 def work_so_far(simulation):
     """Work [J] up to the last step, also since the last look."""
-    stepper = simulation._stepper
+    stepper = simulation._driver
     return float(stepper.ledger[monitor.EARLIER_WORK]) + math.fsum(stepper.loads.work)
 
 

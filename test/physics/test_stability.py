@@ -25,7 +25,7 @@ from icofabric_sim.simulation.model import stability
 from icofabric_sim.simulation.model.packing import pack_scene
 from icofabric_sim.simulation.model.stability import hessian_product, largest_frequency
 from icofabric_sim.simulation.stepping.methods import METHODS
-from icofabric_sim.simulation.stepping.thread_team import Crew
+from icofabric_sim.simulation.stepping.thread_team import ThreadTeam
 import numpy as np
 import pytest
 import scipy.linalg
@@ -222,7 +222,7 @@ def raw_run(scene, step, count, method='leapfrog'):
     place_all(model, state, work, 0, len(model.blocks.slot))
     keep_accelerations(model, state, work, 0.0, 0, len(model.blocks.slot))
     METHODS[method].advance(
-        model, None, state, layout.like(state), work, Crew(1, packed).team(0), 0.0,
+        model, None, state, layout.like(state), work, ThreadTeam(1, packed).team(0), 0.0,
         0, step, count, 0, count + 1, None, np.zeros(monitor.LEDGER_COUNT))
     return np.abs(state.linear_velocity).max()
 

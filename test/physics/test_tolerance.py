@@ -101,7 +101,7 @@ def measured(scene, generator, periods):
     rate = run.status.largest_frequency
     ratios, by_accuracy = [], []
     for time in np.sort(generator.uniform(0.0, periods * 2.0 * np.pi / rate, MOMENTS)):
-        # From the end of a step to one: what the main line itself does.
+        # From the end of a step to one: what the trajectory itself does.
         run.advance_to(max(time, run.time))
         run.advance_steps(1)
         start = run.snapshot()
@@ -210,7 +210,7 @@ def test_pieces_give_the_same_bits_where_a_run_goes_back(seed):
         pieces.advance_to(time)
         assert pieces.snapshot().time == time
     pieces.advance_to(end)
-    assert np.isfinite(whole._stepper._returned_to)  # it did go back
+    assert np.isfinite(whole._driver._returned_to)  # it did go back
     assert whole.status.step_count == pieces.status.step_count
     for name in STATE:
         assert np.array_equal(getattr(whole.snapshot(), name), getattr(pieces.snapshot(), name))

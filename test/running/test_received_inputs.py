@@ -84,7 +84,7 @@ def test_what_waits_is_in_no_checkpoint_and_stays_when_a_state_cannot_be_set():
         push(runner, stamp=2_000_000)
         push(runner, stamp=1_000_000, force=-FORCE)
         checkpoint = runner.post(runner.simulation.checkpoint).result(60.0)
-        assert checkpoint.memory().part('inputs').entries('queue') == []
+        assert checkpoint.state_tree().part('inputs').entries('queue') == []
         # The run goes back to how it was before, and what waits still acts.
         with pytest.raises(ValueError, match='cannot be there'):
             runner.set_body_state(0, {'position': [1e200, 0.0, 0.0]}).result(60.0)

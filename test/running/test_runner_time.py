@@ -97,7 +97,7 @@ def test_wrench_that_the_simulation_fails_on_ends_the_run_in_order(caplog):
         raise SimulationError('too much')
 
     # What the simulation does first once a wrench has changed.
-    runner.simulation._stepper.cut = fail
+    runner.simulation._driver.cut = fail
     for stamp in (10_000_000, 10_000_000, 20_000_000):
         push(runner, stamp=stamp)
     run(runner)

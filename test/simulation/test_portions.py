@@ -77,7 +77,7 @@ def test_calls_follow_the_pace():
 def test_a_run_learns_its_pace():
     simulation = ico.compile_scene(make_scene((3, 3, 3), {
         **MOVING, 'solver.method': 'leapfrog'}))
-    portions = simulation._stepper.portions
+    portions = simulation._driver.portions
     portions.count = 10**12
     simulation.advance_steps(1)
     assert 1 <= portions.count < 10**12

@@ -350,7 +350,7 @@ def test_a_run_whose_time_is_reset_does_not_know_where_the_first_went_back():
     start = fresh.checkpoint()
     fresh.advance_to(0.73)
     again.advance_to(0.73)
-    assert np.isfinite(fresh._stepper._returned_to)  # it did go back
+    assert np.isfinite(fresh._driver._returned_to)  # it did go back
     again.reset_time()
     assert again.checkpoint().difference(start) == ''
     again.advance_to(0.73)
@@ -363,7 +363,7 @@ def test_an_unsound_state_is_never_kept_for_its_rougher_motion(monkeypatch):
         'contact.mode': 'never', 'solver.tolerance': 1e-4, 'solver.method': 'srkn6'}, **RANDOM)
     simulation, same = ico.compile_scene(scene), ico.compile_scene(scene)
     simulation.advance_to(0.02)
-    stepper = simulation._stepper
+    stepper = simulation._driver
     seen = []
     respond = stepper._respond
 

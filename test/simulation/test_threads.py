@@ -133,7 +133,7 @@ def test_more_threads_than_cores_are_clamped_with_a_warning(monkeypatch, caplog)
 
 def test_an_error_in_one_thread_is_told(forced):
     forced(3)
-    team = thread_team.Crew(0, pack_scene(make_scene((3, 3, 3))))
+    team = thread_team.ThreadTeam(0, pack_scene(make_scene((3, 3, 3))))
 
     def work(member):
         if member.member == 2:

@@ -45,8 +45,8 @@ from icofabric_sim.kernels.contact.forces import contact_look
 from icofabric_sim.kernels.contact.pair import contact_scratch, OUT_SIZE
 from icofabric_sim.kernels.contact.rebuild_check import least_reach
 from icofabric_sim.kernels.records import Contacts, Model, State, Watch
-from icofabric_sim.simulation.contact.friction_state import Stretches
-from icofabric_sim.simulation.contact.neighbour_list import ContactLists, Near
+from icofabric_sim.simulation.contact.friction_state import FrictionState
+from icofabric_sim.simulation.contact.neighbour_list import Near, NeighbourList
 from icofabric_sim.simulation.contact.passing import (
     bezier_points,
     Course,
@@ -55,7 +55,7 @@ from icofabric_sim.simulation.contact.passing import (
 )
 from icofabric_sim.simulation.contact.setup import ContactSetup
 from icofabric_sim.simulation.model.layout import aligned_empty, Layout
-from icofabric_sim.simulation.state_tree import as_number, Memory
+from icofabric_sim.simulation.state_tree import as_number, StateTree
 import numpy as np
 
 _LOGGER = logging.getLogger('icofabric_sim')
@@ -86,13 +86,13 @@ class Overlap(NamedTuple):
             f'{self.time:.6g} s, {100.0 * self.part:.3g} % of a')
 
 
-class ContactWatch:
+class BroadPhase:
     """Searches for what can touch, when bodies have moved far enough to matter."""
 
     def __init__(self, setup: ContactSetup, layout: Layout, model: Model, threads: int) -> None:
         """Watch the bodies of a `layout` for `threads` threads."""
         self.setup, self._layout, self._threads = setup, layout, threads
-        self._lists = ContactLists(setup, layout)
+        self._lists = NeighbourList(setup, layout)
         self._radius = circumscribed_radius(setup.half_edge)
         # Contacts that may happen before the next search; None: there are none.
         self.contacts: Contacts | None = None
@@ -119,7 +119,7 @@ class ContactWatch:
         nobody[STRIDE] = 2.0**62
         self._aside = self._watch._replace(far=np.zeros(8 * threads), limits=nobody)
         # Bound of what one contact adds to the squared frequency of its bodies [1/s^2].
-        self.stretches = Stretches(setup, max(
+        self.stretches = FrictionState(setup, max(
             model.inverse_mass, setup.half_edge**2 * model.inverse_inertia))
         self.least_rate = self.stretches.least_rate
         self._rows = aligned_empty((6, layout.slot_count if layout.body_count else 0))
@@ -318,10 +318,10 @@ class ContactWatch:
         if found is not None:
             self.found, self._announced = found, True
 
-    def memory(self) -> dict[str, Any]:
+    def state_tree(self) -> dict[str, Any]:
         """The state of the last search, its purpose, and what was found and reported."""
         gather, watch, limits = self._layout.gather, self._watch, self.limits
-        memory: dict[str, Any] = {
+        tree: dict[str, Any] = {
             'reference': gather(watch.reference), 'turned': gather(watch.turned),
             'frame': watch.frame.copy(), 'late': float(limits[LATE]), 'listed': self._listed,
             'stride': int(limits[STRIDE]), 'speed': float(limits[SPEED]),
@@ -329,26 +329,26 @@ class ContactWatch:
             'most_stride': int(limits[MOST_STRIDE]), 'caution': self._caution,
             'missed': self._missed, 'announced': self._announced, 'tests': self.tests}
         if self.found is not None:
-            memory['found'] = [*self.found]
+            tree['found'] = [*self.found]
         if self.setup.friction > 0.0:
-            memory['stretches'] = self.stretches.memory()
-        return memory
+            tree['stretches'] = self.stretches.state_tree()
+        return tree
 
-    def recall(self, memory: Memory) -> None:
+    def load_state(self, tree: StateTree) -> None:
         """Go on from there."""
         layout, watch, limits = self._layout, self._watch, self.limits
         watch.reference[:] = 0.0
-        watch.reference[:, layout.slot] = memory.array('reference', (layout.body_count, 3)).T
+        watch.reference[:, layout.slot] = tree.array('reference', (layout.body_count, 3)).T
         rows = watch.turned.shape[:-1]
         watch.turned[..., layout.slot] = np.moveaxis(
-            memory.array('turned', (layout.body_count, *rows)), 0, -1)
-        watch.frame[:] = memory.array('frame', (7,))
+            tree.array('turned', (layout.body_count, *rows)), 0, -1)
+        watch.frame[:] = tree.array('frame', (7,))
         limits[SPEED], limits[HORIZON] = (
-            memory.number('speed', 0.0), memory.number('horizon', 0.0))
-        self._caution, self._missed = memory.number('caution', 1.0), memory.flag('missed')
-        self._announced, self.tests = memory.flag('announced'), memory.count('tests')
-        self.found = self._judged(memory.entries('found')) if 'found' in memory else None
-        late, listed = memory.number('late', 0.0, finite=False), memory.number('listed', 0.0)
+            tree.number('speed', 0.0), tree.number('horizon', 0.0))
+        self._caution, self._missed = tree.number('caution', 1.0), tree.flag('missed')
+        self._announced, self.tests = tree.flag('announced'), tree.count('tests')
+        self.found = self._judged(tree.entries('found')) if 'found' in tree else None
+        late, listed = tree.number('late', 0.0, finite=False), tree.number('listed', 0.0)
         reach, most = math.sqrt(late), float(limits[MOST])
         if not reach <= 1.0001 * most:
             raise ValueError('watch.late is longer than any reach')
@@ -360,12 +360,12 @@ class ContactWatch:
             near = self._lists.find(there, min(listed, most), most)
         self.stretches.forget()
         self._take(near._replace(reach=reach), listed)
-        limits[MOST_STRIDE] = memory.count('most_stride', 1)
-        limits[STRIDE] = memory.count('stride', 1)
-        alone = memory.flag('alone')
+        limits[MOST_STRIDE] = tree.count('most_stride', 1)
+        limits[STRIDE] = tree.count('stride', 1)
+        alone = tree.flag('alone')
         limits[OWN] = float(alone and self.contacts is None and self._lists.is_small)
         if self.setup.friction > 0.0:
-            self.stretches.recall(memory.part('stretches'))
+            self.stretches.load_state(tree.part('stretches'))
 
     def _judged(self, entry: list[Any]) -> Overlap:
         """What was found, from a list of numbers."""

@@ -20,7 +20,7 @@ from icofabric_sim.geometry.icosahedron import circumscribed_radius
 from icofabric_sim.kernels.records import ContactLosses, Contacts
 from icofabric_sim.simulation.contact.setup import ContactSetup
 from icofabric_sim.simulation.model.layout import aligned_empty
-from icofabric_sim.simulation.state_tree import Memory
+from icofabric_sim.simulation.state_tree import StateTree
 import numpy as np
 
 # Stiffness along a surface beside that of the contact: then a sphere that is hit obliquely swings
@@ -37,8 +37,8 @@ _SLOPES = 16
 _KEPT_SLOPES = 13
 
 
-class Stretches:
-    """Stretches of the pairs that are listed, and room for what they lose; None without losses."""
+class FrictionState:
+    """Friction springs of the pairs that are listed, and room for what they lose; none without."""
 
     def __init__(self, setup: ContactSetup, lightest: float) -> None:
         """Start without any; `lightest`: larger of 1 / M and a^2 / Lambda [1/kg]."""
@@ -98,7 +98,7 @@ class Stretches:
         # As a sum that depends on no order.
         return 0.5 * self.stiffness * math.fsum((stretches[touching]**2).ravel())
 
-    def memory(self) -> dict[str, Any]:
+    def state_tree(self) -> dict[str, Any]:
         """What is stretched, or was in the step in progress."""
         losses = self._losses
         if losses is None:
@@ -110,15 +110,15 @@ class Stretches:
         return {
             'pairs': self._pairs[some].astype(float), 'rows': rows[some], 'slopes': slopes[some]}
 
-    def recall(self, memory: Memory) -> None:
+    def load_state(self, tree: StateTree) -> None:
         """Go on from there; the pairs are listed."""
-        pairs = memory.array('pairs')
+        pairs = tree.array('pairs')
         if not pairs.size:
             return
         count, losses = len(pairs), self._losses
-        pairs = memory.array('pairs', (count, 2))
-        rows = memory.array('rows', (count, 4 * len(_ROWS)))
-        slopes = memory.array('slopes', (count, 4 * _KEPT_SLOPES))
+        pairs = tree.array('pairs', (count, 2))
+        rows = tree.array('rows', (count, 4 * len(_ROWS)))
+        slopes = tree.array('slopes', (count, 4 * _KEPT_SLOPES))
         keys = {tuple(pair): place for place, pair in enumerate(self._pairs.tolist())}
         places = [keys.get((int(first), int(second)), -1) for first, second in pairs]
         if losses is None or min(places) < 0 or len(set(places)) < count or not (

@@ -38,7 +38,7 @@ class Near(NamedTuple):
     pairs: np.ndarray  # (p, 2) int32 bodies, the lower number first; -1 - k: plane k
 
 
-class ContactLists:
+class NeighbourList:
     """
     Bodies whose spheres are close, found again once they have moved far; and axes of each pair.
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-The main line of an adaptive method: every step is as long as its own error allows.
+The driver of an adaptive method: every step is as long as its own error allows.
 
 The stepper is one step ahead of the time that was asked for: a state in between comes from the
 dense output of that step, so outputs do not touch the sequence. An input gives up the step in
@@ -36,10 +36,10 @@ from icofabric_sim.kernels.integrators.embedded import (
 )
 from icofabric_sim.kernels.integrators.splitting import NEVER
 from icofabric_sim.kernels.records import Loads, Meter, Model, State, Team, Trail
-from icofabric_sim.simulation.contact.broad_phase import ContactWatch
-from icofabric_sim.simulation.state_tree import Memory
+from icofabric_sim.simulation.contact.broad_phase import BroadPhase
+from icofabric_sim.simulation.state_tree import StateTree
 from icofabric_sim.simulation.stepping.faults import too_fast
-from icofabric_sim.simulation.stepping.fixed_step_driver import Stepper
+from icofabric_sim.simulation.stepping.fixed_step_driver import FixedStepDriver
 import numpy as np
 
 # Where a tolerance leaves more than this for each radian of the fastest motion, steps are so long
@@ -68,11 +68,11 @@ _SLOPES = [
     if any(len(row) > k and row[k] for row in (*dop853.DENSE_STAGES, *dop853.DENSE))]
 
 
-class AdaptiveStepper(Stepper):
-    """State on the main line, and its steps, each with its own length."""
+class AdaptiveDriver(FixedStepDriver):
+    """Takes steps each with its own length."""
 
     def __init__(self, *arguments: Any, origin: float, **choices: Any) -> None:
-        """See `Stepper`."""
+        """See `FixedStepDriver`."""
         self.control: np.ndarray = np.zeros(embedded.CONTROL_COUNT)
         self.control[embedded.START] = origin
         super().__init__(*arguments, origin=origin, **choices)
@@ -122,11 +122,11 @@ class AdaptiveStepper(Stepper):
 
     def warm_up(self) -> None:
         """Make every kernel that a step needs ready, without taking one."""
-        before, loads = self.memory(), self.loads
+        before, loads = self.state_tree(), self.loads
         try:
             self.state_at(self.time + 0.5 * self.step)
         finally:
-            self.recall(Memory(before), loads)
+            self.load_state(StateTree(before), loads)
 
     def advance(self, time: float) -> None:
         """
@@ -193,7 +193,7 @@ class AdaptiveStepper(Stepper):
         return self._dense(rest / length)
 
     def _stretch_within(self, rest: float, length: float) -> np.ndarray | None:
-        """Stretches of friction up to there."""
+        """FrictionState of friction up to there."""
         losses = self._losses
         if losses is None or self._failure is not None or not length > 0.0:
             return self._stretch()
@@ -209,7 +209,7 @@ class AdaptiveStepper(Stepper):
         trail, length = self._trail, float(self.control[embedded.LENGTH])
         if not self._has_dense:
             loads, watch = self._scratch_loads(), self._watching(aside=True)
-            self.crew.run(lambda team: prepare_dense(
+            self.thread_team.run(lambda team: prepare_dense(
                 DOP8, self.model, loads, self.work, team, trail, watch, self.time, length))
             self._has_dense = True
             self._require_outside()
@@ -224,7 +224,7 @@ class AdaptiveStepper(Stepper):
             for row, source in zip(self._side[0], self.state):
                 np.copyto(row, source)
         target = self._side[0]
-        self.crew.run(lambda team: dense_state(
+        self.thread_team.run(lambda team: dense_state(
             DOP8, self.model, self.loads, self.state, team, trail, self.time, length, part,
             target))
         return target
@@ -269,48 +269,48 @@ class AdaptiveStepper(Stepper):
         """Time [s] at which the step in progress ends."""
         return self.end if self.control[embedded.LENGTH] > 0.0 else self.time + self.step
 
-    def memory(self) -> dict[str, Any]:
+    def state_tree(self) -> dict[str, Any]:
         """All that the steps to come depend on, body by body."""
-        memory, gather = super().memory(), self.packed.layout.gather
-        memory['control'] = self.control.copy()
+        tree, gather = super().state_tree(), self.packed.layout.gather
+        tree['control'] = self.control.copy()
         # Where the last call was to lead says nothing of the next.
-        memory['control'][embedded.GOAL] = 0.0
+        tree['control'][embedded.GOAL] = 0.0
         if self.control[embedded.LENGTH] > 0.0:
             trail = self._trail
-            memory['start'] = self._by_body(trail.start)
-            memory['slopes'] = gather(trail.slopes[_SLOPES])
-            if 'loads' in memory and self.loads is not None:
+            tree['start'] = self._by_body(trail.start)
+            tree['slopes'] = gather(trail.slopes[_SLOPES])
+            if 'loads' in tree and self.loads is not None:
                 rows = self._rows_by_body(self.loads)
-                memory['loads']['power'] = self.loads.power[:, rows][_SLOPES]
+                tree['loads']['power'] = self.loads.power[:, rows][_SLOPES]
             for name, meter in self._meters().items():
-                memory[f'{name}_power'] = gather(meter.power[_SLOPES])
-        return memory
+                tree[f'{name}_power'] = gather(meter.power[_SLOPES])
+        return tree
 
-    def recall(self, memory: Memory, loads: Loads | None) -> None:
+    def load_state(self, tree: StateTree, loads: Loads | None) -> None:
         """Go on from there, with the `loads` that acted then."""
-        control = memory.array('control', (embedded.CONTROL_COUNT,)).copy()
+        control = tree.array('control', (embedded.CONTROL_COUNT,)).copy()
         if not (np.isfinite(control).all() and control.min() >= 0.0):
             raise ValueError('control holds a negative number or one that is not finite')
         self.control, self._has_dense = control, False
-        super().recall(memory, loads)
+        super().load_state(tree, loads)
         if self._failure is None and not (
                 control[embedded.NEXT] > 0.0 < control[embedded.SHORTEST]):
             raise ValueError('control has no length for the next step')
         if control[embedded.LENGTH] > 0.0:
             trail, layout = self._trail, self.packed.layout
-            self._take_back(trail.start, memory.part('start'))
+            self._take_back(trail.start, tree.part('start'))
             shape = (layout.body_count, len(_SLOPES), trail.slopes.shape[1])
-            slopes = memory.array('slopes', shape)
+            slopes = tree.array('slopes', shape)
             trail.slopes[:] = 0.0
             for k, number in enumerate(_SLOPES):
                 trail.slopes[number][:, layout.slot] = slopes[:, k].T
             if loads is not None and len(loads.wrench):
                 rows = self._rows_by_body(loads)
-                power = memory.part('loads').array('power', (len(_SLOPES), len(rows)))
+                power = tree.part('loads').array('power', (len(_SLOPES), len(rows)))
                 for number, values in zip(_SLOPES, power):
                     loads.power[number, rows] = values
             for name, meter in self._meters().items():
-                power = memory.array(f'{name}_power', (layout.body_count, len(_SLOPES)))
+                power = tree.array(f'{name}_power', (layout.body_count, len(_SLOPES)))
                 for number, values in zip(_SLOPES, power.T):
                     meter.power[number, layout.slot] = values
 
@@ -325,7 +325,7 @@ class AdaptiveStepper(Stepper):
         control, rate = self.control, self._fastest()
         if control[embedded.NEXT] == 0.0:
             control[embedded.NEXT] = first
-        tolerance = self.accuracy.tolerance
+        tolerance = self.step_size.tolerance
         control[embedded.TOLERANCE] = tolerance * (
             _LOOSE_AIM if tolerance > _LOOSE * rate else 1.0)
         control[embedded.SHORTEST] = first * _SHORTEST_PART
@@ -342,7 +342,7 @@ class AdaptiveStepper(Stepper):
         self._follow_contacts()
         self._pace(self.step or first)
         self.ledger[monitor.HIGH], self.ledger[monitor.LOW] = math.inf, 0.0
-        self.accuracy.looks_left = NEVER
+        self.step_size.looks_left = NEVER
         self.step = self.step or first
 
     def _kinked_rate(self, rate: float) -> float:
@@ -356,7 +356,7 @@ class AdaptiveStepper(Stepper):
         # With whatever may touch: estimates must not depend on looks either.
         return rate * rate + (0.0 if self.watch is None else self.watch.least_rate)
 
-    def _outlook(self, watch: ContactWatch) -> tuple[float, float]:
+    def _outlook(self, watch: BroadPhase) -> tuple[float, float]:
         # What is near need not touch: the steps are as long as the motion allows until then.
         step, steps = super()._outlook(watch)
         return (step, steps) if self.fixed else (
@@ -423,7 +423,7 @@ class AdaptiveStepper(Stepper):
         if status & embedded.TOO_SHORT:
             self._fail(
                 f'no step from t = {self.end:.9g} s on is short enough for solver.tolerance '
-                f'{self.accuracy.tolerance:g}: steps of {control[embedded.SHORTEST]:.3g} s still '
+                f'{self.step_size.tolerance:g}: steps of {control[embedded.SHORTEST]:.3g} s still '
                 f'err too much, and the fastest motion is that of {self._fastest_term()}; allow a '
                 'larger tolerance, or slow that down')
         if status & ~embedded.TOO_FAR:

@@ -21,7 +21,7 @@ from typing import Any
 
 from icofabric_sim.simulation.model.link_places import link_places
 from icofabric_sim.simulation.model.packing import PackedScene
-from icofabric_sim.simulation.state_tree import Memory
+from icofabric_sim.simulation.state_tree import StateTree
 import numpy as np
 
 
@@ -71,18 +71,18 @@ class Broken:
             numbers, since = zip(*pairs)
             self.add(np.array(numbers), np.array(since))
 
-    def memory(self) -> dict[str, Any]:
+    def state_tree(self) -> dict[str, Any]:
         """The broken ones, in order of their numbers."""
         since = np.zeros(0) if self._since is None else self._since
         gone = np.flatnonzero(np.isfinite(since))
         return {'connector': gone.astype(float), 'time': since[gone]}
 
-    def recall(self, memory: Memory | None) -> None:
+    def load_state(self, tree: StateTree | None) -> None:
         """Go on with these, or with all whole."""
         self.mend()
-        if memory is None:
+        if tree is None:
             return
-        connectors, time = memory.array('connector'), memory.array('time')
+        connectors, time = tree.array('connector'), tree.array('time')
         numbers = connector_numbers(connectors, self._packed)
         if time.shape != numbers.shape or not np.isfinite(time).all():
             raise ValueError('broken.time must be a finite time for each broken connector')

@@ -12,23 +12,23 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-What contacts ask of a main line: looks for what can touch, the frequency they add, and their end.
+What contacts ask of a trajectory: neighbour searches, the frequency they add, and their end.
 """
 
 import math
 
 from icofabric_sim.kernels import monitor
 from icofabric_sim.kernels.records import State
-from icofabric_sim.simulation.contact.broad_phase import ContactWatch, LOOK_AFTER
+from icofabric_sim.simulation.contact.broad_phase import BroadPhase, LOOK_AFTER
 from icofabric_sim.simulation.errors import SimulationError
 from icofabric_sim.simulation.model.stability import Frequency, largest_frequency, with_anchors
 from icofabric_sim.simulation.stepping.faults import unsafe_step
-from icofabric_sim.simulation.stepping.trajectory import MainLine
+from icofabric_sim.simulation.stepping.trajectory import Trajectory
 import numpy as np
 
 
-class ContactLine(MainLine):
-    """A main line that knows what can touch; who derives from it chooses the steps."""
+class ContactScheduledTrajectory(Trajectory):
+    """A trajectory that knows what can touch; derived classes choose the steps."""
 
     # The largest frequency of the fabric alone, in the configuration looked at last.
     _fabric: Frequency
@@ -72,7 +72,7 @@ class ContactLine(MainLine):
         fabric = max((ledger[monitor.RATE] - spin) ** 2 - before, 0.0)
         ledger[monitor.RATE] = math.sqrt(fabric + self.watch.rate) + spin
 
-    def _outlook(self, watch: ContactWatch) -> tuple[float, float]:
+    def _outlook(self, watch: BroadPhase) -> tuple[float, float]:
         """The step [s] that contacts will ask for, and for how many of them to look ahead."""
         if self.fixed:
             return self.step, 1.0

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-The main line of a fabric whose connectors break: its steps end where one does.
+The driver of a fabric whose connectors break: its steps end where one does.
 
 A step in which a connector reaches its limit is given up: the moment is found in its dense
 output, and a step is taken that ends there. It stays the step in progress, from which states
@@ -29,8 +29,8 @@ from icofabric_sim.kernels.integrators import embedded
 from icofabric_sim.kernels.records import Breakage, Connectors, Loads, State
 from icofabric_sim.kernels.wrap.rates import measure_runs
 from icofabric_sim.simulation.model.link_places import link_places
-from icofabric_sim.simulation.state_tree import Memory
-from icofabric_sim.simulation.stepping.adaptive_driver import AdaptiveStepper, ANY
+from icofabric_sim.simulation.state_tree import StateTree
+from icofabric_sim.simulation.stepping.adaptive_driver import AdaptiveDriver, ANY
 from icofabric_sim.simulation.stepping.broken import connector_numbers
 from icofabric_sim.simulation.stepping.event_location import first_crossing, Moment
 import numpy as np
@@ -38,15 +38,15 @@ import numpy as np
 _NONE = np.zeros(0, np.int64)
 
 
-class BreakingStepper(AdaptiveStepper):
+class BreakageLocatingDriver(AdaptiveDriver):
     """
-    State on the main line, and its steps, with what breaks between them.
+    Takes steps, with what breaks between them.
 
     A given step rules as elsewhere, but for those that end where a connector breaks.
     """
 
     def __init__(self, *arguments: Any, fixed_step: float, **choices: Any) -> None:
-        """See `Stepper`."""
+        """See `FixedStepDriver`."""
         self._given_step = fixed_step
         # What breaks where the step in progress ends.
         self._due = _NONE
@@ -61,19 +61,19 @@ class BreakingStepper(AdaptiveStepper):
             places.link.shape[1], dtype=np.int32)
         self._place = places
 
-    def memory(self) -> dict[str, Any]:
+    def state_tree(self) -> dict[str, Any]:
         """All that the steps to come depend on, body by body."""
-        memory = super().memory()
+        tree = super().state_tree()
         if len(self._due):
-            memory['due'] = self._due.astype(float)
-        return memory
+            tree['due'] = self._due.astype(float)
+        return tree
 
-    def recall(self, memory: Memory, loads: Loads | None) -> None:
+    def load_state(self, tree: StateTree, loads: Loads | None) -> None:
         """Go on from there, with the `loads` that acted then."""
-        super().recall(memory, loads)
+        super().load_state(tree, loads)
         self._due = _NONE
-        if 'due' in memory:
-            self._due = connector_numbers(memory.array('due'), self.packed)
+        if 'due' in tree:
+            self._due = connector_numbers(tree.array('due'), self.packed)
 
     def set_loads(self, loads: Loads | None, load_rate: float) -> None:
         """Replace the loads at the current state."""

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-The main line of steps: which steps are taken, and what is looked at between them.
+The driver of steps of one length: which are taken, and what is checked between them.
 
 Steps end at origin + k h. Only inputs cut a step short; a state between two steps comes from a
 side step on a copy, so outputs never touch the sequence. How long the steps are, `step_choice.py`
@@ -28,20 +28,20 @@ from icofabric_sim.kernels.contact.rebuild_check import MISSED
 from icofabric_sim.kernels.meters import flowed
 from icofabric_sim.kernels.records import State
 from icofabric_sim.simulation.stepping.faults import too_fast
-from icofabric_sim.simulation.stepping.step_monitor import WatchedLine
+from icofabric_sim.simulation.stepping.step_monitor import MonitoredTrajectory
 
 # Above it steps cannot be counted in doubles.
 _MOST_STEPS = 2.0**53
 
 
-class Stepper(WatchedLine):
-    """State on the main line, and its steps."""
+class FixedStepDriver(MonitoredTrajectory):
+    """Takes steps of one length, until the step-size controller chooses another."""
 
     def __init__(
         self, *arguments: Any, on_pause: Callable[[], None] = lambda: None, **choices: Any
     ) -> None:
         """
-        See `WatchedLine`.
+        See `MonitoredTrajectory`.
 
         `on_pause` is called between two compiled calls, at a step end; what it raises ends the
         advance there.
@@ -100,7 +100,7 @@ class Stepper(WatchedLine):
 
     def state_at(self, time: float) -> State:
         """
-        The state at `time`, from a side step off the main line; after a failure the last good one.
+        The state at `time`, from a trial step off the trajectory; after a failure the last good one.
 
         Valid until the next call of any method.
         """
@@ -116,7 +116,7 @@ class Stepper(WatchedLine):
         """
         rest = time - self.time
         if rest > 0.0 and self._is_far(rest):
-            self._refuse_passing(self.state, self.run_aside(rest, 1), self.time, time)
+            self._refuse_passing(self.state, self.trial_steps(rest, 1), self.time, time)
 
     def _side_state(self, time: float) -> State:
         """The state at a `time` [s] from the last step end to the next."""
@@ -127,7 +127,7 @@ class Stepper(WatchedLine):
         if self._failure is not None or not rest > 0.0:
             return self.state
         loads = self._scratch_loads()
-        state = self.run_aside(rest, 1, loads)
+        state = self.trial_steps(rest, 1, loads)
         self._note_work(state, time, self._stretch(self._model_aside), self.loads, loads)
         self._present_spent += self._spent_aside
         self._present_given += self._given_aside
@@ -149,7 +149,7 @@ class Stepper(WatchedLine):
         return last - self.index
 
     def _run(self, count: int) -> int:
-        due = self.accuracy.looks_left * self.look_interval - self._since_check
+        due = self.step_size.looks_left * self.look_interval - self._since_check
         return self._call(self.step, min(count, due, self.portions.count))
 
     def _prepare_touching(self, step: float, since_check: int, count: int) -> int:
@@ -197,7 +197,7 @@ class Stepper(WatchedLine):
         if saved_at >= 0:
             self._saved_time = saved_time
         self.step_count += done
-        self.accuracy.looks_left -= (before + done) // self.look_interval
+        self.step_size.looks_left -= (before + done) // self.look_interval
         if far and status & MISSED and not status & monitor.NOT_FINITE:
             self._refuse_passing(self._saved, self.state, self._saved_time, time)
             # Nothing was missed, so the state is as good as any.
@@ -210,13 +210,13 @@ class Stepper(WatchedLine):
             return int(done)
         if self.touching is not None and self._since_check == 0:
             if saved_at >= 0 and not status & monitor.UNSOUND:
-                self.touching.end(saved_time, self.accuracy.estimated_rate)
+                self.touching.end(saved_time, self.step_size.estimated_rate)
             else:
                 self.touching.begin(time)
         if status:
             self._respond(status, time)
         if self._since_check == 0 and (
-            self.accuracy.looks_left <= 0 or status & monitor.LIVELIER
+            self.step_size.looks_left <= 0 or status & monitor.LIVELIER
         ):
             self._choose_step(probe=True)
         return int(done)

@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 from icofabric_sim.kernels import monitor
 from icofabric_sim.kernels.records import Loads
 from icofabric_sim.simulation.model.packing import PackedScene
-from icofabric_sim.simulation.state_tree import Memory
+from icofabric_sim.simulation.state_tree import StateTree
 import numpy as np
 
 # Part of a coordinate, and of a sum, that counts as rounding: a few operations make it.
@@ -111,18 +111,18 @@ class Ledger:
         if loads is not None:
             self.numbers[monitor.EARLIER_WORK] += math.fsum(loads.work)
 
-    def memory(self) -> dict[str, Any]:
+    def state_tree(self) -> dict[str, Any]:
         """All numbers, but for what a call of kernels says of itself."""
         numbers = self.numbers.copy()
         numbers[monitor.SAVED_AT] = -1.0
         return {'numbers': numbers}
 
-    def recall(self, memory: Memory) -> None:
+    def load_state(self, tree: StateTree) -> None:
         """Go on from there; limit and size are those of the scene."""
         kept = [
             monitor.LIMIT, monitor.INVERSE_SIZE, monitor.DEEPEST_LIMIT, monitor.BODIES,
             monitor.ROUNDING, monitor.FLOOR]
-        numbers = memory.array('numbers', self.numbers.shape).copy()
+        numbers = tree.array('numbers', self.numbers.shape).copy()
         numbers[kept] = self.numbers[kept]
         np.copyto(self.numbers, numbers)
 

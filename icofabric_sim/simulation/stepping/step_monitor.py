@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""What follows from a look at the state on the main line: another step, a way back, or the end."""
+"""What follows from a health check of the state: another step, a way back, or the end."""
 
 import logging
 import math
@@ -22,12 +22,12 @@ from icofabric_sim.kernels.contact.rebuild_check import MISSED, MOVED_FAR
 from icofabric_sim.kernels.drives import place_driven
 from icofabric_sim.kernels.records import Loads, State
 from icofabric_sim.kernels.runtime.lanes import LANES
-from icofabric_sim.simulation.contact.broad_phase import ContactWatch
+from icofabric_sim.simulation.contact.broad_phase import BroadPhase
 from icofabric_sim.simulation.model.packing import PackedScene
 from icofabric_sim.simulation.model.stability import fastest_motion, Frequency
-from icofabric_sim.simulation.state_tree import Memory
+from icofabric_sim.simulation.state_tree import StateTree
 from icofabric_sim.simulation.stepping.broken import Broken
-from icofabric_sim.simulation.stepping.contact_scheduling import ContactLine
+from icofabric_sim.simulation.stepping.contact_scheduling import ContactScheduledTrajectory
 from icofabric_sim.simulation.stepping.faults import (
     fastest_term,
     find_fault,
@@ -38,13 +38,13 @@ from icofabric_sim.simulation.stepping.faults import (
 from icofabric_sim.simulation.stepping.methods import Method
 from icofabric_sim.simulation.stepping.obstruction import Obstruction
 from icofabric_sim.simulation.stepping.step_size_control import (
-    Accuracy,
     checked_step,
     LONGEST,
     rounded_down,
     SHORTEST,
+    StepSizeController,
 )
-from icofabric_sim.simulation.stepping.thread_team import Crew
+from icofabric_sim.simulation.stepping.thread_team import ThreadTeam
 from icofabric_sim.simulation.stepping.touching_errors import TouchingErrors
 import numpy as np
 
@@ -64,8 +64,8 @@ LARGEST_DIFFERENCE = 6
 _BESIDE_TOLERANCE = 100.0
 
 
-class WatchedLine(ContactLine):
-    """A main line whose steps are as long as its state and its accuracy allow."""
+class MonitoredTrajectory(ContactScheduledTrajectory):
+    """A trajectory whose steps are as long as its state and its accuracy allow."""
 
     def __init__(
         self,
@@ -82,8 +82,8 @@ class WatchedLine(ContactLine):
         output_period: float,
         load_rate: float,
         half_edge: float,
-        crew: Crew,
-        watch: ContactWatch | None,
+        thread_team: ThreadTeam,
+        watch: BroadPhase | None,
         broken: Broken,
         obstruction: Obstruction,
     ) -> None:
@@ -101,13 +101,13 @@ class WatchedLine(ContactLine):
         super().__init__(
             packed, method, state, loads, origin=origin, fixed_step=fixed_step,
             differences=self._differences, energy_limit=energy_limit, half_edge=half_edge,
-            crew=crew, watch=watch, broken=broken,
+            thread_team=thread_team, watch=watch, broken=broken,
             obstruction=obstruction)
         self.load_rate, self._fabric = load_rate, frequency
         self._output_period = output_period
-        self.accuracy = Accuracy(self, tolerance, half_edge)
+        self.step_size = StepSizeController(self, tolerance, half_edge)
         self.touching = None if watch is None or (method.adaptive and not fixed_step > 0.0) else (
-            TouchingErrors(self, self.accuracy.distance))
+            TouchingErrors(self, self.step_size.distance))
         self._since_check = 0
         self.look_interval = max(CHECK_INTERVAL // method.stages, 1)
         if self._differences:
@@ -120,7 +120,7 @@ class WatchedLine(ContactLine):
         if self.fixed:
             checked_step(fixed_step, self.limit, frequency.rate + packed.velocity_rate)
         else:
-            self.accuracy.require_possible(frequency.rate)
+            self.step_size.require_possible(frequency.rate)
         self._start(exact=False)
         self._require_safe_step(origin)
 
@@ -146,13 +146,13 @@ class WatchedLine(ContactLine):
         self.ledger.open(
             self._moving(self.state), self.packed.layout.gather(self.work.acceleration),
             self.frequency.rate,
-            _BESIDE_TOLERANCE * self.accuracy.tolerance if self.method.adaptive and (
+            _BESIDE_TOLERANCE * self.step_size.tolerance if self.method.adaptive and (
                 not self.fixed) else 0.0)
         force = self.packed.body_force
         if force is not None:
             place = self.packed.layout.unpack(self.state)
             self._potential_start = force.energy(self.time, place.position, place.orientation)
-        self.accuracy.restart()
+        self.step_size.restart()
         self._choose_step()
         if self.touching is not None:
             self.touching.restart()
@@ -163,7 +163,7 @@ class WatchedLine(ContactLine):
         Go on from another `state` at `time`, as a run that starts there; a failure is forgotten.
         """
         self._failure = None
-        self.accuracy.close(time)
+        self.step_size.close(time)
         self.origin, self.index, self.state = time, 0, state
         self.loads, self.load_rate = loads, load_rate
         self._since_check, self._returned_to = 0, -math.inf
@@ -175,7 +175,7 @@ class WatchedLine(ContactLine):
 
     def forget(self) -> None:
         """Count steps and errors from zero again: a run begins that has no past."""
-        self.step_count, self.accuracy.total = 0, 0.0
+        self.step_count, self.step_size.total = 0, 0.0
         if self.touching is not None:
             self.touching.total = 0.0
         self.obstruction.found = ''
@@ -186,7 +186,7 @@ class WatchedLine(ContactLine):
     def rebase(self, time: float) -> None:
         """Move a stepper that has not moved yet to another start `time`."""
         self.origin, self.index, self._saved_time = time, 0, time
-        self.accuracy.rebase(time)
+        self.step_size.rebase(time)
         if self.touching is not None:
             self.touching.begin(time)
         if self.watch is not None:
@@ -206,48 +206,48 @@ class WatchedLine(ContactLine):
 
     def error_rate(self) -> float:
         """Error that the method adds for each second, measured last."""
-        return self.accuracy.rate
+        return self.step_size.rate
 
     def error_estimate(self, time: float) -> float:
         """Errors added from the start to a present `time` [s], as if none had grown or faded."""
         touching = 0.0 if self.touching is None else self.touching.total
-        return self.accuracy.estimate(time) + touching
+        return self.step_size.estimate(time) + touching
 
-    def memory(self) -> dict[str, Any]:
+    def state_tree(self) -> dict[str, Any]:
         """All that the steps to come depend on, body by body."""
-        memory = {
-            **super().memory(),
+        tree = {
+            **super().state_tree(),
             'since_check': self._since_check,
             'look_interval': self.look_interval,
             'returned_to': self._returned_to,
             'held_back': self._held_back,
             'load_rate': self.load_rate,
             'frequency': self._fabric.rate,
-            'accuracy': self.accuracy.memory(),
+            'accuracy': self.step_size.state_tree(),
         }
         if self.touching is not None:
-            memory['touching'] = self.touching.memory()
+            tree['touching'] = self.touching.state_tree()
         if self._is_in_window:
             difference = self.work.difference
             # Also lanes without a body count, so this is only for processors with as many lanes.
-            memory['window'] = difference.reshape(len(difference), -1, LANES).copy()
-        return memory
+            tree['window'] = difference.reshape(len(difference), -1, LANES).copy()
+        return tree
 
-    def recall(self, memory: Memory, loads: Loads | None) -> None:
+    def load_state(self, tree: StateTree, loads: Loads | None) -> None:
         """Go on from there, with the `loads` that acted then."""
-        super().recall(memory, loads)
+        super().load_state(tree, loads)
         least, most = (1, CHECK_INTERVAL) if self.fixed else (self.look_interval,) * 2
-        self.look_interval = memory.count('look_interval', least, most)
-        self._since_check = memory.count('since_check', 0, self.look_interval - 1)
-        self._returned_to = memory.number('returned_to', finite=False)
-        self._held_back = memory.flag('held_back')
-        self.load_rate = memory.number('load_rate', 0.0, finite=False)
-        self._fabric = Frequency(memory.number('frequency', 0.0, finite=False), (), 0)
-        self.accuracy.recall(memory.part('accuracy'))
+        self.look_interval = tree.count('look_interval', least, most)
+        self._since_check = tree.count('since_check', 0, self.look_interval - 1)
+        self._returned_to = tree.number('returned_to', finite=False)
+        self._held_back = tree.flag('held_back')
+        self.load_rate = tree.number('load_rate', 0.0, finite=False)
+        self._fabric = Frequency(tree.number('frequency', 0.0, finite=False), (), 0)
+        self.step_size.load_state(tree.part('accuracy'))
         if self.touching is not None:
-            self.touching.recall(memory.part('touching'))
+            self.touching.load_state(tree.part('touching'))
         if self._is_in_window:
-            window, own = memory.array('window'), self.work.difference
+            window, own = tree.array('window'), self.work.difference
             if window.shape == (len(own), own.shape[1] // LANES, LANES):
                 own[:] = window.reshape(own.shape)
             else:
@@ -269,14 +269,14 @@ class WatchedLine(ContactLine):
 
         Whether the run goes on from here; else it is back at the last look.
         """
-        factor = self.accuracy.excess()
+        factor = self.step_size.excess()
         if factor is None:
             self._save(time)
             return True
         whole = self.ledger[monitor.REGULAR] >= self.look_interval
         if factor > 1.0 and whole and self._saved_time != self._returned_to:
             # What was shown of the way there stays counted.
-            self.accuracy.close(time)
+            self.step_size.close(time)
             self._return_to_saved()
             if self.touching is not None:
                 self.touching.begin(self._saved_time)
@@ -371,7 +371,7 @@ class WatchedLine(ContactLine):
         """Say what makes steps shorter."""
         if self.fixed:
             return 'give a smaller solver.step, or 0 to have it chosen'
-        return shorter_steps(self.step, self.accuracy.tolerance, self._fastest_term())
+        return shorter_steps(self.step, self.step_size.tolerance, self._fastest_term())
 
     def _fastest_term(self) -> str:
         """Name what moves or vibrates fastest, with its parameters."""
@@ -415,10 +415,10 @@ class WatchedLine(ContactLine):
         rate = self._fastest()
         if self.fixed:
             self._pace(self.step)
-            if probe or self.accuracy.is_new or self.load_rate > self.accuracy.load_rate:
+            if probe or self.step_size.is_new or self.load_rate > self.step_size.load_rate:
                 if not probe:
                     self._save()
-                self.accuracy.measure_only(self.step, rate, jumped=not probe)
+                self.step_size.measure_only(self.step, rate, jumped=not probe)
             return
         if not rate < math.inf:
             self._fail(too_fast(self.time, self._fastest_term()))
@@ -431,12 +431,12 @@ class WatchedLine(ContactLine):
         if self.watch is not None:
             self._held_back = self.watch.longest_step < cap
             cap = min(cap, self.watch.longest_step)
-        if not SHORTEST * min(cap, self.accuracy.step) <= step <= LONGEST * cap:
-            step = rounded_down(min(cap, self.accuracy.step))
-        if probe or self.accuracy.is_new or self.load_rate > self.accuracy.load_rate:
+        if not SHORTEST * min(cap, self.step_size.step) <= step <= LONGEST * cap:
+            step = rounded_down(min(cap, self.step_size.step))
+        if probe or self.step_size.is_new or self.load_rate > self.step_size.load_rate:
             if not probe:
                 self._save()
-            step = self.accuracy.choose(step, rounded_down(cap), rate, jumped=not probe)
+            step = self.step_size.choose(step, rounded_down(cap), rate, jumped=not probe)
         if not self.time + step > self.time:
             # It would be lost in the time that it is added to.
             self._fail(too_fast(self.time, self._fastest_term()))
@@ -451,7 +451,7 @@ class WatchedLine(ContactLine):
         ledger = self.ledger
         near = min(1.05 * ledger[monitor.RATE], 0.9 * self.method.stability / step)
         ledger[monitor.HIGH] = max(LONGEST * chosen / step, near)
-        ledger[monitor.LOW] = SHORTEST * chosen / step if self.accuracy.step >= cap else 0.0
+        ledger[monitor.LOW] = SHORTEST * chosen / step if self.step_size.step >= cap else 0.0
 
     @property
     def fabric_rate(self) -> float:

@@ -28,7 +28,7 @@ from typing import Any, Protocol
 from icofabric_sim.kernels.monitor import KINETIC, LIVELY, ROUGH, ROUGH_LIMIT
 from icofabric_sim.kernels.records import State
 from icofabric_sim.simulation.model.packing import PackedScene
-from icofabric_sim.simulation.state_tree import Memory
+from icofabric_sim.simulation.state_tree import StateTree
 from icofabric_sim.simulation.stepping.ledger import Ledger
 from icofabric_sim.simulation.stepping.methods import Method
 import numpy as np
@@ -66,7 +66,7 @@ _ROUNDING = 64.0 * float(np.finfo(float).eps)
 
 
 class Line(Protocol):
-    """What is needed of the main line of steps."""
+    """What is needed of the trajectory."""
 
     method: Method
     packed: PackedScene
@@ -84,7 +84,7 @@ class Line(Protocol):
     ) -> int: ...
 
 
-class Accuracy:
+class StepSizeController:
     """The step that the tolerance allows, and what the method adds to the error."""
 
     def __init__(self, line: Line, tolerance: float, half_edge: float) -> None:
@@ -112,7 +112,7 @@ class Accuracy:
         """Begin at another `time` [s]: nothing has moved yet."""
         self._since = time
 
-    def memory(self) -> dict[str, Any]:
+    def state_tree(self) -> dict[str, Any]:
         """What was measured, and when it will be again."""
         return {
             'total': self.total,
@@ -129,18 +129,18 @@ class Accuracy:
             'window': self._window,
         }
 
-    def recall(self, memory: Memory) -> None:
+    def load_state(self, tree: StateTree) -> None:
         """Go on from there."""
-        self.total = memory.number('total', 0.0, finite=False)
-        self.step = memory.number('step', math.ulp(0.0), finite=False)
-        self.rate = memory.number('rate', 0.0, finite=False)
-        self._free_rate = memory.number('free_rate', 0.0, finite=False)
-        self.load_rate = memory.number('load_rate', 0.0, finite=False)
-        self.is_new, self.is_measured = memory.flag('is_new'), memory.flag('is_measured')
-        self._gap = memory.count('gap', 1)
-        self.looks_left = memory.count('looks_left', 1)
-        self._since = memory.number('since')
-        self._window = memory.number('window', 0.0, finite=False)
+        self.total = tree.number('total', 0.0, finite=False)
+        self.step = tree.number('step', math.ulp(0.0), finite=False)
+        self.rate = tree.number('rate', 0.0, finite=False)
+        self._free_rate = tree.number('free_rate', 0.0, finite=False)
+        self.load_rate = tree.number('load_rate', 0.0, finite=False)
+        self.is_new, self.is_measured = tree.flag('is_new'), tree.flag('is_measured')
+        self._gap = tree.count('gap', 1)
+        self.looks_left = tree.count('looks_left', 1)
+        self._since = tree.number('since')
+        self._window = tree.number('window', 0.0, finite=False)
 
     def choose(
         self, step: float, cap: float, fastest: float, *, jumped: bool = False

@@ -62,7 +62,7 @@ def size_for(wanted: int, body_count: int) -> int:
     return min(wanted or cores, cores, max(1, body_count // BODIES_PER_THREAD))
 
 
-class Crew:
+class ThreadTeam:
     """As many threads as `wanted` (0: one for each core), and as the number of bodies is worth."""
 
     def __init__(self, wanted: int, packed: PackedScene) -> None:
@@ -94,7 +94,7 @@ class Crew:
         return Team(0, 1, self._flags, self._sweeps[0], self._rooms[0])
 
     def team(self, member: int) -> Team:
-        """What kernels know of the crew, in the thread `member`."""
+        """What kernels know of the thread_team, in the thread `member`."""
         return Team(member, self.size, self._flags, self._sweeps[member], self._rooms[member])
 
     def run(self, work: Callable[[Team], Result]) -> Result:

@@ -25,7 +25,7 @@ import math
 from typing import Any, Protocol
 
 from icofabric_sim.kernels.records import State
-from icofabric_sim.simulation.state_tree import Memory
+from icofabric_sim.simulation.state_tree import StateTree
 
 # So many stretches are measured, then twice as many that stand for two each, and so on up to the
 # second number. Few of them make most of the error: which kink lies where in its step is chance.
@@ -106,16 +106,16 @@ class TouchingErrors:
                     self._left = _SAMPLES * self._every
         self.begin(time)
 
-    def memory(self) -> dict[str, Any]:
+    def state_tree(self) -> dict[str, Any]:
         """What was measured, and when it will be again."""
         return {
             'total': self.total, 'every': self._every, 'left': self._left,
             'waiting': self._waiting, 'start': self._start, 'touched': self._touched}
 
-    def recall(self, memory: Memory) -> None:
+    def load_state(self, tree: StateTree) -> None:
         """Go on from there."""
-        self.total = memory.number('total', 0.0, finite=False)
-        self._every, self._left = memory.count('every', 1, _MOST), memory.count('left', 1)
-        self._waiting = memory.count('waiting')
-        self._start = memory.number('start', finite=False)
-        self._touched = memory.flag('touched')
+        self.total = tree.number('total', 0.0, finite=False)
+        self._every, self._left = tree.count('every', 1, _MOST), tree.count('left', 1)
+        self._waiting = tree.count('waiting')
+        self._start = tree.number('start', finite=False)
+        self._touched = tree.flag('touched')

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-The state on the main line of steps: states beside it, and a good one to come back to.
+The state of a run: trial states beside it, and a good one to come back to.
 
 Nothing here decides which steps are taken; see `stepper.py`.
 """
@@ -44,21 +44,21 @@ from icofabric_sim.kernels.records import (
 )
 from icofabric_sim.kernels.runtime.interrupts import leaving
 from icofabric_sim.kernels.runtime.lanes import LANES
-from icofabric_sim.simulation.contact.broad_phase import ContactWatch
+from icofabric_sim.simulation.contact.broad_phase import BroadPhase
 from icofabric_sim.simulation.errors import SimulationError
 from icofabric_sim.simulation.model.layout import aligned_empty
 from icofabric_sim.simulation.model.packing import acting_lanes, PackedScene
-from icofabric_sim.simulation.state_tree import Memory
+from icofabric_sim.simulation.state_tree import StateTree
 from icofabric_sim.simulation.stepping.broken import Broken
 from icofabric_sim.simulation.stepping.ledger import Ledger
 from icofabric_sim.simulation.stepping.methods import Method
 from icofabric_sim.simulation.stepping.obstruction import Obstruction
 from icofabric_sim.simulation.stepping.portions import Portions
-from icofabric_sim.simulation.stepping.thread_team import Crew
+from icofabric_sim.simulation.stepping.thread_team import ThreadTeam
 import numpy as np
 
 
-class MainLine:
+class Trajectory:
     """A state that moves in steps, what is looked at on the way, and the last good state."""
 
     def __init__(
@@ -73,8 +73,8 @@ class MainLine:
         differences: int,
         energy_limit: float,
         half_edge: float,
-        crew: Crew,
-        watch: ContactWatch | None,
+        thread_team: ThreadTeam,
+        watch: BroadPhase | None,
         broken: Broken,
         obstruction: Obstruction,
     ) -> None:
@@ -85,7 +85,7 @@ class MainLine:
         """
         self.packed, self.model, self.method = packed, packed.model, method
         self.state, self.loads = state, loads
-        self.crew, self.watch, self.broken = crew, watch, broken
+        self.thread_team, self.watch, self.broken = thread_team, watch, broken
         self.obstruction = obstruction
         self.work = packed.layout.room(
             packed.model.links, None if method.symplectic else state, differences=differences,
@@ -126,7 +126,7 @@ class MainLine:
 
     @property
     def time(self) -> float:
-        """Time [s] of the state on the main line."""
+        """Time [s] of the state."""
         return self._time_of(self.index)
 
     def _time_of(self, index: int) -> float:
@@ -149,12 +149,12 @@ class MainLine:
         """Potential energy [J] of a body force where the balance begins."""
         return self._potential_start
 
-    def run_aside(
+    def trial_steps(
         self, step: float, count: int, loads: Loads | None = None, *,
         start: float | None = None, model: Model | None = None
     ) -> State:
         """
-        Where `count` steps of length `step` lead; the main line stays where it is.
+        Where `count` steps of length `step` lead; the trajectory stays where it is.
 
         `start` [s] and `model`: those of its state, where it is on its way aside.
         """
@@ -168,7 +168,7 @@ class MainLine:
         loads = loads or self._scratch_loads()
         work = self._scratch_work()._replace(acceleration=acceleration)
         self._model_aside = model or self._scratch_model()
-        self._take_aside(
+        self._take_trial_steps(
             loads, state, work, self.time if start is None else start, step, count)
         self._spent_aside, self._given_aside = flowed(work.spent), flowed(work.given)
         return state
@@ -189,10 +189,10 @@ class MainLine:
             self.watch.has_touched()
         try:
             for done in range(windows):
-                half = self.run_aside(
+                half = self.trial_steps(
                     0.5 * step, 2 * count, start=time, model=self._scratch_model(model))
                 self._model_aside = model
-                self._take_aside(
+                self._take_trial_steps(
                     self._scratch_loads(), self.state, self._scratch_work(), time, step, count)
                 if self._take_failure() is not None:
                     return done
@@ -231,7 +231,7 @@ class MainLine:
             for target, source in zip(self.state, self._behind):
                 np.copyto(target, source)
             self._refresh(start)
-            half = self.run_aside(0.5 * self.step, 2 * count, start=start, model=model)
+            half = self.trial_steps(0.5 * self.step, 2 * count, start=start, model=model)
             failed = self._take_failure() is not None
         finally:
             for target, source in zip(self.state, now):
@@ -240,7 +240,7 @@ class MainLine:
             np.copyto(self.work.acceleration, acceleration)
         return None if failed else compare(self.state, half)
 
-    def _take_aside(
+    def _take_trial_steps(
         self, loads: Loads | None, state: State, work: Work, start: float, step: float, count: int
     ) -> None:
         """Take steps from `start` [s] on that nobody looks at on the way, in portions."""
@@ -251,9 +251,9 @@ class MainLine:
             done += portion
             leaving.check()
 
-    def memory(self) -> dict[str, Any]:
+    def state_tree(self) -> dict[str, Any]:
         """All that the steps to come depend on, body by body."""
-        memory: dict[str, Any] = {
+        tree: dict[str, Any] = {
             'origin': self.origin,
             'index': self.index,
             'step': self.step,
@@ -261,64 +261,64 @@ class MainLine:
             'saved_time': self._saved_time,
             'state': self._by_body(self.state),
             'saved': self._by_body(self._saved),
-            'ledger': self.ledger.memory(),
+            'ledger': self.ledger.state_tree(),
         }
         if self._failure is not None:
-            memory['failure'] = str(self._failure)
+            tree['failure'] = str(self._failure)
         if self._keeps_accelerations:
-            memory['acceleration'] = self.packed.layout.gather(self.work.acceleration)
+            tree['acceleration'] = self.packed.layout.gather(self.work.acceleration)
         if self.loads is not None and len(self.loads.wrench):
             rows = self._rows_by_body(self.loads)
-            memory['loads'] = {
+            tree['loads'] = {
                 'work': self.loads.work[rows], 'earlier_work': self.loads.earlier_work[rows]}
         for name, meter in self._meters().items():
-            memory[name] = self.packed.layout.gather(meter.done)
+            tree[name] = self.packed.layout.gather(meter.done)
         if self.work.given is not None:
-            memory['potential_start'] = self._potential_start
+            tree['potential_start'] = self._potential_start
         if self.watch is not None:
-            memory['watch'] = self.watch.memory()
+            tree['watch'] = self.watch.state_tree()
         if self.broken.count:
-            memory['broken'] = self.broken.memory()
+            tree['broken'] = self.broken.state_tree()
         if self.obstruction.found:
-            memory['obstruction'] = self.obstruction.found
-        return memory
+            tree['obstruction'] = self.obstruction.found
+        return tree
 
-    def recall(self, memory: Memory, loads: Loads | None) -> None:
+    def load_state(self, tree: StateTree, loads: Loads | None) -> None:
         """Go on from there, with the `loads` that acted then."""
         layout = self.packed.layout
-        self.origin = memory.number('origin', 0.0)
-        self._failure = SimulationError(memory.text('failure')) if 'failure' in memory else None
-        self.index, self.step_count = memory.count('index'), memory.count('step_count')
-        step = memory.number('step', 0.0)
+        self.origin = tree.number('origin', 0.0)
+        self._failure = SimulationError(tree.text('failure')) if 'failure' in tree else None
+        self.index, self.step_count = tree.count('index'), tree.count('step_count')
+        step = tree.number('step', 0.0)
         if self.fixed and step != self.step:
             raise ValueError(f'step must be solver.step {self.step!r} s, got {step!r} s')
         self.step = step
         # A run that has ended may have failed to find one.
         if self._failure is None and not self.time + step > self.time:
             raise ValueError(f'step {step!r} s leads nowhere from t = {self.time!r} s')
-        self._saved_time = memory.number('saved_time', 0.0)
+        self._saved_time = tree.number('saved_time', 0.0)
         self.obstruction.found = (
-            memory.text('obstruction') if 'obstruction' in memory else '')
-        self.broken.recall(memory.part('broken') if 'broken' in memory else None)
+            tree.text('obstruction') if 'obstruction' in tree else '')
+        self.broken.load_state(tree.part('broken') if 'broken' in tree else None)
         for name, state in (('state', self.state), ('saved', self._saved)):
-            self._take_back(state, memory.part(name))
-        self.ledger.recall(memory.part('ledger'))
+            self._take_back(state, tree.part(name))
+        self.ledger.load_state(tree.part('ledger'))
         if self.watch is not None:
-            self.watch.recall(memory.part('watch'))
+            self.watch.load_state(tree.part('watch'))
             self._follow_watch()
         self._refresh()
         if self._keeps_accelerations:
-            self.work.acceleration[:, layout.slot] = memory.array(
+            self.work.acceleration[:, layout.slot] = tree.array(
                 'acceleration', (layout.body_count, 6)).T
         self.loads = loads
         if loads is not None and len(loads.wrench):
-            part, rows = memory.part('loads'), self._rows_by_body(loads)
+            part, rows = tree.part('loads'), self._rows_by_body(loads)
             loads.work[rows] = part.array('work', rows.shape)
             loads.earlier_work[rows] = part.array('earlier_work', rows.shape)
         for name, meter in self._meters().items():
-            meter.done[:, layout.slot] = memory.array(name, (layout.body_count, 2)).T
+            meter.done[:, layout.slot] = tree.array(name, (layout.body_count, 2)).T
         if self.work.given is not None:
-            self._potential_start = memory.number('potential_start')
+            self._potential_start = tree.number('potential_start')
 
     @property
     def _keeps_accelerations(self) -> bool:
@@ -331,14 +331,14 @@ class MainLine:
         return {
             name: self.packed.layout.gather(values) for name, values in state._asdict().items()}
 
-    def _take_back(self, state: State, memory: Memory) -> None:
+    def _take_back(self, state: State, tree: StateTree) -> None:
         """
         Write a remembered state; slots without a body are at rest at the origin, as at the start.
         """
         layout = self.packed.layout
         for name, target in state._asdict().items():
             rows = target.shape[:-1]
-            values = memory.array(name, (layout.body_count, *rows))
+            values = tree.array(name, (layout.body_count, *rows))
             empty = np.zeros(rows)
             if name == 'orientation':
                 empty = np.eye(3) if layout.cosines else np.array([0.0, 0.0, 0.0, 1.0])
@@ -405,7 +405,7 @@ class MainLine:
 
     def _stretch(self, model: Model | None = None) -> np.ndarray | None:
         """
-        Stretches of friction at the state on the main line, or where a `model` aside has gone.
+        Stretches of friction at the state, or where a `model` aside has gone.
         """
         losses = losses_of((model or self.model).contacts)
         return None if losses is None else losses.stretch
@@ -453,18 +453,18 @@ class MainLine:
                 since_check, interval, watch, self.ledger.numbers)
 
         status, done, since_check = (
-            self.crew.run(advance) if aside else self._counted(advance))
+            self.thread_team.run(advance) if aside else self._counted(advance))
         self.portions.note(int(done), perf_counter() - started)
         return status, done, since_check
 
     def _counted(self, advance: Callable[[Team], Any]) -> Any:
-        """Take steps of the main line, and count the pairs of shells that they look at."""
+        """Take steps of the trajectory, and count the pairs of shells that they look at."""
         watch = self.watch
         if watch is None:
-            return self.crew.run(advance)
+            return self.thread_team.run(advance)
         before = watch.evaluated
         try:
-            return self.crew.run(advance)
+            return self.thread_team.run(advance)
         finally:
             watch.tests += watch.evaluated - before
 
@@ -478,7 +478,7 @@ class MainLine:
             # In plain Python nothing ever is.
             return True
         model = self.model._replace(contacts=watch.nothing())
-        team = self.crew.alone()._replace(scratch=contact_scratch())
+        team = self.thread_team.alone()._replace(scratch=contact_scratch())
         return bool(kernel.is_ready(*arguments(model, team)))
 
     def _kernel(self) -> tuple[Any, Callable[[Model, Team], tuple[Any, ...]]]:
@@ -500,7 +500,7 @@ class MainLine:
         """Compute the contacts that the watch knows of from now on, and no others."""
         if self.watch is not None:
             self.model = self.model._replace(contacts=self.watch.contacts)
-            self.crew.meet(self.watch.contacts is not None)
+            self.thread_team.meet(self.watch.contacts is not None)
             self.ledger[monitor.CONTACT_RATE] = self.watch.rate
 
     def _refresh(self, time: float | None = None) -> None:
@@ -510,7 +510,7 @@ class MainLine:
         if self.model.contacts is not None:
             touch_all(
                 self.model.contacts, self.state.position, self.state.orientation,
-                self.crew.alone())
+                self.thread_team.alone())
         keep_accelerations(
             self.model, self.state, self.work, self.time if time is None else time, 0, last)
 

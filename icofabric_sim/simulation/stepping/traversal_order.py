@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-In which order the threads of a crew go over a fabric, so that bodies come from memory once.
+In which order the threads of a team go over a fabric, so that bodies come from memory once.
 
 Drifts run ahead of pushes by one layer of the fabric, and what lies between is read again soon: it
 should stay in a core's own cache. Where a layer is too large for that the fabric is swept in
