@@ -193,7 +193,7 @@ class AdaptiveDriver(FixedStepDriver):
         return self._dense(rest / length)
 
     def _stretch_within(self, rest: float, length: float) -> np.ndarray | None:
-        """FrictionState of friction up to there."""
+        """Stretches of friction up to there."""
         losses = self._losses
         if losses is None or self._failure is not None or not length > 0.0:
             return self._stretch()
