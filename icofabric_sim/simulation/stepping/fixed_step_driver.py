@@ -100,7 +100,7 @@ class FixedStepDriver(MonitoredTrajectory):
 
     def state_at(self, time: float) -> State:
         """
-        The state at `time`, from a trial step off the trajectory; after a failure the last good one.
+        The state at `time`, from a trial step; after a failure the last good one.
 
         Valid until the next call of any method.
         """
