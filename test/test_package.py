@@ -245,9 +245,7 @@ except ImportError:
 def test_headers():
     for folder in ('icofabric_sim', 'test', 'launch', 'benchmarks', 'examples', 'docs'):
         for path in sources(ROOT / folder):
-            room = path.relative_to(ROOT).parts[1]
-            wanted = HEADER.splitlines()[0] if room in ('kernels', 'geometry') else HEADER
-            assert path.read_text().startswith(wanted), path.relative_to(ROOT)
+            assert path.read_text().startswith(HEADER), path.relative_to(ROOT)
     assert (ROOT / 'setup.py').read_text().startswith(HEADER)
 
 

@@ -299,6 +299,7 @@ class _Cells:
                 panels=self._panels)
         return radial.reshape(*ends.shape), errors.reshape(ends.shape[:2])
 
+
 def _symmetric_images() -> np.ndarray:
     """
     Return the corners of the 120 sixths of the faces of the unit icosahedron, (120, 3, 3).

@@ -143,8 +143,8 @@ def measure(
             if h > 0.0:
                 before, speed = load(breakage.length, link, s), load(breakage.rate, link, s)
                 excess = maximum(
-                    excess_over(load(breakage.longest, link, s), before, speed, length, rate, h,
-                        doubt),
+                    excess_over(
+                        load(breakage.longest, link, s), before, speed, length, rate, h, doubt),
                     excess_under(
                         load(breakage.shortest, link, s), before, speed, length, rate, h, doubt))
                 excess = where(bits(links.present[block, link]), excess, splat(-1.0))

@@ -359,9 +359,9 @@ def add_surface(
                 known = wait(marks, known, i, NEIGHBOURS[j, k])
         if reached >> 7:
             for k in range(3):
-                for l in range(3):
-                    if reached >> (7 + 3 * k + l) & 1:
-                        known = wait(marks, known, NEIGHBOURS[i, k], NEIGHBOURS[j, l])
+                for m in range(3):
+                    if reached >> (7 + 3 * k + m) & 1:
+                        known = wait(marks, known, NEIGHBOURS[i, k], NEIGHBOURS[j, m])
     return found != 0
 
 
