@@ -17,7 +17,6 @@ from collections.abc import Callable
 import logging
 
 from icofabric_sim import checks
-from icofabric_sim.kernels import monitor
 from icofabric_sim.kernels.runtime.interrupts import DeferredInterrupt
 from icofabric_sim.scene.initial import hold_still, InitialState
 from icofabric_sim.scene.scene import require_scene, Scene
@@ -352,8 +351,8 @@ class Simulation:
         stepper, force = self._driver, self.body_force
         books = {
             'work_in': stepper.work_at_state(), 'spent': stepper.spent_at_state(),
-            'start': stepper.ledger[monitor.BASE],
-            'lost_at_breaks': stepper.ledger[monitor.LOST], 'potential': 0.0,
+            'start': stepper.ledger.base,
+            'lost_at_breaks': stepper.ledger.lost, 'potential': 0.0,
             'anchors': stepper.anchor_energy, 'contact': stepper.contact_energy}
         if force is not None and force.potential is not None:
             books['potential'] = force.energy(self.time, state.position, state.orientation)

@@ -13,7 +13,6 @@
 # limitations under the License.
 """Figures of a run, to be read only."""
 
-from icofabric_sim.kernels import monitor
 from icofabric_sim.simulation.contact.broad_phase import Overlap
 from icofabric_sim.simulation.event_loop import EventLoop
 from icofabric_sim.simulation.input_types import BodyTarget, Wrench
@@ -110,7 +109,7 @@ class SimulationStatus:
     @property
     def contact_count(self) -> int:
         """Pairs of shells, and shells and planes, that touched at the last health check."""
-        return int(self._driver.ledger[monitor.TOUCHING])
+        return int(self._driver.ledger.touching)
 
     @property
     def contact_tests(self) -> int:
@@ -121,7 +120,7 @@ class SimulationStatus:
     @property
     def deepest_overlap(self) -> float:
         """Deepest overlap [m] of shells in contact at any health check so far."""
-        return self._driver.ledger[monitor.DEEPEST_EVER]
+        return self._driver.ledger.deepest_ever
 
     @property
     def proximity(self) -> Overlap | None:
@@ -142,7 +141,7 @@ class SimulationStatus:
     @property
     def obstructed_ends(self) -> int:
         """Ends of connectors that were in their own shells at the last health check."""
-        return int(self._driver.ledger[monitor.OBSTRUCTED])
+        return int(self._driver.ledger.obstructed)
 
     # What acts.
 

@@ -19,7 +19,6 @@ import re
 from analytical import amplification, free_rotation, rotation_quaternion
 from fabrics import changed, FORMS, LOADED, make_scene, packed_state, RANDOM, SUPPORTED
 import icofabric_sim as ico
-from icofabric_sim.kernels import monitor
 from icofabric_sim.kernels.loads import work_load
 from icofabric_sim.parameters.ready_scenes import ready_scenes
 from icofabric_sim.simulation.model.packing import pack_loads, pack_scene, WrenchRow
@@ -75,7 +74,7 @@ def test_work_of_a_drift_is_the_integral_of_the_power(angle, in_body_axes, form)
 def work_so_far(simulation):
     """Work [J] up to the last step, also since the last look."""
     stepper = simulation._driver
-    return float(stepper.ledger[monitor.EARLIER_WORK]) + math.fsum(stepper.loads.work)
+    return float(stepper.ledger.earlier_work) + math.fsum(stepper.loads.work)
 
 
 SPLITTINGS = [name for name, method in METHODS.items() if method.symplectic]

@@ -229,7 +229,7 @@ def advise() -> str:
         'weave.size': [2, 2, 1], 'contact.mode': 'never', 'connector.bending_stiffness': 10.0,
         'initial_random.spin_sigma': 1.0}, method='srkn4')
     simulation.advance_steps(10)
-    simulation._driver.ledger[monitor.BASE] += 1.0
+    simulation._driver.ledger.base += 1.0
     with pytest.raises(ico.SimulationError) as caught:
         simulation.advance_steps(100)
     return str(caught.value)

@@ -30,7 +30,6 @@ from fabrics import (
     warnings_said,
 )
 import icofabric_sim as ico
-from icofabric_sim.kernels.integrators import embedded
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.simulation.checkpoint import Checkpoint
 from icofabric_sim.simulation.errors import Interrupted
@@ -554,7 +553,7 @@ def test_adaptive_steps_that_were_given_up_are_not_gone_back_to():
         run.advance_to(time)
         run.apply_wrench('steady', (0.0, 0.1 * time, 0.0))
         assert run._driver._saved_time <= time
-        assert run._driver.control[embedded.LENGTH] == 0.0
+        assert run._driver.control.length == 0.0
     # What is kept is the state of its time: a run from there comes by.
     saved = run.checkpoint().arrays['stepper.saved.position']
     again = ico.compile_scene(scene)

@@ -373,7 +373,7 @@ def test_an_unsound_state_is_never_kept_for_its_rougher_motion(monkeypatch):
 
     monkeypatch.setattr(stepper, '_respond', note)
     # The next look finds any motion too rough, and any balance wrong.
-    stepper.ledger[monitor.ROUGH_LIMIT], stepper.ledger[monitor.LIMIT] = 1e-300, 1e-300
+    stepper.ledger.rough_limit, stepper.ledger.limit = 1e-300, 1e-300
     kept = stepper._saved_time
     with pytest.raises(ico.SimulationError, match='does not balance') as caught:
         simulation.advance_to(1.0)

@@ -24,7 +24,6 @@ import math
 from time import perf_counter
 from typing import Any
 
-from icofabric_sim.kernels import monitor
 from icofabric_sim.kernels.drives import place_driven
 from icofabric_sim.kernels.integrators import dop853, embedded
 from icofabric_sim.kernels.integrators.embedded import (
@@ -38,6 +37,7 @@ from icofabric_sim.kernels.integrators.splitting import NEVER
 from icofabric_sim.kernels.records import Loads, Meter, Model, State, Team, Trail
 from icofabric_sim.simulation.contact.broad_phase import BroadPhase
 from icofabric_sim.simulation.state_tree import StateTree
+from icofabric_sim.simulation.stepping.embedded_control import EmbeddedControl
 from icofabric_sim.simulation.stepping.faults import too_fast
 from icofabric_sim.simulation.stepping.fixed_step_driver import FixedStepDriver
 import numpy as np
@@ -73,22 +73,22 @@ class AdaptiveDriver(FixedStepDriver):
 
     def __init__(self, *arguments: Any, origin: float, **choices: Any) -> None:
         """See `FixedStepDriver`."""
-        self.control: np.ndarray = np.zeros(embedded.CONTROL_COUNT)
-        self.control[embedded.START] = origin
+        self.control = EmbeddedControl()
+        self.control.start = origin
         super().__init__(*arguments, origin=origin, **choices)
 
     def _start(self, *, exact: bool = True) -> None:
         # The sum of errors goes on.
         total = self.error_estimate(self.origin)
-        self.control = np.zeros(embedded.CONTROL_COUNT)
-        self.control[embedded.START], self.control[embedded.TOTAL] = self.origin, total
+        self.control = EmbeddedControl()
+        self.control.start, self.control.total = self.origin, total
         self._has_dense = False
         super()._start(exact=exact)
 
     @property
     def time(self) -> float:
         """Time [s] at which the step in progress begins."""
-        return float(self.control[embedded.START])
+        return self.control.start
 
     @property
     def _trail(self) -> Trail:
@@ -99,26 +99,26 @@ class AdaptiveDriver(FixedStepDriver):
     @property
     def end(self) -> float:
         """Time [s] at which it ends; the same where none is in progress."""
-        return float(self.control[embedded.START] + self.control[embedded.LENGTH])
+        return self.control.start + self.control.length
 
     def forget(self) -> None:
         """Count steps and errors from zero again: a run begins that has no past."""
         super().forget()
         # Nor is anything left of the step in progress.
-        self.control[embedded.TOTAL] = self.control[embedded.RATE] = 0.0
+        self.control.total = self.control.rate = 0.0
 
     def rebase(self, time: float) -> None:
         """Move a stepper that has not moved yet to another start `time`."""
         super().rebase(time)
-        self.control[embedded.START] = time
+        self.control.start = time
 
     def set_loads(self, loads: Loads | None, load_rate: float) -> None:
         """Replace the loads at the current state."""
         self.ledger.keep_work(self.loads)
         self.loads, self.load_rate = loads, load_rate
         place_driven(self.model, loads, self.state, self.time)
-        self.control[embedded.HAS_LAST] = 0.0
-        self.control[embedded.NEXT] = min(self.control[embedded.NEXT], self._first_step())
+        self.control.has_last = 0.0
+        self.control.next = min(self.control.next, self._first_step())
 
     def warm_up(self) -> None:
         """Make every kernel that a step needs ready, without taking one."""
@@ -136,7 +136,7 @@ class AdaptiveDriver(FixedStepDriver):
         """
         if self._failure is not None:
             raise self._failure
-        while self.end < time or (self.end == time and self.control[embedded.LENGTH] > 0.0):
+        while self.end < time or (self.end == time and self.control.length > 0.0):
             if self.watch is not None:
                 self.watch.announce()
             # Not beyond a look, which saves the state: its time is that of the call's end.
@@ -148,7 +148,7 @@ class AdaptiveDriver(FixedStepDriver):
         """Go to the end of the step in progress, if that is by `until`; returns how many steps."""
         if self._failure is not None:
             raise self._failure
-        if self.control[embedded.LENGTH] == 0.0:
+        if self.control.length == 0.0:
             self._take(self.end, 1)
         if self.end > until:
             return 0
@@ -162,16 +162,16 @@ class AdaptiveDriver(FixedStepDriver):
         # The part of the step in progress up to there stays counted.
         estimate = self.error_estimate(time)
         self._give_up_step()
-        self.control[embedded.TOTAL] = estimate
+        self.control.total = estimate
         if rest > 0.0:
             self._call(rest, 1)
-        self.control[embedded.START] = time
+        self.control.start = time
 
     def state_at(self, time: float) -> State:
         """The state at `time` from dense output; after a failure the last good one."""
         if self._failure is None:
             self.advance(time)
-        rest, length = time - self.time, float(self.control[embedded.LENGTH])
+        rest, length = time - self.time, self.control.length
         if self._failure is None and rest > 0.0 and length > 0.0:
             self._prepare_dense()
         work = self._work_within(rest, length)
@@ -206,7 +206,7 @@ class AdaptiveDriver(FixedStepDriver):
 
     def _prepare_dense(self) -> None:
         """Have the slopes that states within the step in progress need."""
-        trail, length = self._trail, float(self.control[embedded.LENGTH])
+        trail, length = self._trail, self.control.length
         if not self._has_dense:
             loads, watch = self._scratch_loads(), self._watching(aside=True)
             self.thread_team.run(lambda team: prepare_dense(
@@ -217,7 +217,7 @@ class AdaptiveDriver(FixedStepDriver):
     def _dense(self, part: float) -> State:
         """State at a part of the step in progress."""
         self._prepare_dense()
-        trail, length = self._trail, float(self.control[embedded.LENGTH])
+        trail, length = self._trail, self.control.length
         if self._side is None:
             # Slots without a body are never written.
             self._side = (self.packed.layout.like(self.state), np.zeros((6, 0)))
@@ -257,25 +257,25 @@ class AdaptiveDriver(FixedStepDriver):
 
     def error_rate(self) -> float:
         """Error of the last step for each second."""
-        return float(self.control[embedded.RATE])
+        return self.control.rate
 
     def error_estimate(self, time: float) -> float:
         """Errors of all steps up to a present `time` [s], as if none had grown or faded."""
-        left = min(max(self.end - time, 0.0), float(self.control[embedded.LENGTH]))
-        return float(self.control[embedded.TOTAL] - self.control[embedded.RATE] * left)
+        left = min(max(self.end - time, 0.0), self.control.length)
+        return self.control.total - self.control.rate * left
 
     @property
     def next_step_time(self) -> float:
         """Time [s] at which the step in progress ends."""
-        return self.end if self.control[embedded.LENGTH] > 0.0 else self.time + self.step
+        return self.end if self.control.length > 0.0 else self.time + self.step
 
     def state_tree(self) -> dict[str, Any]:
         """All that the steps to come depend on, body by body."""
         tree, gather = super().state_tree(), self.packed.layout.gather
-        tree['control'] = self.control.copy()
+        tree['control'] = self.control.numbers.copy()
         # Where the last call was to lead says nothing of the next.
         tree['control'][embedded.GOAL] = 0.0
-        if self.control[embedded.LENGTH] > 0.0:
+        if self.control.length > 0.0:
             trail = self._trail
             tree['start'] = self._by_body(trail.start)
             tree['slopes'] = gather(trail.slopes[_SLOPES])
@@ -288,15 +288,15 @@ class AdaptiveDriver(FixedStepDriver):
 
     def load_state(self, tree: StateTree, loads: Loads | None) -> None:
         """Go on from there, with the `loads` that acted then."""
-        control = tree.array('control', (embedded.CONTROL_COUNT,)).copy()
-        if not (np.isfinite(control).all() and control.min() >= 0.0):
+        numbers = tree.array('control', (embedded.CONTROL_COUNT,)).copy()
+        if not (np.isfinite(numbers).all() and numbers.min() >= 0.0):
             raise ValueError('control holds a negative number or one that is not finite')
-        self.control, self._has_dense = control, False
+        self.control, self._has_dense = EmbeddedControl(numbers), False
         super().load_state(tree, loads)
-        if self._failure is None and not (
-                control[embedded.NEXT] > 0.0 < control[embedded.SHORTEST]):
+        control = self.control
+        if self._failure is None and not control.next > 0.0 < control.shortest:
             raise ValueError('control has no length for the next step')
-        if control[embedded.LENGTH] > 0.0:
+        if control.length > 0.0:
             trail, layout = self._trail, self.packed.layout
             self._take_back(trail.start, tree.part('start'))
             shape = (layout.body_count, len(_SLOPES), trail.slopes.shape[1])
@@ -316,32 +316,32 @@ class AdaptiveDriver(FixedStepDriver):
 
     def _kernel(self) -> tuple[Any, Callable[[Model, Team], tuple[Any, ...]]]:
         return adaptive_pair, lambda model, team: (
-            DOP8, model, self.loads, self.state, self._saved, self.work, team, self.control, 1, 0,
-            self.look_interval, self._watching(), self.ledger.numbers)
+            DOP8, model, self.loads, self.state, self._saved, self.work, team,
+            self.control.numbers, 1, 0, self.look_interval, self._watching(), self.ledger.numbers)
 
     def _choose_step(self, *, probe: bool = False, shorter: float = 1.0) -> None:
         """Only where the motion begins: later the error decides."""
         first = self._first_step()
         control, rate = self.control, self._fastest()
-        if control[embedded.NEXT] == 0.0:
-            control[embedded.NEXT] = first
+        if control.next == 0.0:
+            control.next = first
         tolerance = self.step_size.tolerance
-        control[embedded.TOLERANCE] = tolerance * (
+        control.tolerance = tolerance * (
             _LOOSE_AIM if tolerance > _LOOSE * rate else 1.0)
-        control[embedded.SHORTEST] = first * _SHORTEST_PART
+        control.shortest = first * _SHORTEST_PART
         # Whether anything is near must not matter: steps do not depend on looks.
-        control[embedded.LONGEST] = ANY if self.watch is None or not rate > 0.0 else (
+        control.longest = ANY if self.watch is None or not rate > 0.0 else (
             _LONGEST_STEP / rate)
-        control[embedded.KINKED] = self._kinked_rate(rate)
+        control.kinked = self._kinked_rate(rate)
         # Around shells the shortest way may change to the other side.
         rate = rate or 1.0 / self._output_period
-        control[embedded.SPARE] = 0.0 if self.model.wrapping is None else 2.0 * math.pi / rate
+        control.spare = 0.0 if self.model.wrapping is None else 2.0 * math.pi / rate
         size, fastest = self.half_edge**-2, rate**-2
-        control[embedded.SCALES:] = size, 4.0 if self.state.orientation.ndim == 2 else 0.5, (
+        control.scales[:] = size, 4.0 if self.state.orientation.ndim == 2 else 0.5, (
             size * fastest), fastest
         self._follow_contacts()
         self._pace(self.step or first)
-        self.ledger[monitor.HIGH], self.ledger[monitor.LOW] = math.inf, 0.0
+        self.ledger.high, self.ledger.low = math.inf, 0.0
         self.step_size.looks_left = NEVER
         self.step = self.step or first
 
@@ -360,7 +360,7 @@ class AdaptiveDriver(FixedStepDriver):
         # What is near need not touch: the steps are as long as the motion allows until then.
         step, steps = super()._outlook(watch)
         return (step, steps) if self.fixed else (
-            max(step, float(self.control[embedded.NEXT])), _AHEAD)
+            max(step, self.control.next), _AHEAD)
 
     def _follow_contacts(self) -> None:
         """
@@ -371,21 +371,21 @@ class AdaptiveDriver(FixedStepDriver):
         a few hundred radians of it. And the last bits of positions make noise in large forces.
         """
         control = self.control
-        control[embedded.KINK] = control[embedded.FLOOR] = control[embedded.RESUME] = 0.0
+        control.kink = control.floor = control.resume = 0.0
         if self.watch is None:
             return
         # Whatever was seen so far: steps must not depend on looks.
         rate = math.sqrt(self.watch.least_rate)
-        part = min(_KINK * control[embedded.TOLERANCE] / rate, _LARGEST_KINK)
-        control[embedded.KINK] = math.sqrt(part) / rate
+        part = min(_KINK * control.tolerance / rate, _LARGEST_KINK)
+        control.kink = math.sqrt(part) / rate
         # A step that short is always taken: it must not count as too short before.
-        control[embedded.SHORTEST] = min(control[embedded.SHORTEST], control[embedded.KINK])
+        control.shortest = min(control.shortest, control.kink)
         # A step of a contact, as far as that can be known before.
-        control[embedded.RESUME] = _FIRST_STEP / rate
+        control.resume = _FIRST_STEP / rate
         if self.watch.rate > 0.0:
             noise = self.watch.setup.stiffness * self.model.inverse_mass * self._extent()
             # As errors of velocities count.
-            control[embedded.FLOOR] = _NOISE * noise * math.sqrt(control[embedded.SCALES + 2])
+            control.floor = _NOISE * noise * math.sqrt(control.scales[2])
 
     def _extent(self) -> float:
         """Largest coordinate [m] of a body."""
@@ -400,18 +400,18 @@ class AdaptiveDriver(FixedStepDriver):
     def _take(self, goal: float, count: int) -> int:
         """Take up to `count` steps until one ends after `goal`; returns the status of the last."""
         control, status = self.control, embedded.TOO_FAR
-        control[embedded.GOAL] = goal
+        control.goal = goal
         self._has_dense = False
         while status & embedded.TOO_FAR and count > 0:
-            before = int(control[embedded.LENGTH] > 0.0)
-            self.ledger[monitor.SAVED_AT] = -1.0
+            before = int(control.length > 0.0)
+            self.ledger.saved_at = -1.0
             status, done = self._call_pair(count)
             count -= done
             self._require_outside()
             # The step in progress does not count yet.
-            self.step_count += done + before - int(control[embedded.LENGTH] > 0.0)
-            self.step = float(control[embedded.LENGTH]) or self.step
-            if self.ledger[monitor.SAVED_AT] == done:
+            self.step_count += done + before - int(control.length > 0.0)
+            self.step = control.length or self.step
+            if self.ledger.saved_at == done:
                 self._saved_time = self.end
             if status & embedded.TOO_FAR and self.watch is not None:
                 # Before anybody asks for a state: that of dense output is gone.
@@ -423,7 +423,7 @@ class AdaptiveDriver(FixedStepDriver):
         if status & embedded.TOO_SHORT:
             self._fail(
                 f'no step from t = {self.end:.9g} s on is short enough for solver.tolerance '
-                f'{self.step_size.tolerance:g}: steps of {control[embedded.SHORTEST]:.3g} s still '
+                f'{self.step_size.tolerance:g}: steps of {control.shortest:.3g} s still '
                 f'err too much, and the fastest motion is that of {self._fastest_term()}; allow a '
                 'larger tolerance, or slow that down')
         if status & ~embedded.TOO_FAR:
@@ -436,7 +436,7 @@ class AdaptiveDriver(FixedStepDriver):
         status, done, self._since_check = self._counted(
             lambda team: adaptive_pair(
                 DOP8, self.model, self.loads, self.state, self._saved, self.work, team,
-                self.control, count, self._since_check, self.look_interval, watch,
+                self.control.numbers, count, self._since_check, self.look_interval, watch,
                 self.ledger.numbers))
         self.portions.note(int(done), perf_counter() - started)
         return int(status), int(done)
@@ -444,7 +444,7 @@ class AdaptiveDriver(FixedStepDriver):
     def _give_up_step(self) -> None:
         """Go back to where the step in progress began."""
         trail = self._trail
-        if self.control[embedded.LENGTH] > 0.0:
+        if self.control.length > 0.0:
             for target, source in zip(self.state, trail.start):
                 np.copyto(target, source)
             if self.loads is not None:
@@ -455,10 +455,10 @@ class AdaptiveDriver(FixedStepDriver):
             if losses is not None:
                 np.copyto(losses.stretch, losses.start)
             control = self.control
-            control[embedded.TOTAL] -= control[embedded.RATE] * control[embedded.LENGTH]
+            control.total -= control.rate * control.length
             if self._saved_time > self.time:
                 self._save()
-        self.control[embedded.LENGTH] = self.control[embedded.HAS_LAST] = 0.0
+        self.control.length = self.control.has_last = 0.0
         self._has_dense = False
 
     def _save(self, time: float | None = None) -> None:
@@ -470,7 +470,7 @@ class AdaptiveDriver(FixedStepDriver):
 
     def _return_to_saved(self) -> None:
         super()._return_to_saved()
-        self.control[embedded.START], self.control[embedded.LENGTH] = self._saved_time, 0.0
+        self.control.start, self.control.length = self._saved_time, 0.0
 
 
 def _total(values: np.ndarray) -> float:

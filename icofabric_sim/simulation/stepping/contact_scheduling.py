@@ -17,7 +17,6 @@ What contacts ask of a trajectory: neighbour searches, the frequency they add, a
 
 import math
 
-from icofabric_sim.kernels import monitor
 from icofabric_sim.kernels.records import State
 from icofabric_sim.simulation.contact.broad_phase import BroadPhase, LOOK_AFTER
 from icofabric_sim.simulation.errors import SimulationError
@@ -63,14 +62,14 @@ class ContactScheduledTrajectory(Trajectory):
         """
         if self.watch is None:
             return
-        before = self.ledger[monitor.CONTACT_RATE]
+        before = self.ledger.contact_rate
         self.watch.look(time, self.state, *self._outlook(self.watch), way=way)
         self._follow_watch()
         # The bound that was found at the last look, with the contacts of now.
         ledger = self.ledger
-        spin = ledger[monitor.SPIN_WEIGHT] * ledger[monitor.SPIN]
-        fabric = max((ledger[monitor.RATE] - spin) ** 2 - before, 0.0)
-        ledger[monitor.RATE] = math.sqrt(fabric + self.watch.rate) + spin
+        spin = ledger.spin_weight * ledger.spin
+        fabric = max((ledger.rate - spin) ** 2 - before, 0.0)
+        ledger.rate = math.sqrt(fabric + self.watch.rate) + spin
 
     def _outlook(self, watch: BroadPhase) -> tuple[float, float]:
         """The step [s] that contacts will ask for, and for how many of them to look ahead."""
@@ -89,12 +88,12 @@ class ContactScheduledTrajectory(Trajectory):
         """Refuse a start in which shells overlap by far; note one in which they overlap."""
         if self.watch is None:
             return
-        if self.ledger[monitor.DEEPEST] > self.ledger[monitor.DEEPEST_LIMIT]:
+        if self.ledger.deepest > self.ledger.deepest_limit:
             self._fail(
                 f'{self.watch.note(self.time, self.state)}; move them apart, or set contact.mode '
                 'never')
-        if self.ledger[monitor.DEEPEST] > self.ledger[monitor.TOLD_LIMIT]:
-            self.ledger[monitor.TOLD_LIMIT] = math.inf
+        if self.ledger.deepest > self.ledger.told_limit:
+            self.ledger.told_limit = math.inf
             self.watch.found = self.watch.found or self.watch.note(self.time, self.state)
 
     def _meet_overlap(self, time: float, *, stop: bool) -> None:
@@ -103,14 +102,14 @@ class ContactScheduledTrajectory(Trajectory):
             return
         found = self.watch.note(time, self.state)
         if not stop:
-            self.ledger[monitor.TOLD_LIMIT] = math.inf
+            self.ledger.told_limit = math.inf
             self.watch.found = self.watch.found or found
             self.watch.announce()
             return
         self._return_to_saved()
         self._fail(
             f'{found}, which is more than a fifth of the inscribed radius '
-            f'({self.ledger[monitor.DEEPEST_LIMIT]:.3g} m): they might pass through each other. '
+            f'({self.ledger.deepest_limit:.3g} m): they might pass through each other. '
             f'Give a larger contact.stiffness than {self.watch.setup.stiffness:.4g} N/m; the last '
             f'good state, of t = {self._saved_time:.9g} s, is kept')
 

@@ -102,8 +102,8 @@ class BreakageLocatingDriver(AdaptiveDriver):
         if self.fixed:
             # Every error is right, and no step is longer.
             control = self.control
-            control[embedded.TOLERANCE] = ANY
-            control[embedded.LONGEST] = control[embedded.NEXT] = self.step = self._given_step
+            control.tolerance = ANY
+            control.longest = control.next = self.step = self._given_step
 
     def _give_up_step(self) -> None:
         super()._give_up_step()
@@ -127,8 +127,8 @@ class BreakageLocatingDriver(AdaptiveDriver):
         if found is None:
             return
         part, connectors = found
-        control, following = self.control, float(self.control[embedded.NEXT])
-        rest = float(control[embedded.LENGTH]) * part
+        control, following = self.control, self.control.next
+        rest = control.length * part
         if not self.time + rest > self.time:
             # Already where the step begins.
             self._give_up_step()
@@ -136,10 +136,10 @@ class BreakageLocatingDriver(AdaptiveDriver):
             return
         if part < 1.0:
             self._give_up_step()
-            control[embedded.NEXT] = rest
+            control.next = rest
             super()._take(self.time, 1)
-            control[embedded.NEXT] = following
-            if control[embedded.LENGTH] != rest:
+            control.next = following
+            if control.length != rest:
                 # Refused, and a shorter one taken: it breaks in a later step.
                 return
         self._due = connectors
@@ -150,11 +150,11 @@ class BreakageLocatingDriver(AdaptiveDriver):
         """
         before = self._stored_energy()
         self.broken.add(connectors, self.end)
-        self.ledger[monitor.LOST] += before - self._stored_energy()
+        self.ledger.lost += before - self._stored_energy()
         self._due = _NONE
         control = self.control
-        control[embedded.HAS_LAST] = 0.0
-        control[embedded.NEXT] = min(control[embedded.NEXT], self._first_step())
+        control.has_last = 0.0
+        control.next = min(control.next, self._first_step())
         self._keep_given_step()
         # Nobody goes back to before it.
         self._save(self.end)
@@ -179,7 +179,7 @@ class BreakageLocatingDriver(AdaptiveDriver):
         link, slot = self._place.link[0, seen], self._place.slot[0, seen]
         longest, shortest = limits.longest[link, slot], limits.shortest[link, slot]
         close = TOGETHER * np.concatenate([np.where(longest < np.inf, longest, 0.0), shortest])
-        length = float(self.control[embedded.LENGTH])
+        length = self.control.length
 
         def look(part: float) -> Moment:
             if part == 0.0:

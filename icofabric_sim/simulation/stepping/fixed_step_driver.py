@@ -172,7 +172,7 @@ class FixedStepDriver(MonitoredTrajectory):
         return count
 
     def _call(self, step: float, count: int) -> int:
-        start, self.ledger[monitor.SAVED_AT] = self.index, -1.0
+        start, self.ledger.saved_at = self.index, -1.0
         before, far = self._since_check, self._is_far(step)
         if far:
             # One by one, each from a state to go back to.
@@ -187,12 +187,12 @@ class FixedStepDriver(MonitoredTrajectory):
         self._require_outside()
         if self.touching is not None and self.watch is not None:
             self.touching.note(self.watch.has_touched())
-        saved_at = int(self.ledger[monitor.SAVED_AT])
+        saved_at = int(self.ledger.saved_at)
         if step == self.step:
             self.index += done
             time, saved_time = self.time, self._time_of(start + saved_at)
         else:
-            self.ledger[monitor.REGULAR] = 0.0
+            self.ledger.regular = 0.0
             time = saved_time = self.time + step
         if saved_at >= 0:
             self._saved_time = saved_time

@@ -24,6 +24,7 @@ from icofabric_sim.kernels import monitor
 from icofabric_sim.kernels.records import Loads
 from icofabric_sim.simulation.model.packing import PackedScene
 from icofabric_sim.simulation.state_tree import StateTree
+from icofabric_sim.simulation.stepping.named_numbers import At
 import numpy as np
 
 # Part of a coordinate, and of a sum, that counts as rounding: a few operations make it.
@@ -42,32 +43,72 @@ class EnergyBalance(NamedTuple):
 
 
 class Ledger:
-    """Energies, work and rates of one run."""
+    """
+    Energies, work and rates of one run, and what health checks are asked to look out for.
+
+    What each number is: kernels/monitor.py.
+    """
+
+    __slots__ = ('_packed', 'numbers')
+
+    # Found by the last health check.
+    rate = At(monitor.RATE)  # [rad/s] bound of the largest frequency
+    spin = At(monitor.SPIN)  # [rad/s]
+    kinetic = At(monitor.KINETIC)  # [J]
+    stored = At(monitor.STORED)  # [J]
+    height = At(monitor.HEIGHT)  # [J]
+    anchored = At(monitor.ANCHORED)  # [J]
+    work = At(monitor.WORK)  # [J] of all loads
+    spent = At(monitor.SPENT)  # [J] taken by forces that depend on velocities
+    rough = At(monitor.ROUGH)  # -1: not known
+    touching = At(monitor.TOUCHING)  # pairs
+    deepest = At(monitor.DEEPEST)  # [m] overlap
+    deepest_ever = At(monitor.DEEPEST_EVER)  # [m]
+    obstructed = At(monitor.OBSTRUCTED)  # ends of connectors
+    # The balance of the energy [J].
+    base = At(monitor.BASE)
+    scale = At(monitor.SCALE)
+    worst = At(monitor.WORST)  # part of the scale
+    error = At(monitor.ERROR)
+    limit = At(monitor.LIMIT)  # part of the scale
+    floor = At(monitor.FLOOR)
+    lost = At(monitor.LOST)
+    earlier_work = At(monitor.EARLIER_WORK)
+    bodies = At(monitor.BODIES)
+    rounding = At(monitor.ROUNDING)
+    inverse_size = At(monitor.INVERSE_SIZE)  # [1/m^2]
+    # What a health check looks out for.
+    high = At(monitor.HIGH)  # [rad/s]
+    low = At(monitor.LOW)  # [rad/s]
+    spin_weight = At(monitor.SPIN_WEIGHT)
+    lively = At(monitor.LIVELY)  # [J]
+    rough_limit = At(monitor.ROUGH_LIMIT)
+    contact_rate = At(monitor.CONTACT_RATE)  # [1/s^2]
+    deepest_limit = At(monitor.DEEPEST_LIMIT)  # [m]
+    told_limit = At(monitor.TOLD_LIMIT)  # [m]
+    obstructed_limit = At(monitor.OBSTRUCTED_LIMIT)
+    obstructed_every = At(monitor.OBSTRUCTED_EVERY)
+    until_obstructed = At(monitor.UNTIL_OBSTRUCTED)
+    # How steps were taken.
+    saved_at = At(monitor.SAVED_AT)  # steps of the last call when the state was saved; -1: never
+    regular = At(monitor.REGULAR)  # steps of one length until now
 
     def __init__(self, packed: PackedScene, energy_limit: float) -> None:
         """Allow a balance error of `energy_limit` times the scale of the balance."""
         self.numbers = np.zeros(monitor.LEDGER_COUNT)
-        self.numbers[monitor.LIMIT] = energy_limit
-        self.numbers[monitor.BODIES] = packed.layout.body_count
-        self.numbers[monitor.ROUNDING] = _ROUNDING
+        self.limit = energy_limit
+        self.bodies = packed.layout.body_count
+        self.rounding = _ROUNDING
         self._packed = packed
-
-    def __getitem__(self, place: int) -> float:
-        """A number by its place in kernels/monitor.py."""
-        return float(self.numbers[place])
-
-    def __setitem__(self, place: int, value: float) -> None:
-        """Ask something of the next look."""
-        self.numbers[place] = value
 
     def restart(self) -> None:
         """Forget the past: the state has jumped."""
         self.numbers[[
             monitor.EARLIER_WORK, monitor.SCALE, monitor.WORST, monitor.LOST,
             monitor.DEEPEST_EVER, monitor.NOISE, monitor.LOOKS]] = 0.0
-        self.numbers[monitor.LIVELY] = self.numbers[monitor.ROUGH_LIMIT] = math.inf
+        self.lively = self.rough_limit = math.inf
         self.numbers[[monitor.REGULAR, monitor.ROUGHEST]] = 0.0
-        self.numbers[monitor.ROUGH] = -1.0
+        self.rough = -1.0
 
     def open(
         self, moving: float, acceleration: np.ndarray, rate: float, speed: float
@@ -81,16 +122,16 @@ class Ledger:
         """
         numbers, model = self.numbers, self._packed.model
         mass, inertia = 1.0 / model.inverse_mass, 1.0 / model.inverse_inertia
-        numbers[monitor.EARLIER_WORK] -= moving
-        numbers[monitor.WORK] -= moving
+        self.earlier_work -= moving
+        self.work -= moving
         for base, part in (
                 (monitor.BASE_LINKED, monitor.LINKED), (monitor.BASE_BENT, monitor.BENT),
                 (monitor.BASE_FIELD, monitor.FIELD), (monitor.BASE_ANCHORED, monitor.ANCHORED),
                 (monitor.BASE_CONTACT, monitor.CONTACT), (monitor.BASE_HEIGHT, monitor.HEIGHT)):
             numbers[base] = numbers[part]
-        numbers[monitor.BASE] = (
-            numbers[monitor.KINETIC] + numbers[monitor.STORED] + numbers[monitor.HEIGHT]
-            - numbers[monitor.WORK] + numbers[monitor.SPENT])
+        self.base = (
+            self.kinetic + self.stored + self.height
+            - self.work + self.spent)
         # What the forces at the start can set free, at least: looks may find the fabric back where
         # it began. That of anchors is not in the accelerations; what falls freely has no way back.
         if model.gravity is not None and model.supports is None:
@@ -100,16 +141,16 @@ class Ledger:
             squares = (acceleration**2).reshape(-1, 2, 3).sum(axis=(0, 2))
             set_free = (0.5 * (mass * squares[0] + inertia * squares[1]) / rate**2
                         if 0.0 < rate < math.inf else 0.0)
-        numbers[monitor.SCALE] = set_free + numbers[monitor.ANCHORED]
-        numbers[monitor.FLOOR] = 0.5 * speed**2 * numbers[monitor.BODIES] * (
-            mass / numbers[monitor.INVERSE_SIZE] + inertia)
-        numbers[monitor.WORST] = numbers[monitor.ERROR] = 0.0
+        self.scale = set_free + self.anchored
+        self.floor = 0.5 * speed**2 * self.bodies * (
+            mass / self.inverse_size + inertia)
+        self.worst = self.error = 0.0
         monitor.balance(numbers)
 
     def keep_work(self, loads: Loads | None) -> None:
         """Add what loads have done that are about to be replaced."""
         if loads is not None:
-            self.numbers[monitor.EARLIER_WORK] += math.fsum(loads.work)
+            self.earlier_work += math.fsum(loads.work)
 
     def state_tree(self) -> dict[str, Any]:
         """All numbers, but for what a call of kernels says of itself."""
@@ -130,8 +171,8 @@ class Ledger:
     def balance(self) -> EnergyBalance:
         """The balance as it was looked at last."""
         return EnergyBalance(
-            self[monitor.ERROR], float(monitor.least_scale(self.numbers)), self[monitor.WORST],
-            self[monitor.WORK], self[monitor.LIMIT])
+            self.error, float(monitor.least_scale(self.numbers)), self.worst,
+            self.work, self.limit)
 
     def describe_imbalance(self, time: float) -> str:
         """Sentence on an energy that does not balance at `time` [s]."""

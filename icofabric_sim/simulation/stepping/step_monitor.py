@@ -134,14 +134,14 @@ class MonitoredTrajectory(ContactScheduledTrajectory):
         for meter in self._meters().values():
             meter.done[:] = 0.0
         self.ledger.restart()
-        self.ledger[monitor.OBSTRUCTED_LIMIT] = (
+        self.ledger.obstructed_limit = (
             0.0 if self.obstruction.looks_out else math.inf)
         self._save()
-        self.ledger[monitor.OBSTRUCTED_EVERY] = self.obstruction.looks
-        self.ledger[monitor.UNTIL_OBSTRUCTED] = 0.0
+        self.ledger.obstructed_every = self.obstruction.looks
+        self.ledger.until_obstructed = 0.0
         self._read_rates(exact=exact)
         # So does the first look of the run.
-        self.ledger[monitor.UNTIL_OBSTRUCTED] = 0.0
+        self.ledger.until_obstructed = 0.0
         self._require_room()
         self.ledger.open(
             self._moving(self.state), self.packed.layout.gather(self.work.acceleration),
@@ -179,7 +179,7 @@ class MonitoredTrajectory(ContactScheduledTrajectory):
         if self.touching is not None:
             self.touching.total = 0.0
         self.obstruction.found = ''
-        self.ledger[monitor.TOLD_LIMIT] = math.inf if self.watch is None else self.watch.told
+        self.ledger.told_limit = math.inf if self.watch is None else self.watch.told
         if self.watch is not None:
             self.watch.forget()
 
@@ -196,7 +196,7 @@ class MonitoredTrajectory(ContactScheduledTrajectory):
         """Replace the loads at the current state."""
         self.ledger.keep_work(self.loads)
         # Nobody goes back to before other loads.
-        self.ledger[monitor.REGULAR] = 0.0
+        self.ledger.regular = 0.0
         self.loads = loads
         self.load_rate = load_rate
         if self.touching is not None:
@@ -252,7 +252,7 @@ class MonitoredTrajectory(ContactScheduledTrajectory):
                 own[:] = window.reshape(own.shape)
             else:
                 # Of a processor with other lanes: the next look does not judge the roughness.
-                self.ledger[monitor.REGULAR] = 0.0
+                self.ledger.regular = 0.0
 
     @property
     def _is_in_window(self) -> bool:
@@ -273,7 +273,7 @@ class MonitoredTrajectory(ContactScheduledTrajectory):
         if factor is None:
             self._save(time)
             return True
-        whole = self.ledger[monitor.REGULAR] >= self.look_interval
+        whole = self.ledger.regular >= self.look_interval
         if factor > 1.0 and whole and self._saved_time != self._returned_to:
             # What was shown of the way there stays counted.
             self.step_size.close(time)
@@ -283,7 +283,7 @@ class MonitoredTrajectory(ContactScheduledTrajectory):
             self._returned_to = self._saved_time
             if self.loads is not None:
                 np.copyto(self.loads.work, self.loads.earlier_work)
-            self.ledger[monitor.REGULAR] = 0.0
+            self.ledger.regular = 0.0
             self._choose_step(probe=True, shorter=factor)
             return False
         self._save(time)
@@ -340,7 +340,7 @@ class MonitoredTrajectory(ContactScheduledTrajectory):
 
     def _meet_obstruction(self, time: float) -> None:
         """Say once that a connector runs into its own shell, or stop."""
-        self.ledger[monitor.OBSTRUCTED_LIMIT] = math.inf
+        self.ledger.obstructed_limit = math.inf
         self.obstruction.note(time, self.state, self.broken.since)
         if self.obstruction.stops:
             self._return_to_saved()
@@ -378,7 +378,7 @@ class MonitoredTrajectory(ContactScheduledTrajectory):
         rates = {
             stiffest_term(self.packed, anchored=self.loads is not None and (
                 self.loads.anchors is not None)): self._fabric.rate,
-            'spinning bodies': self.ledger[monitor.SPIN],
+            'spinning bodies': self.ledger.spin,
             'bodies under loads and drives': self.load_rate,
             'what takes energy from velocities (damping, drag, magnetic field)': (
                 self.packed.velocity_rate)}
@@ -392,14 +392,14 @@ class MonitoredTrajectory(ContactScheduledTrajectory):
         if exact:
             self._fabric = self._largest_frequency()
         ledger = self.ledger
-        ledger[monitor.HIGH], ledger[monitor.LOW], ledger[monitor.SPIN_WEIGHT] = math.inf, 0.0, 1.0
+        ledger.high, ledger.low, ledger.spin_weight = math.inf, 0.0, 1.0
         monitor.examine(
             self.model, self.loads, self.state, self.work, self.time, ledger.numbers)
         if self.fixed:
             # Below this the bound proves the step safe. Above it the exact value is computed at
             # every look: the bound may be three times as high, its own growth says nothing.
-            ledger[monitor.HIGH] = self.method.stability / self.step - self.packed.velocity_rate
-            ledger[monitor.SPIN_WEIGHT] = 0.0
+            ledger.high = self.method.stability / self.step - self.packed.velocity_rate
+            ledger.spin_weight = 0.0
             # As often in time as with a chosen step, as far as that is affordable.
             ratio = self.step * self.frequency.rate / self.method.chosen
             steps = CHECK_INTERVAL / self.method.stages / max(ratio, 1.0)
@@ -442,16 +442,16 @@ class MonitoredTrajectory(ContactScheduledTrajectory):
             self._fail(too_fast(self.time, self._fastest_term()))
         if step != self.step:
             self.origin, self.index, self.step = self.time, 0, step
-            self.ledger[monitor.REGULAR] = 0.0
+            self.ledger.regular = 0.0
             if self.touching is not None and self._since_check:
                 self.touching.spoil()
         self._pace(step)
         # Above the first the exact value is computed again once the bound has grown; near the
         # limit of the method at every look.
         ledger = self.ledger
-        near = min(1.05 * ledger[monitor.RATE], 0.9 * self.method.stability / step)
-        ledger[monitor.HIGH] = max(LONGEST * chosen / step, near)
-        ledger[monitor.LOW] = SHORTEST * chosen / step if self.step_size.step >= cap else 0.0
+        near = min(1.05 * ledger.rate, 0.9 * self.method.stability / step)
+        ledger.high = max(LONGEST * chosen / step, near)
+        ledger.low = SHORTEST * chosen / step if self.step_size.step >= cap else 0.0
 
     @property
     def fabric_rate(self) -> float:
@@ -464,7 +464,7 @@ class MonitoredTrajectory(ContactScheduledTrajectory):
         """
         watch = self.watch
         rate = fastest_motion(
-            self.packed, self.state, self.frequency.rate, self.ledger[monitor.SPIN],
+            self.packed, self.state, self.frequency.rate, self.ledger.spin,
             self.load_rate, *((None, 0.0) if watch is None else (watch.passing, watch.fall)))
         return rate if rate > 0.0 else self._acceleration_rate()
 

@@ -25,7 +25,6 @@ from collections.abc import Callable
 import math
 from typing import Any, Protocol
 
-from icofabric_sim.kernels.monitor import KINETIC, LIVELY, ROUGH, ROUGH_LIMIT
 from icofabric_sim.kernels.records import State
 from icofabric_sim.simulation.model.packing import PackedScene
 from icofabric_sim.simulation.state_tree import StateTree
@@ -183,7 +182,7 @@ class StepSizeController:
                 break
             step, error = longer, found
             low = 0.25 * AIM
-        rough = self._line.ledger[ROUGH]
+        rough = self._line.ledger.rough
         largest = _LARGEST_GAP if rough >= 0.0 else _LARGEST_BLIND_GAP
         self._end(error, step)
         self._gap = _FIRST_GAP if self.is_new else min(2 * self._gap, largest)
@@ -200,7 +199,7 @@ class StepSizeController:
         error = max(self.rate, 1e-3 * AIM * self.tolerance)
         room = max(_LARGEST * self.tolerance / error, _ROUGHER)
         # Not known: the next look will find out.
-        self._line.ledger[ROUGH_LIMIT] = room * rough if rough >= 0.0 else 0.0
+        self._line.ledger.rough_limit = room * rough if rough >= 0.0 else 0.0
 
     def excess(self) -> float | None:
         """
@@ -209,10 +208,10 @@ class StepSizeController:
         None where this is the first time that roughness is known.
         """
         ledger = self._line.ledger
-        if ledger[ROUGH_LIMIT] == 0.0:
-            self._expect(ledger[ROUGH])
+        if ledger.rough_limit == 0.0:
+            self._expect(ledger.rough)
             return None
-        return _LARGEST * ledger[ROUGH] / ledger[ROUGH_LIMIT]
+        return _LARGEST * ledger.rough / ledger.rough_limit
 
     def measure_only(self, step: float, fastest: float, *, jumped: bool = False) -> None:
         """
@@ -285,7 +284,7 @@ class StepSizeController:
         if not self._line.touched_ahead:
             self._free_rate = error
         self.is_measured = True
-        self._line.ledger[LIVELY] = _LIVELIER * self._line.ledger[KINETIC]
+        self._line.ledger.lively = _LIVELIER * self._line.ledger.kinetic
 
     def measured(self, step: float, fastest: float, *, least: int = 1) -> float:
         """

@@ -23,7 +23,6 @@ import math
 from time import perf_counter
 from typing import Any
 
-from icofabric_sim.kernels import monitor
 from icofabric_sim.kernels.anchors import look_at_anchors
 from icofabric_sim.kernels.contact.forces import touch_all
 from icofabric_sim.kernels.contact.losses import losses_of
@@ -103,9 +102,9 @@ class Trajectory:
             * (1 if packed.model.links is None else 7))
         self.half_edge = half_edge
         self.ledger = Ledger(packed, energy_limit)
-        self.ledger[monitor.INVERSE_SIZE] = half_edge**-2
-        self.ledger[monitor.DEEPEST_LIMIT] = math.inf if watch is None else watch.deepest
-        self.ledger[monitor.TOLD_LIMIT] = math.inf if watch is None else watch.told
+        self.ledger.inverse_size = half_edge**-2
+        self.ledger.deepest_limit = math.inf if watch is None else watch.deepest
+        self.ledger.told_limit = math.inf if watch is None else watch.told
         self._saved = packed.layout.like(state)
         self._saved_time = origin
         self._side: tuple[State, np.ndarray] | None = None
@@ -134,7 +133,7 @@ class Trajectory:
 
     def work_at_state(self) -> float:
         """Work [J] of all loads up to the state that was shown last."""
-        return self.ledger[monitor.EARLIER_WORK] + self._present_work
+        return self.ledger.earlier_work + self._present_work
 
     def spent_at_state(self) -> float:
         """Energy [J] spent up to the state that was shown last."""
@@ -501,7 +500,7 @@ class Trajectory:
         if self.watch is not None:
             self.model = self.model._replace(contacts=self.watch.contacts)
             self.thread_team.meet(self.watch.contacts is not None)
-            self.ledger[monitor.CONTACT_RATE] = self.watch.rate
+            self.ledger.contact_rate = self.watch.rate
 
     def _refresh(self, time: float | None = None) -> None:
         """Accelerations of the state as it is; `time` [s] where that is not the present."""

@@ -1,0 +1,52 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""The numbers by which the embedded Runge-Kutta pair controls its steps, by name."""
+
+from icofabric_sim.kernels.integrators import embedded
+from icofabric_sim.simulation.stepping.named_numbers import At
+import numpy as np
+
+
+class EmbeddedControl:
+    """One array that kernels read and write, see kernels/integrators/embedded.py."""
+
+    __slots__ = ('numbers',)
+
+    # The step in progress, and the next.
+    start = At(embedded.START)  # [s]
+    length = At(embedded.LENGTH)  # [s]
+    next = At(embedded.NEXT)  # length [s]
+    goal = At(embedded.GOAL)  # [s]
+    has_last = At(embedded.HAS_LAST)
+    resume = At(embedded.RESUME)  # length [s] after a contact
+    # What steps may err by, and did.
+    tolerance = At(embedded.TOLERANCE)  # [1/s]
+    floor = At(embedded.FLOOR)  # [1/s]
+    total = At(embedded.TOTAL)
+    rate = At(embedded.RATE)  # [1/s]
+    kinked = At(embedded.KINKED)  # [1/s^2]
+    # Bounds of their length [s].
+    shortest = At(embedded.SHORTEST)
+    longest = At(embedded.LONGEST)
+    spare = At(embedded.SPARE)
+    kink = At(embedded.KINK)
+
+    def __init__(self, numbers: np.ndarray | None = None) -> None:
+        """Begin with zeros, or with these `numbers` (embedded.CONTROL_COUNT,)."""
+        self.numbers = np.zeros(embedded.CONTROL_COUNT) if numbers is None else numbers
+
+    @property
+    def scales(self) -> np.ndarray:
+        """(4,) factors of squared errors: of position, orientation, velocity and spin."""
+        return self.numbers[embedded.SCALES:]

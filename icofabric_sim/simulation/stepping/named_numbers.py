@@ -1,0 +1,39 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+Numbers that kernels read and write in one array, by name.
+
+Kernels know them by their places; Python reads and writes `books.rate`.
+"""
+
+from typing import Any
+
+import numpy as np
+
+
+class At:
+    """A number by its place in the array `numbers` of the object that it is part of."""
+
+    def __init__(self, place: int) -> None:
+        """Stand for the number at `place`."""
+        self._place = place
+
+    def __get__(self, books: Any, owner: Any = None) -> float:
+        """Return the number."""
+        return float(books.numbers[self._place])
+
+    def __set__(self, books: Any, value: float) -> None:
+        """Write the number."""
+        numbers: np.ndarray = books.numbers
+        numbers[self._place] = value
