@@ -28,7 +28,7 @@ from unittest import mock
 
 import icofabric_sim as ico
 from icofabric_sim.geometry.icosahedron import inscribed_radius
-from icofabric_sim.kernels import anchors, flows, monitor
+from icofabric_sim.kernels import anchors, flows
 from icofabric_sim.simulation.stepping.methods import METHODS
 from icofabric_sim.simulation.stepping.step_size_control import StepSizeController
 import numpy as np
@@ -127,8 +127,8 @@ def run(term: str, kind: str, a: float, k: float, amplitude: float, folder: str)
         said = str(error)
     energy, books = simulation.snapshot().energy, simulation._driver.ledger
     return {'said': said, 'worst': simulation.balance.worst, 'kinetic': energy['kinetic'],
-            'scale': simulation.balance.scale, 'moved': float(books[monitor.SCALE]),
-            'noise': float(books[monitor.NOISE]), 'error': simulation.balance.error}
+            'scale': simulation.balance.scale, 'moved': books.scale,
+            'noise': books.noise, 'error': simulation.balance.error}
 
 
 def falsify(stack: contextlib.ExitStack) -> None:

@@ -72,6 +72,7 @@ class Ledger:
     error = At(monitor.ERROR)
     limit = At(monitor.LIMIT)  # part of the scale
     floor = At(monitor.FLOOR)
+    noise = At(monitor.NOISE)
     lost = At(monitor.LOST)
     earlier_work = At(monitor.EARLIER_WORK)
     bodies = At(monitor.BODIES)
