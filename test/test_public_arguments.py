@@ -228,7 +228,7 @@ def table(t):
                 {'x': 'y'}, {1: np.zeros(1)}])}),
         'Checkpoint.of': (ico.Checkpoint.of, {
             'simulation': some(ico.Simulation, simulation),
-            'memory': Argument(
+            'tree': Argument(
                 [checkpoint.state_tree()._values], ['x', None, 3, NAN, [], {1: 2}, Other()])}),
         'Checkpoint.from_bytes': (ico.Checkpoint.from_bytes, {
             'data': Argument([checkpoint.to_bytes(), bytearray(checkpoint.to_bytes())], [

@@ -93,7 +93,7 @@ class Checkpoint:
         """Make a checkpoint from what the `simulation` remembers."""
         arrays: dict[str, np.ndarray] = {}
         _require_simulation(simulation)
-        values = _split(checks.mapping('memory', tree), '', arrays)
+        values = _split(checks.mapping('tree', tree), '', arrays)
         return cls({**_identity(simulation), 'memory': values}, arrays)
 
     @property
