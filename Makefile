@@ -3,7 +3,7 @@
 
 SHELL := /bin/bash
 .DEFAULT_GOAL := help
-.PHONY: help run test test-long lint clean
+.PHONY: help run test test-long check lint clean
 .SILENT:
 
 # What a sourced ROS installation, or another environment of ROS wheels, leaves in the shell
@@ -14,8 +14,8 @@ endif
 unexport PYTHONPATH PYTHONHOME AMENT_PREFIX_PATH COLCON_PREFIX_PATH RMW_IMPLEMENTATION
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE PIP_USER PIP_TARGET PIP_PREFIX
 
-test test-long: export ROS_PYTHON_CHECK_FIELDS := 1
-test test-long: export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
+test test-long check: export ROS_PYTHON_CHECK_FIELDS := 1
+test test-long check: export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 
 # $(call stage,name,command): one headed stage, and a clear line where it stops.
 stage = printf '\n== %s\n' '$(1)'; $(2) || { printf '\nstopped at: %s\n' '$(1)' >&2; exit 1; }
@@ -24,6 +24,7 @@ help:
 	echo 'make run     set up .venv, then show a fabric that falls, swings and answers a push'
 	echo '             (ARGS="..." is handed on; PYTHON=python3.12 chooses the Python)'
 	echo 'make test    set up .venv, then lint, types and all tests (ARGS="..." for pytest)'
+	echo 'make check   lint, types and a selection of tests for the working day'
 	echo 'make test-long  what takes too long for make test'
 	echo 'make lint    set up .venv, then lint and types only'
 	echo 'make clean   remove .venv and everything built; recorded runs stay'
@@ -44,6 +45,12 @@ else
 	$(call stage,tests side by side (pytest),.venv/bin/python -m pytest -m 'not graph and not long' -n auto)
 	$(call stage,tests of nodes (pytest),.venv/bin/python -m pytest -m 'graph and not long')
 endif
+
+# Rules of the house, descriptions, messages, and the physics of bare fabrics: few kernels.
+check: lint
+	$(call stage,a selection of tests (pytest),.venv/bin/python -m pytest -m 'not graph and not long' -n auto \
+	test/test_*.py test/geometry test/parameters/test_validation.py test/parameters/test_parameter_file.py test/messages \
+	test/scene/test_initial.py test/physics/test_closed_forms.py test/physics/test_conservation.py test/simulation/test_status.py)
 
 test-long:
 	.ci/environment test
