@@ -56,7 +56,7 @@ def test_estimate_with_contacts_is_the_same_in_pieces_and_from_a_checkpoint():
     changes, periods, _ = draw_scene('contact', 21)
     scene = ico.Scene.from_parameters(changes | {'solver.method': 'srkn6'})
     whole, pieces, restored = (ico.compile_scene(scene) for _ in range(3))
-    end = periods * 2.0 * np.pi / whole.largest_frequency
+    end = periods * 2.0 * np.pi / whole.status.largest_frequency
     whole.advance_to(end)
     estimates, free = [0.0], 0.0
     for time in np.sort(np.random.default_rng(0).uniform(0.0, end, 100)):
