@@ -27,6 +27,7 @@ from icofabric_sim import checks
 from icofabric_sim.geometry.shell import Shell
 from icofabric_sim.parameters.file import load_parameter_file
 from icofabric_sim.parameters.named_files import NamedFile, reading
+from icofabric_sim.parameters.ready_scenes import ready_scenes
 from icofabric_sim.parameters.text import flatten_parameters
 from icofabric_sim.parameters.validation import make_parameters, ParameterError, Parameters
 from icofabric_sim.scene import initial, selectors
@@ -232,9 +233,12 @@ def _of_all(values: np.ndarray) -> float | np.ndarray:
 def load_scene(path: str | Path) -> Scene:
     """
     Read a scene from a ROS 2 parameter file; `fabric_node --params-file` has the same result.
+
+    `path` may be the name of a ready scene instead, which goes before a file of that name.
     """
+    given = checks.path('path', path, 'the path of a parameter file, or the name of a ready scene')
     return Scene.from_parameters(make_parameters(load_parameter_file(
-        checks.path('path', path, 'the path of a parameter file'))))
+        ready_scenes().get(str(given), given))))
 
 
 def as_parameters(parameters: Mapping[str, Any]) -> Parameters:

@@ -41,6 +41,18 @@ def test_the_scenes_of_the_readme_are_there():
     assert set(MOTION) <= set(SCENES)
 
 
+def test_scene_is_loaded_by_name_or_path(tmp_path, monkeypatch):
+    by_name = ico.load_scene('hanging_slab')
+    by_path = ico.load_scene(ready_scenes()['hanging_slab'])
+    assert by_name.parameters == by_path.parameters and by_name.body_count == 56
+    # The name goes before a file that is called so.
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / 'hanging_slab').write_text('shell: {edge_length: 1.0}')
+    assert ico.load_scene('hanging_slab').parameters == by_name.parameters
+    with pytest.raises(ValueError, match='hanging_slob: there is no such parameter file'):
+        ico.load_scene('hanging_slob')
+
+
 @pytest.mark.parametrize('name', SCENES)
 def test_scene_moves_and_keeps_its_energy(name):
     scene = ico.load_scene(SCENES[name])
