@@ -44,6 +44,8 @@ def _walk(name: str, value: Any, seen: set[int]) -> Iterator[tuple[str, np.ndarr
     elif isinstance(value, dict):
         parts = [(str(key), part) for key, part in value.items()]
     elif type(value).__module__.startswith('icofabric_sim'):
-        parts = list(getattr(value, '__dict__', {}).items())
+        slots = getattr(type(value), '__slots__', ())
+        parts = [*getattr(value, '__dict__', {}).items(), *(
+            (key, getattr(value, key)) for key in slots if hasattr(value, key))]
     for key, part in parts:
         yield from _walk(f'{name}.{key}'.replace('._', '.').lstrip('.'), part, seen)
