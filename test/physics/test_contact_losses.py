@@ -369,11 +369,15 @@ def test_a_crowd_that_loses_energy_is_the_same_bits_for_any_threads(
     assert same_state(*ends) and ends[0].energy == ends[1].energy
 
 
-@pytest.mark.parametrize('size, friction, damping, calm', [
-    ((3, 3, 6), 0.4, 5.0, 0.0), ((1, 1, 10), 0.0, 10.0, 1e-3)], ids=['friction', 'walls'])
-def test_a_pile_comes_to_rest(size, friction, damping, calm):
-    simulation = ico.compile_scene(
-        pile.pile(size, **{'contact.friction': friction, 'contact.damping': damping}))
+@pytest.mark.parametrize('size, friction, damping, drag, calm', [
+    ((3, 3, 6), 0.4, 5.0, 0.0, 0.0),
+    # Without friction only the drag [1/s] ends that bodies slide along each other.
+    ((1, 1, 10), 0.0, 10.0, 20.0, 1e-3)], ids=['friction', 'walls'])
+def test_a_pile_comes_to_rest(size, friction, damping, drag, calm):
+    shell = pile.pile(size).shell
+    simulation = ico.compile_scene(pile.pile(size, **{
+        'contact.friction': friction, 'contact.damping': damping,
+        'drag.linear': drag * shell.mass, 'drag.angular': drag * shell.inertia}))
     seen, simulation = pile.come_to_rest(simulation, calm, 2.5)
     assert seen['rested'] and seen['kinetic'] < 1e-6
     assert 1e-3 < seen['deepest'] < 0.01 and abs(seen['balance']) < 0.01
