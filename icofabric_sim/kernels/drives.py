@@ -242,7 +242,7 @@ def resist_slopes(
 
 @compiled
 def moving_energy(drives: Drives | None, model: Model, loads: Loads, state: State) -> float:
-    """Kinetic energy [J] of all driven bodies: nobody but their path has given it."""
+    """Kinetic energy [J] of all driven bodies, which their paths alone have given."""
     total = 0.0
     if drives is None:
         return total

@@ -302,8 +302,8 @@ def test_live_change_keeps_the_motion(client):
         np.testing.assert_allclose(centre(pose), expected, rtol=0.0, atol=1e-11)
     for one, two in zip(fell, fell[1:]):
         # No body jumps: speeds stay below 1 m/s.
-        elapsed = (two.nanoseconds - one.nanoseconds) * 1e-9
-        assert abs(two.values[:, :3] - one.values[:, :3]).max() <= 1.0 * elapsed
+        simulated = (two.nanoseconds - one.nanoseconds) * 1e-9
+        assert abs(two.values[:, :3] - one.values[:, :3]).max() <= 1.0 * simulated
 
 
 def test_change_that_fails_when_built_is_taken_back(client, node, tmp_path):

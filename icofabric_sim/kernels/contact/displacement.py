@@ -48,8 +48,8 @@ from icofabric_sim.kernels.runtime.lanes import (
 import numpy as np
 
 Shift = tuple[float, float, float]
-# Places among the limits of a watch. The squares of the ways [m^2] after which somebody looks, and
-# up to which nothing was missed; steps of one length after which the ways are asked for.
+# Places among the limits of a watch. The squares of the displacements [m^2] that ask for a new
+# search, and up to which nothing was missed; steps of one length after which they are checked.
 SOON, LATE, STRIDE = 0, 1, 2
 # Largest speed of a point of a body at the last look [m/s]; time [s] that a reach should last
 # where something is near; the reach is at least and at most [m]; how far beyond spheres bodies of
@@ -60,7 +60,7 @@ MOST_STRIDE, OWN = 8, 9
 LIMIT_COUNT = 10
 # Steps between two looks at the ways, times this, must not lead beyond the reach.
 ROOM = 3.0
-# Part of the reach after which somebody looks.
+# Part of the reach that asks for a new search.
 _SOON = 0.6
 
 

@@ -38,8 +38,8 @@ from icofabric_sim.kernels.records import State, Watch
 from icofabric_sim.kernels.runtime.compiled import compiled
 import numpy as np
 
-# Bits of the status that kernels return: bodies have moved so far that somebody must look, and
-# beyond where contacts are known.
+# Bits of the status that kernels return: bodies have moved so far that a new search is due,
+# and beyond where contacts are known.
 MOVED_FAR, MISSED = 8, 1024
 
 
@@ -54,7 +54,7 @@ def judge_ways(
     watch: Watch | None, most: float, state: State, time: float, step: float
 ) -> int:
     """
-    MOVED_FAR where the longest way has a square [m^2] so large that somebody must look.
+    MOVED_FAR where the longest way has a square [m^2] so large that a new search is due.
 
     With MISSED where that is too late. Neither where it was enough to look from here, at a `state`
     and a `time` [s] at the end of a step of length `step` [s].

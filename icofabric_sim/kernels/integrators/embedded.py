@@ -84,7 +84,7 @@ _AIM, _SHRINK, _GROW = 0.4, 0.2, 4.0
 # The estimate, of order 7, was 30 to 200 times the error in every scene that was measured.
 _ESTIMATE = 0.5
 TOO_SHORT, BREAKING, TOO_FAR = 64, 256, 8192
-# An error that is none: bodies came to where contacts are not known.
+# Sentinel: a body left the region that the neighbour list covers.
 _MISSED = 1e300
 
 

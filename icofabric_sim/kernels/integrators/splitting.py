@@ -49,7 +49,7 @@ from icofabric_sim.kernels.runtime.lanes import splat
 from icofabric_sim.kernels.runtime.team import own_blocks, tell_all, TILE, wait_for_all
 import numpy as np
 
-# An interval that never ends: nobody looks.
+# An interval that never ends: no health checks.
 NEVER = 2**62
 
 
@@ -181,7 +181,7 @@ def splitting(
     differences = work.weights.shape[0] - 1
     done = 0
     while done < count:
-        # As far as somebody looks at the state.
+        # As far as the next health check.
         ahead = min(count - done, check_interval - since_check)
         # Read anew: a look on the way may change it.
         stride = stride_of(watch, check_interval)

@@ -84,7 +84,7 @@ class CompileNotice:
         text = f'{STILL_COMPILING}, for {seconds:.0f} s so far'
         if first:
             text = f'{COMPILING}, {_ONCE if self._kept else _ALWAYS}'
-        # Where nobody has set up logging, Python shows warnings only.
+        # Where logging is not set up, Python shows warnings only.
         level = logging.INFO if _LOGGER.hasHandlers() and self._kept else logging.WARNING
         if self._show is not None:
             self._show(text)

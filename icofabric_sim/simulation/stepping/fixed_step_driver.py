@@ -156,15 +156,18 @@ class FixedStepDriver(MonitoredTrajectory):
         """
         How many of `count` steps to take, so that what touches within them can be judged.
 
-        Not beyond a health check, whose predecessor is then kept.
+        Not beyond a health check, whose predecessor is then kept if that is due. Nothing is done
+        where nothing is near.
         """
         if self.touching is None or self.watch is None:
             return count
-        self.watch.has_touched()
         if step != self.step:
             self.touching.spoil()
+        if self.watch.contacts is None and not self.touching.touched:
+            return count
+        self.watch.has_touched()
         count = min(count, self.look_interval - since_check)
-        if since_check + count == self.look_interval:
+        if since_check + count == self.look_interval and self.touching.is_due:
             if self._saved_time == self.touching.start:
                 self.keep_behind()
             else:

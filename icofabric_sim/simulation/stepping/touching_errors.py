@@ -78,6 +78,16 @@ class TouchingErrors:
         """Time [s] at which the stretch in progress began; inf: it cannot be judged."""
         return self._start
 
+    @property
+    def touched(self) -> bool:
+        """Whether shells have touched in the stretch in progress."""
+        return self._touched
+
+    @property
+    def is_due(self) -> bool:
+        """Whether the stretch in progress is measured if shells touch in it."""
+        return self._waiting + 1 >= self._every
+
     def note(self, touched: bool) -> None:
         """Note whether shells touched in steps that were taken."""
         self._touched = self._touched or touched
