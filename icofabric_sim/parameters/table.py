@@ -420,6 +420,15 @@ STATIC: tuple[Specification, ...] = (
         maximum=10**6,
     ),
     _s(
+        'advance_duration',
+        0.01,
+        's',
+        'simulated time of each call of ~/advance, in whole nanoseconds',
+        AT_ONCE,
+        minimum=1e-9,
+        maximum=_LONGEST,
+    ),
+    _s(
         'input_horizon',
         1.0,
         's',

@@ -101,7 +101,7 @@ class FabricNode(Node):
         self._parameter_service = GuardedParameterService(self)
         self._inputs = InputTopics(self, self.runner.inputs, simulation.scene)
         self.answers = Answers(self)
-        self._verbs = Verbs(self, self.runner, self.answers)
+        self._verbs = Verbs(self, self.runner, self.answers, self._inputs)
         self._standard = offer_standard_services(self, self.runner, self.answers, self._quit)
         self._thread = threading.Thread(target=self._simulate, name='simulation', daemon=True)
 

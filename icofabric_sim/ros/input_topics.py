@@ -24,7 +24,8 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 # Inputs are reliable, and deep enough for a burst while the node does something else.
-_QUALITY = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
+_DEPTH = 1000
+_QUALITY = QoSProfile(depth=_DEPTH, reliability=ReliabilityPolicy.RELIABLE)
 # So many more are taken out of the queue at once: one turn of the executor for each message would
 # be too slow for ten thousand a second.
 _BURST = 200
@@ -50,15 +51,29 @@ class InputTopics:
         for topic in sorted(set(wanted) - set(self._subscriptions)):
             self._subscriptions[topic] = self._subscribe(topic, _CLASSES[wanted[topic]])
 
+    def take_all(self) -> None:
+        """
+        Pass on all that has arrived by now, on every topic; from the executor's thread.
+
+        What a reliable publisher has got acknowledged before has arrived: the middleware confirms
+        a message once it is in the queue of the subscription.
+        """
+        for topic, subscription in self._subscriptions.items():
+            # No more than the queue can hold: what comes meanwhile is no part of it.
+            self._take(topic, subscription, _DEPTH)
+
+    def _take(self, topic: str, subscription: Any, most: int) -> None:
+        with subscription.handle:
+            for _ in range(most):
+                more = subscription.handle.take_message(subscription.msg_type, True)
+                if more is None:
+                    break
+                self._inputs.receive(topic, more[0])
+
     def _subscribe(self, topic: str, message_type: Any) -> Any:
         def receive(data: bytes) -> None:
             self._inputs.receive(topic, data)
-            with subscription.handle:
-                for _ in range(_BURST):
-                    more = subscription.handle.take_message(message_type, True)
-                    if more is None:
-                        break
-                    self._inputs.receive(topic, more[0])
+            self._take(topic, subscription, _BURST)
 
         subscription = self._node.create_subscription(
             message_type, topic, receive, _QUALITY, raw=True)

@@ -29,7 +29,7 @@ from icofabric_sim.messages.schedule import NANOSECONDS
 from icofabric_sim.ros.answers import Answers, begin_aside
 from icofabric_sim.running.entities import Box, checked_parts, Entities, Query, Sphere
 from icofabric_sim.running.runner import Runner
-from icofabric_sim.running.step_requests import StepRequest
+from icofabric_sim.running.time_requests import StepRequest
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.model.snapshot import Snapshot
 import numpy as np

@@ -27,7 +27,7 @@ from typing import Any
 from icofabric_sim.ros.answers import Answers
 from icofabric_sim.ros.standard_handlers import StandardHandlers
 from icofabric_sim.running.runner import Runner
-from icofabric_sim.running.step_requests import StepRequest
+from icofabric_sim.running.time_requests import StepRequest
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node

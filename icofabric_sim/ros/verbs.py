@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""Services of the fabric in std_srvs: pause, reset, step, record, checkpoints."""
+"""Services of the fabric in std_srvs: pause, reset, step, advance, loads, record, checkpoints."""
 
 from collections.abc import Callable
 from concurrent.futures import Future
@@ -21,9 +21,10 @@ from typing import Any
 from icofabric_sim.messages.schedule import seconds
 from icofabric_sim.parameters.validation import Parameters
 from icofabric_sim.ros.answers import Answers
+from icofabric_sim.ros.input_topics import InputTopics
 from icofabric_sim.running.checkpoint_files import path_to_restore, path_to_save
 from icofabric_sim.running.runner import Runner
-from icofabric_sim.running.step_requests import StepRequest
+from icofabric_sim.running.time_requests import StepRequest
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
@@ -35,9 +36,11 @@ Words = Callable[[Any], str]
 class Verbs:
     """Answers once it is done, with `success: true`, or with the reason why it is not."""
 
-    def __init__(self, node: Node, runner: Runner, answers: Answers) -> None:
-        """Offer the services of `node`; `runner` does what they ask for."""
-        self._runner, self._answers = runner, answers
+    def __init__(
+        self, node: Node, runner: Runner, answers: Answers, inputs: InputTopics
+    ) -> None:
+        """Offer the services of `node`; `runner` does what they ask for, with its `inputs`."""
+        self._runner, self._answers, self._inputs = runner, answers, inputs
         self._being_saved: set[Path] = set()
         # One that waits for its answer must not keep others of the node waiting.
         group = ReentrantCallbackGroup()
@@ -45,6 +48,8 @@ class Verbs:
             (SetBool, '~/pause', self._pause),
             (Trigger, '~/reset', self._reset),
             (Trigger, '~/step', self._step),
+            (Trigger, '~/advance', self._advance),
+            (Trigger, '~/clear_loads', self._clear_loads),
             (SetBool, '~/record', self._record),
             (Trigger, '~/save_checkpoint', self._save),
             (Trigger, '~/restore_checkpoint', self._restore),
@@ -71,6 +76,25 @@ class Verbs:
         return await self._answer(
             response, lambda: self._runner.take_steps(steps),
             lambda time: _at(f'{steps.count} solver steps taken')(time))
+
+    async def _advance(
+        self, request: Trigger.Request, response: Trigger.Response
+    ) -> Trigger.Response:
+        def begin() -> 'Future[Any]':
+            # Topics and services have no common order: what arrived before the call acts first.
+            self._inputs.take_all()
+            return self._runner.advance()
+
+        return await self._answer(response, begin, _at('advanced'))
+
+    async def _clear_loads(
+        self, request: Trigger.Request, response: Trigger.Response
+    ) -> Trigger.Response:
+        def begin() -> 'Future[Any]':
+            self._inputs.take_all()
+            return self._runner.clear_loads()
+
+        return await self._answer(response, begin, _at('no wrench acts'), at_once=True)
 
     async def _record(
         self, request: SetBool.Request, response: SetBool.Response

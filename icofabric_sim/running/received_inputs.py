@@ -25,6 +25,7 @@ What waits when the run is changed from outside:
 
 - a pause: it waits on, and acts at its stamp, in the first step after the pause at the earliest;
 - another weave: what still has its body or its channel waits on, the rest is dropped;
+- loads that are cleared: wrenches are dropped, twists wait on;
 - a reset, or a checkpoint that is restored: all of it is dropped, as what acts is forgotten then;
 - a failure, or the end of the run: all of it is dropped.
 
@@ -36,16 +37,18 @@ import logging
 import math
 from typing import NamedTuple
 
-from icofabric_sim.messages import TwistStampedBytes
-from icofabric_sim.messages.frames import ANY_BODY, shown_frame
+from icofabric_sim.messages import TwistStampedBytes, WrenchStampedBytes
+from icofabric_sim.messages.frames import ANY_BODY, body_frame, shown_frame
 from icofabric_sim.messages.input_topics import decode_input, input_type, InputMessage, topic_of
 from icofabric_sim.messages.schedule import NANOSECONDS, seconds
 from icofabric_sim.running.complaints import Complaints
 from icofabric_sim.running.run_state import RunState
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.input_types import (
+    BodyTarget,
     ChannelTarget,
     DriveTarget,
+    load_order,
     require_target,
     Target,
     Twist,
@@ -127,6 +130,25 @@ class ReceivedInputs:
             seconds(at), received.target, received.value, Message(topic, at, bytes(data)))
         if at == run.now:
             run.simulation.advance_to(seconds(at))
+
+    def clear(self) -> int:
+        """
+        Put a zero wrench on all that a wrench acts on or may come to; it is recorded as received.
+
+        Those that wait for their stamp are dropped; returns how many. Drives go on.
+        """
+        dropped = self.drop_waiting(
+            'all loads were cleared', lambda target: not isinstance(target, DriveTarget))
+        run = self._run
+        inputs, channels = run.simulation.inputs, run.simulation.scene.loads
+        targets = {*inputs.acting(), *(
+            ChannelTarget(name) for name, channel in channels.items()
+            if channel.force.any() or channel.torque.any())}
+        for target in sorted(targets, key=load_order):
+            frame = body_frame(target.number) if isinstance(target, BodyTarget) else ''
+            data = WrenchStampedBytes(frame).stamped(run.now)
+            self.act(decode_input(topic_of(target), data), data)
+        return dropped
 
     def follow(self, simulation: Simulation) -> None:
         """Record what acts on `simulation` from now on."""

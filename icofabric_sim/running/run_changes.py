@@ -85,7 +85,8 @@ class RunChanges:
     def pause(self, paused: bool) -> int:
         """Stop or resume simulated time; returns the time [ns]."""
         state = self._state
-        self._time.steps.end('ended by a pause' if paused else 'time runs on')
+        if paused or state.paused:
+            self._time.end_requests('ended by a pause' if paused else 'time runs on')
         state.paused = paused
         self._broadcast.event(state.now, 'pause' if paused else 'resume')
         self._pace.restart(state.now)
@@ -94,7 +95,7 @@ class RunChanges:
     def reset(self, wanted: bool | None) -> int:
         """Go back to the initial state, and to time 0 if wanted or set; returns the time [ns]."""
         state = self._state
-        self._time.steps.end('ended by a reset')
+        self._time.end_requests('ended by a reset')
         dropped = self._inputs.drop_waiting('a reset came before')
         ended = self._fresh_status()
         time_reset = state.parameters['reset_time'] if wanted is None else wanted
@@ -107,6 +108,13 @@ class RunChanges:
         state.failure = ''
         self._pace.restart(state.now)
         self._time.show_after('reset')
+        return state.now
+
+    def clear_loads(self) -> int:
+        """Take off all wrenches, and drop those that wait; returns the time [ns]."""
+        state = self._state
+        state.require_sound('no wrench acts any more')
+        self._broadcast.event(state.now, 'loads_cleared', dropped=self._inputs.clear())
         return state.now
 
     def save(self, choose: Callable[[Parameters], Path], saved: 'Future[Any]') -> None:
@@ -131,7 +139,7 @@ class RunChanges:
         path = choose(state.parameters)
         checkpoint, ended = Checkpoint.load(path), self._fresh_status()
         state.simulation.restore(checkpoint)
-        self._time.steps.end('ended by a checkpoint that was restored')
+        self._time.end_requests('ended by a checkpoint that was restored')
         dropped = self._inputs.drop_waiting('a checkpoint was restored before')
         self._broadcast.event(
             state.now, 'checkpoint_restored', path=str(path), of=state.simulation.time,

@@ -28,7 +28,11 @@ from icofabric_sim.parameters.validation import Parameters
 from icofabric_sim.running.entities import checked_parts, set_body_state, STATE_PARTS
 from icofabric_sim.simulation.simulation import Simulation
 
-_RUNS_AFTER = {'pause': False, 'resume': True}
+# A pause goes on once an advance has come to its end.
+_RUNS_AFTER = {
+    'pause': False, 'resume': True, 'advance': True, 'advanced': False, 'advance_ended': False}
+# The present state is shown with them in place of what is due at that time.
+_SHOW_INSTEAD = ('failed', 'advanced')
 
 
 class Shown(Enum):
@@ -87,10 +91,15 @@ def runs_after(name: str, *, running: bool) -> bool:
     return _RUNS_AFTER.get(name, running)
 
 
+def shows_instead(name: str) -> bool:
+    """Whether an event comes before what is due at its time, and replaces that."""
+    return name in _SHOW_INSTEAD
+
+
 def shown_after(name: str, *, running: bool) -> Shown:
     """What a run sends after an event; a failed one only where its state is finite."""
     if name in ('reset', 'reweave', 'checkpoint_restored'):
         return Shown.ANEW
-    if name in ('step', 'failed') or (name == 'state_set' and not running):
+    if name in ('step', 'advanced', 'failed') or (name == 'state_set' and not running):
         return Shown.PRESENT
     return Shown.NOTHING

@@ -39,8 +39,8 @@ from icofabric_sim.running.received_inputs import ReceivedInputs
 from icofabric_sim.running.run_changes import RunChanges
 from icofabric_sim.running.run_records import begins_anew, Errors, errors_of, figures, Status
 from icofabric_sim.running.run_state import RunState
-from icofabric_sim.running.step_requests import StepRequest
 from icofabric_sim.running.time_advance import TimeAdvance
+from icofabric_sim.running.time_requests import AdvanceRequest, StepRequest
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.errors import SimulationError
 from icofabric_sim.simulation.simulation import Simulation
@@ -166,6 +166,25 @@ class Runner:
         self.post(lambda: self._time.begin_steps(steps))
         return steps.future
 
+    def advance(self, request: AdvanceRequest | None = None) -> 'Future[Any]':
+        """
+        Advance by `advance_duration`, and publish the state it leads to; a pause goes on then.
+
+        The result is the time [ns] that was reached. While time runs anyway, it only waits for
+        it. A pause, a reset or the end of `run` ends it early, with a RuntimeError.
+        """
+        advance = request or AdvanceRequest()
+        self.post(lambda: self._time.begin_advance(advance))
+        return advance.future
+
+    def clear_loads(self) -> 'Future[Any]':
+        """
+        Take off all wrenches, as zero wrenches on all of them would; results in the time [ns].
+
+        Those that wait for their stamp are dropped.
+        """
+        return self.post(lambda: self.changes.clear_loads())
+
     def reset(self, *, time_reset: bool | None = None) -> 'Future[Any]':
         """
         Back to the initial state, and to time 0 where `reset_time` says so; results in that time.
@@ -241,7 +260,7 @@ class Runner:
                     progress(seconds(state.now))
         finally:
             state.simulation.should_stop = None
-            self._time.steps.end('the run has ended')
+            self._time.requests.end('the run has ended', state.now)
             self.inputs.drop_waiting('the run ended before')
             self._fresh_status()
         # What broke since the last output; others come on their grid only.
@@ -257,10 +276,13 @@ class Runner:
             return False
         self._do_commands()
         self._broadcast.report(state.now)
-        steps = self._time.steps.current
-        if steps is not None:
+        request = self._time.requests.current
+        if isinstance(request, AdvanceRequest):
+            self._time.take_advance(request)
+            return True
+        if request is not None:
             # Shown where they end, with an event that says so; not where a portion of them does.
-            self._time.take_steps(steps)
+            self._time.take_steps(request)
             return True
         if state.paused or state.failure or state.finished:
             if until_finished and (state.failure or state.finished):

@@ -23,13 +23,13 @@ import logging
 import math
 import time as wall
 
-from icofabric_sim.messages.schedule import nanoseconds_not_before, seconds
+from icofabric_sim.messages.schedule import NANOSECONDS, nanoseconds_not_before, seconds
 from icofabric_sim.running.broadcast import Broadcast
 from icofabric_sim.running.pace import Pace
 from icofabric_sim.running.received_inputs import ReceivedInputs
 from icofabric_sim.running.run_events import Shown, shown_after
 from icofabric_sim.running.run_state import RunState
-from icofabric_sim.running.step_requests import StepRequest, StepRequests
+from icofabric_sim.running.time_requests import AdvanceRequest, StepRequest, TimeRequests
 from icofabric_sim.simulation.errors import Interrupted, SimulationError
 from icofabric_sim.simulation.simulation import Simulation
 
@@ -49,7 +49,7 @@ class TimeAdvance:
     ) -> None:
         """Move `state`; outputs go to `broadcast`."""
         self._state, self._inputs, self._broadcast, self._pace = state, inputs, broadcast, pace
-        self.steps = StepRequests()
+        self.requests = TimeRequests()
         self.stopping = False
         self._patient_until = math.inf
 
@@ -64,10 +64,14 @@ class TimeAdvance:
             lambda: self.stopping or wall.monotonic() > self._patient_until)
         self._inputs.follow(simulation)
 
-    def advance(self) -> None:
-        """Advance to the next output, or for a moment, whichever is sooner."""
+    def advance(self, end: int | None = None) -> None:
+        """
+        Advance to the next output, or for a moment, whichever is sooner; at most to `end` [ns].
+
+        What is due at that end is left to the caller.
+        """
         state, started, before = self._state, wall.perf_counter(), self._state.now
-        target = self._next_target()
+        target = self._next_target(self.requests.next_time() if end is None else end)
         try:
             if not self._reaches(target):
                 state.catch_up()
@@ -76,8 +80,9 @@ class TimeAdvance:
             state.now = target
             self._pace.learn(target - before, wall.perf_counter() - started)
             # Broken off before its first step, it has shown this time already.
-            if state.now > before:
+            if state.now > before and state.now != end:
                 self._broadcast.due(state.now)
+            self.requests.answer(state.now)
         except SimulationError as error:
             self.fail(str(error), target)
         except Interrupted:
@@ -93,7 +98,51 @@ class TimeAdvance:
                 'steps are taken only while paused: call ~/pause with data: true first'))
         else:
             request.begin(state.parameters['step_count'])
-            self.steps.add(request)
+            self.requests.add(request)
+
+    def begin_advance(self, request: AdvanceRequest) -> None:
+        """Queue an advance; while time runs anyway, wait for it. Or answer why there is none."""
+        state = self._state
+        if request.duration is None:
+            request.duration = round(state.parameters['advance_duration'] * NANOSECONDS)
+        if state.failure or state.finished:
+            request.future.set_exception(RuntimeError(
+                state.failure or f'not advanced: {self._over()}'))
+        elif state.paused:
+            self.requests.add(request)
+        else:
+            request.begin(state.now)
+            self.requests.wait(request)
+
+    def take_advance(self, request: AdvanceRequest) -> None:
+        """
+        Advance a paused run for a moment; the rest follows once commands had their turn.
+
+        As fast as possible: who asks for it waits for it.
+        """
+        state = self._state
+        if not request.has_begun:
+            request.begin(state.now)
+            self._broadcast.event(state.now, 'advance', to=request.end)
+        self.advance(request.end)
+        if state.failure:
+            return
+        if state.now >= request.end:
+            # Shown as after steps, once, whether an output is due then or not.
+            self._broadcast.event(state.now, 'advanced')
+            self.show_after('advanced')
+            self._pace.restart(state.now)
+            self.requests.finish(state.now)
+        elif state.finished:
+            self.end_requests(self._over())
+
+    def end_requests(self, reason: str) -> None:
+        """Answer all that wait for a time with the `reason` why it is not reached."""
+        state, current = self._state, self.requests.current
+        if isinstance(current, AdvanceRequest) and current.has_begun:
+            self._broadcast.event(state.now, 'advance_ended')
+            self._pace.restart(state.now)
+        self.requests.end(reason, state.now)
 
     def take_steps(self, request: StepRequest) -> None:
         """Take steps for a moment; the rest follows once commands had their turn."""
@@ -115,7 +164,7 @@ class TimeAdvance:
                 self._pace.restart(state.now)
                 self._broadcast.event(state.now, 'step', count=request.taken)
                 self.show_after('step')
-                self.steps.finish(state.now)
+                self.requests.finish(state.now)
         except SimulationError as error:
             self.fail(str(error), target)
         except Interrupted:
@@ -137,12 +186,12 @@ class TimeAdvance:
         state.catch_up()
         state.failure = reason
         _LOGGER.error('the simulation has stopped: %s', reason)
-        self.steps.end(reason)
         self._inputs.drop_waiting('the simulation has stopped')
         self._broadcast.event(state.now, 'failed', reason=reason, target=target)
         with suppress(SimulationError, Interrupted):
             if math.isfinite(state.simulation.snapshot().position.sum()):
                 self.show_after('failed')
+        self.end_requests(reason)
 
     def show_after(self, event: str) -> None:
         """Send what a run shows after an event, see run_events.py."""
@@ -168,10 +217,16 @@ class TimeAdvance:
             self._patient_until = math.inf
         return True
 
-    def _next_target(self) -> int:
+    def _over(self) -> str:
+        return (f'the duration of {self._state.parameters["duration"]:g} s is over; reset the '
+                'run, or set a longer one')
+
+    def _next_target(self, end: int | None) -> int:
         state = self._state
         times = [state.now + self._pace.chunk(RESPONSE, state.simulation.status.step)]
         times += self._broadcast.next_times(state.now)
         if state.end > state.now:
             times.append(state.end)
+        if end is not None:
+            times.append(end)
         return max(min(times), state.now)

@@ -20,7 +20,7 @@ from icofabric_sim.messages.topics import CLOCK, CONNECTORS, EVENTS, POSES, TOPI
 from icofabric_sim.running import reweave, time_advance
 from icofabric_sim.running import runner as runner_module
 from icofabric_sim.running.checkpoint_files import path_to_restore, path_to_save
-from icofabric_sim.running.step_requests import StepRequest
+from icofabric_sim.running.time_requests import StepRequest
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.simulation import compile_scene
 import numpy as np

@@ -40,7 +40,7 @@ from icofabric_sim.messages.topics import Topic
 from icofabric_sim.running.broadcast import MOVING, schedules
 from icofabric_sim.running.recording import DROPPED, GIVEN, PAUSED
 from icofabric_sim.running.replay.resimulation import Departure
-from icofabric_sim.running.run_events import is_jump, runs_after, Shown, shown_after
+from icofabric_sim.running.run_events import is_jump, runs_after, Shown, shown_after, shows_instead
 from icofabric_sim.simulation.simulation import Simulation
 from icofabric_sim.version import __version__
 
@@ -129,7 +129,9 @@ class Completeness:
         if not self._says_pauses or name in _BESIDE:
             return
         event = self._run.event(time, data) if name == topics.EVENTS.name else None
-        self._go_on(time, failed=event is not None and event.name == 'failed')
+        self._go_on(
+            time, failed=event is not None and event.name == 'failed',
+            instead=event is not None and shows_instead(event.name))
         if event is not None:
             self._follow(event)
         elif name == topics.WEAVE.name:
@@ -206,11 +208,12 @@ class Completeness:
         self._anew = anew
         self._owed = {*self._schedules, topics.BROKEN}
 
-    def _go_on(self, time: int, *, failed: bool = False) -> None:
+    def _go_on(self, time: int, *, failed: bool = False, instead: bool = False) -> None:
         """
         Go on to `time` [ns]: what was shown before is complete, and what is due then is expected.
 
-        A run that `failed` on its way shows nothing of that.
+        A run that `failed` on its way shows nothing of that; and `instead` says that what is due
+        comes with an event.
         """
         if self._now is None:
             self._now = time
@@ -230,7 +233,7 @@ class Completeness:
                 if topic is not topics.BROKEN:
                     self._miss(topic, due, len(self._all_lists(due)) if (
                         topic is topics.CONNECTORS) else 1)
-            if schedule.is_due(time) and not failed:
+            if schedule.is_due(time) and not instead:
                 self._owed.add(topic)
 
     def _settle(self) -> None:

@@ -249,7 +249,7 @@ class Resimulation:
             self._fail(event)
         elif event.name == 'state_set':
             self._set_state(event)
-        elif event.name in ('pause', 'step'):
+        elif event.name in ('pause', 'step', 'advance'):
             self.counts[f'{event.name}s'] += 1
 
     def _do(self, event: RecordedEvent) -> None:

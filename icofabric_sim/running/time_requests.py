@@ -1,0 +1,121 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""Requests that move simulated time: solver steps, and advances by a duration."""
+
+from collections import deque
+from concurrent.futures import Future
+import logging
+from typing import Any
+
+from icofabric_sim.messages.schedule import seconds
+
+_LOGGER = logging.getLogger('icofabric_sim')
+
+
+class StepRequest:
+    """So many solver steps, taken in portions."""
+
+    def __init__(self, count: int | None = None) -> None:
+        """Ask for `count` steps; None: for the `step_count` that is in force when they begin."""
+        self._wanted, self.count, self.taken = count, count or 0, 0
+        self.future: Future[Any] = Future()
+
+    def begin(self, step_count: int) -> None:
+        """Take that many steps where the request says no number."""
+        self.count = step_count if self._wanted is None else self._wanted
+
+    @property
+    def done(self) -> bool:
+        """Whether all steps are taken."""
+        return self.taken >= self.count
+
+    def reached(self, now: int) -> str:
+        """How far it has come at time `now` [ns]."""
+        return f'{self.taken} of {self.count} solver steps taken'
+
+
+class AdvanceRequest:
+    """So much simulated time, in whole nanoseconds."""
+
+    def __init__(self, duration: int | None = None) -> None:
+        """Ask for a `duration` [ns]; None: for the `advance_duration` in force when it is read."""
+        self.duration, self.start, self.end = duration, 0, 0
+        self.future: Future[Any] = Future()
+
+    @property
+    def has_begun(self) -> bool:
+        """Whether it is known where it ends."""
+        return self.end > 0
+
+    def begin(self, now: int) -> None:
+        """Start at time `now` [ns]."""
+        assert self.duration is not None
+        self.start, self.end = now, now + self.duration
+
+    def reached(self, now: int) -> str:
+        """How far it has come at time `now` [ns]."""
+        if not self.has_begun:
+            return 'not advanced'
+        return (f'advanced by {seconds(now - self.start):.9f} of '
+                f'{seconds(self.end - self.start):.9f} s')
+
+
+class TimeRequests:
+    """
+    Requests that move the time, one after the other; their answers say what ended them early.
+
+    Beside them stand advances that only wait for a time, because it runs anyway.
+    """
+
+    def __init__(self) -> None:
+        """Start without any."""
+        self._queue: deque[StepRequest | AdvanceRequest] = deque()
+        self._waiting: list[AdvanceRequest] = []
+
+    def add(self, request: StepRequest | AdvanceRequest) -> None:
+        """Queue a request."""
+        self._queue.append(request)
+
+    @property
+    def current(self) -> StepRequest | AdvanceRequest | None:
+        """The request that moves the time."""
+        return self._queue[0] if self._queue else None
+
+    def finish(self, now: int) -> None:
+        """Answer the current request with the time [ns] that it led to."""
+        self._queue.popleft().future.set_result(now)
+
+    def wait(self, request: AdvanceRequest) -> None:
+        """Have a request that has begun answered once its end is reached."""
+        self._waiting.append(request)
+
+    def next_time(self) -> int | None:
+        """The first time [ns] that is waited for; None without any."""
+        return min((request.end for request in self._waiting), default=None)
+
+    def answer(self, now: int) -> None:
+        """Answer those that have waited for the time `now` [ns]."""
+        for request in [item for item in self._waiting if item.end <= now]:
+            self._waiting.remove(request)
+            request.future.set_result(now)
+
+    def end(self, reason: str, now: int) -> None:
+        """Answer all pending requests with the `reason` why they end at time `now` [ns]."""
+        pending = [*self._queue, *self._waiting]
+        self._queue.clear()
+        self._waiting.clear()
+        for request in pending:
+            text = f'{request.reached(now)}: {reason}'
+            _LOGGER.warning('%s', text)
+            request.future.set_exception(RuntimeError(text))
