@@ -53,7 +53,7 @@ def box(size: tuple[int, int, int], **changes: Any) -> ico.Scene:
 
 def touching(simulation: ico.Simulation) -> set[tuple[int, int]]:
     """Pairs that touch where the forces were evaluated last; a wall is a negative number."""
-    contacts = simulation._driver.model.contacts
+    contacts = simulation._driver.trajectory.model.contacts
     if contacts is None:
         return set()
     return {(int(one), int(other)) for one, other in contacts.pairs[contacts.result[:, 9] > 0.0]}

@@ -32,11 +32,9 @@ from icofabric_sim.simulation.model.packing import (
 )
 from icofabric_sim.simulation.model.stability import largest_frequency, with_anchors
 from icofabric_sim.simulation.state_tree import StateTree
-from icofabric_sim.simulation.stepping.adaptive_driver import AdaptiveDriver
-from icofabric_sim.simulation.stepping.broken import Broken
-from icofabric_sim.simulation.stepping.event_detection import BreakageLocatingDriver
+from icofabric_sim.simulation.stepping.driver import Driver
+from icofabric_sim.simulation.stepping.events import why_events
 from icofabric_sim.simulation.stepping.faults import stiffest_term, too_fast
-from icofabric_sim.simulation.stepping.fixed_step_driver import FixedStepDriver
 from icofabric_sim.simulation.stepping.method_needs import ADAPTIVE, required_method
 from icofabric_sim.simulation.stepping.method_selection import Choice, choose_method
 from icofabric_sim.simulation.stepping.methods import METHODS
@@ -51,7 +49,7 @@ class EventLoop:
         self, scene: Scene, packed: PackedScene, *, body_wrenches: bool,
         on_pause: Callable[[], None]
     ) -> None:
-        """Stand at the start of the `scene`; see `compile_scene` and `FixedStepDriver`."""
+        """Stand at the start of the `scene`; see `compile_scene` and `Driver`."""
         self._scene, self._packed, self._body_wrenches = scene, packed, body_wrenches
         self.time = 0.0  # [s] that was asked for last
         self.inputs = Inputs(scene)
@@ -59,9 +57,9 @@ class EventLoop:
         self.changes = 0
         self._stale_loads = False
         parameters = scene.parameters
-        thread_team, watch = ThreadTeam(parameters['solver.threads'], packed), None
+        thread_team, broad_phase = ThreadTeam(parameters['solver.threads'], packed), None
         if packed.contact is not None:
-            watch = BroadPhase(packed.contact, packed.layout, packed.model, thread_team.size)
+            broad_phase = BroadPhase(packed.contact, packed.layout, packed.model, thread_team.size)
         # Name of the method in METHODS, and why it was chosen.
         self.method = Choice(parameters['solver.method'], 'given as solver.method')
         loads = self._loads()
@@ -96,12 +94,7 @@ class EventLoop:
             loads = self._loads()
         method = METHODS[self.method.name]
         try:
-            kind: type[FixedStepDriver] = FixedStepDriver
-            if packed.breakage is not None:
-                kind = BreakageLocatingDriver
-            elif method.adaptive and not fixed > 0.0:
-                kind = AdaptiveDriver
-            self.driver = kind(
+            self.driver = Driver(
                 packed,
                 method,
                 state,
@@ -114,9 +107,9 @@ class EventLoop:
                 output_period=1.0 / parameters['publish_rate'],
                 load_rate=self._load_rate(loads),
                 half_edge=scene.geometry.half_edge,
+                has_events=bool(why_events(scene)),
                 thread_team=thread_team,
-                watch=watch,
-                broken=Broken(packed),
+                broad_phase=broad_phase,
                 obstruction=Obstruction(parameters['connector.obstruction'], packed),
                 on_pause=on_pause,
             )
@@ -170,7 +163,7 @@ class EventLoop:
 
     def settle_loads(self) -> None:
         """
-        Give the stepper what acts now: once, however many wrenches have changed at this time.
+        Give the driver what acts now: once, however many wrenches have changed at this time.
         """
         if self._stale_loads:
             loads = self._loads()
@@ -187,7 +180,7 @@ class EventLoop:
 
     def load_state(self, tree: StateTree, time: float) -> None:
         """
-        Go on from there at `time` [s]; where it raises ValueError, only another recall helps.
+        Go on from there at `time` [s]; after a ValueError only another `load_state` helps.
         """
         self.changes += 1
         self.inputs.load_state(tree.part('inputs'), time)

@@ -130,11 +130,11 @@ class Simulation:
     def advance_steps(self, count: int) -> None:
         """Take `count` solver steps; an input that acts in between ends a step, which counts."""
         count = checks.count('count', count, 1)
-        stepper = self._driver
-        goal = stepper.step_count + count
+        trajectory = self._driver.trajectory
+        goal = trajectory.step_count + count
         with self._deferred:
-            while stepper.step_count < goal:
-                self._event_loop.take_step(goal - stepper.step_count, self._pause)
+            while trajectory.step_count < goal:
+                self._event_loop.take_step(goal - trajectory.step_count, self._pause)
 
     def snapshot(self) -> Snapshot:
         """Copy of the state at the present time."""
@@ -144,7 +144,7 @@ class Simulation:
                 array.flags.writeable = False
             self._cached = Snapshot(
                 self.time, *state, self.scene.connector_count, self.packed,
-                self._books(state), self._driver.broken.since, self._anchors())
+                self._books(state), self._driver.trajectory.broken.since, self._anchors())
             self._cached_at = self._event_loop.changes
         return self._cached
 
@@ -231,7 +231,7 @@ class Simulation:
                     f'{self.time!r} s; reset_time() goes back to the start')
             self._event_loop.time = time
         self.inputs.reset(self._event_loop.time)
-        self._driver.broken.mend()
+        self._driver.trajectory.broken.mend()
         self._jump(self.scene.initial)
 
     def reset_time(self) -> None:
@@ -256,12 +256,12 @@ class Simulation:
             )
         self.inputs.adopt(previous.inputs, previous.time, anew=not keep_motion)
         if keep_motion:
-            if self._driver.watch is not None:
-                # The same motion: warnings are not repeated.
-                self._driver.watch.take_over(previous.status.proximity)
-            self._driver.broken.adopt(previous._driver.broken)
-            if not self._driver.obstruction.stops:
-                self._driver.obstruction.found = previous.status.obstruction
+            # The same motion: warnings are not repeated.
+            self._driver.contact.take_over(previous.status.proximity)
+            self._driver.trajectory.broken.adopt(previous._driver.trajectory.broken)
+            obstruction = self._driver.monitor.obstruction
+            if not obstruction.stops:
+                obstruction.found = previous.status.obstruction
             self._event_loop.time = previous.time
             self._jump(_as_initial(previous.snapshot(), self.scene))
         else:
@@ -277,8 +277,8 @@ class Simulation:
                 f'other must be a simulation of the same fabric: it has '
                 f'{other.scene.connector_count} connectors, this one '
                 f'{self.scene.connector_count}')
-        self._driver.broken.mend()
-        self._driver.broken.adopt(other._driver.broken)
+        self._driver.trajectory.broken.mend()
+        self._driver.trajectory.broken.adopt(other._driver.trajectory.broken)
         self._event_loop.changes += 1
 
     def warm_up(self) -> None:
@@ -289,7 +289,7 @@ class Simulation:
         """
         self._event_loop.settle_loads()
         self._driver.warm_up()
-        if self.body_force is None and not self._driver.has_contact_kernels():
+        if self.body_force is None and not self._driver.is_ready_for_contacts():
             compile_contact_ahead(
                 self.scene, method=self._status.method_name, rotation=self.rotation,
                 body_wrenches=self._body_wrenches)
@@ -348,17 +348,17 @@ class Simulation:
 
     def _books(self, state: InitialState) -> dict[str, float]:
         """What a snapshot needs for its balance [J]."""
-        stepper, force = self._driver, self.body_force
+        shown, ledger, force = (
+            self._driver.shown, self._driver.trajectory.ledger, self.body_force)
         books = {
-            'work_in': stepper.work_at_state(), 'spent': stepper.spent_at_state(),
-            'start': stepper.ledger.base,
-            'lost_at_breaks': stepper.ledger.lost, 'potential': 0.0,
-            'anchors': stepper.anchor_energy, 'contact': stepper.contact_energy}
+            'work_in': shown.work, 'spent': shown.spent, 'start': ledger.base,
+            'lost_at_breaks': ledger.lost, 'potential': 0.0,
+            'anchors': shown.anchors, 'contact': shown.contact}
         if force is not None and force.potential is not None:
             books['potential'] = force.energy(self.time, state.position, state.orientation)
-            books['start'] += stepper.potential_start
+            books['start'] += shown.potential_start
         else:
-            books['work_in'] += stepper.given_at_state()
+            books['work_in'] += shown.given
         return books
 
     def _jump(self, state: InitialState) -> None:

@@ -46,12 +46,12 @@ class SimulationStatus:
     @property
     def step(self) -> float:
         """Step [s] in use."""
-        return self._driver.step
+        return self._driver.trajectory.step
 
     @property
     def step_count(self) -> int:
         """Steps taken so far."""
-        return self._driver.step_count
+        return self._driver.trajectory.step_count
 
     @property
     def next_step_time(self) -> float:
@@ -61,17 +61,17 @@ class SimulationStatus:
     @property
     def largest_frequency(self) -> float:
         """Largest frequency [rad/s] of the fabric in the configuration evaluated last."""
-        return self._driver.frequency.rate
+        return self._driver.rates.frequency.rate
 
     @property
     def stability_limit(self) -> float:
         """Longest stable step [s] in that configuration."""
-        return self._driver.limit
+        return self._driver.rates.limit
 
     @property
     def thread_count(self) -> int:
         """Threads that share a step."""
-        return self._driver.thread_team.size
+        return self._driver.trajectory.thread_team.size
 
     # Errors and energy.
 
@@ -102,46 +102,44 @@ class SimulationStatus:
     @property
     def balance(self) -> EnergyBalance:
         """How well the energy balanced at the health checks."""
-        return self._driver.ledger.balance
+        return self._driver.trajectory.ledger.balance
 
     # Contacts, breaks, connectors in shells.
 
     @property
     def contact_count(self) -> int:
         """Pairs of shells, and shells and planes, that touched at the last health check."""
-        return int(self._driver.ledger.touching)
+        return int(self._driver.trajectory.ledger.touching)
 
     @property
     def contact_tests(self) -> int:
         """Pairs tested in all steps so far; tests for snapshots in between do not count."""
-        watch = self._driver.watch
-        return 0 if watch is None else watch.tests
+        return self._driver.contact.tests
 
     @property
     def deepest_overlap(self) -> float:
         """Deepest overlap [m] of shells in contact at any health check so far."""
-        return self._driver.ledger.deepest_ever
+        return self._driver.trajectory.ledger.deepest_ever
 
     @property
     def proximity(self) -> Overlap | None:
         """The first two shells that overlapped by more than contact is meant for, if any."""
-        watch = self._driver.watch
-        return None if watch is None else watch.found
+        return self._driver.contact.found
 
     @property
     def broken_count(self) -> int:
         """Connectors that have broken so far."""
-        return self._driver.broken.count
+        return self._driver.trajectory.broken.count
 
     @property
     def obstruction(self) -> str:
         """Sentence on the first connector that was seen in its own shell; '': none was."""
-        return self._driver.obstruction.found
+        return self._driver.monitor.obstruction.found
 
     @property
     def obstructed_ends(self) -> int:
         """Ends of connectors that were in their own shells at the last health check."""
-        return int(self._driver.ledger.obstructed)
+        return int(self._driver.trajectory.ledger.obstructed)
 
     # What acts.
 

@@ -47,8 +47,8 @@ def test_a_bare_scene_holds_nothing_of_absent_terms(bare):
     held = arrays_of(bare)
     # Position, orientation, velocity and spin, for the slots and no more.
     slots = bare.packed.layout.slot_count
-    assert held['event_loop.driver.state.position'] == 24 * slots
-    assert held['event_loop.driver.state.orientation'] == 32 * slots
+    assert held['event_loop.driver.trajectory.state.position'] == 24 * slots
+    assert held['event_loop.driver.trajectory.state.orientation'] == 32 * slots
     for word in ('gravity', 'support', 'load', 'watch', 'trail'):
         assert not [name for name in held if word in name]
 

@@ -412,7 +412,7 @@ def test_cross_check_bound_covers_rounding_and_no_more(monkeypatch: pytest.Monke
 
     def wrong(self: Simulation, time: float) -> None:
         advance(self, time)
-        state = self._driver.state
+        state = self._driver.trajectory.state
         with_cosines = state.orientation.ndim == 3
         if with_cosines and time > 0.1 and not hasattr(self, 'spoilt'):
             self.spoilt = True  # type: ignore[attr-defined]

@@ -153,9 +153,9 @@ def test_what_is_not_damped_has_no_losses():
         ico.compile_scene(loose(
             ((0.0323, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)), contact__damping=damping))
         for damping in (0.0, 1.0))
-    contacts = [each._driver.model.contacts for each in (free, damped)]
+    contacts = [each._driver.trajectory.model.contacts for each in (free, damped)]
     assert contacts[0].losses is None and contacts[1].losses is not None
-    assert free._driver.work.spent is None
+    assert free._driver.trajectory.work.spent is None
     # A given step knows its damping.
     assert damped.status.stability_limit < free.status.stability_limit
 
@@ -189,7 +189,7 @@ def test_a_block_on_an_incline_stays_and_does_not_creep(part):
     assert np.abs(last.angular_velocity).max() < 1e-8
     assert abs(last.energy['balance_error']) < 1e-6 * last.energy['dissipated']
     # The springs of friction hold some of the energy.
-    losses = simulation._driver.model.contacts.losses
+    losses = simulation._driver.trajectory.model.contacts.losses
     assert weight == pytest.approx(
         losses.friction_stiffness * np.linalg.norm(losses.stretch[:, :3]), rel=1e-3)
 
@@ -257,7 +257,7 @@ def test_what_slides_through_a_collision_is_pushed_back_by_its_part():
         np.array([-1.2, 0.5]) / 1.3, abs=1e-3)
     assert simulation.status.contact_count == 0
     # Nothing is left of the stretch once it has gone.
-    losses = simulation._driver.watch.stretches.state_tree()
+    losses = simulation._driver.contact.broad_phase.stretches.state_tree()
     assert not losses['rows'].any()
     turned = simulation.snapshot().angular_velocity[0]
     arm = -height * UP
@@ -329,7 +329,7 @@ def test_stretches_are_part_of_checkpoints_and_forgotten_by_a_reset():
     for checkpoint in checkpoints[::4]:
         again = ico.compile_scene(changed(scene, {'contact.mode': 'always'}))
         again.restore(Checkpoint.from_bytes(checkpoint.to_bytes()))
-        stretched += bool(again._driver.watch.stretches.state_tree()['rows'].any())
+        stretched += bool(again._driver.contact.broad_phase.stretches.state_tree()['rows'].any())
         again.advance_to(0.045)
         assert same_state(again.snapshot(), always.snapshot())
         assert again.snapshot().energy == always.snapshot().energy
@@ -342,7 +342,7 @@ def test_stretches_are_part_of_checkpoints_and_forgotten_by_a_reset():
                for name, rows in checkpoint.arrays.items()))
     again.restore(stuck)
     again.reset()
-    assert not again._driver.watch.stretches.state_tree()['rows'].any()
+    assert not again._driver.contact.broad_phase.stretches.state_tree()['rows'].any()
     # A checkpoint with pairs that are not there is refused.
     arrays = {name: rows + 7.0 if name.endswith('stretches.pairs') else rows
               for name, rows in stuck.arrays.items()}

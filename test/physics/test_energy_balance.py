@@ -73,8 +73,8 @@ def test_work_of_a_drift_is_the_integral_of_the_power(angle, in_body_axes, form)
 
 def work_so_far(simulation):
     """Work [J] up to the last step, also since the last look."""
-    stepper = simulation._driver
-    return float(stepper.ledger.earlier_work) + math.fsum(stepper.loads.work)
+    trajectory = simulation._driver.trajectory
+    return float(trajectory.ledger.earlier_work) + math.fsum(trajectory.loads.work)
 
 
 SPLITTINGS = [name for name, method in METHODS.items() if method.symplectic]

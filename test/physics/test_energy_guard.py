@@ -29,8 +29,8 @@ from unittest import mock
 import icofabric_sim as ico
 from icofabric_sim.geometry.icosahedron import inscribed_radius
 from icofabric_sim.kernels import anchors, flows
+from icofabric_sim.simulation.stepping.accuracy_probe import AccuracyProbe
 from icofabric_sim.simulation.stepping.methods import METHODS
-from icofabric_sim.simulation.stepping.step_size_control import StepSizeController
 import numpy as np
 import pytest
 
@@ -125,7 +125,7 @@ def run(term: str, kind: str, a: float, k: float, amplitude: float, folder: str)
             simulation.advance_steps(15 if kind == 'wrong step' else 10)
     except ico.SimulationError as error:
         said = str(error)
-    energy, books = simulation.snapshot().energy, simulation._driver.ledger
+    energy, books = simulation.snapshot().energy, simulation._driver.trajectory.ledger
     return {'said': said, 'worst': simulation.balance.worst, 'kinetic': energy['kinetic'],
             'scale': simulation.balance.scale, 'moved': books.scale,
             'noise': books.noise, 'error': simulation.balance.error}
@@ -229,14 +229,14 @@ def advise() -> str:
         'weave.size': [2, 2, 1], 'contact.mode': 'never', 'connector.bending_stiffness': 10.0,
         'initial_random.spin_sigma': 1.0}, method='srkn4')
     simulation.advance_steps(10)
-    simulation._driver.ledger.base += 1.0
+    simulation._driver.trajectory.ledger.base += 1.0
     with pytest.raises(ico.SimulationError) as caught:
         simulation.advance_steps(100)
     return str(caught.value)
 
 
 def unmeasured(
-    accuracy: StepSizeController, step: float, fastest: float, *, least: int = 1
+    accuracy: AccuracyProbe, step: float, fastest: float, *, least: int = 1
 ) -> float:
     """Stand in for the measurement of an error, in no time."""
     accuracy._span = step
@@ -249,7 +249,7 @@ def results() -> dict:
     # Errors of trajectories are of no interest here, and to measure them takes longer than the
     # runs.
     with tempfile.TemporaryDirectory() as folder, (
-            mock.patch.object(StepSizeController, 'measured', unmeasured)):
+            mock.patch.object(AccuracyProbe, 'measured', unmeasured)):
         found['falling'], found['fleeing'] = fall(folder), flee(folder)
         found['touching'], found['advice'] = touch(), advise()
         for name, arguments in combinations().items():

@@ -191,7 +191,7 @@ def test_looking_changes_no_bit(method, monkeypatch):
     for blind in (False, True):
         if blind:
             monkeypatch.setattr(
-                'icofabric_sim.simulation.stepping.obstruction.Obstruction.looks_out',
+                'icofabric_sim.simulation.stepping.obstruction.Obstruction.is_watching',
                 property(lambda _: False))
         simulation = ico.compile_scene(scene)
         simulation.advance_to(0.05)

@@ -210,7 +210,7 @@ def test_pieces_give_the_same_bits_where_a_run_goes_back(seed):
         pieces.advance_to(time)
         assert pieces.snapshot().time == time
     pieces.advance_to(end)
-    assert np.isfinite(whole._driver._returned_to)  # it did go back
+    assert np.isfinite(whole._driver.errors.returned_to)  # it did go back
     assert whole.status.step_count == pieces.status.step_count
     for name in STATE:
         assert np.array_equal(getattr(whole.snapshot(), name), getattr(pieces.snapshot(), name))

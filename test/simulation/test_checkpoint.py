@@ -106,7 +106,7 @@ def test_goes_on_to_the_same_bits(method, step, form):
         again.advance_to(0.04)
         assert_same(plain, again)
         # Slots without a body too.
-        for one, other in zip(plain._driver.state, again._driver.state):
+        for one, other in zip(plain._driver.trajectory.state, again._driver.trajectory.state):
             for slot in plain.packed.layout.blocks.slot:
                 assert np.array_equal(one[..., slot:slot + LANES], other[..., slot:slot + LANES])
     assert np.abs(plain.snapshot().position - scene.initial.position).max() > 5e-3
@@ -197,7 +197,7 @@ def test_goes_back_for_rougher_motion_as_the_run_it_is_of():
     whole, pieces = ico.compile_scene(scene), ico.compile_scene(scene)
     end = 0.73
     whole.advance_to(end)
-    assert np.isfinite(whole._driver._returned_to)  # it did go back
+    assert np.isfinite(whole._driver.errors.returned_to)  # it did go back
     for time in np.sort(np.random.default_rng(1).uniform(0.0, end, 60)):
         pieces.advance_to(time)
         after = ico.compile_scene(scene)
@@ -205,7 +205,7 @@ def test_goes_back_for_rougher_motion_as_the_run_it_is_of():
         pieces = after
     pieces.advance_to(end)
     assert_same(whole, pieces)
-    assert np.isfinite(pieces._driver._returned_to)
+    assert np.isfinite(pieces._driver.errors.returned_to)
 
 
 FRESH = """
@@ -552,16 +552,16 @@ def test_adaptive_steps_that_were_given_up_are_not_gone_back_to():
     for time in np.arange(1, 60) * 7e-4:
         run.advance_to(time)
         run.apply_wrench('steady', (0.0, 0.1 * time, 0.0))
-        assert run._driver._saved_time <= time
-        assert run._driver.control.length == 0.0
+        assert run._driver.trajectory.saved_time <= time
+        assert run._driver.trajectory.control.length == 0.0
     # What is kept is the state of its time: a run from there comes by.
     saved = run.checkpoint().arrays['stepper.saved.position']
     again = ico.compile_scene(scene)
     for time in np.arange(1, 60) * 7e-4:
-        if time > run._driver._saved_time:
+        if time > run._driver.trajectory.saved_time:
             break
         again.advance_to(time)
         again.apply_wrench('steady', (0.0, 0.1 * time, 0.0))
-    again.advance_to(run._driver._saved_time)
+    again.advance_to(run._driver.trajectory.saved_time)
     assert np.abs(again.snapshot().position - saved).max() < 1e-12
     assert all(np.isfinite(getattr(again.snapshot(), name)).all() for name in STATE)

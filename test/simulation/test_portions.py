@@ -19,7 +19,7 @@ from fabrics import make_scene
 import icofabric_sim as ico
 from icofabric_sim.kernels.flows import place_all
 from icofabric_sim.simulation.model.lanczos import Lanczos, start_vector
-from icofabric_sim.simulation.stepping import trajectory
+from icofabric_sim.simulation.stepping import method_calls
 from icofabric_sim.simulation.stepping.portions import Portions
 import numpy as np
 import pytest
@@ -32,7 +32,7 @@ def run(monkeypatch, changes, count):
     with monkeypatch.context() as patch:
         calls, note = [], Portions.note
         patch.setattr(Portions, 'note', lambda self, steps, seconds: calls.append(steps))
-        patch.setattr(trajectory, 'Portions', lambda work: fixed(count))
+        patch.setattr(method_calls, 'Portions', lambda work: fixed(count))
         simulation = ico.compile_scene(make_scene((3, 3, 3), {**MOVING, **changes}))
         simulation.advance_to(0.05)
         snapshot = simulation.snapshot()
@@ -77,7 +77,7 @@ def test_calls_follow_the_pace():
 def test_a_run_learns_its_pace():
     simulation = ico.compile_scene(make_scene((3, 3, 3), {
         **MOVING, 'solver.method': 'leapfrog'}))
-    portions = simulation._driver.portions
+    portions = simulation._driver.calls.portions
     portions.count = 10**12
     simulation.advance_steps(1)
     assert 1 <= portions.count < 10**12

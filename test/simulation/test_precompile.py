@@ -54,7 +54,7 @@ def begun(monkeypatch):
 
 def test_kernels_with_contact_are_ready_after_the_task_of_the_other_process(begun, monkeypatch):
     simulation = ico.compile_scene(make_scene((2, 2, 2), CHANGES))
-    monkeypatch.setattr(simulation._driver, 'has_contact_kernels', lambda: False)
+    monkeypatch.setattr(simulation._driver, 'is_ready_for_contacts', lambda: False)
     simulation.warm_up()
     process, = begun
     assert process.arguments[1:] == ['-m', 'icofabric_sim.simulation.precompile_process']
@@ -62,8 +62,8 @@ def test_kernels_with_contact_are_ready_after_the_task_of_the_other_process(begu
     assert task[0]['contact.mode'] == 'always' and task[0]['solver.method'] == 'leapfrog'
     precompile_process._compile(task)
     fresh = ico.compile_scene(make_scene((2, 2, 2), CHANGES))
-    assert fresh._driver.watch.contacts is None
-    assert fresh._driver.has_contact_kernels()
+    assert fresh._driver.contact.contacts is None
+    assert fresh._driver.is_ready_for_contacts()
     fresh.warm_up()
     assert len(begun) == 1
     precompile._end()
@@ -80,6 +80,6 @@ def test_nothing_is_begun_where_it_is_not_wanted(begun, monkeypatch):
     monkeypatch.setenv('ICOFABRIC_COMPILE_AHEAD', '1')
     monkeypatch.setattr(precompile, '_LARGEST', 1)
     simulation = ico.compile_scene(make_scene((2, 2, 2), CHANGES))
-    monkeypatch.setattr(simulation._driver, 'has_contact_kernels', lambda: False)
+    monkeypatch.setattr(simulation._driver, 'is_ready_for_contacts', lambda: False)
     simulation.warm_up()
     assert not begun

@@ -312,7 +312,7 @@ def test_set_state_beyond_the_fixed_step_is_refused_and_seen():
     with pytest.raises(ico.SimulationError, match='solver.step .* has become unsafe'):
         simulation.set_state(position=stretched)
     # Either the state was taken, or it was not; what is shown must be what is there.
-    there = simulation.packed.layout.unpack(simulation._driver.state)
+    there = simulation.packed.layout.unpack(simulation._driver.trajectory.state)
     assert np.array_equal(simulation.snapshot().position, there.position)
 
 

@@ -350,7 +350,7 @@ def test_a_run_whose_time_is_reset_does_not_know_where_the_first_went_back():
     start = fresh.checkpoint()
     fresh.advance_to(0.73)
     again.advance_to(0.73)
-    assert np.isfinite(fresh._driver._returned_to)  # it did go back
+    assert np.isfinite(fresh._driver.errors.returned_to)  # it did go back
     again.reset_time()
     assert again.checkpoint().difference(start) == ''
     again.advance_to(0.73)
@@ -363,18 +363,19 @@ def test_an_unsound_state_is_never_kept_for_its_rougher_motion(monkeypatch):
         'contact.mode': 'never', 'solver.tolerance': 1e-4, 'solver.method': 'srkn6'}, **RANDOM)
     simulation, same = ico.compile_scene(scene), ico.compile_scene(scene)
     simulation.advance_to(0.02)
-    stepper = simulation._driver
+    driver = simulation._driver
+    trajectory = driver.trajectory
     seen = []
-    respond = stepper._respond
+    respond = driver.respond
 
     def note(status, time):
         seen.append((status, time))
         respond(status, time)
 
-    monkeypatch.setattr(stepper, '_respond', note)
+    monkeypatch.setattr(driver, 'respond', note)
     # The next look finds any motion too rough, and any balance wrong.
-    stepper.ledger.rough_limit, stepper.ledger.limit = 1e-300, 1e-300
-    kept = stepper._saved_time
+    trajectory.ledger.rough_limit, trajectory.ledger.limit = 1e-300, 1e-300
+    kept = trajectory.saved_time
     with pytest.raises(ico.SimulationError, match='does not balance') as caught:
         simulation.advance_to(1.0)
     status, time = seen[-1]

@@ -65,7 +65,7 @@ _LEAST = 0.01
 # costs as much as some ten.
 LOOK_AFTER = 32
 # Overlaps, in parts of a, that are reported once, and of the inscribed radius that end a run.
-_TOLD, _DEEPEST = 0.01, 0.2
+_REPORTED, _DEEPEST = 0.01, 0.2
 
 
 class Overlap(NamedTuple):
@@ -100,7 +100,7 @@ class BroadPhase:
         self.rate = 0.0
         self.passing = setup.half_edge
         self.deepest = _DEEPEST * inscribed_radius(setup.half_edge)
-        self.told = _TOLD * setup.half_edge
+        self.reported = _REPORTED * setup.half_edge
         self.found: Overlap | None = None
         self._announced = False
         self._bodies = np.zeros((0, 2), np.int32)
@@ -115,9 +115,9 @@ class BroadPhase:
             aligned_empty((3, layout.slot_count)), aligned_empty(shape), np.zeros(7),
             self._radius, self.limits, np.zeros(8 * threads), self._lists.nearby)
         # What trial steps note is not used.
-        nobody = self.limits.copy()
-        nobody[STRIDE] = 2.0**62
-        self._aside = self._watch._replace(far=np.zeros(8 * threads), limits=nobody)
+        unused = self.limits.copy()
+        unused[STRIDE] = 2.0**62
+        self._trial_watch = self._watch._replace(far=np.zeros(8 * threads), limits=unused)
         # Bound of what one contact adds to the squared frequency of its bodies [1/s^2].
         self.stretches = FrictionState(setup, max(
             model.inverse_mass, setup.half_edge**2 * model.inverse_inertia))
@@ -150,7 +150,7 @@ class BroadPhase:
         """
         if not self.rate > 0.0:
             return 0.0
-        own = self.stretches.lag_rate + self.stretches.damping_rate * self.told
+        own = self.stretches.lag_rate + self.stretches.damping_rate * self.reported
         return own * (self.rate / self.least_rate)
 
     @property
@@ -159,9 +159,9 @@ class BroadPhase:
         return self._watch._replace(nearby=self._lists.nearby)
 
     @property
-    def aside(self) -> Watch:
+    def trial_watch(self) -> Watch:
         """The same for trial steps, whose notes are not used."""
-        return self._aside._replace(nearby=self._lists.nearby)
+        return self._trial_watch._replace(nearby=self._lists.nearby)
 
     @property
     def fall(self) -> float:
@@ -184,18 +184,19 @@ class BroadPhase:
         self.limits[OWN] = float(alone and self.contacts is None and self._lists.is_small)
 
     @property
-    def way(self) -> float:
+    def displacement(self) -> float:
         """The largest displacement [m] since the last search that a step has led to."""
         return math.sqrt(self._watch.far.max(initial=0.0))
 
-    def look(
-        self, time: float, state: State, step: float, steps: float, *, way: float = 0.0
+    def search(
+        self, time: float, state: State, step: float, steps: float, *,
+        displacement: float = 0.0
     ) -> None:
         """
         Find what can touch from `state` on at `time` [s].
 
         Within so many `steps` of `step` [s], as contacts ask for; at least until the next search,
-        and for a displacement `way` [m] as far as any search reaches.
+        and for a `displacement` [m] as far as any search reaches.
         """
         velocity, limits = np.empty(3), self.limits
         speed = self._lists.survey(state, velocity)
@@ -207,7 +208,7 @@ class BroadPhase:
         watch.frame[0], watch.frame[1:4] = time, velocity
         watch.frame[4:7] = 0.5 * self.setup.fall if self.setup.free else 0.0
         limits[HORIZON] = self._caution * step * max(2.0 * steps, 1.1 * ROOM)
-        least = min(max(float(least_reach(limits, speed)), way), float(limits[MOST]))
+        least = min(max(float(least_reach(limits, speed)), displacement), float(limits[MOST]))
         np.copyto(watch.reference, state.position)
         np.copyto(watch.turned, state.orientation)
         self._take(self._lists.find(state, least, limits[MOST]), least)

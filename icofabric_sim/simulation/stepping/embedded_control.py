@@ -42,9 +42,10 @@ class EmbeddedControl:
     spare = At(embedded.SPARE)
     kink = At(embedded.KINK)
 
-    def __init__(self, numbers: np.ndarray | None = None) -> None:
-        """Begin with zeros, or with these `numbers` (embedded.CONTROL_COUNT,)."""
-        self.numbers = np.zeros(embedded.CONTROL_COUNT) if numbers is None else numbers
+    def __init__(self, start: float) -> None:
+        """Begin at the time `start` [s] without a step."""
+        self.numbers = np.zeros(embedded.CONTROL_COUNT)
+        self.start = start
 
     @property
     def scales(self) -> np.ndarray:

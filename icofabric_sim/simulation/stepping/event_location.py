@@ -21,7 +21,7 @@ import numpy as np
 
 # The place of a crossing is divided no further than this, in parts of the step.
 _FINEST = 1e-15
-# Roots of a cubic are places to look at next, no more.
+# Roots of a cubic are places to try next, no more.
 _STEPS, _CLOSE = 60, 1e-12
 _NEAREST = 1e-9
 
@@ -41,16 +41,16 @@ class Moment(NamedTuple):
 
 
 def first_crossing(
-    look: Callable[[float], Moment], close: np.ndarray, doubt: float = DOUBT
+    moment_at: Callable[[float], Moment], close: np.ndarray, doubt: float = DOUBT
 ) -> Moment | None:
     """
     Return the first moment at which one of the numbers is as `close` (m,) to zero, or above.
 
-    `look` tells how they are at a part 0 to 1 of the step. Crossings show at moments that were
-    looked at: a number above zero, or one that rose before and falls after, with room for zero
+    `moment_at` says how they are at a part 0 to 1 of the step. Crossings show at the moments that
+    were tried: a number above zero, or one that rose before and falls after, with room for zero
     in between: the part `doubt` of the way from a cubic to the tangents. None where there is none.
     """
-    start, end = look(0.0), look(1.0)
+    start, end = moment_at(0.0), moment_at(1.0)
     if start.reached(close).any():
         return start
     waiting = [(start, end)]
@@ -63,7 +63,7 @@ def first_crossing(
             if reached:
                 return after
             continue
-        middle = look(x)
+        middle = moment_at(x)
         if not middle.reached(close).any():
             waiting.append((middle, after))
         waiting.append((before, middle))
@@ -110,9 +110,9 @@ def _cubic(
 
 def _root(low: np.ndarray, rise: np.ndarray, high: np.ndarray, fall: np.ndarray) -> np.ndarray:
     """
-    Where that cubic, from below zero to above it, is zero; in parts of the way.
+    Where that cubic, from below zero to above it, is zero; in parts of the interval.
 
-    By Newton's method, halved where it leaves the way that is left.
+    By Newton's method, halved where it leaves the interval that is left.
     """
     left, right = np.zeros_like(low), np.ones_like(low)
     x = low / (low - high)

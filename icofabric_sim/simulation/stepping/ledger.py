@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-The books of a run: what a look found, what is asked of it, and whether the energy balances.
+The ledger of a run: what health checks found and look out for, and whether the energy balances.
 
 The numbers are one array that kernels write (kernels/monitor.py); here they get names.
 """
@@ -34,7 +34,7 @@ _ROUNDING = 16.0 * float(np.finfo(float).eps)
 class EnergyBalance(NamedTuple):
     """All energy, less the work done and with what was spent, beside what it was at the start."""
 
-    error: float  # [J], when looked at last
+    error: float  # [J], at the last health check
     # [J], the largest sum of energies that moved, were exchanged or put in
     scale: float
     worst: float  # largest error so far, in parts of the scale
@@ -86,7 +86,7 @@ class Ledger:
     rough_limit = At(monitor.ROUGH_LIMIT)
     contact_rate = At(monitor.CONTACT_RATE)  # [1/s^2]
     deepest_limit = At(monitor.DEEPEST_LIMIT)  # [m]
-    told_limit = At(monitor.TOLD_LIMIT)  # [m]
+    reported_limit = At(monitor.TOLD_LIMIT)  # [m]
     obstructed_limit = At(monitor.OBSTRUCTED_LIMIT)
     obstructed_every = At(monitor.OBSTRUCTED_EVERY)
     until_obstructed = At(monitor.UNTIL_OBSTRUCTED)
@@ -115,9 +115,9 @@ class Ledger:
         self, moving: float, acceleration: np.ndarray, rate: float, speed: float
     ) -> None:
         """
-        Take what a look has just found for the start of the balance.
+        Begin the balance with what a health check has just found.
 
-        `moving`: kinetic energy [J] of driven bodies, which nobody has had to give them yet;
+        `moving`: kinetic energy [J] of driven bodies, for which no work was needed;
         `acceleration` (n, 6) [m/s^2, rad/s^2] of the bodies, `rate` [rad/s] the largest frequency;
         `speed` [1/s]: what the tolerance may add to velocities over a, and to spins.
         """
@@ -133,8 +133,9 @@ class Ledger:
         self.base = (
             self.kinetic + self.stored + self.height
             - self.work + self.spent)
-        # What the forces at the start can set free, at least: looks may find the fabric back where
-        # it began. That of anchors is not in the accelerations; what falls freely has no way back.
+        # What the forces at the start can set free, at least: health checks may find the fabric
+        # back where it began. That of anchors is not in the accelerations; what falls freely
+        # does not come back.
         if model.gravity is not None and model.supports is None:
             acceleration = acceleration - np.append(model.gravity, np.zeros(3))
         # Forces without bounds end the run where the step is chosen.
@@ -170,7 +171,7 @@ class Ledger:
 
     @property
     def balance(self) -> EnergyBalance:
-        """The balance as it was looked at last."""
+        """The balance at the last health check."""
         return EnergyBalance(
             self.error, float(monitor.least_scale(self.numbers)), self.worst,
             self.work, self.limit)

@@ -15,6 +15,7 @@
 
 from icofabric_sim.parameters.validation import ParameterError
 from icofabric_sim.scene.scene import Scene
+from icofabric_sim.simulation.stepping.events import why_events
 from icofabric_sim.simulation.stepping.method_selection import Choice
 from icofabric_sim.simulation.stepping.methods import METHODS
 
@@ -41,7 +42,7 @@ def required_method(scene: Scene, *, outside: bool = False) -> Choice | None:
 
 def _reason(scene: Scene) -> str:
     """Name the first term that needs it, if any."""
-    # Forces that depend on velocities and events within a step are named here.
+    # Forces that depend on velocities are named here; events within a step name themselves.
     parameters = scene.parameters
     if scene.connector_count and scene.connectors.damping.any():
         return 'connectors are damped, by forces that depend on velocities'
@@ -57,6 +58,4 @@ def _reason(scene: Scene) -> str:
             return 'contact.damping is a force that depends on velocities'
         if parameters['contact.friction'] > 0.0:
             return 'contact.friction follows the slip of what touches'
-    if scene.connectors.limits is not None:
-        return 'connectors that break need steps that end where one does'
-    return ''
+    return why_events(scene)

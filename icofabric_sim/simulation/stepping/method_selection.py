@@ -23,8 +23,8 @@ is estimated from its start, its loads and its weight; the step itself is then m
 import math
 from typing import NamedTuple
 
+from icofabric_sim.simulation.stepping.accuracy_probe import AIM
 from icofabric_sim.simulation.stepping.methods import Method, METHODS
-from icofabric_sim.simulation.stepping.step_size_control import AIM
 
 # Evaluations that dop8 needs for each kinked connector in a radian of the fastest vibration at a
 # tolerance of 1e-8 of the motion, measured in fabrics of 6 to 240 connectors; they go with the

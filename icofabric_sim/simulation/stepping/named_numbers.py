@@ -14,7 +14,7 @@
 """
 Numbers that kernels read and write in one array, by name.
 
-Kernels know them by their places; Python reads and writes `books.rate`.
+Kernels know them by their places; Python reads and writes `ledger.rate`.
 """
 
 from typing import Any

@@ -22,16 +22,16 @@ import numpy as np
 
 _LOGGER = logging.getLogger('icofabric_sim')
 
-# Where nothing but a warning depends on it, every so many looks: a look for connectors in shells
-# takes 0.6 % of the time of a bare scene, and a quarter of that so.
-_LOOKS = 4
+# Where nothing but a warning depends on it, connectors in shells are looked for at every so many
+# health checks: that takes 0.6 % of the time of a bare scene, and a quarter of that so.
+_CHECKS = 4
 
 
 class Obstruction:
     """
     Remembers the first connector that was seen in a shell of its own.
 
-    Every fourth look at the state counts them (kernels/obstruction.py), every one where that ends
+    Every fourth health check counts them (kernels/obstruction.py), every one where that ends
     the run; what is between two of these, and over before the second, is not seen.
     """
 
@@ -40,10 +40,11 @@ class Obstruction:
         self.stops, self._wraps = choice == 'stop', choice == 'wrap'
         self._packed = packed
         self.found = ''  # sentence
-        self.looks = 1 if self.stops else _LOOKS
+        # From one health check that counts them to the next.
+        self.checks = 1 if self.stops else _CHECKS
 
     @property
-    def looks_out(self) -> bool:
+    def is_watching(self) -> bool:
         """Whether nothing was found yet that could be."""
         return not self.found and self._packed.connectors is not None
 
@@ -58,14 +59,14 @@ class Obstruction:
             time, *bodies, len(packed.connectors.first), packed, {}, broken_since)
         obstructed = snapshot.lost if self._wraps else snapshot.obstructed
         which = np.flatnonzero(obstructed)
-        # Rounding may see it otherwise than the look that has.
+        # Rounding may see it otherwise than the health check did.
         number = int(which[0]) if len(which) else 0
         pair = int(packed.connectors.first[number]), int(packed.connectors.second[number])
         own = pair[0] if obstructed[number] & 1 else pair[1]
         what = 'finds no way around' if self._wraps else 'enters'
         self.found = (
             f'connector {number}, between bodies {pair[0]} and {pair[1]}, {what} the shell of '
-            f'body {own} that it is attached to, seen at the look at t = {time:.6g} s'
+            f'body {own} that it is attached to, seen at the health check at t = {time:.6g} s'
             + (f' ({len(which):,} connectors do so)' if len(which) > 1 else ''))
         if not self.stops:
             _LOGGER.warning(

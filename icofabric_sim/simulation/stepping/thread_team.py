@@ -66,7 +66,7 @@ class ThreadTeam:
     """As many threads as `wanted` (0: one for each core), and as the number of bodies is worth."""
 
     def __init__(self, wanted: int, packed: PackedScene) -> None:
-        """Start with nobody but the caller; threads start when they are first needed."""
+        """Start with the thread of the caller; others start when they are first needed."""
         self.size = size_for(wanted, packed.layout.body_count)
         self._flags = np.zeros(FLAG_COUNT, np.int64)
         self._packed = packed
@@ -78,7 +78,7 @@ class ThreadTeam:
             together=packed.model.coulomb is not None)
         self._pool: ThreadPoolExecutor | None = None
 
-    def meet(self, wanted: bool) -> None:
+    def prepare_contacts(self, wanted: bool) -> None:
         """Whether there are contacts: then all bodies drift before one is pushed."""
         if not wanted:
             self._sweeps, self._rooms = self._apart, [None] * self.size

@@ -22,10 +22,14 @@ the first such stretches are repeated, later one of several, which then stands f
 
 from collections.abc import Callable
 import math
-from typing import Any, Protocol
+from typing import Any
 
 from icofabric_sim.kernels.records import State
 from icofabric_sim.simulation.state_tree import StateTree
+from icofabric_sim.simulation.stepping.contact_scheduler import ContactScheduler
+from icofabric_sim.simulation.stepping.motion_rates import MotionRates
+from icofabric_sim.simulation.stepping.trajectory import Trajectory
+from icofabric_sim.simulation.stepping.trial_steps import TrialSteps
 
 # So many stretches are measured, then twice as many that stand for two each, and so on up to the
 # second number. Few of them make most of the error: which kink lies where in its step is chance.
@@ -34,29 +38,20 @@ _SAMPLES, _MOST = 128, 8
 _RICHARDSON = 4.0 / 3.0
 
 
-class Line(Protocol):
-    """What is needed of the trajectory."""
-
-    step: float
-
-    @property
-    def fabric_rate(self) -> float: ...
-
-    def compare_behind(
-        self, start: float, count: int, compare: Callable[[State, State], float]
-    ) -> float | None: ...
-
-
 class TouchingErrors:
     """The sum of these errors, and when to measure the next."""
 
-    def __init__(self, line: Line, distance: Callable[[State, State, float], float]) -> None:
+    def __init__(
+        self, trajectory: Trajectory, contact: ContactScheduler, rates: MotionRates,
+        trials: TrialSteps, distance: Callable[[State, State, float], float]
+    ) -> None:
         """
-        Measure on `line`, by the `distance` of two states.
+        Measure on the `trajectory` by `trials`, and the `distance` of two states.
 
         Its third argument is a frequency [rad/s]: of what errors of velocities make later.
         """
-        self._line, self._distance = line, distance
+        self._trajectory, self._contact, self._rates = trajectory, contact, rates
+        self._trials, self._distance = trials, distance
         self.total = 0.0
         self.restart()
 
@@ -73,23 +68,30 @@ class TouchingErrors:
         """Something else than steps of one length is part of this stretch."""
         self._start = math.inf
 
-    @property
-    def start(self) -> float:
-        """Time [s] at which the stretch in progress began; inf: it cannot be judged."""
-        return self._start
+    def prepare(self, step: float, since_check: int, interval: int, count: int) -> int:
+        """
+        How many of `count` steps of `step` [s] to take, so that what touches can be judged.
 
-    @property
-    def touched(self) -> bool:
-        """Whether shells have touched in the stretch in progress."""
-        return self._touched
+        Not beyond a health check, one of which is after each `interval` steps: the state of the
+        one before is then kept if a measurement is due. Nothing is done where nothing is near.
+        """
+        trajectory = self._trajectory
+        if step != trajectory.step:
+            self.spoil()
+        if self._contact.contacts is None and not self._touched:
+            return count
+        self._contact.has_touched()
+        count = min(count, interval - since_check)
+        if since_check + count == interval and self._waiting + 1 >= self._every:
+            if trajectory.saved_time == self._start:
+                self._trials.keep_earlier()
+            else:
+                self.spoil()
+        return count
 
-    @property
-    def is_due(self) -> bool:
-        """Whether the stretch in progress is measured if shells touch in it."""
-        return self._waiting + 1 >= self._every
-
-    def note(self, touched: bool) -> None:
-        """Note whether shells touched in steps that were taken."""
+    def note(self) -> None:
+        """Note whether shells touched in the steps that were taken."""
+        touched = self._contact.has_touched()
         self._touched = self._touched or touched
 
     def end(self, time: float, rate: float) -> None:
@@ -98,14 +100,14 @@ class TouchingErrors:
 
         `rate` [1/s]: what is counted for free motion anyway.
         """
-        length, step = time - self._start, self._line.step
+        length, step = time - self._start, self._trajectory.step
         self._waiting += self._touched
         count = round(length / step) if 0.0 < length < math.inf else 0
         whole = count > 0 and abs(length - count * step) < 1e-6 * step
         if self._touched and whole and self._waiting >= self._every:
-            error = self._line.compare_behind(
+            error = self._trials.compare_behind(
                 self._start, count, lambda one, other: self._distance(
-                    one, other, self._line.fabric_rate))
+                    one, other, self._rates.fabric.rate))
             if error is not None:
                 added = max(_RICHARDSON * error - rate * length, 0.0)
                 self.total += self._waiting * added

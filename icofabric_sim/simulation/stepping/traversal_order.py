@@ -17,7 +17,7 @@ In which order the threads of a team go over a fabric, so that bodies come from 
 Drifts run ahead of pushes by one layer of the fabric, and what lies between is read again soon: it
 should stay in a core's own cache. Where a layer is too large for that the fabric is swept in
 panels, one after the other, each through all layers. A panel's drifts lie a little across its
-border, where its pushes look. The order changes no result: every block is computed from values
+border, where its pushes read. The order changes no result: every block is computed from values
 that do not depend on it.
 """
 
@@ -90,7 +90,7 @@ def _neighbours(
     layout: Layout, links: Links | None, blocks: np.ndarray
 ) -> Iterator[tuple[slice, np.ndarray]]:
     """
-    Blocks (p, n) that the pushes of each part of `blocks` look at; their own where there is none.
+    Blocks (p, n) that the pushes of each part of `blocks` read; their own where there is none.
     """
     if links is None:
         return

@@ -1,0 +1,227 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+What the method adds to the error in each second, measured ahead of the trajectory.
+
+Accuracy is measured, not estimated from formulas: from the present state the method runs for one
+shortest period of the fabric with the step in question, and again with half of it; the difference
+tells the error (Richardson), which divided by that time is what the method adds for each second.
+The state then goes back to where it was. Whether and when to measure depends on the motion alone,
+never on time that passes outside.
+"""
+
+import math
+from typing import Any
+
+from icofabric_sim.kernels.records import State
+from icofabric_sim.simulation.state_tree import StateTree
+from icofabric_sim.simulation.stepping.motion_rates import MotionRates
+from icofabric_sim.simulation.stepping.trajectory import Trajectory
+from icofabric_sim.simulation.stepping.trial_steps import TrialSteps
+import numpy as np
+
+# The measured error rate that is aimed at, in parts of the tolerance. Motion changes between two
+# measurements, so the aim leaves room.
+AIM = 0.15
+# Shortest periods until the next measurement, which costs three, at first.
+FIRST_GAP = 4
+# Steps of a measurement at most, where a step is far below the fastest period.
+_LARGEST_MEASUREMENT = 2048
+# Bodies above which a quarter of a period is measured: some of so many err at any moment.
+_MANY = 20_000
+# A measurement comes early once the kinetic energy is this many times that of the last.
+_LIVELIER = 4.0
+# Rounding of positions, beside the size of the fabric, in one period: no method adds less.
+_ROUNDING = 64.0 * float(np.finfo(float).eps)
+
+
+class AccuracyProbe:
+    """What steps of one length add to the error; positions over a, and angles [rad]."""
+
+    def __init__(
+        self, trajectory: Trajectory, trials: TrialSteps, rates: MotionRates, tolerance: float
+    ) -> None:
+        """Measure on the `trajectory` by `trials`; `tolerance` [1/s]."""
+        self._trajectory, self._trials, self._rates = trajectory, trials, rates
+        self._half_edge, self.tolerance = trajectory.half_edge, tolerance
+        self.total = 0.0  # errors added until the last measurement
+        self._since = trajectory.time
+        self._span = 0.0  # [s] that the last measurement ran over
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget what was measured: the state has jumped. The sum of errors goes on."""
+        self._window = 0.0  # [s] from that moment on for which the rate was measured
+        self.step = math.inf  # the longest step [s] that is accurate enough, as far as known
+        self.rate = 0.0  # error added for each second, measured last
+        # The same where no shells touched, which is what is counted from the last measurement on:
+        # what they add is measured behind them.
+        self.free_rate = 0.0
+        self.load_rate = 0.0
+        self.is_new, self.is_measured = True, False
+        self.gap = FIRST_GAP
+        self.checks_left = 1
+        self._since = self._trajectory.time
+
+    def rebase(self, time: float) -> None:
+        """Begin at another `time` [s]: nothing has moved yet."""
+        self._since = time
+
+    def state_tree(self) -> dict[str, Any]:
+        """What was measured, and when it will be again."""
+        return {
+            'total': self.total,
+            'step': self.step,
+            'rate': self.rate,
+            'free_rate': self.free_rate,
+            'load_rate': self.load_rate,
+            'is_new': self.is_new,
+            'is_measured': self.is_measured,
+            'gap': self.gap,
+            # None are left only where the run has ended.
+            'looks_left': max(self.checks_left, 1),
+            'since': self._since,
+            'window': self._window,
+        }
+
+    def load_state(self, tree: StateTree) -> None:
+        """Go on from there."""
+        self.total = tree.number('total', 0.0, finite=False)
+        self.step = tree.number('step', math.ulp(0.0), finite=False)
+        self.rate = tree.number('rate', 0.0, finite=False)
+        self.free_rate = tree.number('free_rate', 0.0, finite=False)
+        self.load_rate = tree.number('load_rate', 0.0, finite=False)
+        self.is_new, self.is_measured = tree.flag('is_new'), tree.flag('is_measured')
+        self.gap = tree.count('gap', 1)
+        self.checks_left = tree.count('looks_left', 1)
+        self._since = tree.number('since')
+        self._window = tree.number('window', 0.0, finite=False)
+
+    def estimate(self, time: float) -> float:
+        """
+        Errors added until `time` [s], as if none of them had grown or faded.
+
+        After what was measured half as much is counted: the next measurement adds to that.
+        """
+        past = time - self._since
+        if not past > 0.0 or self.free_rate == 0.0:
+            return self.total
+        return self.total + self.free_rate * (past - 0.5 * max(past - self._window, 0.0))
+
+    def close(self, time: float) -> None:
+        """Count what was added until `time` [s], where the state jumps."""
+        self.total = self.estimate(time)
+        self._since, self.rate, self.free_rate = time, 0.0, 0.0
+
+    def begin(self) -> None:
+        """Begin to measure: with loads that are that fast."""
+        self.load_rate = 1.5 * self._rates.load_rate
+
+    def add(self, error: float) -> float:
+        """
+        Count what was added since the last measurement, with the present `error` rate.
+
+        Between what two measurements ran over it is taken to change steadily. Returns how much of
+        the sum hangs on that.
+        """
+        time = self._trajectory.time
+        rest = max(time - self._since - self._window, 0.0)
+        self.total = self.estimate(time)
+        if not rest > 0.0:
+            return 0.0
+        if self._trials.touched:
+            error = self.free_rate
+        self.total += 0.5 * error * rest
+        return 0.5 * abs(error - self.free_rate) * rest if error < math.inf else math.inf
+
+    def end(self, error: float) -> None:
+        """Keep the `error` rate that was measured."""
+        self._since, self.rate, self._window = self._trajectory.time, error, self._span
+        if not self._trials.touched:
+            self.free_rate = error
+        self.is_measured = True
+        self._trajectory.ledger.lively = _LIVELIER * self._trajectory.ledger.kinetic
+
+    def measured(self, step: float, fastest: float, *, least: int = 1) -> float:
+        """
+        Error that the method adds for each second with this step; the state must be saved.
+
+        Over one period, or as many as so many steps at `least` take, each of them by itself:
+        errors of different periods must neither cancel nor fade. NaN where not even one can be
+        run.
+        """
+        self._span = 0.0
+        if not fastest > 0.0:
+            return 0.0
+        method = self._trajectory.method
+        count = self.steps_of_period(step, fastest)
+        if self._trajectory.packed.layout.body_count > _MANY:
+            count = -(-count // 4)
+        windows = -(-least // count)
+        found = 0.0
+
+        def compare(one: State, other: State) -> None:
+            nonlocal found
+            found += self.distance(one, other)
+
+        windows = self._trials.compare_ahead(step, count, windows, compare)
+        self._span = windows * count * step
+        if not windows:
+            return math.nan
+        power = 2.0**method.order
+        return found * power / (power - 1.0) / self._span
+
+    def steps_of_period(self, step: float, fastest: float) -> int:
+        """Count the steps of `step` [s] in a period of the `fastest` motion [rad/s]."""
+        if not fastest > 0.0:
+            return 1
+        # Also where the period is beyond counting.
+        return max(1, math.ceil(min(2.0 * math.pi / fastest / step, _LARGEST_MEASUREMENT)))
+
+    def distance(self, first: State, second: State, rate: float = 0.0) -> float:
+        """
+        Largest error of a body: its position over a, or its orientation [rad].
+
+        With a `rate` [rad/s] of vibrations also what its velocity and spin make of these.
+        """
+        with np.errstate(over='ignore', invalid='ignore'):
+            square = _apart(first.position, second.position) / self._half_edge**2
+            # A small rotation by x changes the quaternion by x / 2, the cosines by sqrt(2) x.
+            square = max(square, (4.0 if first.orientation.ndim == 2 else 0.5) * _apart(
+                first.orientation, second.orientation))
+            if rate > 0.0:
+                slip = _apart(first.linear_velocity, second.linear_velocity)
+                spin = _apart(first.angular_velocity, second.angular_velocity)
+                square = max(square, max(slip / self._half_edge**2, spin) / rate**2)
+        return math.sqrt(square) if math.isfinite(square) else math.inf
+
+    def floor(self, fastest: float) -> float:
+        """What rounding adds to the error in each second: no step gives less."""
+        extent = 1.0 + float(np.abs(self._trajectory.state.position).max()) / self._half_edge
+        return _ROUNDING * extent * fastest / (2.0 * math.pi)
+
+    def require_possible(self, fastest: float) -> None:
+        """Refuse a tolerance that doubles cannot give."""
+        floor = self.floor(fastest)
+        if not self.tolerance >= floor:
+            raise ValueError(
+                f'solver.tolerance {self.tolerance!r} 1/s is below what doubles can give here: '
+                f'rounding adds about {floor:.2g} 1/s (positions are up to '
+                f'{np.abs(self._trajectory.state.position).max():.3g} m, vibrations up to '
+                f'{fastest:.4g} rad/s); choose a larger one')
+
+
+def _apart(first: np.ndarray, second: np.ndarray) -> float:
+    """Largest squared distance of two vectors; components first, bodies last."""
+    return float(((first - second) ** 2).reshape(-1, first.shape[-1]).sum(axis=0).max())

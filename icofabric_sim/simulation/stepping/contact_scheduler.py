@@ -1,0 +1,252 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""For how long the neighbour list is valid: searches, what contacts add, and what stops a run."""
+
+from collections.abc import Callable
+import math
+from typing import Any
+
+from icofabric_sim.kernels.records import Contacts, State, Watch
+from icofabric_sim.simulation.contact.broad_phase import BroadPhase, Overlap
+from icofabric_sim.simulation.state_tree import StateTree
+from icofabric_sim.simulation.stepping.trajectory import Trajectory
+import numpy as np
+
+
+class ContactScheduler:
+    """Keeps the contacts of a trajectory up to date; without a broad phase there are none."""
+
+    def __init__(self, trajectory: Trajectory, broad_phase: BroadPhase | None) -> None:
+        """Find contacts of the `trajectory` by the `broad_phase`."""
+        self._trajectory, self.broad_phase = trajectory, broad_phase
+        self._set_limits(math.inf if broad_phase is None else broad_phase.deepest)
+
+    def _set_limits(self, deepest: float) -> None:
+        self._trajectory.ledger.deepest_limit = deepest
+        self.report_overlaps()
+
+    def report_overlaps(self) -> None:
+        """Report overlaps from now on, once."""
+        phase = self.broad_phase
+        self._trajectory.ledger.reported_limit = math.inf if phase is None else phase.reported
+
+    @property
+    def is_possible(self) -> bool:
+        """Whether shells can touch at all."""
+        return self.broad_phase is not None
+
+    @property
+    def contacts(self) -> Contacts | None:
+        """What may touch before the next search."""
+        return None if self.broad_phase is None else self.broad_phase.contacts
+
+    @property
+    def rate(self) -> float:
+        """Bound of what these add to the squared frequency [1/s^2]."""
+        return 0.0 if self.broad_phase is None else self.broad_phase.rate
+
+    @property
+    def least_rate(self) -> float:
+        """The same of one contact, whether there is one or not [1/s^2]."""
+        return 0.0 if self.broad_phase is None else self.broad_phase.least_rate
+
+    @property
+    def velocity_rate(self) -> float:
+        """Rate [1/s] at which contacts change velocities by velocities."""
+        return 0.0 if self.broad_phase is None else self.broad_phase.velocity_rate
+
+    @property
+    def stiffness(self) -> float:
+        """Stiffness [N/m] of a contact."""
+        return 0.0 if self.broad_phase is None else self.broad_phase.setup.stiffness
+
+    @property
+    def longest_step(self) -> float:
+        """Longest step [s] in which no body leaves the region that the neighbour list covers."""
+        return math.inf if self.broad_phase is None else self.broad_phase.longest_step
+
+    @property
+    def found(self) -> Overlap | None:
+        """The first two shells that overlapped by more than contact is meant for, if any."""
+        return None if self.broad_phase is None else self.broad_phase.found
+
+    @property
+    def tests(self) -> int:
+        """Pairs of shells that were tested in the steps of the trajectory."""
+        return 0 if self.broad_phase is None else self.broad_phase.tests
+
+    def watching(self, *, trial: bool = False) -> Watch | None:
+        """Return what kernels look out for; of a `trial` step their notes are not used."""
+        if self.broad_phase is None:
+            return None
+        return self.broad_phase.trial_watch if trial else self.broad_phase.watch
+
+    def counted(self, work: Callable[[], Any]) -> Any:
+        """Call `work`, which takes steps, and count the pairs of shells that it tests."""
+        phase = self.broad_phase
+        if phase is None:
+            return work()
+        before = phase.evaluated
+        try:
+            return work()
+        finally:
+            phase.tests += phase.evaluated - before
+
+    def has_touched(self) -> bool:
+        """Whether shells have touched since the last call, whatever for that was evaluated."""
+        return self.broad_phase is not None and self.broad_phase.has_touched()
+
+    def energies(self, state: State, stretches: np.ndarray | None) -> tuple[float, float]:
+        """Energy [J] of the contacts in a state near the last search, and of friction springs."""
+        return (0.0, 0.0) if self.broad_phase is None else (
+            self.broad_phase.energies(state, stretches))
+
+    def announce(self) -> None:
+        """Warn of an overlap that was found, once."""
+        if self.broad_phase is not None:
+            self.broad_phase.announce()
+
+    def search(
+        self, time: float, step: float, steps: float, *, displacement: float = 0.0
+    ) -> None:
+        """
+        Find what can touch from the present state on at `time` [s], for `steps` of `step` [s].
+
+        And for a `displacement` [m] of bodies, as far as any search reaches.
+        """
+        if self.broad_phase is None:
+            return
+        ledger = self._trajectory.ledger
+        before = ledger.contact_rate
+        self.broad_phase.search(
+            time, self._trajectory.state, step, steps, displacement=displacement)
+        self._compute_found()
+        # The bound that was found at the last health check, with the contacts of now.
+        spin = ledger.spin_weight * ledger.spin
+        fabric = max((ledger.rate - spin) ** 2 - before, 0.0)
+        ledger.rate = math.sqrt(fabric + self.broad_phase.rate) + spin
+
+    def search_farther(self, time: float, step: float, steps: float, factor: float) -> bool:
+        """
+        Search at `time` [s] for `factor` times the displacement that a refused step led to.
+
+        Whether there was a search: not where bodies are too fast for any.
+        """
+        phase = self.broad_phase
+        if phase is None:
+            return True
+        self.search(time, step, steps, displacement=factor * phase.displacement)
+        return bool(phase.watch.frame[0] == time)
+
+    def miss(self, way_out: str) -> None:
+        """Search farther from now on; `way_out` says what makes steps shorter."""
+        if self.broad_phase is not None:
+            self.broad_phase.miss(way_out)
+
+    def pace(self, step: float, *, alone: bool) -> None:
+        """
+        Say for a `step` [s] how often bodies are asked how far they have moved.
+
+        `alone`: kernels may search by themselves, as the step need not follow.
+        """
+        if self.broad_phase is not None:
+            self.broad_phase.pace(step, self._trajectory.method.stages, alone=alone)
+
+    def forget_friction(self) -> None:
+        """Release all friction springs: the state has jumped."""
+        if self.broad_phase is not None:
+            self.broad_phase.stretches.forget()
+
+    def forget(self) -> None:
+        """Search and report as if nothing had come close yet."""
+        self.report_overlaps()
+        if self.broad_phase is not None:
+            self.broad_phase.forget()
+
+    def take_over(self, found: Overlap | None) -> None:
+        """Go on where another run of the same motion stands, which has warned of `found`."""
+        if self.broad_phase is not None:
+            self.broad_phase.take_over(found)
+
+    def rebase(self, time: float) -> None:
+        """Begin at another `time` [s]: nothing has moved yet."""
+        if self.broad_phase is not None:
+            self.broad_phase.rebase(time)
+
+    def require_room(self) -> None:
+        """Refuse a start in which shells overlap by far; note one in which they overlap."""
+        phase, trajectory = self.broad_phase, self._trajectory
+        if phase is None:
+            return
+        ledger = trajectory.ledger
+        if ledger.deepest > ledger.deepest_limit:
+            trajectory.fail(
+                f'{phase.note(trajectory.time, trajectory.state)}; move them apart, or set '
+                'contact.mode never')
+        if ledger.deepest > ledger.reported_limit:
+            self._note(phase, phase.note(trajectory.time, trajectory.state))
+
+    def handle_overlap(self, time: float, *, stop: bool) -> None:
+        """Report once that shells overlap by more than they should, or stop the run."""
+        phase, trajectory = self.broad_phase, self._trajectory
+        if phase is None:
+            return
+        found = phase.note(time, trajectory.state)
+        if not stop:
+            self._note(phase, found)
+            phase.announce()
+            return
+        trajectory.return_to_saved()
+        trajectory.fail(
+            f'{found}, which is more than a fifth of the inscribed radius '
+            f'({trajectory.ledger.deepest_limit:.3g} m): they might pass through each other. '
+            f'Give a larger contact.stiffness than {phase.setup.stiffness:.4g} N/m; the last '
+            f'good state, of t = {trajectory.saved_time:.9g} s, is kept')
+
+    def _note(self, phase: BroadPhase, found: Overlap | None) -> None:
+        self._trajectory.ledger.reported_limit = math.inf
+        phase.found = phase.found or found
+
+    def refuse_passing(self, before: State, after: State, start: float, end: float) -> None:
+        """
+        Stop `before` a step in which shells may pass through each other: that state is kept.
+
+        It is the present one, or it was saved.
+        """
+        phase, trajectory = self.broad_phase, self._trajectory
+        found = '' if phase is None else phase.passing_by(before, after, start, end)
+        if found:
+            if before is trajectory.state:
+                trajectory.save()
+            trajectory.return_to_saved()
+            trajectory.return_work()
+            trajectory.fail(
+                f'{found}. Start again with a smaller solver.step than {trajectory.step!r} s, or '
+                '0 to have it chosen; contact.mode never lets shells pass through each other. '
+                f'The last good state, of t = {trajectory.saved_time:.9g} s, is kept')
+
+    def state_tree(self) -> dict[str, Any]:
+        """The last search, and what was reported, as an entry; none where nothing can touch."""
+        return {} if self.broad_phase is None else {'watch': self.broad_phase.state_tree()}
+
+    def load_state(self, tree: StateTree) -> None:
+        """Go on from there."""
+        if self.broad_phase is not None:
+            self.broad_phase.load_state(tree.part('watch'))
+            self._compute_found()
+
+    def _compute_found(self) -> None:
+        """Compute the contacts that were found from now on, and no others."""
+        self._trajectory.set_contacts(self.contacts)
+        self._trajectory.ledger.contact_rate = self.rate

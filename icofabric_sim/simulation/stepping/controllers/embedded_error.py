@@ -1,0 +1,185 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+Steps whose length follows their own error, which an embedded Runge-Kutta pair knows.
+
+The kernel accepts or refuses each step (kernels/integrators/embedded.py); here it is told by what.
+A given step rules as elsewhere, but for steps that an event ends.
+"""
+
+import math
+
+from icofabric_sim.kernels.integrators.splitting import NEVER
+from icofabric_sim.simulation.stepping.embedded_control import EmbeddedControl
+from icofabric_sim.simulation.stepping.faults import too_fast
+from icofabric_sim.simulation.stepping.pieces import Pieces, StepChoice
+import numpy as np
+
+# Where a tolerance leaves more than this for each radian of the fastest motion, steps are so long
+# that the estimate of their error may be too small by three times; it is then kept smaller.
+_LOOSE, _LOOSE_AIM = 1e-6, 0.3
+# The first step after a jump, in radians of the fastest motion; the error then decides.
+_FIRST_STEP = 0.5
+# The shortest, in parts of that.
+_SHORTEST_PART = 1e-9
+# The longest where shells may touch, likewise. A contact that begins and ends between two of the
+# times at which a step asks for forces, up to 0.27 of it apart, is not seen; so it is not deeper
+# than about a hundredth of the way that bodies swing.
+_LONGEST_STEP = 1.0
+# Squared radians of a contact in which a kink may lie, beside the tolerance for a radian; at most.
+_KINK, _LARGEST_KINK = 1e3, 1e-4
+# Steps for which contacts are known ahead.
+_AHEAD = 6.0
+# Rounding of forces of contacts as it shows in the estimate of the error, or somewhat more.
+_NOISE = float(np.finfo(float).eps)
+# No limit of a length [s], and no wish for an accuracy: as large as a checkpoint may hold.
+_ANY = 1e300
+
+RANK = 0
+
+
+def suits(choice: StepChoice) -> bool:
+    """Whether the kernel accepts or refuses each step."""
+    return choice.embedded
+
+
+def make(pieces: Pieces, choice: StepChoice) -> 'EmbeddedError':
+    """Return the controller; ValueError where step or tolerance are impossible."""
+    if choice.given > 0.0:
+        pieces.rates.require_possible(choice.given)
+    else:
+        pieces.errors.probe.require_possible(pieces.rates.fabric.rate)
+    return EmbeddedError(pieces, choice)
+
+
+class EmbeddedError:
+    """Tells the kernel by what it accepts a step, and how long the first one is."""
+
+    held_back = False
+
+    def __init__(self, pieces: Pieces, choice: StepChoice) -> None:
+        """Write into the control of the trajectory."""
+        self._pieces, self._given = pieces, choice.given
+        self._output_period = choice.output_period
+
+    @property
+    def _control(self) -> EmbeddedControl:
+        control = self._pieces.trajectory.control
+        assert control is not None
+        return control
+
+    def outlook(self) -> tuple[float, float]:
+        """What is near need not touch: steps are as long as the motion allows until then."""
+        trajectory, contact = self._pieces.trajectory, self._pieces.contact
+        if self._given > 0.0:
+            return trajectory.step, 1.0
+        step = trajectory.method.chosen / math.sqrt(contact.least_rate)
+        return max(step, self._control.next), _AHEAD
+
+    def propose(self, *, probe: bool, shorter: float) -> float:
+        """Return the first step of a motion: later the error decides."""
+        pieces, control = self._pieces, self._control
+        trajectory, contact = pieces.trajectory, pieces.contact
+        first = self._first_step()
+        rate = pieces.rates.fastest()
+        if control.next == 0.0:
+            control.next = first
+        tolerance = pieces.errors.probe.tolerance
+        control.tolerance = tolerance * (
+            _LOOSE_AIM if tolerance > _LOOSE * rate else 1.0)
+        control.shortest = first * _SHORTEST_PART
+        # Whether anything is near must not matter: steps do not depend on searches.
+        control.longest = _LONGEST_STEP / rate if contact.is_possible and rate > 0.0 else _ANY
+        control.kinked = self._kinked_rate(rate)
+        # Around shells the shortest way may change to the other side.
+        rate = rate or 1.0 / self._output_period
+        control.spare = 0.0 if trajectory.model.wrapping is None else 2.0 * math.pi / rate
+        size, fastest = trajectory.half_edge**-2, rate**-2
+        control.scales[:] = size, 4.0 if trajectory.state.orientation.ndim == 2 else 0.5, (
+            size * fastest), fastest
+        self.follow_contacts()
+        trajectory.ledger.high, trajectory.ledger.low = math.inf, 0.0
+        pieces.errors.probe.checks_left = NEVER
+        self._keep_given()
+        return trajectory.step or first
+
+    def excess(self) -> float | None:
+        """Steps that erred by too much were refused already."""
+        return None
+
+    def follow_contacts(self) -> bool:
+        """
+        Errors and displacements decide; but at first touch forces have a kink.
+
+        In a step of length h with a kink a velocity v errs by about (w h)^2 v, w the frequency of
+        the contact: at the length below by less than the part of a that the tolerance allows in
+        a few hundred radians of it. And the last bits of positions make noise in large forces.
+        """
+        control, contact = self._control, self._pieces.contact
+        control.kink = control.floor = control.resume = 0.0
+        if not contact.is_possible:
+            return False
+        # Whatever was seen so far: steps must not depend on searches.
+        rate = math.sqrt(contact.least_rate)
+        part = min(_KINK * control.tolerance / rate, _LARGEST_KINK)
+        control.kink = math.sqrt(part) / rate
+        # A step that short is always taken: it must not count as too short before.
+        control.shortest = min(control.shortest, control.kink)
+        # A step of a contact, as far as that can be known before.
+        control.resume = _FIRST_STEP / rate
+        if contact.rate > 0.0:
+            noise = contact.stiffness * self._pieces.trajectory.model.inverse_mass * self._extent()
+            # As errors of velocities count.
+            control.floor = _NOISE * noise * math.sqrt(control.scales[2])
+        return False
+
+    def follow_jump(self) -> bool:
+        """The next step reuses nothing of the one before, and is no longer than a first one."""
+        control = self._control
+        control.has_last = 0.0
+        control.next = min(control.next, self._first_step())
+        self._keep_given()
+        return False
+
+    def _keep_given(self) -> None:
+        """A given step: every error is right, and no step is longer."""
+        if self._given > 0.0:
+            control = self._control
+            control.tolerance = _ANY
+            control.longest = control.next = self._given
+
+    def _first_step(self) -> float:
+        rates, time = self._pieces.rates, self._pieces.trajectory.time
+        rate = rates.fastest()
+        if not rate < math.inf:
+            self._pieces.trajectory.fail(too_fast(time, rates.fastest_term()))
+        return _FIRST_STEP / rate if rate > 0.0 else self._output_period
+
+    def _kinked_rate(self, rate: float) -> float:
+        """Square [1/s^2] of the fastest motion where forces may have kinks; 0: they have none."""
+        model, contact = self._pieces.trajectory.model, self._pieces.contact
+        links = model.links
+        varied = links is not None and (links.tables is not None or (
+            links.variety is not None
+            and not np.array_equal(links.variety.extension, links.variety.compression)))
+        if not contact.is_possible and model.wrapping is None and not varied:
+            return 0.0
+        # With whatever may touch: estimates must not depend on searches either.
+        return rate * rate + contact.least_rate
+
+    def _extent(self) -> float:
+        """Largest coordinate [m] of a body."""
+        trajectory = self._pieces.trajectory
+        position = trajectory.state.position[:, trajectory.packed.layout.slot]
+        return float(np.abs(position).max(initial=0.0))

@@ -1,0 +1,100 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+A given step: the controller keeps it, and measures what it adds to the error.
+
+How soon it measures again depends on how much of the sum of errors hangs on it.
+"""
+
+import math
+
+from icofabric_sim.simulation.stepping.pieces import Pieces, StepChoice
+
+# Shortest periods until the next measurement, at most: it is for the report only.
+_LARGEST_GAP = 128
+# What a measurement between two may change of the sum of errors, in parts of it: the next comes
+# later below the first, and sooner above the second.
+_SMALL_CHANGE, _LARGE_CHANGE = 0.1, 0.25
+
+RANK = 0
+
+
+def suits(choice: StepChoice) -> bool:
+    """Whether the step is given, and steps have one length."""
+    return choice.given > 0.0 and not choice.embedded
+
+
+def make(pieces: Pieces, choice: StepChoice) -> 'GivenStep':
+    """Return the controller; ValueError where the step is too long or far too short."""
+    pieces.rates.require_possible(choice.given)
+    return GivenStep(pieces)
+
+
+class GivenStep:
+    """Steps of `solver.step`."""
+
+    held_back = False
+
+    def __init__(self, pieces: Pieces) -> None:
+        """Keep the step that the trajectory has."""
+        self._pieces = pieces
+
+    def outlook(self) -> tuple[float, float]:
+        """Look one step ahead."""
+        return self._pieces.trajectory.step, 1.0
+
+    def propose(self, *, probe: bool, shorter: float) -> float:
+        """Return the step, and measure its error if that is due."""
+        pieces, errors = self._pieces, self._pieces.errors.probe
+        fastest = pieces.rates.fastest()
+        if probe or errors.is_new or pieces.rates.load_rate > errors.load_rate:
+            if not probe:
+                pieces.trajectory.save()
+            self._measure(fastest, jumped=not probe)
+        return pieces.trajectory.step
+
+    def excess(self) -> float | None:
+        """Steps are taken whatever they err by."""
+        return None
+
+    def follow_contacts(self) -> bool:
+        """Nothing changes the step."""
+        return False
+
+    def follow_jump(self) -> bool:
+        """Have the error measured anew where loads are faster."""
+        return True
+
+    def _measure(self, fastest: float, *, jumped: bool) -> None:
+        """Measure what the step adds; `jumped`: what acts is new."""
+        errors, step = self._pieces.errors.probe, self._pieces.trajectory.step
+        errors.begin()
+        if errors.is_new or jumped:
+            errors.gap = 1
+        interval = self._pieces.monitor.interval
+        steps = errors.steps_of_period(step, fastest)
+        # At first as far as the next health check, so that nothing is missed of how a motion
+        # begins.
+        error = errors.measured(step, fastest, least=interval if errors.gap == 1 else 1)
+        if math.isnan(error):
+            error = errors.rate
+        change = errors.add(errors.free_rate if jumped else error)
+        if not (errors.is_new or jumped):
+            if not change <= _LARGE_CHANGE * errors.total:
+                errors.gap = max(errors.gap // 4, 1)
+            elif change <= _SMALL_CHANGE * errors.total:
+                errors.gap = min(2 * errors.gap, max(_LARGEST_GAP * steps // interval, 1))
+        errors.end(error)
+        errors.checks_left = errors.gap
+        errors.is_new = False

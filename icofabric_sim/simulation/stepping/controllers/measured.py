@@ -1,0 +1,193 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+Steps of one length, as long as they are stable and as accurate as asked.
+
+Their error is measured (accuracy_probe.py) where a motion begins, where it changes, and now and
+then; in between the step is kept while it is about right.
+"""
+
+import math
+
+from icofabric_sim.simulation.contact.broad_phase import LOOK_AFTER
+from icofabric_sim.simulation.stepping.accuracy_probe import AIM, FIRST_GAP
+from icofabric_sim.simulation.stepping.faults import too_fast
+from icofabric_sim.simulation.stepping.pieces import Pieces, StepChoice
+
+# Step times frequency, in parts of what the method chooses at most: too long (shorten it), too
+# short (lengthen it).
+_LONGEST, _SHORTEST = 1.25, 0.4
+# The range of the measured error rate in which a step is kept, in parts of the tolerance.
+_LARGEST, _SMALLEST = 0.4, 0.02
+# Shortest periods until the next measurement: twice as many each time, up to this.
+_LARGEST_GAP = 64
+# The same where inputs come so often that the roughness of the motion cannot be judged.
+_LARGEST_BLIND_GAP = 16
+# A measurement comes early once the motion is this many times as rough as at the last, and so
+# rough that the tolerance is in question.
+_ROUGHER = 1.5
+# By how much a step changes at once, and how often until it is accurate enough.
+_LARGEST_CHANGE = 0.1, 4.0
+_TRIES = 8
+
+RANK = 0
+
+
+def suits(choice: StepChoice) -> bool:
+    """Whether the step is chosen, and steps have one length."""
+    return not choice.given > 0.0 and not choice.embedded
+
+
+def make(pieces: Pieces, choice: StepChoice) -> 'MeasuredStep':
+    """Return the controller; ValueError where the tolerance is below rounding."""
+    pieces.errors.probe.require_possible(pieces.rates.fabric.rate)
+    return MeasuredStep(pieces, choice.output_period)
+
+
+class MeasuredStep:
+    """The longest step that the tolerance allows, as far as it was measured."""
+
+    def __init__(self, pieces: Pieces, output_period: float) -> None:
+        """Without any scale take steps of `output_period` [s]."""
+        self._pieces, self._output_period = pieces, output_period
+        self.held_back = False
+
+    def outlook(self) -> tuple[float, float]:
+        """Contacts are stiffer than the fabric, whose frequency is of an earlier state."""
+        method = self._pieces.trajectory.method
+        return (
+            method.chosen / math.sqrt(self._pieces.contact.least_rate), LOOK_AFTER / method.stages)
+
+    def propose(self, *, probe: bool, shorter: float) -> float:
+        """Return a step that is stable and as accurate as asked: the present one if it will do."""
+        pieces = self._pieces
+        trajectory, rates, errors = pieces.trajectory, pieces.rates, pieces.errors.probe
+        rate = rates.fastest()
+        if not rate < math.inf:
+            trajectory.fail(too_fast(trajectory.time, rates.fastest_term()))
+        method = trajectory.method
+        step = trajectory.step * shorter ** (-1.0 / method.order)
+        if not rate > 0.0:
+            # Every step is exact.
+            step, rate = self._output_period, method.chosen / self._output_period
+        cap = method.chosen / rate
+        longest = pieces.contact.longest_step
+        self.held_back = longest < cap
+        cap = min(cap, longest)
+        if not _SHORTEST * min(cap, errors.step) <= step <= _LONGEST * cap:
+            step = rounded_down(min(cap, errors.step))
+        if probe or errors.is_new or rates.load_rate > errors.load_rate:
+            if not probe:
+                trajectory.save()
+            step = self._measure(step, rounded_down(cap), rate, jumped=not probe)
+        if not trajectory.time + step > trajectory.time:
+            # It would be lost in the time that it is added to.
+            trajectory.fail(too_fast(trajectory.time, rates.fastest_term()))
+        # Above the first the exact frequency is computed again once its bound has grown; near the
+        # limit of the method at every health check.
+        ledger = trajectory.ledger
+        near = min(1.05 * ledger.rate, 0.9 * method.stability / step)
+        ledger.high = max(_LONGEST * method.chosen / step, near)
+        ledger.low = _SHORTEST * method.chosen / step if errors.step >= cap else 0.0
+        return step
+
+    def excess(self) -> float | None:
+        """
+        How many times the tolerance the error probably was where the motion became rougher.
+
+        None where this is the first time that roughness is known.
+        """
+        ledger = self._pieces.trajectory.ledger
+        if ledger.rough_limit == 0.0:
+            self._expect(ledger.rough)
+            return None
+        return _LARGEST * ledger.rough / ledger.rough_limit
+
+    def follow_contacts(self) -> bool:
+        """Propose another step."""
+        return True
+
+    def follow_jump(self) -> bool:
+        """Propose another step."""
+        return True
+
+    def _measure(self, step: float, cap: float, fastest: float, *, jumped: bool) -> float:
+        """
+        Find a step up to `cap` [s] that is accurate enough, near `step` if that will do.
+
+        `fastest` is the rate [rad/s] of the fastest motion; `jumped`: what acts is new.
+        """
+        errors, trajectory = self._pieces.errors.probe, self._pieces.trajectory
+        tolerance, order = errors.tolerance, trajectory.method.order
+        errors.begin()
+        before = step
+        step = min(step, cap)
+        floor = errors.floor(fastest)
+        error = errors.measured(step, fastest)
+        if math.isnan(error):
+            # The next health check measures again, if the run comes to it.
+            errors.add(errors.free_rate)
+            errors.end(errors.rate)
+            errors.checks_left = 1
+            return step
+        errors.add(errors.free_rate if jumped else error)
+        low = _SMALLEST if not errors.is_new else 0.25 * AIM
+        for _ in range(_TRIES):
+            if error <= _LARGEST * tolerance and (error >= low * tolerance or step >= cap):
+                break
+            if error <= floor:
+                # Shorter steps only add roundings.
+                break
+            wish = (AIM * tolerance / error) ** (1.0 / order) if error < math.inf else 0.0
+            change = min(max(wish, _LARGEST_CHANGE[0]), _LARGEST_CHANGE[1])
+            other = min(rounded_down(step * change), cap)
+            if other == step:
+                break
+            found = errors.measured(other, fastest)
+            if math.isnan(found):
+                break
+            if other < step and error <= found < math.inf:
+                # So short that rounding rules: it adds the same to every step, however short.
+                break
+            step, error = other, found
+            low = 0.25 * AIM
+        rough = trajectory.ledger.rough
+        largest = _LARGEST_GAP if rough >= 0.0 else _LARGEST_BLIND_GAP
+        errors.end(error)
+        errors.gap = FIRST_GAP if errors.is_new else min(2 * errors.gap, largest)
+        steps = errors.gap * errors.steps_of_period(step, fastest)
+        errors.checks_left = -(-steps // self._pieces.monitor.interval)
+        errors.is_new = False
+        # Differences grow with the step as the error does.
+        self._expect(rough * (step / before) ** order)
+        errors.step = math.inf if step >= cap else step
+        return step
+
+    def _expect(self, rough: float) -> None:
+        """Note how rough the motion is with the error that was measured; more asks for another."""
+        errors, ledger = self._pieces.errors.probe, self._pieces.trajectory.ledger
+        error = max(errors.rate, 1e-3 * AIM * errors.tolerance)
+        room = max(_LARGEST * errors.tolerance / error, _ROUGHER)
+        # Not known: the next health check will find out.
+        ledger.rough_limit = room * rough if rough >= 0.0 else 0.0
+
+
+def rounded_down(step: float) -> float:
+    """
+    Nearest number below with a mantissa of 12 bits.
+
+    So the last bits of the frequency hardly ever decide about the step.
+    """
+    mantissa, exponent = math.frexp(step)
+    return math.ldexp(math.floor(mantissa * 4096.0) / 4096.0, exponent)

@@ -1,0 +1,364 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+The driver of a trajectory: the loop over steps, and what holds its pieces together.
+
+Which pieces there are, and what they are to each other: pieces.py.
+"""
+
+from collections.abc import Callable
+import logging
+import math
+from typing import Any
+
+from icofabric_sim.kernels import monitor
+from icofabric_sim.kernels.contact.rebuild_check import MISSED, MOVED_FAR
+from icofabric_sim.kernels.drives import place_driven
+from icofabric_sim.kernels.records import Loads, State
+from icofabric_sim.simulation.contact.broad_phase import BroadPhase
+from icofabric_sim.simulation.model.packing import PackedScene
+from icofabric_sim.simulation.model.stability import Frequency
+from icofabric_sim.simulation.state_tree import StateTree
+from icofabric_sim.simulation.stepping.accuracy_probe import AccuracyProbe
+from icofabric_sim.simulation.stepping.contact_scheduler import ContactScheduler
+from icofabric_sim.simulation.stepping.controllers import make_controller
+from icofabric_sim.simulation.stepping.embedded_control import EmbeddedControl
+from icofabric_sim.simulation.stepping.embedded_stepping import EmbeddedStepping
+from icofabric_sim.simulation.stepping.method_calls import MethodCalls
+from icofabric_sim.simulation.stepping.methods import Method
+from icofabric_sim.simulation.stepping.motion_rates import MotionRates
+from icofabric_sim.simulation.stepping.obstruction import Obstruction
+from icofabric_sim.simulation.stepping.pieces import StepChoice, StepController, Stepping
+from icofabric_sim.simulation.stepping.shown_energies import ShownEnergies
+from icofabric_sim.simulation.stepping.step_errors import StepErrors
+from icofabric_sim.simulation.stepping.step_monitor import differences_of, StepMonitor
+from icofabric_sim.simulation.stepping.thread_team import ThreadTeam
+from icofabric_sim.simulation.stepping.touching_errors import TouchingErrors
+from icofabric_sim.simulation.stepping.trajectory import Trajectory
+from icofabric_sim.simulation.stepping.trial_steps import TrialSteps
+from icofabric_sim.simulation.stepping.uniform_stepping import UniformStepping
+
+_LOGGER = logging.getLogger('icofabric_sim')
+
+# Velocities over a that a chosen step may be wrong by, beside the tolerance for a second.
+_BESIDE_TOLERANCE = 100.0
+
+
+class Driver:
+    """Takes a trajectory through time; a state that is asked for never changes its steps."""
+
+    def __init__(
+        self,
+        packed: PackedScene,
+        method: Method,
+        state: State,
+        loads: Loads | None,
+        frequency: Frequency,
+        *,
+        origin: float,
+        fixed_step: float,
+        tolerance: float,
+        energy_limit: float,
+        output_period: float,
+        load_rate: float,
+        half_edge: float,
+        has_events: bool,
+        thread_team: ThreadTeam,
+        broad_phase: BroadPhase | None,
+        obstruction: Obstruction,
+        on_pause: Callable[[], None] = lambda: None,
+    ) -> None:
+        """
+        Start at time `origin` [s] with the `frequency` of the state; `fixed_step` 0: chosen.
+
+        `output_period` [s] is the step where nothing in the scene sets a scale. `has_events`:
+        steps have to end where something happens. `on_pause` is called between two compiled
+        calls, at a step end; what it raises ends the advance there.
+
+        Raises ValueError where a fixed step is too long or far too short.
+        """
+        self._is_given, self._on_pause = fixed_step > 0.0, on_pause
+        # Whether the kernel accepts or refuses steps by their own errors.
+        is_embedded = method.adaptive and (not self._is_given or has_events)
+        own_errors = method.adaptive and not self._is_given
+        differences = differences_of(
+            method, given=self._is_given, linked=packed.model.links is not None)
+        self.trajectory = Trajectory(
+            packed, method, state, loads, origin=origin, step=fixed_step, differences=differences,
+            energy_limit=energy_limit, half_edge=half_edge, thread_team=thread_team,
+            control=EmbeddedControl(origin) if is_embedded else None)
+        self.contact = ContactScheduler(self.trajectory, broad_phase)
+        self.rates = MotionRates(self.trajectory, self.contact, frequency, load_rate)
+        self.calls = MethodCalls(self.trajectory, self.contact)
+        self.trials = TrialSteps(self.trajectory, self.contact, self.calls)
+        self.shown = ShownEnergies(self.trajectory, self.contact)
+        probe = AccuracyProbe(self.trajectory, self.trials, self.rates, tolerance)
+        self.errors = StepErrors(
+            probe, None if broad_phase is None or own_errors else TouchingErrors(
+                self.trajectory, self.contact, self.rates, self.trials, probe.distance))
+        self.monitor = StepMonitor(
+            self.trajectory, self.rates, obstruction, given=self._is_given, tolerance=tolerance,
+            differences=differences)
+        choice = StepChoice(method, fixed_step, is_embedded, output_period)
+        self.controller: StepController = make_controller(self, choice)
+        self._stepping: Stepping
+        if is_embedded:
+            self._stepping = EmbeddedStepping(self, fixed_step)
+        else:
+            self._stepping = UniformStepping(self)
+        # What the tolerance may add to velocities over a [1/s], where each step keeps to it.
+        self._allowed_speed = _BESIDE_TOLERANCE * tolerance if own_errors else 0.0
+        self._start(exact=False)
+        self._require_stable(origin)
+
+    @property
+    def time(self) -> float:
+        """Time [s] of the trajectory, from which the next step, or that in progress, begins."""
+        return self.trajectory.time
+
+    @property
+    def next_step_time(self) -> float:
+        """Time [s] at which the step in progress ends."""
+        return self._stepping.next_step_time
+
+    @property
+    def is_given(self) -> bool:
+        """Whether the step was given by `solver.step`."""
+        return self._is_given
+
+    def advance(self, time: float) -> None:
+        """Take steps as far as `time` [s] asks for: a state up to there can be shown then."""
+        self.trajectory.require_sound()
+        while (count := self._stepping.count_until(time)) > 0:
+            # What overlaps from the start is reported when the motion begins.
+            self.contact.announce()
+            self._stepping.run(time, count)
+            self._on_pause()
+        self._stepping.check_within(time)
+
+    def advance_steps(self, count: int, *, until: float = math.inf) -> int:
+        """
+        Take whole steps, at least none and at most `count`, that end by `until`; returns how many.
+
+        May return early; 0 says that the next step would end later.
+        """
+        self.trajectory.require_sound()
+        return self._stepping.run_steps(count, until)
+
+    def cut(self, time: float) -> None:
+        """Advance to `time` and end the step in progress there; the next step starts there."""
+        self.advance(time)
+        self._stepping.cut(time)
+
+    def state_at(self, time: float) -> State:
+        """
+        The state at `time`; after a failure the last good one.
+
+        Valid until the next call of any method.
+        """
+        if self.trajectory.failure is None:
+            self.advance(time)
+        return self._stepping.state_at(time)
+
+    def jump(self, time: float, state: State, loads: Loads | None, load_rate: float) -> None:
+        """
+        Go on from another `state` at `time`, as a run that starts there; a failure is forgotten.
+        """
+        trajectory = self.trajectory
+        trajectory.failure = None
+        self.errors.jump(time)
+        trajectory.begin_at(time)
+        trajectory.state, trajectory.loads = state, loads
+        self.rates.load_rate = load_rate
+        self.monitor.since_check = 0
+        if not self._is_given:
+            # Chosen afresh: the step must not depend on what was before.
+            trajectory.step = 0.0
+        self._start()
+        self._require_stable(time)
+
+    def set_loads(self, loads: Loads | None, load_rate: float) -> None:
+        """Replace the loads at the current state."""
+        trajectory = self.trajectory
+        trajectory.ledger.keep_work(trajectory.loads)
+        trajectory.loads, self.rates.load_rate = loads, load_rate
+        place_driven(trajectory.model, loads, trajectory.state, trajectory.time)
+        self._stepping.follow_loads()
+
+    def forget(self) -> None:
+        """Count steps and errors from zero again: a run begins that has no past."""
+        self.trajectory.step_count = 0
+        self.errors.forget()
+        self.monitor.obstruction.found = ''
+        self.contact.forget()
+        self._stepping.forget()
+
+    def rebase(self, time: float) -> None:
+        """Move a driver that has not moved yet to another start `time`."""
+        self.trajectory.begin_at(time)
+        self.trajectory.saved_time = time
+        self.errors.rebase(time)
+        self.contact.rebase(time)
+        self._stepping.rebase(time)
+
+    def warm_up(self) -> None:
+        """Make every kernel that a step needs ready, without taking one."""
+        before, loads = self.state_tree(), self.trajectory.loads
+        try:
+            self.state_at(self.time + 0.5 * self.trajectory.step)
+        finally:
+            self.load_state(StateTree(before), loads)
+
+    def is_ready_for_contacts(self) -> bool:
+        """Whether steps with contacts could be taken at once: nothing need be compiled."""
+        return self._stepping.is_ready_for_contacts()
+
+    def error_rate(self) -> float:
+        """Error that the method adds for each second, measured last."""
+        return self._stepping.error_rate()
+
+    def error_estimate(self, time: float) -> float:
+        """Errors added from the start to a present `time` [s], as if none had grown or faded."""
+        return self._stepping.error_estimate(time)
+
+    def state_tree(self) -> dict[str, Any]:
+        """All that the steps to come depend on, body by body."""
+        tree = {
+            **self.trajectory.state_tree(),
+            **self.contact.state_tree(),
+            **self.shown.state_tree(),
+            **self.monitor.state_tree(),
+            **self.errors.state_tree(),
+            'held_back': self.controller.held_back,
+            'load_rate': self.rates.load_rate,
+            'frequency': self.rates.fabric.rate,
+        }
+        self._stepping.state_tree(tree)
+        return tree
+
+    def load_state(self, tree: StateTree, loads: Loads | None) -> None:
+        """Go on from there, with the `loads` that acted then."""
+        step = tree.number('step', 0.0)
+        if self._is_given and step != self.trajectory.step:
+            raise ValueError(
+                f'step must be solver.step {self.trajectory.step!r} s, got {step!r} s')
+        self._stepping.load_time(tree)
+        self.trajectory.load_state(tree, loads)
+        self.contact.load_state(tree)
+        self.trajectory.load_accelerations(tree)
+        self.shown.load_state(tree)
+        self.controller.held_back = tree.flag('held_back')
+        self.rates.load_rate = tree.number('load_rate', 0.0, finite=False)
+        self.rates.fabric = Frequency(tree.number('frequency', 0.0, finite=False), (), 0)
+        self.errors.load_state(tree)
+        self.monitor.load_state(tree)
+        self._stepping.load_state(tree)
+
+    def choose_step(self, *, probe: bool = False, shorter: float = 1.0) -> None:
+        """
+        Take the step that the controller proposes from now on.
+
+        `probe` measures the accuracy anew; the state must have been saved. `shorter`: how many
+        times too large the error is believed to be.
+        """
+        step = self.controller.propose(probe=probe, shorter=shorter)
+        if step != self.trajectory.step:
+            self.trajectory.set_step(step)
+            self.trajectory.ledger.regular = 0.0
+            if self.monitor.since_check:
+                self.errors.spoil()
+        self._pace_contacts()
+
+    def search_contacts(self, time: float) -> None:
+        """Find what can touch from the present state on, of `time` [s]."""
+        if self.contact.is_possible:
+            self.contact.search(time, *self.controller.outlook())
+
+    def respond(self, status: int, time: float) -> None:
+        """Do what a `status` of the kernels at `time` [s] asks for."""
+        checks = self.monitor
+        if status & monitor.NOT_FINITE:
+            checks.fail_unfinite(time)
+        if status & monitor.UNBALANCED:
+            checks.fail_unbalanced(time)
+        if status & monitor.OBSTRUCTING:
+            checks.handle_obstruction(time)
+        if status & (monitor.TOO_DEEP | monitor.DEEP):
+            self.contact.handle_overlap(time, stop=bool(status & monitor.TOO_DEEP))
+        if status & (MOVED_FAR | MISSED):
+            self._search_again(time, missed=bool(status & MISSED))
+            if status & MISSED and checks.since_check == 0:
+                # Kernels do not save where a contact may be behind.
+                self.trajectory.save(time)
+        if status & (monitor.RATE_HIGH | monitor.RATE_LOW):
+            checks.examine()
+            if not self._is_given:
+                step, limit = self.trajectory.step, self.rates.limit
+                if not step <= limit:
+                    _LOGGER.warning(
+                        'the fabric changed so fast before t = %.6g s that up to %d steps were '
+                        'longer than stable (limit %.3g s): their energy may be wrong; %s',
+                        time, checks.interval, limit, checks.way_out(),
+                    )
+                self.choose_step(probe=True)
+            self._require_stable(time)
+
+    def _search_again(self, time: float, *, missed: bool) -> None:
+        """Bodies have moved far: find what can touch now, and follow it with the step."""
+        contact, trajectory = self.contact, self.trajectory
+        if not contact.is_possible:
+            return
+        if missed:
+            contact.miss(self.monitor.way_out())
+        before = contact.rate
+        self.search_contacts(time)
+        changed = contact.rate != before or self.controller.held_back or (
+            not trajectory.step <= contact.longest_step)
+        if not self._is_given and changed and self.controller.follow_contacts():
+            self.choose_step()
+        self._pace_contacts()
+        if missed and self._is_given and not trajectory.step <= self.rates.limit:
+            trajectory.return_to_saved()
+        self._require_stable(time)
+
+    def _pace_contacts(self) -> None:
+        # Kernels search by themselves only where the step need not follow.
+        self.contact.pace(self.trajectory.step, alone=not self.controller.held_back)
+
+    def _require_stable(self, time: float) -> None:
+        if self._is_given:
+            self.rates.require_stable(time)
+
+    def _start(self, *, exact: bool = True) -> None:
+        """Compute the accelerations, the frequency and the step anew: the state has jumped."""
+        trajectory, ledger = self.trajectory, self.trajectory.ledger
+        self._stepping.restart()
+        place_driven(trajectory.model, trajectory.loads, trajectory.state, trajectory.time)
+        self.contact.forget_friction()
+        self.search_contacts(trajectory.time)
+        trajectory.refresh()
+        for meter in trajectory.meters().values():
+            meter.done[:] = 0.0
+        ledger.restart()
+        trajectory.save()
+        self.monitor.restart(exact=exact)
+        self.contact.require_room()
+        ledger.open(
+            self.shown.moving(trajectory.state),
+            trajectory.packed.layout.gather(trajectory.work.acceleration),
+            self.rates.frequency.rate, self._allowed_speed)
+        self.shown.restart()
+        self.errors.probe.restart()
+        self.choose_step()
+        self.errors.restart_touching(trajectory.saved_time)

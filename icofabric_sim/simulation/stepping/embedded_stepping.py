@@ -1,0 +1,276 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+Steps that the kernel accepts or refuses by their own error, each with its own length.
+
+They are one ahead of the time that was asked for: a state in between comes from the dense output
+of the step in progress, so outputs do not touch the sequence. An input gives that step up, and
+takes one to its own time instead. So does an event (`events/`): it is found in the dense output,
+a step is taken that ends there, and the event happens when the next step begins. So neither
+outputs nor the pieces in which a run is asked for touch the sequence.
+"""
+
+from typing import Any
+
+from icofabric_sim.kernels.integrators import embedded
+from icofabric_sim.kernels.integrators.embedded import adaptive_pair, DOP8
+from icofabric_sim.kernels.integrators.splitting import NEVER
+from icofabric_sim.kernels.records import Model, State, Team
+from icofabric_sim.simulation.state_tree import StateTree
+from icofabric_sim.simulation.stepping.events import make_events
+from icofabric_sim.simulation.stepping.faults import too_fast
+from icofabric_sim.simulation.stepping.pieces import EventLocator, Pieces
+from icofabric_sim.simulation.stepping.step_in_progress import StepInProgress
+from icofabric_sim.simulation.stepping.uniform_stepping import UniformStepping
+
+# Part of a displacement that a search reaches after a step led too far.
+_FARTHER = 1.5
+
+
+class EmbeddedStepping:
+    """Takes steps one ahead, and ends one where an event happens."""
+
+    def __init__(self, pieces: Pieces, given: float) -> None:
+        """Advance the trajectory of these `pieces`; `given`: `solver.step` [s], 0: none."""
+        self._pieces, self._given = pieces, given
+        self._step = StepInProgress(pieces.trajectory, pieces.contact, pieces.trials)
+        # Takes the step that ends at an input.
+        self._uniform = UniformStepping(pieces)
+        self._events: list[EventLocator] = make_events(pieces, self._step)
+
+    @property
+    def next_step_time(self) -> float:
+        """Time [s] at which the step in progress ends."""
+        step, trajectory = self._step, self._pieces.trajectory
+        return step.end if step.length > 0.0 else trajectory.time + trajectory.step
+
+    def restart(self) -> None:
+        """The state has jumped to where the trajectory is; the sum of errors goes on."""
+        control, origin = self._step.control, self._pieces.trajectory.origin
+        total = self.error_estimate(origin)
+        control.numbers[:] = 0.0
+        control.start, control.total = origin, total
+        self._step.change()
+        self._forget_events()
+
+    def forget(self) -> None:
+        """Count errors from zero again; nor is anything left of the step in progress."""
+        self._step.control.total = self._step.control.rate = 0.0
+
+    def rebase(self, time: float) -> None:
+        """Begin at another `time` [s]: nothing has moved yet."""
+        self._step.control.start = time
+
+    def count_until(self, time: float) -> int:
+        """
+        0 where a step ends after `time` [s], or the state is set for just that time.
+
+        So a state that is shown does not begin a step that an input at the same time would change.
+        """
+        end = self._step.end
+        return NEVER if end < time or (end == time and self._step.length > 0.0) else 0
+
+    def run(self, time: float, count: int) -> None:
+        """Take up to `count` steps in one call, until one ends after `time` [s]."""
+        # Not beyond a health check, which saves the state: its time is that of the call's end.
+        pieces = self._pieces
+        due = pieces.monitor.interval - pieces.monitor.since_check
+        self._take(time, min(count, due, pieces.calls.portions.count))
+
+    def run_steps(self, count: int, until: float) -> int:
+        """Go to the end of the step in progress, if that is by `until` [s]; returns how many."""
+        if self._step.length == 0.0:
+            self._take(self._step.end, 1)
+        if self._step.end > until:
+            return 0
+        self._take(self._step.end, 1)
+        return 1
+
+    def cut(self, time: float) -> None:
+        """End a step at `time` [s]; the next one starts there."""
+        control = self._step.control
+        rest = time - control.start
+        # The part of the step in progress up to there stays counted.
+        estimate = self.error_estimate(time)
+        self._give_up()
+        control.total = estimate
+        if rest > 0.0:
+            self._uniform.take(rest, 1)
+        control.start = time
+
+    def check_within(self, time: float) -> None:
+        """States within a step are as good as its end."""
+
+    def state_at(self, time: float) -> State:
+        """Return the state at a `time` [s] within the step in progress, by dense output."""
+        step, trajectory, length = self._step, self._pieces.trajectory, self._step.length
+        rest = time - trajectory.time
+        if trajectory.failure is None and rest > 0.0 and length > 0.0:
+            step.prepare_dense()
+        work = trajectory.work
+        state = step.state_within(rest)
+        self._pieces.shown.note(
+            state, trajectory.time + min(max(rest, 0.0), length), step.stretches_within(rest),
+            work=step.work_within(rest), spent=step.flow_within(work.spent, rest),
+            given=step.flow_within(work.given, rest))
+        return state
+
+    def follow_loads(self) -> None:
+        """The next step begins with other loads."""
+        self._pieces.controller.follow_jump()
+
+    def error_rate(self) -> float:
+        """Error of the last step for each second."""
+        return self._step.control.rate
+
+    def error_estimate(self, time: float) -> float:
+        """Errors of all steps up to a present `time` [s], as if none had grown or faded."""
+        control = self._step.control
+        left = min(max(self._step.end - time, 0.0), control.length)
+        return control.total - control.rate * left
+
+    def is_ready_for_contacts(self) -> bool:
+        """Whether the kernels that steps with contacts need are compiled."""
+        return self._pieces.calls.is_ready_for_contacts((adaptive_pair, self._arguments))
+
+    def _arguments(self, model: Model, team: Team) -> tuple[Any, ...]:
+        pieces, trajectory = self._pieces, self._pieces.trajectory
+        return (
+            DOP8, model, trajectory.loads, trajectory.state, trajectory.saved, trajectory.work,
+            team, self._step.control.numbers, 1, 0, pieces.monitor.interval,
+            pieces.contact.watching(), trajectory.ledger.numbers)
+
+    def state_tree(self, tree: dict[str, Any]) -> None:
+        """Add the step in progress, and what happens where it ends."""
+        self._step.state_tree(tree)
+        for event in self._events:
+            tree.update(event.state_tree())
+
+    def load_time(self, tree: StateTree) -> None:
+        """Go on at the time of there."""
+        self._step.load_control(tree)
+
+    def load_state(self, tree: StateTree) -> None:
+        """Go on within the step of there."""
+        self._step.load_state(tree)
+        for event in self._events:
+            event.load_state(tree)
+
+    def _take(self, goal: float, count: int) -> None:
+        """Take up to `count` steps until one ends after `goal` [s] or an event ends one."""
+        if any(event.is_due for event in self._events):
+            self._happen()
+        # A step of which each has to be searched is taken alone.
+        alone = any(not event.status for event in self._events)
+        status = self._take_steps(goal, 1 if alone else max(count, 1))
+        suspects = [
+            event for event in self._events if not event.status or status & event.status]
+        if suspects and self._step.length > 0.0:
+            self._end_at_first(suspects)
+            # A health check that was due at the end of a step that was given up is made at the
+            # next.
+            checks = self._pieces.monitor
+            checks.since_check = min(checks.since_check, checks.interval - 1)
+        if self._given > 0.0:
+            self._pieces.trajectory.step = self._given
+
+    def _take_steps(self, goal: float, count: int) -> int:
+        """Take up to `count` steps until one ends after `goal` [s]; returns the last status."""
+        pieces, trajectory, control = self._pieces, self._pieces.trajectory, self._step.control
+        status, control.goal = embedded.TOO_FAR, goal
+        self._step.change()
+        while status & embedded.TOO_FAR and count > 0:
+            before = int(control.length > 0.0)
+            trajectory.ledger.saved_at = -1.0
+            status, done = self._call(count)
+            count -= done
+            trajectory.require_body_force()
+            # The step in progress does not count yet.
+            trajectory.step_count += done + before - int(control.length > 0.0)
+            trajectory.step = control.length or trajectory.step
+            end = self._step.end
+            if trajectory.ledger.saved_at == done:
+                trajectory.saved_time = end
+            if status & embedded.TOO_FAR and pieces.contact.is_possible:
+                # Before a state is asked for: that of dense output is gone.
+                found = pieces.contact.search_farther(
+                    end, *pieces.controller.outlook(), factor=_FARTHER)
+                pieces.contact.pace(trajectory.step, alone=True)
+                if not found:
+                    # So fast that there was no search: the same step would be asked for for ever.
+                    trajectory.fail(too_fast(end, pieces.rates.fastest_term()))
+        if status & embedded.TOO_SHORT:
+            trajectory.fail(
+                f'no step from t = {self._step.end:.9g} s on is short enough for solver.tolerance '
+                f'{pieces.errors.probe.tolerance:g}: steps of {control.shortest:.3g} s still '
+                f'err too much, and the fastest motion is that of {pieces.rates.fastest_term()}; '
+                'allow a larger tolerance, or slow that down')
+        if status & ~embedded.TOO_FAR:
+            pieces.respond(status, self._step.end)
+        return status
+
+    def _call(self, count: int) -> tuple[int, int]:
+        """Let kernels take up to `count` steps; returns the status and how many they took."""
+        pieces, trajectory, checks = self._pieces, self._pieces.trajectory, self._pieces.monitor
+        watch, control = pieces.contact.watching(), self._step.control
+        status, done, checks.since_check = pieces.calls.timed(
+            lambda team: adaptive_pair(
+                DOP8, trajectory.model, trajectory.loads, trajectory.state, trajectory.saved,
+                trajectory.work, team, control.numbers, count, checks.since_check,
+                checks.interval, watch, trajectory.ledger.numbers))
+        return int(status), int(done)
+
+    def _end_at_first(self, suspects: list[EventLocator]) -> None:
+        """Find which events happen first in the step in progress, if any, and end it there."""
+        found = [(part, event) for event in suspects if (part := event.find()) is not None]
+        if not found:
+            return
+        part = min(part for part, _ in found)
+        first = [event for each, event in found if each == part]
+        control, following = self._step.control, self._step.control.next
+        rest = control.length * part
+        if not control.start + rest > control.start:
+            # Already where the step begins.
+            self._give_up()
+        elif part < 1.0:
+            self._give_up()
+            control.next = rest
+            self._take_steps(control.start, 1)
+            control.next = following
+            if control.length != rest:
+                # Refused, and a shorter one taken: it happens in a later step.
+                return
+        for event in first:
+            event.is_due = True
+        if not control.length > 0.0:
+            self._happen()
+
+    def _happen(self) -> None:
+        """Let what is due happen in the present state, which begins anew."""
+        for event in self._events:
+            if event.is_due:
+                event.happen()
+        self._forget_events()
+        self._pieces.controller.follow_jump()
+        # There is no way back to before it.
+        self._pieces.trajectory.save(self._step.end)
+
+    def _give_up(self) -> None:
+        """Go back to where the step in progress began."""
+        self._step.give_up()
+        self._forget_events()
+
+    def _forget_events(self) -> None:
+        for event in self._events:
+            event.is_due = False

@@ -1,0 +1,163 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+Connectors break where they reach a limit of their length.
+
+Kernels report a step in which one may have done so.
+"""
+
+from typing import Any
+
+from icofabric_sim.kernels import monitor
+from icofabric_sim.kernels.breakage import doubt_of, TOGETHER
+from icofabric_sim.kernels.flows import place_all
+from icofabric_sim.kernels.integrators import embedded
+from icofabric_sim.kernels.records import Breakage as Limits
+from icofabric_sim.kernels.records import Connectors, State
+from icofabric_sim.kernels.wrap.rates import measure_runs
+from icofabric_sim.scene.scene import Scene
+from icofabric_sim.simulation.model.link_places import link_places
+from icofabric_sim.simulation.state_tree import StateTree
+from icofabric_sim.simulation.stepping.broken import connector_numbers
+from icofabric_sim.simulation.stepping.event_location import first_crossing, Moment
+from icofabric_sim.simulation.stepping.pieces import Pieces
+from icofabric_sim.simulation.stepping.step_in_progress import StepInProgress
+import numpy as np
+
+
+def why(scene: Scene) -> str:
+    """Say why a scene needs steps that end where a connector breaks; '': it does not."""
+    if scene.connectors.limits is None:
+        return ''
+    return 'connectors that break need steps that end where one does'
+
+
+def make(pieces: Pieces, step: StepInProgress) -> 'Breakage | None':
+    """Return the locator; None where nothing breaks."""
+    return None if pieces.trajectory.packed.breakage is None else Breakage(pieces, step)
+
+
+class Breakage:
+    """Finds the first connectors to break in the step in progress, and breaks them at its end."""
+
+    status = embedded.BREAKING
+
+    def __init__(self, pieces: Pieces, step: StepInProgress) -> None:
+        """Search the `step` in progress."""
+        self._trajectory, self._step = pieces.trajectory, step
+        self.is_due = False
+        # Numbers of the connectors that were found.
+        self._found = np.zeros(0, np.int64)
+        packed = self._trajectory.packed
+        assert packed.model.links is not None
+        # Connector by its place in the rows of the limits.
+        self._place = places = link_places(
+            packed.layout, packed.model.links, self._connectors, slice(None))
+        self._numbers = np.zeros(self._limits.excess.shape, np.int32)
+        self._numbers[places.link, places.slot] = np.arange(
+            places.link.shape[1], dtype=np.int32)
+
+    @property
+    def _limits(self) -> Limits:
+        limits = self._trajectory.work.breakage
+        assert limits is not None
+        return limits
+
+    @property
+    def _connectors(self) -> Connectors:
+        connectors = self._trajectory.packed.connectors
+        assert connectors is not None
+        return connectors
+
+    def find(self) -> float | None:
+        """
+        Part of the step in progress at which connectors break first; None where none does.
+
+        All that have reached their limit by then, or nearly: see `TOGETHER`.
+        """
+        limits = self._limits
+        link, slot = np.nonzero(limits.excess > 0.0)
+        seen = np.unique(self._numbers[link, slot])
+        link, slot = self._place.link[0, seen], self._place.slot[0, seen]
+        longest, shortest = limits.longest[link, slot], limits.shortest[link, slot]
+        close = TOGETHER * np.concatenate([np.where(longest < np.inf, longest, 0.0), shortest])
+        step = self._step
+
+        def at(part: float) -> Moment:
+            if part == 0.0:
+                state = step.start
+            else:
+                state = self._trajectory.state if part == 1.0 else step.dense(part)
+            now, rate = self._lengths(state, seen)
+            return Moment(
+                part, np.concatenate([now - longest, shortest - now]),
+                step.length * np.concatenate([rate, -rate]))
+
+        moment = first_crossing(at, close, doubt_of(self._trajectory.model.wrapping))
+        if moment is None:
+            return None
+        reached = moment.reached(close)
+        self._found = seen[reached[:len(seen)] | reached[len(seen):]]
+        return moment.x
+
+    def happen(self) -> None:
+        """Break what was found; the energy in it is lost."""
+        trajectory = self._trajectory
+        before = self._stored_energy()
+        trajectory.broken.add(self._found, self._step.end)
+        trajectory.ledger.lost += before - self._stored_energy()
+
+    def state_tree(self) -> dict[str, Any]:
+        """What breaks where the step in progress ends, as an entry."""
+        return {'due': self._found.astype(float)} if self.is_due else {}
+
+    def load_state(self, tree: StateTree) -> None:
+        """Go on from there."""
+        self.is_due = 'due' in tree
+        if self.is_due:
+            self._found = connector_numbers(tree.array('due'), self._trajectory.packed)
+
+    def _stored_energy(self) -> float:
+        """Energy [J] in the connectors of the present state."""
+        trajectory = self._trajectory
+        numbers, model = trajectory.ledger.numbers.copy(), trajectory.model
+        place_all(model, trajectory.state, trajectory.work, 0, len(model.blocks.slot))
+        monitor.examine(
+            model, trajectory.loads, trajectory.state, trajectory.work, self._step.end, numbers)
+        return float(numbers[monitor.STORED])
+
+    def _lengths(self, state: State, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Lengths [m] of some connectors in a state, and their rates [m/s]."""
+        model, work, connectors = self._trajectory.model, self._trajectory.work, self._connectors
+        if model.wrapping is not None:
+            length, rate = np.zeros((2, len(chosen)))
+            measure_runs(
+                model.wrapping, state, *self._place.slot[:, chosen],
+                connectors.first_edge[chosen], connectors.second_edge[chosen],
+                np.ones(len(chosen), np.uint8), length, rate)
+            return length, rate
+        place_all(model, state, work, 0, len(model.blocks.slot))
+        points = work.points.reshape(6, 3, -1)
+        ends = []
+        for edges, slot in zip(
+                (connectors.first_edge, connectors.second_edge), self._place.slot):
+            s = slot[chosen]
+            x = points[edges[chosen], :, s].T
+            (sx, sy, sz), (ox, oy, oz) = x - state.position[:, s], state.angular_velocity[:, s]
+            turning = np.array([oy * sz - oz * sy, oz * sx - ox * sz, ox * sy - oy * sx])
+            ends.append((x, state.linear_velocity[:, s] + turning))
+        (x0, v0), (x1, v1) = ends
+        u, v = x1 - x0, v1 - v0
+        length = np.sqrt((u * u).sum(axis=0))
+        return length, (u * v).sum(axis=0) / np.maximum(length, 1e-300)

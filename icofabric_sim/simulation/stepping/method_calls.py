@@ -1,0 +1,120 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""Calls of a method's kernels: by a team of threads, in portions that are timed."""
+
+from collections.abc import Callable
+from functools import partial
+from time import perf_counter
+from typing import Any
+
+from icofabric_sim.kernels.contact.pair import contact_scratch
+from icofabric_sim.kernels.integrators.splitting import NEVER
+from icofabric_sim.kernels.records import Loads, Model, State, Team, Work
+from icofabric_sim.kernels.runtime.interrupts import leaving
+from icofabric_sim.kernels.runtime.lanes import LANES
+from icofabric_sim.simulation.stepping.contact_scheduler import ContactScheduler
+from icofabric_sim.simulation.stepping.portions import Portions
+from icofabric_sim.simulation.stepping.trajectory import Trajectory
+
+# A kernel that takes steps, and what it is called with for a model in a team.
+Kernel = tuple[Any, Callable[[Model, Team], tuple[Any, ...]]]
+
+
+class MethodCalls:
+    """Takes steps of a given length, on a trajectory or on a trial state."""
+
+    def __init__(self, trajectory: Trajectory, contact: ContactScheduler) -> None:
+        """Call the method of the `trajectory`."""
+        self._trajectory, self._contact = trajectory, contact
+        model, method = trajectory.model, trajectory.method
+        self.portions = Portions(
+            len(model.blocks.slot) * LANES * method.stages
+            * (1 if model.links is None else 7))
+
+    def take(
+        self, origin: float, index: int, step: float, count: int, since_check: int, interval: int
+    ) -> tuple[int, int, int]:
+        """
+        Take up to `count` steps of `step` [s] from origin + index x step [s] on.
+
+        Returns the status, how many were taken, and the steps since the last health check, of
+        which there is one after each `interval` steps.
+        """
+        trajectory = self._trajectory
+        arguments = (
+            origin, index, step, count, since_check, interval, self._contact.watching(),
+            trajectory.ledger.numbers)
+        return self.timed(partial(
+            self._advance, trajectory.model, trajectory.loads, trajectory.state, trajectory.work,
+            arguments))
+
+    def take_trial(
+        self, model: Model, loads: Loads | None, state: State, work: Work, start: float,
+        step: float, count: int
+    ) -> None:
+        """Take `count` steps from `start` [s] on, on a trial `state`, without health checks."""
+        trajectory, watch = self._trajectory, self._contact.watching(trial=True)
+        done = 0
+        while done < count:
+            started, portion = perf_counter(), min(count - done, self.portions.count)
+            arguments = start, done, step, portion, 0, NEVER, watch, trajectory.ledger.numbers
+            trajectory.thread_team.run(partial(
+                self._advance, model, loads, state, work, arguments))
+            self.portions.note(portion, perf_counter() - started)
+            done += portion
+            leaving.check()
+
+    def _advance(
+        self, model: Model, loads: Loads | None, state: State, work: Work,
+        arguments: tuple[Any, ...], team: Team
+    ) -> tuple[int, int, int]:
+        trajectory = self._trajectory
+        taken: tuple[int, int, int] = trajectory.method.advance(
+            model, loads, state, trajectory.saved, work, team, *arguments)
+        return taken
+
+    def timed(self, kernel: Callable[[Team], tuple[int, int, int]]) -> tuple[int, int, int]:
+        """Take steps of the trajectory by `kernel`, and learn how long one of them takes."""
+        started, team = perf_counter(), self._trajectory.thread_team
+        status, done, since_check = self._contact.counted(lambda: team.run(kernel))
+        self.portions.note(int(done), perf_counter() - started)
+        return status, done, since_check
+
+    def is_ready_for_contacts(self, kernel: Kernel | None = None) -> bool:
+        """
+        Whether steps with contacts could be taken at once: nothing need be compiled.
+
+        By the `kernel` that takes them, if that is not the method's own.
+        """
+        phase = self._contact.broad_phase
+        if phase is None or phase.contacts is not None:
+            return True
+        function, arguments = kernel or self._own_kernel()
+        if not hasattr(function, 'is_ready'):
+            # In plain Python nothing ever is.
+            return True
+        trajectory = self._trajectory
+        model = trajectory.model._replace(contacts=phase.nothing())
+        team = trajectory.thread_team.alone()._replace(scratch=contact_scratch())
+        return bool(function.is_ready(*arguments(model, team)))
+
+    def _own_kernel(self) -> Kernel:
+        trajectory, watch = self._trajectory, self._contact.watching()
+        advance = trajectory.method.advance
+        given = advance.args if isinstance(advance, partial) else ()
+        function = advance.func if isinstance(advance, partial) else advance
+        return function, lambda model, team: (
+            *given, model, trajectory.loads, trajectory.state, trajectory.saved, trajectory.work,
+            team, trajectory.origin, trajectory.index, trajectory.step, 1, 0, 1, watch,
+            trajectory.ledger.numbers)

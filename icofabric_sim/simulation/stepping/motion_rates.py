@@ -1,0 +1,138 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""How fast the motion is: the largest frequency, the stability limit, the fastest term."""
+
+import math
+
+from icofabric_sim.kernels.records import Loads
+from icofabric_sim.simulation.model.stability import (
+    fastest_motion,
+    Frequency,
+    largest_frequency,
+    with_anchors,
+)
+from icofabric_sim.simulation.stepping.contact_scheduler import ContactScheduler
+from icofabric_sim.simulation.stepping.faults import fastest_term, stiffest_term, unsafe_step
+from icofabric_sim.simulation.stepping.trajectory import Trajectory
+import numpy as np
+
+# A step below this part of the stability limit would never come to an end.
+_SHORTEST_STEP = 1e-9
+
+
+class MotionRates:
+    """Rates [rad/s] of what steps must follow, in the configuration that was examined last."""
+
+    def __init__(
+        self, trajectory: Trajectory, contact: ContactScheduler, fabric: Frequency,
+        load_rate: float
+    ) -> None:
+        """Begin with the largest frequency of the `fabric`, and the `load_rate` [rad/s]."""
+        self._trajectory, self._contact = trajectory, contact
+        # The largest frequency of the fabric alone, and the rate of the loads alone.
+        self.fabric, self.load_rate = fabric, load_rate
+
+    @property
+    def frequency(self) -> Frequency:
+        """The largest frequency, with what contacts can make of it."""
+        if self._contact.rate == 0.0:
+            return self.fabric
+        return self.fabric._replace(rate=math.sqrt(self.fabric.rate**2 + self._contact.rate))
+
+    @property
+    def limit(self) -> float:
+        """Stability limit of the step [s]."""
+        trajectory = self._trajectory
+        rate = self.frequency.rate + trajectory.packed.velocity_rate + self._contact.velocity_rate
+        return trajectory.method.stability / rate if rate > 0.0 else math.inf
+
+    def measure(self) -> None:
+        """Compute the largest frequency of the fabric anew."""
+        self.fabric = self._largest()
+
+    def _largest(self, *, locate: bool = False) -> Frequency:
+        trajectory = self._trajectory
+        packed, state = trajectory.packed, trajectory.state
+        return with_anchors(
+            largest_frequency(packed, state, locate=locate), packed, trajectory.loads, state,
+            trajectory.time)
+
+    def fastest(self) -> float:
+        """
+        Rate [rad/s] of the fastest motion; 0 where nothing turns, vibrates or is accelerated.
+        """
+        trajectory, phase = self._trajectory, self._contact.broad_phase
+        rate = fastest_motion(
+            trajectory.packed, trajectory.state, self.frequency.rate, trajectory.ledger.spin,
+            self.load_rate, *((None, 0.0) if phase is None else (phase.passing, phase.fall)))
+        return rate if rate > 0.0 else self._acceleration_rate()
+
+    def _acceleration_rate(self) -> float:
+        """Rate [rad/s] at which forces move bodies at rest by a, or turn them by a radian."""
+        trajectory = self._trajectory
+        trajectory.refresh()
+        acceleration = trajectory.packed.layout.gather(trajectory.work.acceleration)
+        linear, angular = np.linalg.norm(acceleration.reshape(-1, 2, 3), axis=2).max(
+            axis=0, initial=0.0)
+        return math.sqrt(max(float(linear) / trajectory.half_edge, float(angular)))
+
+    def fastest_term(self) -> str:
+        """Name what moves or vibrates fastest, with its parameters."""
+        trajectory, contact = self._trajectory, self._contact
+        rates = {
+            stiffest_term(trajectory.packed, anchored=_is_anchored(trajectory.loads)): (
+                self.fabric.rate),
+            'spinning bodies': trajectory.ledger.spin,
+            'bodies under loads and drives': self.load_rate,
+            'what takes energy from velocities (damping, drag, magnetic field)': (
+                trajectory.packed.velocity_rate)}
+        if contact.is_possible:
+            rates[f'contacts (contact.stiffness {contact.stiffness:.4g} N/m)'] = math.sqrt(
+                contact.rate)
+        return fastest_term(rates)
+
+    def require_possible(self, step: float) -> None:
+        """Refuse a given `step` [s] that is too long or far too short."""
+        if self.limit < math.inf and not step >= _SHORTEST_STEP * self.limit:
+            raise ValueError(
+                f'solver.step {step!r} s is too short to come to an end with: the stability '
+                f'limit is {self.limit:.6g} s; choose a longer one, or 0 to have it chosen'
+            )
+        if not step <= self.limit:
+            rate = self.fabric.rate + self._trajectory.packed.velocity_rate
+            raise ValueError(
+                f'solver.step {step!r} s is beyond the stability limit '
+                f'{self.limit:.6g} s of the method in this scene (largest frequency '
+                f'{rate:.6g} rad/s); choose a smaller one, or 0 to have it chosen'
+            )
+
+    def require_stable(self, time: float) -> None:
+        """End the run at `time` [s] if a given step has become longer than the limit."""
+        trajectory, contact = self._trajectory, self._contact
+        step = trajectory.step
+        if step <= self.limit:
+            return
+        if contact.is_possible and step <= trajectory.method.stability / max(
+                self.fabric.rate + trajectory.packed.velocity_rate, 1e-300):
+            trajectory.fail(
+                f'solver.step {step!r} s is too long for what touches, or may, from t = '
+                f'{time:.9g} s on: with a contact stiffness of {contact.stiffness:.4g} '
+                f'N/m the stability limit is {self.limit:.6g} s; start again with a smaller step, '
+                'with 0 to have it chosen, or with a smaller contact.stiffness; contact.mode '
+                'never lets shells pass through each other')
+        trajectory.fail(unsafe_step(step, self.limit, self._largest(locate=True), time))
+
+
+def _is_anchored(loads: Loads | None) -> bool:
+    return loads is not None and loads.anchors is not None

@@ -1,0 +1,99 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""Energies and work at the state that was shown last, which may lie within a step."""
+
+import math
+from typing import Any
+
+from icofabric_sim.kernels.anchors import look_at_anchors
+from icofabric_sim.kernels.drives import energy_of_drives
+from icofabric_sim.kernels.records import Loads, State
+from icofabric_sim.simulation.state_tree import StateTree
+from icofabric_sim.simulation.stepping.contact_scheduler import ContactScheduler
+from icofabric_sim.simulation.stepping.trajectory import Trajectory
+import numpy as np
+
+
+class ShownEnergies:
+    """What a snapshot needs for its balance, beside its own state; all in [J]."""
+
+    def __init__(self, trajectory: Trajectory, contact: ContactScheduler) -> None:
+        """Show a state of the `trajectory` by `note`."""
+        self._trajectory, self._contact = trajectory, contact
+        # What a body force has spent and given since the start.
+        self.given = 0.0
+        self._spent = self._work = self._friction = 0.0
+        # Energies of the anchors, and of the contacts with their friction springs.
+        self.anchors = self.contact = 0.0
+        # Potential energy of a body force where the balance begins.
+        self.potential_start = 0.0
+
+    def restart(self) -> None:
+        """Begin the balance with the present state."""
+        trajectory = self._trajectory
+        force = trajectory.packed.body_force
+        if force is not None:
+            place = trajectory.packed.layout.unpack(trajectory.state)
+            self.potential_start = force.energy(
+                trajectory.time, place.position, place.orientation)
+
+    @property
+    def work(self) -> float:
+        """Work of all loads."""
+        return self._trajectory.ledger.earlier_work + self._work
+
+    @property
+    def spent(self) -> float:
+        """Energy spent by forces that depend on velocities; friction springs give theirs back."""
+        return self._spent - self._friction
+
+    def note(
+        self, state: State, time: float, stretches: np.ndarray | None, *, work: float,
+        spent: float, given: float
+    ) -> None:
+        """
+        Show a `state` at `time` [s] with the `stretches` of its friction springs.
+
+        `work` of the present loads, energy `spent` and `given` until then [J].
+        """
+        trajectory = self._trajectory
+        self._work, self._spent, self.given = work + self.moving(state), spent, given
+        energy, self._friction = self._contact.energies(state, stretches)
+        self.contact = energy + self._friction
+        if trajectory.loads is not None and trajectory.loads.anchors is not None:
+            _, energy = look_at_anchors(trajectory.model, trajectory.loads, state, time)
+            self.anchors = float(energy)
+
+    def moving(self, state: State) -> float:
+        """Kinetic energy [J] of driven bodies."""
+        trajectory = self._trajectory
+        if trajectory.loads is None or trajectory.loads.drives is None:
+            return 0.0
+        return float(energy_of_drives(trajectory.model, trajectory.loads, state))
+
+    def state_tree(self) -> dict[str, Any]:
+        """Where the balance begins, as an entry; none without a body force."""
+        if self._trajectory.work.given is None:
+            return {}
+        return {'potential_start': self.potential_start}
+
+    def load_state(self, tree: StateTree) -> None:
+        """Go on from there."""
+        if self._trajectory.work.given is not None:
+            self.potential_start = tree.number('potential_start')
+
+
+def work_of(*loads: Loads | None) -> float:
+    """Return the work [J] of all of the `loads` that are there."""
+    return sum(math.fsum(part.work) for part in loads if part is not None)

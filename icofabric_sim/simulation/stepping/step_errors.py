@@ -1,0 +1,83 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""What steps of one length have added to the error: in free motion, and while shells touch."""
+
+import math
+from typing import Any
+
+from icofabric_sim.simulation.state_tree import StateTree
+from icofabric_sim.simulation.stepping.accuracy_probe import AccuracyProbe
+from icofabric_sim.simulation.stepping.touching_errors import TouchingErrors
+
+
+class StepErrors:
+    """Sums what both measure."""
+
+    def __init__(self, probe: AccuracyProbe, touching: TouchingErrors | None) -> None:
+        """`touching`: None where nothing can touch, or each step knows its own error."""
+        self.probe, self.touching = probe, touching
+        # Time [s] of the saved state that the run went back to last, as its error was too large.
+        self.returned_to = -math.inf
+
+    def estimate(self, time: float) -> float:
+        """Errors added from the start to a present `time` [s], as if none had grown or faded."""
+        touching = 0.0 if self.touching is None else self.touching.total
+        return self.probe.estimate(time) + touching
+
+    def begin(self, time: float) -> None:
+        """Begin a stretch of steps that is judged as a whole at `time` [s], where one is saved."""
+        if self.touching is not None:
+            self.touching.begin(time)
+
+    def spoil(self) -> None:
+        """Something else than steps of one length is part of this stretch."""
+        if self.touching is not None:
+            self.touching.spoil()
+
+    def jump(self, time: float) -> None:
+        """Count what was added until `time` [s], where the state jumps."""
+        self.probe.close(time)
+        self.returned_to = -math.inf
+
+    def restart_touching(self, time: float) -> None:
+        """Judge what touches from `time` [s] on, where the state has jumped to and is saved."""
+        if self.touching is not None:
+            self.touching.restart()
+            self.touching.begin(time)
+
+    def forget(self) -> None:
+        """Count from zero again."""
+        self.probe.total = 0.0
+        if self.touching is not None:
+            self.touching.total = 0.0
+
+    def rebase(self, time: float) -> None:
+        """Begin at another `time` [s]: nothing has moved yet."""
+        self.probe.rebase(time)
+        self.begin(time)
+
+    def state_tree(self) -> dict[str, Any]:
+        """What was measured, and when it will be again, as entries."""
+        tree: dict[str, Any] = {
+            'returned_to': self.returned_to, 'accuracy': self.probe.state_tree()}
+        if self.touching is not None:
+            tree['touching'] = self.touching.state_tree()
+        return tree
+
+    def load_state(self, tree: StateTree) -> None:
+        """Go on from there."""
+        self.returned_to = tree.number('returned_to', finite=False)
+        self.probe.load_state(tree.part('accuracy'))
+        if self.touching is not None:
+            self.touching.load_state(tree.part('touching'))

@@ -1,0 +1,239 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""The step in progress of an embedded Runge-Kutta pair, and states and energies within it."""
+
+import math
+from typing import Any
+
+from icofabric_sim.kernels.integrators import dop853, embedded
+from icofabric_sim.kernels.integrators.embedded import (
+    dense_state,
+    dense_sum,
+    DOP8,
+    prepare_dense,
+)
+from icofabric_sim.kernels.records import Loads, Meter, State, Trail
+from icofabric_sim.simulation.state_tree import StateTree
+from icofabric_sim.simulation.stepping.contact_scheduler import ContactScheduler
+from icofabric_sim.simulation.stepping.embedded_control import EmbeddedControl
+from icofabric_sim.simulation.stepping.trajectory import Trajectory
+from icofabric_sim.simulation.stepping.trial_steps import TrialSteps
+import numpy as np
+
+# Slopes of a step that states within it need, but for those that dense output adds to them.
+_SLOPES = [
+    k for k in range(len(dop853.STAGES) + 1)
+    if any(len(row) > k and row[k] for row in (*dop853.DENSE_STAGES, *dop853.DENSE))]
+
+
+class StepInProgress:
+    """
+    A step that ends where the state of the trajectory is; it begins at the trajectory's time.
+
+    Length 0: none is in progress, and the state is that of the trajectory's time.
+    """
+
+    def __init__(
+        self, trajectory: Trajectory, contact: ContactScheduler, trials: TrialSteps
+    ) -> None:
+        """Belong to a `trajectory` with an embedded control."""
+        self._trajectory, self._contact, self._trials = trajectory, contact, trials
+        self._has_dense = False
+        self._room: State | None = None
+
+    @property
+    def control(self) -> EmbeddedControl:
+        """The numbers by which the kernel controls steps."""
+        control = self._trajectory.control
+        assert control is not None
+        return control
+
+    @property
+    def trail(self) -> Trail:
+        """What the kernel has left behind of it."""
+        trail = self._trajectory.work.trail
+        assert trail is not None
+        return trail
+
+    @property
+    def start(self) -> State:
+        """The state where it begins."""
+        return self.trail.start
+
+    @property
+    def length(self) -> float:
+        """Its length [s]; 0: none is in progress."""
+        return self.control.length
+
+    @property
+    def end(self) -> float:
+        """Time [s] at which it ends; the state of the trajectory is of then."""
+        return self.control.start + self.control.length
+
+    def change(self) -> None:
+        """The step becomes another one: dense output is computed anew."""
+        self._has_dense = False
+
+    def give_up(self) -> None:
+        """Go back to where it began."""
+        trajectory, control = self._trajectory, self.control
+        if control.length > 0.0:
+            for target, source in zip(trajectory.state, self.start):
+                np.copyto(target, source)
+            trajectory.return_work()
+            for meter in trajectory.meters().values():
+                np.copyto(meter.done[0], meter.done[1])
+            losses = trajectory.losses
+            if losses is not None:
+                np.copyto(losses.stretch, losses.start)
+            control.total -= control.rate * control.length
+            if trajectory.saved_time > trajectory.time:
+                trajectory.save()
+        control.length = control.has_last = 0.0
+        self._has_dense = False
+
+    def prepare_dense(self) -> None:
+        """Have the slopes that states within it need."""
+        if self._has_dense:
+            return
+        trajectory, trail, length = self._trajectory, self.trail, self.length
+        loads, watch = self._trials.copy_loads(), self._contact.watching(trial=True)
+        trajectory.thread_team.run(lambda team: prepare_dense(
+            DOP8, trajectory.model, loads, trajectory.work, team, trail, watch, trajectory.time,
+            length))
+        self._has_dense = True
+        trajectory.require_body_force()
+
+    def dense(self, part: float) -> State:
+        """Return the state at a `part` of it, above 0 up to 1; valid until the next call."""
+        self.prepare_dense()
+        trajectory, trail, length = self._trajectory, self.trail, self.length
+        if self._room is None:
+            # Slots without a body are never written.
+            self._room = trajectory.packed.layout.like(trajectory.state)
+            for row, source in zip(self._room, trajectory.state):
+                np.copyto(row, source)
+        target = self._room
+        trajectory.thread_team.run(lambda team: dense_state(
+            DOP8, trajectory.model, trajectory.loads, trajectory.state, team, trail,
+            trajectory.time, length, part, target))
+        return target
+
+    def state_within(self, rest: float) -> State:
+        """Return the state `rest` [s] after its beginning; dense output is prepared."""
+        if not self._is_within:
+            return self._trajectory.state
+        if not rest > 0.0:
+            return self.start
+        return self.dense(rest / self.length)
+
+    def stretches_within(self, rest: float) -> np.ndarray | None:
+        """Return the stretches of friction springs then."""
+        losses = self._trajectory.losses
+        if losses is None or not self._is_within:
+            return self._trajectory.stretches()
+        if not rest > 0.0:
+            return losses.start
+        found = dense_sum(
+            DOP8, losses.slopes.reshape(len(losses.slopes), -1), losses.start.ravel(),
+            losses.stretch.ravel(), self.length, rest / self.length)
+        return np.asarray(found).reshape(losses.stretch.shape)
+
+    def work_within(self, rest: float) -> float:
+        """Work [J] of the present loads until then."""
+        loads = self._trajectory.loads
+        if loads is None:
+            return 0.0
+        return self._flow_within(loads.power, loads.earlier_work, loads.work, rest)
+
+    def flow_within(self, meter: Meter | None, rest: float) -> float:
+        """Energy [J] that a `meter` shows until then."""
+        if meter is None:
+            return 0.0
+        return self._flow_within(meter.power, meter.done[1], meter.done[0], rest)
+
+    def _flow_within(
+        self, power: np.ndarray, before: np.ndarray, after: np.ndarray, rest: float
+    ) -> float:
+        """
+        Energy [J] that flowed with `power` (16, m), by the dense output that states come from.
+        """
+        if not self._is_within:
+            return _total(after)
+        if not rest > 0.0:
+            return _total(before)
+        rates = np.array([_total(row) for row in power])
+        return dense_sum(
+            DOP8, rates, _total(before), _total(after), self.length, rest / self.length)
+
+    @property
+    def _is_within(self) -> bool:
+        """Whether there are states within a step; after a failure only the last good one is."""
+        return self._trajectory.failure is None and self.length > 0.0
+
+    def state_tree(self, tree: dict[str, Any]) -> None:
+        """Add what it is to the `tree` of its trajectory."""
+        trajectory, gather = self._trajectory, self._trajectory.packed.layout.gather
+        tree['control'] = self.control.numbers.copy()
+        # Where the last call was to lead says nothing of the next.
+        tree['control'][embedded.GOAL] = 0.0
+        if not self.length > 0.0:
+            return
+        tree['start'] = trajectory.by_body(self.start)
+        tree['slopes'] = gather(self.trail.slopes[_SLOPES])
+        if 'loads' in tree and trajectory.loads is not None:
+            rows = trajectory.rows_by_body(trajectory.loads)
+            tree['loads']['power'] = trajectory.loads.power[:, rows][_SLOPES]
+        for name, meter in trajectory.meters().items():
+            tree[f'{name}_power'] = gather(meter.power[_SLOPES])
+
+    def load_control(self, tree: StateTree) -> None:
+        """Go on with the numbers of there: the time of the trajectory is one of them."""
+        numbers = tree.array('control', (embedded.CONTROL_COUNT,))
+        if not (np.isfinite(numbers).all() and numbers.min() >= 0.0):
+            raise ValueError('control holds a negative number or one that is not finite')
+        np.copyto(self.control.numbers, numbers)
+        self._has_dense = False
+
+    def load_state(self, tree: StateTree) -> None:
+        """Go on within the step of there."""
+        trajectory, control = self._trajectory, self.control
+        if trajectory.failure is None and not control.next > 0.0 < control.shortest:
+            raise ValueError('control has no length for the next step')
+        if not control.length > 0.0:
+            return
+        layout, slopes = trajectory.packed.layout, self.trail.slopes
+        trajectory.take_back(self.start, tree.part('start'))
+        found = tree.array('slopes', (layout.body_count, len(_SLOPES), slopes.shape[1]))
+        slopes[:] = 0.0
+        for k, number in enumerate(_SLOPES):
+            slopes[number][:, layout.slot] = found[:, k].T
+        self._load_power(trajectory.loads, tree)
+        for name, meter in trajectory.meters().items():
+            power = tree.array(f'{name}_power', (layout.body_count, len(_SLOPES)))
+            for number, values in zip(_SLOPES, power.T):
+                meter.power[number, layout.slot] = values
+
+    def _load_power(self, loads: Loads | None, tree: StateTree) -> None:
+        if loads is None or not len(loads.wrench):
+            return
+        rows = self._trajectory.rows_by_body(loads)
+        power = tree.part('loads').array('power', (len(_SLOPES), len(rows)))
+        for number, values in zip(_SLOPES, power):
+            loads.power[number, rows] = values
+
+
+def _total(values: np.ndarray) -> float:
+    # Where numbers run away the next health check ends the run.
+    return math.fsum(values) if np.isfinite(values).all() else math.nan

@@ -1,0 +1,165 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""Trial steps: where a trajectory leads, or would have led, with other steps; it stays."""
+
+from collections.abc import Callable
+from typing import Any
+
+from icofabric_sim.kernels.contact.losses import losses_of
+from icofabric_sim.kernels.meters import flowed
+from icofabric_sim.kernels.records import Loads, Model, State, Work
+from icofabric_sim.simulation.model.layout import aligned_empty
+from icofabric_sim.simulation.stepping.contact_scheduler import ContactScheduler
+from icofabric_sim.simulation.stepping.method_calls import MethodCalls
+from icofabric_sim.simulation.stepping.trajectory import Trajectory
+import numpy as np
+
+
+class TrialSteps:
+    """Takes steps beside the trajectory, with copies of all that steps change."""
+
+    def __init__(
+        self, trajectory: Trajectory, contact: ContactScheduler, calls: MethodCalls
+    ) -> None:
+        """Try steps of the `trajectory` by `calls` of its method."""
+        self._trajectory, self._contact, self._calls = trajectory, contact, calls
+        self._room: tuple[State, np.ndarray] | None = None
+        self._earlier: State | None = None
+        self._earlier_stretch: np.ndarray | None = None
+        # With what contacts remember where the last trial ended.
+        self.model: Model = trajectory.model
+        # [J] that flowed in the last trial.
+        self.spent = self.given = 0.0
+        # Whether shells touched in the last accuracy probe.
+        self.touched = False
+
+    def take(
+        self, step: float, count: int, loads: Loads | None = None, *,
+        start: float | None = None, model: Model | None = None
+    ) -> State:
+        """
+        Return where `count` steps of length `step` lead; the trajectory stays where it is.
+
+        `start` [s] and `model`: those of its state, where these are not the present ones.
+        """
+        trajectory = self._trajectory
+        if self._room is None:
+            self._room = (
+                trajectory.packed.layout.like(trajectory.state),
+                aligned_empty(trajectory.work.acceleration.shape))
+        state, acceleration = self._room
+        for target, source in zip(state, trajectory.state):
+            np.copyto(target, source)
+        np.copyto(acceleration, trajectory.work.acceleration)
+        loads = loads or self.copy_loads()
+        work = self._copy_work()._replace(acceleration=acceleration)
+        self.model = model or self._copy_model()
+        self._calls.take_trial(
+            self.model, loads, state, work, trajectory.time if start is None else start, step,
+            count)
+        self.spent, self.given = flowed(work.spent), flowed(work.given)
+        return state
+
+    def compare_ahead(
+        self, step: float, count: int, windows: int, compare: Callable[[State, State], None]
+    ) -> int:
+        """
+        Take so many windows of `count` steps, and come back; the state must be saved.
+
+        After each `compare` gets where they lead, and where twice as many of half the length do
+        from the beginning of the window. Returns the number of windows: fewer where a body force
+        fails in what lies ahead. Whether the run itself ever comes there is not known, so that
+        is no failure of the run.
+        """
+        trajectory = self._trajectory
+        model, time = self._copy_model(), trajectory.time
+        self._contact.has_touched()
+        try:
+            for done in range(windows):
+                half = self.take(0.5 * step, 2 * count, start=time, model=self._copy_model(model))
+                self.model = model
+                self._calls.take_trial(
+                    model, self.copy_loads(), trajectory.state, self._copy_work(), time, step,
+                    count)
+                if trajectory.take_force_failure() is not None:
+                    return done
+                compare(trajectory.state, half)
+                time += count * step
+        finally:
+            self.touched = self._contact.has_touched()
+            trajectory.restore()
+        return windows
+
+    def keep_earlier(self) -> None:
+        """Keep the saved state for `compare_behind`: the next health check replaces it."""
+        trajectory = self._trajectory
+        losses = trajectory.losses
+        if self._earlier is None:
+            self._earlier = trajectory.packed.layout.like(trajectory.state)
+        for target, source in zip(self._earlier, trajectory.saved):
+            np.copyto(target, source)
+        self._earlier_stretch = None if losses is None else losses.saved.copy()
+
+    def compare_behind(
+        self, start: float, count: int, compare: Callable[[State, State], float]
+    ) -> float | None:
+        """
+        Repeat the last `count` steps with twice as many of half the length, and come back.
+
+        From the state of `start` [s], which `keep_earlier` has kept. Returns what `compare` finds
+        for the two ends; None where a body force fails.
+        """
+        assert self._earlier is not None
+        trajectory = self._trajectory
+        now = [row.copy() for row in trajectory.state]
+        acceleration, model = trajectory.work.acceleration.copy(), self._copy_model()
+        losses = losses_of(model.contacts)
+        if losses is not None and self._earlier_stretch is not None:
+            np.copyto(losses.stretch, self._earlier_stretch)
+        try:
+            for target, source in zip(trajectory.state, self._earlier):
+                np.copyto(target, source)
+            trajectory.refresh(start)
+            half = self.take(0.5 * trajectory.step, 2 * count, start=start, model=model)
+            failed = trajectory.take_force_failure() is not None
+        finally:
+            for target, source in zip(trajectory.state, now):
+                np.copyto(target, source)
+            trajectory.refresh()
+            np.copyto(trajectory.work.acceleration, acceleration)
+        return None if failed else compare(trajectory.state, half)
+
+    def copy_loads(self) -> Loads | None:
+        """Return the same loads, with room of their own for what they do."""
+        loads = self._trajectory.loads
+        return None if loads is None else loads._replace(work=np.zeros_like(loads.work))
+
+    def _copy_model(self, model: Model | None = None) -> Model:
+        """The same constants, with room of their own for what contacts remember."""
+        model = model or self._trajectory.model
+        losses = losses_of(model.contacts)
+        if losses is None or model.contacts is None:
+            return model
+        copies: dict[str, Any] = {
+            name: value.copy() for name, value in losses._asdict().items()
+            if isinstance(value, np.ndarray)}
+        return model._replace(
+            contacts=model.contacts._replace(losses=losses._replace(**copies)))
+
+    def _copy_work(self) -> Work:
+        """The same room, with meters of its own."""
+        work, layout = self._trajectory.work, self._trajectory.packed.layout
+        spent, given = (
+            None if meter is None else layout.meter() for meter in (work.spent, work.given))
+        return work._replace(spent=spent, given=given)

@@ -1,0 +1,248 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+Steps of one length, many in a call of kernels.
+
+They end at origin + k h. Only inputs cut a step short; a state between two steps comes from a
+trial step, so outputs never touch the sequence.
+"""
+
+import math
+from typing import Any
+
+from icofabric_sim.kernels import monitor
+from icofabric_sim.kernels.contact.rebuild_check import MISSED
+from icofabric_sim.kernels.meters import flowed
+from icofabric_sim.kernels.records import State
+from icofabric_sim.simulation.state_tree import StateTree
+from icofabric_sim.simulation.stepping.faults import too_fast
+from icofabric_sim.simulation.stepping.pieces import Pieces
+from icofabric_sim.simulation.stepping.shown_energies import work_of
+
+# Above it steps cannot be counted in doubles.
+_MOST_STEPS = 2.0**53
+
+
+class UniformStepping:
+    """Takes steps of the trajectory's length until the controller proposes another."""
+
+    def __init__(self, pieces: Pieces) -> None:
+        """Advance the trajectory of these `pieces`."""
+        self._pieces = pieces
+
+    @property
+    def next_step_time(self) -> float:
+        """Time [s] at which the step in progress ends."""
+        return self._pieces.trajectory.time + self._pieces.trajectory.step
+
+    def restart(self) -> None:
+        """Steps are counted by the trajectory, and errors by their own piece."""
+
+    def forget(self) -> None:
+        """Likewise."""
+
+    def rebase(self, time: float) -> None:
+        """Likewise."""
+
+    def count_until(self, time: float) -> int:
+        """Count the whole steps that end by `time` [s]."""
+        trajectory = self._pieces.trajectory
+        origin, step = trajectory.origin, trajectory.step
+        count = (time - origin) / step
+        if not count < _MOST_STEPS:
+            reason = '' if self._pieces.is_given else (
+                f'; {too_fast(trajectory.time, self._pieces.rates.fastest_term())}')
+            trajectory.fail(
+                f'steps of {step:.6g} s never come to t = {time:.9g} s: that would take '
+                f'{count:.3g} of them{reason}')
+        last = int(count)
+        while origin + (last + 1) * step <= time:
+            last += 1
+        while last > 0 and origin + last * step > time:
+            last -= 1
+        return last - trajectory.index
+
+    def run(self, time: float, count: int) -> None:
+        """Take up to `count` steps in one call."""
+        self._run(count)
+
+    def _run(self, count: int) -> int:
+        pieces = self._pieces
+        # Where the controller does not say when it measures again, up to the next health check.
+        due = max(pieces.errors.probe.checks_left, 1) * pieces.monitor.interval
+        due -= pieces.monitor.since_check
+        return self.take(pieces.trajectory.step, min(count, due, pieces.calls.portions.count))
+
+    def run_steps(self, count: int, until: float) -> int:
+        """Take up to `count` steps that end by `until` [s], in one call; returns how many."""
+        if until < math.inf:
+            count = min(count, self.count_until(until))
+        return self._run(count) if count > 0 else 0
+
+    def cut(self, time: float) -> None:
+        """Take a shorter step to `time` [s]; the next one starts there."""
+        trajectory = self._pieces.trajectory
+        rest = time - trajectory.time
+        try:
+            if rest > 0.0:
+                self.take(rest, 1)
+        finally:
+            if trajectory.failure is None:
+                trajectory.begin_at(time)
+
+    def check_within(self, time: float) -> None:
+        """
+        Refuse a state at `time` [s] within a step in which shells may pass through each other.
+
+        So states within a step are judged as its end will be.
+        """
+        pieces, trajectory = self._pieces, self._pieces.trajectory
+        rest = time - trajectory.time
+        if rest > 0.0 and self._is_far(rest):
+            pieces.contact.refuse_passing(
+                trajectory.state, pieces.trials.take(rest, 1), trajectory.time, time)
+
+    def state_at(self, time: float) -> State:
+        """Return the state at a `time` [s] up to the end of the next step, by a trial step."""
+        pieces, trajectory, shown = self._pieces, self._pieces.trajectory, self._pieces.shown
+        rest = time - trajectory.time
+        work = trajectory.work
+        spent, given = flowed(work.spent), flowed(work.given)
+        shown.note(
+            trajectory.state, trajectory.time, trajectory.stretches(),
+            work=work_of(trajectory.loads), spent=spent, given=given)
+        if trajectory.failure is not None or not rest > 0.0:
+            return trajectory.state
+        trials, loads = pieces.trials, pieces.trials.copy_loads()
+        state = trials.take(rest, 1, loads)
+        shown.note(
+            state, time, trajectory.stretches(trials.model),
+            work=work_of(trajectory.loads, loads), spent=spent + trials.spent,
+            given=given + trials.given)
+        trajectory.require_body_force()
+        return state
+
+    def follow_loads(self) -> None:
+        """The step follows other loads; none goes back to before them."""
+        self._pieces.trajectory.ledger.regular = 0.0
+        self._pieces.errors.spoil()
+        if self._pieces.controller.follow_jump():
+            self._pieces.choose_step()
+
+    def error_rate(self) -> float:
+        """Error that the method adds for each second, measured last."""
+        return self._pieces.errors.probe.rate
+
+    def error_estimate(self, time: float) -> float:
+        """Errors added from the start to a present `time` [s], as if none had grown or faded."""
+        return self._pieces.errors.estimate(time)
+
+    def is_ready_for_contacts(self) -> bool:
+        """Whether the kernels that steps with contacts need are compiled."""
+        return self._pieces.calls.is_ready_for_contacts()
+
+    def state_tree(self, tree: dict[str, Any]) -> None:
+        """All that steps to come depend on is in the other pieces."""
+
+    def load_time(self, tree: StateTree) -> None:
+        """Likewise."""
+
+    def load_state(self, tree: StateTree) -> None:
+        """Likewise."""
+
+    def take(self, step: float, count: int) -> int:
+        """Take up to `count` steps of `step` [s], and act on what they met; returns how many."""
+        pieces, trajectory = self._pieces, self._pieces.trajectory
+        checks, errors, ledger = pieces.monitor, pieces.errors, trajectory.ledger
+        touching, is_whole = errors.touching, step == trajectory.step
+        first, before, ledger.saved_at = trajectory.index, checks.since_check, -1.0
+        far = self._is_far(step)
+        if far:
+            # One by one, each from a state to go back to.
+            count = 1
+            trajectory.save()
+        if touching is not None:
+            count = touching.prepare(step, before, checks.interval, count)
+        # A step of another length is cut to end at an input.
+        origin, index = (trajectory.origin, first) if is_whole else (trajectory.time, 0)
+        status, done, checks.since_check = pieces.calls.take(
+            origin, index, step, count, before, checks.interval)
+        trajectory.require_body_force()
+        if touching is not None:
+            touching.note()
+        saved_at = int(ledger.saved_at)
+        if is_whole:
+            trajectory.index += done
+            time, saved_time = trajectory.time, trajectory.time_of(first + saved_at)
+        else:
+            ledger.regular = 0.0
+            time = saved_time = trajectory.time + step
+        if saved_at >= 0:
+            trajectory.saved_time = saved_time
+        trajectory.step_count += done
+        errors.probe.checks_left -= (before + done) // checks.interval
+        if far and status & MISSED and not status & monitor.NOT_FINITE:
+            pieces.contact.refuse_passing(
+                trajectory.saved, trajectory.state, trajectory.saved_time, time)
+            # Nothing was missed, so the state is as good as any.
+            status &= ~MISSED
+            if checks.since_check == 0 and not status & monitor.UNSOUND:
+                trajectory.save(time)
+        # An unsound state must not be saved: the run ends below.
+        rougher = status & monitor.ROUGHER and not status & monitor.UNSOUND
+        if rougher and not self._accept(time):
+            return int(done)
+        if touching is not None and checks.since_check == 0:
+            if saved_at >= 0 and not status & monitor.UNSOUND:
+                touching.end(saved_time, errors.probe.free_rate)
+            else:
+                touching.begin(time)
+        if status:
+            pieces.respond(status, time)
+        if checks.since_check == 0 and (
+            errors.probe.checks_left <= 0 or status & monitor.LIVELIER
+        ):
+            pieces.choose_step(probe=True)
+        return int(done)
+
+    def _is_far(self, step: float) -> bool:
+        """Whether bodies may leave the region with known contacts in a given `step` [s]."""
+        return self._pieces.is_given and step > self._pieces.contact.longest_step
+
+    def _accept(self, time: float) -> bool:
+        """
+        The motion became rougher: measure anew, and go back if the error was too large.
+
+        Whether the run goes on from here; else it is back at the last health check.
+        """
+        pieces, trajectory, errors = self._pieces, self._pieces.trajectory, self._pieces.errors
+        excess = pieces.controller.excess()
+        if excess is None:
+            trajectory.save(time)
+            return True
+        whole = trajectory.ledger.regular >= pieces.monitor.interval
+        if excess > 1.0 and whole and trajectory.saved_time != errors.returned_to:
+            # The errors of what was shown up to there stay counted.
+            errors.probe.close(time)
+            trajectory.return_to_saved()
+            errors.begin(trajectory.saved_time)
+            errors.returned_to = trajectory.saved_time
+            trajectory.return_work()
+            trajectory.ledger.regular = 0.0
+            pieces.choose_step(probe=True, shorter=excess)
+            return False
+        trajectory.save(time)
+        if time == trajectory.time:
+            pieces.choose_step(probe=True)
+        return True
