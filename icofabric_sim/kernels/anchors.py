@@ -34,6 +34,7 @@ from icofabric_sim.kernels.runtime.lanes import (
     Vector,
     where,
 )
+import numpy as np
 
 
 @compiled
@@ -106,10 +107,10 @@ def power_of(anchors: Anchors, pull: Six, a: int, time: float) -> Vector:
 
 @compiled
 def add_pull(
-    model: Model, loads: Loads, state: State, pull: Six, m: int, s: int, h: float
+    model: Model, loads: Loads, velocity: np.ndarray, spin: np.ndarray, pull: Six, m: int, s: int,
+    h: float
 ) -> None:
-    """Add h F / M and h N / Lambda to the velocities of the bodies of row `m`."""
-    velocity, spin = state.linear_velocity, state.angular_velocity
+    """Add h F / M and h N / Lambda to velocities of the bodies of row `m`."""
     mx, my, mz, inertia = inverses(
         model.supports, model.inverse_mass, model.inverse_inertia, s)
     step = where(bits(loads.lanes[m]), splat(h), splat(0.0))
@@ -139,7 +140,8 @@ def kick_anchor(
         if a < 0:
             return
         pull = pull_of(anchors, state, a, s, time)
-        add_pull(model, loads, state, pull, m, s, h)
+        add_pull(
+            model, loads, state.linear_velocity, state.angular_velocity, pull, m, s, h)
         done = load_at(loads.work, LANES * m)
         more = fma(splat(h), power_of(anchors, pull, a, time), done)
         store_at(loads.work, LANES * m, where(bits(loads.lanes[m]), more, done))
@@ -147,20 +149,18 @@ def kick_anchor(
 
 @compiled
 def anchor_slope(
-    anchors: Anchors | None, model: Model, loads: Loads, kicked: State, m: int, s: int,
-    time: float, index: int
+    anchors: Anchors | None, model: Model, loads: Loads, state: State, linear: np.ndarray,
+    angular: np.ndarray, m: int, s: int, time: float, index: int
 ) -> None:
-    """
-    Add the accelerations of row `m` to the slopes `kicked`, if it is an anchor; notes its power.
-    """
+    """Add the accelerations of row `m` to slopes, if it is an anchor; notes its power."""
     if anchors is None:
         return
     else:
         a = anchor_of(anchors, loads.wrench[m])
         if a < 0:
             return
-        pull = pull_of(anchors, kicked, a, s, time)
-        add_pull(model, loads, kicked, pull, m, s, 1.0)
+        pull = pull_of(anchors, state, a, s, time)
+        add_pull(model, loads, linear, angular, pull, m, s, 1.0)
         store(loads.power, index, LANES * m, where(
             bits(loads.lanes[m]), power_of(anchors, pull, a, time), splat(0.0)))
 

@@ -21,7 +21,7 @@ scattered, so bodies are computed side by side and in any order, by any number o
 
 from icofabric_sim.kernels.law_tables import tabled_factor
 from icofabric_sim.kernels.records import Links, Variety
-from icofabric_sim.kernels.runtime.compiled import compiled
+from icofabric_sim.kernels.runtime.compiled import compiled, inlined
 from icofabric_sim.kernels.runtime.lanes import (
     bits,
     fma,
@@ -42,7 +42,7 @@ _SMALLEST = 1e-300
 Six = tuple[Vector, Vector, Vector, Vector, Vector, Vector]
 
 
-@compiled
+@inlined
 def add_connectors(
     links: Links | None, points: np.ndarray, position: np.ndarray, block: int, s: int
 ) -> Six:
@@ -57,7 +57,7 @@ def add_connectors(
     return pulls(links.attachment, links, points, position, block, s)
 
 
-@compiled
+@inlined
 def pulls(
     attachment: np.ndarray | None, links: Links, points: np.ndarray, position: np.ndarray,
     block: int, s: int
@@ -93,7 +93,7 @@ def pulls_anywhere(
     return fx, fy, fz, tx, ty, tz
 
 
-@compiled
+@inlined
 def pulls_on_axes(
     links: Links, points: np.ndarray, stride: int, block: int, s: int
 ) -> Six:
@@ -143,7 +143,7 @@ def arm_of(
             load_at(points, at + 2 * stride) - load(position, 2, s))
 
 
-@compiled
+@inlined
 def edge_pull(
     links: Links, points: np.ndarray, stride: int, block: int, s: int, first_link: int,
     stiffness: Vector, minus_rest: Vector, px: Vector, py: Vector, pz: Vector

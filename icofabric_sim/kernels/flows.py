@@ -29,7 +29,7 @@ from icofabric_sim.kernels.loads import kick_load, work_load
 from icofabric_sim.kernels.moments import add_bending, add_twisting
 from icofabric_sim.kernels.records import Links, Loads, Model, State, Supports, Work
 from icofabric_sim.kernels.rotations import place_anywhere, place_points, rotate
-from icofabric_sim.kernels.runtime.compiled import compiled
+from icofabric_sim.kernels.runtime.compiled import compiled, inlined
 from icofabric_sim.kernels.runtime.lanes import bits, fma, load, splat, store, where
 from icofabric_sim.kernels.wrap.forces import add_wrapping
 import numpy as np
@@ -67,7 +67,7 @@ def drift(
         place_links(model.links, state, work, s)
 
 
-@compiled
+@inlined
 def place_links(links: Links | None, state: State, work: Work, s: int) -> None:
     """Attachment points of a block, if anything is attached."""
     if links is None:
@@ -76,7 +76,7 @@ def place_links(links: Links | None, state: State, work: Work, s: int) -> None:
         links.attachment, links.half_width, state.position, state.orientation, work.points, s)
 
 
-@compiled
+@inlined
 def place_attachments(
     attachment: np.ndarray | None, half_width: float, position: np.ndarray,
     orientation: np.ndarray, points: np.ndarray, s: int
@@ -121,14 +121,18 @@ def push(
         if loads is not None:
             for m in range(loads.start[block], loads.start[block + 1]):
                 if is_wrench(loads.drives, loads.anchors, loads.wrench[m]):
-                    kick_load(model, loads, state, m, s, time, h)
+                    kick_load(
+                        model, loads, state.orientation, state.linear_velocity,
+                        state.angular_velocity, m, s, time, h)
                 kick_anchor(loads.anchors, model, loads, state, m, s, time, h)
         if again != 0.0:
             kick(state, a, again, s)
             if loads is not None:
                 for m in range(loads.start[block], loads.start[block + 1]):
                     if is_wrench(loads.drives, loads.anchors, loads.wrench[m]):
-                        kick_load(model, loads, state, m, s, time, again)
+                        kick_load(
+                            model, loads, state.orientation, state.linear_velocity,
+                            state.angular_velocity, m, s, time, again)
                     kick_anchor(loads.anchors, model, loads, state, m, s, time, again)
 
 
@@ -151,7 +155,9 @@ def push_kept(
         if loads is not None:
             for m in range(loads.start[block], loads.start[block + 1]):
                 if is_wrench(loads.drives, loads.anchors, loads.wrench[m]):
-                    kick_load(model, loads, state, m, s, time, h)
+                    kick_load(
+                        model, loads, state.orientation, state.linear_velocity,
+                        state.angular_velocity, m, s, time, h)
                 kick_anchor(loads.anchors, model, loads, state, m, s, time, h)
 
 
@@ -168,7 +174,7 @@ def keep_accelerations(
             store(work.acceleration, k + 3, s, a[k + 3])
 
 
-@compiled
+@inlined
 def accelerations(
     model: Model, state: State, points: np.ndarray, time: float, block: int, s: int
 ) -> Six:
@@ -193,7 +199,7 @@ def accelerations(
         accelerate(model.supports, model.inverse_mass, model.inverse_inertia, force, s))
 
 
-@compiled
+@inlined
 def accelerate(
     supports: Supports | None, inverse_mass: float, inverse_inertia: float, force: Six, s: int
 ) -> Six:
@@ -211,7 +217,7 @@ def accelerate(
             tx * inertia, ty * inertia, tz * inertia)
 
 
-@compiled
+@inlined
 def add_gravity(
     gravity: np.ndarray | None, supports: Supports | None, alive: int, s: int, a: Six
 ) -> Six:
@@ -232,7 +238,7 @@ def add_gravity(
         return ax + gx, ay + gy, az + gz, bx, by, bz
 
 
-@compiled
+@inlined
 def kick(state: State, a: Six, h: float, s: int) -> None:
     """Add h times the accelerations to the velocities of a block."""
     step = splat(h)

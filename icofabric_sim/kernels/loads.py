@@ -48,15 +48,15 @@ _NEAR_WEIGHT, _FAR_WEIGHT, _MIDDLE_WEIGHT = (
 
 @compiled
 def kick_load(
-    model: Model, loads: Loads, state: State, m: int, s: int, time: float, h: float
+    model: Model, loads: Loads, orientation: np.ndarray, velocity: np.ndarray, spin: np.ndarray,
+    m: int, s: int, time: float, h: float
 ) -> None:
     """
-    Add h F / M and h N / Lambda of row `m` at `time` [s] to the velocities of a block.
+    Add h F / M and h N / Lambda of row `m` at `time` [s] to velocities of a block.
 
     The force acts at its point, the torque adds to the moment of the force.
     """
-    velocity, spin = state.linear_velocity, state.angular_velocity
-    force, torque = wrench_of(loads, state.orientation, loads.wrench[m], s)
+    force, torque = wrench_of(loads, orientation, loads.wrench[m], s)
     h = h * factor_of(loads.varying, loads.wrench[m], time)
     mx, my, mz, inertia = inverses(
         model.supports, model.inverse_mass, model.inverse_inertia, s)

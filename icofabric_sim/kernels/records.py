@@ -18,8 +18,9 @@ Arrays have their slots last: slot s of a body is its place in them, the same fo
 so that bodies which are computed together lie side by side. A term that a scene lacks is None.
 """
 
-from typing import Any, NamedTuple
+from typing import Any
 
+from icofabric_sim.kernels.runtime.record import Record
 import numpy as np
 
 EDGE_COUNT = 6
@@ -28,7 +29,7 @@ LINKS_PER_EDGE = 2
 LINK_COUNT = EDGE_COUNT * LINKS_PER_EDGE
 
 
-class Connectors(NamedTuple):
+class Connectors(Record):
     """
     Springs between edge midpoints, one by one; the arrays have shape (c,), or (1,) for all alike.
     """
@@ -44,7 +45,7 @@ class Connectors(NamedTuple):
     attachment: np.ndarray | None  # (6, 3) the points in body axes [m]; None: on the axes
 
 
-class Blocks(NamedTuple):
+class Blocks(Record):
     """Runs of LANES slots that are computed together, in the order in which they are computed."""
 
     slot: np.ndarray  # (b,) int32, first slot
@@ -52,7 +53,7 @@ class Blocks(NamedTuple):
     reach: int  # connectors lead to blocks at most this much earlier or later
 
 
-class Variety(NamedTuple):
+class Variety(Record):
     """Laws of the connectors at each body, where they are not one symmetric law; (12, s) each."""
 
     extension: np.ndarray  # k_e [N/m]
@@ -60,7 +61,7 @@ class Variety(NamedTuple):
     natural_length: np.ndarray  # D [m]
 
 
-class LawTables(NamedTuple):
+class LawTables(Record):
     """Tensions by table, see kernels/law_tables.py."""
 
     first: np.ndarray  # (12, s) first row of a connector's table, -1 where it has none
@@ -68,7 +69,7 @@ class LawTables(NamedTuple):
     rows: np.ndarray
 
 
-class Links(NamedTuple):
+class Links(Record):
     """
     The same springs seen from each body: two at each of its six edges.
 
@@ -85,7 +86,7 @@ class Links(NamedTuple):
     tables: LawTables | None
 
 
-class Shells(NamedTuple):
+class Shells(Record):
     """
     The faces of a shell as its attachment points see them, where these are not edge midpoints.
     """
@@ -95,7 +96,7 @@ class Shells(NamedTuple):
     depth: np.ndarray
 
 
-class Wrapping(NamedTuple):
+class Wrapping(Record):
     """
     The shell that connectors lie around, and their ways over its edges, see kernels/wrap/path.py.
     """
@@ -112,7 +113,7 @@ class Wrapping(NamedTuple):
     faces: np.ndarray  # (6, w, 2) int32, on which it comes to its last edge, and the next one
 
 
-class Bending(NamedTuple):
+class Bending(Record):
     """What resists a change of the angle between connectors and bodies, see kernels/moments.py."""
 
     stiffness: float  # kappa_b [N m/rad]; of many the largest
@@ -124,7 +125,7 @@ class Bending(NamedTuple):
     woven: np.ndarray | None  # (9, s) world components of the woven body axes, where they differ
 
 
-class Twisting(NamedTuple):
+class Twisting(Record):
     """What resists rotations of two connected bodies against each other."""
 
     stiffness: float  # kappa_t [N m/rad]; of many the largest
@@ -132,7 +133,7 @@ class Twisting(NamedTuple):
     woven: np.ndarray | None  # (9, s) world components of the woven body axes, where they differ
 
 
-class Moments(NamedTuple):
+class Moments(Record):
     """The same connector by connector; stiffnesses have shape (c,), or (1,) for all alike."""
 
     bodies: np.ndarray  # (c, 2) int32
@@ -144,7 +145,7 @@ class Moments(NamedTuple):
     woven: np.ndarray | None  # (n, 4) woven orientations, where they differ
 
 
-class Breakage(NamedTuple):
+class Breakage(Record):
     """
     Lengths at which the connectors at each body break (eq 3), and room for looking out for that.
 
@@ -159,14 +160,14 @@ class Breakage(NamedTuple):
     moving: np.ndarray  # (18 s,) velocities [m/s] of the attachment points
 
 
-class Supports(NamedTuple):
+class Supports(Record):
     """Inverse masses with held freedoms set to zero."""
 
     inverse_mass: np.ndarray  # (3, s) [1/kg], world axes
     inverse_inertia: np.ndarray  # (1, s) [1/(kg m^2)]
 
 
-class Varying(NamedTuple):
+class Varying(Record):
     """
     What changes the wrenches of a scene in time, or with the orientation of their bodies.
 
@@ -183,7 +184,7 @@ class Varying(NamedTuple):
     normal: np.ndarray
 
 
-class Drives(NamedTuple):
+class Drives(Record):
     """Paths on which bodies are moved, see kernels/drives.py; world frame."""
 
     start: np.ndarray  # (p,) [s] when the pieces of the paths began
@@ -197,14 +198,14 @@ class Drives(NamedTuple):
     first: np.ndarray  # orientations at the start, in the form of the state
 
 
-class SecondDerivatives(NamedTuple):
+class SecondDerivatives(Record):
     """Second derivatives of the energy that come as blocks, of bodies or of pairs."""
 
     slots: np.ndarray  # (m,) or (m, 2)
     values: np.ndarray  # (m, 6, 6) or (m, 12, 12)
 
 
-class Anchors(NamedTuple):
+class Anchors(Record):
     """Connectors from bodies to points of the world, see kernels/anchors.py."""
 
     first: int  # paths of drives, whose numbers come before
@@ -216,7 +217,7 @@ class Anchors(NamedTuple):
     natural_length: float  # D [m]
 
 
-class Loads(NamedTuple):
+class Loads(Record):
     """Wrenches, each on any number of bodies: a row for every block that it acts on."""
 
     start: np.ndarray  # (b + 1,) int32: rows start[b] to start[b + 1] act on block b
@@ -236,21 +237,21 @@ class Loads(NamedTuple):
     anchors: Anchors | None
 
 
-class Damping(NamedTuple):
+class Damping(Record):
     """Damping along the connectors."""
 
     coefficient: float  # c [N s/m]; of many the largest
     own: np.ndarray | None  # (12, s) [N s/m] of the connectors at each body, where not all alike
 
 
-class Drag(NamedTuple):
+class Drag(Record):
     """Drag on every body."""
 
     linear: float  # gamma [N s/m]
     angular: float  # gamma' [N m s/rad]
 
 
-class Magnet(NamedTuple):
+class Magnet(Record):
     """A uniform magnetic field, and the charges that move in it."""
 
     field: np.ndarray  # (3,) B [T]
@@ -259,7 +260,7 @@ class Magnet(NamedTuple):
     second: float  # s = q Lambda / (2 M) [C m^2]
 
 
-class Dipole(NamedTuple):
+class Dipole(Record):
     """A uniform electric field, and the dipoles that turn in it."""
 
     field: np.ndarray  # (3,) E [V/m]
@@ -267,21 +268,21 @@ class Dipole(NamedTuple):
     largest: float  # |p| |E| [J]
 
 
-class Coulomb(NamedTuple):
+class Coulomb(Record):
     """Equal charges at the centres of all bodies."""
 
     strength: float  # kappa = q^2 / (4 pi eps_0) [J m]
     slots: np.ndarray  # (n,) int32, the slots of the bodies
 
 
-class Meter(NamedTuple):
+class Meter(Record):
     """Energy that flows at the bodies, integrated with the weights of a Runge-Kutta method."""
 
     power: np.ndarray  # (16, s) [W] at the stages
     done: np.ndarray  # (2, s) [J] so far, and when the step in progress began
 
 
-class External(NamedTuple):
+class External(Record):
     """A function outside that says what acts on the bodies, see kernels/external.py."""
 
     address: int  # of the C function
@@ -293,7 +294,7 @@ class External(NamedTuple):
     moment: np.ndarray  # (1,) [s] when it was called last
 
 
-class Contacts(NamedTuple):
+class Contacts(Record):
     """
     Pairs of bodies, and bodies and planes, that may touch before the next look.
 
@@ -323,7 +324,7 @@ class Contacts(NamedTuple):
     losses: 'ContactLosses | None' = None
 
 
-class ContactLosses(NamedTuple):
+class ContactLosses(Record):
     """What contacts take from the motion, see kernels/contact/losses.py."""
 
     damping: float  # c [s/m]
@@ -344,7 +345,7 @@ class ContactLosses(NamedTuple):
     slopes: np.ndarray  # (16, p, 4) [m/s] at the stages
 
 
-class Model(NamedTuple):
+class Model(Record):
     """Constants of a compiled scene."""
 
     inverse_mass: float  # [1/kg]
@@ -365,7 +366,7 @@ class Model(NamedTuple):
     contacts: Contacts | None = None
 
 
-class State(NamedTuple):
+class State(Record):
     """Evolving state, world frame, written by kernels."""
 
     position: np.ndarray  # (3, s) [m]
@@ -374,7 +375,7 @@ class State(NamedTuple):
     angular_velocity: np.ndarray  # (3, s) [rad/s]
 
 
-class Work(NamedTuple):
+class Work(Record):
     """What follows from the state: attachment points, and accelerations where a call ends."""
 
     # Attachment points [m], (18 s,): coordinate k of edge e of slot s at (3 e + k) stride + s,
@@ -394,7 +395,7 @@ class Work(NamedTuple):
     external: External | None
 
 
-class Trail(NamedTuple):
+class Trail(Record):
     """What a Runge-Kutta step leaves behind."""
 
     slopes: np.ndarray  # (16, r, s), see kernels/rhs.py
@@ -404,7 +405,7 @@ class Trail(NamedTuple):
     probable: np.ndarray  # what steps probably err by, likewise
 
 
-class Nearby(NamedTuple):
+class Nearby(Record):
     """
     Bodies whose spheres are close, and room to find them; see kernels/contact/search.py.
 
@@ -430,7 +431,7 @@ class Nearby(NamedTuple):
     following: np.ndarray  # (n,) int32
 
 
-class Watch(NamedTuple):
+class Watch(Record):
     """
     Places from which bodies may move only so far before closer ones are looked for.
 
@@ -446,7 +447,7 @@ class Watch(NamedTuple):
     nearby: Nearby
 
 
-class Sweep(NamedTuple):
+class Sweep(Record):
     """In which order a thread goes over its blocks, see sweep.py."""
 
     drifts: np.ndarray  # (b,) uint32, its blocks as they drift
@@ -455,7 +456,7 @@ class Sweep(NamedTuple):
     border: int  # how many drift before other threads push
 
 
-class Team(NamedTuple):
+class Team(Record):
     """Threads that share a call; each takes a run of blocks."""
 
     member: int

@@ -81,7 +81,6 @@ def find_slopes(
     """
     turn = rows_of(state.orientation).shape[0]
     linear, angular = slope[3 + turn:6 + turn], slope[6 + turn:9 + turn]
-    kicked = State(state.position, state.orientation, linear, angular)
     for block in range(first, last):
         s = model.blocks.slot[block]
         for k in range(3):
@@ -106,9 +105,11 @@ def find_slopes(
         if loads is not None:
             for m in range(loads.start[block], loads.start[block + 1]):
                 if is_wrench(loads.drives, loads.anchors, loads.wrench[m]):
-                    kick_load(model, loads, kicked, m, s, time, 1.0)
+                    kick_load(
+                        model, loads, state.orientation, linear, angular, m, s, time, 1.0)
                     note_power(loads, state, m, s, time, index)
-                anchor_slope(loads.anchors, model, loads, kicked, m, s, time, index)
+                anchor_slope(
+                    loads.anchors, model, loads, state, linear, angular, m, s, time, index)
         if loads is not None:
             # Last: a path bears whatever acts.
             for m in range(loads.start[block], loads.start[block + 1]):

@@ -21,7 +21,7 @@ components. The number of dimensions is a constant of the compiled kernel.
 
 import math
 
-from icofabric_sim.kernels.runtime.compiled import compiled
+from icofabric_sim.kernels.runtime.compiled import compiled, inlined
 from icofabric_sim.kernels.runtime.lanes import (
     any_lane,
     fma,
@@ -117,7 +117,7 @@ def on_axes(axes: Nine, x: Vector, y: Vector, z: Vector) -> Three:
         fma(x, axes[2], fma(y, axes[5], z * axes[8])))
 
 
-@compiled
+@inlined
 def half_angle_factors(h: float, ox: Vector, oy: Vector, oz: Vector) -> tuple[Vector, Vector]:
     """cos(|omega| h / 2) and sin(|omega| h / 2) / |omega|, smooth at zero."""
     half = 0.5 * h
@@ -143,7 +143,7 @@ def half_angle_factors(h: float, ox: Vector, oy: Vector, oz: Vector) -> tuple[Ve
     return cosine, sine * splat(half)
 
 
-@compiled
+@inlined
 def rotate(
     orientation: np.ndarray, s: int, h: float, ox: Vector, oy: Vector, oz: Vector
 ) -> None:
@@ -250,7 +250,7 @@ def arm_lanes(
         return h * load(row, 0, s), h * load(row, 1, s), h * load(row, 2, s)
 
 
-@compiled
+@inlined
 def place_points(
     half_width: float, position: np.ndarray, orientation: np.ndarray, points: np.ndarray, s: int
 ) -> None:

@@ -50,7 +50,11 @@ def largest_eigenvalue(diagonal: np.ndarray, off: np.ndarray, vector: np.ndarray
     `diagonal` (n,), `off` (n - 1,) > 0. See `largest_of_scaled`; numbers whose squares are too
     large are scaled before.
     """
-    scale = np.abs(diagonal).max()
+    scale = 0.0
+    for i in range(diagonal.shape[0]):
+        # Also where it is not a number.
+        if not abs(diagonal[i]) <= scale:
+            scale = abs(diagonal[i])
     for i in range(off.shape[0]):
         scale = max(scale, off[i])
     if not scale > 0.0:

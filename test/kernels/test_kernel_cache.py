@@ -229,7 +229,7 @@ def test_run_without_any_folder_to_write_says_so_and_works(copy):
 
 
 # Index files are shorter, entries longer.
-FULL_DISK = 'import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))'
+FULL_DISK = 'import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (1024, 1024))'
 
 
 def test_full_disk_is_no_end_of_a_run(copy):

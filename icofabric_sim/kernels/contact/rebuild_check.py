@@ -92,9 +92,21 @@ def look_around(watch: Watch, state: State, time: float, step: float) -> bool:
     limits[SPEED] = speed
     set_reach(limits, reach)
     pace(limits, step)
-    watch.reference[:] = state.position
-    watch.turned[:] = state.orientation
+    copy_numbers(state.position, watch.reference)
+    copy_numbers(state.orientation, watch.turned)
     return True
+
+
+@compiled
+def copy_numbers(source: np.ndarray, target: np.ndarray) -> None:
+    """
+    Copy an array into another one of its shape.
+
+    An assignment to a slice compiles for seconds: it says in words where shapes differ.
+    """
+    start, end = source.reshape(source.size), target.reshape(source.size)
+    for i in range(source.size):
+        end[i] = start[i]
 
 
 @compiled

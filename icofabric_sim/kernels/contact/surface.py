@@ -36,11 +36,11 @@ where nothing cancels. Frame: axes of A, its centre at the origin, lengths over 
 """
 
 import math
-from typing import NamedTuple
 
 from icofabric_sim.kernels.contact.shape import CORNERS, INNER, NEIGHBOURS, NORMALS, RIDGES
 from icofabric_sim.kernels.runtime.compiled import compiled
 from icofabric_sim.kernels.runtime.lanes import fma, LANES, load_at, splat, store_at
+from icofabric_sim.kernels.runtime.record import Record
 import numpy as np
 
 # A corner so near a side lies on it: the polygon beyond is looked at. More cost time only.
@@ -49,7 +49,7 @@ _NEAR = 1e-12
 FOUND = 1 << 6
 
 
-class Scratch(NamedTuple):
+class Scratch(Record):
     """
     Room for one pair at a time.
 

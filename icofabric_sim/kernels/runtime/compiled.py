@@ -15,11 +15,13 @@
 
 from collections.abc import Callable
 from contextlib import suppress
+import gc
 from typing import Any
 
 from icofabric_sim.kernels.runtime.compile_notice import compile_notice
 from icofabric_sim.kernels.runtime.disk_cache import KernelCache
 from icofabric_sim.kernels.runtime.interrupts import leaving
+from icofabric_sim.kernels.runtime.parts import compiling
 from numba.core import config, event
 from numba.core.caching import NullCache
 from numba.core.registry import cpu_target, CPUDispatcher
@@ -36,6 +38,18 @@ def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
     return _Kernel(function)
 
 
+def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
+    """
+    Compile `function` as `compiled` does, and always into the functions that call it.
+
+    For what is done for every block: left to itself the optimiser looks at the length of a
+    function alone, and a call of one costs as much as a part of its work.
+    """
+    if _PLAIN:
+        return function
+    return _Kernel(function, inline=True)
+
+
 class _NoCache(NullCache):
     """Tells kernels from what else Numba compiles in this process."""
 
@@ -47,21 +61,31 @@ class _Part(CPUDispatcher):
     Such an entrance takes records of a hundred arrays apart: a third of all compilation.
     """
 
-    def __init__(self, function: Callable[..., Any], *, entrance: bool = False) -> None:
+    def __init__(
+        self, function: Callable[..., Any], *, inline: bool = False, entrance: bool = False
+    ) -> None:
         super().__init__(function, targetoptions={
             'nopython': True, 'nogil': True, 'error_model': 'numpy', 'boundscheck': None,
+            'forceinline': inline,
             'no_cpython_wrapper': not entrance, 'no_cfunc_wrapper': True})
         self._cache: Any = _NoCache()
         # Else no folder can be written.
         with suppress(RuntimeError):
             self._cache = KernelCache(function, entrance=entrance)
+        self._entrance = function.__qualname__ if entrance else ''
+
+    def compile(self, sig: Any) -> Any:
+        """Compile for such arguments, or load what is on disk."""
+        with compiling(self._entrance):
+            return super().compile(sig)
 
 
 class _Kernel(_Part):
     """A kernel as Python calls it."""
 
-    def __init__(self, function: Callable[..., Any]) -> None:
+    def __init__(self, function: Callable[..., Any], *, inline: bool = False) -> None:
         super().__init__(function, entrance=True)
+        self._inline = inline
         self._part: _Part | None = None
 
     # What other kernels ask for.
@@ -81,7 +105,7 @@ class _Kernel(_Part):
     def _as_part(self) -> _Part:
         # Not at once: where all is on disk nothing asks for it.
         if self._part is None:
-            self._part = _Part(self.py_func)
+            self._part = _Part(self.py_func, inline=self._inline)
         return self._part
 
 
@@ -90,17 +114,24 @@ class _Compilations(event.Listener):
 
     def __init__(self) -> None:
         self._depth = 0
+        self._collects = False
 
     def on_start(self, happening: event.Event) -> None:
         cache = getattr(happening.data['dispatcher'], '_cache', None)
         if not self._depth and not isinstance(cache, (KernelCache, _NoCache)):
             return
         self._depth += 1
+        if self._depth == 1:
+            # Of millions of objects that the compiler keeps: a fifth of its time.
+            self._collects = gc.isenabled()
+            gc.disable()
         compile_notice.begin(kept=isinstance(cache, KernelCache))
 
     def on_end(self, happening: event.Event) -> None:
         if self._depth:
             self._depth -= 1
+            if not self._depth and self._collects:
+                gc.enable()
             compile_notice.end()
 
 

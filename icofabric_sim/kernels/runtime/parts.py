@@ -1,0 +1,101 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+Compiled parts of kernels: kept for linking, never turned into machine code of their own.
+
+Numba optimises every function in full and emits its machine code, and does both again in each
+function that calls it, though only what Python calls is ever run by itself. A part gets passes
+over its own functions; the kernel that contains it is optimised as a whole, once.
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import llvmlite.binding as ll
+from numba.core.codegen import JITCodeLibrary
+from numba.core.registry import cpu_target
+
+# What is being compiled, the innermost last: the name of a kernel's library, '' for a part.
+_compiling: list[str] = []
+
+
+@contextmanager
+def compiling(kernel: str) -> Iterator[None]:
+    """Compile a kernel of this qualified name, or '': a part."""
+    _compiling.append(kernel)
+    try:
+        yield
+    finally:
+        _compiling.pop()
+
+
+class _PartLibrary(JITCodeLibrary):
+    """Code that is linked into kernels only."""
+
+    def finalize(self) -> None:
+        self._raise_if_finalized()
+        for library in dict.fromkeys(self._linking_libraries):
+            self._reload_init.update(library._reload_init)
+            self._final_module.link_in(library._get_module_for_linking(), preserve=True)
+        self._final_module.verify()
+        self._finalize_final_module()
+
+    def _finalize_final_module(self) -> None:
+        self._finalize_dynamic_globals()
+        self._verify_declare_only_symbols()
+        self._finalized = True
+
+    def get_pointer_to_function(self, name: str) -> int:
+        """Return 0: there is no machine code."""
+        self._ensure_finalized()
+        return 0
+
+    def serialize_using_object_code(self) -> tuple[str, str, bytes]:
+        """Return what a cache holds of it."""
+        self._ensure_finalized()
+        return self.name, _PART, self._get_module_for_linking().as_bitcode()
+
+
+_PART = 'part'
+_codegen = cpu_target.target_context.codegen()
+_create, _set_env, _load = (
+    _codegen.create_library, _codegen.set_env, _codegen.unserialize_library)
+
+
+def _create_library(name: str, **options: Any) -> Any:
+    if _compiling and name != _compiling[-1]:
+        return _PartLibrary(_codegen, name, **options)
+    return _create(name, **options)
+
+
+def _load_library(serialized: Any) -> Any:
+    name, kind, data = serialized
+    if kind != _PART:
+        return _load(serialized)
+    library = _PartLibrary(_codegen, name)
+    library._final_module = library._shared_module = ll.parse_bitcode(data)
+    library._finalize_final_module()
+    return library
+
+
+def _set_environment(name: str, environment: Any) -> None:
+    # A part has no place for it.
+    if _codegen._engine.is_symbol_defined(name):
+        _set_env(name, environment)
+
+
+_codegen.create_library = _create_library
+_codegen.unserialize_library = _load_library
+_codegen.set_env = _set_environment

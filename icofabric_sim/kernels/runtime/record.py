@@ -1,0 +1,186 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+Records that kernels take: immutable, their fields packed for compiled code when they are made.
+
+    class Meter(Record):
+        power: np.ndarray
+        done: np.ndarray
+
+A field is an array, a number, a truth value, another record, or None: the type of a kernel's
+argument says which fields are None, and Numba leaves out what they would need.
+"""
+
+from collections.abc import Iterator
+import ctypes
+import struct
+from typing import Any, ClassVar, dataclass_transform, Self
+
+from icofabric_sim.kernels.runtime.record_types import RecordType, register
+import numba
+from numba.core import types
+import numpy as np
+
+_MISSING = object()
+
+
+class _Address(ctypes.Structure):
+    """
+    What Numba's dispatcher sees of a record.
+
+    It knows the type of an object that has a buffer by its class alone, in a tenth of the time
+    that asking Python takes.
+    """
+
+    _fields_ = (('_address', ctypes.c_void_p),)
+
+
+@dataclass_transform(frozen_default=True)
+class Record(_Address):
+    """Base of all records; fields are the annotations of a class, which may have defaults."""
+
+    _fields: ClassVar[tuple[str, ...]] = ()
+    _defaults: ClassVar[dict[str, Any]] = {}
+    _kinds: ClassVar[dict[Any, type]] = {}
+    # Of a class that belongs to one type of the fields: made when first asked for.
+    _numba_type: ClassVar[RecordType | None] = None
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        """Read the fields; classes for one type of the fields inherit them."""
+        super().__init_subclass__(**options)
+        own = cls.__dict__.get('__annotations__', {})
+        if '_numba_type' in cls.__dict__ or not own:
+            return
+        cls._fields = tuple(own)
+        cls._defaults = {name: cls.__dict__[name] for name in own if name in cls.__dict__}
+        for name in cls._defaults:
+            delattr(cls, name)
+        cls._kinds = {}
+        register(cls)
+
+    def __new__(cls, *values: Any, **named: Any) -> Self:
+        """Make a record of its fields, in order or by name."""
+        base = cls._base()
+        if len(values) > len(base._fields):
+            raise TypeError(f'{base.__name__} has {len(base._fields)} fields, not {len(values)}')
+        fields = dict(zip(base._fields, values))
+        fields.update(named)
+        if len(fields) != len(base._fields) or len(values) + len(named) != len(fields):
+            fields = {**base._defaults, **fields}
+            wrong = set(base._fields) ^ set(fields)
+            if wrong or len(values) + len(named) > len(fields):
+                raise TypeError(f'{base.__name__}: wrong or missing fields {sorted(wrong)}')
+        ordered = {name: fields[name] for name in base._fields}
+        key = tuple(_kind_of(value) for value in ordered.values())
+        try:
+            kind = base._kinds[key]
+        except KeyError:
+            kind = base._kinds[key] = _kind(base, ordered)
+        record: Any = super().__new__(kind)
+        words: list[int] = []
+        for value in ordered.values():
+            _pack(value, words)
+        buffer = np.array(words, dtype=np.int64)
+        vars(record).update(ordered, _buffer=buffer)
+        record._address = buffer.ctypes.data
+        return record
+
+    def __init__(self, *values: Any, **named: Any) -> None:
+        """Leave all to `__new__`."""
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        """Refuse; kernels have read the fields."""
+        if name != '_address':
+            raise AttributeError(f'{self._base().__name__}.{name} cannot be changed')
+        super().__setattr__(name, value)
+
+    def __iter__(self) -> Iterator[Any]:
+        """Yield the values of the fields."""
+        values = vars(self)
+        return iter([values[name] for name in self._fields])
+
+    def __repr__(self) -> str:
+        """Return the fields by name."""
+        fields = ', '.join(f'{name}={value!r}' for name, value in self._asdict().items())
+        return f'{self._base().__name__}({fields})'
+
+    def __reduce__(self) -> Any:
+        """Pickle and copy by the fields: the address is of this process."""
+        return self._base(), tuple(self)
+
+    def _asdict(self) -> dict[str, Any]:
+        values = vars(self)
+        return {name: values[name] for name in self._fields}
+
+    def _replace(self, **changed: Any) -> Self:
+        unknown = set(changed) - set(self._fields)
+        if unknown:
+            raise ValueError(f'{self._base().__name__} has no fields {sorted(unknown)}')
+        return self._base()(**{**self._asdict(), **changed})
+
+    @classmethod
+    def numba_type(cls) -> RecordType:
+        """Return the type of records of a class that has one: of every instance."""
+        assert cls._numba_type is not None
+        return cls._numba_type
+
+    @classmethod
+    def _base(cls) -> type[Self]:
+        """Return the class that names the fields."""
+        return cls if cls._numba_type is None else cls.__mro__[1]
+
+
+def _kind_of(value: Any) -> Any:
+    """What the type of a field depends on, quickly."""
+    kind = type(value)
+    if kind is np.ndarray:
+        flags = value.flags
+        return value.dtype, value.ndim, flags.c_contiguous, flags.f_contiguous, flags.writeable
+    return kind
+
+
+def _kind(base: type[Record], fields: dict[str, Any]) -> type:
+    """Make the class of records with fields of such types."""
+    kinds = tuple((name, _field_type(base, name, value)) for name, value in fields.items())
+    return type(base.__name__, (base,), {'_numba_type': RecordType(base.__name__, kinds)})
+
+
+def _field_type(base: type[Record], name: str, value: Any) -> types.Type:
+    if value is None:
+        return types.none
+    if isinstance(value, Record):
+        return type(value).numba_type()
+    if isinstance(value, (bool, np.bool_)):
+        return types.boolean
+    if isinstance(value, (int, np.integer)):
+        return types.int64
+    if isinstance(value, (float, np.floating)):
+        return types.float64
+    if isinstance(value, np.ndarray):
+        return numba.typeof(value)
+    raise TypeError(f'{base.__name__}.{name} must not be a {type(value).__name__}')
+
+
+def _pack(value: Any, words: list[int]) -> None:
+    """Add the words of a field, as `RecordType` lays them out."""
+    if value is None:
+        return
+    if isinstance(value, Record):
+        words.append(value._address)
+    elif isinstance(value, np.ndarray):
+        words += (value.ctypes.data, value.size, value.itemsize, *value.shape, *value.strides)
+    elif isinstance(value, (float, np.floating)):
+        words += struct.unpack('<q', struct.pack('<d', value))
+    else:
+        words.append(int(value))

@@ -1,0 +1,166 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+Records in kernels: a pointer to packed fields, which are read where they are used.
+
+Numba's own tuples are handed on field by field: a call of a kernel had some thousand arguments,
+each array with a reference to count. Most of the compiler's time went there. A record is
+immutable and the caller keeps it, so a kernel reads its fields by pointer, counts nothing, and
+the optimiser may take what it has read as constant.
+"""
+
+import hashlib
+from typing import Any
+
+from llvmlite import ir
+from numba.core import cgutils, types
+from numba.core.registry import cpu_target
+from numba.core.typing.templates import AttributeTemplate
+from numba.extending import (
+    infer_getattr,
+    lower_getattr_generic,
+    models,
+    NativeValue,
+    register_model,
+    typeof_impl,
+    unbox,
+)
+
+_WORD = ir.IntType(64)
+
+
+class RecordType(types.Type):
+    """
+    A record whose fields have these types; fields that are None have Numba's type of None.
+
+    Words of 8 bytes: a number or the address of a record takes one, an array its address, the
+    number of its elements, the size of one, its shape and its strides; None takes none.
+    """
+
+    def __init__(self, record: str, fields: tuple[tuple[str, types.Type], ...]) -> None:
+        """Take the name of the record and its fields in their order."""
+        digest = hashlib.sha256(
+            ' '.join(f'{name} {kind}' for name, kind in fields).encode()).hexdigest()[:16]
+        super().__init__(name=f'{record}.{digest}')
+        self.fields = dict(fields)
+        self.places: dict[str, int] = {}
+        place = 0
+        for name, kind in fields:
+            self.places[name] = place
+            place += words_of(kind)
+        # [B]
+        self.size = 8 * max(place, 1)
+
+    def can_convert_to(self, typingctx: Any, other: Any) -> None:
+        """No record is another one."""
+        return
+
+
+def words_of(kind: types.Type) -> int:
+    """How many words a field takes."""
+    if isinstance(kind, types.NoneType):
+        return 0
+    if isinstance(kind, types.Array):
+        return 3 + 2 * kind.ndim
+    return 1
+
+
+@register_model(RecordType)
+class _RecordModel(models.OpaqueModel):
+    """A pointer that owns nothing."""
+
+
+@infer_getattr
+class _RecordFields(AttributeTemplate):
+    """Types of the fields."""
+
+    key = RecordType
+
+    def generic_resolve(self, value: Any, attr: Any) -> Any:  # type: ignore[override]
+        return value.fields.get(attr)
+
+
+@lower_getattr_generic(RecordType)
+def _read_field(context: Any, builder: Any, record: RecordType, pointer: Any, name: str) -> Any:
+    kind, place = record.fields[name], record.places[name]
+    if isinstance(kind, types.NoneType):
+        return context.get_dummy_value()
+    if isinstance(kind, types.Array):
+        array = context.make_array(kind)(context, builder)
+        array.meminfo = array.meminfo.type(None)
+        array.parent = array.parent.type(None)
+        array.data = _load(builder, pointer, place, array.data.type)
+        array.nitems = _load(builder, pointer, place + 1, _WORD)
+        array.itemsize = _load(builder, pointer, place + 2, _WORD)
+        place += 3
+        for part in ('shape', 'strides'):
+            words = [_load(builder, pointer, place + k, _WORD) for k in range(kind.ndim)]
+            setattr(array, part, cgutils.pack_array(builder, words, ty=_WORD))
+            place += kind.ndim
+        return array._getvalue()
+    wanted = context.get_value_type(kind)
+    if isinstance(kind, RecordType):
+        inner = _load(builder, pointer, place, wanted)
+        size = ir.Constant(_WORD, kind.size)
+        inner.set_metadata('dereferenceable', builder.module.add_metadata([size]))
+        inner.set_metadata('nonnull', builder.module.add_metadata([]))
+        return inner
+    if kind is types.float64:
+        return _load(builder, pointer, place, wanted)
+    value = _load(builder, pointer, place, _WORD)
+    return builder.trunc(value, wanted) if wanted.width < _WORD.width else value
+
+
+def _load(builder: Any, pointer: Any, place: int, kind: Any) -> Any:
+    """Load a word of a record: as constant, because nothing writes into one."""
+    address = builder.gep(
+        builder.bitcast(pointer, _WORD.as_pointer()), [ir.Constant(ir.IntType(32), place)])
+    value = builder.load(builder.bitcast(address, kind.as_pointer()))
+    value.set_metadata('invariant.load', builder.module.add_metadata([]))
+    return value
+
+
+def _declare(module: Any, description: Any) -> Any:
+    """
+    Declare a function, and that its records can be read from wherever it likes.
+
+    So the optimiser may read a field before a loop, though only some rounds of it ask for it.
+    """
+    function = _declare_function(module, description)
+    arguments = {argument.name: argument for argument in function.args}
+    for name, kind in zip(description.args, description.argtypes):
+        argument = arguments.get(f'arg.{name}')
+        # None: the module has the declaration already.
+        if isinstance(kind, RecordType) and argument is not None:
+            argument.attributes.dereferenceable = kind.size
+            argument.attributes.add('nonnull')
+    return function
+
+
+_declare_function = cpu_target.target_context.declare_function
+cpu_target.target_context.declare_function = _declare
+
+
+@unbox(RecordType)
+def _address_of(kind: RecordType, record: Any, context: Any) -> NativeValue:
+    number = context.pyapi.object_getattr_string(record, '_address')
+    pointer = context.pyapi.long_as_voidptr(number)
+    context.pyapi.decref(number)
+    return NativeValue(pointer, is_error=cgutils.is_not_null(
+        context.builder, context.pyapi.err_occurred()))
+
+
+def register(record: type) -> None:
+    """Let `typeof` know instances of a class of records by their `_numba_type`."""
+    typeof_impl.register(record)(lambda value, context: value._numba_type)

@@ -1,0 +1,157 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""Records of kernels: what Python sees of them, and that compiled code reads the same fields."""
+
+import copy
+import pickle
+
+from icofabric_sim.kernels.records import Drag, Loads, Meter, Model, Supports
+from icofabric_sim.kernels.runtime.compiled import compiled
+from icofabric_sim.kernels.runtime.record import Record
+import numpy as np
+import pytest
+
+
+class Inner(Record):
+    weights: np.ndarray
+    count: int
+
+
+class Outer(Record):
+    name: int
+    factor: float
+    is_on: bool
+    grid: np.ndarray
+    lacking: np.ndarray | None
+    inner: Inner | None = None
+    code: np.ndarray | None = None
+
+
+@compiled
+def total(outer):
+    """Sum over everything that the record holds."""
+    result = outer.factor * outer.name
+    if outer.is_on:
+        result += 1000.0
+    for i in range(outer.grid.shape[0]):
+        for j in range(outer.grid.shape[1]):
+            result += (i + 1) * outer.grid[i, j]
+    return result + size_of(outer.lacking) + weighted(outer.inner) + first_of(outer.code)
+
+
+# What is None has to be an argument of its own to be left out.
+@compiled
+def size_of(lacking):
+    """A million for each element."""
+    if lacking is None:
+        return 0.0
+    else:
+        return 1e6 * lacking.size
+
+
+@compiled
+def first_of(code):
+    """The first number."""
+    if code is None:
+        return 0.0
+    else:
+        return float(code[0])
+
+
+@compiled
+def weighted(inner):
+    """Weights added up, the record handed on by itself."""
+    result = 0.0
+    if inner is None:
+        return result
+    else:
+        for i in range(inner.count):
+            result += inner.weights[i]
+        return result
+
+
+@compiled
+def write(outer, value):
+    """Write into an array of the record."""
+    outer.grid[0, 1] = value
+
+
+GRID = np.arange(6.0).reshape(2, 3)
+# 0 + 1 + 2 + 2 (3 + 4 + 5)
+GRID_SUM = 27.0
+
+
+def test_compiled_code_reads_every_kind_of_field():
+    assert total(Outer(3, 0.5, True, GRID, None)) == 1.5 + 1000.0 + GRID_SUM
+    inner = Inner(np.array([1.0, 2.0, 4.0]), 2)
+    whole = Outer(-3, 0.5, False, GRID, np.zeros((2, 2)), inner, np.array([-7], np.int8))
+    assert total(whole) == -1.5 + GRID_SUM + 4e6 + 3.0 - 7.0
+    # Strides count, not only shapes; read-only arrays are read.
+    turned = GRID.T.copy().T
+    turned.flags.writeable = False
+    assert not turned.flags.c_contiguous
+    assert total(whole._replace(grid=turned)) == total(whole)
+    assert total(whole._replace(grid=np.zeros((0, 3)))) == total(whole) - GRID_SUM
+
+
+def test_arrays_are_shared_and_numbers_are_not():
+    grid = GRID.copy()
+    outer = Outer(0, 0.0, False, grid, None)
+    write(outer, 100.0)
+    assert grid[0, 1] == outer.grid[0, 1] == 100.0
+    grid[0, 1] = 1.0
+    assert total(outer) == GRID_SUM
+
+
+def test_a_record_is_a_sequence_of_named_fields_that_do_not_change():
+    outer = Outer(name=1, factor=2.0, is_on=True, grid=GRID, lacking=None)
+    assert list(outer) == [1, 2.0, True, outer.grid, None, None, None]
+    assert outer._asdict()['factor'] == 2.0 and isinstance(outer, Outer)
+    assert repr(Inner(np.zeros(1), 2)) == 'Inner(weights=array([0.]), count=2)'
+    changed = outer._replace(factor=3.0)
+    assert changed.factor == 3.0 and outer.factor == 2.0 and changed.grid is outer.grid
+    with pytest.raises(AttributeError, match=r'Outer\.factor cannot be changed'):
+        outer.factor = 4.0
+    with pytest.raises(ValueError, match="no fields .'speed'."):
+        outer._replace(speed=1.0)
+    with pytest.raises(TypeError, match='Inner'):
+        Inner(np.zeros(1))
+    with pytest.raises(TypeError, match='Inner'):
+        Inner(np.zeros(1), 2, weights=np.zeros(1))
+    with pytest.raises(TypeError, match='Inner has 2 fields, not 3'):
+        Inner(np.zeros(1), 2, 3)
+    with pytest.raises(TypeError, match=r'Inner\.count must not be a str'):
+        Inner(np.zeros(1), 'two')
+
+
+def test_copies_hold_their_own_arrays():
+    outer = Outer(2, 0.5, False, GRID.copy(), None, Inner(np.ones(2), 2))
+    for other in (copy.deepcopy(outer), pickle.loads(pickle.dumps(outer))):
+        assert isinstance(other, Outer) and total(other) == total(outer)
+        write(other, 50.0)
+        assert other.grid[0, 1] == 50.0 and outer.grid[0, 1] == 1.0
+
+
+def test_only_what_is_none_and_the_kinds_of_arrays_make_another_type():
+    drag = Drag(1.0, 2.0)
+    assert type(drag) is type(Drag(3.0, 4.0))
+    meter = Meter(np.zeros((16, 8)), np.zeros((2, 8)))
+    assert type(meter) is type(Meter(np.ones((16, 80)), np.ones((2, 80))))
+    assert type(meter) is not type(Meter(np.ones((16, 8), np.float32), np.ones((2, 8))))
+    assert type(Outer(1, 1.0, True, GRID, None)) is not type(Outer(1, 1.0, True, GRID, GRID))
+    # Only annotations are fields, in their order; defaults are those of the class.
+    assert Model._fields[:3] == ('inverse_mass', 'inverse_inertia', 'gravity')
+    assert Model._defaults['contacts'] is None and 'gravity' not in Model._defaults
+    assert Supports._fields == ('inverse_mass', 'inverse_inertia')
+    assert Loads._fields[-1] == 'anchors'
