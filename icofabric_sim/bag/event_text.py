@@ -36,6 +36,7 @@ _NAMES = {
     'checkpoint_restored': ('checkpoint restored', 'checkpoints restored'),
     'state_set': ('body put elsewhere', 'bodies put elsewhere'),
     'failed': ('failure', 'failures'),
+    'stalled': ('standstill', 'standstills'),
     'change_refused': ('change that could not be built', 'changes that could not be built'),
 }
 
@@ -88,6 +89,7 @@ def describe_event(event: RecordedEvent) -> str:
         'reweave': _change(facts),
         'change_refused': f'a change could not be built: {facts.get("reason")}',
         'failed': f'the simulation failed: {facts.get("reason")}',
+        'stalled': f'{facts.get("reason")}',
         'checkpoint_saved': f'a checkpoint was saved to {facts.get("path")}',
         'checkpoint_restored': (
             f'goes on from the checkpoint of t = {facts.get("of")} s in {facts.get("path")}'),

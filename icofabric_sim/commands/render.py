@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     import numpy as np
 
 _DEFAULT_COUNT = 8
+_FILES = (
+    '.avi', '.gif', '.jpeg', '.jpg', '.mkv', '.mov', '.mp4', '.pdf', '.png', '.svg', '.webm')
 _SMALLEST, _LARGEST = 320, 16000  # pixels
 
 
@@ -65,6 +67,10 @@ def main(arguments: argparse.Namespace) -> int:
     if sheet is not None:
         require_place('--sheet', sheet)
     if arguments.output:
+        if Path(arguments.output).suffix.lower() in _FILES:
+            raise InputError(
+                f'--output {arguments.output} looks like a file, and is the folder for frames; '
+                'give a name without such an ending, or --sheet FILE.png for a single picture')
         require_place('--output', Path(arguments.output).expanduser(), is_folder=True)
     from icofabric_sim.bag import next_free_path
     from icofabric_sim.bag.recorded_run import RecordedRun

@@ -67,6 +67,8 @@ class ParameterSet:
     def __init__(self, node: str) -> None:
         self.node = node
         self._sections: dict[str, _Section] = {}
+        # Names that the present document has given, by section, and where.
+        self._written: dict[tuple[str, str], Origin] = {}
 
     def add_file(self, data: bytes, source: str) -> None:
         """Take the text of one parameter file; `source` is its name in messages."""
@@ -77,6 +79,7 @@ class ParameterSet:
             if not tree.is_map:
                 raise ParameterFileError(
                     f'{source}:{tree.line}: expected the name of a node; {FORM}')
+            self._written.clear()
             self._walk_names(tree, '', source)
 
     def add_override(self, section: str, name: str, text: str, source: str) -> None:
@@ -119,11 +122,16 @@ class ParameterSet:
 
     def _walk_names(self, tree: Tree, path: str, source: str) -> None:
         pairs = tree.pairs()
+        lines: dict[str, int] = {}
         for index, (key, value) in enumerate(pairs):
             where = f'{source}:{key.line}'
             if not key.is_scalar or not key.text or '\0' in key.text:
                 raise ParameterFileError(
                     f'{where}: a list, a map or an empty text cannot be a name; {FORM}')
+            if key.text in lines:
+                raise ParameterFileError(
+                    f'{where}: {key.text!r} {_twice(lines[key.text])}')
+            lines[key.text] = key.line
             if key.text.startswith(SECTION_KEY):
                 if not path:
                     raise ParameterFileError(
@@ -155,6 +163,7 @@ class ParameterSet:
 
     def _walk_parameters(self, tree: Tree, prefix: str, section: str, source: str) -> None:
         ours = section_matches(section, self.node)
+        lines: dict[str, int] = {}
         for key, value in tree.pairs():
             if not key.is_scalar:
                 raise ParameterFileError(
@@ -164,6 +173,10 @@ class ParameterSet:
             if not key.text or '\0' in key.text:
                 raise ParameterFileError(
                     f'{source}:{key.line}: parameter {name!r} is not a name; write a word')
+            if ours and key.text in lines:
+                raise ParameterFileError(
+                    f'{source}:{key.line}: parameter {name!r} {_twice(lines[key.text])}')
+            lines[key.text] = key.line
             if not value.is_map:
                 first = value.children[0] if value.children else value
                 self._take_value(
@@ -200,6 +213,10 @@ class ParameterSet:
         if not ours:
             return
         _refuse_what_ros_spoils(items, where)
+        if place.line:
+            before = self._written.setdefault((section, name), place)
+            if before is not place:
+                raise ParameterFileError(f'{where} {_twice(before.line)}')
         known = self._sections.setdefault(section, _Section())
         if name in known.maps:
             raise ParameterFileError(f'{where} {_BOTH}')
@@ -212,6 +229,10 @@ class ParameterSet:
             raise ParameterFileError(
                 f'{where}: ROS would ignore {setting.value!r} and keep {kept.value!r} from '
                 f'{kept.origin}: {_why_ignored(setting.value, kept)}')
+
+
+def _twice(line: int) -> str:
+    return f'is written twice, first in line {line}, and one of the two would be lost; keep one'
 
 
 _BOTH = ('has both a value and a map, of which ROS loses one; give it in one place, or write one '

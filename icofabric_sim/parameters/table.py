@@ -347,7 +347,8 @@ STATIC: tuple[Specification, ...] = (
         '1/s',
         'error that the method may add for each second of simulated time: position over a, '
         'orientation in rad, the larger',
-        **_positive(),
+        minimum=1e-15,
+        maximum=1e3,
     ),
     _s(
         'solver.step',
@@ -356,6 +357,8 @@ STATIC: tuple[Specification, ...] = (
         'fixed step, for which the tolerance is reported only; 0: chosen, as long as stability '
         'and tolerance allow',
         minimum=0.0,
+        maximum=_LONGEST,
+        smallest=1e-12,
     ),
     _s(
         'solver.energy_limit',

@@ -14,7 +14,7 @@
 """Between the executor's thread and others: work handed over, and answers that take a while."""
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 from concurrent.futures import Future
 from functools import partial
 import threading
@@ -77,16 +77,49 @@ class Answers:
                 raise RuntimeError(self._ended)
         return future.result()
 
+    async def within(self, future: 'Future[Any]', limit: float) -> bool:
+        """Whether the `future` is done within so long [s], while other callbacks run."""
+        if future.done() or self._ended or len(self._waiting) >= MOST:
+            return future.done()
+        promise = Promise()
+
+        def settle(_: Any = None) -> None:
+            self.hand_over(lambda: None if promise.done() else promise.set_result(None))
+
+        self._waiting.add(promise)
+        timer = threading.Timer(limit, settle)
+        timer.daemon = True
+        timer.start()
+        future.add_done_callback(settle)
+        try:
+            await promise
+        finally:
+            self._waiting.discard(promise)
+            timer.cancel()
+        return future.done()
+
+    async def turn(self) -> None:
+        """Let other callbacks run before what follows."""
+        self.hand_over(lambda: None)
+        await _Turn()
+
     def end(self, reason: str) -> None:
         """Answer all pending requests with the reason why no other answer will come."""
         self._ended = reason
         self._run_handed()
-        for promise in list(self._waiting):
+        for promise in [item for item in self._waiting if not item.done()]:
             promise.set_result(None)
 
     def _run_handed(self) -> None:
         while self._handed:
             self._handed.popleft()()
+
+
+class _Turn:
+    """Gives the executor's thread back once."""
+
+    def __await__(self) -> Generator[None, None, None]:
+        yield
 
 
 def begin_aside(work: Callable[[], Any]) -> 'Future[Any]':

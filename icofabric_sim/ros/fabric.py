@@ -16,6 +16,7 @@ The simulation node: a runner, which has a thread of its own, and its translatio
 """
 
 from collections.abc import Callable
+from concurrent.futures import Future
 import gc
 import threading
 import time
@@ -73,6 +74,7 @@ class FabricNode(Node):
             'icofabric', allow_undeclared_parameters=True, start_parameter_services=False
         )
         self._gate: ParameterGate | None = None
+        self.build: Future[str] | None = None
         log_to_ros(self.get_logger())
         if simulation is None:
             simulation = compile_scene(Scene.from_parameters(parameters), body_wrenches=True)
@@ -98,9 +100,9 @@ class FabricNode(Node):
         self._gate = ParameterGate(
             parameters, self._changed, lambda: self.runner.simulation.status.stability_limit
         )
-        self._parameter_service = GuardedParameterService(self)
-        self._inputs = InputTopics(self, self.runner.inputs, simulation.scene)
         self.answers = Answers(self)
+        self._parameter_service = GuardedParameterService(self, self.answers)
+        self._inputs = InputTopics(self, self.runner.inputs, simulation.scene)
         self._verbs = Verbs(self, self.runner, self.answers, self._inputs)
         self._standard = offer_standard_services(self, self.runner, self.answers, self._quit)
         self._thread = threading.Thread(target=self._simulate, name='simulation', daemon=True)
@@ -163,7 +165,9 @@ class FabricNode(Node):
     def _changed(self, parameters: Parameters, scene: Scene | None) -> None:
         self._declare(parameters)
         self._faults.pop('rejected change', None)
-        self.runner.change(parameters, scene)
+        # Whoever asked for the change waits for this, see parameter_service.py.
+        self.build = Future()
+        self.runner.change(parameters, scene, self.build)
 
     def _rebuilt(self, wanted: Parameters, reason: str) -> None:
         self.answers.hand_over(lambda: self._follow(wanted, reason))

@@ -19,7 +19,7 @@ Everything that takes time to import is imported once signals are heard.
 
 import sys
 
-from icofabric_sim.ros.start import arguments_of_its_own, importing, StopSignals
+from icofabric_sim.ros.start import arguments_of_its_own, check_domain, importing, StopSignals
 from icofabric_sim.version import __version__
 
 _USAGE = """usage: fabric_node [--ros-args --params-file SCENE -p name:=value ...]
@@ -59,6 +59,7 @@ def _run(arguments: list[str], signals: StopSignals) -> int:
     own = arguments_of_its_own(arguments[1:])
     if own:
         raise ValueError(f'{" ".join(own)!r} is not an argument of fabric_node\n{_USAGE}')
+    check_domain()
     with importing():
         from icofabric_sim.parameters.file import check_ros_arguments
         from icofabric_sim.ros.ros_parameters import make_start_parameters

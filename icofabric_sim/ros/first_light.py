@@ -33,7 +33,7 @@ from icofabric_sim.messages.schedule import NANOSECONDS
 from icofabric_sim.parameters.ready_scenes import find_scene
 from icofabric_sim.pictures.render import draw_sheet
 from icofabric_sim.ros.node_watch import NodeStuck, watched_node
-from icofabric_sim.ros.start import READY
+from icofabric_sim.ros.start import check_domain, READY
 import rclpy
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
@@ -128,6 +128,10 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog='make run', description=__doc__.strip().splitlines()[0])
     parser.add_argument('--output', default='', help='folder for the bag and the picture')
     options = parser.parse_args()
+    try:
+        check_domain()
+    except ValueError as error:
+        parser.error(str(error))
     folder = Path(options.output) if options.output else _fresh_folder(Path('runs'), 'first_light')
     folder.mkdir(parents=True, exist_ok=True)
     bag, picture = folder / 'bag', folder / 'moments.png'

@@ -87,7 +87,8 @@ class ReplayNode(Node):
             report=self._diagnose,
         )
         self._clock_watch = ClockWatch(self) if options['publish_clock'] else None
-        self._parameter_service = GuardedParameterService(self)
+        self.answers = Answers(self)
+        self._parameter_service = GuardedParameterService(self, self.answers)
         self.going_live: GoingLive | None = None
         self.gives_way = False  # to the simulation that is ready
         # While a request waits for its answer, others are heard.
@@ -99,7 +100,6 @@ class ReplayNode(Node):
         seek = _seek_class()
         if seek is not None:
             self.create_service(seek, '~/seek', self._seek, callback_group=group)
-        self.answers = Answers(self)
         self._thread = threading.Thread(target=self._play, name='replay', daemon=True)
 
     def start(self) -> None:

@@ -20,7 +20,7 @@ Everything that takes time to import is imported once signals are heard.
 from pathlib import Path
 import sys
 
-from icofabric_sim.ros.start import arguments_of_its_own, importing, StopSignals
+from icofabric_sim.ros.start import arguments_of_its_own, check_domain, importing, StopSignals
 from icofabric_sim.version import __version__
 
 _USAGE = """usage: replay_node BAG [--ros-args -p name:=value ...]
@@ -67,6 +67,7 @@ def _run(arguments: list[str], signals: StopSignals) -> int:
         raise ValueError(
             f'{" ".join(own)!r}: one bag is all that replay_node takes beside --ros-args; '
             'replay_node --help shows its parameters')
+    check_domain()
     with importing():
         from icofabric_sim.commands.bags import bag_errors
         from icofabric_sim.parameters.file import check_ros_arguments

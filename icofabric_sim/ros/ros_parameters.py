@@ -19,6 +19,7 @@ from array import array
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
+from icofabric_sim.checks import shown
 from icofabric_sim.parameters.changes import changed_names, rebuilds, require_changeable
 from icofabric_sim.parameters.table import Change, FAMILIES, Specification
 from icofabric_sim.parameters.validation import (
@@ -42,6 +43,10 @@ ROS_NAMES = ('use_sim_time', 'start_type_description_service')
 _FOREIGN = 'qos_overrides.'
 # A scene of this many bodies is built within some ten milliseconds.
 _QUICK_BODIES = 20_000
+# A change is judged with all that was set before, within about half a second. A scene that is set
+# piece by piece may grow to so many parameters, and so much text in them; a file may hold more.
+LONGEST_NAME, LONGEST_TEXT = 1000, 16_384  # characters, of all values of a change together
+MOST_GIVEN, MOST_TEXT = 2000, 65_536
 _HUGE = 1.7976931348623157e308
 
 
@@ -148,6 +153,9 @@ class ParameterGate:
             name = parameter.name
             if not name:
                 raise ParameterError(name, 'a parameter without a name cannot be set')
+            if len(name) > LONGEST_NAME:
+                raise ParameterError(
+                    name, f'{name} has {len(name)} characters; a name has at most {LONGEST_NAME}')
             if is_foreign(name):
                 stored.append(parameter)
                 continue
@@ -166,8 +174,26 @@ class ParameterGate:
             touched = True
         if not touched:
             return None, None, stored
+        self._require_little(wanted, given)
         changed = make_parameters(given)
         return changed, self._checked_scene(changed), stored
+
+    def _require_little(self, wanted: list[Parameter], given: Mapping[str, Any]) -> None:
+        """Refuse what would take long to judge, now or with each later change."""
+        name, length = wanted[0].name, _text_length(parameter.value for parameter in wanted)
+        if length > LONGEST_TEXT:
+            raise ParameterError(
+                name, f'{name} can be set to a text of at most {LONGEST_TEXT} characters while '
+                f'the node runs, got {length} ({shown(wanted[0].value)}); a file may hold more')
+        for have, before, most, what in (
+            (len(given), len(self.accepted.explicit), MOST_GIVEN, 'parameters'),
+            (_text_length(given.values()), _text_length(self.accepted.values()), MOST_TEXT,
+             'characters of text'),
+        ):
+            if have > max(before, most):
+                raise ParameterError(
+                    name, f'{name}: the scene would have {have} {what}, and {most} can be set '
+                    'while the node runs; a file may hold more')
 
     def _checked_scene(self, changed: Parameters) -> Scene | None:
         """Refuse what building would refuse; returns the scene where it is built in a moment."""
@@ -183,6 +209,10 @@ class ParameterGate:
         if not rebuilds(self.accepted, changed) or estimate_bodies(changed) > _QUICK_BODIES:
             return None
         return Scene.from_parameters(changed)
+
+
+def _text_length(values: Iterable[Any]) -> int:
+    return sum(len(value) for value in values if isinstance(value, str))
 
 
 def _refusal(wanted: list[Parameter], reason: str) -> SetParametersResult:

@@ -27,6 +27,8 @@ from types import FrameType
 INTERRUPTED = 130  # exit status
 # Said by a node once its topics are there; others wait for it (node_watch.py).
 READY = 'ready: '
+# The ports of a domain begin at 7400 + 250 times its number.
+_LARGEST_DOMAIN = 232
 _STOPPING = (signal.SIGINT, signal.SIGTERM)
 
 
@@ -78,6 +80,15 @@ def importing() -> Iterator[None]:
     finally:
         gc.freeze()
         gc.enable()
+
+
+def check_domain() -> None:
+    """Refuse a ROS_DOMAIN_ID whose ports do not exist; else the middleware fails at length."""
+    text = os.environ.get('ROS_DOMAIN_ID', '')
+    if text.strip().isdecimal() and int(text) > _LARGEST_DOMAIN:
+        raise ValueError(
+            f'ROS_DOMAIN_ID is {text[:20]}, and a domain is a number from 0 to {_LARGEST_DOMAIN}; '
+            'set another one')
 
 
 def arguments_of_its_own(arguments: list[str]) -> list[str]:

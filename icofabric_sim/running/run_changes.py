@@ -76,6 +76,8 @@ class RunChanges:
         self._broadcast, self._pace = broadcast, pace
         self._post, self._fresh_status, self.on_rebuilt = post, fresh_status, on_rebuilt
         self._reweaver = Reweaver(post, self._swap, state.simulation.body_force)
+        # Who waits for the fabric that is being built.
+        self._builds: 'list[Future[str]]' = []
 
     @property
     def wanted(self) -> Parameters | None:
@@ -106,6 +108,7 @@ class RunChanges:
             state.now = 0
             self._broadcast.time_jumped(ended)
         state.failure = ''
+        self._time.begin_anew()
         self._pace.restart(state.now)
         self._time.show_after('reset')
         return state.now
@@ -183,8 +186,14 @@ class RunChanges:
             self._broadcast.event(state.now, 'record', on=True)
         return ', '.join(said)
 
-    def change(self, parameters: Parameters, scene: Scene | None) -> None:
-        """Take other parameters; their `scene`, where the caller has built it, is used."""
+    def change(
+        self, parameters: Parameters, scene: Scene | None, built: 'Future[str]'
+    ) -> None:
+        """
+        Take other parameters; their `scene`, where the caller has built it, is used.
+
+        `built` gets '' once they are in force, or the reason why they cannot be.
+        """
         state = self._state
         before = self._reweaver.wanted or state.parameters
         require_changeable(changed_names(before, parameters))
@@ -195,9 +204,11 @@ class RunChanges:
             self._broadcast.describe(state.now)
         if rebuilds(before, parameters):
             _LOGGER.info('building the changed fabric beside the running one')
+            self._builds.append(built)
             self._reweaver.want(parameters, scene)
         else:
             self._reweaver.amend(parameters)
+            built.set_result('')
 
     def _write(
         self, checkpoint: 'Checkpoint', path: Path, time: int, saved: 'Future[Any]'
@@ -218,12 +229,24 @@ class RunChanges:
         self._pace.set_factor(parameters['real_time_factor'], self._state.now)
 
     def _swap(self, wanted: Parameters, simulation: Simulation | None, reason: str) -> None:
+        builds, self._builds = self._builds, []
+        try:
+            reason = self._taken(wanted, simulation, reason)
+        except BaseException as error:
+            reason = str(error)
+            raise
+        finally:
+            for built in builds:
+                built.set_result(reason)
+
+    def _taken(self, wanted: Parameters, simulation: Simulation | None, reason: str) -> str:
+        """Go on with another simulation, or return the reason why not."""
         state = self._state
         if simulation is not None and not rebuilds(
                 state.parameters, simulation.scene.parameters):
             # Changed and changed back while it was built: the motion need not be touched.
             self.on_rebuilt(wanted, '')
-            return
+            return ''
         restarts = False
         if simulation is not None:
             try:
@@ -235,7 +258,7 @@ class RunChanges:
             _LOGGER.error('the change could not be built, the old fabric runs on: %s', reason)
             self._broadcast.event(state.now, 'change_refused', reason=reason)
             self.on_rebuilt(wanted, reason)
-            return
+            return reason
         self._tell_of_change(wanted, simulation, restarts)
         self._time.follow(simulation)
         state.failure = ''
@@ -244,6 +267,7 @@ class RunChanges:
         self._take_rates(wanted)
         self._time.show_after('reweave')
         self.on_rebuilt(wanted, '')
+        return ''
 
     def _tell_of_change(
         self, wanted: Parameters, simulation: Simulation, restarts: bool

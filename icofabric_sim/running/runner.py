@@ -39,6 +39,7 @@ from icofabric_sim.running.received_inputs import ReceivedInputs
 from icofabric_sim.running.run_changes import RunChanges
 from icofabric_sim.running.run_records import begins_anew, Errors, errors_of, figures, Status
 from icofabric_sim.running.run_state import RunState
+from icofabric_sim.running.stall import StallWatch
 from icofabric_sim.running.time_advance import TimeAdvance
 from icofabric_sim.running.time_requests import AdvanceRequest, StepRequest
 from icofabric_sim.scene.scene import Scene
@@ -84,6 +85,9 @@ class Runner:
         self.inputs = ReceivedInputs(
             self.state, self.commands.post, self._broadcast.input, full_name)
         self._time = TimeAdvance(self.state, self.inputs, self._broadcast, self._pace)
+        if report is not None:
+            # Live: nobody sees a progress bar there.
+            self._time.stall = StallWatch()
         self.changes = RunChanges(
             self.state, self._time, self.inputs, self._broadcast, self._pace,
             post=self.commands.post, fresh_status=self._fresh_status, on_rebuilt=on_rebuilt)
@@ -223,15 +227,19 @@ class Runner:
         """Put one body elsewhere, see entities.py; results in the time [ns] at which that was."""
         return self.post(lambda: self.changes.set_body_state(body, parts))
 
-    def change(self, parameters: Parameters, scene: Scene | None = None) -> 'Future[Any]':
+    def change(
+        self, parameters: Parameters, scene: Scene | None = None,
+        built: 'Future[str] | None' = None,
+    ) -> 'Future[Any]':
         """
         Take other parameters; a changed fabric is built aside and swapped in between two steps.
 
         Where their `scene` was built already, e.g. to judge them, that one is used. Wrenches that
         act or wait go on where the new fabric has their channel or body, see reweave.py; the
-        others are named in a warning and an event.
+        others are named in a warning and an event. `built` gets '' once they are in force, or the
+        reason why they cannot be.
         """
-        return self.post(lambda: self.changes.change(parameters, scene))
+        return self.post(lambda: self.changes.change(parameters, scene, built or Future()))
 
     def stop(self) -> None:
         """End `run` soon."""

@@ -29,6 +29,7 @@ from icofabric_sim.running.pace import Pace
 from icofabric_sim.running.received_inputs import ReceivedInputs
 from icofabric_sim.running.run_events import Shown, shown_after
 from icofabric_sim.running.run_state import RunState
+from icofabric_sim.running.stall import StallWatch
 from icofabric_sim.running.time_requests import AdvanceRequest, StepRequest, TimeRequests
 from icofabric_sim.simulation.errors import Interrupted, SimulationError
 from icofabric_sim.simulation.simulation import Simulation
@@ -52,6 +53,8 @@ class TimeAdvance:
         self.requests = TimeRequests()
         self.stopping = False
         self._patient_until = math.inf
+        # None: who waits for the end of the run is patient.
+        self.stall: StallWatch | None = None
 
     def stop(self) -> None:
         """Have the simulation come to a halt at the end of a step."""
@@ -63,6 +66,7 @@ class TimeAdvance:
         simulation.should_stop = (
             lambda: self.stopping or wall.monotonic() > self._patient_until)
         self._inputs.follow(simulation)
+        self.begin_anew()
 
     def advance(self, end: int | None = None) -> None:
         """
@@ -78,11 +82,13 @@ class TimeAdvance:
                 target = state.now
                 state.simulation.advance_to(seconds(target))
             state.now = target
-            self._pace.learn(target - before, wall.perf_counter() - started)
+            computed = wall.perf_counter() - started
+            self._pace.learn(target - before, computed)
             # Broken off before its first step, it has shown this time already.
             if state.now > before and state.now != end:
                 self._broadcast.due(state.now)
             self.requests.answer(state.now)
+            self._look_for_stall(seconds(state.now - before), computed)
         except SimulationError as error:
             self.fail(str(error), target)
         except Interrupted:
@@ -144,6 +150,11 @@ class TimeAdvance:
             self._pace.restart(state.now)
         self.requests.end(reason, state.now)
 
+    def begin_anew(self) -> None:
+        """Take the present motion as one that begins, e.g. after a reset."""
+        if self.stall is not None:
+            self.stall.begin(self._state.simulation.status.step)
+
     def take_steps(self, request: StepRequest) -> None:
         """Take steps for a moment; the rest follows once commands had their turn."""
         state, end = self._state, wall.perf_counter() + RESPONSE
@@ -169,6 +180,19 @@ class TimeAdvance:
             self.fail(str(error), target)
         except Interrupted:
             state.catch_up()
+
+    def _look_for_stall(self, simulated: float, computed: float) -> None:
+        """Stop simulated time where it stands nearly still: a clock that stands says nothing."""
+        if self.stall is None:
+            return
+        state = self._state
+        reason = self.stall.note(simulated, computed, state.simulation.status.step)
+        if reason:
+            state.failure = reason
+            _LOGGER.error('the simulation has stopped: %s', reason)
+            self._inputs.drop_waiting('the simulation has stopped')
+            self._broadcast.event(state.now, 'stalled', reason=reason)
+            self.end_requests(reason)
 
     def stand_on_nanoseconds(self) -> None:
         """Have the simulation stand where the run does: it may have been left in between."""

@@ -51,6 +51,7 @@ from icofabric_sim.scene.load_channels import LoadChannel, make_channels
 from icofabric_sim.scene.planes import make_planes
 from icofabric_sim.scene.profiles import check_profile
 from icofabric_sim.scene.radial import bend, check_radius
+from icofabric_sim.scene.rates import check_rates
 from icofabric_sim.scene.region import make_region
 from icofabric_sim.scene.supports import fixed_freedoms, make_supports, Supports
 from icofabric_sim.scene.tractions import make_traction, polynomial, Traction
@@ -272,6 +273,7 @@ def _check_together(parameters: Parameters) -> tuple[Shell, WeaveGeometry]:
                 f'groups.{name}: {name!r} is a word of the selectors; choose another name',
             )
         selectors.check_syntax(f'groups.{name}', parameters[f'groups.{name}'])
+    check_rates(parameters, shell)
     check_attachments(parameters, geometry)
     check_wrapping(parameters)
     if parameters['weave.kind'] == 'radial':

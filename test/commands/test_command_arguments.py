@@ -54,7 +54,8 @@ CASES = [
       for option, values in options.items() for value in values),
     *(('render', 'folder', f'{option}={value}') for option, value in (
         ('--size', 'x'), ('--size', '0x0'), ('--sheet', 'a.gif'), ('--view', '1'),
-        ('--sheet', 'small.yaml/a.png'), ('--output', 'small.yaml'), ('--every', 'x'))),
+        ('--sheet', 'small.yaml/a.png'), ('--output', 'small.yaml'), ('--output', 'film.gif'),
+        ('--every', 'x'))),
     *(('verify', 'folder', f'{option}={value}') for option, value in (
         ('--threads', '-1'), ('--threads', 'x'), ('--start', 'nan'), ('--stop', '-1'))),
     *(('benchmark', 'speed', f'{option}={value}') for option, value in (

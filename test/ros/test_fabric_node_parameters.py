@@ -311,9 +311,12 @@ def test_change_that_fails_when_built_is_taken_back(client, node, tmp_path):
     client.set(solver__step=0.0005)
     wait_for_weave(client, 'step: 0.0005')
     before = held(client)
-    known = len(client.received['/icofabric/weave'])
-    # Judged in a moment, built aside: the callback cannot know yet.
-    client.set(connector__stiffness=1e7)
+    known, events = len(client.received['/icofabric/weave']), client.listen('~/events')
+    # Judged in a moment, built aside: the answer waits for that.
+    [result] = client.set_each(connector__stiffness=1e7)
+    assert not result.successful
+    for word in ('connector.stiffness', 'solver.step', 'stability limit'):
+        assert word in result.reason
     status = client.health(lambda status: status.level == ERROR)
     for word in ('could not be built', 'solver.step', 'stability limit'):
         assert word in status.message
@@ -321,6 +324,7 @@ def test_change_that_fails_when_built_is_taken_back(client, node, tmp_path):
     assert len(client.received['/icofabric/weave']) == known
     assert parameters_in_force(client, tmp_path).parameters['connector.stiffness'] == 300.0
     assert len(node.lines('the old fabric runs on')) == 1
+    client.wait_for(lambda: any('change_refused' in text for text in events), 'the event')
     # The fabric runs on, and an accepted change clears the error.
     client.next('~/poses')
     client.set(solver__step=0.0)

@@ -1,0 +1,60 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+How fast a scene can move by its own parameters; what no step could follow is refused.
+
+One body alone tells it: a spring of stiffness k moves a mass m at the rate sqrt(k / m), a damper c
+at c / m. What connectors, masses and geometry make of it together is at most a few times as much.
+"""
+
+from collections.abc import Iterator
+import math
+
+from icofabric_sim.geometry.shell import Shell
+from icofabric_sim.parameters.validation import ParameterError, Parameters
+
+# At this rate [1/s] a second of simulated time takes a thousand million steps.
+LARGEST_RATE = 1e9
+_SPRINGS = ('stiffness', 'stiffness_extension', 'stiffness_compression')
+
+
+def check_rates(parameters: Parameters, shell: Shell) -> None:
+    """Raise ParameterError for what would move a single body faster than can be followed."""
+    for name, rate in _rates(parameters, shell):
+        if not rate <= LARGEST_RATE:
+            raise ParameterError(
+                name,
+                f'{name} {parameters[name]!r} would move a body of {shell.mass:.3g} kg at a rate '
+                f'of {rate:.3g} 1/s, and steps can follow {LARGEST_RATE:g} 1/s at most; choose a '
+                'smaller one, or heavier shells',
+            )
+
+
+def _rates(parameters: Parameters, shell: Shell) -> Iterator[tuple[str, float]]:
+    mass, inertia = shell.mass, shell.inertia
+    for family in ('connector', *(
+            f'connector_groups.{name}' for name in parameters.names('connector_groups'))):
+        for field in _SPRINGS:
+            yield f'{family}.{field}', _of_spring(parameters[f'{family}.{field}'], mass)
+        for field in ('bending_stiffness', 'twisting_stiffness'):
+            yield f'{family}.{field}', _of_spring(parameters[f'{family}.{field}'], inertia)
+        yield f'{family}.damping', parameters[f'{family}.damping'] / mass
+    yield 'contact.stiffness', _of_spring(parameters['contact.stiffness'], mass)
+    yield 'drag.linear', parameters['drag.linear'] / mass
+    yield 'drag.angular', parameters['drag.angular'] / inertia
+    yield 'gravity', _of_spring(math.hypot(*parameters['gravity']), shell.edge_length)
+
+
+def _of_spring(stiffness: float, mass: float) -> float:
+    return math.sqrt(max(stiffness, 0.0) / mass)
