@@ -59,6 +59,20 @@ def test_bits_do_not_depend_on_where_calls_end(monkeypatch, changes):
     assert bits[1] > 20 and many > 1.5 * few
 
 
+@pytest.mark.parametrize('count', [1, 7, 100, 10**9])
+def test_checkpoints_do_not_depend_on_where_calls_end(monkeypatch, count):
+    """Nothing touches in this run, and the stretch that would be judged begins at a check."""
+    monkeypatch.setattr(Portions, 'note', lambda self, steps, seconds: None)
+    monkeypatch.setattr(method_calls, 'Portions', lambda work: fixed(count))
+    simulation = ico.compile_scene(make_scene((3, 3, 3), {
+        'initial_random.velocity_sigma': 1e-3, 'contact.mode': 'auto',
+        'solver.method': 'srkn6', 'solver.step': 1e-4}))
+    simulation.advance_to(0.0303)
+    driver = simulation._driver
+    assert 0 < driver.monitor.since_check
+    assert driver.errors.touching.state_tree()['start'] == driver.trajectory.saved_time > 0.029
+
+
 def test_calls_follow_the_pace():
     portions = Portions(50)
     assert portions.count == 2000

@@ -280,11 +280,6 @@ class Driver:
                 self.errors.spoil()
         self._pace_contacts()
 
-    def search_contacts(self, time: float) -> None:
-        """Find what can touch from the present state on, of `time` [s]."""
-        if self.contact.is_possible:
-            self.contact.search(time, *self.controller.outlook())
-
     def respond(self, status: int, time: float) -> None:
         """Do what a `status` of the kernels at `time` [s] asks for."""
         checks = self.monitor
@@ -314,6 +309,11 @@ class Driver:
                 self.choose_step(probe=True)
             self._require_stable(time)
 
+    def _search_contacts(self, time: float) -> None:
+        """Find what can touch from the present state on, of `time` [s]."""
+        if self.contact.is_possible:
+            self.contact.search(time, *self.controller.outlook())
+
     def _search_again(self, time: float, *, missed: bool) -> None:
         """Bodies have moved far: find what can touch now, and follow it with the step."""
         contact, trajectory = self.contact, self.trajectory
@@ -322,7 +322,7 @@ class Driver:
         if missed:
             contact.miss(self.monitor.way_out())
         before = contact.rate
-        self.search_contacts(time)
+        self._search_contacts(time)
         changed = contact.rate != before or self.controller.held_back or (
             not trajectory.step <= contact.longest_step)
         if not self._is_given and changed and self.controller.follow_contacts():
@@ -346,7 +346,7 @@ class Driver:
         self._stepping.restart()
         place_driven(trajectory.model, trajectory.loads, trajectory.state, trajectory.time)
         self.contact.forget_friction()
-        self.search_contacts(trajectory.time)
+        self._search_contacts(trajectory.time)
         trajectory.refresh()
         for meter in trajectory.meters().values():
             meter.done[:] = 0.0

@@ -104,9 +104,6 @@ class Pieces(Protocol):
     def respond(self, status: int, time: float) -> None:
         """Do what a `status` of the kernels at `time` [s] asks for."""
 
-    def search_contacts(self, time: float) -> None:
-        """Find what can touch from the present state on, of `time` [s]."""
-
 
 class EventLocator(Protocol):
     """

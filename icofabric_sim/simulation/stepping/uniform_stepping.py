@@ -208,6 +208,9 @@ class UniformStepping:
                 touching.end(saved_time, errors.probe.free_rate)
             else:
                 touching.begin(time)
+        elif touching is not None and saved_at >= 0:
+            # Where something is near a call ends at a health check: nothing was.
+            touching.begin(saved_time)
         if status:
             pieces.respond(status, time)
         if checks.since_check == 0 and (
