@@ -54,6 +54,19 @@ def test_one_controller_suits_each_choice(name, given, embedded):
     assert len(suited) == 1
 
 
+def test_a_reset_goes_back_to_the_given_step():
+    given = 2e-5
+    scene = ico.load_scene('torn_slab')
+    simulation = ico.compile_scene(ico.Scene.from_parameters(scene.parameters.with_changes({
+        'solver.step': given})))
+    # As a failure leaves it in a step that ends where a connector breaks.
+    simulation._driver.trajectory.step = 0.3 * given
+    simulation.reset()
+    assert simulation.status.step == given
+    simulation.advance_to(3.5 * given)
+    assert simulation.status.step == given and simulation.status.step_count == 3
+
+
 @pytest.fixture
 def from_page(tmp_path, monkeypatch):
     """Put a file of docs/adding_a_method.md into a folder of pieces, as a newcomer does."""

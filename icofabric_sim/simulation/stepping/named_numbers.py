@@ -29,11 +29,11 @@ class At:
         """Stand for the number at `place`."""
         self._place = place
 
-    def __get__(self, books: Any, owner: Any = None) -> float:
+    def __get__(self, holder: Any, owner: Any = None) -> float:
         """Return the number."""
-        return float(books.numbers[self._place])
+        return float(holder.numbers[self._place])
 
-    def __set__(self, books: Any, value: float) -> None:
+    def __set__(self, holder: Any, value: float) -> None:
         """Write the number."""
-        numbers: np.ndarray = books.numbers
+        numbers: np.ndarray = holder.numbers
         numbers[self._place] = value

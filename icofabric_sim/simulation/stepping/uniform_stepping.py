@@ -47,13 +47,13 @@ class UniformStepping:
         return self._pieces.trajectory.time + self._pieces.trajectory.step
 
     def restart(self) -> None:
-        """Steps are counted by the trajectory, and errors by their own piece."""
+        """Do nothing: the trajectory counts steps, and `errors` sums what they add."""
 
     def forget(self) -> None:
-        """Likewise."""
+        """Do nothing, likewise."""
 
     def rebase(self, time: float) -> None:
-        """Likewise."""
+        """Do nothing, likewise."""
 
     def count_until(self, time: float) -> int:
         """Count the whole steps that end by `time` [s]."""
@@ -153,13 +153,13 @@ class UniformStepping:
         return self._pieces.calls.is_ready_for_contacts()
 
     def state_tree(self, tree: dict[str, Any]) -> None:
-        """All that steps to come depend on is in the other pieces."""
+        """Add nothing: all that steps to come depend on is in the other pieces."""
 
     def load_time(self, tree: StateTree) -> None:
-        """Likewise."""
+        """Do nothing, likewise."""
 
     def load_state(self, tree: StateTree) -> None:
-        """Likewise."""
+        """Do nothing, likewise."""
 
     def take(self, step: float, count: int) -> int:
         """Take up to `count` steps of `step` [s], and act on what they met; returns how many."""

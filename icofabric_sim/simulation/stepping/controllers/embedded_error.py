@@ -88,7 +88,7 @@ class EmbeddedError:
         return max(step, self._control.next), _AHEAD
 
     def propose(self, *, probe: bool, shorter: float) -> float:
-        """Return the first step of a motion: later the error decides."""
+        """Return the given step, or the first one of a motion: later the error decides."""
         pieces, control = self._pieces, self._control
         trajectory, contact = pieces.trajectory, pieces.contact
         first = self._first_step()
@@ -112,7 +112,7 @@ class EmbeddedError:
         trajectory.ledger.high, trajectory.ledger.low = math.inf, 0.0
         pieces.errors.probe.checks_left = NEVER
         self._keep_given()
-        return trajectory.step or first
+        return self._given or trajectory.step or first
 
     def excess(self) -> float | None:
         """Steps that erred by too much were refused already."""
