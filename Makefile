@@ -31,7 +31,13 @@ help:
 
 run:
 	.ci/environment run
+	$(MAKE) --no-print-directory .venv/.warm
 	.venv/bin/python -m icofabric_sim.ros.first_light $(ARGS)
+
+# Kernels of the scene that `make run` shows. Without them the node compiles by itself.
+.venv/.warm: $(shell find icofabric_sim/kernels icofabric_sim/geometry -name '*.py')
+	echo 'Compiling kernels ahead; this takes about half a minute, once.'
+	! .venv/bin/python -m icofabric_sim.commands.main warm hanging_slab || touch $@
 
 lint:
 	.ci/environment test

@@ -37,6 +37,7 @@ VERBS = {
     'info': 'describe a scene or a recorded run',
     'render': 'draw a recorded run to pictures',
     'benchmark': 'measure speed and accuracy beside other tools',
+    'warm': 'compile kernels ahead, so that runs begin at once',
     'recover': 'make a whole bag of one whose recorder was killed',
 }
 DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130

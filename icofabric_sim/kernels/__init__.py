@@ -14,3 +14,6 @@
 """
 Compiled loops over bodies and connectors; each also runs as plain Python with NUMBA_DISABLE_JIT=1.
 """
+
+# Before anything of it imports Numba.
+from icofabric_sim.kernels.runtime import target  # noqa: F401

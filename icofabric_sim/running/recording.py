@@ -57,6 +57,7 @@ def describe_run(
     `paused`: as the run is when the bag begins.
     """
     in_force = simulation.scene.parameters if parameters is None else parameters
+    from icofabric_sim.kernels.runtime.target import host_processor, kernel_target
     from icofabric_sim.version import __version__
 
     return {
@@ -69,6 +70,7 @@ def describe_run(
         'step': repr(simulation.status.step),
         PAUSED: json.dumps(paused),
         'processor': host_processor(),
+        'kernels': kernel_target(),
         'libraries': library_versions(),
         'python': platform.python_version(),
     }
@@ -104,13 +106,6 @@ def summarise_growth(growth: Growth) -> dict[str, str]:
         'growth_ended': growth.ended or 'none',
         'meaningful_until': repr(growth.meaningful_until),
     }
-
-
-def host_processor() -> str:
-    """Name of the processor that kernels are compiled for."""
-    from llvmlite import binding
-
-    return str(binding.get_host_cpu_name())
 
 
 class BagSink:

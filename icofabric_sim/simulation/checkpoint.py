@@ -29,6 +29,7 @@ import uuid
 
 from icofabric_sim import checks
 from icofabric_sim.kernels.runtime.lanes import LANES
+from icofabric_sim.kernels.runtime.target import host_processor, kernel_target
 from icofabric_sim.parameters.named_files import with_files
 from icofabric_sim.parameters.text import dump_parameters
 from icofabric_sim.parameters.validation import Parameters
@@ -43,14 +44,10 @@ from icofabric_sim.simulation.state_tree import plain_number, StateTree
 from icofabric_sim.simulation.status import SimulationStatus
 from icofabric_sim.version import __version__
 import llvmlite
-from llvmlite import binding
 import numba
-from numba.core import config
 import numpy as np
 import scipy
 
-# Untyped: Numba sets its configuration at run time.
-_config: Any = config
 FORMAT = 1
 
 
@@ -193,7 +190,7 @@ def machine() -> dict[str, Any]:
     On what bits may depend beside the version: processor, numbers computed at once, libraries.
     """
     return {
-        'processor': str(_config.CPU_NAME or binding.get_host_cpu_name()),
+        'processor': f'{host_processor()} ({kernel_target()})',
         'lanes': LANES,
         'libraries': {
             'numpy': np.__version__, 'scipy': scipy.__version__, 'numba': numba.__version__,

@@ -28,10 +28,14 @@ import subprocess
 import sys
 
 from icofabric_sim.scene.scene import Scene
+import numpy as np
 
 # A larger scene would be built once more beside the first.
 _LARGEST = 20_000
-_processes: list[subprocess.Popen[bytes]] = []
+# What is being compiled, by its likely kind, the oldest first. A parameter that is moved by hand
+# builds the scene many times a second.
+_processes: dict[object, subprocess.Popen[bytes]] = {}
+_MOST = 2
 
 
 def compile_contact_ahead(
@@ -43,6 +47,19 @@ def compile_contact_ahead(
     given = {
         **scene.parameters.given(), 'contact.mode': 'always', 'solver.method': method}
     task = pickle.dumps((given, rotation, body_wrenches))
+    # Those that have ended are taken note of, so that none of them stays behind.
+    for key in [key for key, process in _processes.items() if process.poll() is not None]:
+        del _processes[key]
+    # Which terms there are makes a kind, and words; how large numbers are does not.
+    kind = (rotation, body_wrenches, *sorted(
+        (name, value if isinstance(value, (str, bool)) else bool(np.any(value)))
+        for name, value in given.items()))
+    if kind in _processes:
+        return
+    while len(_processes) >= _MOST:
+        oldest = _processes.pop(next(iter(_processes)))
+        oldest.kill()
+        oldest.wait()
     # The run goes on where the process cannot be started.
     with suppress(OSError):
         process = subprocess.Popen(
@@ -51,15 +68,13 @@ def compile_contact_ahead(
             start_new_session=True)
         if not _processes:
             atexit.register(_end)
-        # Those that have ended are taken note of, so that none of them stays behind.
-        _processes[:] = [other for other in _processes if other.poll() is None]
-        _processes.append(process)
+        _processes[kind] = process
         if process.stdin is not None:
             with process.stdin as pipe:
                 pipe.write(task)
 
 
 def _end() -> None:
-    for process in _processes:
+    for process in _processes.values():
         process.kill()
         process.wait()

@@ -183,14 +183,25 @@ binding.get_host_cpu_features = lambda: features
 """
 
 
-def test_each_processor_has_its_own_entry(copy):
-    """The one that Numba compiles for, and the one that runs it: both shape the kernels."""
+def test_each_target_has_its_own_entry(copy):
+    """Machines of one level share entries, however else their processors differ."""
     copy.run()
     generic = copy.run(**GENERIC)
     assert generic.value == 12.0 and (generic.hits, generic.misses) == (0, 1)
-    assert copy.run(OTHER_HOST, **GENERIC).misses == 1
+    assert copy.run(OTHER_HOST, **GENERIC).hits == 1
+    native = copy.run(ICOFABRIC_NATIVE='1')
+    assert native.value == 12.0 and (native.hits, native.misses) == (0, 1)
     # Beside each other, e.g. in a home folder that several machines share.
     assert copy.run().hits == copy.run(**GENERIC).hits == 1
+
+
+def test_where_numba_was_first_its_target_stands_and_this_is_said(copy):
+    copy.run()
+    late = copy.run('import numba')
+    assert late.value == 12.0 and (late.hits, late.misses) == (0, 1)
+    assert 'Numba was imported before icofabric_sim' in late.said
+    # The same entry as where the processor at hand was asked for.
+    assert copy.run(ICOFABRIC_NATIVE='1').hits == 1
 
 
 @pytest.mark.parametrize('module', ['numba', 'llvmlite'])

@@ -46,7 +46,7 @@ class FakeProcess:
 def begun(monkeypatch):
     found = []
     monkeypatch.setenv('ICOFABRIC_COMPILE_AHEAD', '1')
-    monkeypatch.setattr(precompile, '_processes', [])
+    monkeypatch.setattr(precompile, '_processes', {})
     monkeypatch.setattr(
         precompile.subprocess, 'Popen', lambda arguments, **options: FakeProcess(found, arguments))
     return found
@@ -83,3 +83,24 @@ def test_nothing_is_begun_where_it_is_not_wanted(begun, monkeypatch):
     monkeypatch.setattr(simulation._driver, 'is_ready_for_contacts', lambda: False)
     simulation.warm_up()
     assert not begun
+
+
+def test_a_parameter_that_is_moved_compiles_once_and_other_kinds_replace_the_oldest(begun):
+    def ask(**changes):
+        scene = make_scene((2, 2, 2), {**CHANGES, **changes})
+        precompile.compile_contact_ahead(
+            scene, method='leapfrog', rotation='quaternion', body_wrenches=True)
+
+    for stiffness in (100.0, 110.0, 120.0):
+        ask(**{'connector.stiffness': stiffness})
+    assert len(begun) == 1
+    ask(**{'connector.damping': 1e-3})
+    assert len(begun) == 2 and not begun[0].ended
+    ask(**{'drag.linear': 1e-3})
+    assert len(begun) == 3 and [process.ended for process in begun] == [True, False, False]
+    ask(**{'drag.linear': 2e-3})
+    assert len(begun) == 3
+    # One that has ended makes room, and may be asked for again.
+    begun[1].poll = lambda: 0
+    ask(**{'connector.damping': 2e-3})
+    assert len(begun) == 4 and not begun[2].ended

@@ -28,7 +28,6 @@ from typing import Any
 import uuid
 
 import llvmlite
-from llvmlite import binding
 from numba.core.caching import FunctionCache, IndexDataCacheFile
 
 _LOGGER = logging.getLogger('icofabric_sim')
@@ -56,8 +55,6 @@ def _source_stamp() -> tuple[str, str]:
 
 
 _STAMP = _source_stamp()
-# Numba adds the processor that it compiles for; lane_types.py looks at the one that it runs on.
-_PROCESSOR = binding.get_host_cpu_features().flatten()
 
 
 class _CacheFile(IndexDataCacheFile):
@@ -122,4 +119,5 @@ class KernelCache(FunctionCache):
         return self._index_key(types, target.codegen()) in self._cache_file._load_index()
 
     def _index_key(self, sig: Any, codegen: Any) -> Any:
-        return *super()._index_key(sig, codegen), _PROCESSOR, self._entrance
+        # Numba's key has the target: a level of x86-64, or a processor (target.py).
+        return *super()._index_key(sig, codegen), self._entrance

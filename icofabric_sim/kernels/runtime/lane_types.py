@@ -34,7 +34,7 @@ _config: Any = config
 
 def _has_avx512() -> bool:
     """
-    Whether code is made for a processor with AVX-512; NUMBA_CPU_NAME may ask for another one.
+    Whether code is made for a processor with AVX-512, see target.py.
     """
     if _config.CPU_NAME and _config.CPU_NAME != 'host':
         return '+avx512f' in (_config.CPU_FEATURES or '')

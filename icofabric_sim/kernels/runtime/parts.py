@@ -99,3 +99,7 @@ def _set_environment(name: str, environment: Any) -> None:
 _codegen.create_library = _create_library
 _codegen.unserialize_library = _load_library
 _codegen.set_env = _set_environment
+# Numba reads its settings anew when an environment variable of it changes, and would then take
+# this for code of another processor.
+_magic = _codegen.magic_tuple()
+_codegen.magic_tuple = lambda: _magic

@@ -31,7 +31,6 @@ from typing import NamedTuple
 from icofabric_sim.bag.recorded_run import RecordedRun
 from icofabric_sim.messages.schedule import seconds
 from icofabric_sim.messages.topics import Topic
-from icofabric_sim.running.recording import host_processor
 from icofabric_sim.running.replay.comparison import CloseComparison, ExactComparison
 from icofabric_sim.running.replay.completeness import Completeness, Gap
 from icofabric_sim.running.replay.resimulation import (
@@ -204,16 +203,19 @@ def foreign_parts(run: RecordedRun) -> tuple[str, ...]:
         raise NotRepeatable(
             f'{run.path} was not recorded by this simulator, so it does not say when inputs '
             'acted; record with the parameter record.path, or with ~/record')
+    from icofabric_sim.kernels.runtime.target import host_processor, kernel_target
     here = {
         'version': __version__, 'processor': host_processor(),
         **{name: metadata.version(name) for name in _LIBRARIES}}
     custom = run.custom
+    if 'kernels' in custom:
+        here['kernels'] = kernel_target()
     try:
         there = dict(json.loads(custom.get('libraries', '{}')))
     except ValueError:
         there = {}
     there.update(
-        {name: custom[name] for name in ('version', 'processor') if name in custom})
+        {name: custom[name] for name in ('version', 'processor', 'kernels') if name in custom})
     return tuple(
         f'{name} was {there.get(name, "not noted")} and is {here[name]} here'
         for name in here if there.get(name) != here[name])

@@ -1,0 +1,189 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+`icofabric warm`: compiles what scenes need, side by side, and leaves it on disk.
+
+A run that finds its kernels there begins at once; so do first contacts, and common changes of
+parameters. What is compiled serves every machine of the same level (kernels/runtime/target.py).
+"""
+
+import argparse
+from collections.abc import Iterator, Sequence
+from concurrent.futures import as_completed, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import redirect_stderr, redirect_stdout
+import io
+import logging
+import multiprocessing
+import os
+import time
+from typing import Any, NamedTuple, TYPE_CHECKING
+
+from icofabric_sim.terminal import bad_input, duration_text, FileSaysNo, InputError, Progress
+
+if TYPE_CHECKING:
+    from icofabric_sim.simulation.simulation import Simulation
+
+# The scene that changes are tried on: without drives, loads or regions of its own.
+_CHANGED = 'hanging_slab'
+# What people change first. A kind of kernels depends on which terms there are, not on how large.
+CHANGES: tuple[dict[str, Any], ...] = (
+    {'solver.method': 'leapfrog'},
+    {'solver.method': 'srkn4'},
+    {'solver.method': 'dop8'},
+    {'connector.damping': 1e-4},
+    {'drag.linear': 1e-4, 'drag.angular': 1e-7},
+    {'connector.stiffness_extension': 200.0, 'connector.stiffness_compression': 100.0},
+    {'connector.bending_stiffness': 1e-4},
+    {'contact.mode': 'always', 'contact.damping': 1.0, 'contact.friction': 0.3},
+)
+# Verbs beside `run`, each with a scene that it takes.
+VERBS: tuple[tuple[str, ...], ...] = (
+    ('statics', 'stiff_cantilever'),
+    ('modes', 'stiff_cantilever', '--count', '2'),
+    ('elasticity', 'stiff_cantilever'),
+)
+# A worker keeps what it has compiled; after so many kinds another one takes over.
+_KINDS_EACH = 12
+# Simulated time [s] in which every kind of output comes at least once.
+_TRIAL = 1e-3
+
+
+class Kind(NamedTuple):
+    """One thing to compile for."""
+
+    scene: str
+    changes: tuple[tuple[str, Any], ...] = ()
+    node: bool = True  # as in a node, where wrenches may come
+    verb: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        """Return what it is, in a few words."""
+        if self.verb:
+            return ' '.join(('icofabric', *self.verb))
+        words = [self.scene, *(f'{name} {value}' for name, value in self.changes)]
+        return ', '.join(words)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument(
+        'scenes', metavar='SCENE', nargs='*',
+        help='ready scenes or parameter files; without one: all ready scenes, common changes of '
+        'them, and the verbs')
+    parser.add_argument(
+        '-j', '--processes', type=int, metavar='N', default=len(os.sched_getaffinity(0)),
+        help='compile in N processes (default: one for each core)')
+
+
+def main(arguments: argparse.Namespace) -> int:
+    """Compile, with a bar; returns 0, or 1 where a kind could not be compiled."""
+    if not 1 <= arguments.processes <= 256:
+        raise InputError(f'--processes must be from 1 to 256, got {arguments.processes}')
+    kinds = list(kinds_of(arguments.scenes))
+    begun, failed = time.monotonic(), []
+    # Kernels with contact are kinds of their own here.
+    os.environ['ICOFABRIC_COMPILE_AHEAD'] = '0'
+    with Progress(len(kinds), 'kinds of kernels') as progress:
+        for done, (kind, fault) in enumerate(_compile_all(kinds, arguments.processes), 1):
+            if fault:
+                failed.append(f'{kind}: {fault}')
+            progress.update(done)
+    print(
+        f'{len(kinds) - len(failed)} kinds of kernels are ready, after '
+        f'{duration_text(time.monotonic() - begun)}')
+    if failed:
+        raise FileSaysNo('not compiled: ' + '; '.join(failed))
+    return 0
+
+
+def kinds_of(scenes: Sequence[str]) -> Iterator[Kind]:
+    """What is to be compiled for these scenes; for all that is common where there are none."""
+    from icofabric_sim.parameters.ready_scenes import find_scene, ready_scenes
+    with bad_input():
+        for scene in scenes:
+            find_scene(scene)
+    for scene in scenes or ready_scenes():
+        yield Kind(scene)
+    if not scenes:
+        for change in CHANGES:
+            yield Kind(_CHANGED, tuple(change.items()))
+        for verb in VERBS:
+            yield Kind(verb[1], verb=verb)
+    for scene in scenes or ready_scenes():
+        yield Kind(scene, node=False)
+
+
+def _compile_all(kinds: Sequence[Kind], processes: int) -> Iterator[tuple[Kind, str]]:
+    """Each kind once it is compiled, and what was wrong with it."""
+    with ProcessPoolExecutor(
+        min(processes, len(kinds)), multiprocessing.get_context('spawn'),
+        max_tasks_per_child=_KINDS_EACH,
+    ) as pool:
+        waiting = {pool.submit(compile_kind, kind): kind for kind in kinds}
+        try:
+            for finished in as_completed(waiting):
+                try:
+                    yield waiting[finished], finished.result()
+                except BrokenProcessPool as error:
+                    raise FileSaysNo(
+                        'a process that compiled was ended from outside, e.g. for want of memory; '
+                        'try --processes 1') from error
+        finally:
+            pool.shutdown(cancel_futures=True)
+
+
+def compile_kind(kind: Kind) -> str:
+    """Compile one kind in this process; returns what was wrong, '' where nothing was."""
+    logging.getLogger('icofabric_sim').addHandler(logging.NullHandler())
+    try:
+        if kind.verb:
+            from icofabric_sim.commands.main import main as run_verb
+            said = io.StringIO()
+            with redirect_stdout(io.StringIO()), redirect_stderr(said):
+                status = run_verb(list(kind.verb))
+            return said.getvalue().strip() if status else ''
+        _run(kind)
+    except Exception as error:  # noqa: BLE001 - said with the name of the kind; others go on
+        return ' '.join(str(error).split()) or type(error).__name__
+    return ''
+
+
+def _run(kind: Kind) -> None:
+    from icofabric_sim.parameters.file import load_parameter_file
+    from icofabric_sim.parameters.ready_scenes import find_scene
+    from icofabric_sim.parameters.validation import make_parameters
+    from icofabric_sim.scene.scene import Scene
+    from icofabric_sim.simulation.simulation import compile_scene
+
+    given = {**load_parameter_file(find_scene(kind.scene)), **dict(kind.changes)}
+    scene = Scene.from_parameters(make_parameters(given))
+    simulation = _ready(compile_scene(scene, body_wrenches=kind.node))
+    if scene.parameters['contact.mode'] == 'auto':
+        # As from the first contact on, by the method that the scene takes before anything touches.
+        touching = {
+            **scene.parameters.given(), 'contact.mode': 'always',
+            'solver.method': simulation.status.method_name}
+        _ready(compile_scene(
+            Scene.from_parameters(make_parameters(touching)), body_wrenches=kind.node))
+
+
+def _ready(simulation: 'Simulation') -> 'Simulation':
+    """Have steps, outputs and looks compiled."""
+    simulation.warm_up()
+    simulation.advance_to(_TRIAL)
+    snapshot = simulation.snapshot()
+    for name in ('energy', 'connector_ends'):
+        getattr(snapshot, name)
+    return simulation

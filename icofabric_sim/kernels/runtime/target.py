@@ -1,0 +1,91 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+The processor that kernels are compiled for: a level of x86-64, the same on every machine of it.
+
+So compiled kernels can be handed on: a cache that one machine has made serves the others of its
+level. The level is chosen before Numba is imported. Where Numba was there before, or somebody has
+set its target (NUMBA_CPU_NAME, NUMBA_CPU_FEATURES), or ICOFABRIC_NATIVE=1 asks for the processor
+at hand, that target is used, with a cache of its own. Child processes inherit nothing of it.
+"""
+
+import os
+import sys
+from typing import NamedTuple
+
+from llvmlite import binding
+
+_V3 = (
+    '64bit', 'cmov', 'cx16', 'fxsr', 'mmx', 'popcnt', 'sahf', 'sse', 'sse2', 'sse3', 'ssse3',
+    'sse4.1', 'sse4.2', 'crc32', 'xsave', 'avx', 'avx2', 'bmi', 'bmi2', 'f16c', 'fma', 'lzcnt',
+    'movbe')
+_V4 = (*_V3, 'avx512f', 'avx512bw', 'avx512cd', 'avx512dq', 'avx512vl')
+# What each level has, by LLVM's names, the higher one first: the x86-64 psABI, table 3.1.
+LEVELS = {'x86-64-v4': _V4, 'x86-64-v3': _V3}
+# LLVM would halve the registers of that level, as Intel's first such processors want it.
+_WHOLE_REGISTERS = '-prefer-256-bit'
+_NATIVE = 'ICOFABRIC_NATIVE'
+
+
+class Target(NamedTuple):
+    """What kernels are compiled for."""
+
+    level: str  # of x86-64; '': the processor at hand, or what somebody has asked for
+    features: str  # as LLVM writes them
+    why: str  # it is no level; '' where it is one
+
+
+def choose(
+    has: dict[str, bool], environment: dict[str, str], *, numba_was_first: bool
+) -> Target:
+    """Choose the target for a processor that `has` features by LLVM's names."""
+    own = [name for name in ('NUMBA_CPU_NAME', 'NUMBA_CPU_FEATURES') if environment.get(name)]
+    if own:
+        return Target('', '', f'{own[0]} is set')
+    if environment.get(_NATIVE, '0') not in ('', '0'):
+        return Target('', '', f'{_NATIVE} is set')
+    if numba_was_first:
+        return Target('', '', 'Numba was imported before icofabric_sim')
+    for level, features in LEVELS.items():
+        if all(has.get(name) for name in features):
+            said = ','.join(f'+{name}' for name in features)
+            return Target(level, f'{said},{_WHOLE_REGISTERS}', '')
+    return Target('', '', 'this processor has no level of x86-64 from 3 on')
+
+
+def _features() -> dict[str, bool]:
+    try:
+        return dict(binding.get_host_cpu_features())
+    except RuntimeError:
+        # LLVM does not know this kind of machine.
+        return {}
+
+
+TARGET = choose(_features(), dict(os.environ), numba_was_first='numba' in sys.modules)
+if TARGET.level:
+    from numba.core import config
+
+    # Read when Numba makes its code generator, which is before the first kernel.
+    config.CPU_NAME = TARGET.level  # type: ignore[attr-defined]
+    config.CPU_FEATURES = TARGET.features  # type: ignore[attr-defined]
+
+
+def host_processor() -> str:
+    """Name of the processor at hand, as LLVM calls it."""
+    return str(binding.get_host_cpu_name())
+
+
+def kernel_target() -> str:
+    """Name of what kernels are compiled for: a level, or a processor."""
+    return TARGET.level or os.environ.get('NUMBA_CPU_NAME') or host_processor()

@@ -1,0 +1,102 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""`icofabric warm`: what it compiles, and that a run finds it."""
+
+import os
+import subprocess
+import sys
+
+from icofabric_sim.commands import warm
+from icofabric_sim.commands.main import BAD_INPUT, FAILED, main, VERBS
+from icofabric_sim.parameters.file import load_parameter_file
+from icofabric_sim.parameters.ready_scenes import find_scene, ready_scenes
+from icofabric_sim.parameters.validation import make_parameters
+from icofabric_sim.scene.scene import Scene
+import pytest
+
+# Two shells and one connector: the smallest scene with kernels of its own.
+SMALL = """
+icofabric:
+  ros__parameters:
+    weave: {size: [2, 1, 1]}
+    gravity: [0.0, 0.0, 0.0]
+    contact: {mode: never}
+    solver: {method: leapfrog, step: 1.0e-4}
+"""
+
+
+def icofabric(*words, cache):
+    """Run a verb in a process of its own, with kernels in `cache`."""
+    return subprocess.run(
+        [sys.executable, '-m', 'icofabric_sim.commands.main', *words], capture_output=True,
+        text=True, timeout=600, env={**os.environ, 'NUMBA_CACHE_DIR': str(cache)})
+
+
+def test_a_run_finds_what_was_compiled(tmp_path):
+    scene, cache = tmp_path / 'small.yaml', tmp_path / 'cache'
+    scene.write_text(SMALL)
+    done = icofabric('warm', str(scene), '--processes', '2', cache=cache)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith('2 kinds of kernels are ready')
+    entries = {path.name for path in cache.rglob('*.nbc')}
+    assert len(entries) > 20
+    ran = icofabric(
+        'run', str(scene), '--duration', '0.001', '--no-record', cache=cache)
+    assert ran.returncode == 0, ran.stderr
+    assert 'compiling' not in ran.stderr
+    missing = {path.name for path in cache.rglob('*.nbc')} - entries
+    # What a recording draws and the growth of errors need is not a step's.
+    assert not [name for name in missing if 'integrators' in name or 'steps' in name], missing
+
+
+def test_everything_means_all_ready_scenes_changes_and_verbs():
+    kinds = list(warm.kinds_of([]))
+    assert {kind.scene for kind in kinds} == set(ready_scenes())
+    for node in (True, False):
+        plain = [kind for kind in kinds if kind.node is node and not kind.changes + kind.verb]
+        assert {kind.scene for kind in plain} == set(ready_scenes())
+    assert len(set(map(str, kinds))) >= len(ready_scenes()) + len(warm.CHANGES) + len(warm.VERBS)
+    assert {kind.verb[0] for kind in kinds if kind.verb} <= set(VERBS)
+    assert {kind.scene for kind in warm.kinds_of(['woven_ball'])} == {'woven_ball'}
+
+
+@pytest.mark.parametrize('change', warm.CHANGES, ids=str)
+def test_changes_are_possible(change):
+    given = load_parameter_file(find_scene(warm._CHANGED))
+    assert all(given.get(name) != value for name, value in change.items())
+    Scene.from_parameters(make_parameters({**given, **change}))
+
+
+def test_a_kind_that_cannot_be_compiled_is_named_and_the_others_are(monkeypatch, capsys):
+    results = [(warm.Kind('a'), ''), (warm.Kind('b', (('x', 1.0),)), 'no memory')]
+    monkeypatch.setattr(warm, '_compile_all', lambda kinds, processes: iter(results))
+    monkeypatch.setattr(warm, 'kinds_of', lambda scenes: iter([kind for kind, _ in results]))
+    assert main(['warm']) == FAILED
+    said = capsys.readouterr()
+    assert said.out.startswith('1 kinds of kernels are ready')
+    assert said.err.strip() == 'icofabric warm: not compiled: b, x 1.0: no memory'
+
+
+def test_a_fault_within_a_kind_is_a_text():
+    fault = warm.compile_kind(warm.Kind('hanging_slab', (('weave.size', [0, 1, 1]),)))
+    assert 'weave.size' in fault and '\n' not in fault
+
+
+@pytest.mark.parametrize('words, said', [
+    (['no_such_scene'], 'no_such_scene does not exist'),
+    (['-j', '0', 'hanging_slab'], '--processes must be from 1 to 256, got 0'),
+])
+def test_bad_input(words, said, capsys):
+    assert main(['warm', *words]) == BAD_INPUT
+    assert said in capsys.readouterr().err
