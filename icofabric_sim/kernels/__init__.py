@@ -15,5 +15,5 @@
 Compiled loops over bodies and connectors; each also runs as plain Python with NUMBA_DISABLE_JIT=1.
 """
 
-# Before anything of it imports Numba.
+# Looks whether Numba is there already, so before anything of the kernels imports it.
 from icofabric_sim.kernels.runtime import target  # noqa: F401

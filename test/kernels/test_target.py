@@ -68,7 +68,7 @@ def test_child_processes_inherit_nothing_and_code_is_made_for_the_level():
         'os.environ["NUMBA_WARNINGS"] = "0"\n'
         'compiled(lambda x: 2.0 * x)(1.0)\n'
         'magic = cpu_target.target_context.codegen().magic_tuple()\n'
-        'print(json.dumps([changed, target.TARGET.level, magic[1], target.kernel_target()]))')
+        'print(json.dumps([changed, target.target().level, magic[1], target.kernel_target()]))')
     ran = subprocess.run(
         [sys.executable, '-c', code], capture_output=True, text=True, check=True, timeout=120)
     changed, level, compiled_for, said = json.loads(ran.stdout)

@@ -20,7 +20,7 @@ from contextlib import contextmanager
 import logging
 
 from icofabric_sim.kernels.runtime.interrupts import leaving
-from icofabric_sim.kernels.runtime.target import kernel_target, TARGET
+from icofabric_sim.kernels.runtime.target import kernel_target, target
 from icofabric_sim.kernels.runtime.wait_notice import Patience
 
 _LOGGER = logging.getLogger('icofabric_sim')
@@ -85,8 +85,8 @@ class CompileNotice:
         text = f'{STILL_COMPILING}, for {seconds:.0f} s so far'
         if first:
             text = f'{COMPILING}, {_ONCE if self._kept else _ALWAYS}'
-            if TARGET.why:
-                text += f'; for {kernel_target()} alone, because {TARGET.why}'
+            if target().why:
+                text += f'; for {kernel_target()} alone, because {target().why}'
         # Where logging is not set up, Python shows warnings only.
         level = logging.INFO if _LOGGER.hasHandlers() and self._kept else logging.WARNING
         if self._show is not None:

@@ -22,6 +22,7 @@ functions that kernels call.
 import operator
 from typing import Any
 
+from icofabric_sim.kernels.runtime import numba_target  # noqa: F401
 from llvmlite import binding, ir
 from numba import types
 from numba.core import cgutils, config

@@ -23,6 +23,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
+from icofabric_sim.kernels.runtime import numba_target  # noqa: F401
 import llvmlite.binding as ll
 from numba.core.codegen import JITCodeLibrary
 from numba.core.registry import cpu_target

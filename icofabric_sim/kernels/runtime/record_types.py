@@ -23,6 +23,7 @@ the optimiser may take what it has read as constant.
 import hashlib
 from typing import Any
 
+from icofabric_sim.kernels.runtime import numba_target  # noqa: F401
 from llvmlite import ir
 from numba.core import cgutils, types
 from numba.core.registry import cpu_target

@@ -20,11 +20,10 @@ set its target (NUMBA_CPU_NAME, NUMBA_CPU_FEATURES), or ICOFABRIC_NATIVE=1 asks 
 at hand, that target is used, with a cache of its own. Child processes inherit nothing of it.
 """
 
+from functools import cache
 import os
 import sys
 from typing import NamedTuple
-
-from llvmlite import binding
 
 _V3 = (
     '64bit', 'cmov', 'cx16', 'fxsr', 'mmx', 'popcnt', 'sahf', 'sse', 'sse2', 'sse3', 'ssse3',
@@ -36,6 +35,8 @@ LEVELS = {'x86-64-v4': _V4, 'x86-64-v3': _V3}
 # LLVM would halve the registers of that level, as Intel's first such processors want it.
 _WHOLE_REGISTERS = '-prefer-256-bit'
 _NATIVE = 'ICOFABRIC_NATIVE'
+# This module is read before any other of the kernels.
+_NUMBA_WAS_FIRST = 'numba' in sys.modules
 
 
 class Target(NamedTuple):
@@ -64,7 +65,14 @@ def choose(
     return Target('', '', 'this processor has no level of x86-64 from 3 on')
 
 
+@cache
+def target() -> Target:
+    """Return the target of this process."""
+    return choose(_features(), dict(os.environ), numba_was_first=_NUMBA_WAS_FIRST)
+
+
 def _features() -> dict[str, bool]:
+    from llvmlite import binding
     try:
         return dict(binding.get_host_cpu_features())
     except RuntimeError:
@@ -72,20 +80,12 @@ def _features() -> dict[str, bool]:
         return {}
 
 
-TARGET = choose(_features(), dict(os.environ), numba_was_first='numba' in sys.modules)
-if TARGET.level:
-    from numba.core import config
-
-    # Read when Numba makes its code generator, which is before the first kernel.
-    config.CPU_NAME = TARGET.level  # type: ignore[attr-defined]
-    config.CPU_FEATURES = TARGET.features  # type: ignore[attr-defined]
-
-
 def host_processor() -> str:
     """Name of the processor at hand, as LLVM calls it."""
+    from llvmlite import binding
     return str(binding.get_host_cpu_name())
 
 
 def kernel_target() -> str:
     """Name of what kernels are compiled for: a level, or a processor."""
-    return TARGET.level or os.environ.get('NUMBA_CPU_NAME') or host_processor()
+    return target().level or os.environ.get('NUMBA_CPU_NAME') or host_processor()
