@@ -68,6 +68,9 @@ def main(argv: list[str] | None = None) -> int:
     words = sys.argv[1:] if argv is None else argv
     name = f'icofabric {words[0]}' if words and words[0] in VERBS else 'icofabric'
     signal.signal(signal.SIGTERM, _interrupt)
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        # A shell has its background jobs ignore it; whoever sends it means it.
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         status = _run(words)
         sys.stdout.flush()

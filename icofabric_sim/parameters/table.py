@@ -441,6 +441,15 @@ STATIC: tuple[Specification, ...] = (
         maximum=_LONGEST,
     ),
     _s(
+        'input_reliability',
+        'reliable',
+        '',
+        'of the subscriptions for wrenches and twists; best_effort also hears best effort '
+        'publishers, and what is lost on the way is not sent again',
+        FIXED,
+        choices=('reliable', 'best_effort'),
+    ),
+    _s(
         'checkpoint.path',
         '',
         '',

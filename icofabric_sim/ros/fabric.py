@@ -29,6 +29,7 @@ from icofabric_sim.ros.answers import Answers
 from icofabric_sim.ros.clock_watch import ClockWatch
 from icofabric_sim.ros.input_topics import InputTopics
 from icofabric_sim.ros.live_sink import LiveSink
+from icofabric_sim.ros.name_watch import NameWatch
 from icofabric_sim.ros.parameter_service import GuardedParameterService
 from icofabric_sim.ros.process import log_to_ros, Server
 from icofabric_sim.ros.ros_parameters import describe, is_foreign, ParameterGate
@@ -76,9 +77,11 @@ class FabricNode(Node):
         self._gate: ParameterGate | None = None
         self.build: Future[str] | None = None
         log_to_ros(self.get_logger())
+        self._name_watch = NameWatch(self)
         if simulation is None:
             simulation = compile_scene(Scene.from_parameters(parameters), body_wrenches=True)
             simulation.warm_up()
+            self._name_watch.require_first()
         on_built()
         self.stop_wanted = False
         self._faults: dict[str, str] = {}
@@ -96,13 +99,16 @@ class FabricNode(Node):
             full_name=self.resolve_topic_name,
         )
         self._clock_watch = ClockWatch(self) if publishes_clock else None
+        self._name_watch.begin()
         self._declare(parameters)
         self._gate = ParameterGate(
-            parameters, self._changed, lambda: self.runner.simulation.status.stability_limit
-        )
+            parameters, self._changed, lambda: self.runner.simulation.status.stability_limit,
+            lambda name: self.get_parameter_or(name).value)
         self.answers = Answers(self)
         self._parameter_service = GuardedParameterService(self, self.answers)
-        self._inputs = InputTopics(self, self.runner.inputs, simulation.scene)
+        self._inputs = InputTopics(
+            self, self.runner.inputs, simulation.scene,
+            reliable=parameters['input_reliability'] == 'reliable')
         self._verbs = Verbs(self, self.runner, self.answers, self._inputs)
         self._standard = offer_standard_services(self, self.runner, self.answers, self._quit)
         self._thread = threading.Thread(target=self._simulate, name='simulation', daemon=True)
@@ -216,9 +222,12 @@ class FabricNode(Node):
         figures['recording'] = str(self.bag.path) if self.bag.is_recording else 'no'
         if self.bag.is_recording and self.bag.error is None:
             self._faults.pop('recording', None)
-        note = '' if self._clock_watch is None else self._clock_watch.note
+        notes = {
+            'clock': '' if self._clock_watch is None else self._clock_watch.note,
+            'name': self._name_watch.note}
         return self._report.bytes(
-            status, dict(self._faults), figures, {'clock': note} if note else {})
+            status, dict(self._faults), figures,
+            {name: note for name, note in notes.items() if note})
 
 
 def run_node(node: FabricNode, signals: StopSignals) -> int:

@@ -23,9 +23,8 @@ from icofabric_sim.scene.scene import Scene
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
-# Inputs are reliable, and deep enough for a burst while the node does something else.
+# Deep enough for a burst while the node does something else.
 _DEPTH = 1000
-_QUALITY = QoSProfile(depth=_DEPTH, reliability=ReliabilityPolicy.RELIABLE)
 # So many more are taken out of the queue at once: one turn of the executor for each message would
 # be too slow for ten thousand a second.
 _BURST = 200
@@ -37,9 +36,23 @@ class InputTopics:
     Subscriptions `~/wrench`, `~/loads/NAME` and `~/drives/NAME`; all but one follow the scene.
     """
 
-    def __init__(self, node: Node, inputs: ReceivedInputs, scene: Scene) -> None:
-        """Subscribe for `node` and pass on to `inputs`."""
+    def __init__(
+        self, node: Node, inputs: ReceivedInputs, scene: Scene, *, reliable: bool = True
+    ) -> None:
+        """
+        Subscribe for `node` and pass on to `inputs`.
+
+        A best effort subscription (not `reliable`) also hears best effort publishers.
+        """
         self._node, self._inputs = node, inputs
+        self._quality = QoSProfile(
+            depth=_DEPTH, reliability=ReliabilityPolicy.RELIABLE if reliable else (
+                ReliabilityPolicy.BEST_EFFORT))
+        if not reliable:
+            node.get_logger().warning(
+                'wrenches and twists are received best effort (input_reliability): one that is '
+                'lost on the way is not sent again and not counted, and ~/advance does not wait '
+                'for those that were sent before it')
         self._subscriptions: dict[str, Any] = {}
         self.set_scene(scene)
 
@@ -76,5 +89,5 @@ class InputTopics:
             self._take(topic, subscription, _BURST)
 
         subscription = self._node.create_subscription(
-            message_type, topic, receive, _QUALITY, raw=True)
+            message_type, topic, receive, self._quality, raw=True)
         return subscription

@@ -17,12 +17,14 @@ Parameters of the scene as parameters of a node: descriptors, judgement of chang
 
 from array import array
 from collections.abc import Callable, Iterable, Mapping
+import re
 from typing import Any
 
 from icofabric_sim.checks import shown
 from icofabric_sim.parameters.changes import changed_names, rebuilds, require_changeable
 from icofabric_sim.parameters.table import Change, FAMILIES, Specification
 from icofabric_sim.parameters.validation import (
+    find_specification,
     judge,
     make_parameters,
     ParameterError,
@@ -47,6 +49,9 @@ _QUICK_BODIES = 20_000
 # piece by piece may grow to so many parameters, and so much text in them; a file may hold more.
 LONGEST_NAME, LONGEST_TEXT = 1000, 16_384  # characters, of all values of a change together
 MOST_GIVEN, MOST_TEXT = 2000, 65_536
+# What YAML 1.1 takes for a text, and Python writes for a number.
+_EXPONENT = re.compile(r'[+-]?[0-9]+(\.[0-9]*)?e[+-]?[0-9]+')
+_TEXT_LIST = re.compile(r'\[\s*[-+0-9.e]+(\s*,\s*[-+0-9.e]+)*\s*\]')
 _HUGE = 1.7976931348623157e308
 
 
@@ -114,16 +119,18 @@ class ParameterGate:
         parameters: Parameters,
         on_change: Callable[[Parameters, Scene | None], None],
         limit: Callable[[], float],
+        held: Callable[[str], Any] = lambda name: None,
     ) -> None:
         """
         Start from `parameters`; `on_change` is called with every accepted set.
 
         It also gets the scene of the set where judging it has built one. `limit` returns the
-        stability limit [s] of the step of the running fabric.
+        stability limit [s] of the step of the running fabric, `held` what the node holds of the
+        parameters that are ROS's own.
         """
         self.accepted = parameters
         self._on_change = on_change
-        self._limit = limit
+        self._limit, self._held = limit, held
 
     def set_atomically(
         self, wanted: Iterable[Parameter], store: Callable[[list[Parameter]], SetParametersResult]
@@ -157,10 +164,11 @@ class ParameterGate:
                 raise ParameterError(
                     name, f'{name} has {len(name)} characters; a name has at most {LONGEST_NAME}')
             if is_foreign(name):
-                stored.append(parameter)
+                if parameter.value != self._held(name):
+                    stored.append(parameter)
                 continue
-            require_changeable([name])
             if parameter.type_ == Parameter.Type.NOT_SET:
+                require_changeable([name])
                 if name.split('.')[0] not in FAMILIES:
                     raise ParameterError(name, f'{name} cannot be deleted, only set')
                 if name not in self.accepted:
@@ -168,9 +176,15 @@ class ParameterGate:
                 given.pop(name, None)
                 stored.append(parameter)
             else:
-                value = parameter.value
-                given[name] = judge(name, list(value) if isinstance(value, array) else value)
-                stored.append(Parameter(name, value=given[name]))
+                held = self.accepted.get(name)
+                if isinstance(held, str) and str(parameter.value) == held:
+                    continue  # also a text of digits, which tools send as a number
+                value = judge(name, _as_meant(name, parameter.value))
+                if held is not None and _same(value, held):
+                    continue  # e.g. of a dump that is loaded again; also where it is fixed
+                require_changeable([name])
+                given[name] = value
+                stored.append(Parameter(name, value=value))
             touched = True
         if not touched:
             return None, None, stored
@@ -209,6 +223,33 @@ class ParameterGate:
         if not rebuilds(self.accepted, changed) or estimate_bodies(changed) > _QUICK_BODIES:
             return None
         return Scene.from_parameters(changed)
+
+
+def _as_meant(name: str, value: Any) -> Any:
+    """
+    The value that is meant where a number is: tools send some as texts.
+
+    `ros2 param load` writes each value as Python does and reads it as YAML 1.1, to which 1e-06 is
+    a text, and a list that has such an item is one text.
+    """
+    if isinstance(value, array):
+        value = list(value)
+    default = find_specification(name).default
+    if isinstance(default, list) and isinstance(default[0], float):
+        if isinstance(value, str) and _TEXT_LIST.fullmatch(value):
+            return [float(item) for item in value[1:-1].split(',')]
+        if isinstance(value, list):
+            return [_as_number(item) for item in value]
+    return _as_number(value) if isinstance(default, float) else value
+
+
+def _as_number(value: Any) -> Any:
+    return float(value) if isinstance(value, str) and _EXPONENT.fullmatch(value) else value
+
+
+def _same(one: Any, other: Any) -> bool:
+    """Whether two judged values are one: zeros of both signs are two."""
+    return repr(one) == repr(other)
 
 
 def _text_length(values: Iterable[Any]) -> int:

@@ -42,13 +42,12 @@ class StopSignals:
 
     def __init__(self) -> None:
         """
-        Take the signals over; one that was ignored at the start of the process stays ignored.
+        Take the signals over, ignored ones too: a shell has its background jobs ignore SIGINT.
         """
         self.received = False
         self._ends_at_once = True
         for number in _STOPPING:
-            if signal.getsignal(number) is not signal.SIG_IGN:
-                signal.signal(number, self._receive)
+            signal.signal(number, self._receive)
 
     def only_note(self) -> None:
         """From now on a signal is only noted in `received`: there is something to end in order."""

@@ -34,6 +34,7 @@ from icofabric_sim.parameters.changes import (
 )
 from icofabric_sim.parameters.validation import Parameters
 from icofabric_sim.running.broadcast import Broadcast
+from icofabric_sim.running.complaints import Complaints
 from icofabric_sim.running.pace import Pace
 from icofabric_sim.running.received_inputs import ReceivedInputs
 from icofabric_sim.running.reweave import lost_wrenches, Reweaver
@@ -76,6 +77,8 @@ class RunChanges:
         self._broadcast, self._pace = broadcast, pace
         self._post, self._fresh_status, self.on_rebuilt = post, fresh_status, on_rebuilt
         self._reweaver = Reweaver(post, self._swap, state.simulation.body_force)
+        # A slider sends fifty changes a second.
+        self._said = Complaints(_LOGGER.info)
         # Who waits for the fabric that is being built.
         self._builds: 'list[Future[str]]' = []
 
@@ -203,7 +206,6 @@ class RunChanges:
             self._take_rates(rates)
             self._broadcast.describe(state.now)
         if rebuilds(before, parameters):
-            _LOGGER.info('building the changed fabric beside the running one')
             self._builds.append(built)
             self._reweaver.want(parameters, scene)
         else:
@@ -284,5 +286,6 @@ class RunChanges:
         self._broadcast.event(
             state.now, 'reweave', restarts=restarts, lost=lost, dropped=dropped,
             changed=sorted(changed_names(state.parameters, wanted)))
-        _LOGGER.info('the changed fabric is in place at t = %.9g s: %d bodies, step %.3g s',
-                     seconds(state.now), simulation.scene.body_count, simulation.status.step)
+        self._said.add(
+            'change', f'the changed fabric is in place at t = {seconds(state.now):.9g} s: '
+            f'{simulation.scene.body_count} bodies, step {simulation.status.step:.3g} s')

@@ -23,7 +23,9 @@ import numpy as np
 import pytest
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import ParameterValue
+from rclpy.parameter import parameter_dict_from_yaml_file
 from ros_helpers import Client, NodeProcess, parameter, write_scene
+import yaml
 
 DELETEALL = 3  # visualization_msgs/Marker
 # Falls freely, so that its centre of mass follows a parabola whatever the connectors do.
@@ -217,6 +219,49 @@ def test_each_change_is_judged_on_its_own(client):
     assert client.get('marker_rate', 'shell.density', 'clock_rate') == [5.0, 1200.0, 50.0]
     wait_for_weave(client, 'clock_rate: 50.0')
     client.set(marker_rate=10, clock_rate=100.0)
+
+
+def dumped(client, path):
+    """A file as `ros2 param dump` writes it, with every parameter that the node holds."""
+    names = client.call('~/list_parameters', 'rcl_interfaces/srv/ListParameters').result.names
+    tree = {}
+    for name, value in zip(names, client.get(*names)):
+        *words, last = name.split('.')
+        branch = tree
+        for word in words:
+            branch = branch.setdefault(word, {})
+        branch[last] = plain(value)
+    path.write_text(yaml.dump({'/icofabric': {'ros__parameters': tree}}))
+    return names
+
+
+def loaded(client, path):
+    """Results of what `ros2 param load` sends."""
+    wanted = parameter_dict_from_yaml_file(str(path), target_nodes=['/icofabric'])
+    return wanted, client.set_messages(list(wanted.values()))
+
+
+def test_what_is_dumped_can_be_loaded(client, before_refusals, tmp_path):
+    client.set(advance_duration=1e-6)
+    names = dumped(client, tmp_path / 'dump.yaml')
+    before = held(client)
+    wanted, results = loaded(client, tmp_path / 'dump.yaml')
+    assert {*wanted} == {*names} and 'frame_id' in names and 'use_sim_time' in names
+    assert [result.reason for result in results if not result.successful] == []
+    assert held(client) == before
+    # Some of it comes as texts, which is why.
+    assert wanted['advance_duration'].value.string_value == '1e-06'
+    text = (tmp_path / 'dump.yaml').read_text()
+    (tmp_path / 'dump.yaml').write_text(text.replace('duration: 1.0e-06', 'duration: 2.0e-06'))
+    wanted, results = loaded(client, tmp_path / 'dump.yaml')
+    assert all(result.successful for result in results)
+    assert client.get('advance_duration') == [2e-6]
+    # A fixed one cannot be set to anything else.
+    [refused] = client.set_each(frame_id='map')
+    assert not refused.successful and Change.FIXED.value in refused.reason
+    [taken] = client.set_each(gravity='[1e-06, 0.0, -0.2]')
+    assert taken.successful and plain(client.get('gravity')[0]) == [1e-6, 0.0, -0.2]
+    client.set(advance_duration=0.01, gravity=GRAVITY.tolist())
 
 
 def test_integers_are_taken_for_floats(client):

@@ -1,0 +1,149 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""How the node gets on with others in its graph, and with the shell that started it."""
+import os
+import signal
+import subprocess
+import sys
+import time
+
+from icofabric_sim.messages import WARN
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from ros_helpers import Client, domain, NodeProcess, ROOT, ros_class, wait_for, write_scene
+
+SCENE = {
+    'weave': {'size': [3, 3, 3]},
+    'contact': {'mode': 'never'},
+    'groups': {'tip': 'x_max'},
+    'loads': {'tip': {'group': 'tip'}},
+}
+
+
+def test_second_node_of_a_name_does_not_start(tmp_path):
+    scene = write_scene(tmp_path / 'scene.yaml', SCENE)
+    with NodeProcess(tmp_path / 'log', scene=scene) as node, Client(node) as client:
+        with NodeProcess(tmp_path / 'second', scene=scene) as second:
+            wait_for(lambda: second.process.poll() is not None
+                     or second.lines('2 nodes are named /icofabric'), 'what the second says')
+            # How soon they find each other is the middleware's business.
+            if second.process.poll() is not None:
+                assert second.wait() == 2
+                [line] = second.lines('fabric_node:')
+                assert 'another node /icofabric runs already' in line and '__node:=' in line
+            else:
+                client.health(lambda status: '2 nodes are named' in status.message)
+                assert second.stop() == 0
+        # Under another name it does.
+        with NodeProcess(tmp_path / 'third', '-r', '__node:=other', scene=scene,
+                         parameters={'publish_clock': 'false'}) as third:
+            wait_for(lambda: third.lines(third.READY), 'a node of another name', node=third)
+            assert third.stop() == 0
+        # Not only nodes of this package can have the name.
+        twin = ros_node('icofabric', client)
+        status = client.health(lambda status: '2 nodes are named' in status.message)
+        assert status.level == WARN and '/icofabric' in status.message
+        assert node.lines('2 nodes are named /icofabric')
+        client.executor.remove_node(twin)
+        twin.destroy_node()
+        client.health(lambda status: 'nodes are named' not in status.message)
+        assert node.stop() == 0
+
+
+def ros_node(name, client):
+    import rclpy
+    node = rclpy.create_node(name, context=client.context, enable_rosout=False)
+    client.executor.add_node(node)
+    return node
+
+
+def test_interrupt_is_heard_where_the_shell_made_it_ignored(tmp_path):
+    scene = write_scene(tmp_path / 'scene.yaml', SCENE)
+    log = tmp_path / 'log'
+    with log.open('w') as out:
+        process = subprocess.Popen(
+            [sys.executable, '-m', NodeProcess.MODULE, '--ros-args', '--params-file', str(scene)],
+            stdout=out, stderr=subprocess.STDOUT, cwd=ROOT,
+            env={**os.environ, 'ROS_DOMAIN_ID': str(domain(1))},
+            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_IGN))
+    try:
+        wait_for(lambda: NodeProcess.READY in log.read_text(), 'a node that runs')
+        process.send_signal(signal.SIGINT)
+        assert process.wait(30) == 0
+    finally:
+        process.kill()
+
+
+def test_verb_is_interrupted_where_the_shell_made_it_ignored(tmp_path):
+    process = subprocess.Popen(
+        [sys.executable, '-m', 'icofabric_sim.commands.main', 'run', 'hanging_slab',
+         '--duration', '1000', '--record', str(tmp_path / 'bag')], stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL, cwd=ROOT,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_IGN))
+    try:
+        wait_for(lambda: list(tmp_path.glob('bag*')), 'a run that records')
+        time.sleep(0.5)
+        process.send_signal(signal.SIGINT)
+        assert process.wait(60) == 130
+    finally:
+        process.kill()
+
+
+def test_best_effort_wrenches_are_heard_and_said(tmp_path):
+    scene = write_scene(tmp_path / 'scene.yaml', SCENE)
+    quality = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+    kind = ros_class('geometry_msgs/msg/WrenchStamped')
+    for offset, (choice, heard) in enumerate((('best_effort', True), ('reliable', False))):
+        with NodeProcess(
+                tmp_path / choice, scene=scene, offset=offset,
+                parameters={'input_reliability': choice}) as node, Client(
+                    node, offset=offset) as client:
+            publisher = client.node.create_publisher(kind, '/icofabric/loads/tip', quality)
+            message = kind()
+            message.wrench.force.z = 0.001
+            client.publisher('~/loads/tip')  # a reliable one fits both
+            deadline = time.monotonic() + (60.0 if heard else 1.0)
+            acts = False
+            while time.monotonic() < deadline and not acts:
+                publisher.publish(message)
+                acts = client.health().values['loads active'] == '1'
+            assert acts == heard
+            lines = node.lines('best effort (input_reliability)')
+            assert len(lines) == heard
+            if heard:
+                assert 'not sent again' in lines[0] and '~/advance' in lines[0]
+            assert node.stop() == 0
+
+
+def test_slider_costs_a_line_a_second_at_most(tmp_path):
+    """Fifty changes a second, of a value that rebuilds the fabric and of one that does not."""
+    scene = write_scene(tmp_path / 'scene.yaml', SCENE)
+    with NodeProcess(tmp_path / 'log', scene=scene) as node, Client(node) as client:
+        client.get('step_count')
+        before, began, futures = len(node.log().splitlines()), time.monotonic(), []
+        from ros_helpers import parameter
+        for number in range(200):
+            futures.append(client.begin(
+                '~/set_parameters', 'rcl_interfaces/srv/SetParameters', parameters=[
+                    parameter('connector.stiffness', 500.0 + number),
+                    parameter('marker_rate', 10.0 + 0.01 * number)]))
+            time.sleep(max(0.0, began + 0.02 * number - time.monotonic()))
+        for future in futures:
+            client.wait_for(future.done, 'an answer')
+        passed = time.monotonic() - began
+        assert all(result.successful for future in futures for result in future.result().results)
+        assert client.get('connector.stiffness') == [699.0]
+        lines = node.log().splitlines()[before:]
+        assert 1 <= len(lines) <= passed + 1, lines
+        assert 'in place' in lines[0]
+        assert node.stop() == 0
