@@ -47,7 +47,7 @@ def drift(
     """
     step = splat(h)
     for turn in range(first, last):
-        block = order[turn]
+        block = np.int64(order[turn])
         s = model.blocks.slot[block]
         if loads is not None:
             for m in range(loads.start[block], loads.start[block + 1]):
@@ -107,7 +107,7 @@ def push(
     accelerations, for a kick that comes later. For blocks order[first] to order[last - 1].
     """
     for turn in range(first, last):
-        block = order[turn]
+        block = np.int64(order[turn])
         s = model.blocks.slot[block]
         a = accelerations(model, state, work.points, time, block, s)
         if keep:

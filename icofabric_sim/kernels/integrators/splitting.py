@@ -73,6 +73,8 @@ def steps(
     first, last = own_blocks(team, model.blocks.slot.shape[0])
     sweep = team.sweep
     count_own = last - first
+    # A literal would be a type of its own, and compile the drift once more.
+    begin: int = np.int64(0)  # type: ignore[assignment]
     kick_first = kicks.shape[0] > drifts.shape[0]
     stages = min(kicks.shape[0], drifts.shape[0])
     if kick_first:
@@ -98,15 +100,16 @@ def steps(
             keep = evaluation + 1 == count * stages
             if stage + 1 == stages and not keep:
                 again = kicks[0] * h
-        drifted = 0
+        drifted = begin
         shift = shift_at(watch, after)
         if team.size > 1:
-            drift(model, loads, state, work, now, whole, sweep.drifts, 0, sweep.border)
+            drift(
+                model, loads, state, work, now, whole, sweep.drifts, drifted, sweep.border)
             drifted = sweep.border
             wait_for_all(team)
         if contacts is not None:
             if team.size == 1:
-                drift(model, loads, state, work, now, whole, sweep.drifts, 0, count_own)
+                drift(model, loads, state, work, now, whole, sweep.drifts, drifted, count_own)
                 drifted = count_own
             touch_all(contacts, state.position, state.orientation, team)
         if watch is not None:
@@ -115,7 +118,7 @@ def steps(
                 most = add_ways(
                     watch, state, model.blocks.alive[block], shift, model.blocks.slot[block], most)
         for tile in range(sweep.ahead.shape[0]):
-            goal = sweep.ahead[tile]
+            goal: int = np.int64(sweep.ahead[tile])  # type: ignore[assignment]
             drift(model, loads, state, work, now, whole, sweep.drifts, drifted, goal)
             if watch is not None:
                 for turn in range(drifted, goal):
@@ -133,7 +136,7 @@ def steps(
         now = after
         if not kick_first and stage + 1 == stages:
             drift(
-                model, loads, state, work, now, drifts[stages] * h, sweep.drifts, 0, count_own)
+                model, loads, state, work, now, drifts[stages] * h, sweep.drifts, begin, count_own)
             wait_for_all(team)
 
 
@@ -199,7 +202,7 @@ def splitting(
                     if team.member == 0:
                         sample(
                             model.blocks.slot, state.position, state.orientation,
-                            work.difference, work.weights, 0)
+                            work.difference, work.weights, sampled % differences)
                     wait_for_all(team)
         steps(
             kicks, drifts, model, model.contacts, loads, state, work, team, watch, origin,

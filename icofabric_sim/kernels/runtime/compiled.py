@@ -15,7 +15,9 @@
 
 from collections.abc import Callable
 from contextlib import suppress
+from functools import update_wrapper
 import gc
+import inspect
 from typing import Any
 
 from icofabric_sim.kernels.runtime.compile_notice import compile_notice
@@ -61,10 +63,15 @@ class _Part(CPUDispatcher):
     Such an entrance takes records of a hundred arrays apart: a third of all compilation.
     """
 
-    def __init__(
-        self, function: Callable[..., Any], *, inline: bool = False, entrance: bool = False
+    def __init__(self, function: Callable[..., Any], *, inline: bool = False) -> None:
+        self._prepare(function, function, inline=inline, entrance=False)
+
+    def _prepare(
+        self, function: Callable[..., Any], body: Callable[..., Any], *, inline: bool,
+        entrance: bool
     ) -> None:
-        super().__init__(function, targetoptions={
+        """Compile `body`, kept on disk as `function`."""
+        super().__init__(body, targetoptions={
             'nopython': True, 'nogil': True, 'error_model': 'numpy', 'boundscheck': None,
             'forceinline': inline,
             'no_cpython_wrapper': not entrance, 'no_cfunc_wrapper': True})
@@ -81,12 +88,25 @@ class _Part(CPUDispatcher):
 
 
 class _Kernel(_Part):
-    """A kernel as Python calls it."""
+    """
+    A kernel as Python calls it: an entrance to its part.
+
+    So what both Python and other kernels call is typed and written once.
+    """
 
     def __init__(self, function: Callable[..., Any], *, inline: bool = False) -> None:
-        super().__init__(function, entrance=True)
         self._inline = inline
         self._part: _Part | None = None
+        self._call = _handing_on(function)
+        self._prepare(function, self._call, inline=False, entrance=True)
+        update_wrapper(self, function)
+        self.py_func = function
+
+    def compile(self, sig: Any) -> Any:
+        """Compile for such arguments, or load what is on disk."""
+        # A part is made when something asks for it: where all is on disk nothing does.
+        self._call.__globals__['part'] = self._as_part()
+        return super().compile(sig)
 
     # What other kernels ask for.
     def get_call_template(self, args: Any, kws: Any) -> Any:
@@ -103,10 +123,20 @@ class _Kernel(_Part):
             and self._cache.holds(types, self.targetctx))
 
     def _as_part(self) -> _Part:
-        # Not at once: where all is on disk nothing asks for it.
         if self._part is None:
             self._part = _Part(self.py_func, inline=self._inline)
         return self._part
+
+
+def _handing_on(function: Callable[..., Any]) -> Any:
+    """Make a function of the same name and arguments that hands them on to `part`."""
+    names = ', '.join(inspect.signature(function).parameters)
+    made: dict[str, Any] = {}
+    exec(f'def call({names}):\n    return part({names})\n', made)
+    call = made['call']
+    call.__name__, call.__qualname__ = function.__name__, function.__qualname__
+    call.__module__ = function.__module__
+    return call
 
 
 class _Compilations(event.Listener):
