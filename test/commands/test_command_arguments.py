@@ -19,6 +19,8 @@ import pytest
 
 SCENE_VERBS = ('run', 'statics', 'modes', 'elasticity', 'info')
 BAG_VERBS = ('verify', 'info', 'render', 'recover')
+# Verbs that need nothing beside their name.
+WITHOUT_WORDS = ('benchmark', 'tables', 'warm')
 NO_SCENES = ('nothing', '', 'folder', 'mixed.yaml', 'garbage.yaml', 'unknown.yaml', 'x\ny')
 NO_BAGS = ('nothing', '', 'folder', 'garbage.yaml')
 OVERRIDES = (
@@ -46,7 +48,7 @@ CASES = [
     (), ('nothing',), ('--nothing',), ('',),
     *((verb, '--nothing') for verb in VERBS),
     *((verb, 'small.yaml', '--nothing') for verb in VERBS if verb != 'benchmark'),
-    *((verb,) for verb in VERBS if verb != 'benchmark'),
+    *((verb,) for verb in VERBS if verb not in WITHOUT_WORDS),
     *((verb, scene) for verb in SCENE_VERBS for scene in NO_SCENES),
     *((verb, bag) for verb in BAG_VERBS for bag in NO_BAGS),
     *((verb, 'small.yaml', '-p', rule) for verb in SCENE_VERBS for rule in OVERRIDES),
@@ -62,6 +64,9 @@ CASES = [
         ('--rounds', '0'), ('--rounds', 'x'), ('--largest', '0'), ('--peers', 'x'),
         ('--output', 'small.yaml'))),
     ('benchmark', 'nothing'),
+    *(('tables', number) for number in ('0', '11', '-1', '1.5', 'x', '')),
+    ('tables', '--size', '0', '1', '1'), ('tables', '--size', '3', '3'),
+    *(('tables', f'--figure={file}') for file in ('', 'a.gif', 'small.yaml/a.png')),
 ]
 
 
