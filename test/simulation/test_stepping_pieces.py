@@ -125,6 +125,14 @@ def test_an_event_is_one_file(from_page):
     again.restore(ico.Checkpoint.from_bytes(checkpoint.to_bytes()))
     again.advance_to(end)
     assert same_state(simulation.snapshot(), again.snapshot())
+    # It bounces once: back at the height after 3 times the fall, the body falls on.
+    again = ico.compile_scene(make_scene((1, 1, 1), changes))
+    again.restore(simulation.checkpoint())
+    for run in (simulation, again):
+        run.advance_to(3.5 * fall)
+        assert run.snapshot().position[0, 2] == pytest.approx(
+            HEIGHT - 0.5 * GRAVITY * (1.25 * fall**2), abs=1e-9)
+    assert same_state(simulation.snapshot(), again.snapshot())
     # Nothing of it is in scenes that it does not concern.
     other = ico.compile_scene(make_scene((2, 2, 2), {'solver.method': 'srkn4', **changes}))
     assert other.status.method_name == 'srkn4'
