@@ -37,6 +37,11 @@ _SLOPES = 16
 _KEPT_SLOPES = 13
 
 
+def contact_losses(contacts: Contacts | None) -> ContactLosses | None:
+    """Return what contacts lose energy by; None where nothing is near, or nothing is lost."""
+    return None if contacts is None else contacts.losses
+
+
 class FrictionState:
     """Friction springs of the pairs that are listed, and room for what they lose; none without."""
 

@@ -20,10 +20,10 @@ Nothing here decides which steps are taken; see `driver.py`.
 from typing import Any, NoReturn
 
 from icofabric_sim.kernels.contact.forces import touch_all
-from icofabric_sim.kernels.contact.losses import losses_of
 from icofabric_sim.kernels.flows import keep_accelerations, place_all
 from icofabric_sim.kernels.records import ContactLosses, Contacts, Loads, Meter, Model, State
 from icofabric_sim.kernels.runtime.lanes import LANES
+from icofabric_sim.simulation.contact.friction_state import contact_losses
 from icofabric_sim.simulation.errors import SimulationError
 from icofabric_sim.simulation.model.packing import acting_lanes, PackedScene
 from icofabric_sim.simulation.state_tree import StateTree
@@ -152,11 +152,11 @@ class Trajectory:
     @property
     def losses(self) -> ContactLosses | None:
         """Friction and damping of the contacts that are computed, if any."""
-        return losses_of(self.model.contacts)
+        return contact_losses(self.model.contacts)
 
     def stretches(self, model: Model | None = None) -> np.ndarray | None:
         """Return the stretches of friction springs at the state, or in the `model` of a trial."""
-        losses = losses_of((model or self.model).contacts)
+        losses = contact_losses((model or self.model).contacts)
         return None if losses is None else losses.stretch
 
     def meters(self) -> dict[str, Meter]:

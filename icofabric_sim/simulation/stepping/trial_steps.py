@@ -16,9 +16,9 @@
 from collections.abc import Callable
 from typing import Any
 
-from icofabric_sim.kernels.contact.losses import losses_of
 from icofabric_sim.kernels.meters import flowed
 from icofabric_sim.kernels.records import Loads, Model, State, Work
+from icofabric_sim.simulation.contact.friction_state import contact_losses
 from icofabric_sim.simulation.model.layout import aligned_empty
 from icofabric_sim.simulation.stepping.contact_scheduler import ContactScheduler
 from icofabric_sim.simulation.stepping.method_calls import MethodCalls
@@ -124,7 +124,7 @@ class TrialSteps:
         trajectory = self._trajectory
         now = [row.copy() for row in trajectory.state]
         acceleration, model = trajectory.work.acceleration.copy(), self._copy_model()
-        losses = losses_of(model.contacts)
+        losses = contact_losses(model.contacts)
         if losses is not None and self._earlier_stretch is not None:
             np.copyto(losses.stretch, self._earlier_stretch)
         try:
@@ -148,7 +148,7 @@ class TrialSteps:
     def _copy_model(self, model: Model | None = None) -> Model:
         """The same constants, with room of their own for what contacts remember."""
         model = model or self._trajectory.model
-        losses = losses_of(model.contacts)
+        losses = contact_losses(model.contacts)
         if losses is None or model.contacts is None:
             return model
         copies: dict[str, Any] = {
