@@ -108,7 +108,7 @@ class RunMonitor:
         self.energy_scale = max(self.energy_scale, exchanged)
 
     def momentum(self, snapshot: Snapshot) -> Momentum:
-        """Momenta in a state."""
+        """Momenta in a state: M R' and R x M R' + Lambda omega, summed (eqs 8, 10 and 43)."""
         model = snapshot.packed.model
         mass, inertia = 1.0 / model.inverse_mass, 1.0 / model.inverse_inertia
         linear = mass * snapshot.linear_velocity

@@ -22,7 +22,7 @@ import numpy as np
 
 
 class InitialState(NamedTuple):
-    """State at the start, world frame."""
+    """State at the start (eqs 14, 25 and 46), world frame."""
 
     position: np.ndarray  # (n, 3) [m]
     orientation: np.ndarray  # (n, 4) x y z w
@@ -50,6 +50,8 @@ def unit_quaternion(name: str, parameters: Parameters) -> np.ndarray:
 def rotate_by_vector(rotation: np.ndarray, orientation: np.ndarray) -> np.ndarray:
     """
     Quaternions (n, 4) turned by the rotation vector [rad], world axes: exp(rotation / 2) times q.
+
+    exp(rotation / 2) is the quaternion of eq 21.
     """
     angle = float(np.linalg.norm(rotation))
     vector = np.sinc(angle / (2.0 * np.pi)) * 0.5 * rotation

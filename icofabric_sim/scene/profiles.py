@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Profiles in time: what a load or a traction of the scene is multiplied by.
+Profiles in time (t of eqs 15 and 47): what a load or a traction of the scene is multiplied by.
 
 A profile is a row of smooth pieces. Where one ends the factor or its slope may jump, so a method
 steps to that time, and evaluates the next piece only after it: its order holds.

@@ -112,7 +112,7 @@ def fabric_orientation(kind: Kind, azimuth: float = 0.0) -> np.ndarray:
 
 def body_orientation(kind: Kind, variant: int, azimuth: float = 0.0) -> np.ndarray:
     """
-    Return the unit quaternion x, y, z, w, body to world, that all bodies of a weave share.
+    Return the unit quaternion x, y, z, w, body to world, that all bodies of a weave share: q_0.
 
     In variants 2 and 3 the bodies are first turned by 90 degrees about the fabric's z axis.
     """

@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""Forces on the bodies that a user writes as Python functions."""
+"""Forces on the bodies, F(r, t) of eqs 15 and 47, that a user writes as Python functions."""
 
 from collections.abc import Callable
 import ctypes

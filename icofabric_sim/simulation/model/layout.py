@@ -104,7 +104,7 @@ class Layout:
         return np.ascontiguousarray(np.moveaxis(values[..., self.slot], -1, 0))
 
     def pack(self, initial: InitialState) -> State:
-        """State for kernels from one of bodies."""
+        """State for kernels from one of bodies; direction cosines from quaternions (eq 20)."""
         orientation = initial.orientation
         if self.cosines:
             orientation = cosines_from_quaternions(orientation)

@@ -106,6 +106,7 @@ def pack_scene(
     scene: Scene, *, cosines: bool = False, body_force: BodyForce | None = None
 ) -> PackedScene:
     """Constants of the scene; a term that the scene lacks is None."""
+    # Eq 43: one number stands for the inertia tensor.
     mass, inertia = scene.shell.mass, scene.shell.inertia
     gravity, electric = np.array(scene.parameters['gravity']), scene.electric
     # On equal charges a uniform field is an acceleration like gravity.

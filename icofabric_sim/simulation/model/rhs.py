@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""The equations of motion of a scene as a function, for other people's integrators."""
+"""The equations of motion of a scene (eq 45) as a function, for other people's integrators."""
 
 from collections.abc import Callable
 
