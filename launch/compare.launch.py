@@ -64,13 +64,13 @@ def generate_launch_description():
     return LaunchDescription([*arguments, OpaqueFunction(function=start_nodes)])
 
 
-def find_scene(share, scene):
+def find_scene(share, argument, scene):
     """Return the path of a scene's parameter file: a ready scene's name goes before a path."""
     ready = {path.stem: path for path in sorted((share / 'config').glob('*.yaml'))}
     path = ready.get(scene, Path(scene).expanduser())
     if not path.is_file():
         raise RuntimeError(
-            f'{scene!r} is neither a ready scene ({", ".join(ready)}) nor a file; '
+            f'{argument}:={scene} is neither a ready scene ({", ".join(ready)}) nor a file; '
             f'give one of these names or the path of a parameter file')
     return path.resolve()
 
@@ -83,6 +83,7 @@ def start_nodes(context):
 
     nodes = []
     for side in SIDES:
+        own_scene = f'{side}_scene' if given(f'{side}_scene') else 'scene'
         own = {
             parameter: ParameterValue(LaunchConfiguration(f'{side}_{name}'), value_type=kind)
             for name, parameter, kind in OVERRIDES if given(f'{side}_{name}')}
@@ -98,14 +99,20 @@ def start_nodes(context):
             name='icofabric',
             namespace=side,
             parameters=[
-                str(find_scene(share, given(f'{side}_scene') or given('scene'))),
+                str(find_scene(share, own_scene, given(own_scene))),
                 *([own] if own else [])],
             output='screen',
             emulate_tty=True,
             # The end of a long recording takes time to write.
             sigterm_timeout='30', sigkill_timeout='30'))
-    if float(given('distance')) != 0.0:
-        nodes.append(Node(
+    frames = []
+    try:
+        apart = float(given('distance')) != 0.0
+    except ValueError:
+        raise RuntimeError(
+            f'distance:={given("distance")} is not a number; give it in metres') from None
+    if apart:
+        frames.append(Node(
             package='tf2_ros',
             executable='static_transform_publisher',
             name='right_world',
@@ -118,5 +125,5 @@ def start_nodes(context):
         arguments=['-d', str(share / 'rviz' / 'compare.rviz')],
         parameters=[{'use_sim_time': True}],
         condition=IfCondition(LaunchConfiguration('rviz')))
-    # A missing RViz ends the launch before the fabrics start.
-    return [view, *nodes]
+    # A missing RViz or tf2_ros ends the launch before the fabrics start.
+    return [view, *frames, *nodes]

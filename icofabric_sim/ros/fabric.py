@@ -23,7 +23,8 @@ import time
 from typing import Any
 
 from icofabric_sim.bag import BagError
-from icofabric_sim.messages.topics import CLOCK, TOPICS
+from icofabric_sim.kernels.runtime.compile_notice import compile_notice
+from icofabric_sim.messages.topics import CLOCK, DIAGNOSTICS, TOPICS
 from icofabric_sim.parameters.validation import find_specification, Parameters
 from icofabric_sim.ros.answers import Answers
 from icofabric_sim.ros.clock_watch import ClockWatch
@@ -48,11 +49,14 @@ from icofabric_sim.running.run_records import Status
 from icofabric_sim.running.runner import Runner
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.simulation import compile_scene, Simulation
+from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 # How long the last answers may take [s].
 _LAST_ANSWERS = 0.2
+# A report that is so late [s] is given in place of the run, looked for so often [s].
+_OVERDUE, _REPORT_CHECK = 1.4, 0.5
 
 
 class FabricNode(Node):
@@ -85,6 +89,8 @@ class FabricNode(Node):
         on_built()
         self.stop_wanted = False
         self._faults: dict[str, str] = {}
+        self._report_lock, self._reported_at = threading.Lock(), time.monotonic()
+        self._last_status: Status | None = None
         self._report = HealthReport(self.get_fully_qualified_name())
         publishes_clock = parameters['publish_clock']
         self.live = LiveSink(
@@ -98,6 +104,8 @@ class FabricNode(Node):
             report=self._diagnose,
             full_name=self.resolve_topic_name,
         )
+        # What a report calls is compiled here, and not first in the thread of the run.
+        self._last_status = self.runner.status()
         self._clock_watch = ClockWatch(self) if publishes_clock else None
         self._name_watch.begin()
         self._declare(parameters)
@@ -112,6 +120,8 @@ class FabricNode(Node):
         self._verbs = Verbs(self, self.runner, self.answers, self._inputs)
         self._standard = offer_standard_services(self, self.runner, self.answers, self._quit)
         self._thread = threading.Thread(target=self._simulate, name='simulation', daemon=True)
+        self.create_timer(
+            _REPORT_CHECK, self._stand_in, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def start(self) -> None:
         """Let simulated time run."""
@@ -211,7 +221,23 @@ class FabricNode(Node):
         self._faults['recording'] = str(error)
         self.get_logger().error(f'{error}; the simulation goes on without a bag')
 
-    def _diagnose(self, status: Status) -> bytes:
+    def _stand_in(self) -> None:
+        """
+        Report for a run that does not get to it, e.g. because it compiles what it goes on with.
+
+        With its last figures: the present ones are its own while it runs.
+        """
+        status, late = self._last_status, time.monotonic() - self._reported_at > _OVERDUE
+        if late and status is not None and self._thread.is_alive() and (
+                self.live.wants(DIAGNOSTICS)):
+            self.live.send(DIAGNOSTICS, status.time, self._diagnose(status, held_up=True))
+
+    def _diagnose(self, status: Status, *, held_up: bool = False) -> bytes:
+        with self._report_lock:
+            self._last_status, self._reported_at = status, time.monotonic()
+            return self._health(status, held_up=held_up)
+
+    def _health(self, status: Status, *, held_up: bool) -> bytes:
         figures = {
             WRENCHES_DROPPED: str(status.dropped),
             NOT_TAKEN: str(self.live.not_taken),
@@ -219,12 +245,17 @@ class FabricNode(Node):
         if self.bag.path is not None:
             figures[RECORDER_LAG] = f'{self.bag.statistics.lag:.3f}'
             figures[RECORDER_DROPPED] = str(self.bag.dropped)
+        compiling = f'for {compile_notice.seconds:.0f} s so far'
+        figures['compiling'] = compiling if compile_notice.is_compiling else 'no'
         figures['recording'] = str(self.bag.path) if self.bag.is_recording else 'no'
         if self.bag.is_recording and self.bag.error is None:
             self._faults.pop('recording', None)
         notes = {
             'clock': '' if self._clock_watch is None else self._clock_watch.note,
             'name': self._name_watch.note}
+        if held_up:
+            notes['held up'] = 'the run waits for its kernels: compiling, ' + compiling if (
+                compile_notice.is_compiling) else 'the run has not reported in time'
         return self._report.bytes(
             status, dict(self._faults), figures,
             {name: note for name, note in notes.items() if note})

@@ -76,6 +76,7 @@ def describe(
         'wanted real-time factor': f'{status.wanted_factor:g}',
         'pace': status.cause or 'not measured',
         'step [s]': f'{status.step:.6g}',
+        'step limited by': status.limited_by or 'not known yet',
         'stability limit [s]': f'{status.limit:.6g}',
         'stability margin': f'{_margin(status):.4g}',
         'steps': str(status.step_count),
@@ -111,7 +112,9 @@ def _warnings(
     if 0.0 < status.factor < _SLOW * status.wanted_factor and not stands:
         found.append(
             f'slower than wanted: real-time factor {status.factor:.3g} of '
-            f'{status.wanted_factor:g}; {status.cause}')
+            f'{status.wanted_factor:g}; {status.cause}' + (
+                f'; steps of {status.step:.3g} s are limited by {status.limited_by}'
+                if status.limited_by else ''))
     if status.proximity:
         found.append(status.proximity)
     if status.obstructed:

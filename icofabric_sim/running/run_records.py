@@ -59,6 +59,7 @@ class Status(NamedTuple):
     obstruction: str = ''  # the first connector in its own shell
     obstructed: int = 0  # ends of connectors in their own shells
     cause: str = ''  # why the run is not faster
+    limited_by: str = ''  # what limits the step, and since when; '': not known
     lag: float = 0.0  # longest time that a request waited since the last report [s]
 
 

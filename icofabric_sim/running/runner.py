@@ -40,6 +40,7 @@ from icofabric_sim.running.run_changes import RunChanges
 from icofabric_sim.running.run_records import begins_anew, Errors, errors_of, figures, Status
 from icofabric_sim.running.run_state import RunState
 from icofabric_sim.running.stall import StallWatch
+from icofabric_sim.running.step_limit_reason import StepLimit
 from icofabric_sim.running.time_advance import TimeAdvance
 from icofabric_sim.running.time_requests import AdvanceRequest, StepRequest
 from icofabric_sim.scene.scene import Scene
@@ -92,6 +93,7 @@ class Runner:
             self.state, self._time, self.inputs, self._broadcast, self._pace,
             post=self.commands.post, fresh_status=self._fresh_status, on_rebuilt=on_rebuilt)
         self._errors: Errors | None = None
+        self._step_limit, self._limited_by = StepLimit(), ''
         self._last_refresh = 0.0
 
     # Where it stands; each is read on its own.
@@ -145,6 +147,7 @@ class Runner:
             errors=self._errors,
             loads_waiting=len(self.inputs),
             cause=self._pace.cause(),
+            limited_by=self._limited_by,
             lag=self.commands.lag,
             **figures(state.simulation),
         )
@@ -325,6 +328,8 @@ class Runner:
 
     def _fresh_status(self) -> Status:
         self._errors = errors_of(self.state.simulation)
+        if not self.state.failure:
+            self._limited_by = self._step_limit.describe(self.state.simulation, self.state.now)
         status, self.commands.lag = self.status(), 0.0
         return status
 

@@ -69,6 +69,11 @@ class SimulationStatus:
         return self._driver.rates.limit
 
     @property
+    def fastest_term(self) -> str:
+        """What moves or vibrates fastest, with its parameters and its rate [rad/s]."""
+        return self._driver.rates.fastest_term()
+
+    @property
     def thread_count(self) -> int:
         """Threads that share a step."""
         return self._driver.trajectory.thread_team.size

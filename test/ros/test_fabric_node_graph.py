@@ -147,3 +147,43 @@ def test_slider_costs_a_line_a_second_at_most(tmp_path):
         assert 1 <= len(lines) <= passed + 1, lines
         assert 'in place' in lines[0]
         assert node.stop() == 0
+
+
+def test_step_limit_is_named_with_its_time(tmp_path):
+    scene = write_scene(tmp_path / 'scene.yaml', SCENE)
+    with NodeProcess(tmp_path / 'log', scene=scene) as node, Client(node) as client:
+        text = client.health(
+            lambda status: 'since t' in status.values['step limited by']).values['step limited by']
+        assert 'connector.stiffness' in text and 'rad/s' in text
+        assert 'accuracy' in text or 'stability' in text
+        client.set(solver__step=1e-4)
+        status = client.health(lambda status: 'given' in status.values['step limited by'])
+        since = float(status.values['step limited by'].rpartition('since t = ')[2].split()[0])
+        assert since > 0.0 and status.values['compiling'] == 'no'
+        assert node.stop() == 0
+
+
+def test_while_a_changed_scene_is_compiled_the_node_answers(tmp_path):
+    """With an empty cache: a kind of scene that nothing is compiled for."""
+    scene = write_scene(tmp_path / 'scene.yaml', SCENE)
+    os.environ['NUMBA_CACHE_DIR'] = str(tmp_path / 'cache')
+    try:
+        with NodeProcess(tmp_path / 'log', scene=scene) as node, Client(node) as client:
+            assert node.lines('compiling the kernels')
+            client.set(drag__linear=1e-3)  # taken, and built for much longer
+            status = client.health(lambda status: status.values['compiling'] != 'no')
+            assert 'so far' in status.values['compiling']
+            longest = 0.0
+            for paused in (True, False, True, False):
+                began = time.monotonic()
+                client.pause(paused)
+                assert client.get('step_count') == [1]
+                longest = max(longest, time.monotonic() - began)
+            print(f'\nlongest answer while compiling: {longest:.2f} s')
+            before = client.clock
+            client.wait_until(before + 1)
+            began = time.monotonic()
+            assert node.stop() == 0
+            print(f'SIGINT to exit while compiling: {time.monotonic() - began:.2f} s')
+    finally:
+        del os.environ['NUMBA_CACHE_DIR']

@@ -159,3 +159,22 @@ def test_compare(launched):
     topics = {display['Topic']['Value'] for display in shown['Displays'] if 'Topic' in display}
     assert topics == {f'/{side}/icofabric/{name}' for side in ('left', 'right')
                       for name in ('poses', 'connectors', 'icosahedra')}
+
+
+def test_compare_names_the_argument_that_is_wrong(launched):
+    for given in ({'scene': 'nothing'}, {'left_scene': 'nothing'}, {'right_scene': 'nothing'},
+                  {'distance': 'far'}):
+        [(name, value)] = given.items()
+        with pytest.raises(RuntimeError, match=f'{name}:={value}'):
+            launched('compare', **given)
+
+
+@pytest.mark.parametrize('name', ['simulate', 'compare', 'replay'])
+def test_what_may_be_missing_starts_first(launched, tmp_path, name):
+    """The launch ends with the first executable that it does not find: nothing runs by then."""
+    packages = [node[0]['package'] for node in launched(
+        name, **({'bag': str(tmp_path)} if name == 'replay' else {}))]
+    assert packages == sorted(packages, key='icofabric_sim'.__eq__)
+    declared = (ROOT / 'package.xml').read_text()
+    assert all(f'<exec_depend>{package}</exec_depend>' in declared
+               for package in packages if package != 'icofabric_sim')

@@ -1,0 +1,56 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""What limits the step of a run, and since when."""
+
+from icofabric_sim.messages.schedule import seconds
+from icofabric_sim.running.run_records import step_limit
+from icofabric_sim.simulation.simulation import Simulation
+from icofabric_sim.simulation.stepping.methods import METHODS
+
+# A step above this part of the stability limit is chosen by that, with its safety.
+_NEAR = 0.5
+
+
+class StepLimit:
+    """Follows one run; in its thread."""
+
+    def __init__(self) -> None:
+        """Know of no limit yet."""
+        self._known: tuple[str, str] | None = None
+        self._since = 0
+
+    def describe(self, simulation: Simulation, now: int) -> str:
+        """Sentence on the limit at time `now` [ns]: which, by what, and since when."""
+        status = simulation.status
+        term = status.fastest_term
+        known = _kind(simulation), term.rpartition(', up to')[0]
+        if known != self._known or now < self._since:
+            self._known, self._since = known, now
+        where = ''
+        if 'contacts' in term:
+            where = f', {status.contact_count} of which touched at the last health check'
+        return f'{known[0]}; fastest: {term}{where}; since t = {seconds(self._since):.6g} s'
+
+
+def _kind(simulation: Simulation) -> str:
+    parameters, status = simulation.scene.parameters, simulation.status
+    tolerance = f'solver.tolerance {parameters["solver.tolerance"]:g}'
+    if parameters['solver.step'] > 0.0:
+        return 'solver.step, which is given'
+    if METHODS[status.method_name].adaptive:
+        return f'accuracy (the error of each step, {tolerance})'
+    if status.step > _NEAR * step_limit(simulation):
+        return 'stability'
+    return f'accuracy ({tolerance})'
+
