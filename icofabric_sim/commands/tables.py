@@ -93,7 +93,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--size', type=int, nargs=3, metavar=('NX', 'NY', 'NZ'), default=_SIZE,
         help='slab that Tables 1 to 4 and 10 count, in grid positions (default: 5 5 5)')
-    parser.add_argument('--json', action='store_true', help='print JSON instead of text')
+    parser.add_argument(
+        '--json', action='store_true',
+        help='print JSON instead of text: displacements in units of W, indices of neighbours as '
+             'steps from (i, j, k)')
     parser.add_argument(
         '--figure', metavar='FILE',
         help='draw Figure 5, connector length over connector angle, beside a diagram of the six '

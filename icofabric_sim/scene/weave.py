@@ -112,9 +112,10 @@ def fabric_orientation(kind: Kind, azimuth: float = 0.0) -> np.ndarray:
 
 def body_orientation(kind: Kind, variant: int, azimuth: float = 0.0) -> np.ndarray:
     """
-    Return the unit quaternion x, y, z, w, body to world, that all bodies of a weave share: q_0.
+    Return the unit quaternion x, y, z, w, body to world, that all bodies of a weave share.
 
-    In variants 2 and 3 the bodies are first turned by 90 degrees about the fabric's z axis.
+    In variants 2 and 3 the bodies are first turned by 90 degrees about the fabric's z axis. In the
+    orthogonal orientation it is q_0 of eq 25.
     """
     fabric = fabric_orientation(kind, azimuth)
     if not is_turned(variant):

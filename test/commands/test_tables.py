@@ -17,6 +17,7 @@ from collections import Counter
 import itertools
 import json
 import math
+from pathlib import Path
 import re
 
 from icofabric_sim.commands.main import main
@@ -167,12 +168,20 @@ def test_figure_is_drawn(printed, tmp_path):
     with_table = json.loads(printed(5, '--json', '--figure', tmp_path / 'a.png'))
     assert [table['number'] for table in with_table['tables']] == [5]
     assert with_table['figure'] == str(tmp_path / 'a.png')
+    check_picture(tmp_path / 'a.png')
+
+
+def check_picture(path):
     from matplotlib.image import imread
-    picture = imread(tmp_path / 'a.png')
+    picture = imread(path)
     assert picture.shape[:2] == (620, 1300)
     for color in PAIR_COLORS:
         wanted = np.array([int(color[k:k + 2], 16) for k in (1, 3, 5)]) / 255
         assert (np.abs(picture[..., :3] - wanted).max(axis=-1) < 0.02).sum() > 200
+
+
+def test_picture_of_the_page_is_such_a_figure():
+    check_picture(Path(__file__).resolve().parents[2] / 'docs' / 'figure_5.png')
 
 
 def test_colours_of_the_edges_are_three_and_dark_enough_on_white():
