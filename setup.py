@@ -32,11 +32,14 @@ setup(
         (f'share/{package_name}/config', sorted(glob('config/*.*'))),
         (f'share/{package_name}/rviz', sorted(glob('rviz/*.rviz'))),
     ],
-    # rclpy and the message packages come from ROS or from requirements.txt: pip knows them
-    # under other names than ROS does, so they are not listed here.
-    install_requires=['setuptools'],
+    # What the command line and Python need. Oldest versions: those of Ubuntu 24.04.
+    install_requires=['numba>=0.58', 'numpy>=1.26', 'PyYAML', 'rosbags', 'scipy>=1.11'],
     extras_require={
-        'test': ['pytest'],
+        # Nodes, where no ROS is installed; ROS knows the same packages under other names.
+        'ros': ['ros-jazzy-rclpy[fastrtps]==7.1.6', 'ros-jazzy-common-interfaces==5.3.6'],
+        # `icofabric render` and the pictures of statics and modes.
+        'pictures': ['matplotlib'],
+        'test': ['pytest', 'pytest-timeout', 'pytest-xdist'],
         # The environment in examples/.
         'examples': ['gymnasium'],
         # Draws, and takes part in, `icofabric benchmark`; nothing else needs these.

@@ -14,6 +14,7 @@
 """`icofabric info SCENE|BAG`."""
 
 import argparse
+from contextlib import nullcontext
 from typing import TYPE_CHECKING
 
 from icofabric_sim.commands.bags import bag_errors, bag_path, is_bag
@@ -27,6 +28,9 @@ if TYPE_CHECKING:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the verb takes."""
     add_scene_arguments(parser, 'SCENE|BAG')
+    parser.add_argument(
+        '--compile', action='store_true',
+        help='compile the kernels of the scene where need be, to say its method, step, accuracy')
 
 
 def main(arguments: argparse.Namespace) -> int:
@@ -44,7 +48,7 @@ def main(arguments: argparse.Namespace) -> int:
 
 
 def _describe(arguments: argparse.Namespace) -> int:
-    from icofabric_sim.commands.run_summary import method_rows
+    from icofabric_sim.kernels.runtime.compile_notice import compile_notice, KernelsMissing
     from icofabric_sim.scene.scene import Scene
     from icofabric_sim.scene.summary import as_lines, describe_scene
     from icofabric_sim.simulation.simulation import compile_scene
@@ -52,19 +56,33 @@ def _describe(arguments: argparse.Namespace) -> int:
     name, parameters = read_parameters(arguments)
     with bad_input():
         scene = Scene.from_parameters(parameters)
-        simulation = compile_scene(scene)
-    rows = [('scene', name), *describe_scene(scene)]
-    rate = simulation.status.largest_frequency
-    rows.append(('frequency', f'{rate:.6g} rad/s at most, at the start'))
-    rows += method_rows(simulation)
-    rows.append(('accuracy', _accuracy(simulation)))
-    if simulation.status.proximity is not None:
-        rows.append(('overlap', str(simulation.status.proximity)))
+        rows = [('scene', name), *describe_scene(scene)]
+        try:
+            with nullcontext() if arguments.compile else compile_notice.forbidden():
+                simulation = compile_scene(scene)
+        except KernelsMissing:
+            rows.append(('step', (
+                'method, step and accuracy are found with the kernels of this kind of scene, '
+                'which are not compiled yet: add --compile')))
+        else:
+            rows += _motion(simulation)
     duration = parameters['duration']
     rows.append(('duration', f'{duration:g} s' if duration > 0.0 else (
         'none: a node runs until it is stopped, `icofabric run` needs --duration')))
     print('\n'.join(as_lines(rows)))
     return 0
+
+
+def _motion(simulation: 'Simulation') -> list[tuple[str, str]]:
+    """What follows from the first look at the compiled scene."""
+    from icofabric_sim.commands.run_summary import method_rows
+    rate = simulation.status.largest_frequency
+    rows = [('frequency', f'{rate:.6g} rad/s at most, at the start')]
+    rows += method_rows(simulation)
+    rows.append(('accuracy', _accuracy(simulation)))
+    if simulation.status.proximity is not None:
+        rows.append(('overlap', str(simulation.status.proximity)))
+    return rows
 
 
 def _accuracy(simulation: 'Simulation') -> str:

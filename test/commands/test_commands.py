@@ -66,10 +66,11 @@ class Result(NamedTuple):
     err: str
 
 
-def command(*words: str, folder: Path) -> Result:
+def command(*words: str, folder: Path, **environment: str) -> Result:
     done = subprocess.run(
         [*COMMAND, *words], cwd=folder, capture_output=True, text=True, timeout=400,
-        env={**os.environ, 'PYTHONPATH': str(Path(__file__).parents[2])}, check=False)
+        env={**os.environ, 'PYTHONPATH': str(Path(__file__).parents[2]), **environment},
+        check=False)
     return Result(done.returncode, done.stdout, done.stderr)
 
 
@@ -462,7 +463,7 @@ def assert_bad_input(result: Result, named: str) -> None:
     assert all(re.match('scene: .* bodies', line) for line in lines[:-1])
 
 
-@pytest.mark.parametrize('verb', [('run', '--duration', '1'), ('info',)])
+@pytest.mark.parametrize('verb', [('run', '--duration', '1'), ('info', '--compile')])
 @pytest.mark.parametrize('kind', BAD_SCENES)
 def test_bad_scene(
         call: Callable[..., Result], tmp_path: Path, kind: str, verb: tuple[str, ...]) -> None:
@@ -533,6 +534,15 @@ def test_info_describes_a_scene(call: Callable[..., Result], tmp_path: Path) -> 
         f'errors of {simulation.status.error_rate:.2g} per second',
     ):
         assert text in result.out, text
+
+
+def test_info_compiles_nothing_unless_it_is_asked_to(tmp_path: Path) -> None:
+    (tmp_path / 'swing.yaml').write_text(SWING)
+    cache = tmp_path / 'cache'
+    result = command('info', 'swing.yaml', folder=tmp_path, NUMBA_CACHE_DIR=str(cache))
+    assert result.status == 0 and 'compiling' not in result.err
+    assert 'not compiled yet: add --compile' in result.out and 'mass' in result.out
+    assert 'frequency' not in result.out and not list(cache.rglob('*.nbc'))
 
 
 def test_info_describes_a_bag(recorded: Recorded, call: Callable[..., Result]) -> None:

@@ -33,12 +33,17 @@ _ALWAYS = (
     'written; NUMBA_CACHE_DIR=FOLDER names another place for compiled kernels')
 
 
+class KernelsMissing(Exception):
+    """Something would have to be compiled where that is not wanted."""
+
+
 class CompileNotice:
     """Hears when compilations begin and end, from whatever thread; they may be nested."""
 
     def __init__(self) -> None:
         """Nothing has been compiled yet."""
         self._depth = 0
+        self._is_forbidden = False
         self._kept, self._told = True, False
         self._patience = Patience(self._explain)
         self._show: Callable[[str], object] | None = None
@@ -52,6 +57,20 @@ class CompileNotice:
     def is_compiling(self) -> bool:
         """Whether a compilation goes on."""
         return self._depth > 0
+
+    @contextmanager
+    def forbidden(self) -> Iterator[None]:
+        """Have KernelsMissing raised where something would be compiled."""
+        before, self._is_forbidden = self._is_forbidden, True
+        try:
+            yield
+        finally:
+            self._is_forbidden = before
+
+    def require_allowed(self) -> None:
+        """Raise KernelsMissing where compiling is forbidden."""
+        if self._is_forbidden:
+            raise KernelsMissing
 
     def begin(self, *, kept: bool) -> None:
         """

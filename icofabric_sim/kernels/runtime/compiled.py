@@ -150,6 +150,7 @@ class _Compilations(event.Listener):
         cache = getattr(happening.data['dispatcher'], '_cache', None)
         if not self._depth and not isinstance(cache, (KernelCache, _NoCache)):
             return
+        compile_notice.require_allowed()
         self._depth += 1
         if self._depth == 1:
             # Of millions of objects that the compiler keeps: a fifth of its time.
