@@ -13,7 +13,7 @@
 # limitations under the License.
 """Messages of a running fabric: which topics there are, and their bytes from snapshots."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import cached_property, partial
 from typing import NamedTuple
 
@@ -26,6 +26,7 @@ from icofabric_sim.messages import (
     PoseArrayBytes,
     StringBytes,
 )
+from icofabric_sim.messages.acting_markers import ActingMarkers
 from icofabric_sim.messages.markers import (
     ConnectorMarkers,
     ShellMarkers,
@@ -36,13 +37,14 @@ from icofabric_sim.parameters.named_files import with_files
 from icofabric_sim.parameters.text import dump_parameters
 from icofabric_sim.parameters.validation import Parameters
 from icofabric_sim.scene.scene import Scene
+from icofabric_sim.simulation.input_types import Wrench
 from icofabric_sim.simulation.model.snapshot import Snapshot
 import numpy as np
 
 __all__ = [
     'BROKEN', 'CHECKPOINT', 'CLOCK', 'CONNECTORS', 'DIAGNOSTICS', 'ENERGIES', 'ENERGY', 'EVENTS',
-    'ICOSAHEDRA', 'Outputs', 'POSES', 'STATE', 'STRAIN_CLASSES', 'StrainClass', 'Topic', 'TOPICS',
-    'WEAVE']
+    'ICOSAHEDRA', 'MARKERS', 'Outputs', 'POSES', 'STATE', 'STRAIN_CLASSES', 'StrainClass', 'Topic',
+    'TOPICS', 'WEAVE']
 
 
 class Topic(NamedTuple):
@@ -60,6 +62,8 @@ CONNECTORS = Topic('~/connectors', MarkerBytes.TYPE, False, 20, True)
 STATE = Topic('~/state', Float64MultiArrayBytes.TYPE, False, 10, False)
 # Large: 1,440 bytes for each body. They follow from the poses, so that no bag needs them.
 ICOSAHEDRA = Topic('~/icosahedra', MarkerBytes.TYPE, False, 8, False)
+# They follow from what a bag holds.
+MARKERS = Topic('~/markers', ActingMarkers.TYPE, False, 8, False)
 ENERGY = Topic('~/energy', Float64MultiArrayBytes.TYPE, False, 10, True)
 # What has broken so far, in the order in which it did.
 BROKEN = Topic('~/broken', Float64MultiArrayBytes.TYPE, True, 1, True)
@@ -71,7 +75,8 @@ EVENTS = Topic('~/events', StringBytes.TYPE, False, 100, True)
 # Checkpoints, so that a bag can be simulated again from there.
 CHECKPOINT = Topic('~/checkpoint', 'std_msgs/msg/UInt8MultiArray', False, 1, True)
 TOPICS = (
-    POSES, CONNECTORS, ICOSAHEDRA, STATE, ENERGY, BROKEN, WEAVE, CLOCK, DIAGNOSTICS, EVENTS)
+    POSES, CONNECTORS, ICOSAHEDRA, MARKERS, STATE, ENERGY, BROKEN, WEAVE, CLOCK, DIAGNOSTICS,
+    EVENTS)
 
 # Label and name in a snapshot of each number in `~/energy` [J].
 ENERGIES = {
@@ -99,6 +104,16 @@ class Outputs:
     @cached_property
     def _shells(self) -> ShellMarkers:
         return ShellMarkers(self.scene)
+
+    @cached_property
+    def _acting(self) -> ActingMarkers:
+        return ActingMarkers(self.scene)
+
+    def markers(
+        self, snapshot: Snapshot, nanoseconds: int, acting: Mapping[str | int, Wrench]
+    ) -> bytes:
+        """`~/markers`: the `acting` wrenches, supports and planes."""
+        return self._acting.message(snapshot, nanoseconds, acting)
 
     def poses(self, snapshot: Snapshot, nanoseconds: int) -> bytes:
         """`~/poses`: bodies in order."""

@@ -32,13 +32,14 @@ if TYPE_CHECKING:
 # Wall time between two reports on /diagnostics [s].
 _REPORT_INTERVAL = 1.0
 MOVING = (
-    topics.CLOCK, topics.POSES, topics.CONNECTORS, topics.ICOSAHEDRA, topics.STATE, topics.ENERGY,
-    topics.BROKEN)
+    topics.CLOCK, topics.POSES, topics.CONNECTORS, topics.ICOSAHEDRA, topics.MARKERS, topics.STATE,
+    topics.ENERGY, topics.BROKEN)
 _RATES = {
     topics.CLOCK: 'clock_rate',
     topics.POSES: 'publish_rate',
     topics.CONNECTORS: 'marker_rate',
     topics.ICOSAHEDRA: 'marker_rate',
+    topics.MARKERS: 'marker_rate',
     topics.STATE: 'publish_rate',
     topics.ENERGY: 'publish_rate',
     topics.BROKEN: 'publish_rate',
@@ -250,6 +251,8 @@ class Broadcast:
             return [self._outputs.energy(snapshot)]
         if topic is topics.BROKEN:
             return [self._outputs.broken(snapshot)]
+        if topic is topics.MARKERS:
+            return [self._outputs.markers(snapshot, now, self.simulation.status.active_loads)]
         if topic is topics.ICOSAHEDRA:
             return self._outputs.icosahedra(snapshot, now)
         return self._outputs.connectors(snapshot, now)

@@ -187,3 +187,17 @@ def test_while_a_changed_scene_is_compiled_the_node_answers(tmp_path):
             print(f'SIGINT to exit while compiling: {time.monotonic() - began:.2f} s')
     finally:
         del os.environ['NUMBA_CACHE_DIR']
+
+
+def test_markers_of_loads_come_to_a_listener(tmp_path):
+    scene = write_scene(tmp_path / 'scene.yaml', SCENE)
+    with NodeProcess(tmp_path / 'log', scene=scene) as node, Client(node) as client:
+        kept = []
+        client.node.create_subscription(
+            ros_class('visualization_msgs/msg/MarkerArray'), '/icofabric/markers', kept.append, 10)
+        client.push('~/loads/tip', (0.0, 0.0, 1e-3))
+        client.wait_for(
+            lambda: kept and kept[-1].markers[0].points, 'the arrow of a force')
+        assert [marker.ns for marker in kept[-1].markers] == [
+            'forces', 'torques', 'supports', 'planes']
+        assert node.stop() == 0

@@ -1,0 +1,165 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+What acts on a fabric, for viewers: loads, supports and planes, in a MarkerArray.
+
+Few lists instead of one marker for each arrow; an empty one is removed, so what is shown does not
+depend on what was received before.
+"""
+
+from collections.abc import Mapping
+from typing import ClassVar, NamedTuple
+
+from icofabric_sim.messages.cdr import CdrBuilder, split_nanoseconds
+from icofabric_sim.messages.marker import MarkerAction
+from icofabric_sim.scene.planes import make_planes
+from icofabric_sim.scene.scene import Scene
+from icofabric_sim.simulation.input_types import Wrench
+from icofabric_sim.simulation.model.snapshot import Snapshot
+import numpy as np
+
+_LINE_LIST, _CUBE_LIST = 5, 6
+# Bodies of one load that get an arrow; of more, evenly spread ones.
+_MOST_ARROWS = 1000
+# Lines of a plane each way.
+_MOST_LINES = 60
+
+
+class _List(NamedTuple):
+    """One marker: a list of points [m] in the frame of the fabric."""
+
+    namespace: str
+    number: int
+    kind: int
+    color: tuple[float, float, float, float]
+    scale: tuple[float, float, float]  # [m]
+    points: np.ndarray  # (n, 3)
+
+
+class ActingMarkers:
+    """The markers of one scene."""
+
+    TYPE: ClassVar[str] = 'visualization_msgs/msg/MarkerArray'
+
+    def __init__(self, scene: Scene) -> None:
+        """Lay out what does not change."""
+        self._scene, self._frame_id = scene, scene.parameters['frame_id']
+        self._planes = _plane_lines(scene)
+        supports = scene.supports
+        self._held = np.zeros(0, np.int64) if supports is None else np.flatnonzero(
+            supports.translation.any(axis=1) | supports.rotation)
+
+    def message(
+        self, snapshot: Snapshot, nanoseconds: int, acting: Mapping[str | int, Wrench]
+    ) -> bytes:
+        """The message at that time, with the wrenches that act, by channel or body number."""
+        edge = self._scene.shell.edge_length
+        forces, torques = self._arrows(snapshot, acting)
+        lists = (
+            _List('forces', 0, _LINE_LIST, (0.90, 0.10, 0.10, 1.0), (0.1 * edge, 0, 0), forces),
+            _List('torques', 0, _LINE_LIST, (0.95, 0.75, 0.10, 1.0), (0.1 * edge, 0, 0), torques),
+            _List('supports', 0, _CUBE_LIST, (0.20, 0.30, 0.50, 0.8), (0.5 * edge,) * 3,
+                  snapshot.position[self._held]),
+            _List('planes', 0, _LINE_LIST, (0.45, 0.45, 0.45, 1.0), (0.04 * edge, 0, 0),
+                  self._planes))
+        layout = CdrBuilder()
+        layout.numbers('I', len(lists))
+        for item in lists:
+            _append(layout, item, self._frame_id, nanoseconds)
+        return bytes(layout.data)
+
+    def _arrows(
+        self, snapshot: Snapshot, acting: Mapping[str | int, Wrench]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Ends of the lines of forces and of torques; the largest of each is two edges long."""
+        ends: list[list[np.ndarray]] = [[], []]
+        for target, wrench in acting.items():
+            channel = None if isinstance(target, int) else self._scene.loads[target]
+            bodies = np.array([target]) if channel is None else channel.bodies
+            bodies = bodies[:: max(1, len(bodies) // _MOST_ARROWS)]
+            place, turn = snapshot.position[bodies], snapshot.orientation[bodies]
+            if channel is not None and channel.total:
+                wrench = Wrench(*(part / len(channel.bodies) for part in wrench))
+            point = np.zeros(3) if channel is None else np.asarray(channel.point)
+            begin = place + _turned(turn, point)
+            for kind, part in enumerate(wrench):
+                if part.any():
+                    along = _turned(turn, part) if channel is None or channel.in_body_axes else (
+                        np.broadcast_to(part, begin.shape))
+                    ends[kind].append(np.stack([begin, along], axis=1))
+        lines = []
+        for found in ends:
+            pairs = np.concatenate(found) if found else np.zeros((0, 2, 3))
+            size = np.linalg.norm(pairs[:, 1], axis=1).max(initial=0.0)
+            if size > 0.0:
+                pairs[:, 1] = pairs[:, 0] + pairs[:, 1] * (
+                    2.0 * self._scene.shell.edge_length / size)
+            lines.append(pairs.reshape(-1, 3))
+        return lines[0], lines[1]
+
+
+def _turned(orientation: np.ndarray, vector: np.ndarray) -> np.ndarray:
+    """A vector of the axes of bodies, with `orientation` (n, 4) x y z w, in the world: (n, 3)."""
+    axis, real = orientation[:, :3], orientation[:, 3:]
+    twice = 2.0 * np.cross(axis, vector)
+    return np.asarray(vector + real * twice + np.cross(axis, twice))
+
+
+def _plane_lines(scene: Scene) -> np.ndarray:
+    """Ends of lines two pitches apart on all planes, below and beside the fabric."""
+    low, high = scene.position.min(axis=0), scene.position.max(axis=0)
+    middle, gap = 0.5 * (low + high), 2.0 * scene.geometry.pitch
+    reach = gap * min(np.ceil(np.linalg.norm(high - low) / gap) + 1.0, _MOST_LINES / 2)
+    offsets = np.arange(-reach, reach + 0.5 * gap, gap)
+    lines = []
+    for *normal, offset in make_planes(scene.parameters):
+        normal = np.array(normal)
+        foot = middle - (normal @ middle - offset) * normal
+        first = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
+        first /= np.linalg.norm(first)
+        second = np.cross(normal, first)
+        for along, across in ((first, second), (second, first)):
+            begins = foot + offsets[:, None] * across
+            lines.append(np.stack([begins - reach * along, begins + reach * along], axis=1))
+    return np.concatenate(lines).reshape(-1, 3) if lines else np.zeros((0, 3))
+
+
+def _append(layout: CdrBuilder, item: _List, frame_id: str, nanoseconds: int) -> None:
+    """Append a visualization_msgs/Marker."""
+    seconds, rest = split_nanoseconds(nanoseconds)
+    layout.numbers('i', seconds)
+    layout.numbers('I', rest)
+    layout.string(frame_id)
+    layout.string(item.namespace)
+    action = MarkerAction.ADD if len(item.points) else MarkerAction.DELETE
+    layout.numbers('i', item.number, item.kind, action)
+    layout.numbers('d', 0, 0, 0, 0, 0, 0, 1, *item.scale)
+    layout.numbers('f', *item.color)
+    layout.numbers('i', 0)  # lifetime 0: until replaced
+    layout.numbers('I', 0)
+    layout.numbers('B', 0)  # frame_locked
+    layout.numbers('I', len(item.points))
+    if len(item.points):
+        layout.align(8)
+        layout.data.extend(np.ascontiguousarray(item.points, '<f8').tobytes())
+    layout.numbers('I', 0)  # colors: none of their own
+    layout.string('')  # texture_resource
+    layout.header('')  # texture: stamp, frame
+    layout.string('')  # texture format
+    layout.numbers('I', 0, 0)  # texture data, uv_coordinates
+    layout.string('')  # text
+    layout.string('')  # mesh_resource
+    layout.string('')  # mesh_file name
+    layout.numbers('I', 0)  # mesh_file data
+    layout.numbers('B', 0)  # mesh_use_embedded_materials

@@ -1,0 +1,83 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""What viewers are shown of loads, supports and planes: read back by the decoder of rclpy."""
+import icofabric_sim as ico
+from icofabric_sim.messages.topics import MARKERS, Outputs
+import numpy as np
+import pytest
+from runner_helpers import ListSink, make_runner, push, run
+
+rclpy = pytest.importorskip('rclpy', reason='rclpy is not installed on this machine')
+
+SCENE = {
+    'weave': {'size': [3, 3, 3]}, 'groups': {'wall': 'x_min', 'tip': 'x_max'},
+    'supports': {'wall': {'group': 'wall', 'fix': 'tx'}},
+    'loads': {'tip': {'group': 'tip', 'share': 'total', 'point': [0.0, 0.0, 0.001]}},
+    'planes': {'floor': {'normal': [0.0, 0.0, 2.0], 'offset': -0.2}},
+}
+
+
+def read(data):
+    from rclpy.serialization import deserialize_message
+    from visualization_msgs.msg import MarkerArray
+    message = deserialize_message(data, MarkerArray)
+    return {marker.ns: marker for marker in message.markers}
+
+
+def points(marker):
+    return np.array([[point.x, point.y, point.z] for point in marker.points])
+
+
+def test_forces_supports_and_planes_are_where_they_act():
+    scene = ico.Scene.from_parameters(SCENE)
+    simulation = ico.compile_scene(scene, body_wrenches=True)
+    simulation.apply_wrench('tip', force=(0.0, 3.0, 0.0))
+    simulation.apply_body_wrench(2, torque=(0.0, 0.0, 1.0))
+    simulation.advance_to(0.0)
+    snapshot = simulation.snapshot()
+    shown = read(Outputs(scene).markers(snapshot, 1_500_000_000, simulation.status.active_loads))
+    assert list(shown) == ['forces', 'torques', 'supports', 'planes']
+    for marker in shown.values():
+        assert (marker.header.stamp.sec, marker.header.stamp.nanosec) == (1, 500_000_000)
+        assert marker.header.frame_id == 'world' and marker.action == 0
+        assert marker.color.a > 0.0 and marker.scale.x > 0.0 and marker.pose.orientation.w == 1.0
+    lines = points(shown['forces']).reshape(-1, 2, 3)
+    tip = scene.groups['tip']
+    np.testing.assert_allclose(
+        lines[:, 0], scene.position[tip] + np.array([0.0, 0.0, 0.001]), atol=1e-12)
+    np.testing.assert_allclose(
+        lines[:, 1] - lines[:, 0], np.tile([0.0, 0.04, 0.0], (len(tip), 1)), atol=1e-12)
+    assert len(points(shown['torques'])) == 2
+    np.testing.assert_allclose(points(shown['supports']), scene.position[scene.groups['wall']])
+    floor = points(shown['planes'])
+    assert len(floor) > 8
+    np.testing.assert_allclose(floor[:, 2], -0.1, atol=1e-12)
+
+
+def test_what_is_not_there_is_removed():
+    scene = ico.Scene.from_parameters({'weave': {'size': [2, 2, 2]}})
+    simulation = ico.compile_scene(scene)
+    shown = read(Outputs(scene).markers(simulation.snapshot(), 0, {}))
+    assert all(marker.action == 2 and not marker.points for marker in shown.values())
+
+
+def test_they_are_built_for_a_listener_at_the_rate_of_markers():
+    runner = make_runner(sink := ListSink(MARKERS), marker_rate=100.0)
+    push(runner, stamp=50_000_000)
+    run(runner)
+    times = {time for time, _ in sink.of(MARKERS)}
+    assert times == set(range(0, 100_000_001, 10_000_000))
+    assert read(sink.of(MARKERS)[-1][1])['forces'].action == 0
+    assert read(sink.of(MARKERS)[0][1])['forces'].action == 2
+    assert not MARKERS.recorded and not MARKERS.latched
