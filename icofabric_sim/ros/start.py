@@ -22,13 +22,16 @@ from contextlib import contextmanager
 import gc
 import os
 import signal
+import sys
 from types import FrameType
 
-INTERRUPTED = 130  # exit status
+BAD_INPUT, INTERRUPTED = 2, 130  # exit statuses
 # Said by a node once its topics are there; others wait for it (node_watch.py).
 READY = 'ready: '
 # The ports of a domain begin at 7400 + 250 times its number.
 _LARGEST_DOMAIN = 232
+# Packages of ROS beside those of messages.
+_ROS = ('ament_index_python', 'rclpy', 'rpyutils', 'simulation_interfaces', 'std_srvs')
 _STOPPING = (signal.SIGINT, signal.SIGTERM)
 
 
@@ -71,11 +74,20 @@ def importing() -> Iterator[None]:
     """
     Import without garbage collection: all of it stays, and that took a tenth of the start.
 
-    It is left out of later collections too, which would hold up a running node.
+    It is left out of later collections too, which would hold up a running node. Where a package of
+    ROS is missing, that is said in one line, and the process ends with status 2.
     """
     gc.disable()
     try:
         yield
+    except ModuleNotFoundError as error:
+        missing = (error.name or '').partition('.')[0]
+        if missing not in _ROS and not missing.endswith('_msgs'):
+            raise
+        print(
+            f'nodes need ROS 2, and its package {missing} is not installed: source a ROS 2 Jazzy '
+            "installation, or have pip install 'icofabric_sim[ros]'", file=sys.stderr)
+        raise SystemExit(BAD_INPUT) from None
     finally:
         gc.freeze()
         gc.enable()
