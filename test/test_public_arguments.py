@@ -266,6 +266,12 @@ def table(t):
                     {'shell.edge_length': True}, {'shell.edge_length': -1},
                     {'weave.size': [2.0] * 3}, {'gravity': np.full((3, 300), 'x')}], says=''),
             'shell': some(ico.Shell, None, optional=True)}),
+        'Scene.with_changes': (t.scene.with_changes, {
+            'changes': Argument(
+                [{}, {'gravity': [0, 0, -9.81], 'weave': {'size': np.array([2, 2, 2])}}], [
+                    'x', None, 3, NAN, True, [('weave.size', [2, 2, 2])], Other(), {1: 2},
+                    {'gravity': None}, {'gravity': 'down'}, {'shell': {}},
+                    {'shell.edge_length': -1}, {'weave.size': [2.0] * 3}], says='')}),
         'Parameters.with_changes': (t.scene.parameters.with_changes, {
             'changes': Argument(
                 [{'gravity': [0, 0, -9.81]}, {'shell.density': np.int64(900)}, {}], [

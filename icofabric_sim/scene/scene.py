@@ -143,6 +143,19 @@ class Scene:
         with reading(checked.files) as files:
             return cls._build(checked, shell, files)
 
+    def with_changes(self, changes: Mapping[str, Any]) -> 'Scene':
+        """
+        Build the same scene with some parameters changed; this one stays as it is.
+
+        `changes` is a nested or dotted dictionary, as for `from_parameters`; a shell that was
+        given there is kept. Raises ValueError as it does.
+        """
+        checks.mapping('changes', changes)
+        own_shell, _ = check_parameters(self.parameters)
+        return Scene.from_parameters(
+            self.parameters.with_changes(flatten_parameters(changes)),
+            shell=None if own_shell == self.shell else self.shell)
+
     @classmethod
     def _build(
         cls, checked: Parameters, shell: Shell | None, files: Mapping[str, NamedFile]

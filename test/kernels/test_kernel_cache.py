@@ -23,6 +23,7 @@ from pathlib import Path
 import shutil
 import subprocess
 import sys
+import threading
 import time
 from typing import NamedTuple
 
@@ -391,3 +392,25 @@ def test_pieces_of_a_wait_add_up(monkeypatch):
     piece(2.0, 0.0)
     assert told[3:] == [1.0]
     assert waiting.seconds == 24.75
+
+
+def test_a_kernel_keeps_its_machine_code_while_another_thread_compiles():
+    """Else it would be called at address 0."""
+    from icofabric_sim.kernels.runtime import parts
+    entered, made = threading.Event(), threading.Event()
+
+    def other():
+        with parts.compiling('other'):
+            entered.set()
+            made.wait(60.0)
+
+    thread = threading.Thread(target=other)
+    with parts.compiling('kernel'):
+        thread.start()
+        assert entered.wait(60.0)
+        kernel, part = (parts._create_library(name) for name in ('kernel', 'part'))
+    made.set()
+    thread.join()
+    assert not isinstance(kernel, parts._PartLibrary) and isinstance(part, parts._PartLibrary)
+    # What others compile in this process is left alone.
+    assert not isinstance(parts._create_library('theirs'), parts._PartLibrary)

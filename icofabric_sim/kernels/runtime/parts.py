@@ -21,6 +21,7 @@ over its own functions; the kernel that contains it is optimised as a whole, onc
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+import threading
 from typing import Any
 
 from icofabric_sim.kernels.runtime import numba_target  # noqa: F401
@@ -28,18 +29,25 @@ import llvmlite.binding as ll
 from numba.core.codegen import JITCodeLibrary
 from numba.core.registry import cpu_target
 
-# What is being compiled, the innermost last: the name of a kernel's library, '' for a part.
-_compiling: list[str] = []
+
+class _Compiling(threading.local):
+    """What this thread compiles: names of kernels' libraries, '' for parts, the innermost last."""
+
+    def __init__(self) -> None:
+        self.names: list[str] = []
+
+
+_compiling = _Compiling()
 
 
 @contextmanager
 def compiling(kernel: str) -> Iterator[None]:
     """Compile a kernel of this qualified name, or '': a part."""
-    _compiling.append(kernel)
+    _compiling.names.append(kernel)
     try:
         yield
     finally:
-        _compiling.pop()
+        _compiling.names.pop()
 
 
 class _PartLibrary(JITCodeLibrary):
@@ -78,7 +86,7 @@ _create, _set_env, _load = (
 
 
 def _create_library(name: str, **options: Any) -> Any:
-    if _compiling and name != _compiling[-1]:
+    if _compiling.names and name != _compiling.names[-1]:
         return _PartLibrary(_codegen, name, **options)
     return _create(name, **options)
 
