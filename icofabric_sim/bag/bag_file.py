@@ -32,6 +32,14 @@ from icofabric_sim.bag.storage import (
 )
 
 
+def require_new(path: Path) -> None:
+    """Raise BagError where a bag cannot begin at `path`, because something is there."""
+    if os.path.lexists(path):
+        raise BagError(
+            f'record.path: {path} exists and is never overwritten; '
+            'choose another folder or remove it')
+
+
 class BagFile:
     """One new bag; every call must come from the thread that made it, as SQLite demands."""
 
@@ -57,10 +65,7 @@ class BagFile:
             raise BagError(
                 f'record.split_size: with sqlite3 it must be 0 or at least {SMALLEST_SPLIT} '
                 f'bytes, got {split_size}: an empty file is nearly as large')
-        if os.path.lexists(path):
-            raise BagError(
-                f'record.path: {path} exists and is never overwritten; '
-                'choose another folder or remove it')
+        require_new(path)
         self.path = path
         self._storage, self._compression = storage, compression
         self._split_size, self._split_duration = split_size, split_duration

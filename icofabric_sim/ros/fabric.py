@@ -18,11 +18,13 @@ The simulation node: a runner, which has a thread of its own, and its translatio
 from collections.abc import Callable
 from concurrent.futures import Future
 import gc
+from pathlib import Path
 import threading
 import time
 from typing import Any
 
 from icofabric_sim.bag import BagError
+from icofabric_sim.bag.bag_file import require_new
 from icofabric_sim.kernels.runtime.compile_notice import compile_notice
 from icofabric_sim.messages.topics import CLOCK, DIAGNOSTICS, TOPICS
 from icofabric_sim.parameters.validation import find_specification, Parameters
@@ -83,6 +85,9 @@ class FabricNode(Node):
         log_to_ros(self.get_logger())
         self._name_watch = NameWatch(self)
         if simulation is None:
+            if parameters['record.path']:
+                # Before a wait for the compiler.
+                require_new(Path(parameters['record.path']))
             simulation = compile_scene(Scene.from_parameters(parameters), body_wrenches=True)
             simulation.warm_up()
             self._name_watch.require_first()
