@@ -67,6 +67,17 @@ def test_files_that_are_named_exist(path):
         assert list(base.glob(name)), f'{path.name} names {name}'
 
 
+def test_modules_that_comments_name_exist():
+    """A name alone, or with the end of its path."""
+    there = [path.relative_to(ROOT).as_posix() for path in ROOT.rglob('*.py')]
+    named = 0
+    for path in (ROOT / 'icofabric_sim').rglob('*.py'):
+        for name in re.findall(r'(?<![\w/{}*.-])((?:\w+/)*\w+\.py)\b', path.read_text('utf-8')):
+            named += 1
+            assert any(f'/{module}'.endswith(f'/{name}') for module in there), f'{path}: {name}'
+    assert named > 50
+
+
 def test_page_of_the_node_names_every_topic_and_strain_class():
     text = (ROOT / 'docs' / 'ros.md').read_text(encoding='utf-8')
     assert all(f'`{topic.name}`' in text for topic in TOPICS)

@@ -15,7 +15,7 @@
 Looks out for connectors that reach a length at which they break (eq 3), at every step end.
 
 Found is what shows at the ends of a step: a length beyond a limit, or one that was on its way
-there and is on its way back, so that it may have been there in between. `first_crossing.py` then
+there and is on its way back, so that it may have been there in between. `event_location.py` then
 says whether, and when.
 """
 

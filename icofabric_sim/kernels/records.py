@@ -320,7 +320,7 @@ class Contacts(Record):
     first: np.ndarray  # (t, 4, 3) place and matrix of the first body, for each thread
     second: np.ndarray  # (t, 4, 3) and of the second
     aside: np.ndarray  # (p, 19) as result, for looks
-    scratch: Any  # room for looks, see contact_surface.py
+    scratch: Any  # room for looks, see contact/surface.py
     losses: 'ContactLosses | None' = None
 
 
@@ -334,7 +334,7 @@ class ContactLosses(Record):
     power: np.ndarray  # (p,) [W] taken by each pair in the last evaluation
     spent: np.ndarray  # (1, s) [W] the same by bodies: that of a pair at its first
     # Stretches [m] of friction, (p, 4) each, no rows without: x, y, z in the world and the turn
-    # about the normal times the radius of what touches, see contact_losses.py. At the state, and
+    # about the normal times the radius of what touches, see contact/losses.py. At the state, and
     # the same without pairs that are apart; at the start of the step in progress; of the stage in
     # progress; at the last sound state.
     stretch: np.ndarray
@@ -448,7 +448,7 @@ class Watch(Record):
 
 
 class Sweep(Record):
-    """In which order a thread goes over its blocks, see sweep.py."""
+    """In which order a thread goes over its blocks, see traversal_order.py."""
 
     drifts: np.ndarray  # (b,) uint32, its blocks as they drift
     pushes: np.ndarray  # (b,) uint32, the same blocks as they are pushed
@@ -463,4 +463,4 @@ class Team(Record):
     size: int
     flags: np.ndarray  # int64, see kernels/runtime/team.py
     sweep: Sweep
-    scratch: Any  # room for contacts, see contact_surface.py; None where there are none
+    scratch: Any  # room for contacts, see contact/surface.py; None where there are none

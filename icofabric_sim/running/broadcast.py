@@ -255,7 +255,9 @@ class Broadcast:
             return [self._outputs.markers(snapshot, now, self.simulation.status.active_loads)]
         if topic is topics.ICOSAHEDRA:
             return self._outputs.icosahedra(snapshot, now)
-        return self._outputs.connectors(snapshot, now)
+        if topic is topics.CONNECTORS:
+            return self._outputs.connectors(snapshot, now)
+        raise ValueError(f'nothing builds {topic.name}')
 
     def _describe(
         self, now: int, parameters: Parameters, only: Sequence[Sink] | None

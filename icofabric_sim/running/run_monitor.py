@@ -51,7 +51,7 @@ class RunMonitor:
     """A sink of the runner that keeps extremes instead of messages."""
 
     def __init__(self, simulation: Simulation, *, with_growth: bool = False) -> None:
-        """Take the initial state; `with_growth` has a companion run beside, see growth.py."""
+        """Take the initial state; `with_growth` has a companion run beside, see divergence.py."""
         self._simulation = simulation
         self.companion = Companion(simulation) if with_growth else None
         self.first = self.last = simulation.snapshot()

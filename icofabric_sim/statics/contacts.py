@@ -50,7 +50,7 @@ class StaticContacts:
     """Shells and planes of a scene that push each other."""
 
     def __init__(self, setup: ContactSetup, body_count: int) -> None:
-        """See contact_setup.py."""
+        """See simulation/contact/setup.py."""
         self._setup, self._count = setup, body_count
         self.stiffness = setup.stiffness  # K [N/m] in use
         self._scratch = contact_scratch()

@@ -64,7 +64,7 @@ NUMBERS = np.arange(float(LANES))
 _SLANT = 1e-5
 # The line of centres may miss a facet by this.
 _BESIDE = 1e-9
-# Places in the room of a pair (contact_surface.py): the matrix q, and four rows of a point of the
+# Places in the room of a pair (surface.py): the matrix q, and four rows of a point of the
 # sum and the first body's part of it.
 MATRIX, PORTAL = 0, 9
 # Directions of edges of either body, six times AXIS_COUNT numbers each; lanes.

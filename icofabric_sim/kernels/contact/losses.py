@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-What contacts take from the motion, by the laws of contact_laws.py, for Runge-Kutta methods.
+What contacts take from the motion, by the laws of laws.py, for Runge-Kutta methods.
 
 Who evaluates a pair also says what it loses: the push of the pair is changed before the bodies
 add up what acts on them, so what one gets the other gets too, and no bit depends on the number of

@@ -16,7 +16,7 @@ Contact of two icosahedra, and of one with a plane, by a potential.
 
     U = K delta^2 / 2,   delta = 4 M_1 / M_0,   M_k = integral of min(p_A, p_B)^k over both bodies
 
-with p the depth below a body's surface (contact_surface.py): delta is four times the mean depth
+with p the depth below a body's surface (surface.py): delta is four times the mean depth
 of the overlap, which is the overlap itself where a face lies on a face. Whatever touches, it
 grows in proportion to the overlap, so the force is zero at first touch and nowhere jumps, and the
 stiffness is about K for faces, edges and vertices alike. A plane has the depth below it for p.

@@ -14,8 +14,8 @@
 """
 A look at what can touch before long, on the spot, while a run goes on.
 
-It is what contact_lists.py does, with the same functions and so with the same results, for as
-long as nothing can: then there is no reason for the kernels to return.
+It is what simulation/contact/neighbour_list.py does, with the same functions and so with the
+same results, for as long as nothing can: then there is no reason for the kernels to return.
 """
 
 import math

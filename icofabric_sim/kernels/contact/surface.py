@@ -60,7 +60,7 @@ class Scratch(Record):
     marks: np.ndarray  # (420,)
 
 
-# Places in the room; the first, and those from 256 on, are of contact_axis.py.
+# Places in the room; the first, and those from 256 on, are of axis.py.
 NORMAL = 33    # normals of B's faces in A's axes, x, y and z of all, (3, 24)
 HEIGHT = 105   # of a point along these, (24,)
 VALUE = 129    # of the corners of a polygon on a side, (8,)

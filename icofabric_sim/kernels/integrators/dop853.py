@@ -15,10 +15,10 @@
 Coefficients of the Dormand-Prince pair of order 8, its error estimates and its dense output.
 
 Source: Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I, second edition,
-section II.10 and the program DOP853. test/physics/test_dop8.py checks their conditions.
+section II.10 and the program DOP853.
 """
 
-# Weights of the slopes before each stage; the right-hand side does not depend on time.
+# Weights of the slopes before each stage; what depends on time is computed at their sum.
 STAGES = (
     (),
     (0.05260015195876773,),

@@ -66,9 +66,8 @@ def steps(
     bodies are noted where forces are evaluated, and nowhere else: what is between does not count.
 
     A block can be pushed once its neighbours have drifted, so both run over the fabric in one
-    sweep (see sweep.py) and each body comes from memory once. Where a thread's blocks border on
-    another's, these drift first. All in one function: every call of a compiled function with so
-    many arrays counts their references, which a small fabric would feel.
+    sweep (see traversal_order.py) and each body comes from memory once. Where a thread's blocks
+    border on another's, these drift first.
     """
     first, last = own_blocks(team, model.blocks.slot.shape[0])
     sweep = team.sweep

@@ -15,7 +15,7 @@
 Connectors that lie around the shells they are attached to, instead of passing through.
 
 The vectors have computed every connector as straight. Where one of a block enters a shell, that
-lane is computed again, by itself: the same law of the length of its taut way (wrap_path.py), its
+lane is computed again, by itself: the same law of the length of its taut way (path.py), its
 tension along the free part, at the point where this leaves the shell. What lies on the shell
 turns with it, so by virtual work that is the whole wrench, and minus the gradient of the energy.
 Both ends compute the same numbers, the body in the lower slot first, and take them with opposite

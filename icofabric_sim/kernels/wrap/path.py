@@ -16,7 +16,7 @@ Shortest ways of connectors around the shells at their ends, one at a time.
 
 The length of a way over given edges is that of a straight line in the unfolded plane (see
 wrapping.py beside this folder); a way is taut where the free rest leaves its last edge between
-the two faces there. The shortest taut one counts. Both ends together: wrap_pairs.py.
+the two faces there. The shortest taut one counts. Both ends together: pairs.py.
 """
 
 import math

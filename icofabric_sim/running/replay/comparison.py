@@ -93,10 +93,12 @@ class ExactComparison:
                 data, self._outputs.broken(snapshot()),
                 lambda message: decoded(decode_float64_multi_array, message),
                 ('connector', 'time of breakage [s]'), what='break')
-        return _values(
-            data, self._outputs.energy(snapshot()),
-            lambda message: decoded(decode_float64_multi_array, message),
-            tuple(f'{label} energy [J]' for label in topics.ENERGIES))
+        if topic is topics.ENERGY:
+            return _values(
+                data, self._outputs.energy(snapshot()),
+                lambda message: decoded(decode_float64_multi_array, message),
+                tuple(f'{label} energy [J]' for label in topics.ENERGIES))
+        raise ValueError(f'nothing compares {topic.name}')
 
     def _connectors(self, simulation: Simulation, time: int, data: bytes) -> str:
         recorded = self._run.decoded(decode_marker_points, data)
