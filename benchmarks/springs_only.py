@@ -31,9 +31,11 @@ import numpy as np
 TILE = 64
 
 compiled = numba.njit(nogil=True, error_model='numpy')
+# As in the package: what is done for every block.
+inlined = numba.njit(nogil=True, error_model='numpy', forceinline=True)
 
 
-@compiled
+@inlined
 def pull(links, points, stride, block, first, stiffness, minus_rest, px, py, pz):
     """Pull of the two connectors at one edge, whose points are p."""
     zero = splat(0.0)
@@ -50,7 +52,7 @@ def pull(links, points, stride, block, first, stiffness, minus_rest, px, py, pz)
     return fx, fy, fz
 
 
-@compiled
+@inlined
 def springs(links, points, stride, block, s):
     """Force and torque of all springs on a block."""
     zero = splat(0.0)
@@ -76,7 +78,7 @@ def springs(links, points, stride, block, s):
     return fx, fy, fz, half * tx, half * ty, half * tz
 
 
-@compiled
+@inlined
 def kick(state, a, h, s):
     """Add h times the accelerations to the velocities of a block."""
     step = splat(h)
@@ -171,7 +173,7 @@ def drift(half_width, slot, state, points, h, first, last):
               fma(less, fma(x, x, z * z), width), twice * fma(y, z, w * x))
 
 
-@compiled
+@inlined
 def place(points, at, stride, px, py, pz, ax, ay, az):
     """Both points of an axis of the bodies."""
     store_at(points, at, px + ax)

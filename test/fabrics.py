@@ -133,7 +133,9 @@ def wrenches(scene, position, orientation, *, cosines=False, loaded=False):
         loads = Inputs(scene).pack(layout)
         for block in range(last):
             for row in range(loads.start[block], loads.start[block + 1]):
-                kick_load(model, loads, state, row, int(model.blocks.slot[block]), 0.0, 1.0)
+                kick_load(
+                    model, loads, state.orientation, state.linear_velocity, state.angular_velocity,
+                    row, int(model.blocks.slot[block]), 0.0, 1.0)
     acceleration = layout.gather(work.acceleration)
     return Wrenches(
         scene.shell.mass * (acceleration[:, :3] + layout.gather(state.linear_velocity)),

@@ -59,13 +59,11 @@ def _describe(arguments: argparse.Namespace) -> int:
         rows = [('scene', name), *describe_scene(scene)]
         try:
             with nullcontext() if arguments.compile else compile_notice.forbidden():
-                simulation = compile_scene(scene)
+                rows += _motion(compile_scene(scene))
         except KernelsMissing:
             rows.append(('step', (
                 'method, step and accuracy are found with the kernels of this kind of scene, '
                 'which are not compiled yet: add --compile')))
-        else:
-            rows += _motion(simulation)
     duration = parameters['duration']
     rows.append(('duration', f'{duration:g} s' if duration > 0.0 else (
         'none: a node runs until it is stopped, `icofabric run` needs --duration')))

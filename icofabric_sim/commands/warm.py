@@ -54,7 +54,7 @@ VERBS: tuple[tuple[str, ...], ...] = (
     ('modes', 'stiff_cantilever', '--count', '2'),
     ('elasticity', 'stiff_cantilever'),
 )
-# A worker keeps what it has compiled; after so many kinds another one takes over.
+# A worker keeps what it has compiled; after so many kinds others take over.
 _KINDS_EACH = 12
 # Simulated time [s] in which every kind of output comes at least once.
 _TRIAL = 1e-3
@@ -127,9 +127,15 @@ def kinds_of(scenes: Sequence[str]) -> Iterator[Kind]:
 
 def _compile_all(kinds: Sequence[Kind], processes: int) -> Iterator[tuple[Kind, str]]:
     """Each kind once it is compiled, and what was wrong with it."""
+    # Python 3.11's own max_tasks_per_child may wait for ever once workers have left.
+    batch = _KINDS_EACH * processes
+    for first in range(0, len(kinds), batch):
+        yield from _compile_batch(kinds[first:first + batch], processes)
+
+
+def _compile_batch(kinds: Sequence[Kind], processes: int) -> Iterator[tuple[Kind, str]]:
     with ProcessPoolExecutor(
-        min(processes, len(kinds)), multiprocessing.get_context('spawn'),
-        max_tasks_per_child=_KINDS_EACH,
+        min(processes, len(kinds)), multiprocessing.get_context('spawn')
     ) as pool:
         waiting = {pool.submit(compile_kind, kind): kind for kind in kinds}
         try:

@@ -348,7 +348,7 @@ STATIC: tuple[Specification, ...] = (
         'error that the method may add for each second of simulated time: position over a, '
         'orientation in rad, the larger',
         minimum=1e-15,
-        maximum=1e3,
+        maximum=_LONGEST,
     ),
     _s(
         'solver.step',

@@ -51,7 +51,8 @@ LONGEST_NAME, LONGEST_TEXT = 1000, 16_384  # characters, of all values of a chan
 MOST_GIVEN, MOST_TEXT = 2000, 65_536
 # What YAML 1.1 takes for a text, and Python writes for a number.
 _EXPONENT = re.compile(r'[+-]?[0-9]+(\.[0-9]*)?e[+-]?[0-9]+')
-_TEXT_LIST = re.compile(r'\[\s*[-+0-9.e]+(\s*,\s*[-+0-9.e]+)*\s*\]')
+_NUMBER = r'[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)(e[-+]?[0-9]+)?'
+_TEXT_LIST = re.compile(rf'\[\s*{_NUMBER}(\s*,\s*{_NUMBER})*\s*\]')
 _HUGE = 1.7976931348623157e308
 
 
@@ -155,7 +156,7 @@ class ParameterGate:
         self, wanted: list[Parameter]
     ) -> tuple[Parameters | None, Scene | None, list[Parameter]]:
         given: dict[str, Any] = dict(self.accepted.given())
-        stored, touched = [], False
+        stored, touched, earlier = [], False, set()
         for parameter in wanted:
             name = parameter.name
             if not name:
@@ -176,16 +177,19 @@ class ParameterGate:
                 given.pop(name, None)
                 stored.append(parameter)
             else:
-                held = self.accepted.get(name)
+                # A later value of the same request rules.
+                held = None if name in earlier else self.accepted.get(name)
                 if isinstance(held, str) and str(parameter.value) == held:
                     continue  # also a text of digits, which tools send as a number
                 value = judge(name, _as_meant(name, parameter.value))
                 if held is not None and _same(value, held):
                     continue  # e.g. of a dump that is loaded again; also where it is fixed
-                require_changeable([name])
+                if not _same(value, self.accepted.get(name)):
+                    require_changeable([name])
                 given[name] = value
                 stored.append(Parameter(name, value=value))
             touched = True
+            earlier.add(name)
         if not touched:
             return None, None, stored
         self._require_little(wanted, given)

@@ -298,6 +298,7 @@ class Runner:
         if state.paused or state.failure or state.finished:
             if until_finished and (state.failure or state.finished):
                 return False
+            self._time.end_with_the_run()
             self._refresh()
             self.commands.wait(_IDLE_REFRESH)
             return True

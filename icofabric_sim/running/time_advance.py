@@ -127,6 +127,9 @@ class TimeAdvance:
         As fast as possible: who asks for it waits for it.
         """
         state = self._state
+        if state.finished:
+            self.end_requests(self._over())
+            return
         if not request.has_begun:
             request.begin(state.now)
             self._broadcast.event(state.now, 'advance', to=request.end)
@@ -140,6 +143,11 @@ class TimeAdvance:
             self._pace.restart(state.now)
             self.requests.finish(state.now)
         elif state.finished:
+            self.end_requests(self._over())
+
+    def end_with_the_run(self) -> None:
+        """Answer all that wait for a time beyond the end of the duration, once it is reached."""
+        if self._state.finished:
             self.end_requests(self._over())
 
     def end_requests(self, reason: str) -> None:

@@ -190,7 +190,8 @@ def machine() -> dict[str, Any]:
     On what bits may depend beside the version: processor, numbers computed at once, libraries.
     """
     return {
-        'processor': f'{host_processor()} ({kernel_target()})',
+        'processor': host_processor(),
+        'kernels': kernel_target(),
         'lanes': LANES,
         'libraries': {
             'numpy': np.__version__, 'scipy': scipy.__version__, 'numba': numba.__version__,
@@ -235,7 +236,8 @@ def _check_header(header: Mapping[str, Any]) -> None:
 
 def _flat_machine(header: Mapping[str, Any]) -> dict[str, Any]:
     return {
-        'processor': header['processor'], 'lanes': header['lanes'], **header['libraries']}
+        'processor': header['processor'], 'kernels': header.get('kernels', '?'),
+        'lanes': header['lanes'], **header['libraries']}
 
 
 def _split(tree: Mapping[str, Any], place: str, arrays: dict[str, np.ndarray]) -> dict[str, Any]:

@@ -27,6 +27,7 @@ import pickle
 import subprocess
 import sys
 
+from icofabric_sim.kernels.runtime.target import target
 from icofabric_sim.scene.scene import Scene
 import numpy as np
 
@@ -65,13 +66,19 @@ def compile_contact_ahead(
         process = subprocess.Popen(
             [sys.executable, '-m', 'icofabric_sim.simulation.precompile_process'],
             stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-            start_new_session=True)
+            start_new_session=True, env=_environment())
         if not _processes:
             atexit.register(_end)
         _processes[kind] = process
         if process.stdin is not None:
             with process.stdin as pipe:
                 pipe.write(task)
+
+
+def _environment() -> dict[str, str]:
+    """Return an environment in which the process compiles for what this one does."""
+    native = {} if target().level else {'ICOFABRIC_NATIVE': '1'}
+    return {**os.environ, **native}
 
 
 def _end() -> None:

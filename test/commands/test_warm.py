@@ -100,3 +100,11 @@ def test_a_fault_within_a_kind_is_a_text():
 def test_bad_input(words, said, capsys):
     assert main(['warm', *words]) == BAD_INPUT
     assert said in capsys.readouterr().err
+
+
+def test_more_kinds_than_a_batch_of_workers_takes_all_end(monkeypatch):
+    """Kinds that are refused at once: the workers are real."""
+    monkeypatch.setattr(warm, '_KINDS_EACH', 2)
+    kinds = [warm.Kind('hanging_slab', (('weave.size', (0, 1, k)),)) for k in range(1, 6)]
+    done = dict(warm._compile_all(kinds, 2))
+    assert set(done) == set(kinds) and all('weave.size' in fault for fault in done.values())

@@ -142,8 +142,8 @@ def falsify(stack: contextlib.ExitStack) -> None:
     def heavier(gravity, supports, alive, s, a):
         return add_gravity(None if gravity is None else more * gravity, supports, alive, s, a)
 
-    def harder(model, loads, state, pull, m, s, h):
-        return add_pull(model, loads, state, pull, m, s, more * h)
+    def harder(model, loads, velocity, spin, pull, m, s, h):
+        return add_pull(model, loads, velocity, spin, pull, m, s, more * h)
 
     stack.enter_context(mock.patch.multiple(flows, accelerate=stronger, add_gravity=heavier))
     stack.enter_context(mock.patch.object(anchors, 'add_pull', harder))

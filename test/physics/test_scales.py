@@ -125,7 +125,7 @@ def test_where_nothing_sets_a_scale_the_step_is_that_of_the_outputs(method, time
 def test_a_step_that_never_comes_to_the_end_is_refused():
     scene = scaled({
         **SHELL, 'weave.size': [1, 1, 1], 'weave.connected': False, 'contact.mode': 'never',
-        'solver.method': 'leapfrog', 'solver.step': 1e-20}, 1.0, 1.0, 1.0)
+        'solver.method': 'leapfrog', 'solver.step': 1e-12}, 1.0, 1.0, 1.0)
     simulation = ico.compile_scene(scene)
-    with pytest.raises(ico.SimulationError, match='1e-20 s never come to t = 1 s'):
-        simulation.advance_to(1.0)
+    with pytest.raises(ico.SimulationError, match='1e-12 s never come to t = 1000000 s'):
+        simulation.advance_to(1e6)

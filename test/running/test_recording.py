@@ -21,6 +21,7 @@ import icofabric_sim as ico
 from icofabric_sim.bag import BagError, BagReader, recover_bag
 from icofabric_sim.bag.bag_file import BagFile
 from icofabric_sim.bag.summary import summarise_bag
+from icofabric_sim.kernels.runtime.target import host_processor, kernel_target
 from icofabric_sim.messages import (
     decode_string,
     StringBytes,
@@ -41,7 +42,6 @@ from icofabric_sim.running.recording import (
     BagSink,
     describe_run,
     DROPPED,
-    host_processor,
     summarise_growth,
     summarise_run,
 )
@@ -80,6 +80,7 @@ def test_run_is_described_for_a_repetition(simulation, tmp_path):
     assert described['threads'] == str(simulation.status.thread_count)
     assert described['version'] == ico.__version__
     assert described['processor'] == host_processor() != ''
+    assert described['kernels'] == kernel_target() != ''
     libraries = json.loads(described['libraries'])
     assert {'numpy', 'numba', 'llvmlite', 'rosbags'} <= libraries.keys()
 

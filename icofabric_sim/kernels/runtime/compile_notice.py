@@ -43,7 +43,7 @@ class CompileNotice:
     def __init__(self) -> None:
         """Nothing has been compiled yet."""
         self._depth = 0
-        self._is_forbidden = False
+        self.is_forbidden = False
         self._kept, self._told = True, False
         self._patience = Patience(self._explain)
         self._show: Callable[[str], object] | None = None
@@ -61,15 +61,15 @@ class CompileNotice:
     @contextmanager
     def forbidden(self) -> Iterator[None]:
         """Have KernelsMissing raised where something would be compiled."""
-        before, self._is_forbidden = self._is_forbidden, True
+        before, self.is_forbidden = self.is_forbidden, True
         try:
             yield
         finally:
-            self._is_forbidden = before
+            self.is_forbidden = before
 
     def require_allowed(self) -> None:
         """Raise KernelsMissing where compiling is forbidden."""
-        if self._is_forbidden:
+        if self.is_forbidden:
             raise KernelsMissing
 
     def begin(self, *, kept: bool) -> None:

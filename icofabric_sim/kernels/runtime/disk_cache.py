@@ -18,7 +18,9 @@ Beside the package where that can be written, else in the user's cache folder; N
 names another place. Nothing that is wrong with the disk ends a run: the kernel is then compiled.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+import fcntl
 import glob
 import hashlib
 import logging
@@ -27,6 +29,7 @@ from pathlib import Path
 from typing import Any
 import uuid
 
+from icofabric_sim.kernels.runtime.lane_types import LANES
 import llvmlite
 from numba.core.caching import FunctionCache, IndexDataCacheFile
 
@@ -86,6 +89,17 @@ class _CacheFile(IndexDataCacheFile):
                 Path(path).unlink(missing_ok=True)
 
 
+@contextmanager
+def _one_writer(folder: str) -> Iterator[None]:
+    """
+    Keep other processes from writing there: the last one would drop what the others have added.
+    """
+    os.makedirs(folder, exist_ok=True)
+    with open(os.path.join(folder, 'icofabric.lock'), 'ab') as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        yield
+
+
 class KernelCache(FunctionCache):
     """The entries of one kernel."""
 
@@ -106,7 +120,8 @@ class KernelCache(FunctionCache):
     def save_overload(self, sig: Any, data: Any) -> None:
         """Keep a compiled kernel if that is possible."""
         try:
-            super().save_overload(sig, data)
+            with _one_writer(self._cache_path):
+                super().save_overload(sig, data)
         except OSError as error:
             if not KernelCache._lost:
                 KernelCache._lost = str(error)
@@ -119,5 +134,6 @@ class KernelCache(FunctionCache):
         return self._index_key(types, target.codegen()) in self._cache_file._load_index()
 
     def _index_key(self, sig: Any, codegen: Any) -> Any:
-        # Numba's key has the target: a level of x86-64, or a processor (target.py).
-        return *super()._index_key(sig, codegen), self._entrance
+        # Numba's key has the target: a level of x86-64, or a processor (target.py). Where only
+        # its features are given, the processor at hand says how many lanes there are.
+        return *super()._index_key(sig, codegen), LANES, self._entrance

@@ -23,7 +23,8 @@ import operator
 from typing import Any
 
 from icofabric_sim.kernels.runtime import numba_target  # noqa: F401
-from llvmlite import binding, ir
+from icofabric_sim.kernels.runtime.target import host_features
+from llvmlite import ir
 from numba import types
 from numba.core import cgutils, config
 from numba.core.typing.templates import AbstractTemplate, infer_global, signature
@@ -39,7 +40,7 @@ def _has_avx512() -> bool:
     """
     if _config.CPU_NAME and _config.CPU_NAME != 'host':
         return '+avx512f' in (_config.CPU_FEATURES or '')
-    return bool(binding.get_host_cpu_features().get('avx512f'))
+    return host_features().get('avx512f', False)
 
 
 # Bodies that are computed together: the width of a register of doubles.

@@ -24,6 +24,7 @@ argument says which fields are None, and Numba leaves out what they would need.
 
 from collections.abc import Iterator
 import ctypes
+import inspect
 import struct
 from typing import Any, ClassVar, dataclass_transform, Self
 
@@ -59,9 +60,9 @@ class Record(_Address):
     def __init_subclass__(cls, **options: Any) -> None:
         """Read the fields; classes for one type of the fields inherit them."""
         super().__init_subclass__(**options)
-        own = cls.__dict__.get('__annotations__', {})
-        if '_numba_type' in cls.__dict__ or not own:
+        if '_numba_type' in cls.__dict__:
             return
+        own = inspect.get_annotations(cls)
         cls._fields = tuple(own)
         cls._defaults = {name: cls.__dict__[name] for name in own if name in cls.__dict__}
         for name in cls._defaults:
@@ -109,6 +110,14 @@ class Record(_Address):
         """Yield the values of the fields."""
         values = vars(self)
         return iter([values[name] for name in self._fields])
+
+    def __len__(self) -> int:
+        """Count the fields."""
+        return len(self._fields)
+
+    def __getitem__(self, place: Any) -> Any:
+        """Return the value of a field by its place, or those of a slice."""
+        return tuple(self)[place]
 
     def __repr__(self) -> str:
         """Return the fields by name."""

@@ -68,10 +68,11 @@ def choose(
 @cache
 def target() -> Target:
     """Return the target of this process."""
-    return choose(_features(), dict(os.environ), numba_was_first=_NUMBA_WAS_FIRST)
+    return choose(host_features(), dict(os.environ), numba_was_first=_NUMBA_WAS_FIRST)
 
 
-def _features() -> dict[str, bool]:
+def host_features() -> dict[str, bool]:
+    """Return what the processor at hand has, by LLVM's names; nothing where LLVM cannot tell."""
     from llvmlite import binding
     try:
         return dict(binding.get_host_cpu_features())

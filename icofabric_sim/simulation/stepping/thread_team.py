@@ -27,6 +27,7 @@ import weakref
 
 from icofabric_sim.kernels.contact.surface import contact_scratch, Scratch
 from icofabric_sim.kernels.records import Sweep, Team
+from icofabric_sim.kernels.runtime.compile_notice import compile_notice
 from icofabric_sim.kernels.runtime.team import FLAG_COUNT
 from icofabric_sim.simulation.model.packing import PackedScene
 from icofabric_sim.simulation.stepping.traversal_order import make_sweeps
@@ -68,6 +69,9 @@ class ThreadTeam:
     def __init__(self, wanted: int, packed: PackedScene) -> None:
         """Start with the thread of the caller; others start when they are first needed."""
         self.size = size_for(wanted, packed.layout.body_count)
+        if compile_notice.is_forbidden:
+            # A thread that finds its kernel missing would leave the others at their barrier.
+            self.size = 1
         self._flags = np.zeros(FLAG_COUNT, np.int64)
         self._packed = packed
         self._rooms: list[Scratch | None] = [None] * self.size
