@@ -39,3 +39,25 @@ def test_scene_that_judges_a_change_is_handed_on(changes, builds):
     assert (scene is not None) == builds and gate.accepted is parameters
     if builds:
         assert scene.parameters == parameters
+
+
+@pytest.mark.parametrize('values', [(120.0, 60.0), (60.0, 120.0)])
+def test_of_two_values_in_one_request_the_later_rules(values):
+    heard = []
+    gate = ParameterGate(
+        make_parameters({'publish_rate': 60.0}), lambda *change: heard.append(change[0]),
+        lambda: 1.0)
+    result = gate.set_atomically(
+        [Parameter('publish_rate', value=value) for value in values],
+        lambda stored: SetParametersResult(successful=True))
+    assert result.successful, result.reason
+    assert gate.accepted['publish_rate'] == values[-1]
+    assert all(parameters['publish_rate'] == values[-1] for parameters in heard)
+
+
+@pytest.mark.parametrize('text', ['[1e, 0, 0]', '[--, 0, 0]', '[., 0, 0]'])
+def test_a_text_that_is_no_list_of_numbers_is_refused_as_a_text(text):
+    gate = ParameterGate(make_parameters({}), lambda *change: None, lambda: 1.0)
+    result = gate.set_atomically(
+        [Parameter('gravity', value=text)], lambda stored: SetParametersResult(successful=True))
+    assert not result.successful and 'gravity must be' in result.reason

@@ -174,3 +174,25 @@ def test_bag_of_advances_is_identical(tmp_path):
         result = verify_run(run)
     assert result.verdict == 'identical' and result.gaps == (), result.lines()
     assert result.repeated['advances'] == 8 and result.repeated['inputs'] >= 2
+
+
+def test_an_advance_of_a_running_fabric_is_answered_where_the_duration_ends():
+    runner = make_runner(
+        ListSink(POSES), start_paused=False, duration=0.01, real_time_factor=1.0,
+        advance_duration=0.02)
+    with Beside(runner):
+        with pytest.raises(RuntimeError, match='duration'):
+            runner.advance().result(60.0)
+        assert runner.now <= 10**7
+
+
+def test_an_advance_of_a_paused_fabric_ends_with_the_duration():
+    runner = make_runner(
+        ListSink(POSES), start_paused=True, duration=0.01, real_time_factor=1.0,
+        advance_duration=0.01)
+    with Beside(runner):
+        first, second = runner.advance(), runner.advance()
+        assert first.result(60.0) == 10**7
+        with pytest.raises(RuntimeError, match='duration'):
+            second.result(60.0)
+        assert runner.now == 10**7
