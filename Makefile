@@ -36,7 +36,7 @@ run:
 
 # Kernels of the scene that `make run` shows. Without them the node compiles by itself.
 .venv/.warm: $(shell find icofabric_sim/kernels icofabric_sim/geometry -name '*.py')
-	echo 'Compiling kernels ahead; this takes about half a minute, once.'
+	echo 'Compiling kernels ahead; this takes 20 s to a minute, once.'
 	! .venv/bin/python -m icofabric_sim.commands.main warm hanging_slab || touch $@
 
 lint:
