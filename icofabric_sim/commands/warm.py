@@ -187,9 +187,13 @@ def _run(kind: Kind) -> None:
 
 def _ready(simulation: 'Simulation') -> 'Simulation':
     """Have steps, outputs and looks compiled."""
+    from icofabric_sim.messages.topics import Outputs
     simulation.warm_up()
     simulation.advance_to(_TRIAL)
-    snapshot = simulation.snapshot()
-    for name in ('energy', 'connector_ends'):
-        getattr(snapshot, name)
+    snapshot, outputs = simulation.snapshot(), Outputs(simulation.scene)
+    outputs.energy(snapshot)
+    for messages in (outputs.connectors(snapshot, 0), outputs.icosahedra(snapshot, 0)):
+        list(messages)
+    # Read for its kernel.
+    _ = simulation.balance
     return simulation
