@@ -16,8 +16,8 @@ The two flows that every splitting method is made of, for runs of blocks.
 
 `drift`: the kinetic energy alone, free flight and free rotation, exact because the inertia is
 isotropic. `push`: the potential energy alone, which changes velocities only. The list of all terms
-that act on a fabric is `accelerations` and `push`; a term that is None is not compiled (Numba
-prunes such a branch only where the term is an argument of its own).
+that act on a fabric is `accelerations` and `push`. An absent term is not compiled (Numba
+prunes its branch only where the term is an argument of its own).
 """
 
 from icofabric_sim.kernels.anchors import kick_anchor

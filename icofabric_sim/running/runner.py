@@ -87,7 +87,7 @@ class Runner:
             self.state, self.commands.post, self._broadcast.input, full_name)
         self._time = TimeAdvance(self.state, self.inputs, self._broadcast, self._pace)
         if report is not None:
-            # Live: nobody sees a progress bar there.
+            # A live run has no progress bar that would show it.
             self._time.stall = StallWatch()
         self.changes = RunChanges(
             self.state, self._time, self.inputs, self._broadcast, self._pace,

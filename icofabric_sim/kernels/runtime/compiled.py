@@ -60,25 +60,23 @@ class _Part(CPUDispatcher):
     """
     A kernel as other kernels call it: without entrances for Python and C.
 
-    Such an entrance takes records of a hundred arrays apart: a third of all compilation.
+    With an `entrance`, that is compiled in its place, and kept on disk as the kernel.
     """
 
-    def __init__(self, function: Callable[..., Any], *, inline: bool = False) -> None:
-        self._prepare(function, function, inline=inline, entrance=False)
+    _compiler: Any
 
-    def _prepare(
-        self, function: Callable[..., Any], body: Callable[..., Any], *, inline: bool,
-        entrance: bool
+    def __init__(
+        self, function: Callable[..., Any], *, inline: bool = False,
+        entrance: Callable[..., Any] | None = None
     ) -> None:
-        """Compile `body`, kept on disk as `function`."""
-        super().__init__(body, targetoptions={
+        super().__init__(entrance or function, targetoptions={
             'nopython': True, 'nogil': True, 'error_model': 'numpy', 'boundscheck': None,
             'forceinline': inline,
-            'no_cpython_wrapper': not entrance, 'no_cfunc_wrapper': True})
+            'no_cpython_wrapper': entrance is None, 'no_cfunc_wrapper': True})
         self._cache: Any = _NoCache()
         # Else no folder can be written.
         with suppress(RuntimeError):
-            self._cache = KernelCache(function, entrance=entrance)
+            self._cache = KernelCache(function, entrance=entrance is not None)
         self._entrance = function.__qualname__ if entrance else ''
 
     def compile(self, sig: Any) -> Any:
@@ -98,15 +96,15 @@ class _Kernel(_Part):
         self._inline = inline
         self._part: _Part | None = None
         self._call = _handing_on(function)
-        self._prepare(function, self._call, inline=False, entrance=True)
+        super().__init__(function, entrance=self._call)
         update_wrapper(self, function)
         self.py_func = function
+        self._compile_call, self._compiler.compile = self._compiler.compile, self._compile
 
-    def compile(self, sig: Any) -> Any:
-        """Compile for such arguments, or load what is on disk."""
+    def _compile(self, arguments: Any, result: Any) -> Any:
         # A part is made when something asks for it: where all is on disk nothing does.
         self._call.__globals__['part'] = self._as_part()
-        return super().compile(sig)
+        return self._compile_call(arguments, result)
 
     # What other kernels ask for.
     def get_call_template(self, args: Any, kws: Any) -> Any:

@@ -35,7 +35,7 @@ class Leaving:
     """
 
     def __init__(self) -> None:
-        """Nobody wishes that yet."""
+        """Start without a deadline."""
         self._deadline = math.inf
 
     def request(self) -> None:

@@ -15,9 +15,9 @@
 The processor that kernels are compiled for: a level of x86-64, the same on every machine of it.
 
 So compiled kernels can be handed on: a cache that one machine has made serves the others of its
-level. The level is chosen before Numba is imported. Where Numba was there before, or somebody has
-set its target (NUMBA_CPU_NAME, NUMBA_CPU_FEATURES), or ICOFABRIC_NATIVE=1 asks for the processor
-at hand, that target is used, with a cache of its own. Child processes inherit nothing of it.
+level. The level is chosen before Numba is imported. Three things leave Numba its own target, with
+a cache of its own: Numba was imported earlier, NUMBA_CPU_NAME or NUMBA_CPU_FEATURES is set, or
+ICOFABRIC_NATIVE=1. Child processes do not inherit the choice.
 """
 
 from functools import cache
@@ -42,7 +42,7 @@ _NUMBA_WAS_FIRST = 'numba' in sys.modules
 class Target(NamedTuple):
     """What kernels are compiled for."""
 
-    level: str  # of x86-64; '': the processor at hand, or what somebody has asked for
+    level: str  # of x86-64; '': Numba's own target
     features: str  # as LLVM writes them
     why: str  # it is no level; '' where it is one
 
