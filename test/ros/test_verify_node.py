@@ -81,7 +81,8 @@ def test_renamed_topic_is_recorded_under_its_own_name(tmp_path):
     ) as node, Client(node) as client:
         client.wait_until(10**8)
         client.push('/finger', force=(0.0, 0.5, 0.0))
-        client.wait_until(4 * 10**8)
+        client.settle()
+        client.wait_until(client.clock + 3 * 10**8)
         node.send(signal.SIGINT)
         assert node.wait() == 0
     with RecordedRun(tmp_path / 'bag') as run:
