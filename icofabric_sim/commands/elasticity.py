@@ -183,6 +183,7 @@ def curve_text(curves: dict[str, list['CurvePoint']]) -> list[str]:
             more += f'  {point.broken} broken' if point.broken else ''
             more += f'  {point.touching} pairs touch' if point.touching else ''
             more += f'  {point.at_kink} at their kink' if point.at_kink else ''
+            more += f'  {point.past_kink} past it' if point.past_kink else ''
             lines.append(
                 f'         {point.strain:10.5g} {point.stress:14.6g} '
                 f'{point.stress / point.strain:14.6g}  {point.verdict}{more}')
@@ -209,5 +210,5 @@ def _write(
         outputs.table(
             'curves.csv',
             ('kind', 'strain', 'stress_pa', 'energy_j', 'verdict', 'residual', 'obstructed',
-             'beyond_break_length', 'broken', 'touching_pairs', 'at_kink'),
+             'beyond_break_length', 'broken', 'touching_pairs', 'at_kink', 'past_kink', 'rest_stress_pa'),
             ([kind, *point[:-1]] for kind, points in curves.items() for point in points))

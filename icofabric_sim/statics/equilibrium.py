@@ -30,11 +30,12 @@ from icofabric_sim.kernels.conjugate import product_of, weighted_square
 from icofabric_sim.scene.scene import require_scene, Scene
 from icofabric_sim.simulation.model.snapshot import Snapshot
 from icofabric_sim.statics.contacts import Contacts
+from icofabric_sim.statics.crossings import Crossings
 from icofabric_sim.statics.fabric import check_snapshot, Configuration, StaticFabric
 from icofabric_sim.statics.held import check_time, held_time
 from icofabric_sim.statics.sides import BRANCHES, PULL, PUSH, SOFT, STIFF
 from icofabric_sim.statics.spectrum import Curvature, judge_curvature
-from icofabric_sim.statics.trust_region import steihaug
+from icofabric_sim.statics.trust_region import steihaug, Step
 import numpy as np
 
 STABLE = 'equilibrium, stable'
@@ -55,6 +56,7 @@ _MOST_PRODUCTS = 5_000
 _LARGEST_TURN = 0.7
 # A step is taken that brings this part of what was expected of it; so many lengths are tried.
 _LEAST_GAIN, _TRIES = 1e-4, 4
+_PIECES = 20  # of a step that crosses kinks
 # Residual with which contacts are made stiffer; steps after which they are made softer again.
 _NEAR, _PATIENCE = 1e-3, (200, 400, 800, math.inf)
 # Below this part of the energy its differences are rounding.
@@ -299,8 +301,7 @@ class _Search:
         self.first_gradient = max(self.first_gradient, size)
         accuracy = min(0.1, math.sqrt(size / self.first_gradient), 0.1 * self.residual()**0.25)
         most = min(_MOST_PRODUCTS, int(_PRODUCTS * self.free.sum()) + 20)
-        found = steihaug(here.multiply, self.weight, gradient, self.radius, accuracy, most)
-        self.products += found.iterations
+        found, bend, crossings = self._descent(gradient, accuracy, most)
         motion = layout.gather(found.step)
         # Only turns are cut: all of a fabric may move far, and the energy limits it.
         turn = float(np.abs(motion[:, 3:]).max(initial=0.0))
@@ -309,7 +310,9 @@ class _Search:
         # Shorter steps in the same direction cost no products (Nocedal and Yuan 1998, Combining
         # trust region and line search techniques).
         for _ in range(_TRIES):
-            expected = part * slope + part**2 * (found.expected - slope)
+            expected = part * slope + part**2 * bend
+            if crossings is not None:
+                expected += crossings.energy(part)
             there = here.moved(part * motion)
             gain = self._gain(part * motion, expected, there)
             if gain > _LEAST_GAIN:
@@ -324,6 +327,46 @@ class _Search:
             self.here = there
             return True
         return False
+
+    def _descent(
+        self, gradient: np.ndarray, accuracy: float, most: int
+    ) -> tuple[Step, float, Crossings | None]:
+        """
+        A step, what the tangent expects of it in second order [J], and the kinks that it crosses.
+        """
+        here, layout = self.here, self.fabric.layout
+        found = steihaug(here.multiply, self.weight, gradient, self.radius, accuracy, most)
+        self.products += found.iterations
+        bend = found.expected - product_of(gradient, found.step)
+        if not self.fabric.laws.kinked.any():
+            return found, bend, None
+        crossings = Crossings(here)
+        step, product, image = (np.zeros_like(found.step) for _ in range(3))
+        slopes, length, on_border = gradient, 0.0, False
+        for _ in range(_PIECES):
+            changes = crossings.changes(layout.gather(found.step))
+            here.multiply(found.step, image)
+            part = crossings.best_part(
+                changes, product_of(gradient, found.step) + product_of(product, found.step),
+                product_of(image, found.step))
+            step, product = step + part * found.step, product + part * image
+            crossed = crossings.advance(part * changes)
+            length += part * found.length
+            on_border = found.on_border and part == 1.0
+            if not crossed or on_border or not part > 0.0:
+                break
+            kinks = np.where(self.free, crossings.gradient(), 0.0)
+            slopes = gradient + product + layout.spread(kinks)
+            if weighted_square(self.weight, slopes) <= accuracy**2 * weighted_square(
+                    self.weight, gradient):
+                break
+            found = steihaug(
+                crossings.model().multiply, self.weight, slopes, self.radius - length, accuracy,
+                most)
+            self.products += found.iterations + 1
+        bend = 0.5 * product_of(step, product)
+        expected = product_of(gradient, step) + bend + crossings.energy(1.0)
+        return Step(step, length, expected, 0, on_border), bend, crossings
 
     def _gain(self, motion: np.ndarray, expected: float, there: Configuration) -> float:
         """How much of what the model expected a step has brought."""

@@ -191,6 +191,15 @@ class Configuration:
 
     def on(self, side: str) -> 'Configuration':
         """The same with another side of the connectors that are at their kink."""
+        return self._alike(side)
+
+    def with_slope(self, slope: np.ndarray) -> 'Configuration':
+        """The same with other slopes of the tensions [N/m], (c,), in second derivatives."""
+        there = self._alike(self.side)
+        there.__dict__['slope'] = slope
+        return there
+
+    def _alike(self, side: str) -> 'Configuration':
         there = Configuration(self.fabric, self.position, self.orientation, side)
         # What does not depend on it, as far as it is known.
         for name in ('snapshot', 'energy', 'force', 'touching', 'contact_blocks', 'acting', 'axes',
@@ -379,7 +388,7 @@ class Configuration:
     @cached_property
     def tangent(self) -> Any:
         """The model with the laws of connectors as they are here, without supports."""
-        return self.fabric.laws.model(self.stretched, self.side)._replace(supports=None)
+        return self.fabric.laws.model(self.stretched, self.slope)._replace(supports=None)
 
     @cached_property
     def pulled(self) -> Pulled:

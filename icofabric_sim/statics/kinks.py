@@ -22,20 +22,30 @@ _ROUNDING = 1e-9
 
 def length_changes(here: Configuration, motions: np.ndarray) -> np.ndarray:
     """First-order changes of the connectors' lengths (m, c) by motions (m, n, 6)."""
-    ends, motions = here.snapshot.connector_ends, np.asarray(motions)
-    if not len(ends):
+    motions = np.asarray(motions)
+    if not here.snapshot.connector_count:
         return np.zeros((len(motions), 0))
     bodies = here.fabric.scene.connectors.bodies
-    reach = ends[:, 1] - ends[:, 0]
-    direction = reach / np.linalg.norm(reach, axis=1, keepdims=True)
-    changes = np.zeros((len(motions), len(ends)))
-    for end, sign in ((0, -1.0), (1, 1.0)):
-        arm = ends[:, end] - here.position[bodies[:, end]]
-        wrench = sign * np.hstack([direction, np.cross(arm, direction)])
+    changes = np.zeros((len(motions), len(bodies)))
+    for of, wrench in zip(bodies.T, end_wrenches(here, slice(None))):
         # One motion at a time: all of them at once need as much room as the shapes again.
         for row, motion in zip(changes, motions):
-            row += np.einsum('ci,ci->c', motion[bodies[:, end]], wrench)
+            row += np.einsum('ci,ci->c', motion[of], wrench)
     return changes
+
+
+def end_wrenches(here: Configuration, chosen: np.ndarray | slice) -> np.ndarray:
+    """
+    Derivatives of the lengths of the `chosen` connectors along motions of both bodies, (2, c, 6).
+    """
+    ends = here.snapshot.connector_ends[chosen]
+    bodies = here.fabric.scene.connectors.bodies[chosen]
+    reach = ends[:, 1] - ends[:, 0]
+    direction = reach / np.linalg.norm(reach, axis=1, keepdims=True)
+    arms = ends - here.position[bodies]
+    return np.stack([
+        sign * np.hstack([direction, np.cross(arms[:, end], direction)])
+        for end, sign in ((0, -1.0), (1, 1.0))])
 
 
 def anchor_changes(here: Configuration, motions: np.ndarray) -> np.ndarray:

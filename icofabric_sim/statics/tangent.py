@@ -98,8 +98,7 @@ class TangentLaws:
 
     def stretched(self, length: np.ndarray, ends: np.ndarray, lever: float) -> Stretched:
         """Connectors of lengths [m], (c,), between `ends` (c, 2, 3) [m]."""
-        connectors = self._packed.connectors
-        rest = np.zeros(0) if connectors is None else connectors.natural_length
+        rest = self.natural_length
         if not self.kinked.any():
             no = np.zeros(len(length), bool)
             return Stretched(length, length - rest, no, no)
@@ -139,14 +138,29 @@ class TangentLaws:
         jump = connectors.extension - connectors.compression
         return np.broadcast_to(jump, self.kinked.shape)[chosen]
 
-    def model(self, here: Stretched, side: str = ACTUAL) -> Model:
-        """The model with the springs that the connectors are."""
+    @property
+    def natural_length(self) -> np.ndarray:
+        """[m], (c,)."""
+        connectors = self._packed.connectors
+        rest = np.zeros(0) if connectors is None else connectors.natural_length
+        return np.broadcast_to(rest, self.kinked.shape)
+
+    def stiffnesses(self, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """k_e and k_c [N/m] of the `chosen` connectors, by number."""
+        connectors = self._packed.connectors
+        if connectors is None:
+            return np.zeros(0), np.zeros(0)
+        both = connectors.extension, connectors.compression
+        pull, push = (np.broadcast_to(values, self.kinked.shape)[chosen] for values in both)
+        return pull, push
+
+    def model(self, here: Stretched, slope: np.ndarray) -> Model:
+        """The model with the springs that the connectors are, of slopes [N/m], (c,)."""
         model, layout = self._packed.model, self._packed.layout
         if self._places is None or model.links is None:
             return model
         stiffness, rest = as_springs(
-            np.where(here.rounded, 0.0, self.tension(here.length)), self.slope(here, side),
-            here.length)
+            np.where(here.rounded, 0.0, self.tension(here.length)), slope, here.length)
 
         def rows(values: np.ndarray) -> np.ndarray:
             assert self._places is not None
