@@ -210,5 +210,6 @@ def _write(
         outputs.table(
             'curves.csv',
             ('kind', 'strain', 'stress_pa', 'energy_j', 'verdict', 'residual', 'obstructed',
-             'beyond_break_length', 'broken', 'touching_pairs', 'at_kink', 'past_kink', 'rest_stress_pa'),
+             'beyond_break_length', 'broken', 'touching_pairs', 'at_kink', 'past_kink',
+             'rest_stress_pa'),
             ([kind, *point[:-1]] for kind, points in curves.items() for point in points))
