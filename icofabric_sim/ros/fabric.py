@@ -251,7 +251,8 @@ class FabricNode(Node):
             figures[RECORDER_LAG] = f'{self.bag.statistics.lag:.3f}'
             figures[RECORDER_DROPPED] = str(self.bag.dropped)
         compiling = f'for {compile_notice.seconds:.0f} s so far'
-        figures['compiling'] = compiling if compile_notice.is_compiling else 'no'
+        figures['compiling'] = status.waits or (
+            compiling if compile_notice.is_compiling else 'no')
         figures['recording'] = str(self.bag.path) if self.bag.is_recording else 'no'
         if self.bag.is_recording and self.bag.error is None:
             self._faults.pop('recording', None)

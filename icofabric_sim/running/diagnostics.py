@@ -109,7 +109,9 @@ def _warnings(
 ) -> list[str]:
     found = []
     stands = status.paused or status.finished
-    if 0.0 < status.factor < _SLOW * status.wanted_factor and not stands:
+    if status.waits:
+        found.append(f'simulated time waits: {status.waits}')
+    elif 0.0 < status.factor < _SLOW * status.wanted_factor and not stands:
         found.append(
             f'slower than wanted: real-time factor {status.factor:.3g} of '
             f'{status.wanted_factor:g}; {status.cause}' + (

@@ -128,7 +128,7 @@ class ReceivedInputs:
             at = run.now
         run.simulation.inputs.queue.put(
             seconds(at), received.target, received.value, Message(topic, at, bytes(data)))
-        if at == run.now:
+        if at == run.now and not run.is_held:
             run.simulation.advance_to(seconds(at))
 
     def clear(self) -> int:

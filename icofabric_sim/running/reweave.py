@@ -47,16 +47,19 @@ class Reweaver:
         post: Callable[[Callable[[], None]], object],
         on_ready: Callable[[Parameters, Simulation | None, str], None],
         body_force: BodyForce | None = None,
+        is_touching: Callable[[], bool] = lambda: False,
     ) -> None:
         """
         `post` brings a call into the runner's thread, where `on_ready` gets each result.
 
         The result is the simulation, or None and the reason, after the parameters wanted by then:
         their rates may be newer than those in the scene that was built. A `body_force` goes on.
+        Where shells of the running fabric touch, which `is_touching` tells, those of the other one
+        may from its first step on.
         """
         self._post = post
         self._on_ready = on_ready
-        self._body_force = body_force
+        self._body_force, self._is_touching = body_force, is_touching
         self._wanted: Parameters | None = None
         self._scene: Scene | None = None  # of what is wanted, where it is built already
 
@@ -89,6 +92,9 @@ class Reweaver:
                     scene or Scene.from_parameters(parameters), body_wrenches=True,
                     body_force=self._body_force)
                 simulation.warm_up()
+                kernels = simulation.prepare_contacts(load=False)
+                if kernels is not None and self._is_touching():
+                    kernels.wait()
             except Exception as error:  # noqa: BLE001 - reported, the old fabric runs on
                 simulation, reason = None, str(error) or type(error).__name__
             self._post(lambda: self._finish(parameters, simulation, reason))

@@ -76,7 +76,9 @@ class RunChanges:
         self._state, self._time, self._inputs = state, time, inputs
         self._broadcast, self._pace = broadcast, pace
         self._post, self._fresh_status, self.on_rebuilt = post, fresh_status, on_rebuilt
-        self._reweaver = Reweaver(post, self._swap, state.simulation.body_force)
+        self._reweaver = Reweaver(
+            post, self._swap, state.simulation.body_force,
+            lambda: state.simulation.status.has_contacts)
         # A slider sends fifty changes a second.
         self._said = Complaints(_LOGGER.info)
         # Who waits for the fabric that is being built.

@@ -60,6 +60,7 @@ class Status(NamedTuple):
     obstructed: int = 0  # ends of connectors in their own shells
     cause: str = ''  # why the run is not faster
     limited_by: str = ''  # what limits the step, and since when; '': not known
+    waits: str = ''  # what simulated time waits for; '': it does not
     lag: float = 0.0  # longest time that a request waited since the last report [s]
 
 

@@ -29,6 +29,7 @@ class RunState:
     now: int  # [ns]
     paused: bool
     failure: str = ''  # why simulated time has stopped; '': it has not
+    is_held: bool = False  # the next step waits for its kernels
 
     @property
     def end(self) -> int:

@@ -49,6 +49,8 @@ from icofabric_sim.simulation.simulation import Simulation
 
 # Wall time between repeated live messages while the simulated time stands still [s].
 _IDLE_REFRESH = 0.5
+# Wall time between two looks whether what simulated time waits for is there [s].
+_HELD_CHECK = 0.05
 # A checkpoint, or how its path follows from the parameters in force.
 Place = str | Path | Callable[[Parameters], Path]
 
@@ -149,6 +151,7 @@ class Runner:
             cause=self._pace.cause(),
             limited_by=self._limited_by,
             lag=self.commands.lag,
+            waits=self._time.waits(),
             **figures(state.simulation),
         )
 
@@ -262,6 +265,7 @@ class Runner:
         """
         state = self.state
         self._time.follow(state.simulation)
+        self._time.prepare_contacts()
         self._time.stand_on_nanoseconds()
         self._broadcast.start(state.now, whole=begins_anew(state.simulation))
         self._pace.restart(state.now)
@@ -288,6 +292,11 @@ class Runner:
         self._do_commands()
         self._broadcast.report(state.now)
         request = self._time.requests.current
+        moves = request is not None or not (state.paused or state.failure or state.finished)
+        if moves and self._time.is_held():
+            self._refresh()
+            self.commands.wait(_HELD_CHECK)
+            return True
         if isinstance(request, AdvanceRequest):
             self._time.take_advance(request)
             return True

@@ -31,7 +31,7 @@ from icofabric_sim.running.run_events import Shown, shown_after
 from icofabric_sim.running.run_state import RunState
 from icofabric_sim.running.stall import StallWatch
 from icofabric_sim.running.time_requests import AdvanceRequest, StepRequest, TimeRequests
-from icofabric_sim.simulation.errors import Interrupted, SimulationError
+from icofabric_sim.simulation.errors import Interrupted, KernelsAwaited, SimulationError
 from icofabric_sim.simulation.simulation import Simulation
 
 _LOGGER = logging.getLogger('icofabric_sim')
@@ -68,6 +68,11 @@ class TimeAdvance:
         self._inputs.follow(simulation)
         self.begin_anew()
 
+    def prepare_contacts(self) -> None:
+        """Have a live run wait, and answer, where the first contact needs the compiler."""
+        if self.stall is not None:
+            self._state.simulation.prepare_contacts()
+
     def advance(self, end: int | None = None) -> None:
         """
         Advance to the next output, or for a moment, whichever is sooner; at most to `end` [ns].
@@ -91,6 +96,8 @@ class TimeAdvance:
             self._look_for_stall(seconds(state.now - before), computed)
         except SimulationError as error:
             self.fail(str(error), target)
+        except KernelsAwaited:
+            self._hold()
         except Interrupted:
             state.catch_up()
 
@@ -160,6 +167,7 @@ class TimeAdvance:
 
     def begin_anew(self) -> None:
         """Take the present motion as one that begins, e.g. after a reset."""
+        self._state.is_held = False
         if self.stall is not None:
             self.stall.begin(self._state.simulation.status.step)
 
@@ -186,6 +194,8 @@ class TimeAdvance:
                 self.requests.finish(state.now)
         except SimulationError as error:
             self.fail(str(error), target)
+        except KernelsAwaited:
+            self._hold()
         except Interrupted:
             state.catch_up()
 
@@ -211,6 +221,37 @@ class TimeAdvance:
             self.fail(str(error), state.now)
         except Interrupted:
             pass
+
+    def is_held(self) -> bool:
+        """Whether simulated time waits for kernels; where they are ready it runs again."""
+        state = self._state
+        kernels = state.simulation.contact_kernels
+        if state.is_held and (kernels is None or kernels.are_ready):
+            state.is_held = False
+            self._pace.restart(state.now)
+            _LOGGER.info('the kernels for contacts are ready, simulated time runs again')
+        return state.is_held
+
+    def waits(self) -> str:
+        """What simulated time waits for, '': it does not; for any thread."""
+        kernels = self._state.simulation.contact_kernels
+        if not self._state.is_held or kernels is None:
+            return ''
+        return f'compiling the kernels for contacts, for {kernels.seconds:.0f} s so far'
+
+    def _hold(self) -> None:
+        """Wait for the kernels of the next step; whatever needs none of them goes on."""
+        state = self._state
+        state.catch_up()
+        with suppress(Interrupted):
+            state.simulation.advance_to(seconds(state.now))
+        state.is_held = True
+        if state.simulation.contact_kernels is not None:
+            state.simulation.contact_kernels.hurry()
+        _LOGGER.info(
+            'simulated time waits at t = %.9g s: shells come near each other for the first time, '
+            'and the kernels for contacts are not ready yet; they are made once on a machine',
+            seconds(state.now))
 
     def fail(self, reason: str, target: int) -> None:
         """Stop simulated time: the simulation failed on its way to `target` [ns]."""
@@ -243,6 +284,8 @@ class TimeAdvance:
         self._patient_until = wall.monotonic() + _PATIENCE
         try:
             self._state.simulation.advance_to(seconds(target))
+        except KernelsAwaited:
+            raise
         except Interrupted:
             return False
         finally:

@@ -22,3 +22,11 @@ class SimulationError(RuntimeError):
 
 class Interrupted(Exception):
     """`should_stop` ended an advance; the simulation stands at a step end and can go on."""
+
+
+class KernelsAwaited(Interrupted):
+    """
+    The next step needs a kernel that is not compiled yet: the first contact, mostly.
+
+    The simulation stands at a step end, and goes on once `contact_kernels.are_ready`.
+    """

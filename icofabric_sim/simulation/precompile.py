@@ -18,14 +18,21 @@ A scene whose shells cannot touch yet is compiled without contact; the first con
 hold the run up for as long as the compiler takes. So where they are not on disk a process of
 lowest priority makes them ready; the run finds them there. It ends with the one that began it.
 ICOFABRIC_COMPILE_AHEAD=0 in the environment forbids it.
+
+A live run never compiles or loads them itself: a thread waits for that process, loads what it has
+made, and compiles what it has not (`ContactKernels`). If shells meet before, simulated time waits.
 """
 
 import atexit
+from collections.abc import Callable
 from contextlib import suppress
 import os
 import pickle
 import subprocess
 import sys
+import threading
+import time
+from typing import Any
 
 from icofabric_sim.kernels.runtime.target import target
 from icofabric_sim.scene.scene import Scene
@@ -41,12 +48,15 @@ _MOST = 2
 
 def compile_contact_ahead(
     scene: Scene, *, method: str, rotation: str, body_wrenches: bool
-) -> None:
-    """Begin to compile the kernels with contact of a scene, in another process."""
+) -> subprocess.Popen[bytes] | None:
+    """
+    Begin to compile the kernels with contact of a scene, in another process.
+
+    Returns the process that does it; None where there is none.
+    """
     if os.environ.get('ICOFABRIC_COMPILE_AHEAD', '1') == '0' or scene.body_count > _LARGEST:
-        return
-    given = {
-        **scene.parameters.given(), 'contact.mode': 'always', 'solver.method': method}
+        return None
+    given = {**scene.parameters.given(), **touching(method)}
     task = pickle.dumps((given, rotation, body_wrenches))
     # Those that have ended are taken note of, so that none of them stays behind.
     for key in [key for key, process in _processes.items() if process.poll() is not None]:
@@ -56,7 +66,7 @@ def compile_contact_ahead(
         (name, value if isinstance(value, (str, bool)) else bool(np.any(value)))
         for name, value in given.items()))
     if kind in _processes:
-        return
+        return _processes[kind]
     while len(_processes) >= _MOST:
         oldest = _processes.pop(next(iter(_processes)))
         oldest.kill()
@@ -73,6 +83,62 @@ def compile_contact_ahead(
         if process.stdin is not None:
             with process.stdin as pipe:
                 pipe.write(task)
+        return process
+    return None
+
+
+def touching(method: str) -> dict[str, Any]:
+    """Changes that give a scene as it is from the first contact on, by the `method` it has."""
+    return {'contact.mode': 'always', 'solver.method': method}
+
+
+class ContactKernels:
+    """The kernels that the first contact of one simulation needs, made ready in a thread."""
+
+    def __init__(
+        self, process: subprocess.Popen[bytes] | None, make_ready: Callable[[], object]
+    ) -> None:
+        """
+        Wait for the `process` that compiles them, if there is one, and call `make_ready`.
+
+        That loads them, and compiles those that are missing.
+        """
+        self._process, self._make_ready = process, make_ready
+        self._began = time.monotonic()
+        self._thread = threading.Thread(target=self._work, name='kernels', daemon=True)
+        self._thread.start()
+
+    @property
+    def are_ready(self) -> bool:
+        """Whether nothing is done for them any more."""
+        return not self._thread.is_alive()
+
+    @property
+    def seconds(self) -> float:
+        """Wall time [s] since they were asked for."""
+        return time.monotonic() - self._began
+
+    def wait(self) -> None:
+        """Wait until they are ready."""
+        self.hurry()
+        self._thread.join()
+
+    def hurry(self) -> None:
+        """
+        Have the process work at normal priority: the run waits for it.
+
+        Systems allow that to root, and where RLIMIT_NICE does; others leave it as it is.
+        """
+        if self._process is not None and self._process.poll() is None:
+            with suppress(OSError):
+                os.setpriority(os.PRIO_PROCESS, self._process.pid, 0)
+
+    def _work(self) -> None:
+        if self._process is not None:
+            self._process.wait()
+        # What is missing then is compiled where it is needed, or the reason is said there.
+        with suppress(Exception):
+            self._make_ready()
 
 
 def _environment() -> dict[str, str]:

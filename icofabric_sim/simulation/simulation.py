@@ -15,6 +15,7 @@
 
 from collections.abc import Callable
 import logging
+import subprocess
 
 from icofabric_sim import checks
 from icofabric_sim.kernels.runtime.interrupts import DeferredInterrupt
@@ -37,7 +38,7 @@ from icofabric_sim.simulation.input_types import (
 from icofabric_sim.simulation.model.body_force import as_body_force, BodyForce, Force
 from icofabric_sim.simulation.model.packing import pack_scene
 from icofabric_sim.simulation.model.snapshot import Snapshot
-from icofabric_sim.simulation.precompile import compile_contact_ahead
+from icofabric_sim.simulation.precompile import compile_contact_ahead, ContactKernels, touching
 from icofabric_sim.simulation.state_tree import StateTree
 from icofabric_sim.simulation.status import SimulationStatus
 from icofabric_sim.simulation.stepping.ledger import EnergyBalance
@@ -94,6 +95,9 @@ class Simulation:
         # to its time, or to the present one, to have it act.
         self.inputs = self._event_loop.inputs
         self._status = SimulationStatus(self._event_loop, self.packed)
+        # What makes ready what the first contact needs, once that is asked for.
+        self.contact_kernels: ContactKernels | None = None
+        self._lacks_contacts = False
         self._cached: Snapshot | None = None
         self._cached_at = 0
 
@@ -289,10 +293,39 @@ class Simulation:
         """
         self._event_loop.settle_loads()
         self._driver.warm_up()
-        if self.body_force is None and not self._driver.is_ready_for_contacts():
-            compile_contact_ahead(
-                self.scene, method=self._status.method_name, rotation=self.rotation,
-                body_wrenches=self._body_wrenches)
+        self._lacks_contacts = not self._driver.is_ready_for_contacts()
+        if self.body_force is None and self._lacks_contacts:
+            self._compile_ahead()
+
+    def prepare_contacts(self, *, load: bool = True) -> ContactKernels | None:
+        """
+        Have what the first contact needs made ready beside the run, and never by the run itself.
+
+        After `warm_up`. Until it is ready, an advance that needs it ends with KernelsAwaited. What
+        is on disk counts as ready unless it is to be loaded too. None where there is nothing to
+        make ready, or a body force, which one thread alone may call.
+        """
+        driver = self._driver
+        if (self.contact_kernels is None and self.body_force is None
+                and driver.contact.is_possible and driver.contact.contacts is None
+                and (load or self._lacks_contacts)):
+            process = self._compile_ahead() if self._lacks_contacts else None
+            driver.awaits_kernels = True
+            self.contact_kernels = ContactKernels(process, self._load_contacts)
+        return self.contact_kernels
+
+    def _compile_ahead(self) -> subprocess.Popen[bytes] | None:
+        return compile_contact_ahead(
+            self.scene, method=self._status.method_name, rotation=self.rotation,
+            body_wrenches=self._body_wrenches)
+
+    def _load_contacts(self) -> None:
+        try:
+            Simulation(
+                self.scene.with_changes(touching(self._status.method_name)),
+                rotation=self.rotation, body_wrenches=self._body_wrenches).warm_up()
+        finally:
+            self._driver.awaits_kernels = False
 
     def checkpoint(self) -> Checkpoint:
         """All that the run continues from; the run itself does not notice."""

@@ -117,6 +117,11 @@ class SimulationStatus:
         return int(self._driver.trajectory.ledger.touching)
 
     @property
+    def has_contacts(self) -> bool:
+        """Whether steps look for contacts: shells are near each other, or near a plane."""
+        return self._driver.contact.contacts is not None
+
+    @property
     def contact_tests(self) -> int:
         """Pairs tested in all steps so far; tests for snapshots in between do not count."""
         return self._driver.contact.tests

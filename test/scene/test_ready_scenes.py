@@ -17,6 +17,8 @@ Every scene in config/ is an example that works.
 It loads, moves, and keeps its energy; no two shells overlap by more than 1 % of a in two seconds.
 """
 
+from pathlib import Path
+
 from fabrics import changed, same_state
 import icofabric_sim as ico
 from icofabric_sim.parameters.ready_scenes import ready_scenes
@@ -39,6 +41,15 @@ TOUCHING = {'dropped_slab', 'draped_slab', 'folded_slab', 'squeezed_slab'}
 
 def test_the_scenes_of_the_readme_are_there():
     assert set(MOTION) <= set(SCENES)
+
+
+def test_the_scene_of_the_push_of_2_newtons_is_kept():
+    """It stands for itself: the ready scene of that name may change."""
+    scene = ico.load_scene(Path(__file__).parents[1] / 'scenes' / 'hanging_slab_wide.yaml')
+    assert scene.body_count == 56 and scene.connector_count == 207
+    assert scene.parameters['weave.connector_angle'] == 0.66
+    assert scene.parameters['connector.stiffness'] == 2000.0
+    assert set(scene.loads) == {'tip'} and set(scene.groups) == {'all', 'wall', 'tip'}
 
 
 def test_scene_is_loaded_by_name_or_path(tmp_path, monkeypatch):

@@ -18,15 +18,18 @@ Which pieces there are, and what they are to each other: pieces.py.
 """
 
 from collections.abc import Callable
+from functools import partial
 import logging
 import math
-from typing import Any
+from typing import Any, TypeVar
 
 from icofabric_sim.kernels import monitor
 from icofabric_sim.kernels.contact.rebuild_check import MISSED, MOVED_FAR
 from icofabric_sim.kernels.drives import place_driven
 from icofabric_sim.kernels.records import Loads, State
+from icofabric_sim.kernels.runtime.compile_notice import KernelsMissing
 from icofabric_sim.simulation.contact.broad_phase import BroadPhase
+from icofabric_sim.simulation.errors import KernelsAwaited
 from icofabric_sim.simulation.model.packing import PackedScene
 from icofabric_sim.simulation.model.stability import Frequency
 from icofabric_sim.simulation.state_tree import StateTree
@@ -35,6 +38,7 @@ from icofabric_sim.simulation.stepping.contact_scheduler import ContactScheduler
 from icofabric_sim.simulation.stepping.controllers import make_controller
 from icofabric_sim.simulation.stepping.embedded_control import EmbeddedControl
 from icofabric_sim.simulation.stepping.embedded_stepping import EmbeddedStepping
+from icofabric_sim.simulation.stepping.kernel_guard import no_compiling
 from icofabric_sim.simulation.stepping.method_calls import MethodCalls
 from icofabric_sim.simulation.stepping.methods import Method
 from icofabric_sim.simulation.stepping.motion_rates import MotionRates
@@ -50,6 +54,7 @@ from icofabric_sim.simulation.stepping.trial_steps import TrialSteps
 from icofabric_sim.simulation.stepping.uniform_stepping import UniformStepping
 
 _LOGGER = logging.getLogger('icofabric_sim')
+Result = TypeVar('Result')
 
 # Velocities over a that a chosen step may be wrong by, beside the tolerance for a second.
 _BESIDE_TOLERANCE = 100.0
@@ -119,6 +124,8 @@ class Driver:
             self._stepping = UniformStepping(self)
         # What the tolerance may add to velocities over a [1/s], where each step keeps to it.
         self._allowed_speed = _BESIDE_TOLERANCE * tolerance if own_errors else 0.0
+        # Whether a step whose kernel is not compiled is taken back, with KernelsAwaited.
+        self.awaits_kernels = False
         self._start(exact=False)
         self._require_stable(origin)
 
@@ -143,7 +150,7 @@ class Driver:
         while (count := self._stepping.count_until(time)) > 0:
             # What overlaps from the start is reported when the motion begins.
             self.contact.announce()
-            self._stepping.run(time, count)
+            self._or_back(partial(self._stepping.run, time, count))
             self._on_pause()
         self._stepping.check_within(time)
 
@@ -154,7 +161,7 @@ class Driver:
         May return early; 0 says that the next step would end later.
         """
         self.trajectory.require_sound()
-        return self._stepping.run_steps(count, until)
+        return self._or_back(partial(self._stepping.run_steps, count, until))
 
     def cut(self, time: float) -> None:
         """Advance to `time` and end the step in progress there; the next step starts there."""
@@ -223,6 +230,29 @@ class Driver:
     def is_ready_for_contacts(self) -> bool:
         """Whether steps with contacts could be taken at once: nothing need be compiled."""
         return self._stepping.is_ready_for_contacts()
+
+    def _or_back(self, work: Callable[[], Result]) -> Result:
+        """
+        Do `work`, which takes steps; where these need the kernels that are awaited, go back.
+
+        Raises KernelsAwaited then. Other kernels, which take a moment, are compiled in place.
+        """
+        if not self.awaits_kernels or self.contact.contacts is not None:
+            return work()
+        before, loads = self.state_tree(), self.trajectory.loads
+        try:
+            with no_compiling():
+                result = work()
+            if self.contact.contacts is not None:
+                # The next step would need them, and a state that is shown before it.
+                raise KernelsMissing
+        except KernelsMissing:
+            is_touching = self.contact.contacts is not None
+            self.load_state(StateTree(before), loads)
+            if is_touching:
+                raise KernelsAwaited from None
+            return work()
+        return result
 
     def error_rate(self) -> float:
         """Error that the method adds for each second, measured last."""

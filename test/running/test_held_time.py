@@ -1,0 +1,215 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""Simulated time waits for kernels that are not ready; the node answers, and no bit changes."""
+
+from concurrent.futures import ThreadPoolExecutor
+import threading
+import time
+
+import icofabric_sim as ico
+from icofabric_sim.kernels.runtime.compile_notice import KernelsMissing
+from icofabric_sim.messages import decode_clock, decode_diagnostic_array
+from icofabric_sim.messages.schedule import seconds
+from icofabric_sim.messages.topics import CLOCK, DIAGNOSTICS
+from icofabric_sim.running import runner as runner_module
+from icofabric_sim.running.diagnostics import HealthReport
+from icofabric_sim.running.runner import Runner
+from icofabric_sim.simulation import simulation as simulation_module
+from icofabric_sim.simulation.errors import KernelsAwaited
+from icofabric_sim.simulation.precompile import ContactKernels
+from icofabric_sim.simulation.stepping.kernel_guard import guarded_alike, no_compiling
+from numba import njit
+import pytest
+from runner_helpers import Beside, ListSink, push
+
+# It is some 8 cm above the floor at first.
+SCENE = ico.load_scene('dropped_slab').with_changes({'duration': 0.2, 'real_time_factor': 0.0})
+PUSH = (0.3, 0.0, 0.0)
+
+
+@pytest.fixture(scope='module', autouse=True)
+def _compiled():
+    """Nothing has to be compiled while time is taken."""
+    simulation = ico.compile_scene(SCENE)
+    simulation.advance_to(0.15)
+    assert simulation.status.has_contacts
+
+
+class Kernels:
+    """They are ready when the test says so."""
+
+    def __init__(self, simulation):
+        self._driver, self.are_ready, self.seconds = simulation._driver, False, 3.2
+        self.hurried = 0
+        simulation._driver.awaits_kernels = True
+
+    def hurry(self):
+        self.hurried += 1
+
+    def finish(self):
+        self._driver.awaits_kernels = False
+        self.are_ready = True
+
+
+@pytest.fixture
+def held(monkeypatch):
+    """Makes a live runner whose first contact finds no kernels."""
+    monkeypatch.setattr(runner_module, '_IDLE_REFRESH', 0.05)
+    monkeypatch.setattr(
+        simulation_module.Simulation, 'prepare_contacts',
+        lambda self, **_: setattr(self, 'contact_kernels', Kernels(self)))
+    report = HealthReport('/icofabric')
+    sink = ListSink(CLOCK, DIAGNOSTICS)
+    return Runner(
+        ico.compile_scene(SCENE), [sink], report=lambda status: report.bytes(status)), sink
+
+
+def wait_until_held(beside):
+    beside.wait_for(lambda: beside.runner.state.is_held)
+    return beside.runner.simulation.contact_kernels
+
+
+def final(runner, beside):
+    beside.wait_for(lambda: runner.finished)
+    return runner.post(runner.simulation.snapshot).result(60.0)
+
+
+def test_it_goes_back_to_a_step_end_and_goes_on_with_the_same_bits():
+    free, waiting = ico.compile_scene(SCENE), ico.compile_scene(SCENE)
+    waiting._driver.awaits_kernels = True
+    held_at = []
+    for k in range(1, 31):
+        free.advance_to(0.005 * k)
+        while waiting.time < 0.005 * k:
+            try:
+                waiting.advance_to(0.005 * k)
+            except KernelsAwaited:
+                held_at.append(waiting.time)
+                # It can be shown, and saved, as it stands.
+                assert not waiting.status.has_contacts
+                waiting.snapshot()
+                waiting.restore(waiting.checkpoint())
+                if len(held_at) == 3:
+                    waiting._driver.awaits_kernels = False
+        assert waiting.snapshot().position.tobytes() == free.snapshot().position.tobytes()
+    assert len(held_at) == 3 and len(set(held_at)) == 1 and 0.05 < held_at[0] < 0.15
+    assert waiting.status.step_count == free.status.step_count
+
+
+def test_requests_are_answered_while_simulated_time_waits(held):
+    runner, sink = held
+    direct = ico.compile_scene(SCENE)
+    with Beside(runner) as beside:
+        kernels = wait_until_held(beside)
+        now = runner.now
+        assert kernels.hurried == 1 and 50_000_000 < now < 150_000_000
+        # Generous: another process may have the processor. The compiler takes a minute.
+        assert runner.set_paused(True).result(5.0) == now
+        assert runner.set_paused(False).result(5.0) == now
+        assert runner.status().waits == 'compiling the kernels for contacts, for 3 s so far'
+        push(runner, 'push', force=PUSH)
+        advance = runner.advance()
+        ticks = len(sink.of(CLOCK))
+        beside.wait_for(lambda: len(sink.of(CLOCK)) >= ticks + 3)
+        assert {decode_clock(data) for _, data in sink.of(CLOCK)[ticks:]} == {now}
+        beside.wait_for(lambda: any(
+            'simulated time waits: compiling' in decode_diagnostic_array(data)[1][0].message
+            for _, data in sink.of(DIAGNOSTICS)))
+        assert not advance.done() and runner.now == now
+        kernels.finish()
+        assert advance.result(60.0) == now + 10_000_000
+        end = final(runner, beside)
+        assert runner.status().waits == ''
+    direct.advance_to(seconds(now))
+    direct.apply_wrench('push', PUSH)
+    direct.advance_to(0.2)
+    assert end.position.tobytes() == direct.snapshot().position.tobytes()
+
+
+def test_a_reset_ends_the_wait_and_steps_come_to_it_again(held):
+    runner, _ = held
+    with Beside(runner) as beside:
+        kernels = wait_until_held(beside)
+        runner.set_paused(True).result(5.0)
+        runner.reset(time_reset=True).result(5.0)
+        assert not runner.state.is_held and runner.now == 0
+        runner.post(lambda: runner.state.parameters).result(5.0)
+        steps = runner.take_steps()
+        assert steps.result(60.0) > 0
+        runner.set_paused(False).result(5.0)
+        wait_until_held(beside)
+        kernels.finish()
+        assert final(runner, beside).time == 0.2
+
+
+def test_a_guarded_thread_neither_compiles_nor_loads_and_others_do():
+    fresh = njit(lambda x: x + 1)
+    with no_compiling():
+        with pytest.raises(KernelsMissing):
+            fresh(1)
+        with ThreadPoolExecutor(1) as pool:
+            # The guarded one first: what is compiled once is there.
+            with pytest.raises(KernelsMissing):
+                pool.submit(guarded_alike(fresh), 1).result(60.0)
+            assert pool.submit(fresh, 1).result(60.0) == 2
+        assert fresh(2) == 3
+
+
+class Process:
+    """A helper that ends when it is told to."""
+
+    def __init__(self):
+        self.ended, self.pid = threading.Event(), 2**22 + 1
+
+    def wait(self):
+        self.ended.wait(30.0)
+
+    def poll(self):
+        return 0 if self.ended.is_set() else None
+
+
+def test_kernels_are_loaded_once_the_process_that_compiles_them_has_ended():
+    process, loaded = Process(), []
+    kernels = ContactKernels(process, lambda: loaded.append(process.ended.is_set()))
+    kernels.hurry()  # no such process: nothing happens
+    assert not kernels.are_ready and not loaded
+    process.ended.set()
+    kernels.wait()
+    assert kernels.are_ready and loaded == [True] and 0.0 < kernels.seconds < 60.0
+
+
+def test_what_the_first_contact_needs_is_loaded_ahead():
+    simulation = ico.compile_scene(SCENE)
+    simulation.warm_up()
+    kernels = simulation.prepare_contacts()
+    assert simulation.prepare_contacts() is kernels
+    assert simulation._driver.awaits_kernels or kernels.are_ready
+    kernels.wait()
+    assert not simulation._driver.awaits_kernels
+    deadline = time.monotonic() + 60.0
+    while simulation.time < 0.15:
+        assert time.monotonic() < deadline
+        with no_compiling():
+            simulation.advance_to(simulation.time + 0.005)
+    assert simulation.status.has_contacts
+
+
+def test_there_is_nothing_to_prepare_without_contacts_or_beside_a_function_of_the_user():
+    with_force = ico.compile_scene(SCENE)
+    with_force.body_force = 'a function'
+    for simulation in (
+            ico.compile_scene(SCENE.with_changes({'contact.mode': 'never'})),
+            ico.compile_scene(SCENE.with_changes({'contact.mode': 'always'})), with_force):
+        assert simulation.prepare_contacts() is None
+        assert not simulation._driver.awaits_kernels
