@@ -39,6 +39,8 @@ setup(
         'ros': ['ros-jazzy-rclpy[fastrtps]==7.1.6', 'ros-jazzy-common-interfaces==5.3.6'],
         # `icofabric render` and the pictures of statics and modes.
         'pictures': ['matplotlib'],
+        # `icofabric film`: its wheel carries ffmpeg.
+        'film': ['imageio-ffmpeg', 'matplotlib'],
         'test': ['pytest', 'pytest-timeout', 'pytest-xdist'],
         # The environment in examples/.
         'examples': ['gymnasium'],

@@ -16,11 +16,16 @@
 import argparse
 import math
 from pathlib import Path
-import re
 from typing import TYPE_CHECKING
 
 from icofabric_sim.commands.bags import bag_errors, bag_path
-from icofabric_sim.terminal import InputError, Progress, require_place
+from icofabric_sim.commands.picture_arguments import (
+    add_picture_arguments,
+    camera_view,
+    picture_size,
+    time_span,
+)
+from icofabric_sim.terminal import bad_input, InputError, Progress, require_place
 
 if TYPE_CHECKING:
     import numpy as np
@@ -28,7 +33,6 @@ if TYPE_CHECKING:
 _DEFAULT_COUNT = 8
 _FILES = (
     '.avi', '.gif', '.jpeg', '.jpg', '.mkv', '.mov', '.mp4', '.pdf', '.png', '.svg', '.webm')
-_SMALLEST, _LARGEST = 320, 16000  # pixels
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -48,18 +52,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--output', metavar='DIR',
         help='folder for frame_0001.png, ... (default: BAG_frames, unless --sheet is given)')
-    parser.add_argument(
-        '--size', default='1280x960', metavar='WxH', help='pixels of a picture (%(default)s)')
-    parser.add_argument(
-        '--view', type=float, nargs=2, metavar=('AZIMUTH', 'ELEVATION'),
-        help='where the viewer stands [degrees]: from +x towards +y, and above the horizontal '
-             '(default: -65 12)')
+    add_picture_arguments(parser, '1280x960')
 
 
 def main(arguments: argparse.Namespace) -> int:
     """Draw frames, a sheet, or both."""
-    size = _size(arguments.size)
-    view = _angles(arguments.view)
+    size = picture_size(arguments.size)
+    view = camera_view(arguments.camera)
     path = bag_path(arguments.bag)
     sheet = None if arguments.sheet is None else Path(arguments.sheet).expanduser()
     if sheet is not None and sheet.suffix.lower() != '.png':
@@ -74,20 +73,18 @@ def main(arguments: argparse.Namespace) -> int:
         require_place('--output', Path(arguments.output).expanduser(), is_folder=True)
     from icofabric_sim.bag import next_free_path
     from icofabric_sim.bag.recorded_run import RecordedRun
-    from icofabric_sim.pictures.fabric_polygons import LARGEST_SHELL_COUNT, View
     from icofabric_sim.pictures.render import RunPictures
 
     with bag_errors(path), RecordedRun(path) as run:
         recorded = run.pose_times()
         times = _times(arguments, recorded)
-        pictures = RunPictures(run, view=View() if view is None else View(*view), size=size)
-        bodies = run.scene_at(int(times[0])).body_count
-        if bodies > LARGEST_SHELL_COUNT:
-            print(f'{bodies:,} bodies: each is drawn as a disc (shells up to '
-                  f'{LARGEST_SHELL_COUNT:,})')
+        with bad_input():
+            pictures = RunPictures(
+                run, times, view=view, size=size, color=arguments.color,
+                bodies=arguments.bodies, follow=arguments.follow)
         if sheet is not None:
             sheet.parent.mkdir(parents=True, exist_ok=True)
-            pictures.sheet(times, sheet)
+            pictures.sheet(sheet)
             print(f'{len(times)} moments in {sheet}')
         if arguments.output or sheet is None:
             folder = Path(arguments.output).expanduser() if arguments.output else next_free_path(
@@ -97,7 +94,7 @@ def main(arguments: argparse.Namespace) -> int:
                     f'--output {folder} holds frames already, and they would be mixed; choose '
                     'another folder')
             with Progress(len(times), 'frames') as progress:
-                drawn = pictures.frames(times, folder, progress=progress.update)
+                drawn = pictures.frames(folder, progress=progress.update)
             print(f'{len(drawn)} frames in {folder}')
     return 0
 
@@ -108,6 +105,11 @@ def _times(arguments: argparse.Namespace, recorded: 'np.ndarray') -> 'np.ndarray
     import numpy as np
     if not len(recorded):
         raise InputError(f'{arguments.bag} holds no poses to draw')
+    start, end = time_span(arguments, float(recorded[0]) / 1e9, float(recorded[-1]) / 1e9)
+    recorded = recorded[(recorded >= 1e9 * start - 0.5) & (recorded <= 1e9 * end + 0.5)]
+    if not len(recorded):
+        raise InputError(
+            f'no poses were recorded from {start:g} s to {end:g} s: choose a longer span')
     first, last = int(recorded[0]), int(recorded[-1])
     span = f'the run was recorded from {first / 1e9:.6g} s to {last / 1e9:.6g} s'
     if arguments.times is not None:
@@ -127,24 +129,3 @@ def _times(arguments: argparse.Namespace, recorded: 'np.ndarray') -> 'np.ndarray
     if not count >= 1:
         raise InputError(f'--frames must be at least 1, got {count}')
     return spread_times(recorded, count)
-
-
-def _size(text: str) -> tuple[int, int]:
-    match = re.fullmatch('([0-9]{1,5})[x,]([0-9]{1,5})', text)
-    if match is None:
-        raise InputError(f'--size must be WIDTHxHEIGHT in pixels, such as 1280x960, got {text!r}')
-    size = int(match[1]), int(match[2])
-    if not all(_SMALLEST <= side <= _LARGEST for side in size):
-        raise InputError(f'--size must be {_SMALLEST} to {_LARGEST} pixels each way, got {text}')
-    return size
-
-
-def _angles(degrees: list[float] | None) -> tuple[float, float] | None:
-    if degrees is None:
-        return None
-    azimuth, elevation = degrees
-    if not (math.isfinite(azimuth) and abs(elevation) <= 90.0):
-        raise InputError(
-            f'--view takes an azimuth and an elevation from -90 to 90 degrees, got {azimuth:g} '
-            f'{elevation:g}')
-    return math.radians(azimuth), math.radians(elevation)

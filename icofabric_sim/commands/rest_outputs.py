@@ -86,17 +86,16 @@ class RestOutputs(NamedTuple):
         self, name: str, scene: 'Scene', states: list[tuple['np.ndarray', 'np.ndarray', str]]
     ) -> None:
         """Draw configurations side by side."""
-        from icofabric_sim.pictures.drawing import Moment, Renderer
-        from icofabric_sim.pictures.fabric_polygons import bounds_of, View
+        from icofabric_sim.pictures.drawing import frame_moments, Renderer
+        from icofabric_sim.pictures.measures import fit_scale
+        from icofabric_sim.pictures.moment import Moment
 
         assert self.picture is not None
-        view, half_edge = View(), scene.geometry.half_edge
-        bounds = bounds_of(states[0][0], half_edge, view)
-        for position, _, _ in states[1:]:
-            bounds = bounds.joined(bounds_of(position, half_edge, view))
+        moments = [Moment(math.nan, *state[:2], scene, state[2]) for state in states]
         self.picture.parent.mkdir(parents=True, exist_ok=True)
-        Renderer(bounds, title=name, view=view).sheet(
-            [Moment(math.nan, *state[:2], scene, state[2]) for state in states], self.picture)
+        Renderer(
+            frame_moments(moments), title=name, color='strain',
+            scale=fit_scale('strain', moments)).sheet(moments, self.picture)
         print(f'drawn to {self.picture}')
 
 

@@ -12,176 +12,297 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-A fabric as flat, coloured polygons in drawing order: shells and connectors seen from far away.
+A fabric as flat, coloured polygons in drawing order, as a camera sees it.
 
-The projection is orthographic, so lengths across the line of sight keep one scale. Whatever is
-nearer is drawn later; shells are convex, so that of one shell only the faces towards the viewer
-are drawn, in any order.
+Whatever is nearer to the eye is drawn later. Shells are convex and of one size and connectors are
+cut into pieces, so the order of their middles is that of what hides what; of one shell only the
+faces towards the viewer are drawn.
 """
 
+from collections.abc import Sequence
 import math
 from typing import NamedTuple
 
 from icofabric_sim.geometry.icosahedron import circumscribed_radius, face_geometry, outer_triangles
 from icofabric_sim.geometry.rotations import cosines_from_quaternions
-from icofabric_sim.messages.markers import held_bodies, SHELL_CLASSES, STRAIN_CLASSES
+from icofabric_sim.messages.markers import held_bodies, SHELL_CLASSES
+from icofabric_sim.pictures.camera import Area, Camera
+from icofabric_sim.pictures.light import light_on, Lighting
+from icofabric_sim.pictures.measures import connector_ends, find_contacts, Scale, values_of
+from icofabric_sim.pictures.moment import Moment
 from icofabric_sim.scene.scene import Scene
 import numpy as np
 
-BACKGROUND = np.array([1.0, 1.0, 1.0])
 FREE_COLOR, HELD_COLOR = (np.array(entry.color[:3]) for entry in SHELL_CLASSES)
-# Above this many bodies a shell is drawn as a disc: its faces would be a pixel or two wide.
-LARGEST_SHELL_COUNT = 10_000
-# From the viewer's upper left; the rest of the light comes from everywhere.
-_LIGHT = np.array([-0.45, 0.60, 0.66])
-_AMBIENT = 0.45
-# Part of the background's colour in what is farthest away.
-_HAZE = 0.45
-# A connector is cut into pieces, so that each is drawn in front of and behind the right shells.
-_PIECES = 4
-_DISC_CORNERS = 12
-
-
-class View(NamedTuple):
-    """Where the viewer stands, as seen from the fabric."""
-
-    azimuth: float = math.radians(-65.0)  # [rad] from +x towards +y
-    elevation: float = math.radians(12.0)  # [rad] above the horizontal plane
-
-    @property
-    def axes(self) -> np.ndarray:
-        """Rows: unit vectors to the right, upwards and towards the viewer, world components."""
-        ca, sa = math.cos(self.azimuth), math.sin(self.azimuth)
-        ce, se = math.cos(self.elevation), math.sin(self.elevation)
-        return np.array([[-sa, ca, 0.0], [-se * ca, -se * sa, ce], [ce * ca, ce * sa, se]])
-
-
-class Bounds(NamedTuple):
-    """What all pictures of a run show, so that they share one scale [m]."""
-
-    low: np.ndarray  # (3,) right, up, towards the viewer
-    high: np.ndarray
-
-    def joined(self, other: 'Bounds') -> 'Bounds':
-        """Bounds of both."""
-        return Bounds(np.minimum(self.low, other.low), np.maximum(self.high, other.high))
+DRIVEN_COLOR = np.array([0.36, 0.55, 0.53])
+PLAIN_CONNECTOR_COLOR = np.array([0.56, 0.57, 0.58])
+BROKEN_COLOR = np.array([0.16, 0.15, 0.15])
+ANCHOR_COLOR = np.array([0.13, 0.45, 0.30])
+CONTACT_COLOR = np.array([0.80, 0.16, 0.55])
+# Shells with edges of fewer pixels are drawn as discs, and of up to so many without bevels.
+_DISC_PIXELS, _PLAIN_PIXELS = 1.2, 5.0
+# The bevel along the edges of a face, as a part of its height, and how much brighter it is.
+_BEVEL, _GLINT = 0.055, 1.10
+# A connector is cut into pieces of about half an edge, at most so many.
+_MOST_PIECES = 12
+_DISC_CORNERS = 10
+# Breadth [half edges] of a connector, and the strips that make it look round: their sides as
+# parts of it, and their brightness.
+_BREADTH = 0.16
+_STRIPS = ((-0.5, 0.5, 0.66), (-0.38, 0.22, 0.98), (-0.22, -0.02, 1.16))
+# What broken connectors leave at both ends, as a part of their length.
+_STUB = 0.16
 
 
 class Polygons(NamedTuple):
     """Quadrilaterals (a triangle repeats a corner) in drawing order."""
 
-    corners: np.ndarray  # (m, k, 2) [m], right and up
+    corners: np.ndarray  # (m, k, 2) [pixels]
     colors: np.ndarray  # (m, 3)
 
 
-def bounds_of(position: np.ndarray, half_edge: float, view: View) -> Bounds:
-    """Bounds of shells at `position` (n, 3)."""
-    seen = position @ view.axes.T
-    radius = circumscribed_radius(half_edge)
-    return Bounds(seen.min(axis=0) - radius, seen.max(axis=0) + radius)
+class _Part(NamedTuple):
+    corners: np.ndarray  # (m, k, 2) [pixels]
+    colors: np.ndarray  # (m, 3)
+    distance: np.ndarray  # (m,) [m] from the eye
 
 
-def connector_ends(scene: Scene, position: np.ndarray, orientation: np.ndarray) -> np.ndarray:
-    """World positions [m] of the ends of all connectors, (c, 2, 3)."""
-    bodies = scene.connectors.bodies
-    cosines = cosines_from_quaternions(orientation)[bodies]
-    arms = np.einsum('cea,ceai->cei', scene.connectors.points_body, cosines)
-    return np.asarray(position[bodies] + arms)
+def shown_bodies(scene: Scene, bodies: np.ndarray | None) -> np.ndarray:
+    """Which bodies are drawn, (n,) bool."""
+    if bodies is None:
+        return np.ones(scene.body_count, dtype=bool)
+    shown = np.zeros(scene.body_count, dtype=bool)
+    shown[bodies[bodies < scene.body_count]] = True
+    return shown
 
 
-def strain_classes(scene: Scene, ends: np.ndarray) -> np.ndarray:
-    """Number of the class in `markers.STRAIN_CLASSES` of each connector."""
-    length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
-    strain = length / scene.connectors.natural_length - 1.0
-    return np.searchsorted([entry.above for entry in STRAIN_CLASSES[1:]], strain, side='left')
+def driven_bodies(scene: Scene) -> np.ndarray:
+    """Whether a drive moves each body, (n,) bool."""
+    driven = np.zeros(scene.body_count, dtype=bool)
+    for drive in scene.drives.values():
+        driven[drive.bodies] = True
+    return driven
+
+
+def body_colors(scene: Scene) -> np.ndarray:
+    """Colours (n, 3) of bodies that are free, held or driven."""
+    colors = np.where(held_bodies(scene)[:, None], HELD_COLOR, FREE_COLOR)
+    colors[driven_bodies(scene)] = DRIVEN_COLOR
+    return np.asarray(colors)
 
 
 def fabric_polygons(
-    scene: Scene,
-    position: np.ndarray,
-    orientation: np.ndarray,
-    *,
-    view: View,
-    bounds: Bounds,
-    line_width: float,
-    broken: np.ndarray | None = None,
+    moment: Moment, camera: Camera, area: Area, *, scale: Scale | None = None, color: str = '',
+    bodies: np.ndarray | None = None, marks: bool = True
 ) -> Polygons:
     """
-    All that is to be drawn of a fabric in one state; connectors are `line_width` [m] wide.
+    All that is to be drawn of a fabric in one state.
 
-    Without those whose numbers are `broken`.
+    `color` names the quantity that `scale` shows. Only the `bodies` of these numbers are drawn,
+    with the connectors between them. `marks`: contacts are marked.
     """
-    axes = view.axes
-    if scene.body_count > LARGEST_SHELL_COUNT:
-        parts = [_discs(scene, position, axes)]
-    else:
-        parts = [_shells(scene, position, orientation, axes)]
+    scene = moment.scene
+    shown = shown_bodies(scene, bodies) & np.isfinite(moment.position).all(axis=1)
+    lighting = Lighting.of(camera.axes)
+    of_bodies = scale is not None and scale.quantity.of_bodies
+    colors = body_colors(scene)
+    values = np.zeros(0) if scale is None else values_of(color, moment)
+    if scale is not None and of_bodies:
+        colors = scale.colors(values)
+    parts = [_shells(moment, colors, np.flatnonzero(shown & camera.is_before(moment.position)),
+                     camera, area, lighting)]
     if scene.connector_count:
-        parts.append(_connectors(scene, position, orientation, axes, line_width, broken))
-    corners, colors, depth = (np.concatenate(column) for column in zip(*_padded(parts)))
-    span = max(float(bounds.high[2] - bounds.low[2]), np.finfo(float).tiny)
-    haze = _HAZE * np.clip((bounds.high[2] - depth) / span, 0.0, 1.0)[:, None]
-    order = np.argsort(depth, kind='stable')
-    return Polygons(corners[order], ((1.0 - haze) * colors + haze * BACKGROUND)[order])
+        chosen = shown[scene.connectors.bodies].all(axis=1)
+        painted = scale.colors(values) if scale is not None and not of_bodies else np.tile(
+            PLAIN_CONNECTOR_COLOR, (scene.connector_count, 1))
+        parts += _connectors(moment, painted, chosen, camera, area)
+    parts += _anchors(moment, shown, camera, area)
+    if marks and scene.body_count <= 20_000:
+        parts.append(_contacts(moment, shown, camera, area))
+    return _ordered([part for part in parts if len(part.corners)])
 
 
-_Part = tuple[np.ndarray, np.ndarray, np.ndarray]  # corners, colours, depth
-
-
-def _padded(parts: list[_Part]) -> list[_Part]:
-    most = max(corners.shape[1] for corners, _, _ in parts)
-    result = []
-    for corners, colors, depth in parts:
-        missing = np.repeat(corners[:, -1:], most - corners.shape[1], axis=1)
-        result.append((np.concatenate([corners, missing], axis=1), colors, depth))
-    return result
-
-
-def _body_colors(scene: Scene) -> np.ndarray:
-    return np.where(held_bodies(scene)[:, None], HELD_COLOR, FREE_COLOR)
+def _ordered(parts: Sequence[_Part]) -> Polygons:
+    if not parts:
+        return Polygons(np.zeros((0, 4, 2)), np.zeros((0, 3)))
+    most = max(part.corners.shape[1] for part in parts)
+    corners = np.concatenate([
+        np.concatenate([part.corners, np.repeat(
+            part.corners[:, -1:], most - part.corners.shape[1], axis=1)], axis=1)
+        for part in parts])
+    order = np.argsort(-np.concatenate([part.distance for part in parts]), kind='stable')
+    return Polygons(corners[order], np.concatenate([part.colors for part in parts])[order])
 
 
 def _shells(
-    scene: Scene, position: np.ndarray, orientation: np.ndarray, axes: np.ndarray
+    moment: Moment, colors: np.ndarray, chosen: np.ndarray, camera: Camera, area: Area,
+    lighting: Lighting
 ) -> _Part:
-    half_edge = scene.shell.half_edge
-    turned = np.einsum('nab,vb->nav', cosines_from_quaternions(orientation), axes)
-    normals = np.einsum('fa,nav->nfv', face_geometry(half_edge).normals, turned)
-    body, face = np.nonzero(normals[:, :, 2] > 0.0)
-    corners = np.einsum('fka,nav->nfkv', outer_triangles(half_edge), turned)[body, face]
-    centre = position @ axes.T
-    corners += centre[body][:, None]
-    light = np.clip(normals[body, face] @ _LIGHT, 0.0, 1.0)[:, None]
-    colors = _body_colors(scene)[body] * (_AMBIENT + (1.0 - _AMBIENT) * light)
-    return corners[:, :, :2], colors, centre[body, 2]
+    half_edge = moment.scene.shell.half_edge
+    position, distance = moment.position[chosen], camera.distances(moment.position[chosen])
+    edge = 2.0 * half_edge * camera.pixels_per_meter(area)
+    if edge < _DISC_PIXELS or not len(chosen):
+        return _discs(position, colors[chosen], distance, half_edge, camera, area, lighting)
+    cosines = cosines_from_quaternions(moment.orientation[chosen])
+    normals = np.einsum('fa,nai->nfi', face_geometry(half_edge).normals, cosines)
+    corners = np.einsum('fka,nai->nfki', outer_triangles(half_edge), cosines)
+    corners += position[:, None, None]
+    middle = corners.mean(axis=2)
+    body, face = np.nonzero(np.einsum('nfi,nfi->nf', camera.eye - middle, normals) > 0.0)
+    light = light_on(
+        lighting, middle[body, face], normals[body, face], body, position, half_edge)
+    faces = colors[chosen][body] * light
+    seen = camera.project(corners[body, face], area)
+    if edge < _PLAIN_PIXELS:
+        return _Part(seen, faces, distance[body])
+    # The rim of a face first, then the face within it.
+    inner = seen + 3.0 * _BEVEL * (seen.mean(axis=1, keepdims=True) - seen)
+    return _Part(
+        np.stack([seen, inner], axis=1).reshape(-1, 3, 2),
+        np.stack([_GLINT * faces + 0.02, faces], axis=1).reshape(-1, 3),
+        np.repeat(distance[body], 2))
 
 
-def _discs(scene: Scene, position: np.ndarray, axes: np.ndarray) -> _Part:
-    angle = np.arange(_DISC_CORNERS) * (2.0 * np.pi / _DISC_CORNERS)
+def _discs(
+    position: np.ndarray, colors: np.ndarray, distance: np.ndarray, half_edge: float,
+    camera: Camera, area: Area, lighting: Lighting
+) -> _Part:
+    if not len(position):
+        return _Part(np.zeros((0, 4, 2)), np.zeros((0, 3)), np.zeros(0))
+    angle = np.arange(_DISC_CORNERS) * (2.0 * math.pi / _DISC_CORNERS)
     rim = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    centre = position @ axes.T
-    radius = 0.5 * scene.geometry.cube_width
-    return centre[:, None, :2] + radius * rim, 0.85 * _body_colors(scene), centre[:, 2]
+    radius = 0.9 * circumscribed_radius(half_edge) * camera.focal(area) / distance
+    normals = np.broadcast_to(
+        (lighting.front + np.array([0.0, 0.0, 0.7])) / np.linalg.norm(
+            lighting.front + np.array([0.0, 0.0, 0.7])), position.shape)
+    light = light_on(
+        lighting, position + half_edge * normals, normals, np.arange(len(position)), position,
+        half_edge)
+    centre = camera.project(position, area)
+    return _Part(centre[:, None] + radius[:, None, None] * rim, colors * light, distance)
 
 
 def _connectors(
-    scene: Scene, position: np.ndarray, orientation: np.ndarray, axes: np.ndarray, width: float,
-    broken: np.ndarray | None
+    moment: Moment, colors: np.ndarray, chosen: np.ndarray, camera: Camera, area: Area
+) -> list[_Part]:
+    scene = moment.scene
+    ends = connector_ends(scene, moment.position, moment.orientation)
+    chosen = chosen & camera.is_before(ends).all(axis=1)
+    broken = np.zeros(len(ends), dtype=bool)
+    if moment.broken is not None:
+        broken[moment.broken] = True
+    whole = chosen & ~broken
+    parts = [_cables(ends[whole], colors[whole], scene.shell.half_edge, camera, area)]
+    torn = ends[chosen & broken]
+    if len(torn):
+        reach = np.minimum(_STUB, 1.5 * scene.shell.half_edge / np.maximum(
+            np.linalg.norm(torn[:, 1] - torn[:, 0], axis=1), 1e-300))[:, None]
+        stubs = np.concatenate([
+            np.stack([torn[:, side], torn[:, side] + reach * (torn[:, 1 - side] - torn[:, side])],
+                     axis=1) for side in (0, 1)])
+        parts.append(_cables(
+            stubs, np.tile(BROKEN_COLOR, (len(stubs), 1)), scene.shell.half_edge, camera, area))
+        parts.append(_balls(
+            stubs[:, 1], np.tile(BROKEN_COLOR, (len(stubs), 1)), 0.17 * scene.shell.half_edge,
+            camera, area))
+    return parts
+
+
+def _cables(
+    ends: np.ndarray, colors: np.ndarray, half_edge: float, camera: Camera, area: Area
 ) -> _Part:
-    ends = connector_ends(scene, position, orientation)
-    palette = np.array([entry.color[:3] for entry in STRAIN_CLASSES])
-    colors = palette[strain_classes(scene, ends)]
-    if broken is not None and len(broken):
-        ends, colors = np.delete(ends, broken, axis=0), np.delete(colors, broken, axis=0)
-    seen = ends @ axes.T
-    pieces = 1 if scene.body_count > LARGEST_SHELL_COUNT else _PIECES
+    """Round bars between points (c, 2, 3), in pieces."""
+    if not len(ends):
+        return _Part(np.zeros((0, 4, 2)), np.zeros((0, 3)), np.zeros(0))
+    length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+    pieces = int(np.clip(math.ceil(float(np.median(length)) / half_edge), 2, _MOST_PIECES))
+    if len(ends) > 20_000:
+        pieces = 1
     at = np.linspace(0.0, 1.0, pieces + 1)[:, None, None]
-    points = (1.0 - at) * seen[:, 0] + at * seen[:, 1]  # (pieces + 1, c, 3)
-    start, stop = points[:-1].reshape(-1, 3), points[1:].reshape(-1, 3)
-    along = (stop - start)[:, :2]
-    length = np.linalg.norm(along, axis=1, keepdims=True)
-    along = np.divide(along, length, out=np.zeros_like(along), where=length > 0.0)
-    side = 0.5 * width * np.stack([-along[:, 1], along[:, 0]], axis=1)
-    first, last = start[:, :2], stop[:, :2]
-    corners = np.stack([first - side, last - side, last + side, first + side], axis=1)
-    return corners, np.tile(colors, (pieces, 1)), 0.5 * (start + stop)[:, 2]
+    points = (1.0 - at) * ends[:, 0] + at * ends[:, 1]  # (pieces + 1, c, 3)
+    seen = camera.project(points, area)
+    along = seen[-1] - seen[0]
+    size = np.linalg.norm(along, axis=1, keepdims=True)
+    along = np.divide(along, size, out=np.zeros_like(along), where=size > 0.0)
+    # To the lamp's side: upwards, or to the left.
+    side = np.stack([along[:, 1], -along[:, 0]], axis=1)
+    side *= np.where(side @ np.array([0.6, 0.8]) > 0.0, -1.0, 1.0)[:, None]
+    breadth = np.maximum(
+        _BREADTH * half_edge * camera.focal(area) / camera.distances(points), 1.6)[..., None]
+    middle = camera.distances(0.5 * (points[:-1] + points[1:]))
+    strips = _STRIPS if float(breadth.mean()) > 4.0 else ((-0.5, 0.5, 0.86), (-0.5, 0.0, 1.0))
+    corners, shades = [], []
+    for low, high, bright in strips:
+        # -0.5 is the side towards the lamp.
+        one, other = (seen - part * breadth * side for part in (low, high))
+        corners.append(np.stack([one[:-1], one[1:], other[1:], other[:-1]], axis=2))
+        shades.append(bright * colors)
+    stacked = np.stack(corners, axis=2)  # (pieces, c, strips, 4, 2)
+    shade = np.broadcast_to(np.stack(shades, axis=1), (*stacked.shape[:3], 3))
+    return _Part(
+        stacked.reshape(-1, 4, 2), np.clip(shade.reshape(-1, 3), 0.0, 1.0),
+        np.repeat(middle.reshape(-1), len(strips)))
+
+
+def _balls(
+    points: np.ndarray, colors: np.ndarray, radius: float, camera: Camera, area: Area, *,
+    nearer: float = 0.0
+) -> _Part:
+    """Small discs around points (m, 3), drawn as if they were so much nearer [m]."""
+    angle = np.arange(2 * _DISC_CORNERS) * (math.pi / _DISC_CORNERS)
+    rim = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    distance = camera.distances(points)
+    size = np.maximum(radius * camera.focal(area) / distance, 3.0)[:, None, None]
+    return _Part(
+        camera.project(points, area)[:, None] + size * rim, colors, distance - nearer)
+
+
+def _anchors(moment: Moment, shown: np.ndarray, camera: Camera, area: Area) -> list[_Part]:
+    """Anchors: a bar from the shell to a pin in the world."""
+    anchors = list(moment.scene.anchors.values())
+    if not anchors:
+        return []
+    body = np.array([anchor.body for anchor in anchors])
+    arms = np.array([anchor.arm for anchor in anchors])
+    cosines = cosines_from_quaternions(moment.orientation[body])
+    starts = moment.position[body] + np.einsum('ai,aij->aj', arms, cosines)
+    points = anchor_points(moment)
+    chosen = shown[body] & camera.is_before(points) & camera.is_before(starts)
+    half_edge = moment.scene.shell.half_edge
+    colors = np.tile(ANCHOR_COLOR, (int(chosen.sum()), 1))
+    ends = np.stack([starts, points], axis=1)[chosen]
+    return [
+        _cables(ends, colors, half_edge, camera, area),
+        _balls(points[chosen], 0.75 * colors, 0.42 * half_edge, camera, area),
+        _balls(points[chosen], 1.25 * colors, 0.26 * half_edge, camera, area, nearer=1e-6)]
+
+
+def anchor_points(moment: Moment) -> np.ndarray:
+    """World points (a, 3) [m] of the anchors of a moment."""
+    if moment.anchor_points is not None:
+        return moment.anchor_points
+    time = 0.0 if math.isnan(moment.time) else moment.time
+    return np.array([
+        next(piece for piece in reversed(anchor.path.pieces)
+             if piece.start <= time or piece is anchor.path.pieces[0]).at(time)[:3]
+        for anchor in moment.scene.anchors.values()]).reshape(-1, 3)
+
+
+def _contacts(moment: Moment, shown: np.ndarray, camera: Camera, area: Area) -> _Part:
+    """Rings where shells overlap, before both of them."""
+    contacts = find_contacts(moment.scene, moment.position, moment.orientation)
+    chosen = shown[contacts.bodies].all(axis=1) & camera.is_before(contacts.point)
+    if not chosen.any():
+        return _Part(np.zeros((0, 4, 2)), np.zeros((0, 3)), np.zeros(0))
+    half_edge = moment.scene.shell.half_edge
+    points = contacts.point[chosen]
+    nearest = camera.distances(moment.position[contacts.bodies[chosen]]).min(axis=1)
+    before = camera.distances(points) - nearest + 1e-6
+    outer = _balls(points, np.ones((len(points), 3)), 0.40 * half_edge, camera, area)
+    inner = _balls(
+        points, np.tile(CONTACT_COLOR, (len(points), 1)), 0.30 * half_edge, camera, area)
+    # White first, so that the mark stands out from any shell.
+    return _Part(
+        np.stack([outer.corners, inner.corners], axis=1).reshape(-1, *outer.corners.shape[1:]),
+        np.stack([outer.colors, inner.colors], axis=1).reshape(-1, 3),
+        np.repeat(outer.distance - before, 2))

@@ -22,15 +22,15 @@ from collections.abc import Callable
 from dataclasses import replace
 import math
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 from icofabric_sim.bag import BagRecorder
 from icofabric_sim.geometry.rotations import turned_by
 from icofabric_sim.messages.topics import CLOCK, CONNECTORS, Outputs, POSES, Topic, WEAVE
 from icofabric_sim.parameters.named_files import with_files
 from icofabric_sim.parameters.text import dump_parameters
-from icofabric_sim.pictures.drawing import Moment, Renderer
-from icofabric_sim.pictures.fabric_polygons import bounds_of, View
+from icofabric_sim.pictures.drawing import frame_moments, Renderer
+from icofabric_sim.pictures.measures import fit_scale
+from icofabric_sim.pictures.moment import Moment
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.model.snapshot import Snapshot
 import numpy as np
@@ -71,20 +71,17 @@ def write_gif(
     from PIL import Image
 
     shape = scaled_shape(scene, shape)
-    view, half_edge = View(), scene.geometry.half_edge
-    bounds = bounds_of(rest.position + shape[:, :3], half_edge, view).joined(
-        bounds_of(rest.position - shape[:, :3], half_edge, view))
-    renderer = Renderer(bounds, title=title, view=view, size=_SIZE)
+    moments = []
+    for number in range(HALF + 1):
+        here = displaced(rest, math.cos(math.pi * number / HALF) * shape)
+        moments.append(Moment(math.nan, here.position, here.orientation, scene))
+    renderer = Renderer(
+        frame_moments(moments), title=title, size=_SIZE, color='strain',
+        scale=fit_scale('strain', moments))
     frames = []
-    with TemporaryDirectory() as folder:
-        file = Path(folder) / 'frame.png'
-        for number in range(HALF + 1):
-            here = displaced(rest, math.cos(math.pi * number / HALF) * shape)
-            renderer.frame(
-                Moment(math.nan, here.position, here.orientation, scene), file)
-            with Image.open(file) as picture:
-                frames.append(picture.convert('P', palette=Image.Palette.ADAPTIVE))
-            progress(number + 1)
+    for number, moment in enumerate(moments, start=1):
+        frames.append(renderer.picture(moment).convert('P', palette=Image.Palette.ADAPTIVE))
+        progress(number)
     path.parent.mkdir(parents=True, exist_ok=True)
     frames[0].save(
         path, save_all=True, append_images=frames[1:] + frames[-2:0:-1], loop=0,

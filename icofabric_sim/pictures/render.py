@@ -13,80 +13,89 @@
 # limitations under the License.
 """Pictures of recorded runs: numbered frames, and sheets of several moments."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 
 from icofabric_sim.bag import BagError
 from icofabric_sim.bag.recorded_run import active_inputs, RecordedInput, RecordedRun
-from icofabric_sim.pictures.drawing import Moment, Renderer
-from icofabric_sim.pictures.fabric_polygons import Bounds, bounds_of, View
-from icofabric_sim.simulation.input_types import ChannelTarget
+from icofabric_sim.geometry.rotations import cosines_from_quaternions
+from icofabric_sim.pictures.camera import View
+from icofabric_sim.pictures.drawing import DEFAULT_SIZE, Framing, Renderer
+from icofabric_sim.pictures.measures import fit_scale
+from icofabric_sim.pictures.moment import Moment, Push
+from icofabric_sim.scene.scene import Scene
+from icofabric_sim.scene.selectors import Bodies, select
+from icofabric_sim.simulation.input_types import BodyTarget, ChannelTarget
 import numpy as np
 
 Progress = Callable[[int], None]  # called with the number of pictures done
-DEFAULT_SIZE = (1280, 960)
+# Moments from which the scale of colours is found.
+_SAMPLED = 24
 
 
 def draw_sheet(
         bag: str | Path, picture: str | Path, *, moments: int = 8, view: View | None = None,
-        size: tuple[int, int] = DEFAULT_SIZE, title: str = '') -> list[float]:
+        size: tuple[int, int] = DEFAULT_SIZE, title: str = '', color: str = 'strain'
+) -> list[float]:
     """
     Draw `moments` evenly spread moments of a recorded run to one PNG; returns their times [s].
     """
     with RecordedRun(bag) as run:
         times = spread_times(run.pose_times(), moments)
-        RunPictures(run, view=view, size=size, title=title).sheet(times, picture)
+        RunPictures(run, times, view=view, size=size, title=title, color=color).sheet(picture)
         return [float(time) / 1e9 for time in times]
 
 
-class RunPictures:
-    """Draws moments of one recorded run, all from one side and at one scale."""
+def chosen_bodies(scene: Scene, name: str, text: str) -> np.ndarray:
+    """
+    Numbers of the bodies that a group of the scene or a selector names; of `3 5`: of these.
 
-    def __init__(
-            self, run: RecordedRun, *, view: View | None = None,
-            size: tuple[int, int] = DEFAULT_SIZE, title: str = '') -> None:
-        """Read all poses once, so that all that moves stays in the picture."""
+    ValueError, with the `name` of the option, where it names none.
+    """
+    if text in scene.groups:
+        return np.asarray(scene.groups[text])
+    words = text.split()
+    if words and all(word.isdecimal() for word in words):
+        text = f'ids {text}'
+    grid = scene.weave.grid
+    return select(name, text, Bodies(scene.position, grid, scene.geometry.pitch))
+
+
+class RunMoments:
+    """Moments of a recorded run, with what acts in them."""
+
+    def __init__(self, run: RecordedRun) -> None:
+        """Read what was received and what broke."""
         self.run = run
-        self.view = View() if view is None else view
         self._inputs = run.inputs()
         self._breaks = run.breaks()
-        self.renderer = Renderer(
-            self._bounds(), title=title or run.path.name, view=self.view, size=size)
 
-    def sheet(self, times: Sequence[int] | np.ndarray, path: str | Path) -> None:
-        """Draw the moments at recorded `times` [ns] side by side."""
-        self.renderer.sheet(
-            [self._moment(time, position, orientation)
-             for time, position, orientation in self.run.poses(times)], path)
+    def at(
+            self, times: Sequence[int] | np.ndarray, *, with_velocity: bool = False
+    ) -> Iterator[Moment]:
+        """
+        Yield the moments of the recorded `times` [ns], in order of time.
 
-    def frames(
-            self, times: Sequence[int] | np.ndarray, folder: str | Path, *,
-            progress: Progress = lambda count: None) -> list[Path]:
-        """Draw each of the recorded `times` [ns] to frame_0001.png, ... in a `folder`."""
-        folder = Path(folder)
-        folder.mkdir(parents=True, exist_ok=True)
-        width = max(4, len(str(len(times))))
-        paths = []
-        for number, frame in enumerate(self.run.poses(times), start=1):
-            path = folder / f'frame_{number:0{width}d}.png'
-            self.renderer.frame(self._moment(*frame), path)
-            paths.append(path)
-            progress(number)
-        return paths
-
-    def _bounds(self) -> Bounds:
-        bounds: Bounds | None = None
-        for frame in self.run.poses():
-            if not len(frame.position):
-                continue
-            scene = self.run.scene_at(frame.nanoseconds)
-            own = bounds_of(frame.position, scene.shell.half_edge, self.view)
-            bounds = own if bounds is None else bounds.joined(own)
-        if bounds is None:
-            raise BagError(f'{self.run.path} holds no poses to draw')
-        if not (np.isfinite(bounds.low).all() and np.isfinite(bounds.high).all()):
-            raise BagError(f'{self.run.path} holds poses that are not finite')
-        return bounds
+        `with_velocity`: with the velocities since the recorded poses before each of them.
+        """
+        wanted = {int(time) for time in times}
+        read = wanted
+        if with_velocity and len(times):
+            every = self.run.pose_times()
+            places = np.searchsorted(every, np.asarray(times))
+            read = wanted | {int(every[place - 1]) for place in places if place > 0}
+        before: Moment | None = None
+        for frame in self.run.poses(sorted(read)):
+            moment = self._moment(frame.nanoseconds, frame.position, frame.orientation)
+            if with_velocity:
+                velocity = np.zeros(moment.position.shape)
+                if before is not None and before.scene is moment.scene and (
+                        moment.time > before.time):
+                    velocity = (moment.position - before.position) / (moment.time - before.time)
+                moment = moment._replace(velocity=velocity)
+            before = moment
+            if frame.nanoseconds in wanted:
+                yield moment
 
     def _moment(self, time: int, position: np.ndarray, orientation: np.ndarray) -> Moment:
         scene = self.run.scene_at(time)
@@ -94,7 +103,9 @@ class RunPictures:
             raise BagError(
                 f'{self.run.path} holds {len(position)} poses at t = {time / 1e9:.6g} s, but its '
                 f'scene there has {scene.body_count} bodies')
-        note = _note(active_inputs(self._inputs, time))
+        if not (np.isfinite(position).all() and np.isfinite(orientation).all()):
+            raise BagError(f'{self.run.path} holds poses that are not finite')
+        active = active_inputs(self._inputs, time)
         broken = None
         for told, breaks in self._breaks:
             if told <= time:
@@ -103,7 +114,111 @@ class RunPictures:
             raise BagError(
                 f'{self.run.path} holds a broken connector {broken.max()} at t = {time / 1e9:.6g} '
                 f's, but its scene there has {scene.connector_count} connectors')
-        return Moment(time / 1e9, position, orientation, scene, note, broken)
+        return Moment(
+            time / 1e9, position, orientation, scene, _note(active), broken,
+            pushes=tuple(received_pushes(scene, position, orientation, active)
+                         + own_pushes(scene, position, orientation, time / 1e9,
+                                      {_channel(entry) for entry in active})))
+
+
+class RunPictures:
+    """Draws moments of one recorded run, all from one side and at one scale."""
+
+    def __init__(
+            self, run: RecordedRun, times: Sequence[int] | np.ndarray | None = None, *,
+            view: View | None = None, size: tuple[int, int] = DEFAULT_SIZE, title: str = '',
+            color: str = 'strain', bodies: str = '', follow: str = '') -> None:
+        """
+        Read the poses of the recorded `times` [ns]: all that is shown stays in the picture.
+
+        All times by default. `bodies` and `follow` name groups, body numbers or selectors: what is
+        drawn, and what the camera moves with. `color`: a name of `measures.QUANTITIES`.
+        """
+        self.run = run
+        self.times = run.pose_times() if times is None else np.asarray(times)
+        self._moments = RunMoments(run)
+        scene = run.scene_at(int(self.times[0])) if len(self.times) else None
+        framing = Framing(
+            view,
+            bodies=chosen_bodies(scene, 'bodies', bodies) if scene and bodies else None,
+            follow=chosen_bodies(scene, 'follow', follow) if scene and follow else None)
+        found = False
+        for moment in self._moments.at(self.times):
+            framing.add(moment)
+            found = found or len(moment.position) > 0
+        if not found:
+            raise BagError(f'{run.path} holds no poses to draw')
+        self._with_velocity = color == 'speed'
+        sampled = spread_times(self.times, _SAMPLED)
+        self.renderer = Renderer(
+            framing, title=title or run.path.name, size=size, color=color,
+            scale=fit_scale(color, self._moments.at(sampled, with_velocity=self._with_velocity)))
+
+    def moments(self) -> Iterable[Moment]:
+        """The moments that are drawn, in order of time."""
+        return self.moments_at(self.times)
+
+    def moments_at(self, times: Sequence[int] | np.ndarray) -> Iterable[Moment]:
+        """Moments at recorded times [ns]."""
+        return self._moments.at(times, with_velocity=self._with_velocity)
+
+    def sheet(self, path: str | Path) -> None:
+        """Draw the moments side by side."""
+        self.renderer.sheet(list(self.moments()), path)
+
+    def frames(
+            self, folder: str | Path, *, progress: Progress = lambda count: None) -> list[Path]:
+        """Draw each moment to frame_0001.png, ... in a `folder`."""
+        folder = Path(folder)
+        folder.mkdir(parents=True, exist_ok=True)
+        width = max(4, len(str(len(self.times))))
+        paths = []
+        for number, moment in enumerate(self.moments(), start=1):
+            path = folder / f'frame_{number:0{width}d}.png'
+            self.renderer.frame(moment, path)
+            paths.append(path)
+            progress(number)
+        return paths
+
+
+def received_pushes(
+        scene: Scene, position: np.ndarray, orientation: np.ndarray,
+        active: Sequence[RecordedInput]) -> list[Push]:
+    """Forces that were received, for arrows."""
+    pushes = []
+    for entry in active:
+        if isinstance(entry.target, ChannelTarget) and entry.target.name in scene.loads:
+            pushes.append(push_of_channel(
+                scene, entry.target.name, position, orientation, entry.force))
+        elif isinstance(entry.target, BodyTarget) and entry.target.number < scene.body_count:
+            body = entry.target.number
+            turned = entry.force @ cosines_from_quaternions(orientation[body:body + 1])[0]
+            pushes.append(Push(f'body {body}', position[body], turned))
+    return [push for push in pushes if push.force.any()]
+
+
+def own_pushes(
+        scene: Scene, position: np.ndarray, orientation: np.ndarray, time: float,
+        replaced: set[str]) -> list[Push]:
+    """Forces of the scene's own loads at a time [s] after its start, for arrows."""
+    pushes = []
+    for name, channel in scene.loads.items():
+        force = channel.force * channel.profile.at(max(time, 0.0))
+        if name not in replaced and force.any():
+            pushes.append(push_of_channel(scene, name, position, orientation, force))
+    return pushes
+
+
+def push_of_channel(
+        scene: Scene, name: str, position: np.ndarray, orientation: np.ndarray, force: np.ndarray
+) -> Push:
+    """The whole force [N] of a load channel, in the middle of its bodies."""
+    channel = scene.loads[name]
+    whole = force if channel.total else len(channel.bodies) * force
+    if channel.in_body_axes:
+        axes = cosines_from_quaternions(orientation[channel.bodies])
+        whole = np.einsum('a,nai->i', whole / len(channel.bodies), axes)
+    return Push(name, position[channel.bodies].mean(axis=0), whole)
 
 
 def spread_times(times: np.ndarray, count: int) -> np.ndarray:
@@ -124,6 +239,10 @@ def nearest_times(times: np.ndarray, wanted: Sequence[float] | np.ndarray) -> np
     wanted = np.asarray(wanted, dtype=float)
     nearer = np.where(wanted - times[before] < times[after] - wanted, before, after)
     return np.asarray(times[np.unique(nearer)])
+
+
+def _channel(entry: RecordedInput) -> str:
+    return entry.target.name if isinstance(entry.target, ChannelTarget) else ''
 
 
 def _note(inputs: Sequence[RecordedInput]) -> str:

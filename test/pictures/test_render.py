@@ -19,20 +19,37 @@ from pathlib import Path
 from icofabric_sim.bag import BagRecorder
 from icofabric_sim.bag.recorded_run import RecordedRun
 from icofabric_sim.commands.main import main
+from icofabric_sim.contact import separation
 from icofabric_sim.geometry.icosahedron import circumscribed_radius, inscribed_radius
 from icofabric_sim.messages import PoseArrayBytes
-from icofabric_sim.messages.topics import STRAIN_CLASSES
-from icofabric_sim.pictures.drawing import Moment, Renderer
+from icofabric_sim.pictures import fabric_polygons as shapes_module
+from icofabric_sim.pictures.camera import Area, Camera, fit_camera, near_ones, View
+from icofabric_sim.pictures.drawing import frame_moments, Renderer
 from icofabric_sim.pictures.fabric_polygons import (
-    bounds_of,
-    connector_ends,
+    BROKEN_COLOR,
     fabric_polygons,
     FREE_COLOR,
     HELD_COLOR,
-    strain_classes,
-    View,
 )
-from icofabric_sim.pictures.render import draw_sheet, nearest_times, RunPictures, spread_times
+from icofabric_sim.pictures.light import light_on, Lighting
+from icofabric_sim.pictures.measures import (
+    connector_ends,
+    find_contacts,
+    fit_scale,
+    QUANTITIES,
+    Scale,
+    strains,
+    tensions,
+)
+from icofabric_sim.pictures.moment import Moment, Push
+from icofabric_sim.pictures.render import (
+    chosen_bodies,
+    draw_sheet,
+    nearest_times,
+    RunMoments,
+    RunPictures,
+    spread_times,
+)
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.simulation import compile_scene
 from matplotlib.image import imread
@@ -41,6 +58,7 @@ import pytest
 from recorded_runs import record_push, swing_scene
 
 SIZE = (640, 480)
+AREA = Area(0.0, 0.0, 640.0, 480.0)
 
 
 @pytest.fixture(scope='module')
@@ -51,16 +69,24 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def drawn(path: Path) -> np.ndarray:
-    """Pixels that are not white, (height, width) bool."""
-    picture = imread(path)
-    assert picture.ndim == 3
-    return np.asarray((picture[:, :, :3] < 0.98).any(axis=2))
+    """Pixels that are darker than the backdrop, (height, width) bool."""
+    return np.asarray((imread(path)[:, :, :3] < 0.92).any(axis=2))
 
 
 def one_body(**changes: object) -> Scene:
     return Scene.from_parameters({
         'weave.size': [1, 1, 1], 'initial.turn.group': 'all',
         'initial.turn.rotation': [0.3, -0.8, 0.5], **changes})
+
+
+def at_rest(scene: Scene) -> Moment:
+    return Moment(0.0, scene.initial.position, scene.initial.orientation, scene)
+
+
+def polygons(scene: Scene, view: View, **choices: object) -> tuple[object, Camera]:
+    moment = at_rest(scene)
+    camera = frame_moments([moment], view).camera(AREA)
+    return fabric_polygons(moment, camera, AREA, **choices), camera
 
 
 # Geometry.
@@ -78,70 +104,165 @@ def test_view_axes(
     np.testing.assert_allclose(np.cross(axes[0], axes[1]), axes[2], atol=1e-15)
 
 
-def test_connector_ends_are_those_of_the_simulation() -> None:
+def test_the_camera_fits_what_is_shown_and_wastes_no_room() -> None:
+    points = np.random.default_rng(3).uniform(-1.0, 1.0, (40, 3)) * [1.0, 2.0, 0.5] + [5.0, 0, 0]
+    area = Area(10.0, 20.0, 600.0, 300.0)
+    camera = fit_camera(View(0.4, 0.3), points, 0.1, area)
+    seen = camera.project(points, area)
+    low, high = seen.min(axis=0), seen.max(axis=0)
+    assert (low >= [10.0, 20.0]).all() and (high <= [610.0, 320.0]).all()
+    filled = (high - low) / [600.0, 300.0]
+    assert filled.max() > 0.85
+    # Centred.
+    np.testing.assert_allclose(0.5 * (low + high), [310.0, 170.0], atol=6.0)
+    # What is nearer is larger, in proportion to the distance.
+    pair = np.array([camera.target, camera.target + 0.01 * camera.axes[0]])
+    near = pair + 0.5 * camera.distance * camera.axes[2]
+    widths = [np.ptp(camera.project(ends, area)[:, 0]) for ends in (pair, near)]
+    assert widths[1] / widths[0] == pytest.approx(2.0, rel=1e-9)
+    assert widths[0] == pytest.approx(0.01 * camera.pixels_per_meter(area), rel=1e-9)
+    assert fit_camera(View(0.4, 0.3, 7.0), points, 0.1, area).distance == 7.0
+
+
+def test_a_lost_body_does_not_make_the_fabric_small() -> None:
+    places = np.random.default_rng(5).uniform(-0.1, 0.1, (30, 3))
+    places[7] = [40.0, 0.0, 0.0]
+    places[9] = np.nan
+    np.testing.assert_array_equal(np.flatnonzero(~near_ones(places, 0.3)), [7, 9])
+    # Two halves that fly apart are both shown.
+    halves = np.concatenate([places[10:20] - [3.0, 0, 0], places[20:] + [3.0, 0, 0]])
+    assert near_ones(halves, 0.3).all()
+
+
+def test_connector_ends_and_tensions_are_those_of_the_simulation() -> None:
     simulation = compile_scene(swing_scene())
     simulation.advance_to(0.2)
-    state = simulation.snapshot()
-    ends = connector_ends(simulation.scene, state.position, state.orientation)
+    state, scene = simulation.snapshot(), simulation.scene
+    ends = connector_ends(scene, state.position, state.orientation)
     np.testing.assert_allclose(ends, state.connector_ends, rtol=0, atol=1e-15)
-    strain = state.connector_length / simulation.scene.connectors.natural_length - 1.0
-    classes = strain_classes(simulation.scene, ends)
-    assert len(set(classes.tolist())) > 2
-    for number, value in zip(classes, strain):
-        assert value > STRAIN_CLASSES[number].above
-        assert number + 1 == len(STRAIN_CLASSES) or value <= STRAIN_CLASSES[number + 1].above
+    strain = state.connector_length / scene.connectors.natural_length - 1.0
+    np.testing.assert_allclose(strains(scene, ends), strain, atol=1e-14)
+    stretch = state.connector_length - scene.connectors.natural_length
+    pull = tensions(scene, ends)
+    assert np.abs(pull).max() > 0.01
+    np.testing.assert_allclose(pull, scene.connectors.stiffness * stretch, atol=1e-10)
+
+
+def test_contacts_are_found_where_shells_overlap() -> None:
+    a = 0.01
+    random = np.random.default_rng(11)
+    position = random.uniform(-0.05, 0.05, (60, 3))
+    orientation = random.normal(size=(60, 4))
+    orientation /= np.linalg.norm(orientation, axis=1, keepdims=True)
+    scene = Scene.from_parameters({
+        'weave.size': [1, 1, 1],
+        **{f'bodies.b{k}.position': position[k].tolist() for k in range(1, 60)}})
+    found = find_contacts(scene, position, orientation)
+    first, second = np.triu_indices(60, 1)
+    exact = separation(
+        a, (position[first], orientation[first]), (position[second], orientation[second]))
+    touching = exact.distance < 0.0
+    assert 10 < touching.sum() == len(found.bodies)
+    np.testing.assert_array_equal(
+        found.bodies, np.stack([first, second], axis=1)[touching])
+    np.testing.assert_allclose(found.depth, -exact.distance[touching], atol=1e-12)
 
 
 def test_shell_is_drawn_as_its_silhouette() -> None:
     scene = one_body()
-    state = scene.initial
-    view = View()
-    bounds = bounds_of(state.position, scene.shell.half_edge, view)
-    shapes = fabric_polygons(
-        scene, state.position, state.orientation, view=view, bounds=bounds, line_width=1e-3)
-    # A point reflection maps the icosahedron to itself: half of the faces look at the viewer.
-    assert len(shapes.corners) == 10
-    x, y = shapes.corners[..., 0], shapes.corners[..., 1]
+    shapes, camera = polygons(scene, View(0.0, 0.0))
+    x, y = shapes.corners[..., 0], -shapes.corners[..., 1]
     area = 0.5 * (x * np.roll(y, -1, axis=1) - y * np.roll(x, -1, axis=1)).sum(axis=1)
-    # Counter-clockwise for the viewer, as seen from outside.
-    assert (area > 0.0).all()
-    a = scene.shell.half_edge
-    low, high = inscribed_radius(a), circumscribed_radius(a)
-    assert math.pi * low**2 < area.sum() < math.pi * high**2
-    centre = state.position @ view.axes[:2].T
-    distance = np.linalg.norm(shapes.corners - centre, axis=2)
-    assert distance.max() <= high * (1 + 1e-12)
+    # Counter-clockwise for the viewer, as seen from outside: each face, and the face in its rim.
+    assert (area > 0.0).all() and len(area) % 2 == 0 and 8 <= len(area) // 2 <= 10
+    a, scale = scene.shell.half_edge, camera.pixels_per_meter(AREA)
+    low, high = scale * inscribed_radius(a), scale * circumscribed_radius(a)
+    assert math.pi * low**2 < area[::2].sum() < 1.1 * math.pi * high**2
+    assert (area[1::2] < area[::2]).all()
+    distance = np.linalg.norm(shapes.corners - [320.0, 240.0], axis=2)
+    assert distance.max() <= 1.1 * high
 
 
 def test_nearer_is_drawn_later() -> None:
     scene = Scene.from_parameters({
         'weave.size': [1, 1, 1], 'groups.far': 'ids 0', 'supports.far.group': 'far',
         'bodies.near.position': [0.0, -0.1, 0.0]})
-    state = scene.initial
-    view = View(-math.pi / 2, 0.0)  # from -y
-    bounds = bounds_of(state.position, scene.shell.half_edge, view)
-    shapes = fabric_polygons(
-        scene, state.position, state.orientation, view=view, bounds=bounds, line_width=1e-3)
+    shapes, _ = polygons(scene, View(-math.pi / 2, 0.0))  # from -y
     # The held body is bluish, the free one yellowish.
     bluish = shapes.colors[:, 2] > shapes.colors[:, 0]
-    half = len(bluish) // 2
-    assert half == 10 and bluish[:half].all() and not bluish[half:].any()
+    held = int(bluish.sum())
+    assert held >= 16 and bluish[:held].all() and not bluish[held:].any()
     assert HELD_COLOR[2] > HELD_COLOR[0] and FREE_COLOR[2] < FREE_COLOR[0]
 
 
-def test_many_bodies_become_discs(monkeypatch: pytest.MonkeyPatch) -> None:
-    from icofabric_sim.pictures import fabric_polygons as module
+def test_light_comes_from_above_and_neighbours_cast_shadows() -> None:
+    lighting = Lighting.of(View().axes)
+    up, down = np.array([[0.0, 0.0, 1.0]]), np.array([[0.0, 0.0, -1.0]])
+    body, alone = np.zeros(1, int), np.zeros((1, 3))
+    bright, dark = (light_on(lighting, 0.01 * n, n, body, alone, 0.01) for n in (up, down))
+    assert (bright > 1.5 * dark).all()
+    roofed = np.array([[0.0, 0.0, 0.0], 0.05 * lighting.lamp])
+    shaded = light_on(lighting, 0.01 * up, up, body, roofed, 0.01)
+    assert (shaded < 0.7 * bright).all()
+
+
+def test_very_small_shells_become_discs(monkeypatch: pytest.MonkeyPatch) -> None:
     scene = swing_scene()
-    state = scene.initial
-    view = View()
-    bounds = bounds_of(state.position, scene.shell.half_edge, view)
-    monkeypatch.setattr(module, 'LARGEST_SHELL_COUNT', 5)
-    shapes = fabric_polygons(
-        scene, state.position, state.orientation, view=view, bounds=bounds, line_width=1e-3)
-    assert len(shapes.corners) == scene.body_count + scene.connector_count
+    monkeypatch.setattr(shapes_module, '_DISC_PIXELS', 1e9)
+    shapes, _ = polygons(scene, View(), marks=False, bodies=np.array([0]))
+    assert len(shapes.corners) == 1
 
 
-# Times.
+def test_broken_connectors_are_stubs_and_only_chosen_bodies_are_drawn() -> None:
+    scene = swing_scene()
+    moment = at_rest(scene)
+    camera = frame_moments([moment]).camera(AREA)
+    scale = Scale(QUANTITIES['strain'], 0.01)
+    whole = fabric_polygons(moment, camera, AREA, scale=scale, color='strain')
+    torn = fabric_polygons(
+        moment._replace(broken=np.array([0, 3])), camera, AREA, scale=scale, color='strain')
+    balls = [int((shapes.colors == BROKEN_COLOR).all(axis=1).sum()) for shapes in (whole, torn)]
+    assert balls == [0, 4]
+    few = fabric_polygons(moment, camera, AREA, bodies=scene.groups['tip'])
+    assert 0 < len(few.corners) < 0.6 * len(whole.corners)
+
+
+# Colours.
+
+def test_colours_can_be_told_apart_by_everybody() -> None:
+    """Lightness alone orders the scale of sizes; around zero the ends are darker and differ."""
+    # Rec. 709 luminance of linear light; red and green confused (deuteranopia, Vienot 1999).
+    def linear(colors: np.ndarray) -> np.ndarray:
+        return np.asarray(colors) ** 2.2
+
+    def luminance(colors: np.ndarray) -> np.ndarray:
+        return np.asarray(linear(colors) @ [0.2126, 0.7152, 0.0722])
+
+    sizes = fit_scale('speed', []).colors(np.linspace(0.0, 0.01, 9))
+    assert (np.diff(luminance(sizes)) > 0.01).all()
+    signed = Scale(QUANTITIES['strain'], 1.0)
+    ends = signed.colors(np.linspace(-1.0, 1.0, 9))
+    light = luminance(ends)
+    assert light[0] < 0.5 * light[4] > light[8] * 2.0 * 0.5
+    confused = linear(ends) @ np.array([[0.293, 0.293, -0.021], [0.707, 0.707, 0.021],
+                                        [0.0, 0.0, 1.0]])
+    for low, high in zip(confused[:4], confused[:4:-1]):
+        assert np.abs(low - high).max() > 0.1
+
+
+def test_scale_is_round_covers_the_values_and_keeps_signs_apart() -> None:
+    scene = swing_scene()
+    turned = at_rest(scene)._replace(position=1.013 * scene.position)
+    scale = fit_scale('strain', [at_rest(scene), turned])
+    spread = np.abs(strains(scene, connector_ends(scene, turned.position, turned.orientation)))
+    assert np.quantile(spread, 0.9) <= scale.largest <= 3.0 * spread.max()
+    assert float(f'{100 * scale.largest:.2g}') == pytest.approx(100 * scale.largest)
+    pushed, pulled = scale.colors(np.array([-1.0, 1.0]))
+    assert pushed[2] > pushed[0] and pulled[0] > pulled[2]
+    assert scale.text(scale.largest).startswith('+') and scale.text(0.0) == '0'
+
+
+# Times and bodies.
 
 def test_times_are_recorded_ones() -> None:
     times = np.array([0, 10, 20, 35, 50])
@@ -152,12 +273,43 @@ def test_times_are_recorded_ones() -> None:
     np.testing.assert_array_equal(spread_times(times, 1), [0])
 
 
+def test_bodies_are_named_by_groups_numbers_and_selectors() -> None:
+    scene = swing_scene()
+    np.testing.assert_array_equal(chosen_bodies(scene, 'bodies', 'tip'), scene.groups['tip'])
+    np.testing.assert_array_equal(chosen_bodies(scene, 'bodies', '3 5'), [3, 5])
+    assert len(chosen_bodies(scene, 'bodies', 'x_min or x_max')) == 2 * len(scene.groups['wall'])
+    with pytest.raises(ValueError, match='bodies'):
+        chosen_bodies(scene, 'bodies', '300')
+
+
+def test_moments_of_a_run_have_its_forces_and_speeds(bag: Path) -> None:
+    simulation = compile_scene(swing_scene())
+    simulation.apply_wrench('tip', (0.0, 0.75, 0.0), time=0.1)
+    simulation.apply_body_wrench(3, (0.1, 0.0, 0.0), time=0.1)
+    simulation.advance_to(0.15)
+    state = simulation.snapshot()
+    with RecordedRun(bag) as run:
+        moment, = RunMoments(run).at([150_000_000], with_velocity=True)
+    pushes = {push.name: push for push in moment.pushes}
+    np.testing.assert_allclose(pushes['tip'].force, [0.0, 0.75, 0.0])
+    np.testing.assert_allclose(
+        pushes['tip'].point, state.position[simulation.scene.groups['tip']].mean(axis=0),
+        atol=1e-9)
+    assert np.linalg.norm(pushes['body 3'].force) == pytest.approx(0.1)
+    with RecordedRun(bag) as run:
+        frames = [frame for frame in run.poses() if frame.nanoseconds <= 150_000_000][-2:]
+    passed = frames[1].time - frames[0].time
+    np.testing.assert_allclose(
+        moment.velocity, (frames[1].position - frames[0].position) / passed, atol=1e-12)
+    assert np.abs(moment.velocity).max() > 0.1
+
+
 # Pictures.
 
 def test_frames_are_full_and_move(bag: Path, tmp_path: Path) -> None:
     with RecordedRun(bag) as run:
         times = spread_times(run.pose_times(), 3)
-        paths = RunPictures(run, size=SIZE).frames(times, tmp_path / 'frames')
+        paths = RunPictures(run, times, size=SIZE).frames(tmp_path / 'frames')
     assert [path.name for path in paths] == [f'frame_000{k}.png' for k in (1, 2, 3)]
     masks = [drawn(path) for path in paths]
     for mask, path in zip(masks, paths):
@@ -166,7 +318,7 @@ def test_frames_are_full_and_move(bag: Path, tmp_path: Path) -> None:
         assert 0.03 < mask.mean() < 0.9
         # Nothing is cut off at the border.
         assert not mask[0].any() and not mask[:, 0].any() and not mask[:, -1].any()
-    height = slice(90, 400)  # between caption and legend
+    height = slice(40, 430)  # between caption and legend
     for one, two in zip(masks, masks[1:]):
         assert (one[height] != two[height]).mean() > 0.01
 
@@ -187,28 +339,68 @@ def test_sheet_shows_all_moments(bag: Path, tmp_path: Path) -> None:
     assert mask.mean() > 0.03
 
 
-def test_scale_is_the_same_in_both_directions_and_as_long_as_it_says(tmp_path: Path) -> None:
+def test_the_camera_follows_a_body(bag: Path) -> None:
+    with RecordedRun(bag) as run:
+        pictures = RunPictures(run, size=SIZE, follow='tip')
+        renderer = pictures.renderer
+        first, *_, last = pictures.moments()
+    tip = first.scene.groups['tip']
+    area = Area(0.0, 0.0, *map(float, SIZE))
+    for moment in (first, last):
+        target = renderer.framing.target_of(moment)
+        camera = renderer.framing.camera(area).moved_to(target)
+        seen = camera.project(moment.position[tip].mean(axis=0)[None], area)
+        np.testing.assert_allclose(seen, [[320.0, 240.0]], atol=1e-6)
+
+
+def test_scale_bar_is_as_long_as_it_says(tmp_path: Path) -> None:
     # Four single bodies at the corners of a square that faces the viewer.
     scene = Scene.from_parameters({
         'weave.size': [1, 1, 1], 'bodies.a.position': [0.2, 0.0, 0.0],
         'bodies.b.position': [0.0, 0.0, 0.2], 'bodies.c.position': [0.2, 0.0, 0.2]})
-    state = scene.initial
-    view = View(-math.pi / 2, 0.0)
-    bounds = bounds_of(state.position, scene.shell.half_edge, view)
+    moment = at_rest(scene)
     path = tmp_path / 'square.png'
-    Renderer(bounds, view=view, size=(900, 700)).frame(
-        Moment(0.0, state.position, state.orientation, scene), path)
+    Renderer(frame_moments([moment], View(-math.pi / 2, 0.0)), size=(900, 700)).frame(
+        moment, path)
     picture = imread(path)
     # Shells are yellowish, and so is a mark in the legend below them.
     shells = (picture[:, :, 0] - picture[:, :, 2] > 0.08)[:630]
     rows, columns = (np.flatnonzero(shells.any(axis=axis)) for axis in (1, 0))
     wide, high = columns[-1] - columns[0] + 1, rows[-1] - rows[0] + 1
-    assert wide == pytest.approx(high, abs=3) and wide > 400
+    assert wide == pytest.approx(high, abs=12) and wide > 400
     # The bar of 0.05 m against the distance between the centres, 0.2 m.
-    strip = drawn(path)[590:640, 10:400]
-    bar = max(int(row.sum()) for row in strip)
+    strip = (picture[:, :, :3] < 0.6).all(axis=2)[640:695, 60:400]
+    bar = max(len(run) for row in strip
+              for run in ''.join('x' if dark else ' ' for dark in row).split())
     width = 2.0 * scene.shell.half_edge * (1.0 + math.sqrt(5.0)) / 2.0
-    assert bar == pytest.approx(wide * 0.05 / (0.2 + width), abs=4)
+    # The outer shells stand a little nearer with their nearest corners.
+    assert bar == pytest.approx(wide * 0.05 / (0.2 + width), rel=0.06)
+
+
+def test_forces_anchors_and_what_holds_are_drawn(tmp_path: Path) -> None:
+    scene = Scene.from_parameters({
+        'weave.size': [3, 3, 3], 'weave.connector_angle': 0.3,
+        'groups.wall': 'x_min', 'groups.tip': 'x_max', 'supports.wall.group': 'wall',
+        'loads.tip.group': 'tip', 'anchors.pin.body': 9, 'anchors.pin.edge': 'up',
+        'anchors.pin.position': [0.1, 0.05, 0.25]})
+    bare = Scene.from_parameters({'weave.size': [3, 3, 3], 'weave.connector_angle': 0.3})
+    pictures = []
+    for moment in (at_rest(bare), at_rest(scene)._replace(
+            pushes=(Push('tip', scene.position[scene.groups['tip']].mean(axis=0),
+                         np.array([2.0, 0.0, 0.0])),))):
+        path = tmp_path / 'picture.png'
+        Renderer(frame_moments([at_rest(scene)]), size=SIZE).frame(moment, path)
+        pictures.append(imread(path)[:, :, :3])
+
+    def amounts(picture: np.ndarray) -> list[int]:
+        red, green, blue = np.moveaxis(picture, 2, 0)
+        return [int(chosen.sum()) for chosen in (
+            (red > 0.6) & (green < 0.25),                          # force
+            (green > red + 0.15) & (green > blue + 0.05),          # anchor
+            (blue > red + 0.03) & (red < 0.6) & (red > 0.3))]      # plate and held shells
+    without, with_them = (amounts(picture) for picture in pictures)
+    assert without[:2] == [0, 0]
+    assert with_them[0] > 200 and with_them[1] > 20 and with_them[2] > without[2] + 2000
 
 
 # icofabric render.
@@ -224,7 +416,7 @@ def test_verb_draws_frames_and_sheet(
     assert len(list(Path('b').glob('*.png'))) == 4
     assert main([
         'render', str(bag), '--frames', '2', '--sheet', 'c/sheet.png', '--view', '0', '30',
-        *small]) == 0
+        '--from', '0.1', '--to', '0.2', '--color', 'speed', '--bodies', 'tip', *small]) == 0
     assert drawn(Path('c/sheet.png')).mean() > 0.03
     assert sorted(path.name for path in tmp_path.iterdir()) == ['a', 'b', 'c']
     assert main(['render', str(bag), '--frames', '1', *small]) == 0
@@ -233,6 +425,10 @@ def test_verb_draws_frames_and_sheet(
     for words, named in (
         (['--times', '7'], '0.3 s'), (['--every', '0'], '--every'), (['--frames', '0'], 'frames'),
         (['--times', 'nan'], '--times'), (['--output', 'a'], 'a holds frames'),
+        (['--from', '7'], '--from 7 s'), (['--from', '0.2', '--to', '0.1'], 'before --from'),
+        (['--camera', '3'], '--camera'), (['--camera', '0', '95'], '--camera'),
+        (['--camera', '0', '5', '-1'], 'distance'), (['--bodies', 'nowhere'], 'bodies'),
+        (['--follow', '99'], 'follow'), (['--size', '5x5'], '--size'),
     ):
         assert main(['render', str(bag), *words]) == 2
         error = capsys.readouterr().err

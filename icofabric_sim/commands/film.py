@@ -1,0 +1,176 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""`icofabric film BAG|SCENE FILE`."""
+
+import argparse
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from icofabric_sim.commands.bags import bag_errors, bag_path, is_bag
+from icofabric_sim.commands.picture_arguments import (
+    add_picture_arguments,
+    camera_view,
+    picture_size,
+    time_span,
+)
+from icofabric_sim.commands.scenes import add_scene_arguments, read_parameters
+from icofabric_sim.terminal import (
+    bad_input,
+    FileSaysNo,
+    InputError,
+    notes,
+    Progress,
+    require_place,
+)
+
+if TYPE_CHECKING:
+    from icofabric_sim.pictures.drawing import Renderer
+
+_NAME = 'icofabric film'
+_MOST_RATE = 240.0
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare what the verb takes."""
+    add_scene_arguments(parser, 'SCENE|BAG')
+    parser.add_argument('film', metavar='FILE', help='the film: a file that ends in .mp4 or .gif')
+    parser.add_argument(
+        '--rate', type=float, default=30.0, metavar='R',
+        help='pictures for each second of the film (%(default)g)')
+    parser.add_argument(
+        '--speed', type=float, default=1.0, metavar='X',
+        help='simulated seconds for each second of the film: 0.2 is slow motion (%(default)g)')
+    parser.add_argument(
+        '--duration', type=float, metavar='S',
+        help='of a scene: the simulated time [s]; needed where it has no duration of its own')
+    parser.add_argument('--title', default='', help='words at the top (default: the name)')
+    add_picture_arguments(parser, '1280x720')
+
+
+def main(arguments: argparse.Namespace) -> int:
+    """Film a recorded run, or a scene that is simulated for it."""
+    from icofabric_sim.parameters.ready_scenes import ready_scenes
+    path = Path(arguments.film).expanduser()
+    size = _check(arguments, path)
+    require_place('FILE', path)
+    from icofabric_sim.pictures.film import encoder, FilmError
+    try:
+        if path.suffix.lower() == '.mp4':
+            encoder()
+        source = bag_path(arguments.scene)
+        if arguments.scene not in ready_scenes() and is_bag(source):
+            if arguments.parameter or arguments.duration is not None:
+                raise InputError('-p and --duration are of scenes; a recorded run stays as it was')
+            with bag_errors(source):
+                return _film_bag(arguments, source, path, size)
+        return _film_scene(arguments, path, size)
+    except FilmError as error:
+        raise FileSaysNo(str(error)) from error
+
+
+def _check(arguments: argparse.Namespace, path: Path) -> tuple[int, int]:
+    from icofabric_sim.pictures.film import SUFFIXES
+    if path.suffix.lower() not in SUFFIXES:
+        raise InputError(f'{path} does not name a film: give a file that ends in .mp4 or .gif')
+    if not 0.0 < arguments.rate <= _MOST_RATE:
+        raise InputError(
+            f'--rate must be above 0 and at most {_MOST_RATE:g} pictures a second, got '
+            f'{arguments.rate:g}')
+    if not 0.0 < arguments.speed < math.inf:
+        raise InputError(f'--speed must be above 0, got {arguments.speed:g}')
+    size = picture_size(arguments.size)
+    if path.suffix.lower() == '.mp4' and any(side % 2 for side in size):
+        raise InputError(f'--size of an MP4 must be even each way, got {arguments.size}')
+    camera_view(arguments.camera)
+    return size
+
+
+def _film_bag(
+    arguments: argparse.Namespace, source: Path, path: Path, size: tuple[int, int]
+) -> int:
+    from icofabric_sim.bag.recorded_run import RecordedRun
+    from icofabric_sim.pictures.film import film_times, write_film
+    from icofabric_sim.pictures.render import nearest_times, RunPictures, spread_times
+    import numpy as np
+
+    with RecordedRun(source) as run:
+        recorded = run.pose_times()
+        if not len(recorded):
+            raise InputError(f'{source} holds no poses to film')
+        start, end = time_span(arguments, float(recorded[0]) / 1e9, float(recorded[-1]) / 1e9)
+        wanted = film_times(start, end, arguments.rate, arguments.speed)
+        times = nearest_times(recorded, np.rint(1e9 * wanted))
+        rate = arguments.rate
+        if len(times) < len(wanted):
+            # Fewer poses than pictures: the film lasts as long all the same.
+            rate *= len(times) / len(wanted)
+        with bad_input():
+            pictures = RunPictures(
+                run, times, view=camera_view(arguments.camera), size=size,
+                title=arguments.title, color=arguments.color, bodies=arguments.bodies,
+                follow=arguments.follow)
+        legend = list(pictures.moments_at(spread_times(times, 8)))
+        with Progress(len(times), 'pictures') as progress:
+            count = write_film(
+                path, pictures.renderer, pictures.moments(), rate=rate, legend=legend,
+                progress=progress.update)
+    return _said(count, rate, path)
+
+
+def _film_scene(arguments: argparse.Namespace, path: Path, size: tuple[int, int]) -> int:
+    from icofabric_sim.pictures.film import (
+        film_times,
+        make_renderer,
+        simulated_moments,
+        spread_moments,
+        write_film,
+    )
+    from icofabric_sim.scene.scene import Scene
+    from icofabric_sim.simulation.errors import SimulationError
+    from icofabric_sim.simulation.simulation import compile_scene
+
+    name, parameters = read_parameters(arguments)
+    duration = parameters['duration'] if arguments.duration is None else arguments.duration
+    if arguments.duration is None and arguments.end is not None:
+        duration = arguments.end
+    if not 0.0 < duration < math.inf:
+        raise InputError(
+            'this film needs an end: give --duration S, the simulated time in seconds (the scene '
+            'has duration 0)')
+    start, end = time_span(arguments, 0.0, duration)
+    with bad_input():
+        scene = Scene.from_parameters(parameters)
+        simulation = compile_scene(scene)
+    times = film_times(start, end, arguments.rate, arguments.speed)
+    with Progress(end, 's simulated') as progress, notes(progress, _NAME):
+        try:
+            moments = simulated_moments(simulation, times, progress.update)
+        except SimulationError as error:
+            raise FileSaysNo(str(error)) from error
+    with bad_input():
+        renderer: Renderer = make_renderer(
+            moments, sampled=spread_moments(moments), title=arguments.title or name, size=size,
+            view=camera_view(arguments.camera), color=arguments.color, bodies=arguments.bodies,
+            follow=arguments.follow)
+    with Progress(len(moments), 'pictures') as progress:
+        count = write_film(
+            path, renderer, moments, rate=arguments.rate, legend=spread_moments(moments)[::3],
+            progress=progress.update)
+    return _said(count, arguments.rate, path)
+
+
+def _said(count: int, rate: float, path: Path) -> int:
+    print(f'{count} pictures, {count / rate:.3g} s, in {path}')
+    return 0

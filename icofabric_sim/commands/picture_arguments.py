@@ -1,0 +1,99 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""What verbs that draw take: size, camera, colours, bodies, and a span of time."""
+
+import argparse
+import math
+import re
+from typing import TYPE_CHECKING
+
+from icofabric_sim.terminal import InputError
+
+if TYPE_CHECKING:
+    from icofabric_sim.pictures.camera import View
+
+_SMALLEST, _LARGEST = 320, 16000  # pixels
+COLORS = ('strain', 'force', 'speed', 'contact')
+
+
+def add_picture_arguments(parser: argparse.ArgumentParser, size: str) -> None:
+    """Declare what all pictures of fabrics take."""
+    parser.add_argument(
+        '--size', default=size, metavar='WxH', help='pixels of a picture (%(default)s)')
+    parser.add_argument(
+        '--camera', '--view', type=float, nargs='+', metavar='ANGLE', dest='camera',
+        help='where the viewer stands: AZIMUTH ELEVATION [degrees], from +x towards +y and above '
+             'the horizontal, and if need be the distance [m] from what is looked at (default: '
+             '-62 16, and as near as all that is shown fits)')
+    parser.add_argument(
+        '--color', choices=COLORS, default='strain',
+        help='what colours show: strain or tension of connectors, speed of bodies (of a recorded '
+             'run: between its poses), or how deep shells overlap (%(default)s)')
+    parser.add_argument(
+        '--bodies', default='', metavar='GROUP',
+        help="draw only these: a group of the scene, a selector such as 'level 2', or numbers "
+             "such as '0 5 7'; they also say what fits into the picture")
+    parser.add_argument(
+        '--follow', default='', metavar='GROUP',
+        help='the camera moves with the middle of these bodies')
+    parser.add_argument(
+        '--from', type=float, metavar='T', dest='start', help='begin at this simulated time [s]')
+    parser.add_argument(
+        '--to', type=float, metavar='T', dest='end', help='end at this simulated time [s]')
+
+
+def picture_size(text: str) -> tuple[int, int]:
+    """Width and height [pixels] of --size."""
+    match = re.fullmatch('([0-9]{1,5})[x,]([0-9]{1,5})', text)
+    if match is None:
+        raise InputError(f'--size must be WIDTHxHEIGHT in pixels, such as 1280x960, got {text!r}')
+    size = int(match[1]), int(match[2])
+    if not all(_SMALLEST <= side <= _LARGEST for side in size):
+        raise InputError(f'--size must be {_SMALLEST} to {_LARGEST} pixels each way, got {text}')
+    return size
+
+
+def camera_view(numbers: list[float] | None) -> 'View | None':
+    """The view of --camera; None where it was not given."""
+    if numbers is None:
+        return None
+    said = ' '.join(f'{number:g}' for number in numbers)
+    if len(numbers) not in (2, 3):
+        raise InputError(
+            f'--camera takes an azimuth and an elevation in degrees, and if need be a distance in '
+            f'm, got {said}')
+    azimuth, elevation = numbers[:2]
+    distance = numbers[2] if len(numbers) == 3 else 0.0
+    if not (math.isfinite(azimuth) and abs(elevation) <= 90.0):
+        raise InputError(
+            f'--camera takes an azimuth and an elevation from -90 to 90 degrees, got {said}')
+    if len(numbers) == 3 and not 0.0 < distance < math.inf:
+        raise InputError(f'--camera takes a distance above 0 m, got {said}')
+    from icofabric_sim.pictures.camera import View
+    return View(math.radians(azimuth), math.radians(elevation), distance)
+
+
+def time_span(arguments: argparse.Namespace, first: float, last: float) -> tuple[float, float]:
+    """Simulated times [s] of --from and --to within what there is."""
+    start = first if arguments.start is None else arguments.start
+    end = last if arguments.end is None else arguments.end
+    near = 0.5e-9
+    for option, time in (('--from', start), ('--to', end)):
+        if not first - near <= time <= last + near:
+            raise InputError(
+                f'{option} {time:g} s: there is motion from {first:.6g} s to {last:.6g} s; choose '
+                'a time in between')
+    if not end >= start:
+        raise InputError(f'--to {end:g} s is before --from {start:g} s')
+    return start, end

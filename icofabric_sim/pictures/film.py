@@ -1,0 +1,203 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+Films of recorded runs and of scenes: MP4 by ffmpeg, which imageio-ffmpeg carries, and GIF.
+
+The encoder is given one thread and no time of its own, so the same moments give the same film.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from importlib import import_module
+import math
+from pathlib import Path
+import shutil
+import subprocess
+from typing import Any
+
+from icofabric_sim.pictures.camera import View
+from icofabric_sim.pictures.drawing import Framing, Renderer
+from icofabric_sim.pictures.measures import fit_scale
+from icofabric_sim.pictures.moment import Moment
+from icofabric_sim.pictures.render import chosen_bodies, own_pushes
+from icofabric_sim.simulation.simulation import Simulation
+import numpy as np
+
+FILM_SIZE = (1280, 720)
+SUFFIXES = ('.mp4', '.gif')
+Progress = Callable[[float], None]
+# Moments from which the scale of colours is found, and those whose marks the legend explains.
+_SAMPLED = 24
+# A GIF shows pictures for whole hundredths of a second, and players slow down faster ones.
+_FASTEST_GIF = 50.0
+# Pictures from which the colours of a GIF are taken.
+_COLOR_SAMPLES = 6
+
+
+class FilmError(Exception):
+    """What is needed for a film is missing, or fails."""
+
+
+def encoder() -> str:
+    """Path of the ffmpeg that imageio-ffmpeg brings, or of the machine's; FilmError: neither."""
+    try:
+        return str(import_module('imageio_ffmpeg').get_ffmpeg_exe())
+    except (ImportError, RuntimeError) as error:
+        found = shutil.which('ffmpeg')
+        if found is None:
+            raise FilmError(
+                'an MP4 film needs ffmpeg: `pip install imageio-ffmpeg` brings one; a film that '
+                'ends in .gif needs none') from error
+        return found
+
+
+def simulated_moments(
+    simulation: Simulation, times: np.ndarray, progress: Progress = lambda time: None
+) -> list[Moment]:
+    """Moments of a simulation at ascending times [s]; it is advanced to the last of them."""
+    moments = []
+    scene = simulation.scene
+    for time in times.tolist():
+        simulation.advance_to(time)
+        state = simulation.snapshot()
+        broken = None if state.intact.all() else np.flatnonzero(~state.intact)
+        moments.append(Moment(
+            time, state.position, state.orientation, scene, '', broken, state.linear_velocity,
+            tuple(own_pushes(scene, state.position, state.orientation, time, set())),
+            state.anchor_ends[:, 1] if scene.anchors else None))
+        progress(time)
+    return moments
+
+
+def make_renderer(
+    moments: Iterable[Moment], *, sampled: Iterable[Moment], title: str,
+    size: tuple[int, int] = FILM_SIZE, view: View | None = None, color: str = 'strain',
+    bodies: str = '', follow: str = ''
+) -> Renderer:
+    """One camera and one scale of colours for all the moments of a film."""
+    framing = None
+    for moment in moments:
+        if framing is None:
+            framing = Framing(
+                view,
+                bodies=chosen_bodies(moment.scene, 'bodies', bodies) if bodies else None,
+                follow=chosen_bodies(moment.scene, 'follow', follow) if follow else None)
+        framing.add(moment)
+    if framing is None:
+        raise ValueError('there is nothing to film: give at least one moment')
+    return Renderer(
+        framing, title=title, size=size, color=color, scale=fit_scale(color, sampled))
+
+
+def spread_moments(moments: list[Moment]) -> list[Moment]:
+    """A few moments of all, from which colours and legend are found."""
+    places = np.unique(np.linspace(0, len(moments) - 1, _SAMPLED).astype(int))
+    return [moments[place] for place in places]
+
+
+def write_film(
+    path: Path, renderer: Renderer, moments: Iterable[Moment], *, rate: float,
+    legend: Iterable[Moment] = (), progress: Progress = lambda count: None
+) -> int:
+    """
+    Draw moments to an MP4 or a GIF of `rate` pictures a second; returns how many there are.
+
+    What is seen in the moments `legend` is explained from the start. FilmError where the encoder
+    fails; nothing is left of a film that was broken off.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    part = path.with_name(f'.{path.stem}.part{path.suffix}')
+    count = 0
+    explained = list(legend)
+    try:
+        if path.suffix.lower() == '.gif':
+            samples = [renderer.picture(moment, legend=explained)
+                       for moment in explained[:_COLOR_SAMPLES]]
+            encode = _gif(part, rate, samples)
+        else:
+            encode = _mp4(part, rate, renderer.size)
+        with encode as add:
+            for moment in moments:
+                add(renderer.picture(moment, legend=[moment, *explained]))
+                explained = []
+                count += 1
+                progress(count)
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)
+    return count
+
+
+@contextmanager
+def _mp4(path: Path, rate: float, size: tuple[int, int]) -> Iterator[Callable[[Any], None]]:
+    command = [
+        encoder(), '-loglevel', 'error', '-y', '-f', 'rawvideo', '-pix_fmt', 'rgb24',
+        '-s', f'{size[0]}x{size[1]}', '-r', f'{rate:.9g}', '-i', '-', '-an',
+        '-c:v', 'libx264', '-preset', 'veryfast', '-crf', '18', '-pix_fmt', 'yuv420p',
+        '-threads', '1', '-movflags', '+faststart', '-fflags', '+bitexact',
+        '-flags:v', '+bitexact', '-map_metadata', '-1', '-f', 'mp4', str(path)]
+    with subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE) as process:
+        assert process.stdin is not None and process.stderr is not None
+        stdin = process.stdin
+        try:
+            yield lambda picture: _written(stdin.write(picture.tobytes()))
+            stdin.close()
+        except BrokenPipeError:
+            # It says below why it ended.
+            pass
+        except BaseException:
+            process.kill()
+            raise
+        said = process.stderr.read().decode(errors='replace').strip()
+        if process.wait():
+            raise FilmError(f'ffmpeg could not write {path}: {said or "it says nothing"}')
+
+
+def _written(count: int | None) -> None:
+    """Nothing: the pipe takes all."""
+
+
+@contextmanager
+def _gif(
+    path: Path, rate: float, samples: Sequence[Any]
+) -> Iterator[Callable[[Any], None]]:
+    """All pictures share the colours of the samples; they wait in memory, a byte a pixel."""
+    from PIL import Image
+
+    frames: list[Any] = []
+    palette = None
+    if samples:
+        width, height = samples[0].size
+        mosaic = Image.new('RGB', (width * len(samples), height))
+        for number, sample in enumerate(samples):
+            mosaic.paste(sample, (number * width, 0))
+        palette = mosaic.quantize(256, method=Image.Quantize.MEDIANCUT)
+
+    def add(picture: Any) -> None:
+        shared = palette or (frames[0] if frames else picture.quantize(256))
+        frames.append(picture.quantize(palette=shared, dither=Image.Dither.NONE))
+
+    yield add
+    if frames:
+        frames[0].save(
+            path, format='GIF', save_all=True, append_images=frames[1:], loop=0,
+            duration=10 * max(round(100.0 / min(rate, _FASTEST_GIF)), 2))
+
+
+def film_times(start: float, end: float, rate: float, speed: float) -> np.ndarray:
+    """Simulated times [s] of a film of `rate` pictures a second that shows `speed` s in each."""
+    count = math.floor((end - start) * rate / speed + 1e-9) + 1
+    return np.asarray(start + np.arange(count) * speed / rate)

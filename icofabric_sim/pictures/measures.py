@@ -1,0 +1,234 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+What bodies and connectors are coloured by: strain, force, speed, or overlap of shells.
+
+The scales can be told apart by people who confuse red and green: blue to orange around zero, and
+dark to light from zero on.
+"""
+
+from collections.abc import Iterable
+import math
+from typing import NamedTuple
+
+from icofabric_sim.geometry.icosahedron import EDGES, FACES, vertices
+from icofabric_sim.geometry.rotations import cosines_from_quaternions
+from icofabric_sim.pictures.moment import Moment
+from icofabric_sim.scene.planes import make_planes
+from icofabric_sim.scene.scene import Scene
+import numpy as np
+from scipy.spatial import cKDTree
+
+# From the least to the largest value.
+_DIVERGING = np.array([
+    [0.09, 0.22, 0.55], [0.16, 0.42, 0.78], [0.42, 0.65, 0.88], [0.64, 0.64, 0.62],
+    [0.95, 0.62, 0.27], [0.85, 0.33, 0.12], [0.58, 0.09, 0.08]])
+_SEQUENTIAL = np.array([
+    [0.13, 0.14, 0.32], [0.19, 0.30, 0.49], [0.17, 0.47, 0.56], [0.26, 0.63, 0.55],
+    [0.52, 0.77, 0.45], [0.80, 0.86, 0.40], [0.99, 0.91, 0.45]])
+# The part of the values that the scale covers; beyond it the colours of its ends stand.
+_COVERED = 0.98
+_MOST_VALUES = 2_000_000
+
+
+class Quantity(NamedTuple):
+    """Something that colours show."""
+
+    label: str
+    unit: str
+    factor: float  # from SI to the unit
+    of_bodies: bool  # else of connectors
+    signed: bool
+    least: float  # [unit] ends of scales are not nearer to 0
+
+
+QUANTITIES = {
+    'strain': Quantity('strain of connectors', '%', 100.0, False, True, 0.1),
+    'force': Quantity('tension of connectors', 'N', 1.0, False, True, 0.01),
+    'speed': Quantity('speed of bodies', 'm/s', 1.0, True, False, 0.01),
+    'contact': Quantity('overlap of shells', 'mm', 1e3, True, False, 0.01),
+}
+
+
+class Scale(NamedTuple):
+    """Colours of the values of a quantity."""
+
+    quantity: Quantity
+    largest: float  # [SI] at the end of the scale
+
+    @property
+    def least(self) -> float:
+        """Value [SI] at the beginning of the scale."""
+        return -self.largest if self.quantity.signed else 0.0
+
+    def colors(self, values: np.ndarray) -> np.ndarray:
+        """Colours (m, 3) of values (m,) [SI]."""
+        table = _DIVERGING if self.quantity.signed else _SEQUENTIAL
+        part = (np.asarray(values) - self.least) / (self.largest - self.least)
+        places = np.clip(part, 0.0, 1.0) * (len(table) - 1)
+        below = np.minimum(places.astype(int), len(table) - 2)
+        rest = (places - below)[:, None]
+        return np.asarray((1.0 - rest) * table[below] + rest * table[below + 1])
+
+    def text(self, value: float) -> str:
+        """A value [SI] in the unit of the scale."""
+        shown = value * self.quantity.factor
+        return f'{shown:+g}' if self.quantity.signed and value else f'{shown:g}'
+
+
+def connector_ends(scene: Scene, position: np.ndarray, orientation: np.ndarray) -> np.ndarray:
+    """World positions [m] of the ends of all connectors, (c, 2, 3)."""
+    bodies = scene.connectors.bodies
+    cosines = cosines_from_quaternions(orientation)[bodies]
+    arms = np.einsum('cea,ceai->cei', scene.connectors.points_body, cosines)
+    return np.asarray(position[bodies] + arms)
+
+
+def strains(scene: Scene, ends: np.ndarray) -> np.ndarray:
+    """Strain (l - D) / D of straight connectors, (c,)."""
+    length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+    return np.asarray(length / scene.connectors.natural_length - 1.0)
+
+
+def tensions(scene: Scene, ends: np.ndarray) -> np.ndarray:
+    """Tension [N] of straight connectors by their laws, without damping, (c,)."""
+    laws, tables = scene.connectors.laws, scene.connectors.tables
+    length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+    stretch = length - laws.natural_length
+    tension = np.where(stretch > 0.0, laws.extension, laws.compression) * stretch
+    for number, table in enumerate(tables.tables):
+        chosen = tables.of == number
+        tension[chosen] = table.evaluate(length[chosen])[0]
+    return np.asarray(tension)
+
+
+class Contacts(NamedTuple):
+    """Pairs of shells that overlap."""
+
+    bodies: np.ndarray  # (m, 2)
+    depth: np.ndarray  # (m,) [m] the least shift that parts them
+    point: np.ndarray  # (m, 3) [m] between them
+
+
+def find_contacts(scene: Scene, position: np.ndarray, orientation: np.ndarray) -> Contacts:
+    """Overlapping shells of one state, found by the separating axes of both."""
+    half_edge = scene.shell.half_edge
+    corners = vertices(half_edge)
+    reach = 2.0 * float(np.linalg.norm(corners[0]))
+    pairs = cKDTree(position).query_pairs(reach, output_type='ndarray').reshape(-1, 2)
+    pairs = pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
+    if not len(pairs):
+        return Contacts(pairs, np.zeros(0), np.zeros((0, 3)))
+    cosines = cosines_from_quaternions(orientation)
+    # The shells are symmetric about their centres: half of all directions will do.
+    half, normals, edges = _half_directions()
+    between = position[pairs[:, 1]] - position[pairs[:, 0]]
+    first, second = (np.einsum('ka,nai->nki', half * half_edge, cosines[side]) for side in pairs.T)
+    gap = np.full(len(pairs), -np.inf)
+    axes = [np.einsum('ka,nai->nki', normals, cosines[side]) for side in pairs.T]
+    one, other = (np.einsum('ka,nai->nki', edges, cosines[side]) for side in pairs.T)
+    cross = np.cross(one[:, :, None], other[:, None]).reshape(len(pairs), -1, 3)
+    size = np.linalg.norm(cross, axis=2, keepdims=True)
+    axes.append(np.divide(cross, size, out=np.zeros_like(cross), where=size > 1e-6))
+    for directions in axes:
+        apart = np.abs(np.einsum('nki,ni->nk', directions, between))
+        for points in (first, second):
+            apart -= np.abs(np.einsum('nki,nvi->nkv', directions, points)).max(axis=2)
+        valid = np.einsum('nki,nki->nk', directions, directions) > 0.5
+        gap = np.maximum(gap, np.where(valid, apart, -np.inf).max(axis=1))
+    touching = gap < 0.0
+    return Contacts(
+        pairs[touching], -gap[touching],
+        0.5 * (position[pairs[touching, 0]] + position[pairs[touching, 1]]))
+
+
+def _half_directions() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Vertices (6, 3), unit normals (10, 3) and edges (15, 3), one of each opposite pair."""
+    unit = vertices(1.0)
+    first, second, third = unit[FACES.T]
+    normals = np.cross(second - first, third - first)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    edges = unit[EDGES[:, 1]] - unit[EDGES[:, 0]]
+    edges /= np.linalg.norm(edges, axis=1, keepdims=True)
+    return _one_of_each(unit), _one_of_each(normals), _one_of_each(edges)
+
+
+def _one_of_each(directions: np.ndarray) -> np.ndarray:
+    kept: list[np.ndarray] = []
+    for direction in directions:
+        if all(np.abs(np.dot(direction, other)) < (1.0 - 1e-9) * np.dot(other, other)
+               for other in kept):
+            kept.append(direction)
+    return np.array(kept)
+
+
+def overlaps(scene: Scene, position: np.ndarray, orientation: np.ndarray) -> np.ndarray:
+    """Deepest overlap [m] of each shell with another one or with a plane, (n,); 0: none."""
+    deepest = np.zeros(len(position))
+    contacts = find_contacts(scene, position, orientation)
+    for side in contacts.bodies.T:
+        np.maximum.at(deepest, side, contacts.depth)
+    planes = make_planes(scene.parameters)
+    if len(planes):
+        corners = np.einsum(
+            'va,nai->nvi', vertices(scene.shell.half_edge), cosines_from_quaternions(orientation))
+        for row in planes:
+            lowest = position @ row[:3] + (corners @ row[:3]).min(axis=1)
+            np.maximum(deepest, row[3] - lowest, out=deepest)
+    return deepest
+
+
+def values_of(name: str, moment: Moment) -> np.ndarray:
+    """The quantity of that name of a moment [SI]: of its bodies, or of its connectors."""
+    scene = moment.scene
+    if name == 'speed':
+        if moment.velocity is None:
+            return np.zeros(scene.body_count)
+        return np.asarray(np.linalg.norm(moment.velocity, axis=1))
+    if name == 'contact':
+        return overlaps(scene, moment.position, moment.orientation)
+    if not scene.connector_count:
+        return np.zeros(0)
+    ends = connector_ends(scene, moment.position, moment.orientation)
+    values = strains(scene, ends) if name == 'strain' else tensions(scene, ends)
+    if moment.broken is not None and len(moment.broken):
+        values = values.copy()
+        values[moment.broken] = 0.0
+    return values
+
+
+def fit_scale(name: str, moments: Iterable[Moment]) -> Scale:
+    """The scale on which all but the most extreme values of the moments lie, to a round number."""
+    found = []
+    count = 0
+    for moment in moments:
+        values = np.abs(values_of(name, moment))
+        values = values[np.isfinite(values)]
+        found.append(values)
+        count += len(values)
+        if count > _MOST_VALUES:
+            break
+    sizes = np.concatenate(found) if found else np.zeros(0)
+    # Values at rest would pull the end of the scale down to them.
+    sizes = sizes[sizes > 1e-3 * sizes.max(initial=0.0)]
+    largest = float(np.quantile(sizes, _COVERED)) if len(sizes) else 0.0
+    quantity = QUANTITIES[name]
+    shown = max(largest * quantity.factor, quantity.least)
+    return Scale(quantity, _round_up(shown) / quantity.factor)
+
+
+def _round_up(value: float) -> float:
+    power = 10.0 ** math.floor(math.log10(value))
+    steps = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)
+    return float(f'{next(step for step in steps if step * power >= value * (1 - 1e-9)) * power:g}')

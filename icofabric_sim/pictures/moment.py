@@ -1,0 +1,41 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""A state that is to be drawn, and what acts at that time."""
+
+from typing import NamedTuple
+
+from icofabric_sim.scene.scene import Scene
+import numpy as np
+
+
+class Push(NamedTuple):
+    """A force on a group of bodies, for an arrow."""
+
+    name: str
+    point: np.ndarray  # (3,) [m] where it acts, world frame
+    force: np.ndarray  # (3,) [N] in all, world frame
+
+
+class Moment(NamedTuple):
+    """A state to be drawn."""
+
+    time: float  # [s]; NaN: of no time
+    position: np.ndarray  # (n, 3) [m]
+    orientation: np.ndarray  # (n, 4) x y z w
+    scene: Scene
+    note: str = ''  # for the caption
+    broken: np.ndarray | None = None  # numbers of broken connectors
+    velocity: np.ndarray | None = None  # (n, 3) [m/s]
+    pushes: tuple[Push, ...] = ()
+    anchor_points: np.ndarray | None = None  # (a, 3) [m] of the world; None: those at time 0
