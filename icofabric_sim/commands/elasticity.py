@@ -63,7 +63,7 @@ def main(arguments: argparse.Namespace) -> int:
     from icofabric_sim.scene.scene import Scene
     from icofabric_sim.statics.held import refuse_in_statics
     from icofabric_sim.statics.periodic import homogenise
-    from icofabric_sim.statics.stretching import measure_curve
+    from icofabric_sim.statics.stretching import curve_points
     import numpy as np
 
     with bad_input():
@@ -73,19 +73,24 @@ def main(arguments: argparse.Namespace) -> int:
         constants = homogenise(scene)
     print(f'{name}: the endless fabric')
     print('\n'.join(constants_text(constants)))
-    curves: dict[str, list[CurvePoint]] = {}
+    curves: dict[str, list[CurvePoint]] = {kind: [] for kind in arguments.kinds}
     strains = arguments.strain * np.arange(1, arguments.points + 1) / arguments.points
-    early = False
-    for kind in arguments.kinds:
-        with Progress(len(strains), 'states') as progress, bad_input():
-            curves[kind] = measure_curve(
-                scene, kind, strains.tolist(), axis='xyz'.index(arguments.axis),
-                progress=progress.update)
-        early |= len(curves[kind]) < len(strains) or curves[kind][-1].verdict.startswith('not')
-    if curves:
-        print(f'{name}: its slab, held at both ends along {arguments.axis}, sides free')
-        print('\n'.join(curve_text(curves)))
-    _write(outputs, constants, curves)
+    try:
+        for kind, points in curves.items():
+            with Progress(len(strains), 'states') as progress, bad_input():
+                points.extend(curve_points(
+                    scene, kind, strains.tolist(), axis='xyz'.index(arguments.axis),
+                    progress=progress.update))
+    finally:
+        # Those of an interrupted search too.
+        curves = {kind: points for kind, points in curves.items() if points}
+        if curves:
+            print(f'{name}: its slab, held at both ends along {arguments.axis}, sides free')
+            print('\n'.join(curve_text(curves)))
+        _write(outputs, constants, curves)
+    early = any(
+        len(points) < len(strains) or points[-1].verdict.startswith('not')
+        for points in curves.values())
     if outputs.picture is not None:
         from icofabric_sim.pictures.elastic_picture import draw_elasticity
         outputs.picture.parent.mkdir(parents=True, exist_ok=True)

@@ -77,29 +77,32 @@ def main(arguments: argparse.Namespace) -> int:
         print(f'{", ".join(turning)}: turns with its bodies or twists them, so it has no energy; '
               'it is followed step by step')
     began = time.monotonic()
-    reached = _search(arguments, scene)
-    factor, result = reached[-1]
-    if len(reached) > 1 or factor < 1.0:
-        print('\n'.join(_steps_text(scene, reached)))
+    reached: list[tuple[float, 'Equilibrium']] = []
+    try:
+        _search(arguments, scene, reached)
+    finally:
+        # Those of an interrupted search too.
+        if reached and (len(reached) > 1 or reached[0][0] < 1.0):
+            print('\n'.join(_steps_text(scene, reached)))
+        if reached and outputs.folder is not None and arguments.load_steps > 1:
+            outputs.table('load_steps.csv', _STEP_COLUMNS, (
+                _step_row(scene, *step) for step in reached))
+    _, result = reached[-1]
     print('\n'.join(summary(scene, result, time.monotonic() - began)))
     outputs.write(name, scene, result.snapshot, result.tension, result.reaction)
-    if outputs.folder is not None and arguments.load_steps > 1:
-        outputs.table('load_steps.csv', _STEP_COLUMNS, (
-            _step_row(scene, *step) for step in reached))
     return 0 if result.converged else 1
 
 
 def _search(
-    arguments: argparse.Namespace, scene: 'Scene'
-) -> list[tuple[float, 'Equilibrium']]:
-    """Equilibria under growing loads, the last one under all, or none."""
+    arguments: argparse.Namespace, scene: 'Scene', reached: list[tuple[float, 'Equilibrium']]
+) -> None:
+    """Add equilibria under growing loads to `reached`, the last one under all, or none."""
     from icofabric_sim.statics.equilibrium import Progress as Search
     from icofabric_sim.statics.equilibrium import step_loads
     import numpy as np
 
     count = arguments.load_steps
     goal = -float(np.log10(arguments.tolerance)) if 0.0 < arguments.tolerance < 1.0 else 1.0
-    reached: list[tuple[float, 'Equilibrium']] = []
     unit = 'decimal places of the residual' if count == 1 else 'load steps'
     # A residual falls by leaps: its pace does not predict the rest.
     with Progress(
@@ -113,7 +116,6 @@ def _search(
                 time=arguments.time, tolerance=arguments.tolerance,
                 largest_step_count=arguments.steps, progress=show):
             reached.append(step)
-    return reached
 
 
 def _step_row(scene: 'Scene', factor: float, found: 'Equilibrium') -> list[object]:

@@ -13,7 +13,7 @@
 # limitations under the License.
 """Stress against strain of a slab between two held ends, one of which is moved step by step."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -69,6 +69,14 @@ def measure_curve(
     Each point says how many connectors are past their kink: where none is, a change of 1e-9 in
     angle or stiffness changes `stress - rest_stress` by less than 1e-6 of itself.
     """
+    return list(curve_points(scene, kind, strains, axis=axis, progress=progress))
+
+
+def curve_points(
+    scene: Scene, kind: str, strains: Sequence[float], *, axis: int = 0,
+    progress: Callable[[int], None] | None = None
+) -> Iterator[CurvePoint]:
+    """The same, each as soon as it is found."""
     require_scene(scene)
     checks.choice('kind', kind, KINDS)
     steps: list[float] = checks.array('strains', strains, ('n',)).tolist()
@@ -104,19 +112,20 @@ def measure_curve(
             since[worst] = 0.0
             last = solve_equilibrium(here, start=replace(last.snapshot, broken_since=since))
         force = float(last.reaction[ends[1], :3].sum(axis=0) @ direction)
-        points.append(CurvePoint(
+        point = CurvePoint(
             strain, force / area, float(last.snapshot.energy['total']), last.verdict,
             last.residual, int(np.count_nonzero(last.snapshot.obstructed)),
             int(np.count_nonzero(_excess(here, last.snapshot) >= 0.0)),
             int(np.count_nonzero(~last.snapshot.intact)),
             0 if last.touching is None else len(last.touching.pairs),
             len(last.at_kink), rest.past_kink(last.snapshot),
-            float(rest.reaction[ends[1], :3].sum(axis=0) @ direction) / area, last.snapshot))
+            float(rest.reaction[ends[1], :3].sum(axis=0) @ direction) / area, last.snapshot)
+        points.append(point)
+        yield point
         if progress is not None:
             progress(number + 1)
         if not last.converged:
-            break
-    return points
+            return
 
 
 class _Rest:

@@ -28,6 +28,7 @@ from icofabric_sim.kernels.runtime import wait_notice
 from icofabric_sim.kernels.runtime.compile_notice import compile_notice, CompileNotice
 from icofabric_sim.kernels.runtime.interrupts import leaving
 from icofabric_sim.running.run_monitor import RunMonitor
+from icofabric_sim.statics import equilibrium, stretching
 import numba
 import pytest
 
@@ -145,3 +146,25 @@ def test_a_signal_breaks_off_the_compiler_and_keeps_the_bag(monkeypatch, capsys,
     # The process can go on.
     leaving.check()
     assert numba.njit(lambda x: x + 2.0)(1.0) == 3.0
+
+
+@pytest.mark.parametrize('words, module, name, file', [
+    (['elasticity', 'stiff_cantilever', '-p', 'weave.size:=[3, 2, 2]', '--kinds', 'pull',
+      '--points', '3'], stretching, 'curve_points', 'curves.csv'),
+    (['statics', 'hanging_slab', '-p', 'weave.size:=[3, 3, 2]', '--load-steps', '3'], equilibrium,
+     'step_loads', 'load_steps.csv')])
+def test_what_was_found_before_an_interrupt_is_printed_and_written(
+        words, module, name, file, monkeypatch, capsys, tmp_path):
+    whole = getattr(module, name)
+
+    def interrupted(*given, **choices):
+        for number, found in enumerate(whole(*given, **choices)):
+            if number == 2:
+                raise KeyboardInterrupt
+            yield found
+
+    monkeypatch.setattr(module, name, interrupted)
+    assert main([*words, '--output', str(tmp_path)]) == 130
+    out = capsys.readouterr().out
+    assert out.count('  equilibrium') == 2
+    assert len((tmp_path / file).read_text().splitlines()) == 3

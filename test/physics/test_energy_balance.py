@@ -255,3 +255,36 @@ def test_limit_is_a_parameter_and_energy_that_rounding_makes_is_none():
         simulation.advance_to(1.0)
         assert np.abs(
             simulation.snapshot().position - simulation.scene.position).max() < 1e-11
+
+
+def test_small_motion_may_lose_what_the_tolerance_lets_it_lose():
+    """Velocities of 1,000 tolerances fade under `dop8`, within the tolerance: no run stops."""
+    scene = make_scene(
+        (2, 2, 2), solver={'method': 'dop8', 'tolerance': 1e-4},
+        initial_random={'velocity_sigma': 1e-3, 'spin_sigma': 0.1, 'seed': 3})
+    simulation = ico.compile_scene(scene)
+    simulation.advance_to(0.5)
+    balance = simulation.balance
+    # It has lost more than solver.energy_limit of what moves, and says so.
+    assert balance.worst > 0.01 and simulation.error_estimate < 1e-4 * simulation.time
+    kept = simulation.checkpoint()
+    simulation.advance_to(0.6)
+    again = ico.compile_scene(scene)
+    again.restore(kept)
+    again.advance_to(0.6)
+    assert again.balance == simulation.balance
+    # What such errors do not explain stops it all the same.
+    simulation._driver.trajectory.ledger.base += 10.0 * simulation.balance.scale
+    with pytest.raises(ico.SimulationError, match='does not balance'):
+        simulation.advance_to(0.7)
+
+
+def test_livelier_motion_is_held_to_the_energy_limit():
+    """However long it runs: errors within the tolerance are no part of it that counts."""
+    simulation = ico.compile_scene(make_scene(
+        (2, 2, 2), solver={'method': 'dop8', 'tolerance': 1e-4},
+        initial_random={'velocity_sigma': 0.5, 'spin_sigma': 50.0, 'seed': 3}))
+    simulation.advance_to(0.01)
+    simulation._driver.trajectory.ledger.base += 0.02 * simulation.balance.scale
+    with pytest.raises(ico.SimulationError, match='does not balance'):
+        simulation.advance_to(0.05)

@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""Second derivatives of the energy of anchors, body by body."""
+"""First and second derivatives of the energy of anchors, body by body."""
 
 from icofabric_sim.geometry.rotations import cosines_from_quaternions
 from icofabric_sim.kernels.records import Anchors, Loads, Model, State
@@ -27,15 +27,9 @@ def anchors_eigenvalue(model: Model, loads: Loads, state: State, time: float) ->
     """
     anchors = loads.anchors
     assert anchors is not None
-    row, lane = acting_lanes(loads)
-    number = -1 - loads.wrench[row] - anchors.first
-    chosen = number >= 0
-    row, lane, number = row[chosen], lane[chosen], number[chosen]
-    block = np.repeat(np.arange(len(loads.start) - 1), np.diff(loads.start))
-    slots = model.blocks.slot[block[row]] + lane
     hessians: dict[int, np.ndarray] = {}
     with np.errstate(over='ignore', invalid='ignore', divide='ignore'):
-        for slot, a in zip(slots.tolist(), number.tolist()):
+        for slot, a in _anchored(model, loads, anchors):
             part = stiffness_of(anchors, a, *_pose(state, slot), time)
             hessians[slot] = hessians.get(slot, 0.0) + part
     largest = 0.0
@@ -48,6 +42,24 @@ def anchors_eigenvalue(model: Model, loads: Loads, state: State, time: float) ->
     return largest
 
 
+def anchor_accelerations(
+    model: Model, loads: Loads | None, state: State, time: float
+) -> np.ndarray:
+    """
+    What anchors add to accelerations at `time` [s], (6, s) [m/s^2, rad/s^2].
+
+    0 of held freedoms.
+    """
+    found = np.zeros((6, state.position.shape[1]))
+    if loads is None or loads.anchors is None:
+        return found
+    with np.errstate(over='ignore', invalid='ignore', divide='ignore'):
+        for slot, a in _anchored(model, loads, loads.anchors):
+            s, n, _, tension = _pulled(loads.anchors, a, *_pose(state, slot), time)
+            found[:, slot] += _inverses(model, slot) * tension * np.append(n, np.cross(s, n))
+    return found
+
+
 def stiffness_of(
     anchors: Anchors, a: int, position: np.ndarray, axes: np.ndarray, time: float
 ) -> np.ndarray:
@@ -58,13 +70,7 @@ def stiffness_of(
     du = dx + dtheta x s: k (n.du)^2 + f/l |P du|^2 - f n.(dtheta x (dtheta x s)). The larger of
     k_e and k_c counts: the connector may pass from one to the other before the next health check.
     """
-    after = time - anchors.start[a]
-    point = after ** np.arange(4.0) @ anchors.cubic[a]
-    s = anchors.arm[a] @ axes
-    reach = point - position - s
-    length = max(float(np.linalg.norm(reach)), 1e-150)
-    n, stretch = reach / length, length - anchors.natural_length
-    tension = (anchors.extension if stretch > 0.0 else anchors.compression) * stretch
+    s, n, length, tension = _pulled(anchors, a, position, axes, time)
     along = np.outer(n, n)
     stiff = max(anchors.extension, anchors.compression) * along
     stiff += tension / length * (np.eye(3) - along)
@@ -74,6 +80,31 @@ def stiffness_of(
     mixed = np.outer(n, s)
     hessian[3:, 3:] += tension * (float(n @ s) * np.eye(3) - 0.5 * (mixed + mixed.T))
     return np.asarray(hessian)
+
+
+def _pulled(
+    anchors: Anchors, a: int, position: np.ndarray, axes: np.ndarray, time: float
+) -> tuple[np.ndarray, np.ndarray, float, float]:
+    """Arm [m], direction to the point of the world, length [m] and tension [N] of an anchor."""
+    after = time - anchors.start[a]
+    point = after ** np.arange(4.0) @ anchors.cubic[a]
+    s = anchors.arm[a] @ axes
+    reach = point - position - s
+    length = max(float(np.linalg.norm(reach)), 1e-150)
+    stretch = length - anchors.natural_length
+    stiffness = anchors.extension if stretch > 0.0 else anchors.compression
+    return s, reach / length, length, float(stiffness * stretch)
+
+
+def _anchored(model: Model, loads: Loads, anchors: Anchors) -> list[tuple[int, int]]:
+    """Slot of the body, and number, of every anchor."""
+    row, lane = acting_lanes(loads)
+    number = -1 - loads.wrench[row] - anchors.first
+    chosen = number >= 0
+    row, lane, number = row[chosen], lane[chosen], number[chosen]
+    block = np.repeat(np.arange(len(loads.start) - 1), np.diff(loads.start))
+    slots = model.blocks.slot[block[row]] + lane
+    return list(zip(slots.tolist(), number.tolist()))
 
 
 def _pose(state: State, slot: int) -> tuple[np.ndarray, np.ndarray]:

@@ -29,6 +29,9 @@ import numpy as np
 
 # Part of a coordinate, and of a sum, that counts as rounding: a few operations make it.
 _ROUNDING = 16.0 * float(np.finfo(float).eps)
+# Energy of motions so small beside the tolerance that errors within it may take a part of it that
+# counts, in parts of `floor`; and how far the floor is raised above an error that is allowed.
+_SMALL, _ROOM = 1e6, 1.25
 
 
 class EnergyBalance(NamedTuple):
@@ -118,7 +121,8 @@ class Ledger:
         Begin the balance with what a health check has just found.
 
         `moving`: kinetic energy [J] of driven bodies, for which no work was needed;
-        `acceleration` (n, 6) [m/s^2, rad/s^2] of the bodies, `rate` [rad/s] the largest frequency;
+        `acceleration` (n, 6) [m/s^2, rad/s^2] of the bodies, by anchors too; `rate` [rad/s]: the
+        largest frequency;
         `speed` [1/s]: what the tolerance may add to velocities over a, and to spins.
         """
         numbers, model = self.numbers, self._packed.model
@@ -134,8 +138,7 @@ class Ledger:
             self.kinetic + self.stored + self.height
             - self.work + self.spent)
         # What the forces at the start can set free, at least: health checks may find the fabric
-        # back where it began. That of anchors is not in the accelerations; what falls freely
-        # does not come back.
+        # back where it began. What falls freely does not come back.
         if model.gravity is not None and model.supports is None:
             acceleration = acceleration - np.append(model.gravity, np.zeros(3))
         # Forces without bounds end the run where the step is chosen.
@@ -143,11 +146,30 @@ class Ledger:
             squares = (acceleration**2).reshape(-1, 2, 3).sum(axis=(0, 2))
             set_free = (0.5 * (mass * squares[0] + inertia * squares[1]) / rate**2
                         if 0.0 < rate < math.inf else 0.0)
-        self.scale = set_free + self.anchored
+        self.scale = set_free
         self.floor = 0.5 * speed**2 * self.bodies * (
             mass / self.inverse_size + inertia)
         self.worst = self.error = 0.0
         monitor.balance(numbers)
+
+    def allow(self, errors: float, rate: float) -> bool:
+        """
+        Allow the error of the balance where `errors` that the method has added explain it.
+
+        Positions over a, angles, and velocities over the largest frequency `rate` [rad/s]: with
+        |dy|^2 = errors^2 (M a^2 + Lambda) for each body, y mass-scaled, these change an energy E
+        by at most W sqrt(2 E) |dy| + W^2 |dy|^2 / 2. Of a small motion alone: there this is a
+        part of E that counts, and no sign that something is wrong.
+        """
+        model = self._packed.model
+        inertia = 1.0 / (model.inverse_mass * self.inverse_size) + 1.0 / model.inverse_inertia
+        moved = rate * errors * math.sqrt(self.bodies * inertia)
+        explained = moved * math.sqrt(2.0 * self.scale) + 0.5 * moved**2
+        error = abs(self.error)
+        if not (error <= explained and self.scale <= _SMALL * self.floor and self.limit > 0.0):
+            return False
+        self.floor = max(self.floor, _ROOM * error)
+        return True
 
     def keep_work(self, loads: Loads | None) -> None:
         """Add what loads have done that are about to be replaced."""
@@ -164,9 +186,11 @@ class Ledger:
         """Go on from there; limit and size are those of the scene."""
         kept = [
             monitor.LIMIT, monitor.INVERSE_SIZE, monitor.DEEPEST_LIMIT, monitor.BODIES,
-            monitor.ROUNDING, monitor.FLOOR]
+            monitor.ROUNDING]
         numbers = tree.array('numbers', self.numbers.shape).copy()
         numbers[kept] = self.numbers[kept]
+        # It may have been raised on the way.
+        numbers[monitor.FLOOR] = max(numbers[monitor.FLOOR], self.floor)
         np.copyto(self.numbers, numbers)
 
     @property
