@@ -22,6 +22,7 @@ from icofabric_sim.commands.bags import bag_errors, bag_path, is_bag
 from icofabric_sim.commands.picture_arguments import (
     add_picture_arguments,
     camera_view,
+    chosen_bodies_errors,
     picture_size,
     time_span,
 )
@@ -116,7 +117,7 @@ def _film_bag(
         if len(times) < len(wanted):
             # Fewer poses than pictures: the film lasts as long all the same.
             rate *= len(times) / len(wanted)
-        with bad_input():
+        with chosen_bodies_errors():
             pictures = RunPictures(
                 run, times, view=camera_view(arguments.camera), size=size,
                 title=arguments.title, color=arguments.color, bodies=arguments.bodies,
@@ -159,7 +160,7 @@ def _film_scene(arguments: argparse.Namespace, path: Path, size: tuple[int, int]
             moments = simulated_moments(simulation, times, progress.update)
         except SimulationError as error:
             raise FileSaysNo(str(error)) from error
-    with bad_input():
+    with chosen_bodies_errors():
         renderer: Renderer = make_renderer(
             moments, sampled=spread_moments(moments), title=arguments.title or name, size=size,
             view=camera_view(arguments.camera), color=arguments.color, bodies=arguments.bodies,

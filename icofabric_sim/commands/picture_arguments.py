@@ -14,6 +14,8 @@
 """What verbs that draw take: size, camera, colours, bodies, and a span of time."""
 
 import argparse
+from collections.abc import Iterator
+from contextlib import contextmanager
 import math
 import re
 from typing import TYPE_CHECKING
@@ -51,6 +53,16 @@ def add_picture_arguments(parser: argparse.ArgumentParser, size: str) -> None:
         '--from', type=float, metavar='T', dest='start', help='begin at this simulated time [s]')
     parser.add_argument(
         '--to', type=float, metavar='T', dest='end', help='end at this simulated time [s]')
+
+
+@contextmanager
+def chosen_bodies_errors() -> Iterator[None]:
+    """Turn what --bodies and --follow name in vain into bad input; what a bag lacks is not."""
+    from icofabric_sim.parameters.validation import ParameterError
+    try:
+        yield
+    except ParameterError as error:
+        raise InputError(f'--{error}') from error
 
 
 def picture_size(text: str) -> tuple[int, int]:

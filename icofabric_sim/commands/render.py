@@ -22,10 +22,11 @@ from icofabric_sim.commands.bags import bag_errors, bag_path
 from icofabric_sim.commands.picture_arguments import (
     add_picture_arguments,
     camera_view,
+    chosen_bodies_errors,
     picture_size,
     time_span,
 )
-from icofabric_sim.terminal import bad_input, InputError, Progress, require_place
+from icofabric_sim.terminal import InputError, Progress, require_place
 
 if TYPE_CHECKING:
     import numpy as np
@@ -78,7 +79,7 @@ def main(arguments: argparse.Namespace) -> int:
     with bag_errors(path), RecordedRun(path) as run:
         recorded = run.pose_times()
         times = _times(arguments, recorded)
-        with bad_input():
+        with chosen_bodies_errors():
             pictures = RunPictures(
                 run, times, view=view, size=size, color=arguments.color,
                 bodies=arguments.bodies, follow=arguments.follow)

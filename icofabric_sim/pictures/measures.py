@@ -15,7 +15,7 @@
 What bodies and connectors are coloured by: strain, force, speed, or overlap of shells.
 
 The scales can be told apart by people who confuse red and green: blue to orange around zero, and
-dark to light from zero on.
+light to dark from zero on.
 """
 
 from collections.abc import Iterable
@@ -35,8 +35,8 @@ _DIVERGING = np.array([
     [0.09, 0.22, 0.55], [0.16, 0.42, 0.78], [0.42, 0.65, 0.88], [0.64, 0.64, 0.62],
     [0.95, 0.62, 0.27], [0.85, 0.33, 0.12], [0.58, 0.09, 0.08]])
 _SEQUENTIAL = np.array([
-    [0.13, 0.14, 0.32], [0.19, 0.30, 0.49], [0.17, 0.47, 0.56], [0.26, 0.63, 0.55],
-    [0.52, 0.77, 0.45], [0.80, 0.86, 0.40], [0.99, 0.91, 0.45]])
+    [0.95, 0.92, 0.82], [0.99, 0.83, 0.53], [0.97, 0.63, 0.34], [0.87, 0.40, 0.33],
+    [0.68, 0.21, 0.40], [0.45, 0.10, 0.42], [0.24, 0.05, 0.34]])
 # The part of the values that the scale covers; beyond it the colours of its ends stand.
 _COVERED = 0.98
 _MOST_VALUES = 2_000_000

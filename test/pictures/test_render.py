@@ -239,7 +239,7 @@ def test_colours_can_be_told_apart_by_everybody() -> None:
         return np.asarray(linear(colors) @ [0.2126, 0.7152, 0.0722])
 
     sizes = fit_scale('speed', []).colors(np.linspace(0.0, 0.01, 9))
-    assert (np.diff(luminance(sizes)) > 0.01).all()
+    assert (np.diff(luminance(sizes)) < -0.01).all()
     signed = Scale(QUANTITIES['strain'], 1.0)
     ends = signed.colors(np.linspace(-1.0, 1.0, 9))
     light = luminance(ends)
