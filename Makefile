@@ -49,7 +49,7 @@ ifneq ($(ARGS),)
 	$(call stage,tests (pytest),.venv/bin/python -m pytest $(ARGS))
 else
 	$(call stage,tests side by side (pytest),.venv/bin/python -m pytest -m 'not graph and not long' -n auto)
-	$(call stage,tests of nodes (pytest),.venv/bin/python -m pytest -m 'graph and not long')
+	$(call stage,tests of nodes (pytest),.venv/bin/python -m pytest -m 'graph and not long' -n 2 --dist loadfile)
 endif
 
 # Rules of the house, descriptions, messages, and the physics of bare fabrics: few kernels.

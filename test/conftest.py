@@ -22,7 +22,7 @@ import re
 
 # The tests that ask for it say so.
 os.environ.setdefault('ICOFABRIC_COMPILE_AHEAD', '0')
-# Those that start them through other programs.
+# Those that start them through other programs, or are nodes themselves.
 _FILES = ('test_colcon', 'test_first_light', 'test_kill_recovery', 'test_live_sink', 'test_soak')
 _LONG = re.compile(
     r'test_ready_scenes\[.*-(0\.0001|1e-08)\]'  # of test_tolerance
@@ -34,7 +34,9 @@ _LONG = re.compile(
 
 def pytest_collection_modifyitems(items):
     for item in items:
-        if 'NodeProcess' in vars(item.module) or item.module.__name__ in _FILES:
+        # From the fixtures of test/ros/conftest.py, by themselves, or by other programs.
+        if ('node' in item.fixturenames or 'NodeProcess' in vars(item.module)
+                or item.module.__name__ in _FILES):
             item.add_marker('graph')
         if _LONG.fullmatch(item.name):
             item.add_marker('long')

@@ -18,12 +18,15 @@ import os
 os.environ['ROS_PYTHON_CHECK_FIELDS'] = '1'
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
 
+import atexit
 from collections import defaultdict
+import fcntl
 from importlib import import_module
 from pathlib import Path
 import signal
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 
@@ -55,24 +58,44 @@ DECODERS = {
 TYPES = {topic.name.replace('~', '/icofabric'): topic.type for topic in TOPICS}
 
 
-def _free_domain():
-    """First of three domains that no process on this machine uses."""
+def _own_domains():
+    """First of four domains that no process on this machine uses, and the lock that keeps them."""
     # Ports of a domain begin at 7400 + 250 times its number.
     used = {
         (int(line.split()[1].rpartition(':')[2], 16) - 7400) // 250
         for line in Path('/proc/net/udp').read_text().splitlines()[1:]}
-    first = os.getpid() % 100
-    return next(
-        number for number in (*range(first, 100), *range(first))
-        if used.isdisjoint(range(number, number + 4)))
+    # Of a process that has just begun no port is seen yet, so another one is asked by a lock.
+    begin = os.getpid() % _BLOCKS
+    for block in (*range(begin, _BLOCKS), *range(begin)):
+        first = block * _DOMAINS_EACH
+        if not used.isdisjoint(range(first, first + _DOMAINS_EACH)):
+            continue
+        name = Path(tempfile.gettempdir(), f'icofabric_test_domains_{first}.lock')
+        try:
+            lock = name.open('w')
+        except PermissionError:  # of another user
+            continue
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            lock.close()
+            continue
+        return first, lock
+    raise RuntimeError(
+        'no ROS domains are free on this machine: too many test runs, or nodes of others')
 
 
-_DOMAIN = _free_domain()
+_DOMAINS_EACH = 4
+_BLOCKS = 101 // _DOMAINS_EACH  # of the domains whose ports Linux does not hand out by itself
+_DOMAIN, _LOCK = _own_domains()
+# What closes at the end of the process; it would be taken for a file that was forgotten.
+atexit.register(_LOCK.close)
 
 
 def domain(offset=0):
     """Domain of this test process, so that runs side by side do not meet."""
-    return (_DOMAIN + offset) % 102
+    assert 0 <= offset < _DOMAINS_EACH
+    return _DOMAIN + offset
 
 
 def next_line(process, limit=PATIENCE):

@@ -103,14 +103,14 @@ def test_installed_node_publishes(install, monkeypatch):
     rclpy = pytest.importorskip('rclpy')
     from geometry_msgs.msg import PoseArray
     from rclpy.executors import SingleThreadedExecutor
+    from ros_helpers import domain
 
-    domain = 20 + os.getpid() % 80
-    monkeypatch.setenv('ROS_DOMAIN_ID', str(domain))
+    monkeypatch.setenv('ROS_DOMAIN_ID', str(domain()))
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     # The first pose is the woven state: waiting for a compiler would show nothing more here.
     monkeypatch.setenv('NUMBA_DISABLE_JIT', '1')
     context = rclpy.Context()
-    context.init(domain_id=domain)
+    context.init(domain_id=domain())
     node = rclpy.create_node('listener', context=context)
     executor = SingleThreadedExecutor(context=context)
     executor.add_node(node)

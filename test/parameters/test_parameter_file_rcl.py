@@ -52,9 +52,10 @@ def ros(tmp_path_factory):
     from rclpy.context import Context
     from rclpy.exceptions import ParameterException
     from rclpy.node import Node
+    from ros_helpers import domain
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv('ROS_DOMAIN_ID', '58')
+        patch.setenv('ROS_DOMAIN_ID', str(domain()))
         patch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
         patch.setenv('ROS_LOG_DIR', str(tmp_path_factory.mktemp('log')))
         context = Context()

@@ -22,7 +22,7 @@ import numpy as np
 import pytest
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
-from ros_helpers import Client, NodeProcess, write_scene
+from ros_helpers import Client
 
 STEP = 0.0002  # s
 # Falls and swings at one end; slower than real time, so that a busy machine keeps the pace too.
@@ -36,21 +36,6 @@ SCENE = {
     'real_time_factor': 0.5,
 }
 ADD, DELETEALL, LINE_LIST = 0, 3, 5  # visualization_msgs/Marker
-
-
-@pytest.fixture(scope='module')
-def node(tmp_path_factory):
-    folder = tmp_path_factory.mktemp('node')
-    scene = write_scene(folder / 'scene.yaml', SCENE)
-    with NodeProcess(folder / 'log', scene=scene) as process:
-        yield process
-        assert process.stop() == 0
-
-
-@pytest.fixture(scope='module')
-def client(node):
-    with Client(node) as client:
-        yield client
 
 
 @pytest.fixture(scope='module')

@@ -17,7 +17,6 @@ import time
 
 from icofabric_sim.bag import BagReader
 from icofabric_sim.messages import decode_string, decode_wrench_stamped, WrenchStampedBytes
-import pytest
 from rclpy.duration import Duration
 from ros_helpers import Client, NodeProcess, write_scene
 
@@ -33,25 +32,6 @@ SCENE = {
 }
 DURATION = 4_000_000  # ns
 BURST = 900  # more than the node takes at once, and fewer than its queue holds
-
-
-@pytest.fixture(scope='module')
-def folder(tmp_path_factory):
-    return tmp_path_factory.mktemp('advance')
-
-
-@pytest.fixture(scope='module')
-def node(folder):
-    scene = write_scene(folder / 'scene.yaml', SCENE)
-    with NodeProcess(folder / 'log', scene=scene) as process:
-        yield process
-        assert process.stop() == 0
-
-
-@pytest.fixture(scope='module')
-def client(node):
-    with Client(node) as client:
-        yield client
 
 
 def reached(answer):

@@ -28,21 +28,6 @@ EACH = '~/set_parameters', 'rcl_interfaces/srv/SetParameters'
 TOGETHER = '~/set_parameters_atomically', 'rcl_interfaces/srv/SetParametersAtomically'
 
 
-@pytest.fixture(scope='module')
-def node(tmp_path_factory):
-    folder = tmp_path_factory.mktemp('long')
-    scene = write_scene(folder / 'scene.yaml', SCENE)
-    with NodeProcess(folder / 'log', scene=scene) as process:
-        yield process
-        assert process.stop() == 0
-
-
-@pytest.fixture(scope='module')
-def client(node):
-    with Client(node) as client:
-        yield client
-
-
 def groups(count, first=0, text='x_min and y_min'):
     return [parameter(f'groups.g{number}', text) for number in range(first, first + count)]
 

@@ -24,7 +24,7 @@ import pytest
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import ParameterValue
 from rclpy.parameter import parameter_dict_from_yaml_file
-from ros_helpers import Client, NodeProcess, parameter, write_scene
+from ros_helpers import parameter
 import yaml
 
 DELETEALL = 3  # visualization_msgs/Marker
@@ -42,20 +42,10 @@ SCENE = {
 
 
 @pytest.fixture(scope='module')
-def node(tmp_path_factory):
-    folder = tmp_path_factory.mktemp('parameters')
-    scene = write_scene(folder / 'scene.yaml', SCENE)
-    with NodeProcess(folder / 'log', scene=scene) as process:
-        yield process
-        assert process.stop() == 0
-
-
-@pytest.fixture(scope='module')
-def client(node):
-    with Client(node) as client:
-        client.listen('~/weave', latched=True)
-        client.listen('~/poses')
-        yield client
+def client(client):
+    client.listen('~/weave', latched=True)
+    client.listen('~/poses')
+    return client
 
 
 def parameters_in_force(client, tmp_path):

@@ -36,23 +36,9 @@ SCENE = {
 
 
 @pytest.fixture(scope='module')
-def folder(tmp_path_factory):
-    return tmp_path_factory.mktemp('services')
-
-
-@pytest.fixture(scope='module')
-def node(folder):
-    scene = write_scene(folder / 'scene.yaml', SCENE)
-    with NodeProcess(folder / 'log', scene=scene) as process:
-        yield process
-        assert process.stop() == 0
-
-
-@pytest.fixture(scope='module')
-def graph(node):
-    with Client(node) as client:
-        client.listen('~/poses')
-        yield client
+def graph(graph):
+    graph.listen('~/poses')
+    return graph
 
 
 @pytest.fixture

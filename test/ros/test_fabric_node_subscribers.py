@@ -38,20 +38,10 @@ SCENE = {
 
 
 @pytest.fixture(scope='module')
-def node(tmp_path_factory):
-    folder = tmp_path_factory.mktemp('subscribers')
-    scene = write_scene(folder / 'scene.yaml', SCENE)
-    with NodeProcess(folder / 'log', scene=scene) as process:
-        yield process
-        assert process.stop() == 0
-
-
-@pytest.fixture(scope='module')
-def client(node):
-    with Client(node) as client:
-        client.listen('~/poses')
-        client.listen('/clock')
-        yield client
+def client(client):
+    client.listen('~/poses')
+    client.listen('/clock')
+    return client
 
 
 @contextmanager

@@ -23,7 +23,6 @@ import icofabric_sim as ico
 from icofabric_sim.messages import WrenchStampedBytes
 import numpy as np
 import pytest
-from ros_helpers import Client, NodeProcess, write_scene
 from scipy.spatial.transform import Rotation
 
 # Body axes of the loose body in the world: a turn about all three axes.
@@ -54,24 +53,14 @@ def scene():
 
 
 @pytest.fixture(scope='module')
-def node(tmp_path_factory):
-    folder = tmp_path_factory.mktemp('wrenches')
-    scene = write_scene(folder / 'scene.yaml', SCENE)
-    with NodeProcess(folder / 'log', scene=scene) as process:
-        yield process
-        assert process.stop() == 0
-
-
-@pytest.fixture(scope='module')
-def graph(node):
-    with Client(node) as client:
-        client.listen('~/poses')
-        # A first message may wait until both sides have found each other; later ones do not.
-        topics = ['~/wrench', *(f'~/loads/{name}' for name in SCENE['loads'])]
-        for topic in topics:
-            client.push(topic, frame='nothing of the kind')
-        client.health(lambda status: int(status.values['wrenches dropped']) == len(topics))
-        yield client
+def graph(graph):
+    graph.listen('~/poses')
+    # A first message may wait until both sides have found each other; later ones do not.
+    topics = ['~/wrench', *(f'~/loads/{name}' for name in SCENE['loads'])]
+    for topic in topics:
+        graph.push(topic, frame='nothing of the kind')
+    graph.health(lambda status: int(status.values['wrenches dropped']) == len(topics))
+    return graph
 
 
 @pytest.fixture

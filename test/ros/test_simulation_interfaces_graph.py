@@ -22,7 +22,6 @@ pytest.importorskip(
 from action_msgs.msg import GoalStatus  # noqa: E402
 from icofabric_sim.ros.standard_services import SERVICES, topic_name  # noqa: E402
 from rclpy.action import ActionClient  # noqa: E402
-from ros_helpers import Client, NodeProcess, write_scene  # noqa: E402
 from simulation_interfaces.action import SimulateSteps  # noqa: E402
 from simulation_interfaces.msg import EntityState, Result, SimulationState  # noqa: E402
 
@@ -32,21 +31,6 @@ SCENE = {
     'solver': {'step': 1e-4},
     'start_paused': True,
 }
-
-
-@pytest.fixture(scope='module')
-def node(tmp_path_factory):
-    folder = tmp_path_factory.mktemp('standard')
-    scene = write_scene(folder / 'scene.yaml', SCENE)
-    with NodeProcess(folder / 'log', scene=scene) as process:
-        yield process
-        assert process.stop() == 0
-
-
-@pytest.fixture(scope='module')
-def client(node):
-    with Client(node) as client:
-        yield client
 
 
 def call(client, name, **fields):

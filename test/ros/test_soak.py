@@ -14,15 +14,12 @@
 """Short versions of the long runs, and what these judge by; limits on wall time are not judged."""
 import csv
 import os
-from pathlib import Path
 import subprocess
 import sys
 
 import pytest
+from ros_helpers import domain, ROOT
 
-pytest.importorskip('rclpy', reason='rclpy is not installed on this machine')
-
-ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / 'benchmarks'))
 
 from soak_judge import clock_faults, Moments, moments_of, pace_of, slope  # noqa: E402 - its path
@@ -37,7 +34,8 @@ def soak(folder, *arguments):
     table = folder / 'table.csv'
     done = subprocess.run(
         [sys.executable, str(ROOT / 'benchmarks' / 'soak.py'), *arguments, '--no-wall-limits',
-         '--seed', str(os.getpid()), '--csv', str(table), '--keep', str(folder / 'kept')],
+         '--domain', str(domain()), '--seed', str(os.getpid()), '--csv', str(table),
+         '--keep', str(folder / 'kept')],
         text=True, capture_output=True, timeout=600, env={**os.environ, 'PYTHONPATH': path})
     said = done.stdout + done.stderr
     assert done.returncode == 0, said

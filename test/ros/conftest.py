@@ -1,0 +1,50 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+What most tests of a node share: one node for the module, of its `SCENE`, and a client beside it.
+
+A module that needs more of its client has a fixture of the same name, which takes this one.
+"""
+import pytest
+
+
+@pytest.fixture(scope='module')
+def folder(tmp_path_factory):
+    """Folder of the module's files."""
+    return tmp_path_factory.mktemp('node')
+
+
+@pytest.fixture(scope='module')
+def node(request, folder):
+    """`fabric_node` with the module's `SCENE`; it must end well."""
+    # Here, since it skips the test where rclpy is not installed.
+    from ros_helpers import NodeProcess, write_scene
+    scene = write_scene(folder / 'scene.yaml', request.module.SCENE)
+    with NodeProcess(folder / 'log', scene=scene) as process:
+        yield process
+        assert process.stop() == 0
+
+
+@pytest.fixture(scope='module')
+def graph(node):
+    """Client of the module's node."""
+    from ros_helpers import Client
+    with Client(node) as client:
+        yield client
+
+
+@pytest.fixture(scope='module')
+def client(graph):
+    """The same, where tests do not need the node in a known state."""
+    return graph
