@@ -18,6 +18,8 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
 _INTERVAL = 1.0  # [s] of wall time
+# What the middleware says of a publisher whose node it has not heard of yet; it will.
+_UNKNOWN = '_NODE_NAME_UNKNOWN_'
 
 
 class ClockWatch:
@@ -47,6 +49,7 @@ class ClockWatch:
         names = sorted(
             f'{info.node_namespace.rstrip("/")}/{info.node_name}'
             for info in self._node.get_publishers_info_by_topic(CLOCK.name)
+            if info.node_name != _UNKNOWN
         )
         if self._own in names:
             names.remove(self._own)  # once: another node may have the same name
