@@ -116,6 +116,14 @@ def pair_case(kind: str, frame_id: str) -> Case:
              'twist': {'linear': point(first), 'angular': point(second)}})
 
 
+def point_case(frame_id: str) -> Case:
+    stamped = messages.PointStampedBytes(frame_id)
+    values = np.array([1.0, -2.5, 3e-3])
+    stamped.point[:] = values
+    return (f'PointStamped-{frame_id}', stamped.TYPE, stamped.stamped(7_000_000_008),
+            {'header': header(7_000_000_008, frame_id), 'point': point(values)})
+
+
 def diagnostic_case(name: str) -> Case:
     statuses = [
         messages.DiagnosticStatus(messages.WARN, name, 'slow', 'cpu', {'pace': '0.5', 'k': ''}),
@@ -143,6 +151,7 @@ def cases() -> list[Case]:
         ([], []), (['body'], [0]), (['quantity'], [7]), (['body', 'x y z'], [3, 13]),
         (['a', 'bc', 'def'], [2, 0, 4]), (['a', 'bc', 'def'], [2, 3, 4]))]
     found += [pair_case(kind, frame) for kind in ('wrench', 'twist') for frame in FRAME_IDS]
+    found += [point_case(frame) for frame in FRAME_IDS]
     found += [diagnostic_case(name) for name in FRAME_IDS]
     found += [('String-' + text, messages.StringBytes.TYPE,
                messages.StringBytes(text).to_bytes(), {'data': text})

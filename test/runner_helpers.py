@@ -18,7 +18,7 @@ import time
 import icofabric_sim as ico
 from icofabric_sim.messages import WrenchStampedBytes
 from icofabric_sim.messages.frames import body_frame
-from icofabric_sim.messages.input_topics import InputMessage, topic_of
+from icofabric_sim.messages.input_topics import input_type, InputMessage, topic_of
 from icofabric_sim.running.runner import Runner
 from icofabric_sim.simulation.input_types import BodyTarget, ChannelTarget, Wrench
 import numpy as np
@@ -52,7 +52,7 @@ class ListSink:
         self.messages.append((topic, nanoseconds, data))
 
     def send_input(self, topic, type_name, nanoseconds, data):
-        assert type_name == WrenchStampedBytes.TYPE
+        assert type_name == input_type(topic)
         self.messages.append((topic, nanoseconds, data))
 
     def time_jumped_back(self, simulation, parameters, ended):

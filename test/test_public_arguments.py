@@ -309,6 +309,10 @@ def table(t):
         'Simulation.apply_twist': (simulation.apply_twist, {
             'drive': text('wall', bad=['nobody', '', 'drives.wall']), 'linear': vector,
             'angular': vector, 'time': later}),
+        'Simulation.pull': (simulation.pull, {
+            'body': integer(0, np.int32(1), bad=[-1, n, 10**12]), 'point': vector}),
+        'Simulation.release': (simulation.release, {
+            'body': integer(0, np.int32(1), bad=[-1, n, 10**12])}),
         'Simulation.set_state': (simulation.set_state, state),
         'Simulation.reset': (simulation.reset, {'time': later}),
         'Simulation.take_over': (simulation.take_over, {
@@ -384,6 +388,9 @@ def table(t):
         'TwistStampedBytes': (messages.TwistStampedBytes, {'frame_id': frame}),
         'TwistStampedBytes.stamped': (messages.TwistStampedBytes(WORLD).stamped, {
             'nanoseconds': nanoseconds}),
+        'PointStampedBytes': (messages.PointStampedBytes, {'frame_id': frame}),
+        'PointStampedBytes.stamped': (messages.PointStampedBytes(WORLD).stamped, {
+            'nanoseconds': nanoseconds}),
         'ClockBytes.stamped': (messages.ClockBytes().stamped, {'nanoseconds': nanoseconds}),
         'DiagnosticArrayBytes': (messages.DiagnosticArrayBytes, {'frame_id': frame}),
         'DiagnosticArrayBytes.stamped': (messages.DiagnosticArrayBytes(WORLD).stamped, {
@@ -416,6 +423,7 @@ def table(t):
                 'decode_diagnostic_array': messages.DiagnosticArrayBytes().stamped(3, [STATUS]),
                 'decode_float64_multi_array': t.array.to_bytes(),
                 'decode_marker_points': t.marker.stamped(3),
+                'decode_point_stamped': messages.PointStampedBytes(WORLD).stamped(3),
                 'decode_pose_array': t.poses.stamped(3),
                 'decode_string': messages.StringBytes('x').to_bytes(),
                 'decode_twist_stamped': messages.TwistStampedBytes(WORLD).stamped(3),

@@ -40,13 +40,16 @@ from icofabric_sim.messages.diagnostics import (
     WARN,
 )
 from icofabric_sim.messages.input_topics import (
+    decode_point_stamped,
     decode_twist_stamped,
     decode_wrench_stamped,
     StampedPair,
+    StampedPoint,
 )
 from icofabric_sim.messages.marker import MarkerAction, MarkerBytes, MarkerType
 from icofabric_sim.messages.stamped import (
     ClockBytes,
+    PointStampedBytes,
     PoseArrayBytes,
     TwistStampedBytes,
     WrenchStampedBytes,
@@ -58,6 +61,7 @@ __all__ = [
     'decode_diagnostic_array',
     'decode_float64_multi_array',
     'decode_marker_points',
+    'decode_point_stamped',
     'decode_pose_array',
     'decode_string',
     'decode_twist_stamped',
@@ -73,10 +77,12 @@ __all__ = [
     'MarkerPoints',
     'MarkerType',
     'OK',
+    'PointStampedBytes',
     'PoseArrayBytes',
     'PoseArrayValues',
     'STALE',
     'StampedPair',
+    'StampedPoint',
     'StringBytes',
     'TwistStampedBytes',
     'UInt8MultiArrayBytes',

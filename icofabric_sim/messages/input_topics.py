@@ -17,6 +17,7 @@ Inputs as messages: the topic and frame of each target, and what a message puts 
     ~/wrench         WrenchStamped   the body of the frame icosahedron_K
     ~/loads/NAME     WrenchStamped   a load channel
     ~/drives/NAME    TwistStamped    a drive
+    ~/pull           PointStamped    where the body of the frame icosahedron_K is pulled to
 """
 
 import re
@@ -25,13 +26,20 @@ from typing import NamedTuple, TYPE_CHECKING
 from icofabric_sim.messages.cdr import CdrReader
 from icofabric_sim.messages.decode import Buffer, Floats
 from icofabric_sim.messages.frames import parse_body_frame, shown_frame
-from icofabric_sim.messages.stamped import TwistStampedBytes, WrenchStampedBytes
+from icofabric_sim.messages.stamped import (
+    PointStampedBytes,
+    TwistStampedBytes,
+    WrenchStampedBytes,
+)
 from icofabric_sim.simulation.input_types import (
     BodyTarget,
     ChannelTarget,
     DriveTarget,
+    Pull,
+    PullTarget,
     Target,
     Twist,
+    Value,
     Wrench,
 )
 import numpy as np
@@ -39,7 +47,8 @@ import numpy as np
 if TYPE_CHECKING:
     from icofabric_sim.scene.scene import Scene
 
-INPUT_TYPES = (WrenchStampedBytes.TYPE, TwistStampedBytes.TYPE)
+INPUT_TYPES = (WrenchStampedBytes.TYPE, TwistStampedBytes.TYPE, PointStampedBytes.TYPE)
+PULL = '~/pull'
 _BODIES = '~/wrench'
 _NAME = r'([A-Za-z][A-Za-z0-9_]*)'
 _CHANNEL, _DRIVE = re.compile(f'~/loads/{_NAME}'), re.compile(f'~/drives/{_NAME}')
@@ -56,17 +65,27 @@ class StampedPair(NamedTuple):
     second: Floats
 
 
+class StampedPoint(NamedTuple):
+    """A PointStamped (point [m])."""
+
+    nanoseconds: int
+    frame_id: str
+    point: Floats
+
+
 class InputMessage(NamedTuple):
     """What a message puts on a target."""
 
     target: Target
-    value: Wrench | Twist
+    value: Value
     stamp: int  # [ns] of simulated time, 0: at once
     frame_id: str
 
 
 def topic_of(target: Target) -> str:
     """The topic on which a target is driven."""
+    if isinstance(target, PullTarget):
+        return PULL
     if isinstance(target, BodyTarget):
         return _BODIES
     kind = 'loads' if isinstance(target, ChannelTarget) else 'drives'
@@ -76,7 +95,7 @@ def topic_of(target: Target) -> str:
 def input_topics(scene: 'Scene') -> dict[str, str]:
     """Topics on which a scene takes inputs, with the type of their messages."""
     topics = [
-        _BODIES, *(topic_of(ChannelTarget(name)) for name in scene.loads),
+        _BODIES, PULL, *(topic_of(ChannelTarget(name)) for name in scene.loads),
         *(topic_of(DriveTarget(name)) for name in scene.drives)]
     return {topic: input_type(topic) for topic in topics}
 
@@ -85,6 +104,8 @@ def input_type(topic: str) -> str:
     """Type of the messages of an input topic; '': it is none."""
     if topic == _BODIES or _CHANNEL.fullmatch(topic):
         return WrenchStampedBytes.TYPE
+    if topic == PULL:
+        return PointStampedBytes.TYPE
     return TwistStampedBytes.TYPE if _DRIVE.fullmatch(topic) else ''
 
 
@@ -94,21 +115,31 @@ def target_of(topic: str, frame_id: str) -> Target | None:
         return DriveTarget(drive[1])
     if channel := _CHANNEL.fullmatch(topic):
         return ChannelTarget(channel[1])
-    body = parse_body_frame(frame_id) if topic == _BODIES else None
-    return None if body is None else BodyTarget(body)
+    body = parse_body_frame(frame_id) if topic in (_BODIES, PULL) else None
+    if body is None:
+        return None
+    return PullTarget(body) if topic == PULL else BodyTarget(body)
 
 
 def decode_input(topic: str, data: Buffer) -> InputMessage:
     """Read a message of an input topic; ValueError where it is malformed or names no body."""
-    twists = input_type(topic) == TwistStampedBytes.TYPE
-    decode, kind = (decode_twist_stamped, Twist) if twists else (decode_wrench_stamped, Wrench)
-    stamp, frame_id, first, second = decode(data)
+    kind = input_type(topic)
+    value: Value
+    if kind == PointStampedBytes.TYPE:
+        stamp, frame_id, point = decode_point_stamped(data)
+        value = Pull(np.array(point))
+    elif kind == TwistStampedBytes.TYPE:
+        stamp, frame_id, *parts = decode_twist_stamped(data)
+        value = Twist(*(np.array(part) for part in parts))
+    else:
+        stamp, frame_id, *parts = decode_wrench_stamped(data)
+        value = Wrench(*(np.array(part) for part in parts))
     target = target_of(topic, frame_id)
     if target is None:
         raise ValueError(
             f"its header.frame_id is {shown_frame(frame_id)}, and must be 'icosahedron_K' with "
             'the number K of the body')
-    return InputMessage(target, kind(np.array(first), np.array(second)), stamp, frame_id)
+    return InputMessage(target, value, stamp, frame_id)
 
 
 def decode_wrench_stamped(data: Buffer) -> StampedPair:
@@ -119,6 +150,15 @@ def decode_wrench_stamped(data: Buffer) -> StampedPair:
 def decode_twist_stamped(data: Buffer) -> StampedPair:
     """Return (nanoseconds, frame_id, linear, angular)."""
     return _decode_pair(CdrReader(data, TwistStampedBytes.TYPE))
+
+
+def decode_point_stamped(data: Buffer) -> StampedPoint:
+    """Return (nanoseconds, frame_id, point)."""
+    reader = CdrReader(data, PointStampedBytes.TYPE)
+    nanoseconds, frame_id = reader.time(), reader.string()
+    point = reader.floats(3)
+    reader.finish()
+    return StampedPoint(nanoseconds, frame_id, point)
 
 
 def _decode_pair(reader: CdrReader) -> StampedPair:

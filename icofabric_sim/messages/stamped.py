@@ -126,6 +126,16 @@ class TwistStampedBytes(_StampedNumbers):
         self.angular: NDArray[np.float64] = self._numbers[1]
 
 
+class PointStampedBytes(_StampedNumbers):
+    """A geometry_msgs/PointStamped; `point` (3,) [m] is a view into the message."""
+
+    TYPE: ClassVar[str] = 'geometry_msgs/msg/PointStamped'
+
+    def __init__(self, frame_id: str) -> None:
+        super().__init__(frame_id, 1, 3, count_written=False)
+        self.point: NDArray[np.float64] = self._numbers[0]
+
+
 class ClockBytes:
     """A rosgraph_msgs/Clock."""
 

@@ -311,6 +311,14 @@ STATIC: tuple[Specification, ...] = (
         minimum=0.0,
     ),
     _s(
+        'pull.strength',
+        1.0,
+        '',
+        'stiffness and largest force of a pull by ~/pull, in parts of those that are scaled to '
+        'the fabric',
+        **_positive(maximum=1000.0),
+    ),
+    _s(
         'initial_random.velocity_sigma',
         0.0,
         'm/s',

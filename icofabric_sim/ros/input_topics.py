@@ -15,8 +15,8 @@
 
 from typing import Any
 
-from geometry_msgs.msg import TwistStamped, WrenchStamped
-from icofabric_sim.messages import TwistStampedBytes, WrenchStampedBytes
+from geometry_msgs.msg import PointStamped, TwistStamped, WrenchStamped
+from icofabric_sim.messages import PointStampedBytes, TwistStampedBytes, WrenchStampedBytes
 from icofabric_sim.messages.input_topics import input_topics
 from icofabric_sim.running.received_inputs import ReceivedInputs
 from icofabric_sim.scene.scene import Scene
@@ -28,12 +28,16 @@ _DEPTH = 1000
 # So many more are taken out of the queue at once: one turn of the executor for each message would
 # be too slow for ten thousand a second.
 _BURST = 200
-_CLASSES = {WrenchStampedBytes.TYPE: WrenchStamped, TwistStampedBytes.TYPE: TwistStamped}
+_CLASSES = {
+    WrenchStampedBytes.TYPE: WrenchStamped, TwistStampedBytes.TYPE: TwistStamped,
+    PointStampedBytes.TYPE: PointStamped}
 
 
 class InputTopics:
     """
-    Subscriptions `~/wrench`, `~/loads/NAME` and `~/drives/NAME`; all but one follow the scene.
+    Subscriptions `~/wrench` and `~/pull`, and those that follow the scene.
+
+    The latter are `~/loads/NAME` and `~/drives/NAME`.
     """
 
     def __init__(

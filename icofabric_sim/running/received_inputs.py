@@ -35,11 +35,18 @@ What was dropped is counted and said.
 from collections.abc import Callable
 import logging
 import math
+import time
 from typing import NamedTuple
 
-from icofabric_sim.messages import TwistStampedBytes, WrenchStampedBytes
+from icofabric_sim.messages import PointStampedBytes, TwistStampedBytes, WrenchStampedBytes
 from icofabric_sim.messages.frames import ANY_BODY, body_frame, shown_frame
-from icofabric_sim.messages.input_topics import decode_input, input_type, InputMessage, topic_of
+from icofabric_sim.messages.input_topics import (
+    decode_input,
+    input_type,
+    InputMessage,
+    PULL,
+    topic_of,
+)
 from icofabric_sim.messages.schedule import NANOSECONDS, seconds
 from icofabric_sim.running.complaints import Complaints
 from icofabric_sim.running.run_state import RunState
@@ -49,10 +56,12 @@ from icofabric_sim.simulation.input_types import (
     ChannelTarget,
     DriveTarget,
     load_order,
+    Pull,
+    PullTarget,
     require_target,
     Target,
     Twist,
-    Wrench,
+    Value,
 )
 from icofabric_sim.simulation.simulation import Simulation
 
@@ -62,6 +71,8 @@ LARGEST_QUEUE = 100_000
 # A wrench that moves a body by its own size, or turns it, at a larger rate [1/s] takes steps of
 # less than a microsecond to follow: one such message would bring the simulation to a standstill.
 _LARGEST_RATE = 1e6
+# A pull ends so long after its last message: wall time [s].
+PULL_SILENCE = 0.5
 # So many first characters of a reason tell its kind.
 _KIND_LENGTH = 16
 
@@ -93,6 +104,8 @@ class ReceivedInputs:
         self._run, self._put, self._record, self._full_name = run, put, record, full_name
         self._complaints = Complaints(_LOGGER.warning)
         self._horizon_warned = False
+        # Wall time [s] of the last message for each body that is pulled.
+        self._pull_heard: dict[int, float] = {}
         self.dropped = 0  # inputs that were received and never act
 
     def __len__(self) -> int:
@@ -122,7 +135,12 @@ class ReceivedInputs:
         if len(self) >= LARGEST_QUEUE:
             self._drop(topic, f'{LARGEST_QUEUE:,} wrenches wait for their stamp already')
             return
-        at, horizon = max(received.stamp, run.now), run.parameters['input_horizon']
+        target, stamp = received.target, received.stamp
+        if isinstance(target, PullTarget):
+            # A hand acts when it moves, whatever its clock says.
+            stamp = 0
+            self._pull_heard[target.number] = time.monotonic()
+        at, horizon = max(stamp, run.now), run.parameters['input_horizon']
         if at > run.now + round(horizon * NANOSECONDS):
             self._warn_of_horizon(topic, at, horizon)
             at = run.now
@@ -131,11 +149,30 @@ class ReceivedInputs:
         if at == run.now and not run.is_held:
             run.simulation.advance_to(seconds(at))
 
+    def end_silent_pulls(self) -> None:
+        """Let go of the bodies whose pulls were not heard of for a while, as their hands would."""
+        pulled = self._run.simulation.inputs.pulls.bodies
+        if not pulled or self._run.failure:
+            return
+        now = time.monotonic()
+        # A pull that came with a checkpoint has not been heard of at all.
+        self._pull_heard = {body: self._pull_heard.get(body, now) for body in pulled}
+        for body, heard in list(self._pull_heard.items()):
+            if now - heard > PULL_SILENCE:
+                self._let_go(body)
+
+    def _let_go(self, body: int) -> None:
+        message = PointStampedBytes(body_frame(body))
+        message.point[:] = math.nan
+        data = message.stamped(self._run.now)
+        self.act(decode_input(PULL, data), data)
+
     def clear(self) -> int:
         """
-        Put a zero wrench on all that a wrench acts on or may come to; it is recorded as received.
+        Put a zero wrench on all that a wrench acts on or may come to, and end all pulls.
 
-        Those that wait for their stamp are dropped; returns how many. Drives go on.
+        That is recorded as received. Those that wait for their stamp are dropped; returns how
+        many. Drives go on.
         """
         dropped = self.drop_waiting(
             'all loads were cleared', lambda target: not isinstance(target, DriveTarget))
@@ -148,6 +185,8 @@ class ReceivedInputs:
             frame = body_frame(target.number) if isinstance(target, BodyTarget) else ''
             data = WrenchStampedBytes(frame).stamped(run.now)
             self.act(decode_input(topic_of(target), data), data)
+        for body in inputs.pulls.bodies:
+            self._let_go(body)
         return dropped
 
     def follow(self, simulation: Simulation) -> None:
@@ -173,7 +212,9 @@ class ReceivedInputs:
 
     def _drop(self, topic: str, reason: str) -> None:
         self.dropped += 1
-        what = 'twist' if input_type(topic) == TwistStampedBytes.TYPE else 'wrench'
+        what = {
+            TwistStampedBytes.TYPE: 'twist', PointStampedBytes.TYPE: 'pull'}.get(
+                input_type(topic), 'wrench')
         name = self._full_name(topic)
         self._complaints.add(
             f'{name} {reason[:_KIND_LENGTH]}', f'a {what} on {name} was dropped: {reason}')
@@ -194,6 +235,8 @@ def judge(scene: Scene, received: InputMessage) -> None:
     target, value = received.target, received.value
     require_target(scene, target)
     _require_frame(scene, target, received.frame_id)
+    if isinstance(value, Pull) and value.is_release:
+        return
     if not all(math.isfinite(number) for part in value for number in part.tolist()):
         raise ValueError(f'it is not finite ({_amounts(value)})')
     if not _rate(scene, received) <= _LARGEST_RATE:
@@ -211,23 +254,27 @@ def _require_frame(scene: Scene, target: Target, frame_id: str) -> None:
         rule = f'{target}.frame is {"body" if in_body_axes else "world"}'
         world = ANY_BODY if in_body_axes else world
     elif not isinstance(target, DriveTarget):
-        return  # the frame names the body
+        return  # the frame names the body, that of a wrench or of a pull
     if frame_id not in ('', world):
         raise ValueError(
             f"its header.frame_id is {shown_frame(frame_id)}; {rule}, so it must be '' or "
             f'{world!r}')
 
 
-def _amounts(value: Wrench | Twist) -> str:
-    units = ('m/s', 'rad/s') if isinstance(value, Twist) else ('N', 'N m')
+def _amounts(value: Value) -> str:
+    units: tuple[str, ...] = ('m/s', 'rad/s') if isinstance(value, Twist) else ('N', 'N m')
+    if isinstance(value, Pull):
+        units = ('m',)
     return ', '.join(
         f'{name} {part.tolist()} {unit}'
-        for name, part, unit in zip(value._fields, value, units, strict=True))
+        for name, part, unit in zip(value._fields, value, units))
 
 
 def _rate(scene: Scene, received: InputMessage) -> float:
     """How fast [1/s] an input alone would move a body by its size, or turn it."""
     target = received.target
+    if isinstance(target, PullTarget):
+        return 0.0  # its force is capped
     straight, turning = (math.hypot(*part.tolist()) for part in received.value)
     size, shell = scene.geometry.cube_width, scene.shell
     if isinstance(target, DriveTarget):

@@ -27,14 +27,17 @@ import threading
 from icofabric_sim.parameters.changes import rebuilds
 from icofabric_sim.parameters.validation import Parameters
 from icofabric_sim.scene.scene import Scene
-from icofabric_sim.simulation.input_types import has_target
+from icofabric_sim.simulation.input_types import has_target, PullTarget
 from icofabric_sim.simulation.model.body_force import BodyForce
 from icofabric_sim.simulation.simulation import compile_scene, Simulation
 
 
 def lost_wrenches(before: Simulation, scene: Scene) -> list[str]:
     """Names of the wrenches acting in `before` that `scene` has no channel or no body for."""
-    return [str(target) for target in before.inputs.acting() if not has_target(scene, target)]
+    pulls = [PullTarget(body) for body in before.inputs.pulls.bodies]
+    return [
+        str(target) for target in (*before.inputs.acting(), *pulls)
+        if not has_target(scene, target)]
 
 
 class Reweaver:

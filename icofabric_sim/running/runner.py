@@ -290,6 +290,7 @@ class Runner:
         if self._time.stopping:
             return False
         self._do_commands()
+        self.inputs.end_silent_pulls()
         self._broadcast.report(state.now)
         request = self._time.requests.current
         moves = request is not None or not (state.paused or state.failure or state.finished)

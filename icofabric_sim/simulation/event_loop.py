@@ -22,7 +22,7 @@ from icofabric_sim.scene.initial import InitialState
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.contact.broad_phase import BroadPhase
 from icofabric_sim.simulation.errors import SimulationError
-from icofabric_sim.simulation.input_types import Target, Twist, Wrench
+from icofabric_sim.simulation.input_types import Target, Value
 from icofabric_sim.simulation.inputs import Inputs
 from icofabric_sim.simulation.model.packing import (
     expected_liveliness,
@@ -31,6 +31,7 @@ from icofabric_sim.simulation.model.packing import (
     PackedScene,
 )
 from icofabric_sim.simulation.model.stability import largest_frequency, with_anchors
+from icofabric_sim.simulation.pulls import connected_count
 from icofabric_sim.simulation.state_tree import StateTree
 from icofabric_sim.simulation.stepping.driver import Driver
 from icofabric_sim.simulation.stepping.events import why_events
@@ -40,6 +41,7 @@ from icofabric_sim.simulation.stepping.method_selection import Choice, choose_me
 from icofabric_sim.simulation.stepping.methods import METHODS
 from icofabric_sim.simulation.stepping.obstruction import Obstruction
 from icofabric_sim.simulation.stepping.thread_team import ThreadTeam
+import numpy as np
 
 
 class EventLoop:
@@ -139,7 +141,7 @@ class EventLoop:
         if done == 0:
             self._handle_events(due)
 
-    def apply(self, target: Target, value: Wrench | Twist, time: float) -> None:
+    def apply(self, target: Target, value: Value, time: float) -> None:
         """Let an input act from `time` [s] on, now or later."""
         self.inputs.queue.put(time, target, value)
         if time == self.time:
@@ -198,11 +200,36 @@ class EventLoop:
         # Reached before it is taken out: an interrupt on the way loses nothing.
         while (time := self.inputs.next_time) <= until:
             self._reach(time)
-            if self.inputs.apply_next():
+            if self.inputs.pulls_are_next:
+                self._pull(time)
+            elif self.inputs.apply_next():
                 self._settle_loads_before(time)
                 self.driver.cut(time)
                 self._stale_loads = True
                 self.changes += 1
+
+    def _pull(self, time: float) -> None:
+        """Compute the forces of the pulls at `time` [s], and when they are due again."""
+        self._settle_loads_before(time)
+        self.driver.cut(time)
+        pulls, driver, layout = self.inputs.pulls, self.driver, self._packed.layout
+        state = driver.state_at(time)
+
+        def motion(body: int) -> tuple[np.ndarray, np.ndarray]:
+            slot = layout.slot[body]
+            return state.position[:, slot].copy(), state.linear_velocity[:, slot].copy()
+
+        held = pulls.compute(
+            time, motion, driver.rates.frequency.rate,
+            lambda body: connected_count(
+                self._scene, driver.trajectory.broken.since, body))
+        if held < math.inf:
+            pulls.due = time + driver.whole_steps(held)
+        if pulls.is_packed and not self._stale_loads:
+            driver.set_last_forces(pulls.repack())
+        else:
+            self._stale_loads = True
+        self.changes += 1
 
     def _reach(self, time: float) -> None:
         try:

@@ -57,8 +57,18 @@ class DriveTarget:
         return f'{_DRIVES}{self.name}'
 
 
+@dataclass(frozen=True, slots=True)
+class PullTarget:
+    """One body, which a hand draws towards a point."""
+
+    number: int
+
+    def __str__(self) -> str:
+        return f'the pull on body {self.number}'
+
+
 LoadTarget = ChannelTarget | BodyTarget
-Target = LoadTarget | DriveTarget
+Target = LoadTarget | DriveTarget | PullTarget
 
 
 class Wrench(NamedTuple):
@@ -93,9 +103,30 @@ class Twist(NamedTuple):
         return cls(checks.array('linear', linear, (3,)), checks.array('angular', angular, (3,)))
 
 
+class Pull(NamedTuple):
+    """Where a body is pulled to, world frame; three times NaN lets it go."""
+
+    point: np.ndarray  # (3,) [m]
+
+    @classmethod
+    def checked(cls, point: Vector) -> Self:
+        """Make a pull of an argument; TypeError or ValueError where it is wrong."""
+        if np.shape(point) == (3,) and all(number != number for number in point):
+            return cls(np.full(3, np.nan))
+        return cls(checks.array('point', point, (3,)))
+
+    @property
+    def is_release(self) -> bool:
+        """Whether it lets go."""
+        return bool(np.isnan(self.point).all())
+
+
+Value = Wrench | Twist | Pull
+
+
 def has_target(scene: 'Scene', target: Target) -> bool:
     """Whether the scene has that channel, body or drive."""
-    if isinstance(target, BodyTarget):
+    if isinstance(target, (BodyTarget, PullTarget)):
         return 0 <= target.number < scene.body_count
     return target.name in (scene.loads if isinstance(target, ChannelTarget) else scene.drives)
 
@@ -104,7 +135,7 @@ def require_target(scene: 'Scene', target: Target) -> None:
     """Refuse a target that the scene lacks; the ValueError lists those that it has."""
     if has_target(scene, target):
         return
-    if isinstance(target, BodyTarget):
+    if isinstance(target, (BodyTarget, PullTarget)):
         raise ValueError(
             f'there is no body {target.number}; bodies are 0 to {scene.body_count - 1}')
     what, names = 'drive', list(scene.drives)
@@ -122,7 +153,7 @@ def load_order(target: LoadTarget) -> tuple[bool, str | int]:
     return False, target.name
 
 
-def stored_target(target: Target) -> str | int:
+def stored_target(target: LoadTarget | DriveTarget) -> str | int:
     """
     Return what a checkpoint holds for a target.
 
@@ -133,7 +164,7 @@ def stored_target(target: Target) -> str | int:
     return target.number if isinstance(target, BodyTarget) else str(target)
 
 
-def restored_target(stored: Any) -> Target:
+def restored_target(stored: Any) -> LoadTarget | DriveTarget:
     """The target that a checkpoint holds, whether the scene has it or not."""
     if type(stored) is int:
         return BodyTarget(stored)

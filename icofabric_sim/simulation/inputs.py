@@ -37,15 +37,19 @@ from icofabric_sim.simulation.input_types import (
     has_target,
     load_order,
     LoadTarget,
+    Pull,
+    PullTarget,
     require_target,
     restored_target,
     stored_target,
     Target,
     Twist,
+    Value,
     Wrench,
 )
 from icofabric_sim.simulation.model.layout import Layout
 from icofabric_sim.simulation.model.packing import AnchorPack, pack_loads, WrenchRow
+from icofabric_sim.simulation.pulls import Pulls
 from icofabric_sim.simulation.state_tree import as_number, StateTree
 from icofabric_sim.simulation.timetable import AnchorPath, Follower, Timetable, TractionProfile
 import numpy as np
@@ -60,7 +64,7 @@ class Event(NamedTuple):
     rank: int  # at one time, holds end before inputs begin
     sequence: int
     target: Target
-    value: Wrench | Twist | None
+    value: Value | None
     message: Any = None  # what was received, for who records it
 
 
@@ -88,14 +92,14 @@ class InputQueue:
         return self._heap[0].time if self._heap else math.inf
 
     def put(
-        self, time: float, target: Target, value: Wrench | Twist | None, message: Any = None
+        self, time: float, target: Target, value: Value | None, message: Any = None
     ) -> None:
         """Add an event at `time` [s]."""
         rank = 0 if value is None else 1
         heapq.heappush(self._heap, Event(time, rank, self._sequence, target, value, message))
         self._sequence += 1
         self.message_count += message is not None
-        self.has_body_targets |= isinstance(target, BodyTarget)
+        self.has_body_targets |= isinstance(target, (BodyTarget, PullTarget))
 
     def take(self) -> Event:
         """Remove and return the next event."""
@@ -130,6 +134,7 @@ class Inputs:
         self.expiry: dict[LoadTarget, float] = {}
         self.received: set[LoadTarget] = set()
         self.queue = InputQueue()
+        self.pulls = Pulls(scene)
         # Hears of each message before it acts.
         self.on_message: Callable[[Any], object] = lambda message: None
         # What the loads are made of that were packed last.
@@ -156,6 +161,7 @@ class Inputs:
         self.expiry.clear()
         self.received.clear()
         self.active.clear()
+        self.pulls.clear()
         self.driving.taken.clear()
         self._begin(time, time)
 
@@ -183,11 +189,20 @@ class Inputs:
     @property
     def next_time(self) -> float:
         """Time [s] at which something changes next; infinite where nothing will."""
+        return min(self._next_change, self.pulls.due)
+
+    @property
+    def _next_change(self) -> float:
         return min(self.queue.next_time, self.timetable.next_time)
+
+    @property
+    def pulls_are_next(self) -> bool:
+        """Whether that is the forces of pulls, which follow all else of their time."""
+        return self.pulls.due < self._next_change
 
     def apply_next(self) -> bool:
         """Let that happen; returns whether anything changed for the bodies."""
-        if self.timetable.next_time > self.next_time:
+        if self.timetable.next_time > self._next_change:
             return self._apply(self.queue.take())
         changes = [
             self._follow(begun) if isinstance(begun, ChannelTarget)
@@ -211,6 +226,7 @@ class Inputs:
         self.driving.taken.clear()
         if not anew:
             self.driving.adopt(other.driving)
+            self.pulls.adopt(other.pulls, now)
         for target in self.received:
             if target in other.active:
                 self.active[target] = other.active[target]
@@ -228,6 +244,10 @@ class Inputs:
             assert isinstance(value, Twist)
             self.driving.take_over(target, event.time, value)
             return True
+        if isinstance(target, PullTarget):
+            assert isinstance(value, Pull)
+            self.pulls.take(target, value, event.time)
+            return False  # their forces follow
         before = self.active.get(target, Wrench(_ZERO, _ZERO))
         if value is None:
             if self.expiry.get(target) != event.time:
@@ -255,10 +275,15 @@ class Inputs:
             name: number for name, number in self.timetable.numbers.items()
             if name not in self.received}
         self.driving.pack()
+        self.pulls.repack()
         return self.pack_again(layout, stages=stages)
 
     def pack_again(self, layout: Layout, *, stages: int = 0) -> Loads:
-        """The rows that were packed last: channels by name, single bodies by number, tractions."""
+        """
+        The rows that were packed last.
+
+        Channels by name, single bodies by number, tractions, pulls.
+        """
         return pack_loads(
             self.packed_rows(), layout, stages=stages, varying=self._varying,
             drives=self.driving.pack_again(), anchors=self._pack_anchors())
@@ -273,7 +298,7 @@ class Inputs:
             piece = self._piece(TractionProfile(name))
             if not piece.is_zero:
                 rows += [WrenchRow(*wrench[:-1], piece, wrench.normal) for wrench in part.wrenches]
-        return rows
+        return rows + self.pulls.packed_rows()
 
     def pack_strongest(self, layout: Layout) -> Loads:
         """Rows of all that the scene does itself, each at its strongest, as if at one time."""
@@ -318,8 +343,11 @@ class Inputs:
         """What acts, what acts still, and what is to come, in an order of its own."""
         queue = [
             [event.time, event.rank, stored_target(event.target), *_numbers(event.value)]
-            for event in self.queue if event.message is None]
+            for event in self.queue
+            if event.message is None and not isinstance(event.target, PullTarget)]
+        pulls = {'pulls': self.pulls.state_tree()} if self.pulls else {}
         return {
+            **pulls,
             'active': _listing(self.active),
             'packed': _listing(self.packed),
             'expiry': [
@@ -338,6 +366,7 @@ class Inputs:
         self.timetable.load_state(tree.part('timetable'), now)
         pieces = self.timetable.known_numbers(tree.entries('packed_pieces'))
         self.driving.load_state(tree.part('driving'))
+        self.pulls.load_state(tree.part('pulls') if 'pulls' in tree else None, now)
         active, packed = (self._wrenches(tree.entries(name)) for name in ('active', 'packed'))
         expiry: dict[LoadTarget, float] = {}
         for entry in tree.entries('expiry'):
@@ -362,7 +391,7 @@ class Inputs:
         """Whether any of them is for a single body."""
         targets = (
             *self.active, *self.packed, *self.received, *(event.target for event in self.queue))
-        return any(isinstance(target, BodyTarget) for target in targets)
+        return bool(self.pulls) or any(isinstance(target, BodyTarget) for target in targets)
 
     def _wrenches(self, entries: list[Any]) -> dict[LoadTarget, Wrench]:
         wrenches = {}
@@ -374,7 +403,7 @@ class Inputs:
             wrenches[target] = wrench
         return wrenches
 
-    def _known(self, stored: Any) -> Target:
+    def _known(self, stored: Any) -> LoadTarget | DriveTarget:
         target = restored_target(stored)
         require_target(self.scene, target)
         return target
@@ -392,7 +421,7 @@ def _listing(wrenches: Mapping[LoadTarget, Wrench]) -> list[Any]:
         for target in sorted(wrenches, key=load_order)]
 
 
-def _numbers(value: Wrench | Twist | None) -> list[Any]:
+def _numbers(value: Value | None) -> list[Any]:
     return [None, None] if value is None else [part.tolist() for part in value]
 
 

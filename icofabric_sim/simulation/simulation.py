@@ -29,9 +29,12 @@ from icofabric_sim.simulation.input_types import (
     BodyTarget,
     ChannelTarget,
     DriveTarget,
+    Pull,
+    PullTarget,
     require_target,
     Target,
     Twist,
+    Value,
     Vector,
     Wrench,
 )
@@ -202,6 +205,21 @@ class Simulation:
         target = DriveTarget(checks.text('drive', drive))
         return self._apply(target, Twist.checked(linear, angular), time)
 
+    def pull(self, body: int, point: Vector) -> None:
+        """
+        Draw a body towards a `point` [m] of the world from now on, by a capped spring and damper.
+
+        Until `release`, or a reset; another point aims anew. See simulation/pulls.py for the law,
+        which is scaled to the fabric and by `pull.strength`.
+        """
+        target = PullTarget(checks.count('body', body, 0, self.scene.body_count - 1))
+        self._apply(target, Pull(checks.array('point', point, (3,))), None)
+
+    def release(self, body: int) -> None:
+        """Let a body go that is pulled; nothing happens to another one."""
+        target = PullTarget(checks.count('body', body, 0, self.scene.body_count - 1))
+        self._apply(target, Pull(np.full(3, np.nan)), None)
+
     def set_state(
         self,
         *,
@@ -368,7 +386,7 @@ class Simulation:
             np.array([anchor.body for anchor in anchors]),
             np.array([anchor.arm for anchor in anchors]), self.inputs.anchor_points(self.time))
 
-    def _apply(self, target: Target, value: Wrench | Twist, time: float | None) -> float:
+    def _apply(self, target: Target, value: Value, time: float | None) -> float:
         require_target(self.scene, target)
         at = self.time if time is None else checks.number('time', time, unit='s')
         if at < self.time:

@@ -14,7 +14,7 @@
 """Topics and frames of inputs, and what their messages put on which target."""
 
 import icofabric_sim as ico
-from icofabric_sim.messages import TwistStampedBytes, WrenchStampedBytes
+from icofabric_sim.messages import PointStampedBytes, TwistStampedBytes, WrenchStampedBytes
 from icofabric_sim.messages.frames import body_frame, parse_body_frame
 from icofabric_sim.messages.input_topics import (
     decode_input,
@@ -27,6 +27,7 @@ from icofabric_sim.simulation.input_types import (
     BodyTarget,
     ChannelTarget,
     DriveTarget,
+    PullTarget,
     restored_target,
     stored_target,
     Twist,
@@ -63,7 +64,7 @@ def test_scene_names_its_topics():
     scene = ico.Scene.from_parameters({**DRIVEN_SCENE, 'loads': {'tip': {'group': 'top'}}})
     assert input_topics(scene) == {
         '~/wrench': WrenchStampedBytes.TYPE, '~/loads/tip': WrenchStampedBytes.TYPE,
-        '~/drives/top': TwistStampedBytes.TYPE}
+        '~/drives/top': TwistStampedBytes.TYPE, '~/pull': PointStampedBytes.TYPE}
     for other in ('~/poses', '~/loads', '~/loads/', '~/loads/2', '~/drives/a/b', '/wrench'):
         assert input_type(other) == ''
 
@@ -75,6 +76,18 @@ def test_frame_of_no_body_is_refused(frame):
     assert parse_body_frame(frame) is None
     with pytest.raises(ValueError, match="frame_id .* must be 'icosahedron_K'"):
         decode_input('~/wrench', WrenchStampedBytes(frame).stamped(0))
+
+
+def test_pull_is_read_as_it_is_written():
+    message = PointStampedBytes(body_frame(7))
+    message.point[:] = 1.0, -2.0, 3.0
+    found = decode_input('~/pull', message.stamped(12))
+    assert found.target == PullTarget(7) and topic_of(found.target) == '~/pull'
+    assert found.value.point.tolist() == [1.0, -2.0, 3.0] and not found.value.is_release
+    message.point[:] = float('nan')
+    assert decode_input('~/pull', message.stamped(0)).value.is_release
+    with pytest.raises(ValueError, match="must be 'icosahedron_K'"):
+        decode_input('~/pull', PointStampedBytes('world').stamped(0))
 
 
 def test_frames_of_bodies_are_read_as_they_are_written():

@@ -31,6 +31,7 @@ DECODERS = {
     messages.MarkerBytes.TYPE: messages.decode_marker_points,
     messages.WrenchStampedBytes.TYPE: messages.decode_wrench_stamped,
     messages.TwistStampedBytes.TYPE: messages.decode_twist_stamped,
+    messages.PointStampedBytes.TYPE: messages.decode_point_stamped,
     messages.ClockBytes.TYPE: messages.decode_clock,
     messages.StringBytes.TYPE: messages.decode_string,
     messages.Float64MultiArrayBytes.TYPE: messages.decode_float64_multi_array,
@@ -103,6 +104,8 @@ def check_decoded(type_name: str, decoded: Any, expected: dict) -> None:
             assert decoded.color.tolist() == list(expected['color'].values())
             assert decoded.scale.tolist() == list(expected['scale'].values())
             assert decoded.pose.tolist() == [0, 0, 0, 0, 0, 0, 1]
+        elif type_name == messages.PointStampedBytes.TYPE:
+            assert decoded.point.tolist() == list(expected['point'].values())
         else:
             first, second = expected.get('wrench', expected.get('twist')).values()
             assert decoded[2].tolist() == list(first.values())

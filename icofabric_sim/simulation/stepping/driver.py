@@ -53,6 +53,7 @@ from icofabric_sim.simulation.stepping.touching_errors import TouchingErrors
 from icofabric_sim.simulation.stepping.trajectory import Trajectory
 from icofabric_sim.simulation.stepping.trial_steps import TrialSteps
 from icofabric_sim.simulation.stepping.uniform_stepping import UniformStepping
+import numpy as np
 
 _LOGGER = logging.getLogger('icofabric_sim')
 Result = TypeVar('Result')
@@ -205,6 +206,28 @@ class Driver:
         trajectory.loads, self.rates.load_rate = loads, load_rate
         place_driven(trajectory.model, loads, trajectory.state, trajectory.time)
         self._stepping.follow_loads()
+
+    def set_last_forces(self, forces: np.ndarray) -> None:
+        """
+        Replace the forces (p, 3) [N] of the last p wrenches, where a step begins; steps stay.
+        """
+        trajectory = self.trajectory
+        assert trajectory.loads is not None
+        trajectory.loads.force[len(trajectory.loads.force) - len(forces):] = forces
+        # Differences of the motion across a jump of the forces say nothing of the step.
+        trajectory.ledger.regular = 0.0
+        self.errors.spoil()
+
+    def whole_steps(self, duration: float) -> float:
+        """
+        Return the time [s] of the most whole steps within a `duration` [s], of one up to twice it.
+
+        Else the duration: where steps are longer, or have no one length.
+        """
+        step = self.trajectory.step
+        if self.trajectory.control is not None or not 0.0 < step <= 2.0 * duration:
+            return duration
+        return max(math.floor(duration / step), 1) * step
 
     def forget(self) -> None:
         """Count steps and errors from zero again: a run begins that has no past."""

@@ -1,0 +1,139 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""Pulls: a hand's spring and damper, its law, its limits, and that a run with them repeats."""
+
+import icofabric_sim as ico
+from icofabric_sim.simulation.checkpoint import Checkpoint
+from icofabric_sim.simulation.pulls import LARGEST_ACCELERATION, STIFFNESS
+import numpy as np
+import pytest
+from runner_helpers import SCENE
+
+BODY, MASS_RATIO = 1, 2.0  # sqrt(4 bodies)
+
+
+@pytest.fixture
+def simulation():
+    return ico.compile_scene(ico.Scene.from_parameters(SCENE), body_wrenches=True)
+
+
+def bits(simulation):
+    found = simulation.snapshot()
+    return b''.join(getattr(found, name).tobytes() for name in (
+        'position', 'orientation', 'linear_velocity', 'angular_velocity'))
+
+
+def test_pulled_body_rests_where_the_force_balances_the_load(simulation):
+    place = simulation.snapshot().position[BODY].copy()
+    mass = MASS_RATIO * simulation.scene.shell.mass
+    load = np.array([0.0, 0.0, -0.1])
+    simulation.apply_wrench('tip', force=load)
+    simulation.pull(BODY, place)
+    simulation.advance_to(5.0)
+    found, force = [], []
+    for time in np.linspace(5.0, 6.0, 101):
+        simulation.advance_to(time)
+        found.append(simulation.snapshot().position[BODY] - place)
+        force.append(simulation.inputs.pulls.forces[BODY])
+    assert simulation.inputs.pulls.mass(BODY) == pytest.approx(mass, rel=1e-12)
+    # The spring alone, K = 100 / s^2 times the mass, and the same from the forces themselves.
+    sag = load[2] / (STIFFNESS * mass)
+    assert np.mean(found, axis=0)[2] == pytest.approx(sag, rel=0.03)
+    assert np.mean(force, axis=0) == pytest.approx(-load, abs=0.03 * 0.1)
+    assert abs(simulation.snapshot().energy['balance_error']) < 1e-4
+
+
+def test_pull_takes_energy_out_of_what_swings(simulation):
+    place = simulation.snapshot().position[BODY].copy()
+    simulation.pull(BODY, place + [0.0, 0.0, 0.05])
+    energies = []
+    for time in (0.2, 1.0, 2.0, 3.0):
+        simulation.advance_to(time)
+        energy = simulation.snapshot().energy
+        energies.append(energy['kinetic'] + energy['connectors'])
+    # A fabric that turns about the pulled body goes on turning: only that is left.
+    assert energies[0] > 2.0 * energies[1] and energies == sorted(energies, reverse=True)
+
+
+@pytest.mark.parametrize('strength', [1.0, 10.0])
+def test_force_is_capped(strength):
+    scene = ico.Scene.from_parameters({**SCENE, 'pull': {'strength': strength}})
+    simulation = ico.compile_scene(scene, body_wrenches=True)
+    simulation.pull(BODY, (1000.0, 0.0, 0.0))
+    largest = strength * LARGEST_ACCELERATION * MASS_RATIO * scene.shell.mass
+    for time in (0.0, 0.01, 0.1):
+        simulation.advance_to(time)
+        assert np.linalg.norm(simulation.inputs.pulls.forces[BODY]) == pytest.approx(largest)
+
+
+def test_release_ends_it(simulation):
+    simulation.pull(BODY, (0.1, 0.0, 0.0))
+    simulation.advance_to(0.02)
+    simulation.release(BODY)
+    assert not simulation.inputs.pulls.bodies
+    simulation.advance_to(0.03)
+    momentum = simulation.snapshot().linear_velocity.sum(axis=0)
+    simulation.advance_to(0.05)
+    assert np.linalg.norm(momentum) > 1e-3
+    assert simulation.snapshot().linear_velocity.sum(axis=0) == pytest.approx(momentum, rel=1e-9)
+    simulation.release(BODY)  # nothing to let go
+    simulation.pull(BODY, (0.1, 0.0, 0.0))
+    simulation.reset()
+    assert not simulation.inputs.pulls.bodies
+
+
+def test_broken_off_part_is_pulled_by_its_own_mass(simulation):
+    broken = np.full(simulation.scene.connector_count, 0.5)
+    simulation._driver.trajectory.broken._since = broken
+    simulation.pull(BODY, (0.1, 0.0, 0.0))
+    assert simulation.inputs.pulls.mass(BODY) == simulation.scene.shell.mass
+
+
+@pytest.mark.parametrize('method', ['srkn4', 'dop8'])
+def test_same_bits_in_pieces_and_from_a_checkpoint(method):
+    scene = ico.Scene.from_parameters({**SCENE, 'solver': {'method': method}})
+    whole, pieces, restored = (
+        ico.compile_scene(scene, body_wrenches=True) for _ in range(3))
+    for simulation in (whole, pieces):
+        simulation.advance_to(0.001)
+        simulation.pull(BODY, (0.1, 0.02, 0.0))
+        simulation.pull(2, (-0.1, 0.0, 0.05))
+    whole.advance_to(0.02)
+    for number in range(2, 21):
+        pieces.advance_to(number * 1e-3)
+        if number == 10:
+            restored.restore(Checkpoint.from_bytes(pieces.checkpoint().to_bytes()))
+    restored.advance_to(0.02)
+    for simulation in (whole, pieces, restored):
+        simulation.release(2)
+        simulation.advance_to(0.03)
+    assert bits(whole) == bits(pieces) == bits(restored)
+    untouched = ico.compile_scene(scene, body_wrenches=True)
+    untouched.advance_to(0.03)
+    assert bits(untouched) != bits(whole)
+
+
+@pytest.mark.parametrize(('name', 'change', 'words'), [
+    ('due', {'due': -1.0}, 'due must not be before'),
+    ('mass', {'pulled': [[1, [0.0, 0.0, 0.0], -1.0]]}, 'the mass -1.0'),
+    ('body', {'pulled': [[9, [0.0, 0.0, 0.0], 1.0]]}, 'a body 9, which the scene lacks'),
+    ('vector', {'forces': [[1, [0.0, 'x', 0.0]]]}, 'three finite numbers')])
+def test_damaged_checkpoint_is_refused(simulation, name, change, words):
+    from icofabric_sim.simulation.state_tree import StateTree
+    simulation.pull(BODY, (0.1, 0.0, 0.0))
+    pulls = simulation.inputs.pulls
+    tree = pulls.state_tree()
+    pulls.load_state(StateTree(tree), 0.0)
+    with pytest.raises(ValueError, match=words):
+        pulls.load_state(StateTree({**tree, **change}), 0.0)
