@@ -194,6 +194,7 @@ def _ready(simulation: 'Simulation') -> 'Simulation':
     outputs.energy(snapshot)
     for messages in (outputs.connectors(snapshot, 0), outputs.icosahedra(snapshot, 0)):
         list(messages)
-    # Read for its kernel.
-    _ = simulation.balance
+    simulation.fastest_place()
+    # Read for their kernels.
+    _ = simulation.balance, snapshot.obstructed
     return simulation

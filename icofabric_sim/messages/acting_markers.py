@@ -12,24 +12,25 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-What acts on a fabric, for viewers: loads, supports and planes, in a MarkerArray.
+What acts on a fabric, for viewers: loads, supports, planes and contacts, in a MarkerArray.
 
 Few lists instead of one marker for each arrow; an empty one is removed, so what is shown does not
 depend on what was received before.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import ClassVar, NamedTuple
 
 from icofabric_sim.messages.cdr import CdrBuilder, split_nanoseconds
 from icofabric_sim.messages.marker import MarkerAction
 from icofabric_sim.scene.planes import make_planes
 from icofabric_sim.scene.scene import Scene
+from icofabric_sim.simulation.contact.broad_phase import Touching
 from icofabric_sim.simulation.input_types import Wrench
 from icofabric_sim.simulation.model.snapshot import Snapshot
 import numpy as np
 
-_LINE_LIST, _CUBE_LIST = 5, 6
+_LINE_LIST, _CUBE_LIST, _SPHERE_LIST, _TRIANGLE_LIST = 5, 6, 7, 11
 # Bodies of one load that get an arrow; of more, evenly spread ones.
 _MOST_ARROWS = 1000
 # Lines of a plane each way.
@@ -55,16 +56,25 @@ class ActingMarkers:
     def __init__(self, scene: Scene) -> None:
         """Lay out what does not change."""
         self._scene, self._frame_id = scene, scene.parameters['frame_id']
-        self._planes = _plane_lines(scene)
+        self._planes, self._surfaces = _plane_lines(scene), _plane_triangles(scene)
         supports = scene.supports
         self._held = np.zeros(0, np.int64) if supports is None else np.flatnonzero(
             supports.translation.any(axis=1) | supports.rotation)
 
     def message(
-        self, snapshot: Snapshot, nanoseconds: int, acting: Mapping[str | int, Wrench]
+        self, snapshot: Snapshot, nanoseconds: int, acting: Mapping[str | int, Wrench],
+        touching: Touching
     ) -> bytes:
-        """The message at that time, with the wrenches that act, by channel or body number."""
+        """
+        The message at that time, with the wrenches that act, by channel or body number.
+
+        And with what is `touching`: a point for each contact, and its normal, one edge long.
+        """
         edge = self._scene.shell.edge_length
+        size = np.linalg.norm(touching.force, axis=1, keepdims=True)
+        normal = touching.force / np.where(size > 0.0, size, 1.0)
+        normals = np.stack(
+            [touching.point, touching.point + edge * normal], axis=1).reshape(-1, 3)
         forces, torques = self._arrows(snapshot, acting)
         lists = (
             _List('forces', 0, _LINE_LIST, (0.90, 0.10, 0.10, 1.0), (0.1 * edge, 0, 0), forces),
@@ -72,7 +82,13 @@ class ActingMarkers:
             _List('supports', 0, _CUBE_LIST, (0.20, 0.30, 0.50, 0.8), (0.5 * edge,) * 3,
                   snapshot.position[self._held]),
             _List('planes', 0, _LINE_LIST, (0.45, 0.45, 0.45, 1.0), (0.04 * edge, 0, 0),
-                  self._planes))
+                  self._planes),
+            _List('plane_surfaces', 0, _TRIANGLE_LIST, (0.60, 0.60, 0.60, 0.4), (1.0,) * 3,
+                  self._surfaces),
+            _List('contacts', 0, _SPHERE_LIST, (0.60, 0.10, 0.70, 1.0), (0.2 * edge,) * 3,
+                  touching.point),
+            _List('contact_normals', 0, _LINE_LIST, (0.60, 0.10, 0.70, 1.0),
+                  (0.06 * edge, 0, 0), normals))
         layout = CdrBuilder()
         layout.numbers('I', len(lists))
         for item in lists:
@@ -118,21 +134,43 @@ def _turned(orientation: np.ndarray, vector: np.ndarray) -> np.ndarray:
 
 def _plane_lines(scene: Scene) -> np.ndarray:
     """Ends of lines two pitches apart on all planes, below and beside the fabric."""
-    low, high = scene.position.min(axis=0), scene.position.max(axis=0)
-    middle, gap = 0.5 * (low + high), 2.0 * scene.geometry.pitch
-    reach = gap * min(np.ceil(np.linalg.norm(high - low) / gap) + 1.0, _MOST_LINES / 2)
+    gap, reach = _plane_size(scene)
     offsets = np.arange(-reach, reach + 0.5 * gap, gap)
     lines = []
+    for foot, first, second in _plane_frames(scene):
+        for along, across in ((first, second), (second, first)):
+            begins = foot + offsets[:, None] * across
+            lines.append(np.stack([begins - reach * along, begins + reach * along], axis=1))
+    return np.concatenate(lines).reshape(-1, 3) if lines else np.zeros((0, 3))
+
+
+def _plane_triangles(scene: Scene) -> np.ndarray:
+    """Corners of the triangles that fill the same squares, seen from both sides."""
+    _, reach = _plane_size(scene)
+    corners = []
+    for foot, first, second in _plane_frames(scene):
+        square = foot + reach * np.array([
+            -first - second, first - second, first + second, second - first])
+        corners.append(square[[0, 1, 2, 0, 2, 3, 2, 1, 0, 3, 2, 0]])
+    return np.concatenate(corners) if corners else np.zeros((0, 3))
+
+
+def _plane_size(scene: Scene) -> tuple[float, float]:
+    """Distance [m] of the lines, and half the width [m] of the square that is shown of a plane."""
+    span = scene.position.max(axis=0) - scene.position.min(axis=0)
+    gap = 2.0 * scene.geometry.pitch
+    return gap, float(gap * min(np.ceil(np.linalg.norm(span) / gap) + 1.0, _MOST_LINES / 2))
+
+
+def _plane_frames(scene: Scene) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """A point of each plane, below or beside the fabric, and two unit vectors along it."""
+    middle = 0.5 * (scene.position.min(axis=0) + scene.position.max(axis=0))
     for *normal, offset in make_planes(scene.parameters):
         normal = np.array(normal)
         foot = middle - (normal @ middle - offset) * normal
         first = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
         first /= np.linalg.norm(first)
-        second = np.cross(normal, first)
-        for along, across in ((first, second), (second, first)):
-            begins = foot + offsets[:, None] * across
-            lines.append(np.stack([begins - reach * along, begins + reach * along], axis=1))
-    return np.concatenate(lines).reshape(-1, 3) if lines else np.zeros((0, 3))
+        yield foot, first, np.cross(normal, first)
 
 
 def _append(layout: CdrBuilder, item: _List, frame_id: str, nanoseconds: int) -> None:

@@ -37,6 +37,7 @@ from icofabric_sim.parameters.named_files import with_files
 from icofabric_sim.parameters.text import dump_parameters
 from icofabric_sim.parameters.validation import Parameters
 from icofabric_sim.scene.scene import Scene
+from icofabric_sim.simulation.contact.broad_phase import Touching
 from icofabric_sim.simulation.input_types import Wrench
 from icofabric_sim.simulation.model.snapshot import Snapshot
 import numpy as np
@@ -110,10 +111,11 @@ class Outputs:
         return ActingMarkers(self.scene)
 
     def markers(
-        self, snapshot: Snapshot, nanoseconds: int, acting: Mapping[str | int, Wrench]
+        self, snapshot: Snapshot, nanoseconds: int, acting: Mapping[str | int, Wrench],
+        touching: Touching
     ) -> bytes:
-        """`~/markers`: the `acting` wrenches, supports and planes."""
-        return self._acting.message(snapshot, nanoseconds, acting)
+        """`~/markers`: the `acting` wrenches, supports, planes, and what is `touching`."""
+        return self._acting.message(snapshot, nanoseconds, acting, touching)
 
     def poses(self, snapshot: Snapshot, nanoseconds: int) -> bytes:
         """`~/poses`: bodies in order."""

@@ -252,7 +252,8 @@ class Broadcast:
         if topic is topics.BROKEN:
             return [self._outputs.broken(snapshot)]
         if topic is topics.MARKERS:
-            return [self._outputs.markers(snapshot, now, self.simulation.status.active_loads)]
+            return [self._outputs.markers(
+                snapshot, now, self.simulation.status.active_loads, self.simulation.touching())]
         if topic is topics.ICOSAHEDRA:
             return self._outputs.icosahedra(snapshot, now)
         if topic is topics.CONNECTORS:

@@ -13,13 +13,19 @@
 # limitations under the License.
 """What limits the step of a run, and since when."""
 
+import time as wall
+
+from icofabric_sim.kernels.runtime.compile_notice import KernelsMissing
 from icofabric_sim.messages.schedule import seconds
 from icofabric_sim.running.run_records import step_limit
 from icofabric_sim.simulation.simulation import Simulation
+from icofabric_sim.simulation.stepping.kernel_guard import no_compiling
 from icofabric_sim.simulation.stepping.methods import METHODS
 
 # A step above this part of the stability limit is chosen by that, with its safety.
 _NEAR = 0.5
+# Looking for the place takes at most one part in so many of the time, large fabrics included.
+_SHARE = 200.0
 
 
 class StepLimit:
@@ -29,18 +35,40 @@ class StepLimit:
         """Know of no limit yet."""
         self._known: tuple[str, str] | None = None
         self._since = 0
+        self._place, self._place_since, self._looked = '', 0, 0.0
 
     def describe(self, simulation: Simulation, now: int) -> str:
         """Sentence on the limit at time `now` [ns]: which, by what, and since when."""
         status = simulation.status
         term = status.fastest_term
         known = _kind(simulation), term.rpartition(', up to')[0]
-        if known != self._known or now < self._since:
+        is_other = known != self._known or now < self._since
+        if is_other:
             self._known, self._since = known, now
         where = ''
         if 'contacts' in term:
             where = f', {status.contact_count} of which touched at the last health check'
-        return f'{known[0]}; fastest: {term}{where}; since t = {seconds(self._since):.6g} s'
+        place = self._place_of(simulation, now, anew=is_other)
+        return (
+            f'{known[0]}; fastest: {term}{where}; since t = {seconds(self._since):.6g} s{place}')
+
+    def _place_of(self, simulation: Simulation, now: int, *, anew: bool) -> str:
+        """Where that is, and since when."""
+        began = wall.perf_counter()
+        if anew or began >= self._looked:
+            try:
+                with no_compiling():
+                    place = simulation.fastest_place()
+            except KernelsMissing:
+                # A later report has it, see `Simulation.prepare_contacts`.
+                place = ''
+            # How deep it is says nothing of which it is.
+            same = place.partition(', by ')[0] == self._place.partition(', by ')[0]
+            if anew or not same or now < self._place_since:
+                self._place_since = now
+            self._place, ended = place, wall.perf_counter()
+            self._looked = ended + _SHARE * (ended - began)
+        return self._place and f'; {self._place}, since t = {seconds(self._place_since):.6g} s'
 
 
 def _kind(simulation: Simulation) -> str:

@@ -36,14 +36,17 @@ from typing import Any
 
 from icofabric_sim.kernels.runtime.target import target
 from icofabric_sim.scene.scene import Scene
+from icofabric_sim.simulation.stepping.kernel_guard import end_compiling
 import numpy as np
 
 # A larger scene would be built once more beside the first.
-_LARGEST = 20_000
+LARGEST = 20_000
 # What is being compiled, by its likely kind, the oldest first. A parameter that is moved by hand
 # builds the scene many times a second.
 _processes: dict[object, subprocess.Popen[bytes]] = {}
 _MOST = 2
+# This process ends: nothing more is compiled.
+_ending = threading.Event()
 
 
 def compile_contact_ahead(
@@ -54,7 +57,7 @@ def compile_contact_ahead(
 
     Returns the process that does it; None where there is none.
     """
-    if os.environ.get('ICOFABRIC_COMPILE_AHEAD', '1') == '0' or scene.body_count > _LARGEST:
+    if os.environ.get('ICOFABRIC_COMPILE_AHEAD', '1') == '0' or scene.body_count > LARGEST:
         return None
     given = {**scene.parameters.given(), **touching(method)}
     task = pickle.dumps((given, rotation, body_wrenches))
@@ -77,8 +80,6 @@ def compile_contact_ahead(
             [sys.executable, '-m', 'icofabric_sim.simulation.precompile_process'],
             stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
             start_new_session=True, env=_environment())
-        if not _processes:
-            atexit.register(_end)
         _processes[kind] = process
         if process.stdin is not None:
             with process.stdin as pipe:
@@ -136,6 +137,8 @@ class ContactKernels:
     def _work(self) -> None:
         if self._process is not None:
             self._process.wait()
+        if _ending.is_set():
+            return
         # What is missing then is compiled where it is needed, or the reason is said there.
         with suppress(Exception):
             self._make_ready()
@@ -147,7 +150,10 @@ def _environment() -> dict[str, str]:
     return {**os.environ, **native}
 
 
+@atexit.register
 def _end() -> None:
+    _ending.set()
+    end_compiling()
     for process in _processes.values():
         process.kill()
         process.wait()

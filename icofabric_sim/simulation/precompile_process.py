@@ -31,6 +31,9 @@ def _compile(task: tuple[dict[str, Any], str, bool]) -> None:
         Scene.from_parameters(make_parameters(given)), rotation=rotation,
         body_wrenches=body_wrenches)
     simulation.warm_up()
+    simulation.fastest_place()
+    snapshot = simulation.snapshot()
+    _ = snapshot.energy, snapshot.obstructed
 
 
 if __name__ == '__main__':

@@ -22,8 +22,10 @@ from icofabric_sim.kernels.runtime.interrupts import DeferredInterrupt
 from icofabric_sim.scene.initial import hold_still, InitialState
 from icofabric_sim.scene.scene import require_scene, Scene
 from icofabric_sim.simulation.checkpoint import Checkpoint
+from icofabric_sim.simulation.contact.broad_phase import Touching
 from icofabric_sim.simulation.errors import Interrupted, SimulationError
 from icofabric_sim.simulation.event_loop import EventLoop
+from icofabric_sim.simulation.fastest_place import fastest_place
 from icofabric_sim.simulation.given_state import complete_state
 from icofabric_sim.simulation.input_types import (
     BodyTarget,
@@ -41,7 +43,12 @@ from icofabric_sim.simulation.input_types import (
 from icofabric_sim.simulation.model.body_force import as_body_force, BodyForce, Force
 from icofabric_sim.simulation.model.packing import pack_scene
 from icofabric_sim.simulation.model.snapshot import Snapshot
-from icofabric_sim.simulation.precompile import compile_contact_ahead, ContactKernels, touching
+from icofabric_sim.simulation.precompile import (
+    compile_contact_ahead,
+    ContactKernels,
+    LARGEST,
+    touching,
+)
 from icofabric_sim.simulation.state_tree import StateTree
 from icofabric_sim.simulation.status import SimulationStatus
 from icofabric_sim.simulation.stepping.ledger import EnergyBalance
@@ -154,6 +161,18 @@ class Simulation:
                 self._books(state), self._driver.trajectory.broken.since, self._anchors())
             self._cached_at = self._event_loop.changes
         return self._cached
+
+    def touching(self) -> Touching:
+        """The pairs of shells, and of shells and planes, that touch at the present time."""
+        return self._driver.contact.touching(self._driver.state_at(self.time))
+
+    def fastest_place(self) -> str:
+        """
+        Name the bodies, connectors or pairs whose motion is the fastest one in `status`.
+
+        '' where they cannot be told. As of the last step; not beside an advance.
+        """
+        return fastest_place(self._driver)
 
     def apply_wrench(
         self,
@@ -319,17 +338,16 @@ class Simulation:
         """
         Have what the first contact needs made ready beside the run, and never by the run itself.
 
-        After `warm_up`. Until it is ready, an advance that needs it ends with KernelsAwaited. What
-        is on disk counts as ready unless it is to be loaded too. None where there is nothing to
+        After `warm_up`. Until it is ready, an advance that needs it ends with KernelsAwaited. With
+        `load` what is on disk is loaded too, and what reports need. None where there is nothing to
         make ready, or a body force, which one thread alone may call.
         """
-        driver = self._driver
-        if (self.contact_kernels is None and self.body_force is None
-                and driver.contact.is_possible and driver.contact.contacts is None
-                and (load or self._lacks_contacts)):
+        if self.contact_kernels is None and self.body_force is None and (
+                self._lacks_contacts or load and self.scene.body_count <= LARGEST):
             process = self._compile_ahead() if self._lacks_contacts else None
-            driver.awaits_kernels = True
-            self.contact_kernels = ContactKernels(process, self._load_contacts)
+            contact = self._driver.contact
+            self._driver.awaits_kernels = contact.is_possible and contact.contacts is None
+            self.contact_kernels = ContactKernels(process, self._load_kernels)
         return self.contact_kernels
 
     def _compile_ahead(self) -> subprocess.Popen[bytes] | None:
@@ -337,11 +355,17 @@ class Simulation:
             self.scene, method=self._status.method_name, rotation=self.rotation,
             body_wrenches=self._body_wrenches)
 
-    def _load_contacts(self) -> None:
+    def _load_kernels(self) -> None:
+        """Have the same done by another simulation of the same kind, as from first contact on."""
         try:
-            Simulation(
-                self.scene.with_changes(touching(self._status.method_name)),
-                rotation=self.rotation, body_wrenches=self._body_wrenches).warm_up()
+            changes = touching(self._status.method_name)
+            twin = Simulation(
+                self.scene.with_changes(changes) if self._driver.awaits_kernels else self.scene,
+                rotation=self.rotation, body_wrenches=self._body_wrenches)
+            twin.warm_up()
+            twin.fastest_place()
+            snapshot = twin.snapshot()
+            _ = snapshot.energy, snapshot.obstructed
         finally:
             self._driver.awaits_kernels = False
 

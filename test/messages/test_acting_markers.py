@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""What viewers are shown of loads, supports and planes: read back by the decoder of rclpy."""
+"""What viewers are shown of loads, supports, planes, contacts: read back as rclpy does."""
 import icofabric_sim as ico
 from icofabric_sim.messages.topics import MARKERS, Outputs
 import numpy as np
@@ -46,9 +46,12 @@ def test_forces_supports_and_planes_are_where_they_act():
     simulation.apply_body_wrench(2, torque=(0.0, 0.0, 1.0))
     simulation.advance_to(0.0)
     snapshot = simulation.snapshot()
-    shown = read(Outputs(scene).markers(snapshot, 1_500_000_000, simulation.status.active_loads))
-    assert list(shown) == ['forces', 'torques', 'supports', 'planes']
-    for marker in shown.values():
+    shown = read(Outputs(scene).markers(
+        snapshot, 1_500_000_000, simulation.status.active_loads, simulation.touching()))
+    assert [name for name, marker in shown.items() if marker.action == 0] == [
+        'forces', 'torques', 'supports', 'planes', 'plane_surfaces']
+    assert list(shown)[5:] == ['contacts', 'contact_normals']
+    for marker in list(shown.values())[:5]:
         assert (marker.header.stamp.sec, marker.header.stamp.nanosec) == (1, 500_000_000)
         assert marker.header.frame_id == 'world' and marker.action == 0
         assert marker.color.a > 0.0 and marker.scale.x > 0.0 and marker.pose.orientation.w == 1.0
@@ -63,12 +66,47 @@ def test_forces_supports_and_planes_are_where_they_act():
     floor = points(shown['planes'])
     assert len(floor) > 8
     np.testing.assert_allclose(floor[:, 2], -0.1, atol=1e-12)
+    # Two triangles, seen from both sides, that fill what the lines span; RViz scales the points.
+    surface = points(shown['plane_surfaces'])
+    assert len(surface) == 12 and shown['plane_surfaces'].scale.x == 1.0
+    np.testing.assert_allclose(surface.min(axis=0), floor.min(axis=0), atol=1e-12)
+    np.testing.assert_allclose(surface.max(axis=0), floor.max(axis=0), atol=1e-12)
+    corners = surface.reshape(4, 3, 3)
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    assert sorted(np.sign(across[:, 2])) == [-1.0, -1.0, 1.0, 1.0]
+
+
+def test_contacts_are_shown_where_shells_press_on_a_floor():
+    scene = ico.load_scene('dropped_slab')
+    simulation = ico.compile_scene(scene)
+    simulation.advance_to(0.2)
+    while not len(simulation.touching().overlap):
+        assert simulation.time < 0.22
+        simulation.advance_to(simulation.time + 0.0005)
+    touching, snapshot = simulation.touching(), simulation.snapshot()
+    shown = read(Outputs(scene).markers(snapshot, 0, {}, touching))
+    spots = points(shown['contacts'])
+    normals = points(shown['contact_normals']).reshape(-1, 2, 3)
+    assert len(spots) == len(normals) == len(touching.overlap) and spots.any()
+    np.testing.assert_allclose(normals[:, 0], spots)
+    np.testing.assert_allclose(
+        np.linalg.norm(normals[:, 1] - normals[:, 0], axis=1), scene.shell.edge_length)
+    for number, (first, second) in enumerate(touching.bodies):
+        assert touching.overlap[number] > 0.0 and np.linalg.norm(touching.force[number]) > 0.0
+        if second < 0:
+            assert touching.describe(number) == f'body {first} and plane floor'
+            assert abs(spots[number, 2] + 0.05) < 1e-3
+            np.testing.assert_allclose(
+                normals[number, 1] - normals[number, 0], [0.0, 0.0, 0.02], atol=1e-9)
+            below = snapshot.position[first] - spots[number]
+            assert np.hypot(*below[:2]) < 0.02 and 0.01 < below[2] < 0.025
+    assert (touching.bodies[:, 1] < 0).any()
 
 
 def test_what_is_not_there_is_removed():
     scene = ico.Scene.from_parameters({'weave': {'size': [2, 2, 2]}})
     simulation = ico.compile_scene(scene)
-    shown = read(Outputs(scene).markers(simulation.snapshot(), 0, {}))
+    shown = read(Outputs(scene).markers(simulation.snapshot(), 0, {}, simulation.touching()))
     assert all(marker.action == 2 and not marker.points for marker in shown.values())
 
 

@@ -205,11 +205,11 @@ def test_what_the_first_contact_needs_is_loaded_ahead():
     assert simulation.status.has_contacts
 
 
-def test_there_is_nothing_to_prepare_without_contacts_or_beside_a_function_of_the_user():
+def test_nothing_is_awaited_without_contacts_or_beside_a_function_of_the_user():
     with_force = ico.compile_scene(SCENE)
     with_force.body_force = 'a function'
-    for simulation in (
-            ico.compile_scene(SCENE.with_changes({'contact.mode': 'never'})),
-            ico.compile_scene(SCENE.with_changes({'contact.mode': 'always'})), with_force):
-        assert simulation.prepare_contacts() is None
+    touching = ico.compile_scene(SCENE.with_changes({'contact.mode': 'always'}))
+    for simulation, load in ((with_force, True), (touching, True), (touching, False)):
+        kernels = simulation.prepare_contacts(load=load)
+        assert (kernels is None) == (simulation is with_force)
         assert not simulation._driver.awaits_kernels

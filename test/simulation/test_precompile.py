@@ -78,7 +78,7 @@ def test_nothing_is_begun_where_it_is_not_wanted(begun, monkeypatch):
         ico.compile_scene(make_scene((2, 2, 2), {**CHANGES, **changes})).warm_up()
     assert not begun
     monkeypatch.setenv('ICOFABRIC_COMPILE_AHEAD', '1')
-    monkeypatch.setattr(precompile, '_LARGEST', 1)
+    monkeypatch.setattr(precompile, 'LARGEST', 1)
     simulation = ico.compile_scene(make_scene((2, 2, 2), CHANGES))
     monkeypatch.setattr(simulation._driver, 'is_ready_for_contacts', lambda: False)
     simulation.warm_up()

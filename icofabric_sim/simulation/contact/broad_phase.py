@@ -86,6 +86,26 @@ class Overlap(NamedTuple):
             f'{self.time:.6g} s, {100.0 * self.part:.3g} % of a')
 
 
+class Touching(NamedTuple):
+    """The pairs that touch in one state."""
+
+    bodies: np.ndarray  # (m, 2) int32; the second one -1 - k: plane k
+    point: np.ndarray  # (m, 3) [m], world
+    force: np.ndarray  # (m, 3) [N] on the first body, along the normal of the contact
+    overlap: np.ndarray  # (m,) [m]
+    planes: tuple[str, ...]  # names
+
+    def describe(self, number: int) -> str:
+        """Name the bodies of one pair."""
+        first, second = (int(body) for body in self.bodies[number])
+        other = f'plane {self.planes[-1 - second]}' if second < 0 else f'body {second}'
+        return f'body {first} and {other}'
+
+
+NOTHING_TOUCHES = Touching(
+    np.zeros((0, 2), np.int32), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), ())
+
+
 class BroadPhase:
     """Searches for what can touch, when bodies have moved far enough to matter."""
 
@@ -280,6 +300,20 @@ class BroadPhase:
             return 0.0, 0.0
         energy = float(contact_look(self.contacts, state)[0])
         return energy, self.stretches.energy(self.contacts, stretches)
+
+    def touching(self, state: State) -> Touching:
+        """What touches in a state near the last search."""
+        if self.contacts is None:
+            return NOTHING_TOUCHES
+        contact_look(self.contacts, state)
+        which = self.contacts.aside[:, 9] > 0.0
+        found, bodies = self.contacts.aside[which], self._bodies[which]
+        place = state.position[:, self._layout.slot].T
+        # From the middle of both centres, or from that of a body on a plane.
+        other = np.where(bodies[:, 1] >= 0, bodies[:, 1], bodies[:, 0])
+        point = found[:, 15:18] + 0.5 * (place[bodies[:, 0]] + place[other])
+        return Touching(
+            bodies, point, self.setup.stiffness * found[:, 0:3], found[:, 11], self.setup.names)
 
     def note(self, time: float, state: State) -> Overlap | None:
         """Describe the deepest overlap in a state."""

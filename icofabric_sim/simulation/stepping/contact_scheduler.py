@@ -18,7 +18,12 @@ import math
 from typing import Any
 
 from icofabric_sim.kernels.records import Contacts, State, Watch
-from icofabric_sim.simulation.contact.broad_phase import BroadPhase, Overlap
+from icofabric_sim.simulation.contact.broad_phase import (
+    BroadPhase,
+    NOTHING_TOUCHES,
+    Overlap,
+    Touching,
+)
 from icofabric_sim.simulation.state_tree import StateTree
 from icofabric_sim.simulation.stepping.trajectory import Trajectory
 import numpy as np
@@ -111,6 +116,10 @@ class ContactScheduler:
         """Energy [J] of the contacts in a state near the last search, and of friction springs."""
         return (0.0, 0.0) if self.broad_phase is None else (
             self.broad_phase.energies(state, stretches))
+
+    def touching(self, state: State) -> Touching:
+        """What touches in a state near the last search."""
+        return NOTHING_TOUCHES if self.broad_phase is None else self.broad_phase.touching(state)
 
     def announce(self) -> None:
         """Warn of an overlap that was found, once."""

@@ -48,6 +48,17 @@ class _Watch(event.Listener):
         pass
 
 
+class _End(event.Listener):
+    """Ends compilations of other threads between their passes, as the process ends."""
+
+    def on_start(self, happening: event.Event) -> None:
+        if threading.current_thread() is not threading.main_thread():
+            raise KernelsMissing
+
+    def on_end(self, happening: event.Event) -> None:
+        pass
+
+
 _guard = _Guard()
 event.register('numba:compiler_lock', _Watch())
 
@@ -60,6 +71,11 @@ def no_compiling() -> Iterator[None]:
         yield
     finally:
         _guard.is_on = before
+
+
+def end_compiling() -> None:
+    """Have other threads than the main one compile nothing any more: the process ends."""
+    event.register('numba:run_pass', _End())
 
 
 def guarded_alike(work: Callable[..., Result]) -> Callable[..., Result]:

@@ -13,6 +13,7 @@
 # limitations under the License.
 """How fast the motion is: the largest frequency, the stability limit, the fastest term."""
 
+from enum import Enum
 import math
 
 from icofabric_sim.kernels.records import Loads
@@ -29,6 +30,12 @@ import numpy as np
 
 # A step below this part of the stability limit would never come to an end.
 _SHORTEST_STEP = 1e-9
+
+
+class Term(Enum):
+    """What the largest rate may be of."""
+
+    FABRIC, SPIN, LOADS, LOSSES, CONTACTS = range(5)
 
 
 class MotionRates:
@@ -89,6 +96,20 @@ class MotionRates:
 
     def fastest_term(self) -> str:
         """Name what moves or vibrates fastest, with its parameters."""
+        return fastest_term(self._terms())
+
+    def fastest_kind(self) -> Term:
+        """What kind of thing moves or vibrates fastest."""
+        kinds = (Term.FABRIC, Term.SPIN, Term.LOADS, Term.LOSSES, Term.CONTACTS)
+        rates = tuple(self._terms().values())
+        return kinds[max(range(len(rates)), key=rates.__getitem__)]
+
+    def fastest_bodies(self) -> tuple[int, ...]:
+        """Bodies that take the largest part in the fastest vibration of the fabric."""
+        return self._largest(locate=True).bodies
+
+    def _terms(self) -> dict[str, float]:
+        """Rates [rad/s] by what they are of, in the order of `Term`."""
         trajectory, contact = self._trajectory, self._contact
         rates = {
             stiffest_term(trajectory.packed, anchored=_is_anchored(trajectory.loads)): (
@@ -100,7 +121,7 @@ class MotionRates:
         if contact.is_possible:
             rates[f'contacts (contact.stiffness {contact.stiffness:.4g} N/m)'] = math.sqrt(
                 contact.rate)
-        return fastest_term(rates)
+        return rates
 
     def require_possible(self, step: float) -> None:
         """Refuse a given `step` [s] that is too long or far too short."""
