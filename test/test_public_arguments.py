@@ -320,6 +320,8 @@ def table(t):
         'Simulation.break_like': (simulation.break_like, {
             'other': Argument([t.other], [*NO_OBJECT, ico.compile_scene(
                 make_scene((2, 2, 2), **SECTIONS))])}),
+        'Simulation.prepare_contacts': (simulation.prepare_contacts, {
+            'load': flag(False, np.True_)}),
         'Simulation.restore': (simulation.restore, {
             'checkpoint': some(ico.Checkpoint, checkpoint)}),
         'homogenise': (ico.homogenise, {'scene': scene, 'branch': branch}),

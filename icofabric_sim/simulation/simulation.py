@@ -342,6 +342,7 @@ class Simulation:
         `load` what is on disk is loaded too, and what reports need. None where there is nothing to
         make ready, or a body force, which one thread alone may call.
         """
+        load = checks.flag('load', load)
         if self.contact_kernels is None and self.body_force is None and (
                 self._lacks_contacts or load and self.scene.body_count <= LARGEST):
             process = self._compile_ahead() if self._lacks_contacts else None
