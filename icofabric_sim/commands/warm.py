@@ -23,10 +23,12 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import as_completed, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import redirect_stderr, redirect_stdout
+import ctypes
 import io
 import logging
 import multiprocessing
 import os
+import signal
 import time
 from typing import Any, NamedTuple, TYPE_CHECKING
 
@@ -58,6 +60,8 @@ VERBS: tuple[tuple[str, ...], ...] = (
 _KINDS_EACH = 12
 # Simulated time [s] in which every kind of output comes at least once.
 _TRIAL = 1e-3
+# PR_SET_PDEATHSIG of prctl(2).
+_END_WITH_PARENT = 1
 
 
 class Kind(NamedTuple):
@@ -135,7 +139,7 @@ def _compile_all(kinds: Sequence[Kind], processes: int) -> Iterator[tuple[Kind, 
 
 def _compile_batch(kinds: Sequence[Kind], processes: int) -> Iterator[tuple[Kind, str]]:
     with ProcessPoolExecutor(
-        min(processes, len(kinds)), multiprocessing.get_context('spawn')
+        min(processes, len(kinds)), multiprocessing.get_context('spawn'), _leave_signals
     ) as pool:
         waiting = {pool.submit(compile_kind, kind): kind for kind in kinds}
         try:
@@ -146,8 +150,20 @@ def _compile_batch(kinds: Sequence[Kind], processes: int) -> Iterator[tuple[Kind
                     raise FileSaysNo(
                         'a process that compiled was ended from outside, e.g. for want of memory; '
                         'try --processes 1') from error
+        except BaseException:
+            # What is written to the cache is whole at any moment; one kind takes up to a minute.
+            for worker in multiprocessing.active_children():
+                worker.terminate()
+            raise
         finally:
             pool.shutdown(cancel_futures=True)
+
+
+def _leave_signals() -> None:
+    """An interrupt is for the process that began this one, which ends it; so does its death."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    ctypes.CDLL(None).prctl(_END_WITH_PARENT, signal.SIGTERM)
 
 
 def compile_kind(kind: Kind) -> str:

@@ -14,8 +14,11 @@
 """`icofabric warm`: what it compiles, and that a run finds it."""
 
 import os
+from pathlib import Path
+import signal
 import subprocess
 import sys
+import time
 
 from icofabric_sim.commands import warm
 from icofabric_sim.commands.main import BAD_INPUT, FAILED, main, VERBS
@@ -111,3 +114,40 @@ def test_more_kinds_than_a_batch_of_workers_takes_all_end(monkeypatch):
     kinds = [warm.Kind('hanging_slab', (('weave.size', (0, 1, k)),)) for k in range(1, 6)]
     done = dict(warm._compile_all(kinds, 2))
     assert set(done) == set(kinds) and all('weave.size' in fault for fault in done.values())
+
+
+@pytest.mark.parametrize('sent', [signal.SIGINT, signal.SIGKILL])
+def test_processes_that_compile_end_with_it(sent, tmp_path):
+    """However it ends: the signal goes to it alone, as from `timeout` or a supervisor."""
+    begun = subprocess.Popen(
+        [sys.executable, '-m', 'icofabric_sim.commands.main', 'warm', 'twisted_column'],
+        stderr=subprocess.PIPE, text=True, env={**os.environ, 'NUMBA_CACHE_DIR': str(tmp_path)})
+    listed = Path(f'/proc/{begun.pid}/task/{begun.pid}/children')
+    workers: list[int] = []
+    while begun.poll() is None and not workers:
+        time.sleep(0.05)
+        # Beside them there is the one that tracks what they share.
+        workers = [
+            int(pid) for pid in listed.read_text().split()
+            if b'spawn_main' in Path(f'/proc/{pid}/cmdline').read_bytes()]
+        # They are asked to leave signals to the first one when they begin to compile.
+        workers = workers if any(tmp_path.rglob('*.nbc')) else []
+    begun.send_signal(sent)
+    _, said = begun.communicate(timeout=60)
+    assert workers
+    if sent == signal.SIGINT:
+        assert begun.returncode == 130 and said.endswith('icofabric warm: interrupted\n')
+    else:
+        assert begun.returncode == -sent
+    for pid in workers:
+        # What nobody waits for is left as a zombie, where init does not reap it.
+        for _ in range(600):
+            try:
+                state = Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()[0]
+            except OSError:
+                break
+            if state in 'ZX':
+                break
+            time.sleep(0.05)
+        else:
+            pytest.fail(f'process {pid} compiles on')
