@@ -23,6 +23,7 @@ from icofabric_sim.benchmarking.solver import StepSolver
 from icofabric_sim.benchmarking.step_speed import CHECKED, STEP, StepSpeed
 from icofabric_sim.benchmarking.timing import Spread
 from icofabric_sim.benchmarking.work_precision import TARGETS, WorkPrecision
+from icofabric_sim.pictures.figure_style import COLORS, line_styles
 
 # How far the observed order may be off before it is remarked upon.
 _ORDER_SLACK = 0.3
@@ -140,11 +141,12 @@ def draw_work_precision(result: WorkPrecision, path: Path) -> None:
         if not curve.points:
             continue
         tool = curve.solver.tool
-        colour = colours.setdefault(tool, f'C{len(colours)}')
+        colour = colours.setdefault(tool, COLORS[len(colours) % len(COLORS)])
+        marker = line_styles(len(COLORS))[COLORS.index(colour)].marker
         shade = sum(line.get_color() == colour for line in axes.lines)
         spreads = [Spread.of(point.times) for point in curve.points]
         errors = [point.error for point in curve.points]
-        axes.plot([spread.median for spread in spreads], errors, color=colour, marker='o',
+        axes.plot([spread.median for spread in spreads], errors, color=colour, marker=marker,
                   markersize=4, linestyle=('-', '--', ':', '-.')[shade % 4],
                   label=curve.solver.label)
         for spread, error in zip(spreads, errors):

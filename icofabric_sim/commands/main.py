@@ -36,6 +36,7 @@ VERBS = {
     'elasticity': 'find the elastic constants of a fabric, and stress against strain of its slab',
     'info': 'describe a scene or a recorded run',
     'render': 'draw a recorded run to pictures',
+    'plot': 'plot energies, displacements, forces, tensions or spectra of a recorded run',
     'film': 'film a recorded run or a scene: MP4 or GIF',
     'tables': 'print the tables of the document, and draw its Figure 5',
     'benchmark': 'measure speed and accuracy beside other tools',

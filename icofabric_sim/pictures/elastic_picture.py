@@ -16,6 +16,7 @@
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from icofabric_sim.pictures.figure_style import draw_line, line_styles
 from icofabric_sim.statics.periodic import Elasticity
 from icofabric_sim.statics.stretching import CurvePoint
 import numpy as np
@@ -61,10 +62,10 @@ def draw_elasticity(
     left.set_zlabel('z')  # type: ignore[attr-defined]
     if curves:
         right = figure.add_subplot(1, 2, 2)
-        for kind, points in curves.items():
-            right.plot(
-                [0.0, *(point.strain for point in points)],
-                [0.0, *(point.stress for point in points)], marker='.', label=kind)
+        for style, (kind, points) in zip(line_styles(len(curves)), curves.items()):
+            draw_line(
+                right, [0.0, *(point.strain for point in points)],
+                [0.0, *(point.stress for point in points)], style, kind)
         right.set_xlabel('strain')
         right.set_ylabel('stress [Pa]')
         right.set_title('slab between two ends')

@@ -1,0 +1,95 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""`icofabric plot BAG`."""
+
+import argparse
+import math
+from pathlib import Path
+import re
+
+from icofabric_sim.commands.bags import bag_errors, bag_path
+from icofabric_sim.terminal import bad_input, InputError, require_place
+
+_KINDS = ('energy', 'displacement', 'force', 'tension', 'spectrum', 'stress')
+_SMALLEST, _LARGEST = 2.0, 40.0  # inches
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare what the verb takes."""
+    parser.add_argument('bag', metavar='BAG', help='folder of a recorded run, or its file')
+    parser.add_argument(
+        'kind', choices=_KINDS, metavar='KIND',
+        help='energy: energies and their balance; displacement, force: of groups over time; '
+             'tension: how many connectors have which, at four times; spectrum: of the '
+             'displacements; stress: over strain, between two groups')
+    parser.add_argument(
+        '--output', metavar='FILE',
+        help='the figure, a file that ends in .png or .svg (default: BAG_KIND.png beside the bag)')
+    parser.add_argument(
+        '--groups', nargs='+', default=[], metavar='GROUP',
+        help="groups of the scene, selectors such as 'x_max and z_max', or numbers of bodies "
+             '(default: all groups of the scene)')
+    parser.add_argument(
+        '--axis', choices=('x', 'y', 'z'), default='',
+        help='this component of displacements and forces (default: the size of the vector)')
+    parser.add_argument(
+        '--size', default='6.4x4.0', metavar='WxH', help='inches of the figure (%(default)s)')
+    parser.add_argument('--from', type=float, metavar='T', dest='start', default=-math.inf,
+                        help='begin at this simulated time [s]')
+    parser.add_argument('--to', type=float, metavar='T', dest='end', default=math.inf,
+                        help='end at this simulated time [s]')
+
+
+def main(arguments: argparse.Namespace) -> int:
+    """Draw one figure."""
+    from icofabric_sim.bag import BagError
+    from icofabric_sim.bag.recorded_run import RecordedRun
+    from icofabric_sim.pictures.figure_style import SUFFIXES
+    from icofabric_sim.pictures.run_plots import plot_run
+
+    source = bag_path(arguments.bag)
+    name = source.stem if source.is_file() else source.name
+    path = (source.absolute().with_name(f'{name}_{arguments.kind}.png')
+            if arguments.output is None else Path(arguments.output).expanduser())
+    if path.suffix.lower() not in SUFFIXES:
+        raise InputError(f'--output {path}: give a file that ends in .png or .svg')
+    size = _inches(arguments.size)
+    if not arguments.end >= arguments.start:
+        raise InputError(
+            f'--to {arguments.end:g} s is before --from {arguments.start:g} s, or is no time')
+    require_place('--output', path)
+    with bad_input(), bag_errors(source), RecordedRun(source) as run:
+        try:
+            plot_run(
+                run, arguments.kind, path, groups=arguments.groups, axis=arguments.axis,
+                size=size, start=arguments.start, end=arguments.end)
+        except BagError:
+            raise
+        except ValueError as error:
+            raise InputError(f'--{error}') from error
+    print(f'{arguments.kind} in {path}')
+    return 0
+
+
+def _inches(text: str) -> tuple[float, float]:
+    match = re.fullmatch(r'([0-9.]+)[x,]([0-9.]+)', text)
+    try:
+        size = (float(match[1]), float(match[2])) if match else (0.0, 0.0)
+    except ValueError:
+        size = (0.0, 0.0)
+    if not all(_SMALLEST <= side <= _LARGEST for side in size):
+        raise InputError(
+            f'--size must be WIDTHxHEIGHT, {_SMALLEST:g} to {_LARGEST:g} inches each way, such as '
+            f'6.4x4.0, got {text!r}')
+    return size

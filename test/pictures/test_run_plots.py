@@ -1,0 +1,157 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""Plots of runs: their numbers are those of the simulation, and lines are told apart by anyone."""
+
+from pathlib import Path
+from xml.etree import ElementTree
+
+from icofabric_sim.bag.recorded_run import RecordedRun
+from icofabric_sim.commands.main import main
+from icofabric_sim.pictures import run_plots
+from icofabric_sim.pictures.figure_style import COLORS, line_styles
+from icofabric_sim.simulation.simulation import compile_scene
+from matplotlib.image import imread
+import numpy as np
+import pytest
+from recorded_runs import record_push, swing_scene
+
+SERIES = run_plots._read
+
+
+@pytest.fixture(scope='module')
+def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp('bags') / 'swing'
+    record_push(path, swing_scene())
+    return path
+
+
+def series_of(bag: Path, *groups: str) -> run_plots.Series:
+    with RecordedRun(bag) as run:
+        return SERIES(run, groups, -np.inf, np.inf)
+
+
+def test_styles_differ_in_every_way() -> None:
+    styles = line_styles(30)
+    assert len(set(styles)) == 30
+    for part in zip(*styles[:len(COLORS)]):
+        assert len(set(part)) == len(COLORS)
+
+
+def test_colours_differ_in_lightness_or_for_all_who_confuse_them() -> None:
+    rgb = np.array([[int(color[k:k + 2], 16) for k in (1, 3, 5)] for color in COLORS]) / 255.0
+    linear = rgb ** 2.2
+    # Red and green confused (deuteranopia, Vienot 1999).
+    seen = linear @ np.array([[0.293, 0.293, -0.021], [0.707, 0.707, 0.021], [0.0, 0.0, 1.0]])
+    for k in range(len(COLORS)):
+        for other in range(k):
+            assert np.linalg.norm(seen[k] - seen[other]) > 0.1, (COLORS[k], COLORS[other])
+
+
+def test_displacements_and_forces_are_those_of_the_simulation(bag: Path) -> None:
+    series = series_of(bag, 'tip', 'wall')
+    scene = swing_scene()
+    moved = run_plots.displacements(series)
+    tip = scene.groups['tip']
+    np.testing.assert_allclose(
+        moved['tip'], series.position[:, tip].mean(axis=1) - scene.position[tip].mean(axis=0),
+        atol=1e-12)
+    assert moved['tip'][-1, 2] < -1e-3 and not moved['wall'].any()
+    # Newton's second law for the free part, before anything pushes it: the wall bears what the
+    # weight and the acceleration leave.
+    simulation = compile_scene(scene)
+    simulation.advance_to(0.05)
+    step = 1e-5
+    before = simulation.snapshot().linear_velocity
+    simulation.advance_to(0.05 + 2 * step)
+    acceleration = (simulation.snapshot().linear_velocity - before) / (2 * step)
+    number = int(np.argmin(np.abs(series.times - 0.05)))
+    assert series.times[number] == pytest.approx(0.05, abs=1e-9)
+    free = np.setdiff1d(np.arange(scene.body_count), scene.groups['wall'])
+    mass = scene.shell.mass
+    needed = mass * (acceleration[free] - np.array([0.0, 0.0, -9.81])).sum(axis=0)
+    pull = run_plots.forces(series)['wall'][number]
+    # The wall is pulled by what the free part needs, the other way round.
+    np.testing.assert_allclose(pull, -needed, atol=0.02 * np.linalg.norm(needed))
+
+
+def test_a_sine_has_its_frequency_and_amplitude() -> None:
+    times = np.arange(0.0, 4.0, 1.0 / 60.0)
+    values = np.stack([0.3 * np.sin(2 * np.pi * 7.0 * times) + 5.0, 0.0 * times], axis=1)
+    frequency, amplitude = run_plots.spectrum(times, values)
+    peak = int(np.argmax(amplitude[:, 0]))
+    assert frequency[peak] == pytest.approx(7.0, abs=0.1)
+    assert amplitude[peak, 0] == pytest.approx(0.3, rel=0.02)
+    assert not amplitude[:, 1].any()
+
+
+def test_stress_and_strain_have_the_sign_of_a_pull(bag: Path) -> None:
+    series = series_of(bag, 'wall', 'tip')
+    # Stretched along x by 1 %, as one moment: every connector along x pulls.
+    stretched = series._replace(position=series.position.copy())
+    stretched.position[-1] = series.position[0] * [1.01, 1.0, 1.0]
+    stretched.orientation[-1] = series.orientation[0]
+    strain, stress = run_plots.stress_strain(stretched)
+    assert strain[0] == 0.0 and stress[0] == pytest.approx(0.0, abs=1e-6)
+    assert strain[-1] == pytest.approx(0.01) and stress[-1] > 0.0
+
+
+LABELS = {
+    'energy': ('energy [J]', 'time [s]'), 'displacement': ('displacement [m]', 'time [s]'),
+    'force': ('force [N]', 'time [s]'), 'tension': ('tension [N]', 'connectors'),
+    'spectrum': ('frequency [Hz]', 'amplitude [m]'), 'stress': ('strain [%]', 'stress [Pa]')}
+
+
+@pytest.mark.parametrize('kind', run_plots.PLOTS)
+def test_every_plot_as_png_and_svg(
+        kind: str, bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    groups = ['--groups', 'wall', 'tip'] if kind != 'energy' else []
+    svg, png = tmp_path / f'{kind}.svg', tmp_path / f'{kind}.png'
+    for path in (png, svg):
+        assert main([
+            'plot', str(bag), kind, '--output', str(path), '--size', '5x3', *groups]) == 0
+    capsys.readouterr()
+    again = tmp_path / 'again.svg'
+    assert main(['plot', str(bag), kind, '--output', str(again), '--size', '5x3', *groups]) == 0
+    assert again.read_bytes() == svg.read_bytes()
+    high = 3.75 if kind == 'energy' else 3.0
+    picture = imread(png)
+    assert picture.shape[:2] == (round(160 * high), 800)
+    # Axes say their units; text is drawn as outlines, with the words beside them in comments.
+    said = svg.read_text('utf-8')
+    for label in LABELS[kind]:
+        assert f'<!-- {label} -->' in said
+    assert ElementTree.parse(svg).getroot().get('width') == '360pt'
+    used = {color for color in COLORS if color in said}
+    assert used and COLORS[0] in used
+    colours = np.rint(255 * picture[:, :, :3]).reshape(-1, 3)
+    wanted = np.array([int(COLORS[0][k:k + 2], 16) for k in (1, 3, 5)])
+    assert (np.abs(colours - wanted).max(axis=1) <= 3).sum() > 20
+
+
+def test_what_a_plot_refuses(
+        bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for words, status, named in (
+        (['force', '--output', 'x.pdf'], 2, '.png or .svg'),
+        (['force', '--groups', 'nowhere'], 2, '--groups'),
+        (['stress', '--groups', 'tip'], 2, 'two groups'),
+        (['stress', '--groups', 'tip', '0 1 2 3 4 5 6 7'], 0, ''),
+        (['force', '--size', '1x1'], 2, '--size'), (['force', '--size', '6'], 2, '--size'),
+        (['force', '--from', '2', '--to', '1'], 2, '--to'),
+        (['force', '--from', '5'], 1, 'no poses'), (['energy', '--from', '5'], 1, 'no energies'),
+        (['spectrum', '--to', '0.05'], 1, 'at least'),
+    ):
+        output = [] if '--output' in words else ['--output', str(tmp_path / 'x.svg')]
+        assert main(['plot', str(bag), *words, *output]) == status, words
+        error = capsys.readouterr().err
+        assert named in error and len(error.splitlines()) == (status > 0)
