@@ -47,7 +47,7 @@ PLOTS = {
 DEFAULT_SIZE = (6.4, 4.0)  # [inches]
 AXES = ('x', 'y', 'z')
 _MOMENTS = 4  # of the tensions
-_BINS = 40
+_FEWEST_BINS, _MOST_BINS = 9, 80
 # The shortest record [poses] that has a spectrum.
 _LEAST_POSES = 8
 # Energies that stay below this part of the largest are left out.
@@ -213,7 +213,9 @@ def _tension(series: Series, axis: str, size: tuple[float, float]) -> Any:
         found.append(np.delete(tensions(series.scene, ends), series.broken[number]))
     low, high = (limit(values.min(initial=0.0) if limit is min else values.max(initial=0.0)
                        for values in found) for limit in (min, max))
-    edges = np.linspace(low, high if high > low else low + 1e-9, _BINS + 1)
+    # Rice's rule.
+    bins = int(np.clip(2.0 * series.scene.connector_count ** (1.0 / 3.0), _FEWEST_BINS, _MOST_BINS))
+    edges = np.linspace(low, high if high > low else low + 1e-9, bins + 1)
     figure, (axes,) = make_figure(size)
     for style, number, values in zip(line_styles(len(picked)), picked, found):
         counts, _ = np.histogram(values, edges)
