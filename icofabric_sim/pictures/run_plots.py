@@ -214,7 +214,8 @@ def _tension(series: Series, axis: str, size: tuple[float, float]) -> Any:
     low, high = (limit(values.min(initial=0.0) if limit is min else values.max(initial=0.0)
                        for values in found) for limit in (min, max))
     # Rice's rule.
-    bins = int(np.clip(2.0 * series.scene.connector_count ** (1.0 / 3.0), _FEWEST_BINS, _MOST_BINS))
+    rule = 2.0 * series.scene.connector_count ** (1.0 / 3.0)
+    bins = int(np.clip(rule, _FEWEST_BINS, _MOST_BINS))
     edges = np.linspace(low, high if high > low else low + 1e-9, bins + 1)
     figure, (axes,) = make_figure(size)
     for style, number, values in zip(line_styles(len(picked)), picked, found):
