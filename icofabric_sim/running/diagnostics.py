@@ -45,6 +45,16 @@ _DROPPED = {
 }
 
 
+# What makes steps longer, by what limits them.
+_HELP = {
+    'solver.step, which': 'a longer solver.step, or 0',
+    'accuracy (': 'a larger solver.tolerance',
+    'contacts (': 'softer contact (a smaller contact.stiffness)',
+    'the connectors (': 'softer connectors (connector.stiffness)',
+    'spinning bodies': 'drag.angular',
+}
+
+
 def describe(
     status: Status,
     name: str,
@@ -116,7 +126,7 @@ def _warnings(
             f'slower than wanted: real-time factor {status.factor:.3g} of '
             f'{status.wanted_factor:g}; {status.cause}' + (
                 f'; steps of {status.step:.3g} s are limited by {status.limited_by}'
-                if status.limited_by else ''))
+                if status.limited_by else '') + f'; what would help: {what_helps(status)}')
     if status.proximity:
         found.append(status.proximity)
     if status.obstructed:
@@ -138,6 +148,12 @@ def _warnings(
     if lag > _LARGEST_LAG:
         found.append(f'the recorder is {lag:.1f} s behind')
     return found
+
+
+def what_helps(status: Status) -> str:
+    """Parameters that would bring a slow run nearer to the wanted pace, the likeliest first."""
+    found = [words for sign, words in _HELP.items() if sign in status.limited_by]
+    return ', '.join([*found, 'fewer bodies (weave.size)', 'a smaller real_time_factor'])
 
 
 def _margin(status: Status) -> float:

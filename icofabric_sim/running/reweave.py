@@ -24,12 +24,15 @@ name.
 from collections.abc import Callable
 import threading
 
+from icofabric_sim.kernels.runtime.compile_notice import KernelsMissing
 from icofabric_sim.parameters.changes import rebuilds
 from icofabric_sim.parameters.validation import Parameters
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.input_types import has_target, PullTarget
 from icofabric_sim.simulation.model.body_force import BodyForce
+from icofabric_sim.simulation.precompile import compile_elsewhere
 from icofabric_sim.simulation.simulation import compile_scene, Simulation
+from icofabric_sim.simulation.stepping.kernel_guard import no_compiling
 
 
 def lost_wrenches(before: Simulation, scene: Scene) -> list[str]:
@@ -91,10 +94,7 @@ class Reweaver:
         def build() -> None:
             simulation, reason = None, ''
             try:
-                simulation = compile_scene(
-                    scene or Scene.from_parameters(parameters), body_wrenches=True,
-                    body_force=self._body_force)
-                simulation.warm_up()
+                simulation = self._compiled(scene or Scene.from_parameters(parameters))
                 kernels = simulation.prepare_contacts(load=False)
                 if kernels is not None and self._is_touching():
                     kernels.wait()
@@ -103,6 +103,25 @@ class Reweaver:
             self._post(lambda: self._finish(parameters, simulation, reason))
 
         threading.Thread(target=build, name='weave', daemon=True).start()
+
+    def _compiled(self, scene: Scene) -> Simulation:
+        """
+        Compile a scene; new kernels in another process.
+
+        In this one the run could load no kernel for as long as that takes.
+        """
+        def make() -> Simulation:
+            simulation = compile_scene(scene, body_wrenches=True, body_force=self._body_force)
+            simulation.warm_up()
+            return simulation
+
+        if self._body_force is None:
+            try:
+                with no_compiling(loading=True):
+                    return make()
+            except KernelsMissing:
+                compile_elsewhere(scene, body_wrenches=True)
+        return make()
 
     def _finish(self, built: Parameters, simulation: Simulation | None, reason: str) -> None:
         wanted, scene = self._wanted or built, self._scene

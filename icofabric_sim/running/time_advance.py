@@ -33,6 +33,7 @@ from icofabric_sim.running.stall import StallWatch
 from icofabric_sim.running.time_requests import AdvanceRequest, StepRequest, TimeRequests
 from icofabric_sim.simulation.errors import Interrupted, KernelsAwaited, SimulationError
 from icofabric_sim.simulation.simulation import Simulation
+from icofabric_sim.simulation.stepping.kernel_guard import is_compiler_free
 
 _LOGGER = logging.getLogger('icofabric_sim')
 # Wall time of one call into the simulation [s]: how late an immediate input, a pause or a stop
@@ -53,6 +54,7 @@ class TimeAdvance:
         self.requests = TimeRequests()
         self.stopping = False
         self._patient_until = math.inf
+        self._held_for_contacts = True
         # None: who waits for the end of the run is patient.
         self.stall: StallWatch | None = None
 
@@ -96,8 +98,8 @@ class TimeAdvance:
             self._look_for_stall(seconds(state.now - before), computed)
         except SimulationError as error:
             self.fail(str(error), target)
-        except KernelsAwaited:
-            self._hold()
+        except KernelsAwaited as error:
+            self._hold(error.is_for_contacts)
         except Interrupted:
             state.catch_up()
 
@@ -194,8 +196,8 @@ class TimeAdvance:
                 self.requests.finish(state.now)
         except SimulationError as error:
             self.fail(str(error), target)
-        except KernelsAwaited:
-            self._hold()
+        except KernelsAwaited as error:
+            self._hold(error.is_for_contacts)
         except Interrupted:
             state.catch_up()
 
@@ -226,10 +228,11 @@ class TimeAdvance:
         """Whether simulated time waits for kernels; where they are ready it runs again."""
         state = self._state
         kernels = state.simulation.contact_kernels
-        if state.is_held and (kernels is None or kernels.are_ready):
+        if state.is_held and (kernels is None or kernels.are_ready or (
+                not self._held_for_contacts and is_compiler_free())):
             state.is_held = False
             self._pace.restart(state.now)
-            _LOGGER.info('the kernels for contacts are ready, simulated time runs again')
+            _LOGGER.info('simulated time runs again')
         return state.is_held
 
     def waits(self) -> str:
@@ -237,21 +240,27 @@ class TimeAdvance:
         kernels = self._state.simulation.contact_kernels
         if not self._state.is_held or kernels is None:
             return ''
-        return f'compiling the kernels for contacts, for {kernels.seconds:.0f} s so far'
+        what = 'the kernels for contacts' if self._held_for_contacts else 'kernels'
+        return f'compiling {what}, for {kernels.seconds:.0f} s so far'
 
-    def _hold(self) -> None:
-        """Wait for the kernels of the next step; whatever needs none of them goes on."""
-        state = self._state
+    def _hold(self, for_contacts: bool) -> None:
+        """
+        Wait for the kernels of the next step, those for contacts or one that takes a moment.
+
+        Whatever needs none of them goes on.
+        """
+        state, self._held_for_contacts = self._state, for_contacts
         state.catch_up()
         with suppress(Interrupted):
             state.simulation.advance_to(seconds(state.now))
         state.is_held = True
         if state.simulation.contact_kernels is not None:
             state.simulation.contact_kernels.hurry()
-        _LOGGER.info(
-            'simulated time waits at t = %.9g s: shells come near each other for the first time, '
-            'and the kernels for contacts are not ready yet; they are made once on a machine',
-            seconds(state.now))
+        why = (
+            'shells come near each other for the first time, and the kernels for contacts are not '
+            'ready yet; they are made once on a machine' if for_contacts else
+            'the compiler works at another change, and a kernel has to be loaded')
+        _LOGGER.info('simulated time waits at t = %.9g s: %s', seconds(state.now), why)
 
     def fail(self, reason: str, target: int) -> None:
         """Stop simulated time: the simulation failed on its way to `target` [ns]."""

@@ -28,5 +28,11 @@ class KernelsAwaited(Interrupted):
     """
     The next step needs a kernel that is not compiled yet: the first contact, mostly.
 
-    The simulation stands at a step end, and goes on once `contact_kernels.are_ready`.
+    The simulation stands at a step end, and goes on once `contact_kernels.are_ready`; where it
+    `is_for_contacts` is False it may be tried again before, when no other thread compiles.
     """
+
+    def __init__(self, is_for_contacts: bool = True) -> None:
+        """Say what the kernel is for."""
+        super().__init__('a kernel is not compiled yet')
+        self.is_for_contacts = is_for_contacts

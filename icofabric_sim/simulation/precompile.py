@@ -34,6 +34,7 @@ import threading
 import time
 from typing import Any
 
+from icofabric_sim.kernels.runtime.compile_notice import compile_notice
 from icofabric_sim.kernels.runtime.target import target
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.stepping.kernel_guard import end_compiling
@@ -45,6 +46,9 @@ LARGEST = 20_000
 # builds the scene many times a second.
 _processes: dict[object, subprocess.Popen[bytes]] = {}
 _MOST = 2
+# Processes that a thread waits for.
+_awaited: set[subprocess.Popen[bytes]] = set()
+_LOWEST = 19  # priority
 # This process ends: nothing more is compiled.
 _ending = threading.Event()
 
@@ -60,7 +64,7 @@ def compile_contact_ahead(
     if os.environ.get('ICOFABRIC_COMPILE_AHEAD', '1') == '0' or scene.body_count > LARGEST:
         return None
     given = {**scene.parameters.given(), **touching(method)}
-    task = pickle.dumps((given, rotation, body_wrenches))
+    task = pickle.dumps((given, rotation, body_wrenches, _LOWEST))
     # Those that have ended are taken note of, so that none of them stays behind.
     for key in [key for key, process in _processes.items() if process.poll() is not None]:
         del _processes[key]
@@ -74,13 +78,42 @@ def compile_contact_ahead(
         oldest = _processes.pop(next(iter(_processes)))
         oldest.kill()
         oldest.wait()
-    # The run goes on where the process cannot be started.
+    process = _begin(task)
+    if process is not None:
+        _processes[kind] = process
+    return process
+
+
+def compile_elsewhere(scene: Scene, *, body_wrenches: bool) -> None:
+    """
+    Have another process compile what a scene needs, and wait for it.
+
+    Where there is none nothing is done: then the caller compiles, and holds up other threads.
+    """
+    if os.environ.get('ICOFABRIC_COMPILE_AHEAD', '1') == '0' or scene.body_count > LARGEST:
+        return
+    given = scene.parameters.given()
+    process = _begin(pickle.dumps((given, 'quaternion', body_wrenches, 0)))
+    if process is None:
+        return
+    _awaited.add(process)
+    compile_notice.begin(kept=True)
+    try:
+        process.wait()
+    finally:
+        compile_notice.end()
+        _awaited.discard(process)
+    if _ending.is_set():
+        raise RuntimeError('the process ends')
+
+
+def _begin(task: bytes) -> subprocess.Popen[bytes] | None:
+    """Begin a process with its task; None where that is not possible: the run goes on."""
     with suppress(OSError):
         process = subprocess.Popen(
             [sys.executable, '-m', 'icofabric_sim.simulation.precompile_process'],
             stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
             start_new_session=True, env=_environment())
-        _processes[kind] = process
         if process.stdin is not None:
             with process.stdin as pipe:
                 pipe.write(task)
@@ -154,6 +187,6 @@ def _environment() -> dict[str, str]:
 def _end() -> None:
     _ending.set()
     end_compiling()
-    for process in _processes.values():
+    for process in (*_processes.values(), *_awaited):
         process.kill()
         process.wait()

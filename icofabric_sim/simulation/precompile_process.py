@@ -25,8 +25,8 @@ from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.simulation import compile_scene
 
 
-def _compile(task: tuple[dict[str, Any], str, bool]) -> None:
-    given, rotation, body_wrenches = task
+def _compile(task: tuple[dict[str, Any], str, bool, int]) -> None:
+    given, rotation, body_wrenches, _ = task
     simulation = compile_scene(
         Scene.from_parameters(make_parameters(given)), rotation=rotation,
         body_wrenches=body_wrenches)
@@ -37,5 +37,6 @@ def _compile(task: tuple[dict[str, Any], str, bool]) -> None:
 
 
 if __name__ == '__main__':
-    os.nice(19)
-    _compile(pickle.load(sys.stdin.buffer))
+    task = pickle.load(sys.stdin.buffer)
+    os.nice(task[3])
+    _compile(task)

@@ -23,11 +23,13 @@ from icofabric_sim.messages import decode_clock, decode_diagnostic_array
 from icofabric_sim.messages.schedule import seconds
 from icofabric_sim.messages.topics import CLOCK, DIAGNOSTICS
 from icofabric_sim.running import runner as runner_module
+from icofabric_sim.running import time_advance
 from icofabric_sim.running.diagnostics import HealthReport
 from icofabric_sim.running.runner import Runner
 from icofabric_sim.simulation import simulation as simulation_module
 from icofabric_sim.simulation.errors import KernelsAwaited
 from icofabric_sim.simulation.precompile import ContactKernels
+from icofabric_sim.simulation.stepping import driver as driver_module
 from icofabric_sim.simulation.stepping.kernel_guard import guarded_alike, no_compiling
 from numba import njit
 import pytest
@@ -103,7 +105,8 @@ def test_it_goes_back_to_a_step_end_and_goes_on_with_the_same_bits():
                 if len(held_at) == 3:
                     waiting._driver.awaits_kernels = False
         assert waiting.snapshot().position.tobytes() == free.snapshot().position.tobytes()
-    assert len(held_at) == 3 and len(set(held_at)) == 1 and 0.05 < held_at[0] < 0.15
+    # How many steps a call takes depends on the machine, so it may come nearer to the contact.
+    assert len(held_at) == 3 and sorted(held_at) == held_at and 0.05 < held_at[0] < 0.15
     assert waiting.status.step_count == free.status.step_count
 
 
@@ -213,3 +216,36 @@ def test_nothing_is_awaited_without_contacts_or_beside_a_function_of_the_user():
         kernels = simulation.prepare_contacts(load=load)
         assert (kernels is None) == (simulation is with_force)
         assert not simulation._driver.awaits_kernels
+
+
+def test_a_kernel_that_takes_a_moment_is_waited_for_only_while_another_thread_compiles(
+        held, monkeypatch):
+    runner, _ = held
+    driver, taken = runner.simulation._driver, []
+    run, free = driver._stepping.run, threading.Event()
+
+    def missing_once(time, count):
+        if not taken:
+            taken.append(count)
+            raise KernelsMissing
+        run(time, count)
+
+    monkeypatch.setattr(driver._stepping, 'run', missing_once)
+    for module in (driver_module, time_advance):
+        monkeypatch.setattr(module, 'is_compiler_free', free.is_set)
+    with Beside(runner) as beside:
+        beside.wait_for(lambda: runner.state.is_held)
+        assert runner.now < 10_000_000
+        assert runner.status().waits == 'compiling kernels, for 3 s so far'
+        free.set()
+        kernels = beside.runner.simulation.contact_kernels
+        beside.wait_for(lambda: runner.now > 10_000_000)
+        kernels.finish()
+        final(runner, beside)
+    # Where no other thread compiles it is compiled in place, and nothing waits.
+    waiting = ico.compile_scene(SCENE)
+    waiting._driver.awaits_kernels = True
+    run, taken[:] = waiting._driver._stepping.run, []
+    monkeypatch.setattr(waiting._driver._stepping, 'run', missing_once)
+    waiting.advance_to(0.001)
+    assert taken and waiting.time == 0.001

@@ -15,6 +15,7 @@
 from queue import SimpleQueue
 
 import icofabric_sim as ico
+from icofabric_sim.kernels.runtime.compile_notice import KernelsMissing
 from icofabric_sim.running import reweave
 from icofabric_sim.running.reweave import lost_wrenches, Reweaver
 import pytest
@@ -131,3 +132,24 @@ def test_amending_nothing_builds_nothing(builds):
     runner = Runner()
     runner.reweaver.amend(with_density(2.0))
     assert builds == [] and runner.is_idle()
+
+
+def test_kernels_that_are_missing_are_compiled_by_another_process(monkeypatch):
+    """The thread that builds neither compiles them nor keeps the run from loading others."""
+    asked, compile_scene = [], reweave.compile_scene
+
+    def missing_at_first(scene, **options):
+        if not asked:
+            raise KernelsMissing
+        return compile_scene(scene, **options)
+
+    monkeypatch.setattr(reweave, 'compile_scene', missing_at_first)
+    monkeypatch.setattr(
+        reweave, 'compile_elsewhere', lambda scene, **options: asked.append((scene, options)))
+    runner = Runner()
+    runner.reweaver.want(with_density(900.0))
+    runner.run_one()
+    [(wanted, simulation, reason)] = runner.results
+    assert reason == '' and simulation.scene.parameters['shell.density'] == 900.0
+    [(scene, options)] = asked
+    assert scene.parameters == wanted and options == {'body_wrenches': True}

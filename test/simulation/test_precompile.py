@@ -15,9 +15,11 @@
 
 import io
 import pickle
+import threading
 
 from fabrics import make_scene
 import icofabric_sim as ico
+from icofabric_sim.kernels.runtime.compile_notice import compile_notice
 from icofabric_sim.simulation import precompile, precompile_process
 import pytest
 
@@ -47,6 +49,9 @@ def begun(monkeypatch):
     found = []
     monkeypatch.setenv('ICOFABRIC_COMPILE_AHEAD', '1')
     monkeypatch.setattr(precompile, '_processes', {})
+    # This process does not end with the test.
+    monkeypatch.setattr(precompile, '_ending', threading.Event())
+    monkeypatch.setattr(precompile, 'end_compiling', lambda: None)
     monkeypatch.setattr(
         precompile.subprocess, 'Popen', lambda arguments, **options: FakeProcess(found, arguments))
     return found
@@ -104,3 +109,22 @@ def test_a_parameter_that_is_moved_compiles_once_and_other_kinds_replace_the_old
     begun[1].poll = lambda: 0
     ask(**{'connector.damping': 2e-3})
     assert len(begun) == 4 and not begun[2].ended
+
+
+def test_a_scene_is_compiled_elsewhere_at_normal_priority_unless_that_is_forbidden(
+        begun, monkeypatch):
+    monkeypatch.setattr(FakeProcess, 'wait', lambda self: setattr(self, 'waited', True))
+    scene = make_scene((2, 2, 2), CHANGES)
+    compiled = compile_notice.seconds
+    precompile.compile_elsewhere(scene, body_wrenches=True)
+    process, = begun
+    given, rotation, body_wrenches, niceness = pickle.loads(process.task)
+    assert given == scene.parameters.given() and niceness == 0
+    assert rotation == 'quaternion' and body_wrenches and process.waited
+    assert not compile_notice.is_compiling and compile_notice.seconds >= compiled
+    monkeypatch.setattr(precompile, 'LARGEST', 1)
+    precompile.compile_elsewhere(scene, body_wrenches=True)
+    monkeypatch.setattr(precompile, 'LARGEST', 100)
+    monkeypatch.setenv('ICOFABRIC_COMPILE_AHEAD', '0')
+    precompile.compile_elsewhere(scene, body_wrenches=True)
+    assert len(begun) == 1

@@ -39,7 +39,7 @@ from icofabric_sim.simulation.stepping.contact_scheduler import ContactScheduler
 from icofabric_sim.simulation.stepping.controllers import make_controller
 from icofabric_sim.simulation.stepping.embedded_control import EmbeddedControl
 from icofabric_sim.simulation.stepping.embedded_stepping import EmbeddedStepping
-from icofabric_sim.simulation.stepping.kernel_guard import no_compiling
+from icofabric_sim.simulation.stepping.kernel_guard import is_compiler_free, no_compiling
 from icofabric_sim.simulation.stepping.method_calls import MethodCalls
 from icofabric_sim.simulation.stepping.methods import Method
 from icofabric_sim.simulation.stepping.motion_rates import MotionRates
@@ -261,7 +261,8 @@ class Driver:
         """
         Do `work`, which takes steps; where these need the kernels that are awaited, go back.
 
-        Raises KernelsAwaited then. Other kernels, which take a moment, are compiled in place.
+        Raises KernelsAwaited then. Other kernels, which take a moment, are compiled in place, once
+        no other thread compiles.
         """
         if not self.awaits_kernels or self.contact.contacts is not None:
             return work()
@@ -275,8 +276,8 @@ class Driver:
         except KernelsMissing:
             is_touching = self.contact.contacts is not None
             self.load_state(StateTree(before), loads)
-            if is_touching:
-                raise KernelsAwaited from None
+            if is_touching or not is_compiler_free():
+                raise KernelsAwaited(is_touching) from None
             return work()
         return result
 

@@ -15,8 +15,9 @@
 Keeps one thread from compiling: where a kernel is missing it hears of it, and does other things.
 
 A live run has to answer while the compiler works for a minute, so it takes back what it began
-(`Driver`) and waits until another thread or process has the kernel ready. Kernels on disk count as
-missing too: they are loaded under the lock of the compiler.
+(`Driver`) and waits until another thread or process has the kernel ready. Kernels on disk may
+count as missing too: they are loaded under the lock of the compiler, which another thread may hold
+for as long.
 """
 
 from collections.abc import Callable, Iterator
@@ -26,22 +27,23 @@ from typing import TypeVar
 
 from icofabric_sim.kernels.runtime.compile_notice import KernelsMissing
 from numba.core import event
+from numba.core.compiler_lock import global_compiler_lock
 
 Result = TypeVar('Result')
 
 
 class _Guard(threading.local):
-    """Whether this thread must not compile."""
+    """Whether this thread must not compile, or not even load."""
 
     def __init__(self) -> None:
-        self.is_on = False
+        self.forbids: tuple[str, ...] = ()
 
 
 class _Watch(event.Listener):
-    """Hears when a thread is about to ask for the lock of the compiler."""
+    """Hears when a thread is about to compile, or to ask for the lock of the compiler."""
 
     def on_start(self, happening: event.Event) -> None:
-        if _guard.is_on:
+        if happening.kind in _guard.forbids:
             raise KernelsMissing
 
     def on_end(self, happening: event.Event) -> None:
@@ -60,17 +62,29 @@ class _End(event.Listener):
 
 
 _guard = _Guard()
-event.register('numba:compiler_lock', _Watch())
+_COMPILING, _LOADING = 'numba:compile', 'numba:compiler_lock'
+for _kind in (_COMPILING, _LOADING):
+    event.register(_kind, _Watch())
 
 
 @contextmanager
-def no_compiling() -> Iterator[None]:
-    """Have KernelsMissing raised where this thread would load or compile a kernel."""
-    before, _guard.is_on = _guard.is_on, True
+def no_compiling(*, loading: bool = False) -> Iterator[None]:
+    """Have KernelsMissing raised where this thread would compile; load a kernel if `loading`."""
+    before = _guard.forbids
+    _guard.forbids = (_COMPILING,) if loading else (_COMPILING, _LOADING)
     try:
         yield
     finally:
-        _guard.is_on = before
+        _guard.forbids = before
+
+
+def is_compiler_free() -> bool:
+    """Whether no other thread compiles or loads."""
+    lock = global_compiler_lock._lock
+    if not lock.acquire(blocking=False):
+        return False
+    lock.release()
+    return True
 
 
 def end_compiling() -> None:
@@ -80,7 +94,7 @@ def end_compiling() -> None:
 
 def guarded_alike(work: Callable[..., Result]) -> Callable[..., Result]:
     """Return `work` for another thread, which must not compile where this one must not."""
-    if not _guard.is_on:
+    if not _guard.forbids:
         return work
 
     def guarded(*arguments: object) -> Result:
