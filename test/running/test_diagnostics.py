@@ -99,6 +99,12 @@ def test_status_says_what_is_known_at_once(status):
     ({'factor': 0.5, 'wanted_factor': 0.0}, {}, OK, 'running'),
     ({'factor': 0.5, 'wanted_factor': 1.0, 'cause': 'the steps take it all'}, {}, WARN,
      'steps take it all'),
+    ({'factor': 0.5, 'wanted_factor': 1.0, 'limited_by': 'accuracy (solver.tolerance 1e-06); '
+      'fastest: contacts (contact.stiffness 4e+05 N/m), up to 1e+04 rad/s'}, {}, WARN,
+     'what would help: a larger solver.tolerance, softer contact (a smaller contact.stiffness), '
+     'fewer bodies (weave.size), a smaller real_time_factor'),
+    ({'factor': 0.5, 'wanted_factor': 1.0, 'waits': 'compiling kernels'}, {}, WARN,
+     'simulated time waits: compiling kernels'),
     ({'balance_error': 0.0051, 'energy_limit': 0.01}, {}, WARN, 'solver.energy_limit = 0.01'),
     ({'balance_error': 0.0049, 'energy_limit': 0.01}, {}, OK, 'running'),
     ({'step': 0.002, 'limit': 0.001}, {}, WARN, 'beyond the stability limit 0.001 s'),
