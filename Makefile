@@ -20,6 +20,11 @@ test test-long check: export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 # $(call stage,name,command): one headed stage, and a clear line where it stops.
 stage = printf '\n== %s\n' '$(1)'; $(2) || { printf '\nstopped at: %s\n' '$(1)' >&2; exit 1; }
 
+# $(call side_by_side,name,tests): a file for each core at a time, so that none compiles what another
+# one does. In parts, since a process keeps what it has compiled: 80 MB for a kind of scene.
+side_by_side = $(call stage,tests side by side: $(1) (pytest),.venv/bin/python -m pytest -m 'not graph and not long' \
+	-n auto --dist loadfile $(2))
+
 help:
 	echo 'make run     set up .venv, then show a fabric that falls, swings and answers a push'
 	echo '             (ARGS="..." is handed on; PYTHON=python3.12 chooses the Python)'
@@ -48,7 +53,9 @@ test: lint
 ifneq ($(ARGS),)
 	$(call stage,tests (pytest),.venv/bin/python -m pytest $(ARGS))
 else
-	$(call stage,tests side by side (pytest),.venv/bin/python -m pytest -m 'not graph and not long' -n auto)
+	$(call side_by_side,physics 1,test/physics/test_[a-d]*.py)
+	$(call side_by_side,physics 2,test/physics/test_[e-z]*.py)
+	$(call side_by_side,all else,test --ignore test/physics)
 	$(call stage,tests of nodes (pytest),.venv/bin/python -m pytest -m 'graph and not long' -n 2 --dist loadfile)
 endif
 

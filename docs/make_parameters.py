@@ -24,7 +24,6 @@ from icofabric_sim.parameters.table import (
     FAMILIES,
     Specification,
     STATIC,
-    UNBUILT_FAMILIES,
 )
 from icofabric_sim.simulation.stepping.methods import Method, METHODS
 
@@ -63,8 +62,6 @@ for each step; *stable*: the longest stable step times the largest frequency of 
 
 
 def allowed(entry: Specification) -> str:
-    if not entry.built:
-        return '*not built yet*'
     if entry.choices:
         return ', '.join(f'`{choice}`' for choice in entry.choices)
     if entry.minimum is None:
@@ -95,9 +92,6 @@ def text() -> str:
         parts += [row(f'{family}.NAME' + (f'.{field.name}' if field.name else ''), field)
                   for field in fields]
     parts.append('\nNAME: a letter, then letters, digits, single underscores.')
-    if UNBUILT_FAMILIES:
-        names = ', '.join(f'`{family}.*`' for family in UNBUILT_FAMILIES)
-        parts.append(f' Not built yet: {names}.')
     parts.append('\n')
     parts.append(_METHODS)
     parts += [method_row(name, method) for name, method in METHODS.items()]

@@ -36,8 +36,6 @@ def gather(
 ) -> Contestants:
     """Our own methods first, then the solvers of `peers` (keys of PEERS)."""
     solvers, distributions, missing = list(own.solvers(size, changes)), [], []
-    if not own.takes_tolerance():
-        missing.append('solver.tolerance has no effect yet: methods run with fixed steps only')
     for name in peers:
         peer = PEERS[name]
         try:

@@ -20,7 +20,6 @@ from typing import Any
 
 from icofabric_sim.benchmarking.scenes import axes_from_quaternions, Motion, scene_parameters
 from icofabric_sim.benchmarking.solver import Solver, StepSolver, ToleranceSolver, Unusable
-from icofabric_sim.parameters.table import BY_NAME
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.errors import SimulationError
 from icofabric_sim.simulation.simulation import compile_scene, Simulation
@@ -99,11 +98,6 @@ class OwnTolerance(_Own, ToleranceSolver):
             raise Unusable(str(error)) from error
 
 
-def takes_tolerance() -> bool:
-    """Whether `solver.tolerance` has an effect yet."""
-    return BY_NAME['solver.tolerance'].built
-
-
 def solvers(size: Size, changes: Changes = None) -> Iterator[Solver]:
     """
     Every method: by tolerance where it adapts its step, by step where not; and the automatic one.
@@ -112,15 +106,13 @@ def solvers(size: Size, changes: Changes = None) -> Iterator[Solver]:
     for name, facts in METHODS.items():
         if not facts.adaptive:
             yield OwnSteps(size, name, changes, frequency)
-        elif takes_tolerance():
+        else:
             yield OwnTolerance(size, name, changes)
-    if takes_tolerance():
-        yield OwnTolerance(size, 'auto', changes)
+    yield OwnTolerance(size, 'auto', changes)
 
 
 def _compile(size: Size, changes: Changes, **solver: Any) -> Simulation:
-    if BY_NAME['solver.threads'].built:
-        solver['threads'] = 1
-    simulation = compile_scene(Scene.from_parameters(scene_parameters(size, solver, changes)))
+    alone = {**solver, 'threads': 1}
+    simulation = compile_scene(Scene.from_parameters(scene_parameters(size, alone, changes)))
     simulation.warm_up()
     return simulation

@@ -44,8 +44,7 @@ class Specification(NamedTuple):
 
     The type is that of the default; lists have the default's length and element type. `minimum`
     and `maximum` bound every element; `open_minimum` excludes the minimum itself;
-    `smallest` is the least value beside 0. `change` says what a change at run time does. `built`
-    is False while the effect is still missing: then any value but the default is refused.
+    `smallest` is the least value beside 0. `change` says what a change at run time does.
     """
 
     name: str
@@ -58,8 +57,6 @@ class Specification(NamedTuple):
     open_minimum: bool = False
     smallest: float | None = None
     choices: tuple[Scalar, ...] = ()
-    unbuilt_choices: tuple[Scalar, ...] = ()
-    built: bool = True
     required: bool = False
 
 
@@ -69,8 +66,6 @@ class _Options(TypedDict, total=False):
     open_minimum: bool
     smallest: float
     choices: tuple[Scalar, ...]
-    unbuilt_choices: tuple[Scalar, ...]
-    built: bool
     required: bool
 
 
@@ -708,8 +703,5 @@ FAMILIES: dict[str, tuple[Specification, ...]] = {
         _s('angular_velocity', _ZERO3, 'rad/s', 'spin', RESTARTS),
     ),
 }
-
-# Families of the contract whose effect is not built yet: refused by name, whatever their fields.
-UNBUILT_FAMILIES: tuple[str, ...] = ()
 
 BY_NAME: dict[str, Specification] = {entry.name: entry for entry in STATIC}

@@ -14,7 +14,7 @@
 """
 Validated choices: a flat dictionary becomes `Parameters`, or a `ParameterError` that says why not.
 
-Values are judged one by one here (name, type, range, built or not). What several values say
+Values are judged one by one here (name, type, range). What several values say
 together is judged where they meet, in `scene.py`.
 """
 
@@ -33,7 +33,6 @@ from icofabric_sim.parameters.table import (
     FAMILIES,
     Specification,
     STATIC,
-    UNBUILT_FAMILIES,
     Value,
 )
 
@@ -142,8 +141,6 @@ def find_specification(name: str) -> Specification:
     if name in BY_NAME:
         return BY_NAME[name]
     family, _, rest = name.partition('.')
-    if family in UNBUILT_FAMILIES:
-        raise ParameterError(name, f'{name}: {family}.* is not built yet; leave it out')
     if family in FAMILIES and rest:
         member, _, field_name = rest.partition('.')
         if not _NAME.fullmatch(member) or len(member) > _LONGEST_NAME:
@@ -173,24 +170,12 @@ def judge(name: str, value: Any) -> Value:
     if name == 'contact.mode' and isinstance(value, bool):
         value = _MODE_WORDS[value]  # YAML reads the words off and on as booleans
     result = _convert(name, value, entry)
-    if not entry.built and result != entry.default:
-        raise ParameterError(
-            name,
-            f'{name} is not built yet: only its default {entry.default!r} is accepted, '
-            f'got {shown(value)}',
-        )
-    if result in entry.unbuilt_choices:
-        raise ParameterError(
-            name,
-            f'{name}: {shown(value)} is not built yet; choose one of {_listing(entry.choices)}',
-        )
     if entry.choices and result not in entry.choices:
         raise ParameterError(
             name, f'{name} must be one of {_listing(entry.choices)}, got {shown(value)}'
         )
-    if entry.built:
-        for element in result if isinstance(result, list) else [result]:
-            _check_range(name, element, value, entry)
+    for element in result if isinstance(result, list) else [result]:
+        _check_range(name, element, value, entry)
     return result
 
 

@@ -70,9 +70,8 @@ def describe(name: str, entry: Specification) -> ParameterDescriptor:
         dynamic_typing=name.split('.')[0] in FAMILIES,
     )
     unit = f' [{entry.unit}]' if entry.unit else ''
-    missing = '' if entry.built else ' (not built yet: only the default is accepted)'
     descriptor.description = (
-        f'{entry.description}{unit}{missing}. A change: {entry.change.value}')
+        f'{entry.description}{unit}. A change: {entry.change.value}')
     if entry.choices:
         descriptor.additional_constraints = 'one of ' + ', '.join(str(c) for c in entry.choices)
     if entry.open_minimum:
@@ -81,7 +80,7 @@ def describe(name: str, entry: Specification) -> ParameterDescriptor:
         descriptor.additional_constraints = f'0, or at least {entry.smallest:g}'
     elif isinstance(entry.default, list) and entry.minimum is not None:
         descriptor.additional_constraints = f'each at least {entry.minimum:g}'
-    if not isinstance(entry.default, list) and entry.minimum is not None and entry.built:
+    if not isinstance(entry.default, list) and entry.minimum is not None:
         if isinstance(entry.default, float):
             descriptor.floating_point_range = [
                 FloatingPointRange(

@@ -78,6 +78,10 @@ def test_nanoseconds_and_seconds():
     for time in random.random(1000) * 100.0:
         found = nanoseconds_not_before(time)
         assert seconds(found) >= time > seconds(found - 1)
+    # Months: a float of seconds stands for several nanoseconds, of which the first is meant.
+    for time in (8459865.412308943, 40073491.63087638):
+        found = nanoseconds_not_before(time)
+        assert seconds(found) == seconds(found + 1) == time > seconds(found - 1)
 
 
 class FakeWall:

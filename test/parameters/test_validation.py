@@ -16,7 +16,7 @@ import array
 import math
 
 import icofabric_sim as ico
-from icofabric_sim.parameters.table import BY_NAME, FAMILIES, STATIC, UNBUILT_FAMILIES
+from icofabric_sim.parameters.table import BY_NAME, FAMILIES, STATIC
 from icofabric_sim.parameters.validation import make_parameters
 import numpy as np
 import pytest
@@ -136,10 +136,9 @@ def test_numbers_must_be_finite_and_integers_do(name, entry):
     for bad in (math.nan, math.inf, -math.inf):
         assert f'{name} must be finite' in refused(name, like(entry, bad))
     assert f'{name} is too large' in refused(name, like(entry, 10**400))
-    if entry.built:
-        whole = make_parameters(with_one(name, like(entry, 1)))[name]
-        assert whole == like(entry, 1.0)
-        assert type(whole[0] if isinstance(whole, list) else whole) is float
+    whole = make_parameters(with_one(name, like(entry, 1)))[name]
+    assert whole == like(entry, 1.0)
+    assert type(whole[0] if isinstance(whole, list) else whole) is float
 
 
 @pytest.mark.parametrize('name, entry', [case for case in EVERY if kind_of(case[1]) is int])
@@ -149,7 +148,7 @@ def test_integers_must_fit(name, entry):
 
 
 @pytest.mark.parametrize(
-    'name, entry', [case for case in EVERY if case[1].minimum is not None and case[1].built]
+    'name, entry', [case for case in EVERY if case[1].minimum is not None]
 )
 def test_ranges(name, entry):
     kind = kind_of(entry)
@@ -180,31 +179,6 @@ def test_choices(name, entry):
     bad = 99 if kind_of(entry) is int else 'sideways'
     text = refused(name, bad)
     assert text == f'{name} must be one of {", ".join(str(c) for c in entry.choices)}, got {bad!r}'
-    for value in entry.unbuilt_choices:
-        text = refused(name, value)
-        assert 'is not built yet' in text and repr(value) in text
-
-
-@pytest.mark.parametrize('name, entry', [case for case in EVERY if not case[1].built])
-def test_what_is_not_built_is_refused_at_any_value_but_its_default(name, entry):
-    assert make_parameters(with_one(name, entry.default))[name] == entry.default
-    if isinstance(entry.default, list):
-        others = [[*entry.default[:-1], 1.0], [2.0] * 3]
-    else:
-        others = {bool: [True], float: [0.125, 7.0], int: [3], str: ['something']}[kind_of(entry)]
-    for value in others:
-        text = refused(name, value)
-        assert 'is not built yet' in text
-        assert repr(entry.default) in text and repr(value) in text
-
-
-@pytest.mark.parametrize('family', UNBUILT_FAMILIES)
-def test_families_that_are_not_built_are_refused(family):
-    for name in (f'{family}.x.anything', f'{family}.x'):
-        with pytest.raises(
-            ico.ParameterError, match=f'{name}: {family}.* is not built yet; leave it out'
-        ):
-            make_parameters({name: 1.0})
 
 
 @pytest.mark.parametrize(

@@ -94,7 +94,7 @@ def test_every_parameter_has_a_description_and_its_range(client):
         assert descriptor.description.endswith(entry.change.value)
         for choice in entry.choices:
             assert str(choice) in descriptor.additional_constraints
-        if entry.built and entry.minimum is not None and not isinstance(entry.default, list):
+        if entry.minimum is not None and not isinstance(entry.default, list):
             found = descriptor.floating_point_range or descriptor.integer_range
             assert found[0].from_value == entry.minimum
             assert entry.maximum is None or found[0].to_value == entry.maximum

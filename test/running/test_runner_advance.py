@@ -21,6 +21,7 @@ from icofabric_sim.messages.topics import EVENTS, POSES
 from icofabric_sim.running.recording import BagSink, summarise_run
 from icofabric_sim.running.replay.verify import verify_run
 from icofabric_sim.running.runner import Runner
+from icofabric_sim.running.time_requests import AdvanceRequest, TimeRequests
 from icofabric_sim.simulation.input_types import ChannelTarget
 from icofabric_sim.simulation.simulation import compile_scene
 import numpy as np
@@ -113,6 +114,18 @@ def test_advance_of_a_running_fabric_waits_for_the_time():
     assert not runner.paused and all(end >= before + 3_700_000 for end in ends)
     # The time is stopped at, so that each is the time that was asked for.
     assert ends == sorted(ends)
+
+
+def test_advances_that_wait_are_answered_each_at_its_end():
+    requests, waiting = TimeRequests(), [AdvanceRequest(duration) for duration in (5, 3, 9)]
+    for request in waiting:
+        request.begin(10)
+        requests.wait(request)
+    for now, done in ((13, [False, True, False]), (15, [True, True, False]), (19, [True] * 3)):
+        assert requests.next_time() == now
+        requests.answer(now)
+        assert [request.future.done() for request in waiting] == done
+    assert requests.next_time() is None
 
 
 def test_advance_ends_with_the_duration():

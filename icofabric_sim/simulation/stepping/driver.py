@@ -98,9 +98,10 @@ class Driver:
         Raises ValueError where a fixed step is too long or far too short.
         """
         self._is_given, self._on_pause = fixed_step > 0.0, on_pause
-        # Whether the kernel accepts or refuses steps by their own errors.
-        is_embedded = method.adaptive and (not self._is_given or has_events)
-        own_errors = method.adaptive and not self._is_given
+        # Whether the error estimate of the embedded pair chooses the steps; and whether its kernel
+        # accepts or refuses them, which locates events with a given step, too.
+        is_adaptive = method.adaptive and not self._is_given
+        is_embedded = is_adaptive or (method.adaptive and has_events)
         differences = differences_of(
             method, given=self._is_given, linked=packed.model.links is not None)
         self.trajectory = Trajectory(
@@ -114,7 +115,7 @@ class Driver:
         self.shown = ShownEnergies(self.trajectory, self.contact)
         probe = AccuracyProbe(self.trajectory, self.trials, self.rates, tolerance)
         self.errors = StepErrors(
-            probe, None if broad_phase is None or own_errors else TouchingErrors(
+            probe, None if broad_phase is None or is_adaptive else TouchingErrors(
                 self.trajectory, self.contact, self.rates, self.trials, probe.distance))
         self.monitor = StepMonitor(
             self.trajectory, self.rates, obstruction, given=self._is_given, tolerance=tolerance,
@@ -127,7 +128,7 @@ class Driver:
         else:
             self._stepping = UniformStepping(self)
         # What the tolerance may add to velocities over a [1/s], where each step keeps to it.
-        self._allowed_speed = _BESIDE_TOLERANCE * tolerance if own_errors else 0.0
+        self._allowed_speed = _BESIDE_TOLERANCE * tolerance if is_adaptive else 0.0
         # Whether a step whose kernel is not compiled is taken back, with KernelsAwaited.
         self.awaits_kernels = False
         self._start(exact=False)

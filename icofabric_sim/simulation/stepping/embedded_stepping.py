@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Steps that the kernel accepts or refuses by their own error, each with its own length.
+Steps that the kernel accepts or refuses by their error estimate, each with its own length.
 
 They are one ahead of the time that was asked for: a state in between comes from the dense output
 of the step in progress, so outputs do not touch the sequence. An input gives that step up, and

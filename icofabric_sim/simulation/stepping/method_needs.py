@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""What in a scene only a method with steps of its own error can integrate."""
+"""What in a scene only an adaptive method can integrate."""
 
 from icofabric_sim.parameters.validation import ParameterError
 from icofabric_sim.scene.scene import Scene

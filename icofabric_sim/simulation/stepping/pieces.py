@@ -38,7 +38,7 @@ class StepChoice(NamedTuple):
 
     method: Method
     given: float  # `solver.step` [s]; 0: the step is chosen
-    embedded: bool  # the kernel accepts or refuses each step by its own error
+    embedded: bool  # the kernel accepts or refuses each step by its error estimate
     output_period: float  # [s], the step where nothing in the scene sets a scale
 
 

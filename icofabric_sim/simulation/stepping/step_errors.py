@@ -25,7 +25,7 @@ class StepErrors:
     """Sums what both measure."""
 
     def __init__(self, probe: AccuracyProbe, touching: TouchingErrors | None) -> None:
-        """`touching`: None where nothing can touch, or each step knows its own error."""
+        """`touching`: None where nothing can touch, or steps are adaptive."""
         self.probe, self.touching = probe, touching
         # Time [s] of the saved state that the run went back to last, as its error was too large.
         self.returned_to = -math.inf

@@ -56,7 +56,7 @@ class Trajectory:
         """
         Begin with `state` at time `origin` [s], with steps of `step` [s]; 0: not known yet.
 
-        `control`: of steps whose length depends on their own error, the last of which is always
+        `control`: of steps that the kernel accepts or refuses, the last of which is always
         in progress.
 
         `differences`: order of the differences by which the roughness of the motion is judged;

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Steps whose length follows their own error, which an embedded Runge-Kutta pair knows.
+Adaptive steps: their length follows the error estimate of the embedded Runge-Kutta pair.
 
 The kernel accepts or refuses each step (kernels/integrators/embedded.py); here it is told by what.
 A given step rules as elsewhere, but for steps that an event ends.
