@@ -28,12 +28,14 @@ import sys
 from typing import NamedTuple
 
 from icofabric_sim.commands import main as icofabric
+from icofabric_sim.messages.input_topics import input_type
 from icofabric_sim.parameters.file import check_ros_arguments
 from icofabric_sim.parameters.table import STATIC
 from icofabric_sim.ros.ros_parameters import make_start_parameters
 from icofabric_sim.ros.start import arguments_of_its_own
 from icofabric_sim.running.replay.replay_parameters import judge_options
 import pytest
+import yaml
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = sorted([ROOT / 'README.md', *(ROOT / 'docs').rglob('*.md')])
@@ -171,6 +173,12 @@ def check_ros2(command, words, monkeypatch):
             wanted = service.replace('/icofabric/', '~/')
             assert any(f"'{wanted}'" in path.read_text(encoding='utf-8')
                        for path in (ROOT / 'icofabric_sim' / 'ros').glob('*.py')), command.place
+        case ['topic', 'pub', *_, topic, kind, message]:
+            assert input_type(topic.replace('/icofabric/', '~/')) == kind, command.place
+            package, folder, name = kind.split('/')
+            message_class = getattr(import_module(f'{package}.{folder}'), name)
+            fields = message_class.get_fields_and_field_types()
+            assert yaml.safe_load(message).keys() <= fields.keys(), command.place
         case ['param', 'dump', '/icofabric', *_] | ['param', 'load', '/icofabric', _]:
             pass  # test_what_is_dumped_can_be_loaded
         case ['bag', 'play', _]:
