@@ -24,7 +24,7 @@ import time
 from typing import Any
 
 from icofabric_sim import messages
-from icofabric_sim.bag import BagError, BagReader, BagRecorder, recover_bag, recover_mcap
+from icofabric_sim.bag import BagError, BagReader, BagRecorder, recover_bag, recover_mcap, recovery
 import pytest
 
 STORAGES = pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
@@ -193,13 +193,17 @@ def example_bag(
 
 
 @STORAGES
-def test_recovering_a_whole_bag_copies_it(tmp_path: Path, storage: str) -> None:
+def test_recovering_a_whole_bag_copies_it(
+    tmp_path: Path, storage: str, monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(recovery, '_PROGRESS_EVERY', 1)
     records = example_bag(tmp_path / 'bag', storage)
     progress: list[float] = []
     report = recover_bag(tmp_path / 'bag', tmp_path / 'copy', on_progress=progress.append)
     assert report.damage == '' and report.message_count == len(records)
     assert (report.start_time, report.end_time) == (0, 11)
     assert progress == sorted(progress) and progress[-1] == 1.0
+    assert any(0.2 < part < 0.9 for part in progress)
     with BagReader(tmp_path / 'bag') as source, BagReader(tmp_path / 'copy') as copy:
         assert list(copy.messages()) == records
         assert copy.topics == source.topics
