@@ -41,6 +41,8 @@ setup(
         'pictures': ['matplotlib'],
         # `icofabric film`: its wheel carries ffmpeg.
         'film': ['imageio-ffmpeg', 'matplotlib'],
+        # The page of `viewer_node` and of `icofabric view`.
+        'viewer': ['viser>=1.1,<1.2'],
         'test': ['pytest', 'pytest-timeout', 'pytest-xdist'],
         # The environment in examples/.
         'examples': ['gymnasium'],
@@ -58,6 +60,7 @@ setup(
         'console_scripts': [
             'fabric_node = icofabric_sim.ros.fabric_node:main',
             'replay_node = icofabric_sim.ros.replay_node:main',
+            'viewer_node = icofabric_sim.ros.viewer_node:main',
             'icofabric = icofabric_sim.commands.main:main',
         ],
     },

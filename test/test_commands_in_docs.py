@@ -135,6 +135,9 @@ def check_node(command, name, arguments):
     own = arguments_of_its_own(arguments)
     if name == 'replay_node':
         judge_options(given, *own)
+    elif name == 'viewer_node':
+        from icofabric_sim.ros.viewer import DEFAULTS
+        assert not own and given.keys() <= DEFAULTS.keys(), command.place
     else:
         assert name == 'fabric_node' and not own, command.place
         make_start_parameters(given)

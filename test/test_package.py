@@ -29,6 +29,7 @@ EXECUTABLES = {
     'fabric_node': 'icofabric_sim.ros.fabric_node:main',
     'icofabric': 'icofabric_sim.commands.main:main',
     'replay_node': 'icofabric_sim.ros.replay_node:main',
+    'viewer_node': 'icofabric_sim.ros.viewer_node:main',
 }
 ROS_MESSAGES = {
     'builtin_interfaces', 'diagnostic_msgs', 'geometry_msgs', 'rcl_interfaces', 'rosgraph_msgs',

@@ -424,6 +424,7 @@ def table(t):
                 'decode_clock': messages.ClockBytes().stamped(3),
                 'decode_diagnostic_array': messages.DiagnosticArrayBytes().stamped(3, [STATUS]),
                 'decode_float64_multi_array': t.array.to_bytes(),
+                'decode_marker_array': b'\0\1\0\0' + bytes(4),
                 'decode_marker_points': t.marker.stamped(3),
                 'decode_point_stamped': messages.PointStampedBytes(WORLD).stamped(3),
                 'decode_pose_array': t.poses.stamped(3),

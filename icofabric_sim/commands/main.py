@@ -38,6 +38,7 @@ VERBS = {
     'render': 'draw a recorded run to pictures',
     'plot': 'plot energies, displacements, forces, tensions or spectra of a recorded run',
     'film': 'film a recorded run or a scene: MP4 or GIF',
+    'view': 'look at a scene or a recorded run in a browser, and pull at it',
     'tables': 'print the tables of the document, and draw its Figure 5',
     'benchmark': 'measure speed and accuracy beside other tools',
     'warm': 'compile kernels ahead, so that runs begin at once',

@@ -125,6 +125,21 @@ def decode_float64_multi_array(data: Buffer) -> LabelledArray:
 def decode_marker_points(data: Buffer) -> MarkerPoints:
     """Return a marker that is a list of points; its colors per point and texture are read over."""
     reader = CdrReader(data, MarkerBytes.TYPE)
+    found = _read_marker(reader)
+    reader.finish()
+    return found
+
+
+def decode_marker_array(data: Buffer) -> list[MarkerPoints]:
+    """Return the markers of a MarkerArray, each as `decode_marker_points` does."""
+    reader = CdrReader(data, 'visualization_msgs/msg/MarkerArray')
+    # The smallest marker takes 140 bytes and more.
+    found = [_read_marker(reader) for _ in range(reader.count(140))]
+    reader.finish()
+    return found
+
+
+def _read_marker(reader: CdrReader) -> MarkerPoints:
     nanoseconds, frame_id, namespace = reader.time(), reader.string(), reader.string()
     marker_id, marker_type, action = (reader.integer('i') for _ in range(3))
     pose, scale = reader.floats(7), reader.floats(3)
@@ -145,7 +160,6 @@ def decode_marker_points(data: Buffer) -> MarkerPoints:
     reader.string()  # mesh_file name
     _skip_bytes(reader)  # mesh_file data
     reader.integer('B')  # mesh_use_embedded_materials
-    reader.finish()
     return MarkerPoints(nanoseconds, frame_id, namespace, marker_id, marker_type, action,
                         pose, scale, color, points)
 

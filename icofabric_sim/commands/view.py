@@ -1,0 +1,129 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""`icofabric view`: look at a scene, or at a recorded run, in a browser, and pull at it."""
+
+import argparse
+from pathlib import Path
+import threading
+import time
+from typing import TYPE_CHECKING
+import webbrowser
+
+from icofabric_sim.commands.bags import bag_errors, bag_path, is_bag
+from icofabric_sim.commands.scenes import add_scene_arguments, read_parameters
+from icofabric_sim.terminal import bad_input, InputError
+
+if TYPE_CHECKING:
+    from icofabric_sim.viewer.hands import Hands
+    from icofabric_sim.viewer.sight import Sight
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare what the verb takes."""
+    add_scene_arguments(parser, 'SCENE|BAG')
+    parser.add_argument(
+        '--host', default='127.0.0.1',
+        help='address to serve at; anything but this machine asks for a token (%(default)s)')
+    parser.add_argument(
+        '--port', type=int, default=8080,
+        help='its port, or the next free one (%(default)s)')
+    parser.add_argument('--rate', type=float, default=60.0, help='frames a second (%(default)s)')
+    parser.add_argument('--read-only', action='store_true', help='look only')
+    parser.add_argument('--open', action='store_true', help='open the page in a browser')
+
+
+def main(arguments: argparse.Namespace) -> int:
+    """Serve the page until interrupted."""
+    from icofabric_sim.parameters.ready_scenes import ready_scenes
+    from icofabric_sim.viewer.page import require_viser
+    if not 0 <= arguments.port < 65536:
+        raise InputError(f'--port must lie in 0 to 65535, got {arguments.port}')
+    if not 0.0 < arguments.rate <= 240.0:
+        raise InputError(f'--rate must lie above 0 and up to 240 Hz, got {arguments.rate:g}')
+    with bad_input():
+        require_viser()
+    path = bag_path(arguments.scene)
+    if arguments.scene not in ready_scenes() and is_bag(path):
+        if arguments.parameter:
+            raise InputError('-p changes a scene; a recorded run stays as it was')
+        return _show_bag(arguments, path)
+    return _show_scene(arguments)
+
+
+def _show_scene(arguments: argparse.Namespace) -> int:
+    from icofabric_sim.running.diagnostics import HealthReport
+    from icofabric_sim.running.recording import BagSink, summarise_run
+    from icofabric_sim.running.runner import Runner
+    from icofabric_sim.scene.scene import Scene
+    from icofabric_sim.simulation.simulation import compile_scene
+    from icofabric_sim.viewer.local import RunHands, SightSink
+    from icofabric_sim.viewer.sight import Sight
+    _, parameters = read_parameters(arguments)
+    with bad_input():
+        scene = Scene.from_parameters(parameters)
+        simulation = compile_scene(scene, body_wrenches=True)
+        simulation.warm_up()
+        bag = BagSink(parameters['record.path'], simulation, live=True, parameters=parameters)
+    sight, report = Sight(), HealthReport('/icofabric')
+    runner = Runner(
+        simulation, [bag, SightSink(sight)], parameters=parameters,
+        report=lambda status: report.bytes(status, {}, {}, {}))
+    thread = threading.Thread(target=runner.run, name='simulation', daemon=True)
+    try:
+        _serve(arguments, sight, RunHands(runner), thread)
+    finally:
+        runner.stop()
+        thread.join()
+        bag.close(summary=summarise_run(runner.status()))
+    return 1 if runner.failure else 0
+
+
+def _show_bag(arguments: argparse.Namespace, path: Path) -> int:
+    from icofabric_sim.running.replay.player import Player
+    from icofabric_sim.running.replay.source import ReplaySource
+    from icofabric_sim.viewer.local import ReplayHands, SightSink
+    from icofabric_sim.viewer.sight import Sight
+    with bag_errors(path):
+        source = ReplaySource(path)
+    sight = Sight()
+    with source:
+        player = Player(source, SightSink(sight), stay=True)
+        thread = threading.Thread(target=player.run, name='replay', daemon=True)
+        try:
+            _serve(arguments, sight, ReplayHands(player), thread)
+        finally:
+            player.stop()
+            thread.join()
+    return 0
+
+
+def _serve(
+    arguments: argparse.Namespace, sight: 'Sight', hands: 'Hands', thread: threading.Thread
+) -> None:
+    from icofabric_sim.viewer.page import Page
+    page = Page(
+        sight, None if arguments.read_only else hands, host=arguments.host, port=arguments.port,
+        rate=arguments.rate)
+    try:
+        print(page.address, flush=True)
+        if arguments.open:
+            webbrowser.open(page.address)
+        thread.start()
+        # The page stays when the run has come to its end.
+        while True:
+            time.sleep(0.2)
+    except KeyboardInterrupt:
+        print('the page is closed', flush=True)
+    finally:
+        page.close()

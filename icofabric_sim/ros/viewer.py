@@ -1,0 +1,186 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""The viewer beside a fabric: topics come in as bytes, services and `~/pull` go out."""
+
+from collections.abc import Callable
+from concurrent.futures import Future
+import math
+import time
+from typing import Any
+
+from icofabric_sim.messages import PointStampedBytes
+from icofabric_sim.messages.frames import body_frame
+from icofabric_sim.messages.topics import Topic
+from icofabric_sim.ros.live_sink import message_class, quality
+from icofabric_sim.ros.process import Server, StopSignals
+from icofabric_sim.viewer.local import SightSink
+from icofabric_sim.viewer.page import Page, require_viser
+from icofabric_sim.viewer.sight import Sight, TOPICS
+from rcl_interfaces.srv import SetParametersAtomically
+from rclpy.exceptions import InvalidParameterTypeException
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile
+from std_srvs.srv import SetBool, Trigger
+
+DEFAULTS: dict[str, Any] = {
+    'fabric': '/icofabric', 'host': '127.0.0.1', 'port': 8080, 'rate': 60.0, 'read_only': False}
+_FLAGS = ('pause', 'record')
+_TRIGGERS = ('step', 'advance', 'reset', 'clear_loads', 'continue')
+# For so long a fabric or a replay is looked for, to know which of the two it is [s].
+_SEARCH = 3.0
+_CHECK = 1.0
+# What the service of parameters answers where it is not there.
+_ABSENT = '{0} is not there: is the fabric {1} running in this ROS domain?'
+
+
+class GraphHands:
+    """Does it to a node, by its services; the callbacks of a page call it from any thread."""
+
+    def __init__(self, node: Node, fabric: str) -> None:
+        """Make the clients of `node` for the node named `fabric`."""
+        self.is_replay, self._fabric = False, fabric
+        self._clients = {
+            name: node.create_client(SetBool if name in _FLAGS else Trigger, f'{fabric}/{name}')
+            for name in (*_FLAGS, *_TRIGGERS)}
+        self._parameters = node.create_client(
+            SetParametersAtomically, f'{fabric}/set_parameters_atomically')
+        self._pulls = node.create_publisher(
+            message_class(PointStampedBytes.TYPE), f'{fabric}/pull', QoSProfile(depth=10))
+
+    def pull(self, body: int, point: tuple[float, float, float] | None) -> None:
+        """Publish on `~/pull`."""
+        message = PointStampedBytes(body_frame(body))
+        message.point[:] = math.nan if point is None else point
+        self._pulls.publish(message.stamped(0))
+
+    def command(self, name: str, on: bool | None = None) -> 'Future[str]':
+        """Call the service of that name."""
+        request = SetBool.Request(data=bool(on)) if name in _FLAGS else Trigger.Request()
+        return self._call(self._clients[name], f'~/{name}', request, lambda answer: (
+            answer.success, answer.message))
+
+    def change(self, name: str, value: Any) -> 'Future[str]':
+        """Set a parameter, by the service that judges all of a request as one change."""
+        request = SetParametersAtomically.Request(
+            parameters=[Parameter(name, value=value).to_parameter_msg()])
+        return self._call(self._parameters, 'its parameter service', request, lambda answer: (
+            answer.result.successful, answer.result.reason))
+
+    def _call(
+        self, client: Any, what: str, request: Any, read: Callable[[Any], tuple[bool, str]]
+    ) -> 'Future[str]':
+        if not client.service_is_ready():
+            raise ValueError(_ABSENT.format(what, self._fabric))
+        answer: Future[str] = Future()
+
+        def done(found: Any) -> None:
+            try:
+                good, words = read(found.result())
+            except Exception as error:  # noqa: BLE001 - the page shows it
+                answer.set_exception(error)
+                return
+            if good:
+                answer.set_result(words)
+            else:
+                answer.set_exception(ValueError(words))
+
+        client.call_async(request).add_done_callback(done)
+        return answer
+
+
+class ViewerNode(Node):
+    """Listens to one fabric, or to its replay, and serves a page."""
+
+    def __init__(self) -> None:
+        """Read the parameters; ValueError names one that makes no sense."""
+        require_viser()
+        super().__init__('icofabric_viewer')
+        options = {}
+        for name, default in DEFAULTS.items():
+            try:
+                options[name] = self.declare_parameter(name, default).value
+            except InvalidParameterTypeException as error:
+                raise ValueError(
+                    f'{name} must be of the type of {default!r}: {error}') from error
+        if not 0 <= options['port'] < 65536:
+            raise ValueError(f'port must lie in 0 to 65535, got {options["port"]}')
+        if not 0.0 < options['rate'] <= 240.0:
+            raise ValueError(f'rate must lie above 0 and up to 240 Hz, got {options["rate"]!r}')
+        self._options, self.fabric = options, '/' + options['fabric'].strip('/')
+        self.sight = Sight(self.fabric)
+        self._sink = SightSink(self.sight)
+        for topic in TOPICS:
+            self._listen(topic)
+        self.hands = GraphHands(self, self.fabric)
+        self.page: Page | None = None
+
+    def serve(self) -> None:
+        """Open the page, or anew where a replay has become a simulation or the reverse."""
+        is_replay = self.is_replay()
+        if self.page is not None and is_replay in (None, self.hands.is_replay):
+            return
+        port = self._options['port']
+        if self.page is not None:
+            port = self.page.server.get_port()
+            self.page.close()
+        self.hands.is_replay = bool(is_replay)
+        self.page = Page(
+            self.sight, None if self._options['read_only'] else self.hands,
+            host=self._options['host'], port=port, rate=self._options['rate'])
+        self.get_logger().info(f'{self.fabric} is shown at {self.page.address}')
+
+    def close(self) -> None:
+        """Close the page."""
+        if self.page is not None:
+            self.page.close()
+
+    def is_replay(self) -> bool | None:
+        """Whether the node that is looked at replays; None: it is not there."""
+        names = {name for name, _ in self.get_service_names_and_types()}
+        if f'{self.fabric}/advance' in names:
+            return False
+        return True if f'{self.fabric}/continue' in names else None
+
+    def _listen(self, topic: Topic) -> None:
+        name = topic.name.replace('~', self.fabric, 1)
+
+        def receive(data: Any) -> None:
+            self._sink.send(topic, 0, bytes(data))
+
+        self.create_subscription(
+            message_class(topic.type), name, receive, quality(topic), raw=True)
+
+
+class _Waiting:
+    """Whether a signal has come, or a time [s] has passed."""
+
+    def __init__(self, signals: StopSignals, duration: float) -> None:
+        self._signals, self._until = signals, time.monotonic() + duration
+
+    def __call__(self) -> bool:
+        return self._signals.received or time.monotonic() > self._until
+
+
+def run_viewer(node: ViewerNode, signals: StopSignals) -> int:
+    """Serve until stopped; returns the exit status."""
+    server, searching = Server(node), _Waiting(signals, _SEARCH)
+    server.serve(lambda: node.is_replay() is not None or searching())
+    try:
+        while not signals.received:
+            node.serve()
+            server.serve(_Waiting(signals, _CHECK))
+    finally:
+        node.close()
+    return 0

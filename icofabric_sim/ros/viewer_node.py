@@ -1,0 +1,69 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+The executable of the viewer: `ros2 run icofabric_sim viewer_node` beside a fabric or a replay.
+
+Everything that takes time to import is imported once signals are heard.
+"""
+
+import sys
+
+from icofabric_sim.ros.start import arguments_of_its_own, check_domain, importing, StopSignals
+from icofabric_sim.version import __version__
+
+_USAGE = """usage: viewer_node [--ros-args -p fabric:=/icofabric -p port:=8080 ...]
+docs/viewer.md says what it can do and who may open its page"""
+
+
+def main(argv: list[str] | None = None) -> int:
+    """
+    Entry point of `viewer_node`.
+
+    Exit status: 0 done, also by SIGINT or SIGTERM; 2 bad input, or the extra is not installed;
+    130 interrupted before the page was there.
+    """
+    signals = StopSignals()
+    arguments = sys.argv if argv is None else argv
+    if set(arguments[1:]) & {'-h', '--help', '--version'}:
+        print(f'viewer_node of icofabric_sim {__version__}: a fabric in a browser\n{_USAGE}')
+        return 0
+    with importing():
+        import rclpy
+        from rclpy.impl.implementation_singleton import rclpy_implementation
+
+    try:
+        own = arguments_of_its_own(arguments[1:])
+        if own:
+            raise ValueError(f'{" ".join(own)!r} is not an argument of viewer_node\n{_USAGE}')
+        check_domain()
+        with importing():
+            from icofabric_sim.ros.process import log_to_ros, start_ros
+            from icofabric_sim.ros.viewer import run_viewer, ViewerNode
+        start_ros(arguments)
+        log_to_ros()
+        node = ViewerNode()
+        signals.only_note()
+        return run_viewer(node, signals)
+    except (ValueError, rclpy_implementation.RCLError) as error:
+        from icofabric_sim.ros.process import plain_reason
+
+        print(f'viewer_node: {plain_reason(error)}', file=sys.stderr)
+        return 2
+    finally:
+        signals.ignore()
+        rclpy.try_shutdown()
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,114 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+Who may talk to the page: any web page in the browser can reach a socket of this machine.
+
+A request must name this machine in its Host header (else another name leads here, as in DNS
+rebinding), and where it has an Origin header, as all that scripts of web pages send have, that
+must be the page itself. Bound to anything but the loopback, a token is asked for as well: once in
+the address, then in a cookie of the browser.
+"""
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from http.cookies import CookieError, SimpleCookie
+from importlib import import_module
+import secrets
+import threading
+from typing import Any
+from urllib.parse import parse_qs, urlsplit
+
+LOOPBACK = ('127.0.0.1', 'localhost', '[::1]')
+_COOKIE = 'icofabric_viewer'
+_installing = threading.Lock()
+
+
+class Guard:
+    """Judges requests by their headers."""
+
+    def __init__(self, host: str) -> None:
+        """Guard a server that is bound to `host`."""
+        self.is_local = host in ('127.0.0.1', 'localhost', '::1')
+        self.token = '' if self.is_local else secrets.token_urlsafe(24)
+        self.is_installed = False
+        self.refused = 0
+
+    def judge(self, path: str, headers: Mapping[str, str], port: int) -> str:
+        """Why a request to `port` is refused; '': it is not."""
+        host, origin = headers.get('Host', ''), headers.get('Origin')
+        if self.is_local and host not in {f'{name}:{port}' for name in LOOPBACK}:
+            return f'the Host header {host[:80]!r} is not this machine'
+        if origin is not None and origin != f'http://{host}':
+            return f'the Origin {origin[:80]!r} is another page'
+        if self.token and not (self._has_token(path) or self._has_cookie(headers)):
+            return 'the token is missing: open the address that the viewer has printed'
+        return ''
+
+    def cookie_for(self, path: str) -> str:
+        """The Set-Cookie header for a request that has brought the token; '': none."""
+        if not self._has_token(path):
+            return ''
+        return f'{_COOKIE}={self.token}; HttpOnly; SameSite=Strict; Path=/'
+
+    def _has_token(self, path: str) -> bool:
+        given = parse_qs(urlsplit(path).query).get('token', [''])[0]
+        return bool(self.token) and secrets.compare_digest(given.encode(), self.token.encode())
+
+    def _has_cookie(self, headers: Mapping[str, str]) -> bool:
+        try:
+            cookie = SimpleCookie(headers.get('Cookie', '')).get(_COOKIE)
+        except CookieError:
+            return False
+        return cookie is not None and secrets.compare_digest(
+            cookie.value.encode(), self.token.encode())
+
+    @contextmanager
+    def installed(self) -> Iterator[None]:
+        """
+        Guard the server of websockets that is started meanwhile.
+
+        viser hands no check of its own to websockets, so its call is met on the way. Raises
+        RuntimeError where none came by: then nothing is guarded, and nothing must be served.
+        """
+        server: Any = import_module('websockets.asyncio.server')
+        real = server.serve
+
+        def serve(*positions: Any, process_request: Any = None, **words: Any) -> Any:
+            self.is_installed = True
+            return real(
+                *positions, process_request=lambda connection, request: self._process(
+                    connection, request, process_request), **words)
+
+        with _installing:
+            server.serve = serve
+            try:
+                yield
+            finally:
+                server.serve = real
+        if not self.is_installed:
+            raise RuntimeError(
+                'this release of viser starts its server in another way than 1.1: the page would '
+                "be open to every web page, so it is not served; pip install 'viser<1.2'")
+
+    def _process(self, connection: Any, request: Any, process_request: Any) -> Any:
+        port = connection.local_address[1]
+        reason = self.judge(request.path, request.headers, port)
+        if reason:
+            self.refused += 1
+            return connection.respond(403, f'refused: {reason}\n')
+        response = None if process_request is None else process_request(connection, request)
+        cookie = self.cookie_for(request.path)
+        if response is not None and cookie:
+            response.headers['Set-Cookie'] = cookie
+        return response

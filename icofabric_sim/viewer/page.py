@@ -1,0 +1,196 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+The page: a server of viser, the thread that sends frames, and the mouse that pulls.
+
+viser's page ships inside its wheel, and nothing is fetched from elsewhere.
+"""
+
+from contextlib import redirect_stdout
+from importlib import import_module
+import io
+import logging
+import threading
+import time
+from typing import Any
+
+from icofabric_sim.viewer.guard import Guard
+from icofabric_sim.viewer.hands import Grip, Hands
+from icofabric_sim.viewer.panel import Panel
+from icofabric_sim.viewer.sight import Sight
+from icofabric_sim.viewer.stage import Stage
+import numpy as np
+
+_LOGGER = logging.getLogger('icofabric_sim')
+# How often the words of the panel, and the samples of its plots, are renewed [s].
+_WORDS, _SAMPLES = 0.5, 0.1
+MISSING = (
+    "the viewer needs the extra `viewer`, which is not installed: pip install "
+    "'icofabric_sim[viewer]' (or viser)")
+
+
+class ViewerMissing(ValueError):
+    """The extra is not installed."""
+
+
+def require_viser() -> None:
+    """Raise ViewerMissing, with the remedy, where viser is not installed."""
+    from importlib.util import find_spec
+    if find_spec('viser') is None:
+        raise ViewerMissing(MISSING)
+
+
+class Page:
+    """One address; any number of browsers."""
+
+    def __init__(
+        self, sight: Sight, hands: Hands | None, *, host: str = '127.0.0.1', port: int = 8080,
+        rate: float = 60.0,
+    ) -> None:
+        """
+        Serve what `sight` knows at up to `rate` frames a second [Hz]; no `hands`: read only.
+
+        A port that is taken is passed over for the next one.
+        """
+        require_viser()
+        # An extra, so no dependency that a manifest could name.
+        viser = import_module('viser')
+        self._sight, self._rate = sight, rate
+        self._guard = Guard(host)
+        # One address is printed, by the caller.
+        with self._guard.installed(), redirect_stdout(io.StringIO()):
+            self.server: Any = viser.ViserServer(
+                host=host, port=port, label='icofabric', verbose=False)
+        self._close_tunnels()
+        self._host = host
+        self.stage = Stage(self.server.scene, sight)
+        can_pull = hands is not None and not hands.is_replay
+        self.grip = Grip(hands.pull) if hands is not None and can_pull else None
+        self.panel = Panel(self.server, sight, self.stage, hands)
+        self._followed: np.ndarray | None = None
+        self._poses = np.zeros((0, 7))
+        self._seen = -1
+        self._stopping = threading.Event()
+        self.server.on_client_disconnect(self._left)
+        self.server.on_client_connect(self._came)
+        self._thread = threading.Thread(target=self._serve, name='page', daemon=True)
+        self._thread.start()
+
+    @property
+    def address(self) -> str:
+        """The address to open."""
+        host = 'localhost' if self._guard.is_local else self._host
+        token = f'/?token={self._guard.token}' if self._guard.token else '/'
+        return f'http://{host}:{self.server.get_port()}{token}'
+
+    def close(self) -> None:
+        """End it: pages are told, and what they hold is let go."""
+        self._stopping.set()
+        self._thread.join(5.0)
+        if self.grip is not None:
+            for page in list(self.server.get_clients()):
+                self.grip.let_go(page)
+        with redirect_stdout(io.StringIO()):
+            self.server.stop()
+
+    def frame(self) -> None:
+        """Send what is new."""
+        sight = self._sight
+        if sight.pose_number != self._seen:
+            self._seen, self._poses = sight.pose_number, sight.poses()
+        lines = np.zeros((0, 2, 3))
+        if self.grip is not None:
+            self.grip.repeat()
+            lines = self.grip.lines(self._poses)
+        with self.server.atomic():
+            if self.stage.update(lines, self._poses):
+                self._tie()
+                self._aim(self.server.get_clients().values())
+        self._follow()
+
+    def _close_tunnels(self) -> None:
+        """Have no page ask viser for an address that the whole world can open."""
+        request = import_module('viser._messages').ShareUrlRequest
+        server = self.server._websock_server
+        server.unregister_handler(request)
+        server.register_handler(request, lambda client, message: None)
+
+    def _serve(self) -> None:
+        words = samples = 0.0
+        while not self._stopping.is_set():
+            began = time.monotonic()
+            try:
+                self.frame()
+                if began - samples > _SAMPLES:
+                    samples = began
+                    self._sight.sample()
+                if began - words > _WORDS:
+                    words = began
+                    self.panel.update()
+            except Exception:
+                _LOGGER.exception('the viewer could not draw a frame')
+                self._stopping.wait(1.0)
+            self._stopping.wait(max(1.0 / self._rate - (time.monotonic() - began), 0.001))
+
+    def _tie(self) -> None:
+        """Have the mouse pull at the shells, which are new."""
+        if self.grip is None:
+            return
+        grip = self.grip
+
+        @self.stage.shells.on_drag('left')  # type: ignore[untyped-decorator]
+        async def _(event: Any) -> None:
+            body, page = event.instance_index, event.client_id
+            if event.phase == 'end' or body is None:
+                grip.let_go(page)
+            elif event.phase == 'start' and body < len(self._poses):
+                grip.take(
+                    page, body, self._poses[body, :3], np.array(event.start_position),
+                    np.array(event.end_position))
+            else:
+                grip.move(page, np.array(event.end_position))
+
+    def _came(self, client: Any) -> None:
+        self._aim([client])
+
+    def _left(self, client: Any) -> None:
+        if self.grip is not None:
+            self.grip.let_go(client.client_id)
+
+    def _aim(self, clients: Any) -> None:
+        """Have these see the whole fabric."""
+        poses = self._poses
+        if not len(poses):
+            return
+        low, high = poses[:, :3].min(axis=0), poses[:, :3].max(axis=0)
+        middle, size = 0.5 * (low + high), float(np.linalg.norm(high - low)) + 0.05
+        for client in clients:
+            client.camera.look_at = middle
+            client.camera.position = middle + size * np.array([0.7, -1.1, 0.6])
+
+    def _follow(self) -> None:
+        """Move the cameras with a body."""
+        body = self.panel.follow
+        if not 0 <= body < len(self._poses):
+            self._followed = None
+            return
+        place = self._poses[body, :3].copy()
+        before, self._followed = self._followed, place
+        if before is None or not np.linalg.norm(place - before) > 0.0:
+            return
+        for client in self.server.get_clients().values():
+            camera = client.camera
+            look_at = np.asarray(camera.look_at) + place - before
+            camera.position = np.asarray(camera.position) + place - before
+            camera.look_at = look_at

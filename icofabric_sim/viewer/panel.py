@@ -1,0 +1,301 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+The panel beside the scene: what the run says, what can be done to it, legend and plots.
+
+Sliders follow what is in force, so that a change from elsewhere shows too; what is refused is said
+in the words of who refused it, and the slider goes back.
+"""
+
+from collections.abc import Callable
+from concurrent.futures import Future
+from importlib import import_module
+import threading
+from typing import Any, NamedTuple
+
+from icofabric_sim.messages.markers import STRAIN_CLASSES
+from icofabric_sim.viewer.hands import Hands
+from icofabric_sim.viewer.sight import Curve, Sight
+from icofabric_sim.viewer.stage import rgb, Stage
+import numpy as np
+
+LEVELS = ('OK', 'WARN', 'ERROR', 'STALE')
+
+
+class Slider(NamedTuple):
+    """A parameter that is a number."""
+
+    name: str
+    label: str
+    low: float
+    high: float
+    step: float
+    part: int | None = None  # of a parameter that is a list
+
+
+SLIDERS = (
+    Slider('pull.strength', 'strength of the pull', 0.1, 100.0, 0.1),
+    Slider('gravity', 'gravity z [m/s^2]', -20.0, 20.0, 0.01, 2),
+    Slider('connector.stiffness', 'stiffness [N/m]', 0.0, 5000.0, 1.0),
+    Slider('connector.damping', 'damping [N s/m]', 0.0, 2.0, 0.01),
+    Slider('real_time_factor', 'wanted pace', 0.0, 4.0, 0.05),
+)
+MENUS = {'weave.kind': ('orthogonal', 'bias', 'radial'), 'weave.variant': ('0', '1', '2', '3')}
+
+
+class Wishes:
+    """Changes under way: one at a time for each parameter, then the latest that was wanted."""
+
+    def __init__(
+        self, change: 'Callable[[str, Any], Future[str]]', answer: Callable[[str, str, bool], None]
+    ) -> None:
+        """`answer` hears the name, the words and whether it is in force."""
+        self._change, self._answer = change, answer
+        self._lock = threading.Lock()
+        self._under_way: set[str] = set()
+        self._waiting: dict[str, Any] = {}
+
+    def want(self, name: str, value: Any) -> None:
+        """Ask for a value, now or once the one before is answered."""
+        with self._lock:
+            if name in self._under_way:
+                self._waiting[name] = value
+                return
+            self._under_way.add(name)
+        self._ask(name, value)
+
+    def is_open(self, name: str) -> bool:
+        """Whether an answer is awaited."""
+        return name in self._under_way
+
+    def _ask(self, name: str, value: Any) -> None:
+        try:
+            future = self._change(name, value)
+        except Exception as error:  # noqa: BLE001 - shown on the page
+            future = Future()
+            future.set_exception(error)
+        future.add_done_callback(lambda done: self._done(name, done))
+
+    def _done(self, name: str, future: 'Future[str]') -> None:
+        error = future.exception()
+        if error is None:
+            self._answer(name, future.result(), True)
+        else:
+            self._answer(name, str(error) or type(error).__name__, False)
+        with self._lock:
+            if name not in self._waiting:
+                self._under_way.discard(name)
+                return
+            value = self._waiting.pop(name)
+        self._ask(name, value)
+
+
+class Panel:
+    """The controls of all pages together: what one sets the others see."""
+
+    def __init__(self, server: Any, sight: Sight, stage: Stage, hands: Hands | None) -> None:
+        """Lay it out on a server of viser; without `hands` the page is read only."""
+        self._server, self._sight, self._stage, self._hands = server, sight, stage, hands
+        self.answer = ''
+        self.follow = -1
+        self._controls: dict[str, tuple[Any, Callable[[Any], Any]]] = {}
+        self._told: dict[str, Any] = {}  # the values that the controls were set to last
+        self._wishes = None if hands is None else Wishes(hands.change, self._answered)
+        gui = server.gui
+        gui.configure_theme(show_logo=False, show_share_button=False)
+        self.state = gui.add_markdown('waiting for a fabric')
+        self.words = gui.add_markdown('')
+        if hands is None:
+            gui.add_markdown('*read only: nothing here can change the run*')
+        else:
+            self._lay_out_run(hands)
+            self._lay_out_parameters(hands)
+        self._lay_out_view()
+        self._lay_out_plots()
+
+    def say(self, text: str, *, good: bool = True) -> None:
+        """Show an answer, a refusal so that it is seen."""
+        self.answer = text
+        # Words from elsewhere are no markup.
+        plain = text.replace('`', "'")
+        self.words.content = f'`{plain}`' if good else f'**refused:** `{plain}`'
+        if not good:
+            for client in self._server.get_clients().values():
+                client.add_notification('refused', text, color='red', auto_close_seconds=8.0)
+
+    def update(self) -> None:
+        """Show the state of the run; a few times a second."""
+        sight = self._sight
+        fabric, figures = sight.fabric, sight.figures
+        if fabric is not None:
+            level = LEVELS[min(sight.status, 3)]
+            lines = [
+                f't = {sight.time * 1e-9:.3f} s, {fabric.scene.body_count:,} shells, '
+                f'{fabric.scene.connector_count:,} connectors, {len(sight.broken):,} broken']
+            if figures:
+                pace = figures.get('real-time factor', '?')
+                lines.append(f'pace {pace}; {level}: {sight.message}'.replace('`', "'"))
+            self._set(self.state, 'content', '\n\n'.join(lines))
+            for name, (handle, shown) in self._controls.items():
+                if name in fabric.parameters and not (self._wishes or self).is_open(name):
+                    # Only what is new: else it would undo what a page is about to ask for.
+                    value = shown(fabric.parameters[name])
+                    if self._told.get(name) != value:
+                        self._told[name] = handle.value = value
+        if len(sight.curves) > 1:
+            curves = np.array(sight.curves, float).T
+            columns = dict(zip(Curve._fields, curves))
+            for handle, names in self._plots:
+                handle.data = (columns['time'], *(columns[name] for name in names))
+
+    def is_open(self, name: str) -> bool:
+        """No change is under way on a page that is read only."""
+        return False
+
+    def wish(self, name: str, value: Any) -> None:
+        """Set a parameter; the answer is shown."""
+        if self._wishes is not None:
+            self._wishes.want(name, value)
+
+    def _lay_out_run(self, hands: Hands) -> None:
+        gui = self._server.gui
+        with gui.add_folder('Run'):
+            pairs = [('pause', True), ('pause', False), ('step', None)]
+            if hands.is_replay:
+                pairs += [('reset', None), ('continue', None)]
+            else:
+                pairs += [
+                    ('advance', None), ('reset', None), ('clear_loads', None), ('record', True),
+                    ('record', False)]
+            words = {
+                ('pause', False): 'go on', ('reset', None): 'back to the start',
+                ('record', True): 'record', ('record', False): 'end the record',
+                ('clear_loads', None): 'clear loads'}
+            for name, on in pairs:
+                button = gui.add_button(words.get((name, on), name))
+                button.on_click(lambda _, name=name, on=on: self._do(hands, name, on))
+
+    def _lay_out_parameters(self, hands: Hands) -> None:
+        gui = self._server.gui
+        if hands.is_replay:
+            with gui.add_folder('Replay'):
+                self._control('rate', gui.add_slider('rate', 0.0, 10.0, 0.05, 1.0), float)
+                self._control('loop', gui.add_checkbox('loop', False), bool)
+                self._control('seek', gui.add_number('go to [s]', 0.0, min=0.0), float)
+            return
+        with gui.add_folder('Fabric'):
+            for item in SLIDERS:
+                handle = gui.add_slider(item.label, item.low, item.high, item.step, max(
+                    item.low, min(item.high, 1.0)))
+                self._control(item.name, handle, self._shown(item), self._changed(item))
+            for name, words in MENUS.items():
+                self._control(name, gui.add_dropdown(name, words), str, (
+                    int if name == 'weave.variant' else str))
+            self._control('weave.size', gui.add_vector3(
+                'weave.size', (5.0, 5.0, 5.0), min=(1.0,) * 3, step=1.0),
+                lambda value: tuple(float(part) for part in value),
+                lambda value: [round(part) for part in value])
+
+    def _lay_out_view(self) -> None:
+        gui, section = self._server.gui, self._stage.section
+        with gui.add_folder('View'):
+            follow = gui.add_number('follow body (-1: none)', -1, min=-1, step=1)
+            axis = gui.add_dropdown('cut across', ('off', 'x', 'y', 'z'))
+            place = gui.add_slider('cut at [m]', -2.0, 2.0, 0.001, 0.0)
+
+            @follow.on_update
+            def _(_: Any) -> None:
+                self.follow = int(follow.value)
+
+            @axis.on_update
+            @place.on_update
+            def _(_: Any) -> None:
+                section.set(axis.value, place.value)
+
+            rows = ''.join(
+                f'<div><span style="color:rgb{rgb(item.color)}">&#9608;</span> {item.name}</div>'
+                for item in STRAIN_CLASSES)
+            gui.add_html(
+                f'<div style="padding:0 1em;font-size:0.8em"><b>strain (l - D) / D of '
+                f'connectors</b>{rows}<div>black: broken; green: anchors; purple: runs into its '
+                'own shell; grey-blue shells are held</div></div>')
+
+    def _lay_out_plots(self) -> None:
+        uplot = import_module('viser.uplot')
+        self._plots: list[tuple[Any, tuple[str, ...]]] = []
+        looks: tuple[tuple[str, tuple[float, ...]], ...] = (
+            ('#3060c0', ()), ('#d07020', (6, 4)), ('#208040', (2, 3)))
+        with self._server.gui.add_folder('Plots', expand_by_default=False):
+            for title, names in (
+                    ('energy [J]', ('kinetic', 'connectors', 'balance_error')),
+                    ('pace (simulated over wall time)', ('pace',)),
+                    ('largest displacement [m]', ('displacement',))):
+                series = [uplot.Series(label='t [s]')]
+                series += [
+                    uplot.Series(
+                        label=name.replace('_', ' '), stroke=color, width=2, dash=dash)
+                    for name, (color, dash) in zip(names, looks)]
+                empty = np.zeros(2)
+                handle = self._server.gui.add_uplot(
+                    (np.array([0.0, 1.0]), *(empty for _ in names)), tuple(series), title=title,
+                    scales={'x': uplot.Scale(time=False)}, aspect=1.8)
+                self._plots.append((handle, names))
+
+    def _control(
+        self, name: str, handle: Any, shown: Callable[[Any], Any],
+        given: Callable[[Any], Any] | None = None,
+    ) -> None:
+        """Tie a control to a parameter: how its value is shown, and given back."""
+        self._controls[name] = (handle, shown)
+
+        def changed(event: Any) -> None:
+            # Only what a page has done: values that follow the run come here too.
+            if event.client is not None:
+                self.wish(name, (given or shown)(handle.value))
+
+        handle.on_update(changed)
+
+    def _shown(self, item: Slider) -> Callable[[Any], float]:
+        return lambda value: float(np.clip(
+            value if item.part is None else value[item.part], item.low, item.high))
+
+    def _changed(self, item: Slider) -> Callable[[float], Any]:
+        def given(value: float) -> Any:
+            if item.part is None:
+                return float(value)
+            fabric = self._sight.fabric
+            whole = [0.0, 0.0, 0.0] if fabric is None else list(fabric.parameters[item.name])
+            whole[item.part] = float(value)
+            return whole
+
+        return given
+
+    def _do(self, hands: Hands, name: str, on: bool | None) -> None:
+        def answered(done: 'Future[str]') -> None:
+            error = done.exception()
+            self.say(done.result() if error is None else f'{name}: {error}', good=error is None)
+
+        try:
+            hands.command(name, on).add_done_callback(answered)
+        except Exception as error:  # noqa: BLE001 - shown on the page
+            self.say(f'{name}: {error}', good=False)
+
+    def _answered(self, name: str, words: str, good: bool) -> None:
+        self._told.pop(name, None)  # a control that was refused goes back
+        self.say(f'{name}: {words}' if words else f'{name} is set', good=good)
+
+    @staticmethod
+    def _set(handle: Any, name: str, value: Any) -> None:
+        if getattr(handle, name) != value:
+            setattr(handle, name, value)

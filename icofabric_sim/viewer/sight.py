@@ -1,0 +1,191 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+What is known of a fabric from its topics: the bytes as they were published, decoded when needed.
+
+No part of this knows where they come from (a graph, a run or a bag) or where they are drawn.
+"""
+
+from collections import deque
+import threading
+from typing import NamedTuple
+
+from icofabric_sim.messages import (
+    decode_diagnostic_array,
+    decode_float64_multi_array,
+    decode_marker_array,
+    decode_marker_points,
+    decode_pose_array,
+    decode_string,
+    MarkerAction,
+    MarkerPoints,
+    topics,
+)
+from icofabric_sim.messages.markers import held_bodies
+from icofabric_sim.messages.topics import Topic
+from icofabric_sim.parameters.named_files import with_recorded
+from icofabric_sim.parameters.sections import ParameterSet
+from icofabric_sim.parameters.validation import make_parameters, Parameters
+from icofabric_sim.scene.scene import Scene
+import numpy as np
+
+# What a page shows.
+TOPICS = (
+    topics.WEAVE, topics.POSES, topics.CONNECTORS, topics.MARKERS, topics.ENERGY, topics.BROKEN,
+    topics.DIAGNOSTICS, topics.EVENTS)
+# Samples of each curve.
+_SAMPLES = 600
+_PACE = 'real-time factor'
+
+
+class Fabric(NamedTuple):
+    """What does not move, of one weave."""
+
+    parameters: Parameters
+    scene: Scene
+    held: np.ndarray  # (n,) bool: a support holds its place
+
+
+class Curve(NamedTuple):
+    """A sample of the plots."""
+
+    time: float  # [s]
+    kinetic: float  # [J]
+    connectors: float
+    balance_error: float
+    pace: float  # simulated over wall time
+    displacement: float  # [m] largest from the start of the scene
+
+
+class Sight:
+    """The latest of everything; `feed` and the rest may be called from different threads."""
+
+    def __init__(self, name: str = '/icofabric') -> None:
+        """Know nothing yet of the fabric of that `name`; diagnostics are of all nodes."""
+        self._name = name
+        self._lock = threading.Lock()
+        self.fabric: Fabric | None = None
+        self.fabric_number = 0  # grows with every weave
+        self.pose_number = 0  # grows with every message of poses
+        self._poses = b''
+        self.lines: dict[int, np.ndarray] = {}  # ends (m, 2, 3) [m] by id of the list
+        self.line_number = 0
+        self.markers: dict[tuple[str, int], MarkerPoints] = {}
+        self.marker_number = 0
+        self.broken = np.zeros(0, np.int64)
+        self.events: deque[str] = deque(maxlen=8)
+        self.status, self.message = 0, ''
+        self.figures: dict[str, str] = {}
+        self.energy: dict[str, float] = {}
+        self.curves: deque[Curve] = deque(maxlen=_SAMPLES)
+        self.time = 0  # [ns]
+
+    def feed(self, topic: Topic, data: bytes) -> None:
+        """Take a message; ValueError where it is malformed."""
+        with self._lock:
+            if topic is topics.POSES:
+                # Decoded when drawn: more of them come than are shown.
+                self._poses, self.pose_number = data, self.pose_number + 1
+            elif topic is topics.CONNECTORS:
+                self._take_lines(decode_marker_points(data))
+            elif topic is topics.MARKERS:
+                self.markers = {
+                    (item.namespace, item.marker_id): item for item in decode_marker_array(data)}
+                self.marker_number += 1
+            elif topic is topics.WEAVE:
+                self._take_weave(decode_string(data))
+            elif topic is topics.BROKEN:
+                self.broken = decode_float64_multi_array(data).values[:, 0].astype(np.int64)
+            elif topic is topics.ENERGY:
+                found = decode_float64_multi_array(data)
+                self.energy = dict(zip(found.labels[0].split(', '), found.values.tolist()))
+            elif topic is topics.DIAGNOSTICS:
+                self._take_report(data)
+            elif topic is topics.EVENTS:
+                self.events.append(decode_string(data))
+
+    def poses(self) -> np.ndarray:
+        """The latest poses (n, 7), position [m] and orientation x y z w; none before the first."""
+        with self._lock:
+            data = self._poses
+        if not data:
+            return np.zeros((0, 7))
+        found = decode_pose_array(data)
+        self.time = found.nanoseconds
+        return np.asarray(found.values)
+
+    def broken_ends(self, poses: np.ndarray) -> np.ndarray:
+        """Where the ends of broken connectors are in these poses, (m, 2, 3) [m]."""
+        fabric, broken = self.fabric, self.broken
+        if fabric is None or not len(broken) or len(poses) != fabric.scene.body_count:
+            return np.zeros((0, 2, 3))
+        connectors = fabric.scene.connectors
+        broken = broken[broken < fabric.scene.connector_count]
+        bodies, arms = connectors.bodies[broken], connectors.points_body[broken]
+        axis, real = poses[bodies, 3:6], poses[bodies, 6:]
+        twice = 2.0 * np.cross(axis, arms)
+        return np.asarray(
+            poses[bodies, :3] + arms + real * twice + np.cross(axis, twice))
+
+    def sample(self) -> None:
+        """Add the present figures to the curves."""
+        poses, fabric = self.poses(), self.fabric
+        if fabric is None or len(poses) != fabric.scene.body_count:
+            return
+        time = self.time * 1e-9
+        if self.curves and time < self.curves[-1].time:
+            self.curves.clear()
+        if self.curves and time == self.curves[-1].time:
+            return
+        away = np.linalg.norm(poses[:, :3] - fabric.scene.position, axis=1).max()
+        energy = self.energy
+        kinetic, connectors, balance_error = (
+            energy.get(name, np.nan) for name in ('kinetic', 'connectors', 'balance error'))
+        self.curves.append(Curve(
+            time, kinetic, connectors, balance_error, _number(self.figures.get(_PACE, '')),
+            float(away)))
+
+    def _take_lines(self, item: MarkerPoints) -> None:
+        if item.namespace != 'connectors':
+            return
+        ends = item.points.reshape(-1, 2, 3)
+        self.lines[item.marker_id] = (
+            ends if item.action == MarkerAction.ADD else np.zeros((0, 2, 3)))
+        self.line_number += 1
+
+    def _take_weave(self, text: str) -> None:
+        given = ParameterSet('/icofabric')
+        given.add_file(text.encode(), 'its scene')
+        parameters = with_recorded(make_parameters(given.parameters()), text)
+        if self.fabric is not None and self.fabric.parameters == parameters:
+            return
+        scene = Scene.from_parameters(parameters)
+        self.fabric = Fabric(parameters, scene, held_bodies(scene))
+        self.fabric_number += 1
+        self.lines, self.markers = {}, {}
+        self.curves.clear()
+
+    def _take_report(self, data: bytes) -> None:
+        for status in decode_diagnostic_array(data)[1]:
+            if status.name != self._name:
+                continue
+            self.status, self.message = status.level, status.message
+            self.figures = dict(status.values)
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text.split()[0])
+    except (IndexError, ValueError):
+        return float('nan')

@@ -1,0 +1,136 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""A page without a browser: what a client of viser is sent, and what its hands send back."""
+
+import threading
+import time
+
+import numpy as np
+import pytest
+
+viser = pytest.importorskip('viser', reason='viser (extra `viewer`) is not installed')
+
+import msgspec  # noqa: E402 - viser brings it
+from websockets.exceptions import ConnectionClosed  # noqa: E402
+from websockets.sync.client import connect  # noqa: E402
+import zstandard  # noqa: E402
+
+PATIENCE = 60.0  # s
+
+
+class PageClient:
+    """Holds the scene graph and the controls as a browser would."""
+
+    def __init__(self, port, **words):
+        self.socket = connect(
+            f'ws://localhost:{port}/', subprotocols=[f'viser-v{viser.__version__}'],
+            max_size=None, compression=None, **words)
+        self.nodes, self.controls, self.notices = {}, {}, []
+        self.frames = self.bytes = 0
+        self._thread = threading.Thread(target=self._listen, daemon=True)
+        self._thread.start()
+        # A page counts once it has said where its camera stands.
+        self.send(
+            'ViewerCameraMessage', wxyz=[1.0, 0.0, 0.0, 0.0], position=[1.0, 1.0, 1.0], fov=1.0,
+            near=0.01, far=100.0, image_height=600, image_width=800, look_at=[0.0, 0.0, 0.0],
+            up_direction=[0.0, 0.0, 1.0])
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, kind, error, traceback):
+        self.socket.close()
+        self._thread.join(PATIENCE)
+
+    def wait_for(self, condition, what):
+        deadline = time.monotonic() + PATIENCE
+        while True:
+            found = condition()
+            if found:
+                return found
+            assert time.monotonic() < deadline, what
+            time.sleep(0.01)
+
+    def send(self, kind, **fields):
+        self.socket.send(msgspec.msgpack.encode({'type': kind, **fields}))
+
+    def drag(self, phase, body, grasp, point):
+        self.send(
+            'SceneNodeDragMessage', phase=phase, name='/shells', instance_index=body,
+            start_position=[float(part) for part in grasp], start_screen_pos=[0.5, 0.5],
+            end_position=[float(part) for part in point],
+            end_screen_pos=[0.5, 0.5], button='left', modifier=None, owner='')
+
+    def control(self, label):
+        """Number of a control; waits until it is there."""
+        return self.wait_for(lambda: next(
+            (key for key, item in list(self.controls.items()) if item.get('label') == label),
+            None), label)
+
+    def set(self, label, value):
+        self.send('GuiUpdateMessage', uuid=self.control(label), updates={'value': value})
+
+    def shown(self, text):
+        """Whether a text stands on the page."""
+        return any(text in str(item) for item in list(self.controls.values()))
+
+    def shells(self):
+        """Positions (n, 3) of the shells, None before they are there."""
+        node = self.nodes.get('/shells')
+        return None if node is None else np.frombuffer(
+            node['batched_positions'], np.float32).reshape(-1, 3)
+
+    def _listen(self):
+        try:
+            while True:
+                self._take(self.socket.recv())
+        except (ConnectionClosed, OSError):
+            pass
+
+    def _take(self, data):
+        size = int.from_bytes(data[8:16], 'little')
+        whole = msgspec.msgpack.decode(
+            zstandard.ZstdDecompressor().decompress(data[16:16 + size]))
+        place, buffers = 16 + size, []
+        for length in whole['binaryBufferLengths']:
+            place += -place % 8
+            buffers.append(data[place:place + length])
+            place += length
+        self.bytes += len(data)
+        for message in whole['messages']:
+            self._note(message, buffers)
+
+    def _note(self, message, buffers):
+        def filled(values):
+            return {
+                name: buffers[value['__binary_index']]
+                if isinstance(value, dict) and '__binary_index' in value else value
+                for name, value in values.items()}
+
+        kind = message['type']
+        if kind == 'SceneNodeUpdateMessage':
+            self.frames += 'batched_positions' in message['updates'] and (
+                message['name'] == '/shells')
+            self.nodes.setdefault(message['name'], {}).update(filled(message['updates']))
+        elif kind == 'RemoveSceneNodeMessage':
+            self.nodes.pop(message['name'], None)
+        elif kind == 'GuiUpdateMessage':
+            self.controls.setdefault(message['uuid'], {}).update(message['updates'])
+        elif kind == 'NotificationShowMessage':
+            self.notices.append(str(message))
+        elif 'uuid' in message and 'props' in message:
+            self.controls[message['uuid']] = {
+                **message['props'], 'value': message.get('value'), 'kind': kind}
+        elif 'name' in message and 'props' in message:
+            self.nodes[message['name']] = {**filled(message['props']), 'kind': kind}

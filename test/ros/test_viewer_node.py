@@ -1,0 +1,85 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""The viewer beside a node: what it sends, and what comes of a drag, a slider and a button."""
+
+import sys
+
+import pytest
+
+pytest.importorskip('viser', reason='viser (extra `viewer`) is not installed')
+
+from page_client import PageClient  # noqa: E402 - needs viser
+from ros_helpers import NodeProcess, wait_for  # noqa: E402 - needs rclpy
+
+SCENE = {
+    'weave': {'size': [2, 2, 2]},
+    'connector': {'stiffness': 200.0},
+    'contact': {'mode': 'never'},
+}
+
+
+class ViewerProcess(NodeProcess):
+    MODULE = 'icofabric_sim.ros.viewer_node'
+    READY = ' is shown at '
+
+
+@pytest.fixture(scope='module')
+def viewer(node, folder):
+    with ViewerProcess(folder / 'viewer_log', parameters={'port': 18300}) as process:
+        yield process
+        assert process.stop() == 0
+
+
+@pytest.fixture
+def page(viewer):
+    address = wait_for(
+        lambda: viewer.lines(' is shown at '), 'no page', node=viewer)[-1].split()[-1]
+    with PageClient(int(address.rstrip('/').rpartition(':')[2])) as client:
+        yield client
+
+
+def test_drag_moves_the_fabric_of_the_node(page, graph):
+    page.wait_for(lambda: page.shells() is not None, 'no shells')
+    graph.listen('~/poses')
+    before = page.shells()[1].copy()
+    page.drag('start', 1, before, before)
+    page.drag('update', 1, before, before + [0.0, 0.0, 0.3])
+    page.wait_for(lambda: page.shells()[1, 2] > before[2] + 0.05, 'the shell stays')
+    graph.next('~/poses', lambda message: message.values[1, 2] > before[2] + 0.05)
+    page.drag('end', 1, before, before)
+
+
+def test_slider_button_and_refusal(page, graph):
+    page.set('stiffness [N/m]', 350.0)
+    page.wait_for(lambda: page.shown('connector.stiffness is set'), 'no answer')
+    assert graph.get('connector.stiffness') == [350.0]
+    page.set('weave.size', [0.0, 1.0, 1.0])
+    page.wait_for(lambda: page.shown('weave.size must be at least 1'), 'no refusal')
+    page.send('GuiUpdateMessage', uuid=page.control('pause'), updates={'value': True})
+    page.wait_for(lambda: page.shown('paused, t = '), 'no answer of the button')
+    page.send('GuiUpdateMessage', uuid=page.control('record'), updates={'value': True})
+    page.wait_for(lambda: page.shown('record.path is empty'), 'no refusal of the button')
+
+
+def test_wrong_port_is_one_line(viewer, folder):
+    with ViewerProcess(folder / 'wrong', parameters={'port': 70000}) as process:
+        assert process.wait() == 2
+        assert 'viewer_node: port must lie in 0 to 65535, got 70000' in process.log()
+
+
+def test_without_the_extra_one_line_names_it(monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, 'viser', None)
+    from icofabric_sim.commands.main import main
+    assert main(['view', 'hanging_slab']) == 2
+    assert "pip install 'icofabric_sim[viewer]'" in capsys.readouterr().err

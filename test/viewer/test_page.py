@@ -1,0 +1,223 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""The page of a run and of a record, seen and used by a client of viser's protocol."""
+
+from functools import partial
+import threading
+import urllib.error
+import urllib.request
+
+import icofabric_sim as ico
+from icofabric_sim.messages import decode_point_stamped
+from icofabric_sim.messages.topics import POSES, STRAIN_CLASSES
+from icofabric_sim.running.replay.player import Player
+from icofabric_sim.running.replay.source import ReplaySource
+from icofabric_sim.running.runner import Runner
+from icofabric_sim.viewer.local import ReplayHands, RunHands, SightSink
+from icofabric_sim.viewer.page import Page
+from icofabric_sim.viewer.sight import Sight
+import numpy as np
+from page_client import PageClient
+import pytest
+from recorded_runs import record_run
+from runner_helpers import Beside, ListSink, SCENE
+from websockets.exceptions import InvalidStatus
+
+
+class Shown:
+    """A run with its page, at an address of its own."""
+
+    def __init__(self, *, read_only=False, **changes):
+        scene = ico.Scene.from_parameters({
+            **SCENE, 'duration': 0.0, 'real_time_factor': 1.0, **changes})
+        simulation = ico.compile_scene(scene, body_wrenches=True)
+        simulation.warm_up()
+        self.sight, self.inputs = Sight(), ListSink()
+        self.runner = Runner(simulation, [self.inputs, SightSink(self.sight)])
+        self.page = Page(
+            self.sight, None if read_only else RunHands(self.runner), port=18080, rate=60.0)
+        self.port = self.page.server.get_port()
+        self.beside = Beside(self.runner)
+
+    def __enter__(self):
+        self.beside.__enter__()
+        return self
+
+    def __exit__(self, *words):
+        self.page.close()
+        self.beside.__exit__(*words)
+
+    def position(self, body):
+        return self.runner.post(
+            lambda: self.runner.simulation.snapshot().position[body].copy()).result(60.0)
+
+
+@pytest.fixture(scope='module')
+def shown():
+    with Shown(start_paused=True) as found:
+        yield found
+
+
+@pytest.fixture
+def client(shown):
+    with PageClient(shown.port) as found:
+        yield found
+
+
+def test_bodies_are_where_the_poses_say(shown, client):
+    client.wait_for(lambda: client.shells() is not None, 'no shells')
+    expected = shown.runner.post(
+        lambda: shown.runner.simulation.snapshot().position.copy()).result(60.0)
+    client.wait_for(
+        lambda: np.allclose(client.shells(), expected, atol=1e-6), 'shells are elsewhere')
+    node = client.nodes['/shells']
+    assert len(np.frombuffer(node['vertices'], np.float32)) == 3 * 12
+    assert len(np.frombuffer(node['faces'], np.uint32)) == 3 * 20 and node['flat_shading']
+    # At rest all connectors are of the middle class.
+    lines = client.wait_for(lambda: client.nodes.get('/connectors/2'), 'no connectors')
+    assert len(np.frombuffer(lines['points'], np.float32)) == (
+        6 * shown.runner.simulation.scene.connector_count)
+    for item in STRAIN_CLASSES:
+        assert client.shown(item.name)
+
+
+def test_drag_becomes_a_pull_that_moves_the_fabric_and_ends(shown, client):
+    client.wait_for(lambda: client.shells() is not None, 'no shells')
+    shown.runner.set_paused(False).result(60.0)
+    before = shown.position(1)
+    grasp = before + [0.01, 0.0, 0.0]
+    client.drag('start', 1, grasp, grasp)
+    client.drag('update', 1, grasp, grasp + [0.0, 0.0, 0.3])
+    client.wait_for(lambda: shown.position(1)[2] > before[2] + 0.05, 'the shell stays')
+    assert client.wait_for(lambda: client.nodes.get('/pull'), 'no line of the pull')
+    # The point that was grasped stays under the mouse: its offset goes with the target.
+    targets = [
+        decode_point_stamped(data) for topic, _, data in shown.inputs.messages
+        if topic == '~/pull']
+    assert targets[-1].frame_id == 'icosahedron_1'
+    assert targets[-1].point == pytest.approx(before + [0.0, 0.0, 0.3], abs=0.02)
+    client.drag('end', 1, grasp, grasp)
+    client.wait_for(
+        lambda: not shown.runner.simulation.inputs.pulls.bodies, 'the shell is not let go')
+    shown.runner.set_paused(True).result(60.0)
+
+
+def test_page_that_closes_lets_go(shown):
+    with PageClient(shown.port) as client:
+        client.wait_for(lambda: client.shells() is not None, 'no shells')
+        client.drag('start', 2, shown.position(2), shown.position(2))
+        client.wait_for(lambda: shown.runner.simulation.inputs.pulls.bodies == [2], 'no pull')
+    client.wait_for(lambda: not shown.runner.simulation.inputs.pulls.bodies, 'held for ever')
+
+
+def test_slider_changes_a_parameter_and_a_refusal_is_said(shown, client):
+    client.set('stiffness [N/m]', 350.0)
+    client.wait_for(
+        lambda: shown.runner.parameters['connector.stiffness'] == 350.0, 'stiffness stays')
+    client.wait_for(lambda: client.shown('connector.stiffness is set'), 'no answer')
+    client.set('weave.size', [0.0, 1.0, 1.0])
+    words = client.wait_for(lambda: client.notices[-1:] or None, 'no refusal')
+    assert 'weave.size' in words[0]
+    client.wait_for(lambda: client.shown('**refused:**'), 'the refusal is not shown')
+    in_force = shown.runner.parameters['weave.size']
+    client.wait_for(
+        lambda: list(client.controls[client.control('weave.size')]['value']) == in_force or (
+            shown.runner.parameters['weave.size'] != in_force), 'the control is not set back')
+
+
+def test_buttons(shown, client):
+    client.wait_for(lambda: client.shells() is not None, 'no shells')
+    for label, answer in (
+            ('advance', 'advanced'), ('step', 'solver steps taken'),
+            ('back to the start', 'back at the initial state'),
+            ('record', 'nothing to record with')):
+        client.send('GuiUpdateMessage', uuid=client.control(label), updates={'value': True})
+        client.wait_for(partial(client.shown, answer), answer)
+
+
+def test_section_hides_what_lies_beyond(shown):
+    stage = shown.page.stage
+    stage.section.set('z', 0.5)
+    points = np.array([[0.0, 0.0, 0.4], [0.0, 0.0, 0.6]])
+    assert stage.section.shows(points).tolist() == [True, False]
+    stage.section.set('off', 0.0)
+    assert stage.section.shows(points).all()
+
+
+def test_other_pages_are_refused_at_the_socket(shown):
+    with pytest.raises(InvalidStatus) as refused:
+        PageClient(shown.port, additional_headers={'Origin': 'http://evil.example'})
+    assert refused.value.response.status_code == 403
+    own = f'http://localhost:{shown.port}'
+    with PageClient(shown.port, additional_headers={'Origin': own}):
+        pass
+    for headers in ({'Host': f'evil.example:{shown.port}'}, {'Origin': 'http://evil.example'}):
+        with pytest.raises(urllib.error.HTTPError, match='403'):
+            urllib.request.urlopen(urllib.request.Request(own, headers=headers), timeout=60.0)
+    with urllib.request.urlopen(own, timeout=60.0) as page:
+        assert b'<html' in page.read().lower()
+    assert shown.page.address == f'{own}/'
+
+
+def test_no_page_can_open_it_to_the_world(shown, client, monkeypatch):
+    asked = []
+    monkeypatch.setattr(
+        type(shown.page.server), 'request_share_url', lambda *words, **more: asked.append(words))
+    client.send('ShareUrlRequest')
+    client.set('cut at [m]', 0.7)
+    client.wait_for(lambda: shown.page.stage.section.place == 0.7, 'later messages are heard')
+    assert not asked
+
+
+def test_read_only_page_changes_nothing():
+    with Shown(read_only=True, start_paused=True) as shown, PageClient(shown.port) as client:
+        client.wait_for(lambda: client.shells() is not None, 'no shells')
+        client.wait_for(lambda: client.shown('read only'), 'it does not say so')
+        client.drag('start', 1, (0.0, 0.0, 0.0), (0.0, 0.0, 0.3))
+        labels = {item.get('label') for item in client.controls.values()}
+        assert not labels & {'pause', 'stiffness [N/m]', 'step'} and 'cut across' in labels
+        assert not shown.inputs.messages and shown.page.grip is None
+
+
+def test_record_is_shown_and_scrubbed(tmp_path):
+    scene = ico.Scene.from_parameters(SCENE)
+    record_run(tmp_path / 'bag', scene)
+    sight = Sight()
+    with ReplaySource(tmp_path / 'bag') as source:
+        player = Player(source, SightSink(sight), stay=True, paused=True)
+        page = Page(sight, ReplayHands(player), port=18080)
+        thread = threading.Thread(target=player.run, daemon=True)
+        thread.start()
+        try:
+            with PageClient(page.server.get_port()) as client:
+                client.wait_for(lambda: client.shells() is not None, 'no shells')
+                client.set('go to [s]', 0.05)
+                client.wait_for(lambda: player.now == 50_000_000, 'not there')
+                client.set('go to [s]', 9.0)
+                client.wait_for(lambda: client.notices, 'no refusal')
+                client.set('rate', 4.0)
+                client.wait_for(lambda: player.rate == 4.0, 'the rate stays')
+                client.set('loop', True)
+                client.wait_for(lambda: player.loop, 'no loop')
+        finally:
+            page.close()
+            player.stop()
+            thread.join(60.0)
+
+
+def test_malformed_message_is_left_out(caplog):
+    sight = Sight()
+    SightSink(sight).send(POSES, 0, b'\0\1\0\0')
+    with pytest.raises(ValueError, match='PoseArray'):
+        sight.poses()
