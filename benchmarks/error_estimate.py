@@ -46,7 +46,8 @@ def judge_kind(kind: str, count: int) -> list[Judged]:
                 try:
                     found.append(judge(changes, method, given, periods, kind=kind, seed=seed))
                 except ValueError as error:
-                    # A step below the limit at the start may be beyond it with what may touch.
+                    # A step below the limit at the start may be beyond it with what may touch;
+                    # and some runs would take hours.
                     print(f'{kind} {seed} {method} {given:.2f}: refused: {error}')
     return found
 

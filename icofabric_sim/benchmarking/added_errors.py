@@ -31,6 +31,8 @@ import numpy as np
 _FINER, _LEAST, _MOST = 1e-2, 2e-13, 1e-11
 # Windows in which the error is measured, at most; spread evenly over longer runs.
 _WINDOWS = 150
+# Leapfrog steps for a tight tolerance take hours.
+_MOST_STEPS = 500_000
 KINDS = ('free', 'loaded', 'damped', 'kinked', 'contact', 'wrapped')
 
 
@@ -123,7 +125,8 @@ def judge(
     Follow one run from step end to step end, and measure what is added in each window.
 
     `given`: length of the steps in parts of the stability limit, 0: chosen. `looks`: whether the
-    estimate is read at every window; else at the end only.
+    estimate is read at every window; else at the end only. Raises ValueError where a given step is
+    refused, or the run would take too many.
     """
     changes = changes | {'solver.method': method, 'solver.step': 0.0}
     run = ico.compile_scene(ico.Scene.from_parameters(changes))
@@ -137,6 +140,9 @@ def judge(
             max(_FINER * run.scene.parameters['solver.tolerance'], _LEAST * rate),
             _MOST * rate)}))
     half_edge, end = run.scene.geometry.half_edge, periods * period
+    if end > _MOST_STEPS * run.status.step:
+        raise ValueError(
+            f'{method} would take {end / run.status.step:.3g} steps, more than {_MOST_STEPS:,}')
     # Windows without a measurement in between, so that there are not too many.
     gap = max(periods / _WINDOWS - 1.0, 0.0) * period
     times, added, estimate, ended = [0.0], [0.0], [0.0], ''

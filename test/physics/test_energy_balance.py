@@ -288,3 +288,24 @@ def test_livelier_motion_is_held_to_the_energy_limit():
     simulation._driver.trajectory.ledger.base += 0.02 * simulation.balance.scale
     with pytest.raises(ico.SimulationError, match='does not balance'):
         simulation.advance_to(0.05)
+
+
+def test_energies_of_a_kept_state_are_those_of_its_time():
+    """Where a run stops it goes back: what was spent and done since then is taken back too."""
+    scene = make_scene(
+        (2, 2, 2), solver={'method': 'dop8'}, connector={'damping': 0.05}, drag={'linear': 0.01},
+        groups={'some': 'x_max'}, loads={'push': {'group': 'some', 'force': [0.5, 0.2, -0.3]}},
+        **RANDOM)
+    simulation, honest = ico.compile_scene(scene), ico.compile_scene(scene)
+    simulation.advance_to(0.01)
+    simulation._driver.trajectory.ledger.base += 10.0 * simulation.balance.scale
+    before = simulation.snapshot().energy
+    with pytest.raises(ico.SimulationError, match='does not balance'):
+        simulation.advance_to(0.05)
+    kept = simulation.snapshot()
+    honest.advance_to(kept.time)
+    wanted = honest.snapshot().energy
+    for name in ('dissipated', 'work_in', 'kinetic'):
+        assert kept.energy[name] == pytest.approx(wanted[name], rel=1e-9)
+        assert wanted[name] != 0.0
+    assert abs(kept.time - 0.01) < 0.005 and before['dissipated'] > 0.0

@@ -33,6 +33,7 @@ from icofabric_sim.kernels.flows import place_all
 from icofabric_sim.kernels.wrap.pairs import taut, whole
 from icofabric_sim.kernels.wrap.path import apart, leaving, seen_from
 from icofabric_sim.parameters.validation import make_parameters, ParameterError
+from icofabric_sim.simulation.divergence import distance_between
 from icofabric_sim.simulation.model.packing import pack_scene
 from icofabric_sim.simulation.model.snapshot import Snapshot
 from icofabric_sim.simulation.model.stability import largest_frequency
@@ -345,6 +346,25 @@ def test_energy_and_momenta_stay():
     free = ico.compile_scene(changed(scene, {'connector.obstruction': 'warn'}))
     free.advance_to(0.06)
     assert np.abs(free.snapshot().position - s.position).max() > 0.01 * scene.geometry.half_edge
+
+
+def test_what_is_left_for_jumps_is_not_used_by_smooth_steps():
+    """Window by window against a run at a hundredth: the mean is a few tolerances, not 40."""
+    scene = lively(**{'solver.method': 'dop8', 'solver.tolerance': 1e-6})
+    run, finer = ico.compile_scene(scene), ico.compile_scene(
+        changed(scene, {'solver.tolerance': 1e-8}))
+    added = 0.0
+    for _ in range(8):
+        start = run.time
+        finer.reset_time()
+        finer.take_over(run, keep_motion=True)
+        run.advance_to(start + 2.0 * np.pi / run.status.largest_frequency)
+        run.advance_steps(1)
+        finer.advance_to(run.time)
+        added += distance_between(run.snapshot(), finer.snapshot(), scene.geometry.half_edge)
+    assert run.snapshot().obstructed.any()
+    assert 0.1 < added / (1e-6 * run.time) < 8.0
+    assert 0.2 < run.error_estimate / added < 3.0
 
 
 def test_splitting_keeps_energy_the_better_the_shorter_its_steps():

@@ -241,7 +241,7 @@ class Driver:
     def rebase(self, time: float) -> None:
         """Move a driver that has not moved yet to another start `time`."""
         self.trajectory.begin_at(time)
-        self.trajectory.saved_time = time
+        self.trajectory.note_saved(time)
         self.errors.rebase(time)
         self.contact.rebase(time)
         self._stepping.rebase(time)

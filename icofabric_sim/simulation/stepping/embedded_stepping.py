@@ -201,7 +201,7 @@ class EmbeddedStepping:
             trajectory.step = control.length or trajectory.step
             end = self._step.end
             if trajectory.ledger.saved_at == done:
-                trajectory.saved_time = end
+                trajectory.note_saved(end)
             if status & embedded.TOO_FAR and pieces.contact.is_possible:
                 # Before a state is asked for: that of dense output is gone.
                 found = pieces.contact.search_farther(

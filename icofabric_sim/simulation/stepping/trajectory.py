@@ -17,6 +17,7 @@ The trajectory of a run: its state, its time, and a saved state to come back to.
 Nothing here decides which steps are taken; see `driver.py`.
 """
 
+import math
 from typing import Any, NoReturn
 
 from icofabric_sim.kernels.contact.forces import touch_all
@@ -82,6 +83,9 @@ class Trajectory:
         self.ledger.inverse_size = half_edge**-2
         self.saved = packed.layout.like(state)
         self.saved_time = origin
+        # Energies that had flowed at a saved state, by name, when that was, and by which loads.
+        self._flows: dict[str, np.ndarray] = {}
+        self._flows_at: tuple[float, Loads | None] = math.nan, None
         self.failure: SimulationError | None = None
 
     @property
@@ -110,7 +114,17 @@ class Trajectory:
         if self.loads is not None and self.control is None:
             np.copyto(self.loads.earlier_work, self.loads.work)
         self._save_stretches()
-        self.saved_time = self.time if time is None else time
+        self.note_saved(self.time if time is None else time)
+
+    def note_saved(self, time: float) -> None:
+        """The present state, of a `time` [s], was saved: keep what has flowed until then."""
+        self.saved_time, self._flows_at = time, (time, self.loads)
+        for name, values in self._flowing().items():
+            kept = self._flows.get(name)
+            if kept is None or kept.shape != values.shape:
+                self._flows[name] = values.copy()
+            else:
+                np.copyto(kept, values)
 
     def restore(self) -> None:
         """Take the saved state back, but not its time."""
@@ -124,9 +138,24 @@ class Trajectory:
     def return_to_saved(self) -> None:
         """Go on from the saved state, at its time."""
         self.restore()
+        self._return_flows()
         self.begin_at(self.saved_time)
         if self.control is not None:
             self.control.start, self.control.length = self.saved_time, 0.0
+
+    def _return_flows(self) -> None:
+        """Set meters back where they are known: not where a call of kernels went on after it."""
+        time, loads = self._flows_at
+        if time == self.saved_time and loads is self.loads:
+            for name, values in self._flowing().items():
+                np.copyto(values, self._flows[name])
+
+    def _flowing(self) -> dict[str, np.ndarray]:
+        """Work of the loads, and what meters show, as they are."""
+        found = {name: meter.done for name, meter in self.meters().items()}
+        if self.loads is not None:
+            found['work'] = self.loads.work
+        return found
 
     def return_work(self) -> None:
         """Set the work of loads back to what it was at the saved state."""
@@ -227,7 +256,8 @@ class Trajectory:
         # A run that has ended may have failed to find one.
         if self.failure is None and not self.time + step > self.time:
             raise ValueError(f'step {step!r} s leads nowhere from t = {self.time!r} s')
-        self.saved_time = tree.number('saved_time', 0.0)
+        # What had flowed until then is not known.
+        self.saved_time, self._flows_at = tree.number('saved_time', 0.0), (math.nan, None)
         self.broken.load_state(tree.part('broken') if 'broken' in tree else None)
         for name, state in (('state', self.state), ('saved', self.saved)):
             self.take_back(state, tree.part(name))

@@ -188,7 +188,9 @@ class UniformStepping:
         else:
             ledger.regular = 0.0
             time = saved_time = trajectory.time + step
-        if saved_at >= 0:
+        if saved_at == done:
+            trajectory.note_saved(saved_time)
+        elif saved_at >= 0:
             trajectory.saved_time = saved_time
         trajectory.step_count += done
         errors.probe.checks_left -= (before + done) // checks.interval

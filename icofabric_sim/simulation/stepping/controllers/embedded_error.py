@@ -41,6 +41,9 @@ _LONGEST_STEP = 1.0
 _KINK, _LARGEST_KINK = 1e3, 1e-4
 # Steps for which contacts are known ahead.
 _AHEAD = 6.0
+# A force that jumps is passed by a step that errs by as much as the tolerance allows in so many
+# radians of the fastest motion. With a whole period smooth steps made use of it too.
+_SPARE = 0.1
 # Rounding of forces of contacts as it shows in the estimate of the error, or somewhat more.
 _NOISE = float(np.finfo(float).eps)
 # No limit of a length [s], and no wish for an accuracy: as large as a checkpoint may hold.
@@ -104,7 +107,7 @@ class EmbeddedError:
         control.kinked = self._kinked_rate(rate)
         # Around shells the shortest way may change to the other side.
         rate = rate or 1.0 / self._output_period
-        control.spare = 0.0 if trajectory.model.wrapping is None else 2.0 * math.pi / rate
+        control.spare = 0.0 if trajectory.model.wrapping is None else _SPARE / rate
         size, fastest = trajectory.half_edge**-2, rate**-2
         control.scales[:] = size, 4.0 if trajectory.state.orientation.ndim == 2 else 0.5, (
             size * fastest), fastest
@@ -128,12 +131,15 @@ class EmbeddedError:
         """
         control, contact = self._control, self._pieces.contact
         control.kink = control.floor = control.resume = 0.0
+        if self._pieces.trajectory.model.wrapping is not None:
+            # A jump of force in so short a step is no reason to stop.
+            control.kink = control.shortest
         if not contact.is_possible:
             return False
         # Whatever was seen so far: steps must not depend on searches.
         rate = math.sqrt(contact.least_rate)
         part = min(_KINK * control.tolerance / rate, _LARGEST_KINK)
-        control.kink = math.sqrt(part) / rate
+        control.kink = max(control.kink, math.sqrt(part) / rate)
         # A step that short is always taken: it must not count as too short before.
         control.shortest = min(control.shortest, control.kink)
         # A step of a contact, as far as that can be known before.
