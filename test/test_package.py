@@ -16,9 +16,12 @@ import ast
 import configparser
 from pathlib import Path
 import re
+import shutil
 import subprocess
 import sys
+import tarfile
 from xml.etree import ElementTree
+import zipfile
 
 import pytest
 import yaml
@@ -268,3 +271,47 @@ def test_rviz_shows_the_topics_of_the_node():
         '/icofabric/icosahedra': 'Marker'}
     for _, topic in topics.values():
         assert topic['Reliability Policy'] == 'Reliable'
+
+
+@pytest.fixture(scope='module')
+def archives(tmp_path_factory):
+    """Names of the files in a wheel and in a source archive, without their first folder."""
+    tree = tmp_path_factory.mktemp('archives') / 'tree'
+    shutil.copytree(ROOT, tree, ignore=lambda folder, names: [
+        name for name in names if name.startswith('.') or name in (
+            '__pycache__', 'runs', 'build', 'dist', 'test') or name.endswith('.egg-info')])
+    subprocess.run(
+        [sys.executable, 'setup.py', '-q', 'sdist', 'bdist_wheel'], cwd=tree, check=True,
+        capture_output=True, text=True, timeout=120)
+    wheel, = (tree / 'dist').glob('*.whl')
+    source, = (tree / 'dist').glob('*.tar.gz')
+    with zipfile.ZipFile(wheel) as archive:
+        in_wheel = set(archive.namelist())
+    with tarfile.open(source) as archive:
+        in_source = {name.partition('/')[2] for name in archive.getnames()}
+    return in_wheel, in_source
+
+
+def shipped(folder):
+    """Files of a folder of the tree that users need, by their path in it."""
+    return {
+        path.relative_to(ROOT).as_posix() for path in (ROOT / folder).rglob('*')
+        if path.is_file() and '__pycache__' not in path.parts
+        and path.suffix not in ('.pyc', '.nbi', '.nbc')}
+
+
+def test_a_wheel_and_a_source_archive_hold_what_they_need(archives):
+    in_wheel, in_source = archives
+    code = shipped('icofabric_sim')
+    assert len(code) > 300
+    assert not code - in_wheel and not code - in_source
+    assert not [name for name in in_wheel | in_source if name.endswith(('.nbc', '.pyc'))]
+    shared = {name.partition('/share/')[2] for name in in_wheel if '/share/' in name}
+    for folder, kinds in (('config', ''), ('launch', '.launch.py'), ('rviz', '.rviz')):
+        files = {name for name in shipped(folder) if name.endswith(kinds)}
+        assert files and not files - in_source
+        assert not {f'icofabric_sim/{name}' for name in files} - shared
+    assert {'icofabric_sim/package.xml',
+            'ament_index/resource_index/packages/icofabric_sim'} <= shared
+    assert {'LICENSE', 'package.xml', 'setup.py', 'requirements.lock'} <= in_source
+    assert [name for name in in_wheel if name.endswith('/LICENSE')]

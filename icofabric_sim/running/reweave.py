@@ -23,6 +23,7 @@ name.
 
 from collections.abc import Callable
 import threading
+import time
 
 from icofabric_sim.kernels.runtime.compile_notice import KernelsMissing
 from icofabric_sim.parameters.changes import rebuilds
@@ -33,6 +34,10 @@ from icofabric_sim.simulation.model.body_force import BodyForce
 from icofabric_sim.simulation.precompile import compile_elsewhere
 from icofabric_sim.simulation.simulation import compile_scene, Simulation
 from icofabric_sim.simulation.stepping.kernel_guard import no_compiling
+
+# After a build there is none for so many times as long, at most so long [s]: a slider that sends
+# fifty changes a second may not take the processor from the run.
+_SHARE, _LONGEST_REST = 25.0, 0.3
 
 
 def lost_wrenches(before: Simulation, scene: Scene) -> list[str]:
@@ -68,6 +73,7 @@ class Reweaver:
         self._body_force, self._is_touching = body_force, is_touching
         self._wanted: Parameters | None = None
         self._scene: Scene | None = None  # of what is wanted, where it is built already
+        self._free_at = 0.0  # time of the next build, where the last one was a moment ago
 
     def want(self, parameters: Parameters, scene: Scene | None = None) -> None:
         """
@@ -78,7 +84,7 @@ class Reweaver:
         idle = self._wanted is None
         self._wanted, self._scene = parameters, scene
         if idle:
-            self._build(parameters, scene)
+            self._build(self._free_at - time.monotonic())
 
     @property
     def wanted(self) -> Parameters | None:
@@ -90,9 +96,21 @@ class Reweaver:
         if self._wanted is not None:
             self._wanted, self._scene = parameters, None
 
-    def _build(self, parameters: Parameters, scene: Scene | None) -> None:
+    def _build(self, delay: float = 0.0) -> None:
+        """Build what is wanted after a `delay` [s]."""
+        now = self._wanted, self._scene
+
         def build() -> None:
-            simulation, reason = None, ''
+            parameters, scene = now
+            simulation: Simulation | None = None
+            if delay > 0.0:
+                time.sleep(delay)
+                parameters, scene = self._wanted, self._scene
+            assert parameters is not None
+            if scene is not None and scene.parameters is not parameters:
+                # The run has changed its mind between two lines of this.
+                scene = None
+            reason, began = '', time.thread_time()
             try:
                 simulation = self._compiled(scene or Scene.from_parameters(parameters))
                 kernels = simulation.prepare_contacts(load=False)
@@ -100,6 +118,8 @@ class Reweaver:
                     kernels.wait()
             except Exception as error:  # noqa: BLE001 - reported, the old fabric runs on
                 simulation, reason = None, str(error) or type(error).__name__
+            rest = min(_SHARE * (time.thread_time() - began), _LONGEST_REST)
+            self._free_at = time.monotonic() + rest
             self._post(lambda: self._finish(parameters, simulation, reason))
 
         threading.Thread(target=build, name='weave', daemon=True).start()
@@ -124,9 +144,11 @@ class Reweaver:
         return make()
 
     def _finish(self, built: Parameters, simulation: Simulation | None, reason: str) -> None:
-        wanted, scene = self._wanted or built, self._scene
-        self._wanted = self._scene = None
+        wanted = self._wanted or built
         if rebuilds(built, wanted):
-            self.want(wanted, scene)
+            # At once: a slider that moves on must not keep all of its changes from being seen.
+            self._wanted = wanted
+            self._build()
             return
+        self._wanted = self._scene = None
         self._on_ready(wanted, simulation, reason)

@@ -13,6 +13,7 @@
 # limitations under the License.
 """Changes of a running scene: how builds follow each other, and which wrenches end."""
 from queue import SimpleQueue
+import time
 
 import icofabric_sim as ico
 from icofabric_sim.kernels.runtime.compile_notice import KernelsMissing
@@ -153,3 +154,19 @@ def test_kernels_that_are_missing_are_compiled_by_another_process(monkeypatch):
     assert reason == '' and simulation.scene.parameters['shell.density'] == 900.0
     [(scene, options)] = asked
     assert scene.parameters == wanted and options == {'body_wrenches': True}
+
+
+def test_many_changes_a_second_become_few_builds(builds):
+    """A slider does not take the processor from the run; its last value comes into force."""
+    runner = Runner()
+    runner.reweaver.want(with_density(1000.0))
+    runner.run_one()
+    for k in range(1, 31):
+        runner.reweaver.want(with_density(1000.0 + k))
+        if not runner.is_idle():
+            runner.run_one()
+        time.sleep(0.002)
+    while runner.reweaver.wanted is not None:
+        runner.run_one()
+    assert len(builds) < 12
+    assert runner.results[-1][1].scene.parameters['shell.density'] == 1030.0
