@@ -340,12 +340,15 @@ class Simulation:
 
         After `warm_up`. Until it is ready, an advance that needs it ends with KernelsAwaited. With
         `load` what is on disk is loaded too, and what reports need. None where there is nothing to
-        make ready, or a body force, which one thread alone may call.
+        make ready, no process that could compile it, or a body force, which one thread alone may
+        call: then it is compiled where it is needed.
         """
         load = checks.flag('load', load)
         if self.contact_kernels is None and self.body_force is None and (
                 self._lacks_contacts or load and self.scene.body_count <= LARGEST):
             process = self._compile_ahead() if self._lacks_contacts else None
+            if self._lacks_contacts and process is None:
+                return None
             contact = self._driver.contact
             self._driver.awaits_kernels = contact.is_possible and contact.contacts is None
             self.contact_kernels = ContactKernels(process, self._load_kernels)

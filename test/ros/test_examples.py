@@ -34,6 +34,15 @@ def run_example(name):
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler))
 
 
+def load_example(name):
+    """Module of an example."""
+    specification = importlib.util.spec_from_file_location(
+        name, ROOT / 'examples' / f'{name}.py')
+    module = importlib.util.module_from_spec(specification)
+    specification.loader.exec_module(module)
+    return module
+
+
 def speeds(text):
     return [float(number) for number in re.findall(r'moves at ([0-9.]+) m/s', text)]
 
@@ -96,10 +105,7 @@ def test_gymnasium_environment_is_one(tmp_path, monkeypatch):
     pytest.importorskip('gymnasium', reason='gymnasium is not installed on this machine')
     from gymnasium.utils.env_checker import check_env
     monkeypatch.setenv('ROS_DOMAIN_ID', str(domain(0)))
-    path = ROOT / 'examples' / 'fabric_environment.py'
-    specification = importlib.util.spec_from_file_location('fabric_environment', path)
-    module = importlib.util.module_from_spec(specification)
-    specification.loader.exec_module(module)
+    module = load_example('fabric_environment')
     with NodeProcess(
             tmp_path / 'log', scene=SLAB, parameters={'start_paused': 'true'}) as node, Client(
                 node):
@@ -118,3 +124,17 @@ def test_gymnasium_environment_is_one(tmp_path, monkeypatch):
         assert done.returncode == 0, errors
         assert speeds(out)[0] < 0.1
         assert node.stop() == 0
+
+
+def test_poses_become_frames_of_the_bodies_that_are_chosen():
+    """The messages for TF; tf2_ros itself is not among the wheels."""
+    from geometry_msgs.msg import Pose, PoseArray
+    poses_to_tf = load_example('poses_to_tf')
+    poses = PoseArray(poses=[Pose() for _ in range(3)])
+    poses.header.frame_id, poses.header.stamp.sec = 'world', 4
+    poses.poses[2].position.y, poses.poses[2].orientation.x = 0.5, 1.0
+    first, second = poses_to_tf.transforms_of(poses, [2, 0])
+    assert (first.header.frame_id, first.header.stamp.sec) == ('world', 4)
+    assert (first.child_frame_id, second.child_frame_id) == ('icosahedron_2', 'icosahedron_0')
+    assert first.transform.translation.y == 0.5 and first.transform.rotation.x == 1.0
+    assert second.transform.translation.y == 0.0

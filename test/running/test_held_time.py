@@ -14,6 +14,7 @@
 """Simulated time waits for kernels that are not ready; the node answers, and no bit changes."""
 
 from concurrent.futures import ThreadPoolExecutor
+import os
 import threading
 import time
 
@@ -212,6 +213,11 @@ def test_nothing_is_awaited_without_contacts_or_beside_a_function_of_the_user():
     with_force = ico.compile_scene(SCENE)
     with_force.body_force = 'a function'
     touching = ico.compile_scene(SCENE.with_changes({'contact.mode': 'always'}))
+    alone = ico.compile_scene(SCENE)
+    # Where no other process may compile, nothing is compiled before it is needed.
+    alone._lacks_contacts = True
+    assert os.environ['ICOFABRIC_COMPILE_AHEAD'] == '0' and alone.prepare_contacts() is None
+    assert not alone._driver.awaits_kernels
     for simulation, load in ((with_force, True), (touching, True), (touching, False)):
         kernels = simulation.prepare_contacts(load=load)
         assert (kernels is None) == (simulation is with_force)
