@@ -25,6 +25,7 @@ from typing import Any
 
 from icofabric_sim import messages
 from icofabric_sim.bag import BagError, BagReader, BagRecorder, recover_bag, recover_mcap, recovery
+from mcap.writer import Writer
 import pytest
 
 STORAGES = pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
@@ -213,6 +214,25 @@ def test_recovering_a_whole_bag_copies_it(
         recover_bag(tmp_path / 'bag', tmp_path / 'copy')
     with BagReader(tmp_path / 'copy') as copy:
         assert list(copy.messages()) == records
+
+
+def test_a_message_that_is_cut_is_left_out(tmp_path: Path) -> None:
+    """As other writers leave it, which write messages outside of chunks."""
+    file = tmp_path / 'cut.mcap'
+    writer = Writer(str(file), use_chunking=False)
+    writer.start(profile='ros2', library='another')
+    schema = writer.register_schema('std_msgs/msg/String', 'ros2msg', b'string data')
+    channel = writer.register_channel('/text', 'cdr', schema)
+    data = [messages.StringBytes(text * 100).to_bytes() for text in 'abc']
+    for time_, content in enumerate(data):
+        writer.add_message(channel, time_, content, time_)
+    writer.finish()
+    whole = file.read_bytes()
+    file.write_bytes(whole[:whole.index(data[-1]) + 50])
+    report = recover_mcap(file, tmp_path / 'bag')
+    assert 'the last record was not complete' in report.damage
+    with BagReader(tmp_path / 'bag') as reader:
+        assert list(reader.messages()) == [('/text', 0, data[0]), ('/text', 1, data[1])]
 
 
 def test_cut_short_anywhere_the_start_is_saved(tmp_path: Path) -> None:
