@@ -37,6 +37,36 @@ _WINDOW = 8.0
 _KNOWN, _STEADY = 2.0, 2.0
 
 
+# Set by --quiet.
+_QUIET = 'ICOFABRIC_QUIET'
+
+
+@contextmanager
+def quiet(wanted: bool) -> Iterator[None]:
+    """Show no progress, also of the processes that are started meanwhile; warnings stay."""
+    before = os.environ.get(_QUIET)
+    if wanted:
+        os.environ[_QUIET] = '1'
+    try:
+        yield
+    finally:
+        if before is None:
+            os.environ.pop(_QUIET, None)
+        else:
+            os.environ[_QUIET] = before
+
+
+def is_quiet() -> bool:
+    """Whether no progress is to be shown."""
+    return os.environ.get(_QUIET, '') not in ('', '0')
+
+
+def say(text: str) -> None:
+    """Say beside the results how the work goes on, unless that is not wanted."""
+    if not is_quiet():
+        print(text, file=sys.stderr, flush=True)
+
+
 class InputError(Exception):
     """Input that cannot be taken: exit status 2."""
 
@@ -83,6 +113,7 @@ class Progress:
         self.total, self.unit, self.foreseen = total, unit, foreseen
         self.stream = sys.stderr if stream is None else stream
         self.is_terminal = self.stream.isatty()
+        self.quiet = is_quiet()
         self._start = self._last = time.monotonic()
         self._notices = ExitStack()
         self._marks: deque[tuple[float, float]] = deque([(_working_time(), 0.0)])
@@ -96,7 +127,7 @@ class Progress:
             # One mark is as old as the window.
             while len(self._marks) > 2 and worked - self._marks[1][0] >= _WINDOW:
                 self._marks.popleft()
-        if now - self._last < (_REDRAW if self.is_terminal else _LINE_INTERVAL):
+        if self.quiet or now - self._last < (_REDRAW if self.is_terminal else _LINE_INTERVAL):
             return
         self._last = now
         text = f'{done:.4g} of {self.total:.4g} {self.unit}'

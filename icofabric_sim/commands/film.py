@@ -56,7 +56,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--duration', type=float, metavar='S',
         help='of a scene: the simulated time [s]; needed where it has no duration of its own')
-    parser.add_argument('--title', default='', help='words at the top (default: the name)')
     add_picture_arguments(parser, '1280x720')
 
 

@@ -18,6 +18,7 @@ from contextlib import nullcontext
 from typing import TYPE_CHECKING
 
 from icofabric_sim.commands.bags import bag_errors, bag_path, is_bag
+from icofabric_sim.commands.report import add_json_argument, print_report
 from icofabric_sim.commands.scenes import add_scene_arguments, read_parameters
 from icofabric_sim.terminal import bad_input, InputError
 
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the verb takes."""
     add_scene_arguments(parser, 'SCENE|BAG')
+    add_json_argument(parser)
     parser.add_argument(
         '--compile', action='store_true',
         help='compile the kernels of the scene where need be, to say its method, step, accuracy')
@@ -42,21 +44,22 @@ def main(arguments: argparse.Namespace) -> int:
             raise InputError('-p changes a scene; a recorded run stays as it was')
         from icofabric_sim.bag.summary import summarise_bag
         with bag_errors(path):
-            print('\n'.join(summarise_bag(path).lines()))
+            print_report(summarise_bag(path).rows(), as_json=arguments.json)
         return 0
     return _describe(arguments)
 
 
 def _describe(arguments: argparse.Namespace) -> int:
+    from icofabric_sim.commands.scene_estimates import estimate_rows
     from icofabric_sim.kernels.runtime.compile_notice import compile_notice, KernelsMissing
     from icofabric_sim.scene.scene import Scene
-    from icofabric_sim.scene.summary import as_lines, describe_scene
+    from icofabric_sim.scene.summary import describe_scene
     from icofabric_sim.simulation.simulation import compile_scene
 
     name, parameters = read_parameters(arguments)
     with bad_input():
         scene = Scene.from_parameters(parameters)
-        rows = [('scene', name), *describe_scene(scene)]
+        rows = [('scene', name), *describe_scene(scene), *estimate_rows(scene)]
         try:
             with nullcontext() if arguments.compile else compile_notice.forbidden():
                 rows += _motion(compile_scene(scene))
@@ -67,7 +70,7 @@ def _describe(arguments: argparse.Namespace) -> int:
     duration = parameters['duration']
     rows.append(('duration', f'{duration:g} s' if duration > 0.0 else (
         'none: a node runs until it is stopped, `icofabric run` needs --duration')))
-    print('\n'.join(as_lines(rows)))
+    print_report(rows, as_json=arguments.json)
     return 0
 
 

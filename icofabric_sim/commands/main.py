@@ -25,7 +25,8 @@ import signal
 import sys
 from typing import NoReturn
 
-from icofabric_sim.terminal import FileSaysNo, InputError
+from icofabric_sim.commands.scenes import located
+from icofabric_sim.terminal import FileSaysNo, InputError, quiet
 
 # Verb, and what it does; the module has the same name.
 VERBS = {
@@ -41,6 +42,8 @@ VERBS = {
     'view': 'look at a scene or a recorded run in a browser, and pull at it',
     'tables': 'print the tables of the document, and draw its Figure 5',
     'benchmark': 'measure speed and accuracy beside other tools',
+    'new': 'write a commented scene to begin with',
+    'completion': 'print a script that completes verbs, options and scenes in a shell',
     'warm': 'compile kernels ahead, so that runs begin at once',
     'recover': 'make a whole bag of one whose recorder was killed',
 }
@@ -118,12 +121,19 @@ def _run(words: list[str]) -> int:
         if verb == wanted:
             module = import_module(f'icofabric_sim.commands.{verb}')
             module.add_arguments(sub)
+            sub.add_argument(
+                '-q', '--quiet', action='store_true',
+                help='show results, warnings and errors only, no progress')
             sub.set_defaults(main=module.main)
     if wanted in VERBS:
         # Words that are left over are reported with the verb.
         parser.prog = f'icofabric {wanted}'
     arguments = parser.parse_args(words)
-    return int(arguments.main(arguments))
+    try:
+        with quiet(arguments.quiet):
+            return int(arguments.main(arguments))
+    except InputError as error:
+        raise located(error, getattr(arguments, 'scene', '')) from error
 
 
 def _one_line(error: Exception) -> str:

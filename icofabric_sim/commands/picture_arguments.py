@@ -42,6 +42,7 @@ def add_picture_arguments(parser: argparse.ArgumentParser, size: str) -> None:
         '--color', choices=COLORS, default='strain',
         help='what colours show: strain or tension of connectors, speed of bodies (of a recorded '
              'run: between its poses), or how deep shells overlap (%(default)s)')
+    parser.add_argument('--title', default='', help='words at the top (default: the name)')
     parser.add_argument(
         '--bodies', default='', metavar='GROUP',
         help="draw only these: a group of the scene, a selector such as 'level 2', or numbers "

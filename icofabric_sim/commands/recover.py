@@ -17,6 +17,7 @@ import argparse
 from pathlib import Path
 
 from icofabric_sim.commands.bags import bag_path
+from icofabric_sim.commands.report import add_json_argument, print_report
 from icofabric_sim.terminal import FileSaysNo, InputError, Progress, require_place
 
 
@@ -26,6 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         'destination', metavar='DESTINATION', nargs='?', default='',
         help='folder of the new bag (default: BAG_recovered)')
+    add_json_argument(parser)
 
 
 def main(arguments: argparse.Namespace) -> int:
@@ -53,11 +55,13 @@ def main(arguments: argparse.Namespace) -> int:
                 source, destination, on_progress=lambda part: progress.update(100.0 * part))
         except BagError as error:
             raise FileSaysNo(str(error)) from error
-    print(f'{report.message_count:,} messages, {seconds(report.start_time):.6g} s to '
-          f'{seconds(report.end_time):.6g} s of simulated time, are now in {report.path}')
-    for topic, count in sorted(report.topics.items()):
-        print(f'  {topic}: {count:,}')
-    print(f'the source was damaged: {report.damage}' if report.damage else
-          'the source was whole: nothing was lost')
-    print(f'next: icofabric info {report.path}')
+    print_report([
+        ('bag', str(report.path)),
+        ('messages', f'{report.message_count:,}, {seconds(report.start_time):.6g} s to '
+                     f'{seconds(report.end_time):.6g} s of simulated time'),
+        *(('' if number else 'topics', f'{topic}: {count:,}')
+          for number, (topic, count) in enumerate(sorted(report.topics.items()))),
+        ('source', f'the source was damaged: {report.damage}' if report.damage else
+         'the source was whole: nothing was lost'),
+        ('next', f'icofabric info {report.path}')], as_json=arguments.json)
     return 0

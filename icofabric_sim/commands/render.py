@@ -81,7 +81,7 @@ def main(arguments: argparse.Namespace) -> int:
         times = _times(arguments, recorded)
         with chosen_bodies_errors():
             pictures = RunPictures(
-                run, times, view=view, size=size, color=arguments.color,
+                run, times, view=view, size=size, title=arguments.title, color=arguments.color,
                 bodies=arguments.bodies, follow=arguments.follow)
         if sheet is not None:
             sheet.parent.mkdir(parents=True, exist_ok=True)

@@ -18,13 +18,13 @@ from collections.abc import Iterator
 from contextlib import contextmanager, ExitStack
 from pathlib import Path
 import signal
-import sys
 import time
 from typing import TYPE_CHECKING
 
+from icofabric_sim.commands.report import add_json_argument, print_report
 from icofabric_sim.commands.scenes import add_scene_arguments, read_parameters
 from icofabric_sim.kernels.runtime.interrupts import leaving
-from icofabric_sim.terminal import bad_input, InputError, notes, Progress, require_place
+from icofabric_sim.terminal import bad_input, InputError, notes, Progress, require_place, say
 
 if TYPE_CHECKING:
     from icofabric_sim.parameters.validation import Parameters
@@ -56,6 +56,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='do not measure how a small disturbance grows in this motion: a second, displaced '
              'run beside the first, which doubles the work (with solver.tolerance above 4e-9 in '
              'a radian of the fastest vibration, and no solver.step: two more runs)')
+    add_json_argument(parser)
     parser.add_argument(
         '--cross-check', action='store_true',
         help='record nothing; integrate with quaternions and with direction cosines side by side '
@@ -75,14 +76,15 @@ def main(arguments: argparse.Namespace) -> int:
     path = _bag_path(arguments, name, parameters)
     with bad_input():
         scene = Scene.from_parameters(parameters)
-        _say(f'{name}: {scene.body_count:,} bodies, {scene.connector_count:,} connectors')
+        say(f'{name}: {scene.body_count:,} bodies, {scene.connector_count:,} connectors')
         simulation = compile_scene(scene)
     simulation.warm_up()
     with ExitStack() as stack:
         progress = stack.enter_context(Progress(parameters['duration'], 's'))
         stack.enter_context(notes(progress, _NAME))
         return _Run(
-            name, simulation, progress, path, with_growth=not arguments.no_growth).run()
+            name, simulation, progress, path, with_growth=not arguments.no_growth,
+            as_json=arguments.json).run()
 
 
 class _Run:
@@ -90,9 +92,9 @@ class _Run:
 
     def __init__(
             self, name: str, simulation: 'Simulation', progress: Progress,
-            bag_path: Path | None, *, with_growth: bool) -> None:
+            bag_path: Path | None, *, with_growth: bool, as_json: bool = False) -> None:
         from icofabric_sim.running.run_monitor import RunMonitor
-        self.name, self.progress = name, progress
+        self.name, self.progress, self.as_json = name, progress, as_json
         self.simulation = simulation
         self.monitor = RunMonitor(simulation, with_growth=with_growth)
         self.bag = None if bag_path is None else self._open(bag_path)
@@ -127,7 +129,7 @@ class _Run:
                 status = runner.status()
                 # What was interrupted after its last step is not interrupted.
                 interrupted = self.interrupted and not (status.finished or status.failure)
-                lines = run_summary(
+                rows = run_summary(
                     self.name, self.simulation, self.monitor, status, wall - aside, aside,
                     errors=self.errors, growth=self.growth,
                     bag=None if self.bag is None else self.bag.recorder,
@@ -137,12 +139,12 @@ class _Run:
                 raise
             # In the midst of what leaves no state to describe.
             self.progress.clear()
-            print('\n'.join(broken_off_summary(
+            print_report(broken_off_summary(
                 self.name, self.simulation, runner.status(), compile_notice.seconds,
-                bag=None if self.bag is None else self.bag.recorder)))
+                bag=None if self.bag is None else self.bag.recorder), as_json=self.as_json)
             return 130
         lost = '' if self.bag is None or self.bag.error is None else str(self.bag.error)
-        print('\n'.join(lines))
+        print_report(rows, as_json=self.as_json)
         if interrupted and not lost:
             return 130
         return 1 if status.failure or lost else 0
@@ -235,7 +237,3 @@ def _bag_path(
     if parameters['record.path']:
         return require_place('record.path', Path(parameters['record.path']).expanduser())
     return next_free_path(Path('runs') / name)
-
-
-def _say(text: str) -> None:
-    print(text, file=sys.stderr, flush=True)

@@ -19,7 +19,7 @@ from icofabric_sim.bag import BagRecorder
 from icofabric_sim.messages.schedule import seconds
 from icofabric_sim.running.run_monitor import RunMonitor
 from icofabric_sim.running.run_records import Errors, Status, step_limit
-from icofabric_sim.scene.summary import as_lines, Row, times, vector
+from icofabric_sim.scene.summary import Row, times, vector
 from icofabric_sim.simulation.divergence import Growth
 from icofabric_sim.simulation.simulation import Simulation
 from icofabric_sim.simulation.stepping.methods import METHODS
@@ -32,9 +32,9 @@ _MENTIONED = 0.5
 def run_summary(
         name: str, simulation: Simulation, monitor: RunMonitor, status: Status, wall: float,
         aside: float, *, errors: Errors | None, growth: Growth | None, bag: BagRecorder | None,
-        interrupted: bool, compiling: float = 0.0) -> list[str]:
+        interrupted: bool, compiling: float = 0.0) -> list[Row]:
     """
-    Lines of the summary.
+    Label and text of all that the summary says.
 
     `wall` is the wall time of the run itself [s], `aside` that of measuring the growth, and
     `compiling` that of the compiler, before the run and in it.
@@ -60,22 +60,24 @@ def run_summary(
     elif interrupted:
         rows.append(('stopped', f'by the user at t = {seconds(status.time):.6g} s'))
     rows += _recorded(name, bag)
-    return as_lines(rows)
+    return rows
 
 
 def broken_off_summary(
         name: str, simulation: Simulation, status: Status, compiling: float, *,
-        bag: BagRecorder | None) -> list[str]:
+        bag: BagRecorder | None) -> list[Row]:
     """
-    Lines for a run that the user ended in the midst of long work: its last state is not known.
+    Label and text for a run that the user ended in the midst of long work.
+
+    Its last state is not known.
     """
-    return as_lines([
+    return [
         ('scene', f'{name}: {simulation.scene.body_count:,} bodies, '
                   f'{simulation.scene.connector_count:,} connectors'),
         *_compiler(compiling),
         ('stopped', f'by the user at t = {seconds(status.time):.6g} s, while kernels were being '
                     'compiled or the step was being measured: no figures of the run'),
-        *_recorded(name, bag)])
+        *_recorded(name, bag)]
 
 
 def method_rows(simulation: Simulation) -> list[Row]:

@@ -14,12 +14,14 @@
 """The argument SCENE with its overrides, for all verbs that take one."""
 
 import argparse
+from pathlib import Path
 from typing import TYPE_CHECKING
 
-from icofabric_sim.terminal import bad_input
+from icofabric_sim.terminal import bad_input, InputError
 
 if TYPE_CHECKING:
     from icofabric_sim.parameters.validation import Parameters
+    import yaml
 
 
 def add_scene_arguments(parser: argparse.ArgumentParser, metavar: str = 'SCENE') -> None:
@@ -47,3 +49,47 @@ def read_parameters(arguments: argparse.Namespace) -> tuple[str, 'Parameters']:
             name, value = parse_parameter_override(rule)
             flat[name] = value
         return path.stem, make_parameters(flat)
+
+
+def located(error: InputError, scene: str) -> InputError:
+    """The error with the line of the scene file that it is about, where that can be said."""
+    from icofabric_sim.parameters.ready_scenes import find_scene
+    from icofabric_sim.parameters.validation import ParameterError
+    cause = error.__cause__
+    if not scene or not isinstance(cause, ParameterError):
+        return error
+    try:
+        path = find_scene(scene)
+        line = line_of(path, cause.name)
+    except (ValueError, OSError):
+        return error
+    return InputError(f'{error} ({path}, line {line})') if line else error
+
+
+def line_of(path: Path, name: str) -> int:
+    """Line of a parameter file that gives a parameter, or the nearest one above it; 0: none."""
+    import yaml
+    try:
+        root = yaml.compose(path.read_text('utf-8'), yaml.SafeLoader)
+    except yaml.YAMLError:
+        return 0
+    found = (0, 0)  # depth, line
+    for _, section in getattr(root, 'value', []):
+        for key, parameters in getattr(section, 'value', []):
+            if key.value == 'ros__parameters':
+                found = max(found, _deepest(parameters, name, 0))
+    return found[1]
+
+
+def _deepest(node: 'yaml.Node', name: str, depth: int) -> tuple[int, int]:
+    """Depth and line of the longest beginning of a dotted name below a node."""
+    best = (0, 0)
+    for key, value in node.value if isinstance(node.value, list) else []:
+        word = str(getattr(key, 'value', ''))
+        if name == word or name.startswith(f'{word}.'):
+            here = (depth + 1, key.start_mark.line + 1)
+            rest = name[len(word) + 1:]
+            below = _deepest(value, rest, depth + 1) if rest and isinstance(
+                value.value, list) and value.id == 'mapping' else (0, 0)
+            best = max(best, here, below)
+    return best

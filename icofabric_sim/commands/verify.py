@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from icofabric_sim.commands.bags import bag_errors, bag_path
+from icofabric_sim.commands.report import add_json_argument, print_report
 from icofabric_sim.terminal import InputError, notes, Progress
 
 if TYPE_CHECKING:
@@ -34,6 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         'bags', metavar='BAG', nargs='+',
         help='folder of a bag, or its .mcap or .db3 file; several are verified one by one')
+    add_json_argument(parser)
     parser.add_argument(
         '--node', default='', metavar='NAME',
         help='the fabric to verify, by the full name of its node (default: all in the bag)')
@@ -57,12 +59,13 @@ def main(arguments: argparse.Namespace) -> int:
         raise InputError(f'--stop {arguments.stop:g} s lies before --start {arguments.start:g} s')
     good = True
     for number, name in enumerate(arguments.bags):
-        if number:
+        if number and not arguments.json:
             print()
         path = bag_path(name)
         with bag_errors(path):
             for node in _nodes(path, arguments.node):
-                good &= _verify(path, node, arguments.threads, start, stop)
+                good &= _verify(
+                    path, node, arguments.threads, start, stop, as_json=arguments.json)
     return 0 if good else 1
 
 
@@ -77,7 +80,7 @@ def _nodes(path: Path, wanted: str) -> list[str]:
 
 
 def _verify(
-    path: Path, node: str, threads: int, start: int | None, stop: int | None
+    path: Path, node: str, threads: int, start: int | None, stop: int | None, *, as_json: bool
 ) -> bool:
     from icofabric_sim.bag.recorded_run import RecordedRun
     from icofabric_sim.running.replay.resimulation import NotRepeatable
@@ -101,7 +104,7 @@ def _verify(
             except KeyboardInterrupt:
                 progress.note(f'{_NAME}: {path} was not verified to its end')
                 raise
-    print('\n'.join(result.lines()), flush=True)
+    print_report(result.rows(), as_json=as_json, lines=[result.conclusion()])
     return result.is_good
 
 

@@ -42,10 +42,11 @@ from icofabric_sim.pictures.fabric_polygons import (
     shown_bodies,
 )
 from icofabric_sim.pictures.light import Lighting
-from icofabric_sim.pictures.measures import connector_ends, find_contacts, Scale
+from icofabric_sim.pictures.measures import connector_ends, Scale
 from icofabric_sim.pictures.moment import Moment
 from icofabric_sim.pictures.scenery import Ground, grounds, place_plate, plates
 from icofabric_sim.scene.scene import Scene
+from icofabric_sim.scene.shell_gaps import find_contacts
 import numpy as np
 
 DEFAULT_SIZE = (1280, 960)
@@ -379,7 +380,8 @@ class Renderer:
         if moment.broken is not None and len(moment.broken):
             legend['broken connector'] = BROKEN_COLOR
         if 'contact' not in legend and scene.body_count <= 20_000 and len(
-                find_contacts(scene, moment.position, moment.orientation).bodies):
+                find_contacts(
+                    scene.shell.half_edge, moment.position, moment.orientation).bodies):
             legend['contact'] = CONTACT_COLOR
 
     def _footing(self, image: Any, camera: Camera, area: Area) -> None:

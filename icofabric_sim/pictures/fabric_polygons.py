@@ -28,9 +28,10 @@ from icofabric_sim.geometry.rotations import cosines_from_quaternions
 from icofabric_sim.messages.markers import held_bodies, SHELL_CLASSES
 from icofabric_sim.pictures.camera import Area, Camera
 from icofabric_sim.pictures.light import light_on, Lighting
-from icofabric_sim.pictures.measures import connector_ends, find_contacts, Scale, values_of
+from icofabric_sim.pictures.measures import connector_ends, Scale, values_of
 from icofabric_sim.pictures.moment import Moment
 from icofabric_sim.scene.scene import Scene
+from icofabric_sim.scene.shell_gaps import find_contacts
 import numpy as np
 
 FREE_COLOR, HELD_COLOR = (np.array(entry.color[:3]) for entry in SHELL_CLASSES)
@@ -290,7 +291,8 @@ def anchor_points(moment: Moment) -> np.ndarray:
 
 def _contacts(moment: Moment, shown: np.ndarray, camera: Camera, area: Area) -> _Part:
     """Rings where shells overlap, before both of them."""
-    contacts = find_contacts(moment.scene, moment.position, moment.orientation)
+    contacts = find_contacts(
+        moment.scene.shell.half_edge, moment.position, moment.orientation)
     chosen = shown[contacts.bodies].all(axis=1) & camera.is_before(contacts.point)
     if not chosen.any():
         return _Part(np.zeros((0, 4, 2)), np.zeros((0, 3)), np.zeros(0))

@@ -22,13 +22,13 @@ from collections.abc import Iterable
 import math
 from typing import NamedTuple
 
-from icofabric_sim.geometry.icosahedron import EDGES, FACES, vertices
+from icofabric_sim.geometry.icosahedron import vertices
 from icofabric_sim.geometry.rotations import cosines_from_quaternions
 from icofabric_sim.pictures.moment import Moment
 from icofabric_sim.scene.planes import make_planes
 from icofabric_sim.scene.scene import Scene
+from icofabric_sim.scene.shell_gaps import find_contacts
 import numpy as np
-from scipy.spatial import cKDTree
 
 # From the least to the largest value.
 _DIVERGING = np.array([
@@ -113,70 +113,10 @@ def tensions(scene: Scene, ends: np.ndarray) -> np.ndarray:
     return np.asarray(tension)
 
 
-class Contacts(NamedTuple):
-    """Pairs of shells that overlap."""
-
-    bodies: np.ndarray  # (m, 2)
-    depth: np.ndarray  # (m,) [m] the least shift that parts them
-    point: np.ndarray  # (m, 3) [m] between them
-
-
-def find_contacts(scene: Scene, position: np.ndarray, orientation: np.ndarray) -> Contacts:
-    """Overlapping shells of one state, found by the separating axes of both."""
-    half_edge = scene.shell.half_edge
-    corners = vertices(half_edge)
-    reach = 2.0 * float(np.linalg.norm(corners[0]))
-    pairs = cKDTree(position).query_pairs(reach, output_type='ndarray').reshape(-1, 2)
-    pairs = pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
-    if not len(pairs):
-        return Contacts(pairs, np.zeros(0), np.zeros((0, 3)))
-    cosines = cosines_from_quaternions(orientation)
-    # The shells are symmetric about their centres: half of all directions will do.
-    half, normals, edges = _half_directions()
-    between = position[pairs[:, 1]] - position[pairs[:, 0]]
-    first, second = (np.einsum('ka,nai->nki', half * half_edge, cosines[side]) for side in pairs.T)
-    gap = np.full(len(pairs), -np.inf)
-    axes = [np.einsum('ka,nai->nki', normals, cosines[side]) for side in pairs.T]
-    one, other = (np.einsum('ka,nai->nki', edges, cosines[side]) for side in pairs.T)
-    cross = np.cross(one[:, :, None], other[:, None]).reshape(len(pairs), -1, 3)
-    size = np.linalg.norm(cross, axis=2, keepdims=True)
-    axes.append(np.divide(cross, size, out=np.zeros_like(cross), where=size > 1e-6))
-    for directions in axes:
-        apart = np.abs(np.einsum('nki,ni->nk', directions, between))
-        for points in (first, second):
-            apart -= np.abs(np.einsum('nki,nvi->nkv', directions, points)).max(axis=2)
-        valid = np.einsum('nki,nki->nk', directions, directions) > 0.5
-        gap = np.maximum(gap, np.where(valid, apart, -np.inf).max(axis=1))
-    touching = gap < 0.0
-    return Contacts(
-        pairs[touching], -gap[touching],
-        0.5 * (position[pairs[touching, 0]] + position[pairs[touching, 1]]))
-
-
-def _half_directions() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Vertices (6, 3), unit normals (10, 3) and edges (15, 3), one of each opposite pair."""
-    unit = vertices(1.0)
-    first, second, third = unit[FACES.T]
-    normals = np.cross(second - first, third - first)
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    edges = unit[EDGES[:, 1]] - unit[EDGES[:, 0]]
-    edges /= np.linalg.norm(edges, axis=1, keepdims=True)
-    return _one_of_each(unit), _one_of_each(normals), _one_of_each(edges)
-
-
-def _one_of_each(directions: np.ndarray) -> np.ndarray:
-    kept: list[np.ndarray] = []
-    for direction in directions:
-        if all(np.abs(np.dot(direction, other)) < (1.0 - 1e-9) * np.dot(other, other)
-               for other in kept):
-            kept.append(direction)
-    return np.array(kept)
-
-
 def overlaps(scene: Scene, position: np.ndarray, orientation: np.ndarray) -> np.ndarray:
     """Deepest overlap [m] of each shell with another one or with a plane, (n,); 0: none."""
     deepest = np.zeros(len(position))
-    contacts = find_contacts(scene, position, orientation)
+    contacts = find_contacts(scene.shell.half_edge, position, orientation)
     for side in contacts.bodies.T:
         np.maximum.at(deepest, side, contacts.depth)
     planes = make_planes(scene.parameters)

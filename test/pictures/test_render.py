@@ -34,7 +34,6 @@ from icofabric_sim.pictures.fabric_polygons import (
 from icofabric_sim.pictures.light import light_on, Lighting
 from icofabric_sim.pictures.measures import (
     connector_ends,
-    find_contacts,
     fit_scale,
     QUANTITIES,
     Scale,
@@ -51,6 +50,7 @@ from icofabric_sim.pictures.render import (
     spread_times,
 )
 from icofabric_sim.scene.scene import Scene
+from icofabric_sim.scene.shell_gaps import find_contacts, smallest_gap
 from icofabric_sim.simulation.simulation import compile_scene
 from matplotlib.image import imread
 import numpy as np
@@ -154,10 +154,7 @@ def test_contacts_are_found_where_shells_overlap() -> None:
     position = random.uniform(-0.05, 0.05, (60, 3))
     orientation = random.normal(size=(60, 4))
     orientation /= np.linalg.norm(orientation, axis=1, keepdims=True)
-    scene = Scene.from_parameters({
-        'weave.size': [1, 1, 1],
-        **{f'bodies.b{k}.position': position[k].tolist() for k in range(1, 60)}})
-    found = find_contacts(scene, position, orientation)
+    found = find_contacts(a, position, orientation)
     first, second = np.triu_indices(60, 1)
     exact = separation(
         a, (position[first], orientation[first]), (position[second], orientation[second]))
@@ -166,6 +163,15 @@ def test_contacts_are_found_where_shells_overlap() -> None:
     np.testing.assert_array_equal(
         found.bodies, np.stack([first, second], axis=1)[touching])
     np.testing.assert_allclose(found.depth, -exact.distance[touching], atol=1e-12)
+    least, bodies = smallest_gap(a, position, orientation)
+    assert least == pytest.approx(exact.distance.min(), abs=1e-12)
+    assert bodies == (first[np.argmin(exact.distance)], second[np.argmin(exact.distance)])
+    # Apart the gap is at most the distance.
+    apart = smallest_gap(a, 40.0 * position, orientation)
+    spread = separation(
+        a, (40.0 * position[first], orientation[first]),
+        (40.0 * position[second], orientation[second])).distance
+    assert 0.8 * spread.min() < apart[0] <= spread.min() + 1e-12
 
 
 def test_shell_is_drawn_as_its_silhouette() -> None:

@@ -119,7 +119,7 @@ def test_figures_and_summaries_count_breaks(played):
     runner, _, monitor = played
     _, [status] = decode_diagnostic_array(HealthReport('/icofabric').bytes(runner.status()))
     assert dict(status.values)['breaks'] == '40'
-    text = '\n'.join(run_summary(
+    text = '\n'.join(text for _, text in run_summary(
         'torn', runner.simulation, monitor, runner.status(), 1.0, 0.0, errors=None, growth=None,
         bag=None, interrupted=False))
     assert '40 of 296 connectors, from t = 0.00' in text and 'J were lost' in text

@@ -97,6 +97,10 @@ class Verification:
 
     def lines(self) -> list[str]:
         """Text of everything; the verdict is the first word of the last line."""
+        return [*as_lines(self.rows()), self.conclusion()]
+
+    def rows(self) -> list[Row]:
+        """Label and text of what was compared."""
         rows: list[Row] = [
             ('bag', str(self.path)),
             ('fabric', f'{self.node}, {self.body_count:,} bodies'),
@@ -116,6 +120,10 @@ class Verification:
                  for number, gap in enumerate(self.gaps)]
         if self.note:
             rows.append(('note', self.note))
+        return rows
+
+    def conclusion(self) -> str:
+        """The verdict, and what it is about."""
         count = sum(self.compared.values())
         span = f't = {seconds(self.start):.9g} s to {seconds(self.end):.9g} s'
         kinds = ', '.join(_counted(self.compared))
@@ -128,7 +136,7 @@ class Verification:
             last = (f'{self.verdict}: {missing:,} recorded {what} missing; the {count:,} outputs '
                     f'of {span} that are there ({kinds}) are '
                     f'{"consistent" if self.elsewhere else "identical"}')
-        return [*as_lines(rows), last]
+        return last
 
 
 def verify_run(

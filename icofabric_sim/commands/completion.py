@@ -1,0 +1,96 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""`icofabric completion SHELL`."""
+
+import argparse
+from importlib import import_module
+
+# Options of each verb are listed once, when the script is made.
+_BASH = """\
+# Completion of icofabric for bash: eval "$(icofabric completion bash)"
+_icofabric() {{
+    local word="${{COMP_WORDS[COMP_CWORD]}}" verb="${{COMP_WORDS[1]}}" words=""
+    if [ "$COMP_CWORD" -eq 1 ]; then
+        words="{verbs} --help --version"
+    else
+        case "$verb" in
+{cases}
+        esac
+    fi
+    COMPREPLY=($(compgen -W "$words" -- "$word") $(compgen -f -- "$word"))
+}}
+complete -o filenames -F _icofabric icofabric
+"""
+_ZSH = """\
+# Completion of icofabric for zsh: eval "$(icofabric completion zsh)"
+autoload -Uz compinit && compinit
+autoload -Uz bashcompinit && bashcompinit
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare what the verb takes."""
+    parser.add_argument(
+        'shell', choices=('bash', 'zsh', 'fish'),
+        help='bash, zsh: eval "$(icofabric completion SHELL)" in its start file; fish: icofabric '
+             'completion fish > ~/.config/fish/completions/icofabric.fish')
+
+
+def main(arguments: argparse.Namespace) -> int:
+    """Print the script."""
+    print({'bash': bash_script, 'zsh': lambda: _ZSH + bash_script(), 'fish': fish_script}[
+        arguments.shell](), end='')
+    return 0
+
+
+def words_of(verb: str) -> tuple[list[str], bool]:
+    """Options of a verb, and whether it takes a scene."""
+    parser = argparse.ArgumentParser()
+    import_module(f'icofabric_sim.commands.{verb}').add_arguments(parser)
+    options = [option for action in parser._actions for option in action.option_strings
+               if option.startswith('--')]
+    scene = any(action.dest in ('scene', 'scenes') for action in parser._actions)
+    choices = [str(choice) for action in parser._actions
+               if action.choices and not action.option_strings for choice in action.choices]
+    return [*choices, *options, '--quiet'], scene
+
+
+def bash_script() -> str:
+    """The script for bash."""
+    from icofabric_sim.commands.main import VERBS
+    from icofabric_sim.parameters.ready_scenes import ready_scenes
+    cases = []
+    for verb in VERBS:
+        options, scene = words_of(verb)
+        words = [*(ready_scenes() if scene else ()), *options]
+        cases.append(f'        {verb}) words="{" ".join(words)}" ;;')
+    return _BASH.format(verbs=' '.join(VERBS), cases='\n'.join(cases))
+
+
+def fish_script() -> str:
+    """The script for fish."""
+    from icofabric_sim.commands.main import VERBS
+    from icofabric_sim.parameters.ready_scenes import ready_scenes
+    lines = ['# Completion of icofabric for fish']
+    for verb, summary in VERBS.items():
+        lines.append(
+            f"complete -c icofabric -n __fish_use_subcommand -f -a {verb} -d '{summary}'")
+        options, scene = words_of(verb)
+        seen = f"-n '__fish_seen_subcommand_from {verb}'"
+        for option in options:
+            word = f'-l {option[2:]}' if option.startswith('--') else f'-a {option}'
+            lines.append(f'complete -c icofabric {seen} {word}')
+        if scene:
+            lines.append(f"complete -c icofabric {seen} -a '{' '.join(ready_scenes())}'")
+    return '\n'.join(lines) + '\n'

@@ -1,0 +1,115 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""`icofabric new FILE`."""
+
+import argparse
+from pathlib import Path
+
+from icofabric_sim.terminal import bad_input, InputError, require_place
+
+_HELD = {'side': 'x_min', 'top': 'z_max', 'bottom': 'z_min'}
+_FREE = {'side': 'x_max', 'top': 'z_min', 'bottom': 'z_max', 'none': 'x_max'}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare what the verb takes."""
+    parser.add_argument('file', metavar='FILE', help='the new scene, a file that ends in .yaml')
+    parser.add_argument(
+        '--size', type=int, nargs=3, default=[7, 3, 3], metavar='N',
+        help='grid positions along x, y and z (7 3 3)')
+    parser.add_argument(
+        '--kind', choices=('orthogonal', 'bias'), default='orthogonal',
+        help='the weave (%(default)s)')
+    parser.add_argument(
+        '--angle', type=float, default=0.25, metavar='RAD',
+        help='connector angle [rad]: less is a closer fabric (%(default)s)')
+    parser.add_argument(
+        '--stiffness', type=float, default=500.0, metavar='K',
+        help='of the connectors [N/m] (%(default)g)')
+    parser.add_argument(
+        '--damping', type=float, default=0.02, metavar='C',
+        help='of the connectors [N s/m] (%(default)g)')
+    parser.add_argument(
+        '--held', choices=(*_HELD, 'none'), default='side',
+        help='the layer that is held in place (%(default)s)')
+    parser.add_argument('--floor', type=float, metavar='Z', help='a floor at this height [m]')
+    parser.add_argument('--no-gravity', action='store_true', help='no weight')
+    parser.add_argument(
+        '--duration', type=float, default=2.0, metavar='S',
+        help='simulated time [s] of `icofabric run` and films (%(default)g)')
+
+
+def main(arguments: argparse.Namespace) -> int:
+    """Write the scene, once it is known to be one."""
+    from icofabric_sim.parameters.file import load_parameter_file
+    from icofabric_sim.parameters.validation import make_parameters
+    from icofabric_sim.scene.scene import Scene
+
+    path = Path(arguments.file).expanduser()
+    if path.suffix not in ('.yaml', '.yml'):
+        raise InputError(f'{path}: give a file that ends in .yaml')
+    if path.exists():
+        raise InputError(f'{path} exists and is never overwritten; choose another name')
+    require_place('FILE', path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    part = path.with_name(f'.{path.name}.part')
+    try:
+        part.write_text(scene_text(arguments, path.name), 'utf-8')
+        with bad_input():
+            scene = Scene.from_parameters(make_parameters(load_parameter_file(part)))
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)
+    print(f'{path}: {scene.body_count:,} bodies, {scene.connector_count:,} connectors')
+    print(f'next: icofabric info {path}, or icofabric film {path} film.gif')
+    return 0
+
+
+def scene_text(arguments: argparse.Namespace, name: str) -> str:
+    """The text of a scene file with comments."""
+    held = arguments.held
+    down = 0.0 if arguments.no_gravity else -9.81
+    lines = [
+        f'# {name}: made by icofabric new. All parameters: docs/parameters.md. SI units, radians.',
+        '/**:',
+        '  ros__parameters:',
+        '    weave:',
+        f'      kind: {arguments.kind}',
+        f'      size: [{", ".join(map(str, arguments.size))}]  # grid positions; every other one '
+        'bears a shell',
+        f'      connector_angle: {arguments.angle!r}  # [rad]; up to pi/4: longer connectors, '
+        'looser fabric',
+        '    connector:',
+        f'      stiffness: {arguments.stiffness!r}  # [N/m]',
+        f'      damping: {arguments.damping!r}  # [N s/m]; 0: energy is kept',
+        f'    gravity: [0.0, 0.0, {down!r}]  # [m/s^2]',
+        f'    duration: {arguments.duration!r}  # [s]; a node stops there, 0: never',
+    ]
+    if arguments.floor is not None:
+        lines += [
+            '    planes:', '      floor:',
+            '        normal: [0.0, 0.0, 1.0]  # towards the free side',
+            f'        offset: {arguments.floor!r}  # [m]; contact.* says how hard it is']
+    lines += ['    groups:  # selectors: x_min, z_max, level 3, row 0, ids 0 5 7, ...']
+    if held != 'none':
+        lines.append(f'      held: {_HELD[held]}')
+    lines.append(f'      free: {_FREE[held]}')
+    if held != 'none':
+        lines += ['    supports:', '      hold:', '        group: held',
+                  '        fix: all  # or some of: tx ty tz rotation']
+    lines += [
+        '    loads:', '      push:  # pushed by messages on ~/loads/push, or here:',
+        '        group: free', '        share: total  # among the bodies of the group',
+        '        force: [0.0, 0.0, 0.0]  # [N]']
+    return '\n'.join(lines) + '\n'

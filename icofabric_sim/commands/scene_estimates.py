@@ -1,0 +1,127 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""What a scene says of itself before anything is compiled: room, contact, period, cost."""
+
+import math
+
+from icofabric_sim.geometry.icosahedron import circumscribed_radius
+from icofabric_sim.scene.scene import Scene
+from icofabric_sim.scene.shell_gaps import smallest_gap
+from icofabric_sim.scene.summary import Row, vector
+from icofabric_sim.simulation.contact.setup import pack_contact
+import numpy as np
+
+# Steps of the leapfrog in a period of the fastest vibration at solver.tolerance 1e-6 or so, and
+# ns for each body and step on one thread (docs/performance.md); contact and fields add to it.
+_STEPS_A_PERIOD, _NANOSECONDS = 60.0, 20.0
+# Edges of more [m] look like millimetres.
+_LARGE_EDGE = 0.5
+# Numbers of a group that are listed.
+_LISTED = 8
+
+
+def estimate_rows(scene: Scene) -> list[Row]:
+    """Bounding box, smallest gap, members of groups, contact, fastest period, expected cost."""
+    rows = [('box', _box(scene)), ('gap', _gap(scene))]
+    rows += [(f'group {name}', members(bodies)) for name, bodies in scene.groups.items()]
+    rows.append(('contact', _contact(scene)))
+    frequency = frequency_bound(scene)
+    if frequency > 0.0:
+        period = 2.0 * math.pi / frequency
+        rows.append((
+            'period', f'the fastest vibration of connectors takes {period:.3g} s or more'))
+        steps = _STEPS_A_PERIOD / period
+        cost = 1e-9 * _NANOSECONDS * steps * scene.body_count
+        rows.append((
+            'cost', f'of the order of {cost:.1g} s of computing for each simulated second, on one '
+            'thread and without contact'))
+    rows += hints(scene)
+    return rows
+
+
+def _box(scene: Scene) -> str:
+    radius = circumscribed_radius(scene.shell.half_edge)
+    low, high = scene.position.min(axis=0) - radius, scene.position.max(axis=0) + radius
+    return f'{vector(low, "m")} to {vector(high, "m")}, around the shells'
+
+
+def _gap(scene: Scene) -> str:
+    found = smallest_gap(scene.shell.half_edge, scene.initial.position, scene.initial.orientation)
+    if found is None:
+        return 'there is one shell'
+    gap, (one, other) = found
+    if gap < 0.0:
+        return f'none: shells {one} and {other} overlap by {-gap:.3g} m at the start'
+    return f'{gap:.6g} m or more between shells, least between {one} and {other}'
+
+
+def members(bodies: np.ndarray) -> str:
+    """Numbers of bodies, as ranges."""
+    parts = np.split(bodies, np.flatnonzero(np.diff(bodies) > 1) + 1)
+    said = [f'{part[0]}' if len(part) == 1 else f'{part[0]} to {part[-1]}' for part in parts]
+    more = f', ... ({len(bodies):,} bodies)' if len(said) > _LISTED else ''
+    return ', '.join(said[:_LISTED]) + more
+
+
+def _contact(scene: Scene) -> str:
+    setup = pack_contact(scene, np.array(scene.parameters['gravity']))
+    mode = scene.parameters['contact.mode']
+    if setup is None:
+        return f'{mode}: never computed'
+    own = '' if scene.parameters['contact.stiffness'] else ", the scene's own"
+    text = (f'{mode}: stiffness {setup.stiffness:.4g} N/m{own}, damping {setup.damping:g} s/m, '
+            f'friction {setup.friction:g}')
+    if setup.names:
+        text += f', planes {", ".join(setup.names)}'
+    return f'{text}; {setup.expected}' if setup.expected else text
+
+
+def frequency_bound(scene: Scene) -> float:
+    """
+    Angular frequency [rad/s] that no vibration of straight, unstrained connectors exceeds.
+
+    (g1.x1 + g2.x2)^2 <= 2 (g1.x1)^2 + 2 (g2.x2)^2 for each of them; g^2 <= 1/m + r^2/I.
+    """
+    if not scene.connector_count:
+        return 0.0
+    laws, tables = scene.connectors.laws, scene.connectors.tables
+    stiffness = np.broadcast_to(
+        np.maximum(laws.extension, laws.compression), (scene.connector_count,)).copy()
+    for number, table in enumerate(tables.tables):
+        stiffness[tables.of == number] = table.largest_slope
+    arm = np.linalg.norm(scene.connectors.attachment, axis=1).max()
+    compliance = 1.0 / scene.shell.mass + arm**2 / scene.shell.inertia
+    each = np.zeros(scene.body_count)
+    for side in scene.connectors.bodies.T:
+        np.add.at(each, side, stiffness)
+    return float(np.sqrt(2.0 * compliance * each.max()))
+
+
+def hints(scene: Scene) -> list[Row]:
+    """What may be meant in other units."""
+    found: list[Row] = []
+    edge = scene.shell.edge_length
+    if edge >= _LARGE_EDGE:
+        found.append(('hint', f'shell.edge_length is {edge:g} m; lengths are in m: did you mean '
+                              f'{edge / 1000:g}?'))
+    for name in scene.parameters.names('initial'):
+        turn = float(np.linalg.norm(scene.parameters[f'initial.{name}.rotation']))
+        if turn > 2.0 * math.pi:
+            found.append((
+                'hint', f'initial.{name}.rotation is a turn by {turn:g} rad; angles are in rad: '
+                f'did you mean degrees, {math.radians(turn):.4g} rad?'))
+    gravity = float(np.linalg.norm(scene.parameters['gravity']))
+    if gravity > 1000.0:
+        found.append(('hint', f'gravity is {gravity:g} m/s^2; did you mean {gravity / 1000:g}?'))
+    return found

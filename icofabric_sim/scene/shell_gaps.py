@@ -1,0 +1,121 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+How far shells are apart, by the separating axes of both: normals of faces and products of edges.
+
+Plain arrays: nothing is compiled for it. Where shells overlap this is their depth, the least shift
+that parts them; where they are apart it is at most their distance.
+"""
+
+from typing import NamedTuple
+
+from icofabric_sim.geometry.icosahedron import circumscribed_radius, EDGES, FACES, vertices
+from icofabric_sim.geometry.rotations import cosines_from_quaternions
+import numpy as np
+from scipy.spatial import cKDTree
+
+# Pairs that are looked at together; each has 245 axes.
+_BLOCK = 2000
+
+
+class Contacts(NamedTuple):
+    """Pairs of shells that overlap."""
+
+    bodies: np.ndarray  # (m, 2)
+    depth: np.ndarray  # (m,) [m] the least shift that parts them
+    point: np.ndarray  # (m, 3) [m] between them
+
+
+def find_contacts(half_edge: float, position: np.ndarray, orientation: np.ndarray) -> Contacts:
+    """Overlapping shells of one state, in the order of their numbers."""
+    reach = 2.0 * circumscribed_radius(half_edge)
+    pairs = cKDTree(position).query_pairs(reach, output_type='ndarray').reshape(-1, 2)
+    pairs = pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
+    gap = pair_gaps(half_edge, position, orientation, pairs)
+    touching = gap < 0.0
+    return Contacts(
+        pairs[touching], -gap[touching],
+        0.5 * (position[pairs[touching, 0]] + position[pairs[touching, 1]]))
+
+
+def smallest_gap(
+    half_edge: float, position: np.ndarray, orientation: np.ndarray
+) -> tuple[float, tuple[int, int]] | None:
+    """Least gap [m] between any two shells (negative: overlap) and their numbers; None of one."""
+    if len(position) < 2:
+        return None
+    tree = cKDTree(position)
+    nearest = float(tree.query(position, k=2)[0][:, 1].min())
+    # Farther centres than these cannot be of nearer shells: their radii differ by so much.
+    margin = 2.0 * circumscribed_radius(half_edge) * (1.0 - _ROUNDNESS)
+    pairs = tree.query_pairs(nearest + margin, output_type='ndarray').reshape(-1, 2)
+    pairs = pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
+    gap = pair_gaps(half_edge, position, orientation, pairs)
+    least = int(np.argmin(gap))
+    return float(gap[least]), (int(pairs[least, 0]), int(pairs[least, 1]))
+
+
+def pair_gaps(
+    half_edge: float, position: np.ndarray, orientation: np.ndarray, pairs: np.ndarray
+) -> np.ndarray:
+    """Gaps [m] of pairs (m, 2) of shells, (m,); negative: the depth of their overlap."""
+    return np.concatenate([np.zeros(0)] + [
+        _gaps(half_edge, position, orientation, pairs[start:start + _BLOCK])
+        for start in range(0, len(pairs), _BLOCK)])
+
+
+def _gaps(
+    half_edge: float, position: np.ndarray, orientation: np.ndarray, pairs: np.ndarray
+) -> np.ndarray:
+    between = position[pairs[:, 1]] - position[pairs[:, 0]]
+    cosines = [cosines_from_quaternions(orientation[side]) for side in pairs.T]
+    # The shells are symmetric about their centres: half of all directions will do.
+    first, second = (np.einsum('ka,nai->nki', half_edge * _HALF, turn) for turn in cosines)
+    axes = [np.einsum('ka,nai->nki', _NORMALS, turn) for turn in cosines]
+    one, other = (np.einsum('ka,nai->nki', _EDGES, turn) for turn in cosines)
+    cross = np.cross(one[:, :, None], other[:, None]).reshape(len(pairs), -1, 3)
+    size = np.linalg.norm(cross, axis=2, keepdims=True)
+    axes.append(np.divide(cross, size, out=np.zeros_like(cross), where=size > 1e-6))
+    gap = np.full(len(pairs), -np.inf)
+    for directions in axes:
+        apart = np.abs(np.einsum('nki,ni->nk', directions, between))
+        for points in (first, second):
+            apart -= np.abs(np.einsum('nki,nvi->nkv', directions, points)).max(axis=2)
+        valid = np.einsum('nki,nki->nk', directions, directions) > 0.5
+        gap = np.maximum(gap, np.where(valid, apart, -np.inf).max(axis=1))
+    return gap
+
+
+def _one_of_each(directions: np.ndarray) -> np.ndarray:
+    """One of each pair of opposite directions."""
+    kept: list[np.ndarray] = []
+    for direction in directions:
+        if all(np.abs(np.dot(direction, other)) < (1.0 - 1e-9) * np.dot(other, other)
+               for other in kept):
+            kept.append(direction)
+    return np.array(kept)
+
+
+def _unit(directions: np.ndarray) -> np.ndarray:
+    return np.asarray(directions / np.linalg.norm(directions, axis=1, keepdims=True))
+
+
+_CORNERS = vertices(1.0)
+_HALF = _one_of_each(_CORNERS)  # (6, 3)
+_NORMALS = _one_of_each(_unit(np.cross(
+    _CORNERS[FACES[:, 1]] - _CORNERS[FACES[:, 0]],
+    _CORNERS[FACES[:, 2]] - _CORNERS[FACES[:, 0]])))  # (10, 3)
+_EDGES = _one_of_each(_unit(_CORNERS[EDGES[:, 1]] - _CORNERS[EDGES[:, 0]]))  # (15, 3)
+# Inscribed over circumscribed radius.
+_ROUNDNESS = float(np.abs(_NORMALS @ _CORNERS[0]).max() / np.linalg.norm(_CORNERS[0]))
