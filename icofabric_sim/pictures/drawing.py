@@ -44,7 +44,7 @@ from icofabric_sim.pictures.fabric_polygons import (
 from icofabric_sim.pictures.light import Lighting
 from icofabric_sim.pictures.measures import connector_ends, Scale
 from icofabric_sim.pictures.moment import Moment
-from icofabric_sim.pictures.scenery import Ground, grounds, place_plate, plates
+from icofabric_sim.pictures.scenery import Ground, grounds, moved_plate, place_plate, plates
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.scene.shell_gaps import find_contacts
 import numpy as np
@@ -94,8 +94,10 @@ class Framing:
         kept = places[near_ones(places, _reach(scene.position))]
         if not len(kept):
             return
-        if self.bodies is None and scene.anchors:
-            kept = np.concatenate([kept, anchor_points(moment)])
+        if self.bodies is None:
+            kept = np.concatenate([
+                kept, *([anchor_points(moment)] if scene.anchors else ()),
+                *(moved_plate(plate, moment)[0] for plate in plates(scene))])
         kept = kept - self.target_of(moment)
         self._points.append(kept[np.unique(np.argmax(kept @ _DIRECTIONS.T, axis=0))])
         self.radius = max(self.radius, 1.15 * circumscribed_radius(scene.shell.half_edge))
@@ -287,8 +289,8 @@ class Renderer:
         labels = [self._arrow(draw, moment, push, camera, fine) for push in moment.pushes]
         image = canvas.reduce(smooth)
         draw = ImageDraw.Draw(image)
-        for spot, text in labels:
-            draw.text(spot, text, fill=_FORCE_COLOR, font=_font(self._text), anchor='mm',
+        for spot, text, anchor in labels:
+            draw.text(spot, text, fill=_FORCE_COLOR, font=_font(self._text), anchor=anchor,
                       stroke_width=max(self._text // 6, 1), stroke_fill=(255, 255, 255))
         return image
 
@@ -331,8 +333,8 @@ class Renderer:
 
     def _arrow(
         self, draw: Any, moment: Moment, push: Any, camera: Camera, area: Area
-    ) -> tuple[tuple[float, float], str]:
-        """Draw a force; returns where its label stands [pixels of the picture], and the label."""
+    ) -> tuple[tuple[float, float], str, str]:
+        """Draw a force; returns where its label stands [pixels], the label, and its anchor."""
         edge = moment.scene.shell.edge_length
         size = float(np.linalg.norm(push.force))
         along = push.force / size
@@ -358,9 +360,11 @@ class Renderer:
                 neck - (breadth + extra) * side,
                 ends[0] - extra * unit - (breadth + extra) * side])
             draw.polygon(_flat(outline), fill=color)
-        place = (ends[0] - 1.1 * self._text * self._smooth * unit if not outward
-                 else ends[1] + 1.1 * self._text * self._smooth * unit) / self._smooth
-        return (float(place[0]), float(place[1])), f'{push.name} {size:.3g} N'
+        away = unit if outward else -unit
+        place = (ends[1 if outward else 0] / self._smooth) + 0.7 * self._text * away
+        anchor = ('lm' if away[0] > 0.0 else 'rm') if abs(away[0]) > 0.5 else (
+            'mt' if away[1] > 0.0 else 'mb')
+        return (float(place[0]), float(place[1])), f'{push.name} {size:.3g} N', anchor
 
     def _note_legend(self, moment: Moment) -> None:
         """Note what a moment shows that a legend must explain."""

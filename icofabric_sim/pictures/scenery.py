@@ -167,14 +167,20 @@ class PlacedPlate(NamedTuple):
 _FACES = ((0, 1, 2, 3), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7))
 
 
-def place_plate(plate: Plate, moment: Moment, camera: Camera) -> PlacedPlate:
-    """The plate where its bodies are: they move as one rigid body."""
+def moved_plate(plate: Plate, moment: Moment) -> tuple[np.ndarray, np.ndarray]:
+    """Corners (8, 3) [m] and normal (3,) of a plate: it moves with its bodies as one of them."""
     scene, first = moment.scene, plate.bodies[0]
     # From rest to now, of the first body.
     rest, now = (cosines_from_quaternions(turns[first:first + 1])[0]
                  for turns in (scene.orientation, moment.orientation))
     turn = rest.T @ now
     corners = moment.position[first] + (plate.corners - scene.position[first]) @ turn
+    return corners, plate.normal @ turn
+
+
+def place_plate(plate: Plate, moment: Moment, camera: Camera) -> PlacedPlate:
+    """The plate where its bodies are."""
+    corners, towards = moved_plate(plate, moment)
     middle = corners.mean(axis=0)
     faces, normals = [], []
     for numbers in _FACES:
@@ -186,5 +192,5 @@ def place_plate(plate: Plate, moment: Moment, camera: Camera) -> PlacedPlate:
         if normal @ (camera.eye - face[0]) > 0.0:
             faces.append(face)
             normals.append(normal)
-    inner = float((camera.eye - corners[0]) @ (plate.normal @ turn))
+    inner = float((camera.eye - corners[0]) @ towards)
     return PlacedPlate(np.array(faces).reshape(-1, 4, 3), np.array(normals), inner < 0.0)

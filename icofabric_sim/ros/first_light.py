@@ -216,7 +216,8 @@ def _fresh_folder(parent: Path, name: str) -> Path:
 def _what_next(bag: Path) -> str:
     return f"""What next
   .venv/bin/icofabric info {bag}
-  .venv/bin/icofabric render {bag} --frames 40 --output {bag.parent / 'frames'}
+  .venv/bin/icofabric film {bag} {bag.parent / 'film.gif'}
+  .venv/bin/icofabric plot {bag} energy
   .venv/bin/icofabric run free_slab --duration 2
   .venv/bin/fabric_node --ros-args --params-file config/bias_column.yaml
       a node to drive from your own code: wrenches on /icofabric/loads/head, poses on

@@ -11,41 +11,56 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""The pictures of runs in the documents have the colours that their legends explain."""
+"""The gallery has every ready scene, in pictures of the size and colours that its commands say."""
 
 from pathlib import Path
 import re
+import shlex
 
-from icofabric_sim.messages.markers import STRAIN_CLASSES
+from icofabric_sim.parameters.ready_scenes import ready_scenes
 from icofabric_sim.pictures.fabric_polygons import FREE_COLOR
+from icofabric_sim.pictures.measures import QUANTITIES, Scale
+from matplotlib.image import imread
 import numpy as np
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-SHEET = re.compile(r'!\[\w+: six moments[^\]]*\]\(([\w/]+\.png)\)')
-SHEETS = sorted({
-    path.parent / name for path in (ROOT / 'README.md', *(ROOT / 'docs').glob('*.md'))
-    for name in SHEET.findall(path.read_text('utf-8'))})
+GALLERY = (ROOT / 'docs' / 'gallery.md').read_text('utf-8')
+LARGEST = 150_000  # [bytes]
 
 
-def pixels(path: Path) -> np.ndarray:
-    """Colours (n, 3) of all pixels, 0 to 255."""
-    from matplotlib.image import imread
-    picture = np.asarray(imread(path))
-    assert picture.ndim == 3, f'{path.name} has no colours'
-    return np.rint(255.0 * picture[..., :3]).reshape(-1, 3)
+def section(name: str) -> str:
+    found = re.search(rf'^## {name}\n(.*?)(?=^## |\Z)', GALLERY, re.MULTILINE | re.DOTALL)
+    assert found, f'docs/gallery.md does not show {name}'
+    return found[1]
 
 
-@pytest.mark.parametrize('path', SHEETS, ids=lambda path: path.stem)
-def test_the_colours_of_the_legend_are_in_the_picture(path):
-    found = pixels(path)
-    for entry in STRAIN_CLASSES:
-        near = np.abs(found - np.rint(255.0 * np.array(entry.color[:3]))).max(axis=1) <= 1.0
-        # The line in the legend is longer than that.
-        assert near.sum() > 20, f'{path.name} does not show {entry.name}'
-    assert (np.abs(found - 255.0 * FREE_COLOR[:3]).max(axis=1) <= 1.0).any()
+@pytest.mark.parametrize('name', ready_scenes())
+def test_every_ready_scene_is_in_the_gallery(name: str) -> None:
+    text = section(name)
+    picture, = re.findall(r'!\[[^\]]+\]\(([\w/]+\.png)\)', text)
+    path = ROOT / 'docs' / picture
+    run, render, film = (shlex.split(line) for line in text.splitlines()
+                         if line.startswith('    '))
+    # The commands are about this scene, and the picture is where they put it.
+    assert run[1:3] == ['run', name] and film[1:3] == ['film', name]
+    assert (ROOT / render[render.index('--sheet') + 1]) == path
+    assert render[render.index('--times') + 1] == run[run.index('--duration') + 1]
+    assert float(film[film.index('--duration') + 1]) == 10.0
+    # What to notice.
+    assert len(re.sub(r'!.*|    .*', '', text).split()) > 15
+    assert path.stat().st_size < LARGEST
+    seen = imread(path)
+    assert f'{seen.shape[1]}x{seen.shape[0]}' == render[render.index('--size') + 1]
+    # Shells, and the ends of the scale of colours, which stands in the lower right corner.
+    pixels = np.rint(255.0 * seen[:, :, :3]).reshape(-1, 3)
+    free = np.rint(255.0 * FREE_COLOR)
+    assert (np.abs(pixels - free).max(axis=1) <= 2.0).sum() > 20
+    corner = np.rint(255.0 * seen[-70:, -230:, :3]).reshape(-1, 3)
+    for color in Scale(QUANTITIES['strain'], 1.0).colors(np.array([-1.0, 0.0, 1.0])):
+        assert (np.abs(corner - np.rint(255.0 * color)).max(axis=1) <= 6.0).sum() >= 3
 
 
-def test_the_pictures_are_found():
-    assert {'hanging_slab', 'torn_slab', 'woven_ball'} <= {path.stem for path in SHEETS}
-    assert len(SHEETS) >= 14
+def test_the_gallery_shows_nothing_else() -> None:
+    shown = {path.stem for path in (ROOT / 'docs' / 'gallery').iterdir()}
+    assert shown == set(ready_scenes()) == set(re.findall(r'^## (\w+)$', GALLERY, re.MULTILINE))
