@@ -84,15 +84,16 @@ def camera_view(numbers: list[float] | None) -> 'View | None':
     said = ' '.join(f'{number:g}' for number in numbers)
     if len(numbers) not in (2, 3):
         raise InputError(
-            f'--camera takes an azimuth and an elevation in degrees, and if need be a distance in '
-            f'm, got {said}')
+            '--camera (--view) takes an azimuth and an elevation in degrees, and if need be a '
+            f'distance in m, got {said}')
     azimuth, elevation = numbers[:2]
     distance = numbers[2] if len(numbers) == 3 else 0.0
     if not (math.isfinite(azimuth) and abs(elevation) <= 90.0):
         raise InputError(
-            f'--camera takes an azimuth and an elevation from -90 to 90 degrees, got {said}')
+            '--camera (--view) takes an azimuth and an elevation from -90 to 90 degrees, got '
+            f'{said}')
     if len(numbers) == 3 and not 0.0 < distance < math.inf:
-        raise InputError(f'--camera takes a distance above 0 m, got {said}')
+        raise InputError(f'--camera (--view) takes a distance above 0 m, got {said}')
     from icofabric_sim.pictures.camera import View
     return View(math.radians(azimuth), math.radians(elevation), distance)
 
