@@ -20,10 +20,13 @@ Says how the ratios are spread, for each method and in all, and names the worst.
 kernels compiled once, which takes up to a few minutes.
 
     .venv/bin/python benchmarks/error_estimate.py [--scenes 17] [--kinds free damped]
+    .venv/bin/python benchmarks/error_estimate.py --kinds kinked --methods auto srkn4 --periods 25
 """
 
 import argparse
+from collections.abc import Sequence
 import logging
+import math
 import sys
 
 import icofabric_sim as ico
@@ -35,16 +38,20 @@ import numpy as np
 _FACTOR = 3.0
 
 
-def judge_kind(kind: str, count: int) -> list[Judged]:
-    """All runs of so many scenes of a kind."""
-    found = []
+def judge_kind(
+    kind: str, count: int, methods: Sequence[str], longest: float
+) -> list[tuple[Judged, float]]:
+    """All runs of so many scenes of a kind, of so many periods at `longest`, and tolerances."""
+    found: list[tuple[Judged, float]] = []
     for seed in range(count):
         changes, periods, generator = draw_scene(kind, seed)
         print(f'{kind}: scene {seed + 1} of {count}', file=sys.stderr, flush=True)
-        for method in ('dop8',) if kind == 'damped' else ico.METHODS:
+        periods = min(periods, longest)
+        for method in ('dop8',) if kind == 'damped' else methods:
             for given in (0.0, float(generator.uniform(0.2, 0.8))):
                 try:
-                    found.append(judge(changes, method, given, periods, kind=kind, seed=seed))
+                    judged = judge(changes, method, given, periods, kind=kind, seed=seed)
+                    found.append((judged, float(str(changes['solver.tolerance']))))
                 except ValueError as error:
                     # A step below the limit at the start may be beyond it with what may touch;
                     # and some runs would take hours.
@@ -70,17 +77,23 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.split('\n\n')[0])
     parser.add_argument('--scenes', type=int, default=17, help='scenes of each kind (17)')
     parser.add_argument('--kinds', nargs='+', choices=KINDS, default=KINDS)
+    parser.add_argument(
+        '--methods', nargs='+', choices=('auto', *ico.METHODS), default=tuple(ico.METHODS),
+        help='all but auto; where scenes are damped dop8 alone')
+    parser.add_argument(
+        '--periods', type=float, default=math.inf, help='shortest periods of a run, at most')
     arguments = parser.parse_args()
     logging.disable(logging.WARNING)
     print('\n'.join(describe_machine(())))
-    found: list[Judged] = []
+    runs: list[tuple[Judged, float]] = []
     for kind in arguments.kinds:
-        found += judge_kind(kind, arguments.scenes)
+        runs += judge_kind(kind, arguments.scenes, arguments.methods, arguments.periods)
+    found = [judged for judged, _ in runs]
     told = [judged for judged in found if judged.tells]
     print(
         f'{len({(judged.kind, judged.seed) for judged in told})} scenes, {len(told)} runs; '
         f'{len(found) - len(told)} more err by less than rounding and the reference')
-    for method in ico.METHODS:
+    for method in arguments.methods:
         for word, given in (('chosen', False), ('given', True)):
             print(describe(f'{method}, step {word}', [
                 judged for judged in told
@@ -95,6 +108,11 @@ def main() -> int:
             f'  {judged.kind} {judged.seed}, {judged.method} at {judged.given:.2f} for '
             f'{judged.periods:.1f} periods: {judged.ratio:.3g} of {judged.added[-1]:.2g}'
             + (f', ended: {judged.ended}' if judged.ended else ''))
+    kept = [
+        float(judged.added[-1]) / (tolerance * float(judged.times[-1]))
+        for judged, tolerance in runs if judged.tells and not judged.given > 0.0]
+    if kept:
+        print(f'chosen steps added up to {max(kept):.3g} of what the tolerance allows')
     print(f'estimates that fell with time: {len(falling)}')
     outside = [judged for judged in told if not 1.0 / _FACTOR < judged.ratio < _FACTOR]
     return 1 if falling or outside else 0

@@ -54,7 +54,9 @@ _METHODS = """
 
 What `solver.method` can be, from `icofabric_sim.METHODS`. `auto` picks one of these for each scene
 ([accuracy.md](accuracy.md)), and `icofabric info` says which and why. *Evaluations* of all forces
-for each step; *stable*: the longest stable step times the largest frequency of the fabric.
+for each step; *stable*: the longest stable step times the largest frequency of the fabric. Where a
+connector with two stiffnesses crosses its natural length, `srkn4` and `srkn6` are of order 4 and
+not symplectic in that step, the other splittings of order 2.
 
 | method | order | symplectic | evaluations | stable | source |
 |---|---|---|---|---|---|

@@ -20,7 +20,7 @@ scattered, so bodies are computed side by side and in any order, by any number o
 """
 
 from icofabric_sim.kernels.law_tables import tabled_factor
-from icofabric_sim.kernels.records import Links, Variety
+from icofabric_sim.kernels.records import Kinks, Links, Variety
 from icofabric_sim.kernels.runtime.compiled import compiled, inlined
 from icofabric_sim.kernels.runtime.lanes import (
     bits,
@@ -44,34 +44,37 @@ Six = tuple[Vector, Vector, Vector, Vector, Vector, Vector]
 
 @inlined
 def add_connectors(
-    links: Links | None, points: np.ndarray, position: np.ndarray, block: int, s: int
+    links: Links | None, kinks: Kinks | None, part: float, points: np.ndarray,
+    position: np.ndarray, block: int, s: int
 ) -> Six:
     """
     Force [N] and torque about the centre [N m] on the block at slot `s`, world frame.
 
-    `points` holds the attachment points of all bodies.
+    `points` holds the attachment points of all bodies. With `kinks` at a `part` of a step in which
+    each connector keeps its slope.
     """
     if links is None:
         zero = splat(0.0)
         return zero, zero, zero, zero, zero, zero
-    return pulls(links.attachment, links, points, position, block, s)
+    return pulls(links.attachment, links, kinks, part, points, position, block, s)
 
 
 @inlined
 def pulls(
-    attachment: np.ndarray | None, links: Links, points: np.ndarray, position: np.ndarray,
-    block: int, s: int
+    attachment: np.ndarray | None, links: Links, kinks: Kinks | None, part: float,
+    points: np.ndarray, position: np.ndarray, block: int, s: int
 ) -> Six:
     """The same for connectors that attach on the body axes, or anywhere."""
     if attachment is None:
-        return pulls_on_axes(links, points, position.shape[1], block, s)
+        return pulls_on_axes(links, kinks, part, points, position.shape[1], block, s)
     else:
-        return pulls_anywhere(links, points, position, block, s)
+        return pulls_anywhere(links, kinks, part, points, position, block, s)
 
 
 @compiled
 def pulls_anywhere(
-    links: Links, points: np.ndarray, position: np.ndarray, block: int, s: int
+    links: Links, kinks: Kinks | None, part: float, points: np.ndarray, position: np.ndarray,
+    block: int, s: int
 ) -> Six:
     """The same for any attachment points."""
     zero, stride = splat(0.0), position.shape[1]
@@ -84,7 +87,8 @@ def pulls_anywhere(
         px, py = load_at(points, at), load_at(points, at + stride)
         pz = load_at(points, at + 2 * stride)
         ax, ay, az = edge_pull(
-            links, points, stride, block, s, 2 * edge, stiffness, minus_rest, px, py, pz)
+            links, kinks, part, points, stride, block, s, 2 * edge, stiffness, minus_rest,
+            px, py, pz)
         fx, fy, fz = fx + ax, fy + ay, fz + az
         sx, sy, sz = px - x, py - y, pz - z
         tx = fma(sy, az, tx - sz * ay)
@@ -95,7 +99,8 @@ def pulls_anywhere(
 
 @inlined
 def pulls_on_axes(
-    links: Links, points: np.ndarray, stride: int, block: int, s: int
+    links: Links, kinks: Kinks | None, part: float, points: np.ndarray, stride: int, block: int,
+    s: int
 ) -> Six:
     """The same for points on the body axes, as far out on either side; `stride` slots each row."""
     zero = splat(0.0)
@@ -108,9 +113,11 @@ def pulls_on_axes(
         pz, mx = load_at(points, at + 2 * stride), load_at(points, at + 3 * stride)
         my, mz = load_at(points, at + 4 * stride), load_at(points, at + 5 * stride)
         ax, ay, az = edge_pull(
-            links, points, stride, block, s, 4 * pair, stiffness, minus_rest, px, py, pz)
+            links, kinks, part, points, stride, block, s, 4 * pair, stiffness, minus_rest,
+            px, py, pz)
         bx, by, bz = edge_pull(
-            links, points, stride, block, s, 4 * pair + 2, stiffness, minus_rest, mx, my, mz)
+            links, kinks, part, points, stride, block, s, 4 * pair + 2, stiffness, minus_rest,
+            mx, my, mz)
         fx, fy, fz = fx + (ax + bx), fy + (ay + by), fz + (az + bz)
         # Both arms lie on one axis of the body: arm x (pull at the first - pull at the second),
         # with twice the arm here.
@@ -145,8 +152,9 @@ def arm_of(
 
 @inlined
 def edge_pull(
-    links: Links, points: np.ndarray, stride: int, block: int, s: int, first_link: int,
-    stiffness: Vector, minus_rest: Vector, px: Vector, py: Vector, pz: Vector
+    links: Links, kinks: Kinks | None, part: float, points: np.ndarray, stride: int, block: int,
+    s: int, first_link: int, stiffness: Vector, minus_rest: Vector, px: Vector, py: Vector,
+    pz: Vector
 ) -> tuple[Vector, Vector, Vector]:
     """Pull [N] of the two connectors at one edge, whose points are p."""
     zero = splat(0.0)
@@ -157,11 +165,40 @@ def edge_pull(
         uy = load_at(points, place + stride) - py
         uz = load_at(points, place + 2 * stride) - pz
         square = maximum(fma(ux, ux, fma(uy, uy, uz * uz)), splat(_SMALLEST))
-        factor = pull_factor(links.variety, link, s, square, stiffness, minus_rest)
+        factor = step_factor(
+            kinks, part, links.variety, block, link, s, square, stiffness, minus_rest)
         factor = tabled_factor(links.tables, link, s, square, factor)
         factor = where(bits(links.present[block, link]), factor, zero)
         fx, fy, fz = fma(factor, ux, fx), fma(factor, uy, fy), fma(factor, uz, fz)
     return fx, fy, fz
+
+
+@inlined
+def step_factor(
+    kinks: Kinks | None, part: float, variety: Variety | None, block: int, link: int, s: int,
+    square: Vector, stiffness: Vector, minus_rest: Vector
+) -> Vector:
+    """
+    Tension over length [N/m]; with `kinks` that of the side on which the step began.
+
+    And of what crossings add to it at the `part` of the step, see kernels/kinks.py.
+    """
+    if kinks is None:
+        return pull_factor(variety, link, s, square, stiffness, minus_rest)
+    else:
+        slope, rest = load(kinks.slope, link, s), load(kinks.natural_length, link, s)
+        tension = splat(0.0) - slope * rest
+        if kinks.active[block, link] != 0:
+            tension = tension + crossing_force(kinks, link, s, part)
+        return fma(tension, rsqrt(square), slope)
+
+
+@inlined
+def crossing_force(kinks: Kinks, link: int, s: int, part: float) -> Vector:
+    """Tension [N] that crossings add at the `part` of the step."""
+    x = splat(part)
+    value = fma(x, load(kinks.forces, 36 + link, s), load(kinks.forces, 24 + link, s))
+    return fma(x, fma(x, value, load(kinks.forces, 12 + link, s)), load(kinks.forces, link, s))
 
 
 @compiled

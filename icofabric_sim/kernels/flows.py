@@ -27,7 +27,7 @@ from icofabric_sim.kernels.drives import is_wrench, place_row, resist
 from icofabric_sim.kernels.fields import add_coulomb, add_dipole
 from icofabric_sim.kernels.loads import kick_load, work_load
 from icofabric_sim.kernels.moments import add_bending, add_twisting
-from icofabric_sim.kernels.records import Links, Loads, Model, State, Supports, Work
+from icofabric_sim.kernels.records import Kinks, Links, Loads, Model, State, Supports, Work
 from icofabric_sim.kernels.rotations import place_anywhere, place_points, rotate
 from icofabric_sim.kernels.runtime.compiled import compiled, inlined
 from icofabric_sim.kernels.runtime.lanes import bits, fma, load, splat, store, where
@@ -97,19 +97,20 @@ def place_all(model: Model, state: State, work: Work, first: int, last: int) -> 
 
 @compiled
 def push(
-    model: Model, loads: Loads | None, state: State, work: Work, time: float, h: float,
-    again: float, keep: bool, order: np.ndarray, first: int, last: int
+    model: Model, loads: Loads | None, state: State, work: Work, kinks: Kinks | None, part: float,
+    time: float, h: float, again: float, keep: bool, order: np.ndarray, first: int, last: int
 ) -> None:
     """
     Flow of the potential energy at `time` [s] over `h`, and over `again` where that is not 0.
 
     The second is the first kick of the next step, which shares its forces. `keep` stores the
     accelerations, for a kick that comes later. For blocks order[first] to order[last - 1].
+    `kinks`, `part`: see `accelerations`.
     """
     for turn in range(first, last):
         block = np.int64(order[turn])
         s = model.blocks.slot[block]
-        a = accelerations(model, state, work.points, time, block, s)
+        a = accelerations(model, state, work.points, kinks, part, time, block, s)
         if keep:
             for k in range(3):
                 store(work.acceleration, k, s, a[k])
@@ -168,7 +169,7 @@ def keep_accelerations(
     """Store the accelerations of blocks first to last at `time` [s]; their points are in place."""
     for block in range(first, last):
         s = model.blocks.slot[block]
-        a = accelerations(model, state, work.points, time, block, s)
+        a = accelerations(model, state, work.points, None, 0.0, time, block, s)
         for k in range(3):
             store(work.acceleration, k, s, a[k])
             store(work.acceleration, k + 3, s, a[k + 3])
@@ -176,16 +177,18 @@ def keep_accelerations(
 
 @inlined
 def accelerations(
-    model: Model, state: State, points: np.ndarray, time: float, block: int, s: int
+    model: Model, state: State, points: np.ndarray, kinks: Kinks | None, part: float, time: float,
+    block: int, s: int
 ) -> Six:
     """
     Linear [m/s^2] and angular [rad/s^2] acceleration of a block at `time` [s] (eq 45).
 
     Of what follows from positions and orientations; loads apart. Velocities are not read here.
+    With `kinks` at a `part` of a step in which each connector keeps its slope (kernels/kinks.py).
 
     The gyroscopic term vanishes. Gravity is an acceleration and needs no detour over the mass.
     """
-    force = add_connectors(model.links, points, state.position, block, s)
+    force = add_connectors(model.links, kinks, part, points, state.position, block, s)
     force = add_wrapping(
         model.wrapping, model.links, state.position, state.orientation, points, block, s, force)
     force = add_bending(

@@ -393,6 +393,29 @@ class Work(Record):
     spent: Meter | None  # by forces that take energy from the motion
     given: Meter | None  # by forces from outside
     external: External | None
+    kinks: 'Kinks | None' = None  # for methods that keep their order where slopes jump
+
+
+class Kinks(Record):
+    """
+    Connectors whose slope jumps at their natural length, within one step; see kernels/kinks.py.
+
+    Nothing is kept from step to step. Rows by connectors at each body, as those of a `Variety`.
+    """
+
+    extension: np.ndarray  # (12, s) k_e [N/m]
+    compression: np.ndarray  # (12, s) k_c [N/m]
+    natural_length: np.ndarray  # (12, s) D [m]
+    slope: np.ndarray  # (12, s) [N/m] of the side on which the step began
+    # (48, s) [N] powers of the time, in parts of the step, of the tension that crossings add;
+    # after the stages (24, s) [N s] what is still to act at the end and half a step before
+    forces: np.ndarray
+    start: np.ndarray  # (36, s) [m] stretch, h times its rate, h^2 / 2 times its derivative
+    active: np.ndarray  # (b, 12) uint8: some lane has a crossing there
+    before: np.ndarray  # (6, s) velocities [m/s] and spins [rad/s] before a kick
+    rates: np.ndarray  # (18 s,) velocities [m/s] of the attachment points
+    seconds: np.ndarray  # (18 s,) accelerations [m/s^2] of these
+    found: np.ndarray  # (8 t,) whether a thread has found crossings in this step
 
 
 class Trail(Record):

@@ -86,7 +86,7 @@ def find_slopes(
         for k in range(3):
             store(slope, k, s, load(state.linear_velocity, k, s))
         turn_slopes(state.orientation, state.angular_velocity, slope, s)
-        a = accelerations(model, state, work.points, time, block, s)
+        a = accelerations(model, state, work.points, None, 0.0, time, block, s)
         for k in range(3):
             store(linear, k, s, a[k])
             store(angular, k, s, a[k + 3])

@@ -28,6 +28,7 @@ from icofabric_sim.kernels.contact.displacement import (
 from icofabric_sim.kernels.contact.forces import deepest_overlap, touch_all
 from icofabric_sim.kernels.contact.rebuild_check import judge_ways, MISSED
 from icofabric_sim.kernels.flows import drift, push, push_kept
+from icofabric_sim.kernels.integrators.kinked import kinked_steps
 from icofabric_sim.kernels.loads import keep_work
 from icofabric_sim.kernels.monitor import (
     DEEPEST_LIMIT,
@@ -43,7 +44,7 @@ from icofabric_sim.kernels.monitor import (
     TOO_DEEP,
     UNSOUND,
 )
-from icofabric_sim.kernels.records import Contacts, Loads, Model, State, Team, Watch, Work
+from icofabric_sim.kernels.records import Contacts, Kinks, Loads, Model, State, Team, Watch, Work
 from icofabric_sim.kernels.runtime.compiled import compiled
 from icofabric_sim.kernels.runtime.lanes import splat
 from icofabric_sim.kernels.runtime.team import own_blocks, tell_all, TILE, wait_for_all
@@ -127,8 +128,8 @@ def steps(
                         most)
             drifted = goal
             push(
-                model, loads, state, work, after, kick, again, keep, sweep.pushes, TILE * tile,
-                min(TILE * tile + TILE, count_own))
+                model, loads, state, work, None, 0.0, after, kick, again, keep, sweep.pushes,
+                TILE * tile, min(TILE * tile + TILE, count_own))
         if evaluation + 1 == count * stages:
             note_ways(watch, team.member, most)
         wait_for_all(team)
@@ -137,6 +138,23 @@ def steps(
             drift(
                 model, loads, state, work, now, drifts[stages] * h, sweep.drifts, begin, count_own)
             wait_for_all(team)
+
+
+@compiled
+def take_steps(
+    kinks: Kinks | None, kicks: np.ndarray, drifts: np.ndarray, model: Model, loads: Loads | None,
+    state: State, work: Work, team: Team, watch: Watch | None, origin: float, index: int, h: float,
+    count: int
+) -> None:
+    """The same, by steps that keep their order where slopes jump if there are `kinks`."""
+    if kinks is None:
+        steps(
+            kicks, drifts, model, model.contacts, loads, state, work, team, watch, origin, index,
+            h, count)
+    else:
+        kinked_steps(
+            kinks, kicks, drifts, model, model.contacts, loads, state, work, team, watch, origin,
+            index, h, count)
 
 
 @compiled
@@ -203,8 +221,8 @@ def splitting(
                             model.blocks.slot, state.position, state.orientation,
                             work.difference, work.weights, sampled % differences)
                     wait_for_all(team)
-        steps(
-            kicks, drifts, model, model.contacts, loads, state, work, team, watch, origin,
+        take_steps(
+            work.kinks, kicks, drifts, model, loads, state, work, team, watch, origin,
             index + done, h, ahead)
         done += ahead
         since_check += ahead

@@ -32,6 +32,7 @@ from icofabric_sim.geometry.rotations import (
 from icofabric_sim.kernels.records import (
     Blocks,
     EDGE_COUNT,
+    Kinks,
     LawTables,
     LINK_COUNT,
     Links,
@@ -67,6 +68,12 @@ class _Places(NamedTuple):
     slot: np.ndarray  # (n,) int64, from 0
     order: np.ndarray  # (n,) int64: grows along the fabric, equal for bodies computed close by
     row: np.ndarray  # (n,) int64, across the fabric: of one layer, what is side by side
+
+
+def has_jumps(links: Links | None) -> bool:
+    """Whether the slope of some tension jumps (eq 2), and none follows a table."""
+    return links is not None and links.tables is None and links.variety is not None and not (
+        np.array_equal(links.variety.extension, links.variety.compression))
 
 
 @dataclass(frozen=True)
@@ -170,6 +177,24 @@ class Layout:
         spent = self.meter() if metered else None
         return Work(
             points, acceleration, trail, None, difference, weights, speeds, spent, None, None)
+
+    def kinks(self, links: Links | None) -> Kinks | None:
+        """Room for steps in which slopes jump; None where none does, or laws are by table."""
+        if links is None or links.variety is None or not has_jumps(links):
+            return None
+        variety, slots = links.variety, self.slot_count
+
+        def room(*shape: int) -> np.ndarray:
+            array = aligned_empty(shape)
+            array[:] = 0.0
+            return array
+
+        return Kinks(
+            extension=variety.extension, compression=variety.compression,
+            natural_length=variety.natural_length, slope=room(12, slots), forces=room(48, slots),
+            start=room(36, slots), active=np.zeros((len(self.blocks.slot), 12), np.uint8),
+            before=room(6, slots), rates=room(18 * slots), seconds=room(18 * slots),
+            found=np.zeros(8 * _MOST_THREADS))
 
     def meter(self) -> Meter:
         """Nothing has flowed yet."""

@@ -164,7 +164,6 @@ class AccuracyProbe:
         self._span = 0.0
         if not fastest > 0.0:
             return 0.0
-        method = self._trajectory.method
         count = self.steps_of_period(step, fastest)
         if self._trajectory.packed.layout.body_count > _MANY:
             count = -(-count // 4)
@@ -179,7 +178,7 @@ class AccuracyProbe:
         self._span = windows * count * step
         if not windows:
             return math.nan
-        power = 2.0**method.order
+        power = 2.0**self._trajectory.order
         return found * power / (power - 1.0) / self._span
 
     def steps_of_period(self, step: float, fastest: float) -> int:

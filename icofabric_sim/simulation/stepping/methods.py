@@ -22,6 +22,9 @@ from icofabric_sim.kernels.integrators.embedded import DOP8, fixed_pair
 from icofabric_sim.kernels.integrators.splitting import splitting
 import numpy as np
 
+# Order that methods with `mends_kinks` have where the slopes of connectors jump.
+KINK_ORDER = 4
+
 
 class Method(NamedTuple):
     """What there is to know about a method."""
@@ -39,6 +42,9 @@ class Method(NamedTuple):
     kicks: tuple[float, ...]
     drifts: tuple[float, ...]
     advance: Callable[..., Any]
+    # Whether it keeps KINK_ORDER where the slopes of connectors jump (kernels/kinks.py); steps
+    # with a crossing are neither symplectic nor reversible then.
+    mends_kinks: bool = False
 
 
 def _symmetric(kicks: tuple[float, ...], drifts: tuple[float, ...], *, first: str,
@@ -73,6 +79,7 @@ METHODS: dict[str, Method] = {
         (0.0829844064174052, 0.396309801498368, -0.0390563049223486),
         (0.245298957184271, 0.604872665711080),
         first='kick', odd_kicks=True, order=4, stability=3.16, chosen=1.2, error=4e-6,
+        mends_kinks=True,
         source='Blanes and Moan 2002, J. Comput. Appl. Math. 142, 313: SRKN 6b'),
     'srkn6': _symmetric(
         (0.0414649985182624, 0.198128671918067, -0.0400061921041533, 0.0752539843015807,
@@ -80,6 +87,7 @@ METHODS: dict[str, Method] = {
         (0.123229775946271, 0.290553797799558, -0.127049212625417, -0.246331761062075,
          0.357208872795928),
         first='kick', odd_kicks=False, order=6, stability=3.14, chosen=1.5, error=2.6e-8,
+        mends_kinks=True,
         source='Blanes and Moan 2002, J. Comput. Appl. Math. 142, 313: SRKN 11b'),
     'srkn8': _symmetric(
         (0.129478606560536730662, 0.222257260092671143423, -0.0577514893325147204757,

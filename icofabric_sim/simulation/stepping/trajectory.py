@@ -26,12 +26,13 @@ from icofabric_sim.kernels.records import ContactLosses, Contacts, Loads, Meter,
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.simulation.contact.friction_state import contact_losses
 from icofabric_sim.simulation.errors import SimulationError
+from icofabric_sim.simulation.model.layout import has_jumps
 from icofabric_sim.simulation.model.packing import acting_lanes, PackedScene
 from icofabric_sim.simulation.state_tree import StateTree
 from icofabric_sim.simulation.stepping.broken import Broken
 from icofabric_sim.simulation.stepping.embedded_control import EmbeddedControl
 from icofabric_sim.simulation.stepping.ledger import Ledger
-from icofabric_sim.simulation.stepping.methods import Method
+from icofabric_sim.simulation.stepping.methods import KINK_ORDER, Method
 from icofabric_sim.simulation.stepping.thread_team import ThreadTeam
 import numpy as np
 
@@ -72,6 +73,8 @@ class Trajectory:
             damped=packed.model.damping is not None, metered=packed.spends)
         # Only this room has limits at which connectors break.
         self.work = self.work._replace(breakage=packed.breakage)
+        if method.mends_kinks and packed.model.wrapping is None:
+            self.work = self.work._replace(kinks=packed.layout.kinks(packed.model.links))
         if packed.external is not None:
             self.work = self.work._replace(
                 given=packed.layout.meter(), external=packed.external)
@@ -87,6 +90,13 @@ class Trajectory:
         self._flows: dict[str, np.ndarray] = {}
         self._flows_at: tuple[float, Loads | None] = math.nan, None
         self.failure: SimulationError | None = None
+
+    @property
+    def order(self) -> int:
+        """Power of the step with which errors of steps of one length fall."""
+        if not has_jumps(self.model.links):
+            return self.method.order
+        return min(self.method.order, KINK_ORDER if self.work.kinks is not None else 2)
 
     @property
     def time(self) -> float:

@@ -21,6 +21,7 @@ A given step rules as elsewhere, but for steps that an event ends.
 import math
 
 from icofabric_sim.kernels.integrators.splitting import NEVER
+from icofabric_sim.simulation.model.layout import has_jumps
 from icofabric_sim.simulation.stepping.embedded_control import EmbeddedControl
 from icofabric_sim.simulation.stepping.faults import too_fast
 from icofabric_sim.simulation.stepping.pieces import Pieces, StepChoice
@@ -176,9 +177,7 @@ class EmbeddedError:
         """Square [1/s^2] of the fastest motion where forces may have kinks; 0: they have none."""
         model, contact = self._pieces.trajectory.model, self._pieces.contact
         links = model.links
-        varied = links is not None and (links.tables is not None or (
-            links.variety is not None
-            and not np.array_equal(links.variety.extension, links.variety.compression)))
+        varied = has_jumps(links) or (links is not None and links.tables is not None)
         if not contact.is_possible and model.wrapping is None and not varied:
             return 0.0
         # With whatever may touch: estimates must not depend on searches either.

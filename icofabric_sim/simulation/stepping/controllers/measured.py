@@ -77,7 +77,7 @@ class MeasuredStep:
         if not rate < math.inf:
             trajectory.fail(too_fast(trajectory.time, rates.fastest_term()))
         method = trajectory.method
-        step = trajectory.step * shorter ** (-1.0 / method.order)
+        step = trajectory.step * shorter ** (-1.0 / trajectory.order)
         if not rate > 0.0:
             # Every step is exact.
             step, rate = self._output_period, method.chosen / self._output_period
@@ -129,7 +129,7 @@ class MeasuredStep:
         `fastest` is the rate [rad/s] of the fastest motion; `jumped`: what acts is new.
         """
         errors, trajectory = self._pieces.errors.probe, self._pieces.trajectory
-        tolerance, order = errors.tolerance, trajectory.method.order
+        tolerance, order = errors.tolerance, trajectory.order
         errors.begin()
         before = step
         step = min(step, cap)

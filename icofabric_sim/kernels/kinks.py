@@ -1,0 +1,403 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+Connectors whose slope jumps where they are as long as by nature, within one step.
+
+Splittings and interpolations want smooth forces. So for one step every connector keeps the slope
+of the side that it begins on. What a crossing changes, D e(t) with D the difference of the slopes
+and e the stretch from its crossing on, becomes a cubic in time with the same first four moments,
+foretold from stretch, rate and second derivative where the step begins, and acts with the other
+forces in every stage. After the step e is known better, as the quintic through both ends: the
+impulse and first moment that are still missing act in two kicks along the connectors, at the end
+of the step and half a step before it, to which all drift freely. All of them are equal and
+opposite along a connector. See docs/decisions/kinks.md.
+"""
+
+from icofabric_sim.kernels.drives import resist
+from icofabric_sim.kernels.flows import accelerate, kick
+from icofabric_sim.kernels.records import Kinks, Links, Loads, Model, State, Work
+from icofabric_sim.kernels.runtime.compiled import compiled, inlined
+from icofabric_sim.kernels.runtime.lanes import (
+    any_lane,
+    bits,
+    fma,
+    load,
+    load_at,
+    maximum,
+    rsqrt,
+    splat,
+    sqrt,
+    store,
+    store_at,
+    Vector,
+    where,
+)
+import numpy as np
+
+_SMALLEST = 1e-300
+# Steps of Newton's method towards a crossing, from a secant over half of the step; impulses hang
+# on the square of what is left.
+_NEWTON = 2
+
+
+def _gauss(count: int) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Nodes and weights of Gauss and Legendre on [0, 1]."""
+    nodes, weights = np.polynomial.legendre.leggauss(count)
+    return tuple(0.5 * float(1.0 + x) for x in nodes), tuple(0.5 * float(w) for w in weights)
+
+
+# Exact for the quintic times the time, and for a quadratic times its cube.
+_NODES, _WEIGHTS = _gauss(4)
+_FEWER_NODES, _FEWER_WEIGHTS = _gauss(3)
+# From the moments of 1, s, s^2, s^3 on [0, 1] to the cubic that has them: the inverse of the
+# Hilbert matrix.
+_CUBIC = (
+    (16.0, -120.0, 240.0, -140.0), (-120.0, 1200.0, -2700.0, 1680.0),
+    (240.0, -2700.0, 6480.0, -4200.0), (-140.0, 1680.0, -4200.0, 2800.0))
+
+# Rows of Kinks.start, twelve each: stretch, rate and half the second derivative of a step.
+_STRETCH, _RATE, _CURVE = 0, 12, 24
+
+Four = tuple[Vector, Vector, Vector, Vector]
+Sextuple = tuple[Vector, Vector, Vector, Vector, Vector, Vector]
+
+
+@compiled
+def note_motion(
+    links: Links | None, kinks: Kinks, state: State, points: np.ndarray, h: float, s: int
+) -> None:
+    """
+    Velocities and accelerations of the attachment points of a block.
+
+    From its velocities before and after a kick of `h` [s], which `kinks.before` and `state` hold.
+    With the former where the kick begins a step, `h` > 0; else, `h` < 0, with the latter.
+    """
+    if links is None:
+        return
+    stride = state.position.shape[1]
+    per = splat(1.0 / abs(h))
+    px, py, pz = load(state.position, 0, s), load(state.position, 1, s), load(state.position, 2, s)
+    vx, vy = load(state.linear_velocity, 0, s), load(state.linear_velocity, 1, s)
+    vz, ox = load(state.linear_velocity, 2, s), load(state.angular_velocity, 0, s)
+    oy, oz = load(state.angular_velocity, 1, s), load(state.angular_velocity, 2, s)
+    wx, wy, wz = load(kinks.before, 0, s), load(kinks.before, 1, s), load(kinks.before, 2, s)
+    qx, qy, qz = load(kinks.before, 3, s), load(kinks.before, 4, s), load(kinks.before, 5, s)
+    ax, ay, az = per * (vx - wx), per * (vy - wy), per * (vz - wz)
+    bx, by, bz = per * (ox - qx), per * (oy - qy), per * (oz - qz)
+    if h > 0.0:
+        vx, vy, vz, ox, oy, oz = wx, wy, wz, qx, qy, qz
+    for edge in range(6):
+        at = 3 * edge * stride + s
+        rx, ry = load_at(points, at) - px, load_at(points, at + stride) - py
+        rz = load_at(points, at + 2 * stride) - pz
+        tx, ty, tz = oy * rz - oz * ry, oz * rx - ox * rz, ox * ry - oy * rx
+        store_at(kinks.rates, at, vx + tx)
+        store_at(kinks.rates, at + stride, vy + ty)
+        store_at(kinks.rates, at + 2 * stride, vz + tz)
+        store_at(kinks.seconds, at, ax + (by * rz - bz * ry) + (oy * tz - oz * ty))
+        store_at(
+            kinks.seconds, at + stride, ay + (bz * rx - bx * rz) + (oz * tx - ox * tz))
+        store_at(
+            kinks.seconds, at + 2 * stride, az + (bx * ry - by * rx) + (ox * ty - oy * tx))
+
+
+@compiled
+def keep_velocities(kinks: Kinks, state: State, s: int) -> None:
+    """Keep the velocities of a block before a kick."""
+    for k in range(3):
+        store(kinks.before, k, s, load(state.linear_velocity, k, s))
+        store(kinks.before, k + 3, s, load(state.angular_velocity, k, s))
+
+
+@inlined
+def stretch_of(
+    kinks: Kinks, points: np.ndarray, stride: int, at: int, place: int, rest: Vector, h: float
+) -> tuple[Vector, Vector, Vector]:
+    """Stretch, h times its rate and h^2 / 2 times its second derivative, all [m]."""
+    rates, seconds = kinks.rates, kinks.seconds
+    ux = load_at(points, place) - load_at(points, at)
+    uy = load_at(points, place + stride) - load_at(points, at + stride)
+    uz = load_at(points, place + 2 * stride) - load_at(points, at + 2 * stride)
+    vx = load_at(rates, place) - load_at(rates, at)
+    vy = load_at(rates, place + stride) - load_at(rates, at + stride)
+    vz = load_at(rates, place + 2 * stride) - load_at(rates, at + 2 * stride)
+    ax = load_at(seconds, place) - load_at(seconds, at)
+    ay = load_at(seconds, place + stride) - load_at(seconds, at + stride)
+    az = load_at(seconds, place + 2 * stride) - load_at(seconds, at + 2 * stride)
+    length = sqrt(maximum(fma(ux, ux, fma(uy, uy, uz * uz)), splat(_SMALLEST)))
+    inverse = splat(1.0) / length
+    rate = fma(ux, vx, fma(uy, vy, uz * vz)) * inverse
+    second = fma(vx, vx, fma(vy, vy, vz * vz)) + fma(ux, ax, fma(uy, ay, uz * az))
+    second = (second - rate * rate) * inverse
+    return length - rest, splat(h) * rate, splat(0.5 * h * h) * second
+
+
+@inlined
+def value_of(c: Sextuple, x: Vector) -> Vector:
+    """A quintic at x."""
+    return fma(x, fma(x, fma(x, fma(x, fma(x, c[5], c[4]), c[3]), c[2]), c[1]), c[0])
+
+
+@inlined
+def slope_at(c: Sextuple, x: Vector) -> Vector:
+    """Its derivative."""
+    return fma(x, fma(x, fma(x, fma(
+        x, splat(5.0) * c[5], splat(4.0) * c[4]), splat(3.0) * c[3]), c[2] + c[2]), c[1])
+
+
+@inlined
+def crossing(c: Sextuple, low: Vector, high: Vector, sign: float) -> Vector:
+    """
+    Where a quintic crosses zero between `low` and `high`: falling for the `sign` 1, rising for -1.
+
+    By Newton's method between bounds that close in. Lanes without a crossing give anything.
+    """
+    zero, half = splat(0.0), splat(0.5)
+    turn, minus = splat(sign), splat(-1.0)
+    first, last = turn * value_of(c, low), turn * value_of(c, high)
+    fall = first - last
+    x = low + (high - low) * (first / where(fall > zero, fall, splat(1.0)))
+    for _ in range(_NEWTON):
+        middle = half * (low + high)
+        x = where(x < low, middle, where(x > high, middle, x))
+        value, slope = turn * value_of(c, x), turn * slope_at(c, x)
+        above = value > zero
+        low, high = where(above, x, low), where(above, high, x)
+        falls = slope < zero
+        x = where(falls, x - value / where(falls, slope, minus), half * (low + high))
+    middle = half * (low + high)
+    return where(x < low, middle, where(x > high, middle, x))
+
+
+@inlined
+def moments_beyond(c: Sextuple) -> tuple[Vector, Vector]:
+    """
+    Integrals of g and s g over the part of [0, 1] where the quintic g is negative.
+
+    g begins at 0 or above; zero where it is not negative at the middle or the end.
+    """
+    zero, half, one = splat(0.0), splat(0.5), splat(1.0)
+    middle, last = value_of(c, half), value_of(c, one)
+    early, late = middle < zero, last < zero
+    begin = crossing(c, where(early, zero, half), where(early, half, one), 1.0)
+    end = one
+    dips = where(early, where(late, zero, one), zero) > zero
+    if any_lane(dips):
+        end = where(dips, crossing(c, half, one, -1.0), one)
+    there = where(early, one, where(late, one, zero)) > zero
+    begin = where(there, begin, zero)
+    span = where(there, end - begin, zero)
+    a, b = zero, zero
+    for k in range(4):
+        x = fma(span, splat(_NODES[k]), begin)
+        term = splat(_WEIGHTS[k]) * span * value_of(c, x)
+        a = a + term
+        b = fma(x, term, b)
+    return a, b
+
+
+@inlined
+def moments_foretold(c: Sextuple) -> Four:
+    """
+    Integrals of g, s g, s^2 g and s^3 g over the part of [0, 1] where g is negative.
+
+    Of a quadratic: the other coefficients are zero. As `moments_beyond`.
+    """
+    zero, half, one = splat(0.0), splat(0.5), splat(1.0)
+    early, late = value_of(c, half) < zero, value_of(c, one) < zero
+    root = c[1] * c[1] - splat(4.0) * c[2] * c[0]
+    lower = sqrt(where(root > zero, root, zero)) - c[1]
+    begin = (c[0] + c[0]) / where(lower > zero, lower, one)
+    end = one
+    dips = where(early, where(late, zero, one), zero) > zero
+    if any_lane(dips):
+        rises = c[2] > zero
+        end = where(dips, lower / where(rises, c[2] + c[2], one), one)
+    there = where(early, one, where(late, one, zero)) > zero
+    begin = where(there, begin, zero)
+    span = where(there, end - begin, zero)
+    a, b, d, e = zero, zero, zero, zero
+    for k in range(3):
+        x = fma(span, splat(_FEWER_NODES[k]), begin)
+        term = splat(_FEWER_WEIGHTS[k]) * span * value_of(c, x)
+        a = a + term
+        term = x * term
+        b = b + term
+        term = x * term
+        d = d + term
+        e = fma(x, term, e)
+    return a, b, d, e
+
+
+@compiled
+def side_of(kinks: Kinks, links: Links, block: int, link: int, s: int) -> tuple[Vector, Vector]:
+    """
+    Side of a connector where a step begins, and how much more the other side resists [N/m].
+
+    1 where it is longer than by nature, else -1; no jump where there is no connector.
+    """
+    zero, one = splat(0.0), splat(1.0)
+    longer = load(kinks.start, _STRETCH + link, s) > zero
+    pull, push = load(kinks.extension, link, s), load(kinks.compression, link, s)
+    return where(longer, one, zero - one), where(
+        bits(links.present[block, link]), where(longer, push - pull, pull - push), zero)
+
+
+@compiled
+def foretell(
+    links: Links | None, kinks: Kinks, points: np.ndarray, h: float, block: int, s: int
+) -> bool:
+    """
+    Choose the slopes of a step of `h` [s] for the connectors of a block, and foretell crossings.
+
+    Whether any is foretold.
+    """
+    found = False
+    if links is None:
+        return found
+    stride, zero = kinks.start.shape[1], splat(0.0)
+    for link in range(12):
+        at = 3 * (link >> 1) * stride + s
+        e, v, a = stretch_of(
+            kinks, points, stride, at, links.place[block, link],
+            load(kinks.natural_length, link, s), h)
+        store(kinks.start, _STRETCH + link, s, e)
+        store(kinks.start, _RATE + link, s, v)
+        store(kinks.start, _CURVE + link, s, a)
+        store(kinks.slope, link, s, where(
+            e > zero, load(kinks.extension, link, s), load(kinks.compression, link, s)))
+        side, jump = side_of(kinks, links, block, link, s)
+        c = (side * e, side * v, side * a, zero, zero, zero)
+        beyond = where(
+            value_of(c, splat(0.5)) < zero, splat(1.0),
+            where(value_of(c, splat(1.0)) < zero, splat(1.0), zero))
+        crosses = any_lane(beyond * jump * jump > zero)
+        kinks.active[block, link] = 1 if crosses else 0
+        if crosses:
+            found = True
+            store_forces(kinks, moments_foretold(c), side * jump, link, s)
+    return found
+
+
+@inlined
+def store_forces(kinks: Kinks, mu: Four, jump: Vector, link: int, s: int) -> None:
+    """The cubic in time, of the tension that a crossing adds [N], with given moments."""
+    for k in range(4):
+        row = _CUBIC[k]
+        value = fma(splat(row[0]), mu[0], splat(row[1]) * mu[1])
+        value = fma(splat(row[2]), mu[2], fma(splat(row[3]), mu[3], value))
+        store(kinks.forces, 12 * k + link, s, jump * value)
+
+
+@compiled
+def account(
+    links: Links | None, kinks: Kinks, points: np.ndarray, h: float, block: int, s: int
+) -> bool:
+    """
+    Impulses [N s] that a step of `h` [s] still lacks: at its end, and half a step before it.
+
+    For the connectors of a block, now that the end is known. Whether there are any.
+    """
+    found = False
+    if links is None:
+        return found
+    stride, zero = kinks.start.shape[1], splat(0.0)
+    for link in range(12):
+        at = 3 * (link >> 1) * stride + s
+        e, v, a = stretch_of(
+            kinks, points, stride, at, links.place[block, link],
+            load(kinks.natural_length, link, s), h)
+        side, jump = side_of(kinks, links, block, link, s)
+        first, rate = load(kinks.start, _STRETCH + link, s), load(kinks.start, _RATE + link, s)
+        curve = load(kinks.start, _CURVE + link, s)
+        d = side * (e - first - rate - curve)
+        v, a = side * (v - rate - curve - curve), side * (a - curve)
+        # With a half of the second derivative.
+        c = (
+            side * first, side * rate, side * curve,
+            fma(splat(10.0), d, a - splat(4.0) * v),
+            fma(splat(-15.0), d, splat(7.0) * v - (a + a)),
+            fma(splat(6.0), d, a - splat(3.0) * v))
+        beyond = where(
+            value_of(c, splat(0.5)) < zero, splat(1.0), where(side * e < zero, splat(1.0), zero))
+        crosses = any_lane(beyond * jump * jump > zero)
+        if not crosses and kinks.active[block, link] == 0:
+            continue
+        impulse, moment = zero, zero
+        if crosses:
+            mu = moments_beyond(c)
+            jump = side * jump
+            impulse, moment = jump * mu[0], jump * (mu[0] - mu[1])
+        if kinks.active[block, link] != 0:
+            # What has acted: impulse, and impulse times the time that is left.
+            for k in range(4):
+                force = load(kinks.forces, 12 * k + link, s)
+                impulse = fma(splat(-1.0 / (k + 1)), force, impulse)
+                moment = fma(splat(-1.0 / ((k + 1) * (k + 2))), force, moment)
+        early = splat(2.0 * h) * moment
+        store(kinks.forces, link, s, splat(h) * impulse - early)
+        store(kinks.forces, 12 + link, s, early)
+        kinks.active[block, link] = 2
+        found = True
+    return found
+
+
+@compiled
+def strike(
+    model: Model, loads: Loads | None, kinks: Kinks, state: State, work: Work, row: int, h: float,
+    block: int, s: int
+) -> None:
+    """
+    Impulses along the connectors of a block: `h` times those in the rows from `row` on.
+
+    Of its active connectors; where they are now.
+    """
+    force = impulses(model.links, kinks, work.points, state.position, row, h, block, s)
+    a = accelerate(model.supports, model.inverse_mass, model.inverse_inertia, force, s)
+    if loads is not None:
+        for m in range(loads.start[block], loads.start[block + 1]):
+            a = resist(loads.drives, model, loads, state, a, m, s, 1.0, 0.0)
+    kick(state, a, 1.0, s)
+
+
+@compiled
+def impulses(
+    links: Links | None, kinks: Kinks, points: np.ndarray, position: np.ndarray, row: int,
+    h: float, block: int, s: int
+) -> Sextuple:
+    """Impulse [N s] and angular impulse about the centre [N m s] on a block."""
+    zero = splat(0.0)
+    fx, fy, fz, tx, ty, tz = zero, zero, zero, zero, zero, zero
+    if links is None:
+        return fx, fy, fz, tx, ty, tz
+    stride, factor = position.shape[1], splat(h)
+    for link in range(12):
+        if kinks.active[block, link] == 0:
+            continue
+        at, place = 3 * (link >> 1) * stride + s, links.place[block, link]
+        px, py = load_at(points, at), load_at(points, at + stride)
+        pz = load_at(points, at + 2 * stride)
+        ux, uy = load_at(points, place) - px, load_at(points, place + stride) - py
+        uz = load_at(points, place + 2 * stride) - pz
+        square = maximum(fma(ux, ux, fma(uy, uy, uz * uz)), splat(_SMALLEST))
+        pull = factor * load(kinks.forces, row + link, s) * rsqrt(square)
+        pull = where(bits(links.present[block, link]), pull, zero)
+        ax, ay, az = pull * ux, pull * uy, pull * uz
+        fx, fy, fz = fx + ax, fy + ay, fz + az
+        rx, ry = px - load(position, 0, s), py - load(position, 1, s)
+        rz = pz - load(position, 2, s)
+        tx = fma(ry, az, tx - rz * ay)
+        ty = fma(rz, ax, ty - rx * az)
+        tz = fma(rx, ay, tz - ry * ax)
+    return fx, fy, fz, tx, ty, tz
