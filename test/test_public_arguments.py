@@ -236,6 +236,8 @@ def table(t):
                 Other()], says='checkpoint')}),
         'Checkpoint.save': (checkpoint.save, {'path': path(
             t.folder / 'b.checkpoint', str(t.folder / 'c.checkpoint'))}),
+        'Snapshot.to_csv': (t.snapshot.to_csv, {'path': path(
+            t.folder / 'a.csv', str(t.folder / 'b.csv'))}),
         'Checkpoint.load': (ico.Checkpoint.load, {'path': path(
             t.folder / 'a.checkpoint', str(t.folder / 'a.checkpoint'))}),
         'Checkpoint.difference': (checkpoint.difference, {

@@ -105,7 +105,7 @@ class SceneConnectors:
         return self.attachment[self.edges]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Scene:
     """Everything there is to know before compiling; arrays are not to be written to."""
 
@@ -221,6 +221,12 @@ class Scene:
             initial=start,
             files=files,
         )
+
+    def __repr__(self) -> str:
+        """Say what is woven."""
+        size = ' x '.join(str(count) for count in self.weave.size)
+        return (f'<Scene: {self.weave.kind} weave of {size} grid positions, {self.body_count:,} '
+                f'bodies, {self.connector_count:,} connectors>')
 
     @property
     def body_count(self) -> int:

@@ -14,9 +14,14 @@
 """Snapshots: immutable copies of the state at the time that was asked for."""
 
 from collections.abc import Mapping
+import csv
 from dataclasses import dataclass
 from functools import cached_property
+from importlib import import_module
+import os
+from typing import Any
 
+from icofabric_sim import checks
 from icofabric_sim.geometry.rotations import cosines_from_quaternions, turned_since
 from icofabric_sim.kernels.fields import field_energy
 from icofabric_sim.kernels.moments import moment_energy
@@ -27,8 +32,12 @@ from icofabric_sim.scene.initial import InitialState
 from icofabric_sim.simulation.model.packing import PackedScene
 import numpy as np
 
+_COLUMNS = (
+    ('x_m', 'y_m', 'z_m'), ('qx', 'qy', 'qz', 'qw'), ('vx_m_s', 'vy_m_s', 'vz_m_s'),
+    ('wx_rad_s', 'wy_rad_s', 'wz_rad_s'))
 
-@dataclass(frozen=True)
+
+@dataclass(frozen=True, repr=False)
 class Snapshot:
     """State of a fabric at one time, world frame; derived values are computed when first read."""
 
@@ -45,6 +54,39 @@ class Snapshot:
     broken_since: np.ndarray | None = None  # (c,) [s], NaN while unbroken; None: all are whole
     # Bodies (a,), arms (a, 3) and world points (a, 3) [m] of the anchors.
     anchors: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
+
+    def __repr__(self) -> str:
+        """Say what it is of, without the numbers."""
+        broken = int(np.count_nonzero(~self.intact))
+        torn = f', {broken:,} of them broken' if broken else ''
+        return (f'<Snapshot at t = {self.time:.9g} s: {len(self.position):,} bodies, '
+                f'{self.connector_count:,} connectors{torn}>')
+
+    def table(self) -> dict[str, list[float]]:
+        """State of the bodies as plain numbers: a list for each column, named with its unit."""
+        columns: dict[str, list[float]] = {'body': list(range(len(self.position)))}
+        for names, values in zip(_COLUMNS, (
+                self.position, self.orientation, self.linear_velocity, self.angular_velocity)):
+            columns.update(zip(names, values.T.tolist()))
+        return columns
+
+    def to_csv(self, path: str | os.PathLike[str]) -> None:
+        """Write the table to a CSV file, numbers in full."""
+        columns = self.table()
+        with open(checks.path('path', path), 'w', newline='', encoding='utf-8') as stream:
+            table = csv.writer(stream)
+            table.writerow(columns)
+            table.writerows(zip(*columns.values()))
+
+    def to_pandas(self) -> Any:
+        """The table as a DataFrame of pandas, where that is installed; ImportError else."""
+        try:
+            pandas = import_module('pandas')
+        except ImportError as error:
+            raise ImportError(
+                'to_pandas needs pandas: pip install pandas; table() and to_csv() do not'
+            ) from error
+        return pandas.DataFrame(self.table()).set_index('body')
 
     @cached_property
     def intact(self) -> np.ndarray:
