@@ -110,6 +110,18 @@ def test_waves_under_pre_stress():
     assert (simulation.snapshot().connector_length > 0.031).all() and found.stress[0] > 0.0
 
 
+def test_waves_that_grow_have_negative_values():
+    """The same closed form, where connectors push so hard that a shear gives way."""
+    scene = woven(connector={'natural_length': 0.055})
+    found = homogenise(scene)
+    short = 1e-3 / scene.geometry.pitch
+    bands = solve_bands(scene, np.array([short, 0.0, 0.0]))[0]
+    square = (found.stiffness[4, 4] + 0.5 * found.stress[0]) / found.density
+    assert square < 0.0
+    assert bands[0] / short == pytest.approx(-np.sqrt(-square), rel=1e-4)
+    assert (np.diff(bands) >= 0.0).all() and bands[-1] > 0.0
+
+
 def test_a_plane_wave_in_a_real_slab():
     """Far from the borders of a slab the acceleration is - omega^2 u at its centre."""
     scene = make_scene((9, 9, 9), weave={'size': [9, 9, 9], 'connector_angle': 0.3}, **STIFF)
