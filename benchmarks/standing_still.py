@@ -189,6 +189,11 @@ class Trial:
         else:
             time.sleep(chance.uniform(0.0, 1.0))
 
+    def __str__(self) -> str:
+        longest = (self.clock, self.reports, self.answers, self.ends, self.early_ends)
+        return 'clock {:.2f}, reports {:.2f}, answers {:.2f}, SIGINT {:.2f} and {:.2f} s'.format(
+            *(one.seconds for one in longest))
+
     def judge(self, table: Table) -> None:
         """Write what was seen into the table."""
         table.add('reports that said "compiling"', f'{self.compiling:,}')
@@ -226,9 +231,13 @@ def main() -> int:
     try:
         for number in range(arguments.stops):
             trial.run(number, arguments.first if number == 0 else each)
+            print(f'  start {number}: so far {trial}', flush=True)
     except Trouble as error:
         table.add('the node', 'in trouble', '', False)
         print(error, file=sys.stderr)
+    except (KeyboardInterrupt, SystemExit):
+        # What was seen so far is worth a table.
+        table.add('ended from outside', f'{number} of {arguments.stops} stops')
     trial.judge(table)
     table.write(arguments.csv)
     print(f'load {os.getloadavg()[0]:.1f}; written to {arguments.csv}')
