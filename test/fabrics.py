@@ -116,13 +116,14 @@ def packed_state(packed, position, orientation, linear_velocity=None, angular_ve
         rest if angular_velocity is None else angular_velocity))
 
 
-def wrenches(scene, position, orientation, *, cosines=False, loaded=False):
+def wrenches(scene, position, orientation, *, cosines=False, loaded=False, packed=None):
     """
     Forces and torques of the connectors by the production kernels; `loaded`: and of the loads.
 
-    Without gravity and supports: those are accelerations, or take them away.
+    `packed`: the scene, packed before. Without gravity and supports: those are accelerations, or
+    take them away.
     """
-    packed = pack_scene(scene, cosines=cosines)
+    packed = pack_scene(scene, cosines=cosines) if packed is None else packed
     layout, model = packed.layout, packed.model._replace(gravity=None, supports=None)
     state, work = packed_state(packed, position, orientation), layout.room(model.links)
     last = len(model.blocks.slot)

@@ -43,9 +43,10 @@ BARE = 'bare scene: springs alone'
 ADAPTIVE = 'bare scene by dop8'
 UNWATCHED, KERNEL, LEANEST = (
     'without health checks', 'springs-only kernel', 'springs-only kernel, one kick a step')
-# Steps that are timed, after so many that are not. Two health checks; S3 meets its first
+# Steps that are timed, after so many that are not. Two health checks each: the first one of a run
+# measures what its steps err by, which takes as long as some hundred steps. S3 meets its first
 # contact at step 922.
-_STEPS, _WARM_UP = 128, 2
+_STEPS, _WARM_UP = 128, 128
 # The same for terms whose steps take a hundred times as long.
 _FEW_STEPS = 16
 _PUSH = {'force': [1e-3, 0.0, 5e-4], 'torque': [0.0, 1e-6, 0.0]}
@@ -82,8 +83,8 @@ def terms(body: int) -> list[Term]:
         Term('connectors with laws of their own', {
             'groups': wall,
             'connector_groups': {'soft': {'between': 'wall all', 'stiffness': 100.0}}}),
-        Term('connectors by a table of 5 rows', {'connector': {'law': _table(5)}}),
-        Term('connectors by a table of 100 rows', {'connector': {'law': _table(100)}}),
+        Term('connectors by a table of 5 rows', {'connector': {'law': law_table(5)}}),
+        Term('connectors by a table of 100 rows', {'connector': {'law': law_table(100)}}),
         Term('connectors that resist bending', {'connector': {'bending_stiffness': 0.1}}),
         Term('connectors that resist twisting', {'connector': {'twisting_stiffness': 0.1}}),
         Term('load on one body', {'groups': {'pushed': f'ids {body}'}, 'loads': loads}),
@@ -96,6 +97,13 @@ def terms(body: int) -> list[Term]:
             'loads': {'push': {**loads['push'], 'profile': 'half_sine', 'duration': 1e3}}}),
         Term('pressure on exterior faces', {
             'tractions': {'air': {'group': 'all', 'faces': 'exterior', 'pressure': 1.0}}}),
+        Term('pressure of fixed direction on exterior faces', {
+            'tractions': {'air': {
+                'group': 'all', 'faces': 'exterior', 'pressure': 1.0, 'direction': 'fixed'}}}),
+        Term('pressure without friction on exterior faces', {
+            'tractions': {'air': {
+                'group': 'all', 'faces': 'exterior', 'pressure': 1.0, 'direction': 'fixed',
+                'frictionless': True}}}),
         Term('charges in an electric field', {
             'charge': {'per_body': 1e-8}, 'field': {'electric': [0.0, 0.0, 1e4]}}),
         Term('dipoles in an electric field', {
@@ -138,7 +146,7 @@ def _folder() -> TemporaryDirectory[str]:
 
 
 @cache
-def _table(count: int) -> str:
+def law_table(count: int) -> str:
     """A law that is as stiff as the springs where it does not pull, and stiffens."""
     file = Path(_folder().name) / f'law_{count}.csv'
     strain = np.linspace(-0.5, 0.5, count)
@@ -204,12 +212,12 @@ def measure(
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Terms:
     """Time the bare scene, the same with each term, and the other kernel, in rounds."""
-    bare = _compile(size, Term(BARE, {}))
+    bare = compile_term(size, Term(BARE, {}))
     count = bare.scene.body_count
     rows, tasks, remarks = [], [], []
     for term in terms(count // 2):
         say(term.label)
-        simulation = _compile(size, term)
+        simulation = compile_term(size, term)
         label = term.label
         if term.threads == 0 and simulation.status.thread_count == 1:
             remarks.append(f'{label}: one thread is all that pays here')
@@ -240,7 +248,8 @@ def measure(
     return Terms(timed, arrays_of(bare), instructions, remarks, rounds)
 
 
-def _compile(size: Size, term: Term) -> Simulation:
+def compile_term(size: Size, term: Term) -> Simulation:
+    """The bare scene of a size with a term, with its kernels loaded."""
     parameters = {
         **scene_parameters(size, {'method': term.method, 'step': STEP, 'threads': term.threads})}
     for name, section in term.parameters.items():

@@ -20,7 +20,7 @@ scattered, so bodies are computed side by side and in any order, by any number o
 """
 
 from icofabric_sim.kernels.law_tables import tabled_factor
-from icofabric_sim.kernels.records import Kinks, Links, Variety
+from icofabric_sim.kernels.records import Kinks, LawTables, Links, Variety
 from icofabric_sim.kernels.runtime.compiled import compiled, inlined
 from icofabric_sim.kernels.runtime.lanes import (
     bits,
@@ -165,12 +165,25 @@ def edge_pull(
         uy = load_at(points, place + stride) - py
         uz = load_at(points, place + 2 * stride) - pz
         square = maximum(fma(ux, ux, fma(uy, uy, uz * uz)), splat(_SMALLEST))
-        factor = step_factor(
-            kinks, part, links.variety, block, link, s, square, stiffness, minus_rest)
-        factor = tabled_factor(links.tables, link, s, square, factor)
+        factor = law_factor(
+            links.tables, kinks, part, links.variety, block, link, s, square, stiffness,
+            minus_rest)
         factor = where(bits(links.present[block, link]), factor, zero)
         fx, fy, fz = fma(factor, ux, fx), fma(factor, uy, fy), fma(factor, uz, fz)
     return fx, fy, fz
+
+
+@inlined
+def law_factor(
+    tables: LawTables | None, kinks: Kinks | None, part: float, variety: Variety | None,
+    block: int, link: int, s: int, square: Vector, stiffness: Vector, minus_rest: Vector
+) -> Vector:
+    """Tension over length [N/m] of a connector of squared length `square`."""
+    if tables is None:
+        return step_factor(
+            kinks, part, variety, block, link, s, square, stiffness, minus_rest)
+    else:
+        return tabled_factor(tables, variety, link, s, square)
 
 
 @inlined

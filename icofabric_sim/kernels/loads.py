@@ -19,10 +19,22 @@ function with a loop counts the references of all its arrays at every call, whic
 as long as what it computes.
 """
 
-import math
-
-from icofabric_sim.kernels.records import Loads, Model, State, Supports, Varying
-from icofabric_sim.kernels.rotations import half_angle_factors, turn_to_world
+from icofabric_sim.kernels.profiles import (
+    factor_of,
+    FAR,
+    FAR_WEIGHT,
+    is_steady,
+    MIDDLE_WEIGHT,
+    NEAR,
+    NEAR_WEIGHT,
+)
+from icofabric_sim.kernels.records import Loads, Model, State, Supports, Tractions, Varying
+from icofabric_sim.kernels.rotations import (
+    axes_of_lanes,
+    half_angle_factors,
+    Three,
+    turn_to_world,
+)
 from icofabric_sim.kernels.runtime.compiled import compiled
 from icofabric_sim.kernels.runtime.lanes import (
     bits,
@@ -36,14 +48,9 @@ from icofabric_sim.kernels.runtime.lanes import (
     Vector,
     where,
 )
+from icofabric_sim.kernels.tractions import mean_traction_power, traction_wrench
+from icofabric_sim.kernels.turning import mean_of_turning, turned
 import numpy as np
-
-Three = tuple[Vector, Vector, Vector]
-
-# Gauss-Legendre on (0, 1), exact up to degree 9: beyond the order of every method.
-_NEAR, _FAR = 0.269234655052841545, 0.453089922969331996
-_NEAR_WEIGHT, _FAR_WEIGHT, _MIDDLE_WEIGHT = (
-    0.239314335249683234, 0.118463442528094544, 64.0 / 225.0)
 
 
 @compiled
@@ -56,7 +63,7 @@ def kick_load(
 
     The force acts at its point, the torque adds to the moment of the force.
     """
-    force, torque = wrench_of(loads, orientation, loads.wrench[m], s)
+    force, torque = wrench_of_row(loads.tractions, loads, orientation, m, s)
     h = h * factor_of(loads.varying, loads.wrench[m], time)
     mx, my, mz, inertia = inverses(
         model.supports, model.inverse_mass, model.inverse_inertia, s)
@@ -85,15 +92,22 @@ def inverses(
 
 
 @compiled
-def factor_of(varying: Varying | None, w: int, time: float) -> float:
-    """What wrench `w` is multiplied by at `time` [s]."""
-    if varying is None:
-        return 1.0
+def wrench_of_row(
+    tractions: Tractions | None, loads: Loads, orientation: np.ndarray, m: int, s: int
+) -> tuple[Three, Three]:
+    """
+    Force [N] and torque about the centre [N m] of row `m` on a block, world frame.
+
+    But for the factor of its profile.
+    """
+    if tractions is None:
+        return wrench_of(loads, orientation, loads.wrench[m], s)
     else:
-        after = time - varying.start[w]
-        return float(
-            varying.value[w] + varying.slope[w] * after
-            + varying.height[w] * math.sin(varying.rate[w] * after))
+        if loads.wrench[m] >= tractions.first:
+            return traction_wrench(
+                tractions.turning, tractions.fixed, tractions.sliding, tractions.place[m],
+                axes_of_lanes(orientation, s))
+        return wrench_of(loads, orientation, loads.wrench[m], s)
 
 
 @compiled
@@ -108,39 +122,11 @@ def wrench_of(loads: Loads, orientation: np.ndarray, w: int, s: int) -> tuple[Th
     tx, ty, tz = splat(loads.torque[w, 0]), splat(loads.torque[w, 1]), splat(loads.torque[w, 2])
     ax, ay, az = turn_to_world(orientation, s, fx, fy, fz)
     fx, fy, fz = where(turning, ax, fx), where(turning, ay, fy), where(turning, az, fz)
-    fx, fy, fz = part_along(fx, fy, fz, normal_of(loads.varying, orientation, w, s))
     ax, ay, az = turn_to_world(orientation, s, tx, ty, tz)
     tx, ty, tz = where(turning, ax, tx), where(turning, ay, ty), where(turning, az, tz)
     px, py, pz = point_of(loads, orientation, w, s)
     return (fx, fy, fz), (
         fma(py, fz, tx - pz * fy), fma(pz, fx, ty - px * fz), fma(px, fy, tz - py * fx))
-
-
-@compiled
-def normal_of(varying: Varying | None, orientation: np.ndarray, w: int, s: int) -> Three | None:
-    """
-    Normals along which alone a wrench pushes blocks, world frame, or zero where all of it acts.
-    """
-    if varying is None:
-        return None
-    else:
-        return turn_to_world(
-            orientation, s, splat(varying.normal[w, 0]), splat(varying.normal[w, 1]),
-            splat(varying.normal[w, 2]))
-
-
-@compiled
-def part_along(fx: Vector, fy: Vector, fz: Vector, normal: Three | None) -> Three:
-    """The part of a force along a unit normal; all of it where that is zero."""
-    if normal is None:
-        return fx, fy, fz
-    else:
-        nx, ny, nz = normal
-        along = fma(fx, nx, fma(fy, ny, fz * nz))
-        there = fma(nx, nx, fma(ny, ny, nz * nz)) > splat(0.5)
-        return (
-            where(there, along * nx, fx), where(there, along * ny, fy),
-            where(there, along * nz, fz))
 
 
 @compiled
@@ -156,10 +142,25 @@ def work_load(loads: Loads, state: State, m: int, s: int, time: float, h: float)
     """
     Add the work [J] of row `m` on a block over a drift of `h` from `time` on, before it moves.
     """
-    power = mean_power(loads.varying, loads, state, loads.wrench[m], s, time, h)
+    power = mean_power_of_row(loads.tractions, loads, state, m, s, time, h)
     done = load_at(loads.work, LANES * m)
     more = fma(splat(h), power, done)
     store_at(loads.work, LANES * m, where(bits(loads.lanes[m]), more, done))
+
+
+@compiled
+def mean_power_of_row(
+    tractions: Tractions | None, loads: Loads, state: State, m: int, s: int, time: float, h: float
+) -> Vector:
+    """Mean power [W] of row `m` on a block over a drift of `h` from `time` on."""
+    if tractions is None:
+        return mean_power(loads.varying, loads, state, loads.wrench[m], s, time, h)
+    else:
+        if loads.wrench[m] >= tractions.first:
+            return mean_traction_power(
+                tractions.sliding, tractions, loads.varying, loads.wrench[m], state,
+                tractions.place[m], s, time, h)
+        return mean_power(loads.varying, loads, state, loads.wrench[m], s, time, h)
 
 
 @compiled
@@ -174,17 +175,15 @@ def mean_power(
     if varying is None:
         return mean_power_steady(loads, state, w, s, h)
     else:
-        normal = varying.normal[w]
-        if varying.slope[w] == 0.0 and varying.height[w] == 0.0 and (
-                normal[0] == 0.0 and normal[1] == 0.0 and normal[2] == 0.0):
+        if is_steady(varying, w):
             return splat(varying.value[w]) * mean_power_steady(loads, state, w, s, h)
-        near = power_after(loads, state, w, s, time, (0.5 - _NEAR) * h) + power_after(
-            loads, state, w, s, time, (0.5 + _NEAR) * h)
-        far = power_after(loads, state, w, s, time, (0.5 - _FAR) * h) + power_after(
-            loads, state, w, s, time, (0.5 + _FAR) * h)
+        near = power_after(loads, state, w, s, time, (0.5 - NEAR) * h) + power_after(
+            loads, state, w, s, time, (0.5 + NEAR) * h)
+        far = power_after(loads, state, w, s, time, (0.5 - FAR) * h) + power_after(
+            loads, state, w, s, time, (0.5 + FAR) * h)
         middle = power_after(loads, state, w, s, time, 0.5 * h)
-        return fma(splat(_NEAR_WEIGHT), near, fma(
-            splat(_FAR_WEIGHT), far, splat(_MIDDLE_WEIGHT) * middle))
+        return fma(splat(NEAR_WEIGHT), near, fma(
+            splat(FAR_WEIGHT), far, splat(MIDDLE_WEIGHT) * middle))
 
 
 @compiled
@@ -200,8 +199,6 @@ def power_after(
     gx, gy, gz = splat(loads.force[w, 0]), splat(loads.force[w, 1]), splat(loads.force[w, 2])
     fx, fy, fz = turned(turn_to_world(state.orientation, s, gx, gy, gz), cosine, ux, uy, uz)
     fx, fy, fz = where(turning, fx, gx), where(turning, fy, gy), where(turning, fz, gz)
-    normal = normal_of(loads.varying, state.orientation, w, s)
-    fx, fy, fz = part_along(fx, fy, fz, turned_normal(normal, cosine, ux, uy, uz))
     px, py, pz = turned(point_of(loads, state.orientation, w, s), cosine, ux, uy, uz)
     # A torque that turns about omega keeps its part along it.
     hx, hy, hz = splat(loads.torque[w, 0]), splat(loads.torque[w, 1]), splat(loads.torque[w, 2])
@@ -212,28 +209,6 @@ def power_after(
     vz = load(velocity, 2, s) + (ox * py - oy * px)
     power = fma(fx, vx, fma(fy, vy, fma(fz, vz, fma(tx, ox, fma(ty, oy, tz * oz)))))
     return splat(factor_of(loads.varying, w, time + later)) * power
-
-
-@compiled
-def turned(vector: Three, cosine: Vector, ux: Vector, uy: Vector, uz: Vector) -> Three:
-    """A vector turned by the unit quaternion (u, cosine)."""
-    x, y, z = vector
-    two = splat(2.0)
-    tx, ty, tz = two * (uy * z - uz * y), two * (uz * x - ux * z), two * (ux * y - uy * x)
-    return (
-        x + fma(cosine, tx, uy * tz - uz * ty), y + fma(cosine, ty, uz * tx - ux * tz),
-        z + fma(cosine, tz, ux * ty - uy * tx))
-
-
-@compiled
-def turned_normal(
-    normal: Three | None, cosine: Vector, ux: Vector, uy: Vector, uz: Vector
-) -> Three | None:
-    """The same for a normal, if there is one."""
-    if normal is None:
-        return None
-    else:
-        return turned(normal, cosine, ux, uy, uz)
 
 
 @compiled
@@ -271,39 +246,3 @@ def keep_work(loads: Loads | None, first: int, last: int) -> None:
         return
     for m in range(loads.start[first], loads.start[last]):
         store_at(loads.earlier_work, LANES * m, load_at(loads.work, LANES * m))
-
-
-@compiled
-def mean_of_turning(
-    fx: Vector, fy: Vector, fz: Vector, ox: Vector, oy: Vector, oz: Vector, h: float
-) -> Three:
-    """
-    Mean over `h` of a vector that turns at omega from `f` on: the integral of eq 22's rotation.
-
-    f + (1 - cos x) / x^2 (h omega x f) + (x - sin x) / x^3 (h omega x (h omega x f)), with
-    x = |omega| h.
-    """
-    step, one = splat(h), splat(1.0)
-    # cos(x / 2), and sin(x / 2) / x.
-    cosine, sine = half_angle_factors(h, ox, oy, oz)
-    sine = sine * splat(1.0 / h)
-    ux, uy, uz = step * ox, step * oy, step * oz
-    square = fma(ux, ux, fma(uy, uy, uz * uz))
-    first = splat(2.0) * sine * sine
-    # Horner's rule below 1, where the difference would cancel; the next term is 1e-20.
-    series = fma(square, splat(-1.0 / 121645100408832000.0), splat(1.0 / 355687428096000.0))
-    series = fma(square, series, splat(-1.0 / 1307674368000.0))
-    series = fma(square, series, splat(1.0 / 6227020800.0))
-    series = fma(square, series, splat(-1.0 / 39916800.0))
-    series = fma(square, series, splat(1.0 / 362880.0))
-    series = fma(square, series, splat(-1.0 / 5040.0))
-    series = fma(square, series, splat(1.0 / 120.0))
-    small = square < one
-    divisor = where(small, one, square)
-    direct = (one - splat(2.0) * sine * cosine) / divisor
-    second = where(small, splat(1.0 / 6.0) - square * series, direct)
-    cx, cy, cz = uy * fz - uz * fy, uz * fx - ux * fz, ux * fy - uy * fx
-    dx, dy, dz = uy * cz - uz * cy, uz * cx - ux * cz, ux * cy - uy * cx
-    return (
-        fx + fma(first, cx, second * dx), fy + fma(first, cy, second * dy),
-        fz + fma(first, cz, second * dz))

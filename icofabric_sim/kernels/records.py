@@ -67,6 +67,9 @@ class LawTables(Record):
     first: np.ndarray  # (12, s) first row of a connector's table, -1 where it has none
     # (m, 8) least length, anchor [m], f [N], d, c, b, energy [J], last row of the table
     rows: np.ndarray
+    # (8 12 s,) of each block and connector, lanes side by side: the piece that it was on last,
+    # as least length, largest length, and anchor to energy as above; written where it is read
+    pieces: np.ndarray
 
 
 class Links(Record):
@@ -169,7 +172,7 @@ class Supports(Record):
 
 class Varying(Record):
     """
-    What changes the wrenches of a scene in time, or with the orientation of their bodies.
+    What changes the wrenches of a scene in time.
 
     A wrench is multiplied by s(t) = value + slope (t - start) + height sin(rate (t - start)).
     """
@@ -180,8 +183,27 @@ class Varying(Record):
     height: np.ndarray  # (w,)
     rate: np.ndarray  # (w,) [rad/s]
     peak: np.ndarray  # (w,) the largest |s|; not for kernels
-    # (w, 3) body axes: of the force only the part along it acts; zero: all of it.
-    normal: np.ndarray
+
+
+class Tractions(Record):
+    """
+    Surface forces, summed over the faces of each body, see kernels/tractions.py.
+
+    A row for every block that one acts on, with the numbers of all lanes side by side.
+    """
+
+    first: int  # rows of the loads whose wrench is this or later are surface forces
+    place: np.ndarray  # (m,) int64 number of a row of the loads among the r rows here
+    # (6 LANES r,) force [N] and torque about the centre [N m] that turn with the body, body axes
+    turning: np.ndarray | None
+    # (12 LANES r,) force [N] of fixed direction, world axes, and first moments [N m] of its parts:
+    # the sum of p F_k over the faces, p in body axes, for the world axes k = x, y, z
+    fixed: np.ndarray | None
+    # (54 LANES r,) [N], [N m] without friction: sums of n n F and of (p x n) n F, the first two
+    # in body axes, the last in world axes
+    sliding: np.ndarray | None
+    force: np.ndarray  # (LANES r,) [N] bound of the force on each body; not for kernels
+    moment: np.ndarray  # (LANES r,) [N m] the same of the torque
 
 
 class Drives(Record):
@@ -233,6 +255,7 @@ class Loads(Record):
     # (16, m LANES) [W] at the stages of a Runge-Kutta step; no rows for others
     power: np.ndarray
     varying: Varying | None
+    tractions: Tractions | None
     drives: Drives | None
     anchors: Anchors | None
 

@@ -23,10 +23,11 @@ from icofabric_sim.kernels.contact.losses import add_taken, losses_of
 from icofabric_sim.kernels.drives import is_wrench, place_row, resist_slopes
 from icofabric_sim.kernels.external import add_external
 from icofabric_sim.kernels.flows import accelerations, place_links
-from icofabric_sim.kernels.loads import factor_of, kick_load, wrench_of
+from icofabric_sim.kernels.loads import kick_load, wrench_of_row
 from icofabric_sim.kernels.meters import note_flow
 from icofabric_sim.kernels.monitor import rows_of
 from icofabric_sim.kernels.probable_error import probable_error
+from icofabric_sim.kernels.profiles import factor_of
 from icofabric_sim.kernels.records import Loads, Model, State, Work
 from icofabric_sim.kernels.rotations import orthonormalise
 from icofabric_sim.kernels.runtime.compiled import compiled
@@ -147,7 +148,7 @@ def note_power(
     loads: Loads, state: State, m: int, s: int, time: float, index: int
 ) -> None:
     """Power [W] of row `m` of the loads on a block at `time` [s]."""
-    force, torque = wrench_of(loads, state.orientation, loads.wrench[m], s)
+    force, torque = wrench_of_row(loads.tractions, loads, state.orientation, m, s)
     velocity, spin = state.linear_velocity, state.angular_velocity
     power = fma(force[0], load(velocity, 0, s), fma(
         force[1], load(velocity, 1, s), force[2] * load(velocity, 2, s)))

@@ -49,6 +49,12 @@ from icofabric_sim.simulation.input_types import (
 )
 from icofabric_sim.simulation.model.layout import Layout
 from icofabric_sim.simulation.model.packing import AnchorPack, pack_loads, WrenchRow
+from icofabric_sim.simulation.model.tractions import (
+    BodyTraction,
+    sum_faces,
+    TractionPack,
+    TractionRow,
+)
 from icofabric_sim.simulation.pulls import Pulls
 from icofabric_sim.simulation.state_tree import as_number, StateTree
 from icofabric_sim.simulation.timetable import AnchorPath, Follower, Timetable, TractionProfile
@@ -151,8 +157,8 @@ class Inputs:
         paths |= {AnchorPath(name): anchor.path for name, anchor in scene.anchors.items()}
         self.timetable = Timetable({**profiles, **paths})
         self.driving = Driving(scene.drives, scene.initial, self.timetable)
-        self._varying = any(not profile.is_plain for profile in profiles.values()) or any(
-            wrench.normal.any() for part in scene.tractions.values() for wrench in part.wrenches)
+        self._varying = any(not profile.is_plain for profile in profiles.values())
+        self._sums: dict[str, BodyTraction] = {}
         self.reset(0.0)
 
     def reset(self, time: float) -> None:
@@ -285,30 +291,47 @@ class Inputs:
         Channels by name, single bodies by number, tractions, pulls.
         """
         return pack_loads(
-            self.packed_rows(), layout, stages=stages, varying=self._varying,
+            self._own_rows(), layout, stages=stages, varying=self._varying,
+            tractions=self._pack_tractions(dict(self._traction_pieces())),
             drives=self.driving.pack_again(), anchors=self._pack_anchors())
 
     def packed_rows(self) -> list[WrenchRow]:
-        """The wrenches that were packed last."""
+        """The wrenches that were packed last; of surface forces those of every face."""
+        return self._own_rows() + [
+            WrenchRow(*wrench[:-1], piece, wrench.normal)
+            for name, piece in self._traction_pieces()
+            for wrench in self.scene.tractions[name].wrenches]
+
+    def _own_rows(self) -> list[WrenchRow]:
         rows = []
         for target in sorted(self.packed, key=load_order):
             piece = self._piece(target) if target in self._packed_pieces else STEADY.pieces[0]
             rows.append(self._row(target, self.packed[target], piece))
-        for name, part in self.scene.tractions.items():
-            piece = self._piece(TractionProfile(name))
-            if not piece.is_zero:
-                rows += [WrenchRow(*wrench[:-1], piece, wrench.normal) for wrench in part.wrenches]
         return rows + self.pulls.packed_rows()
+
+    def _traction_pieces(self) -> list[tuple[str, Piece]]:
+        """Surface forces that act, by name, with the piece of the profile of each."""
+        pieces = [(name, self._piece(TractionProfile(name))) for name in self.scene.tractions]
+        return [(name, piece) for name, piece in pieces if not piece.is_zero]
+
+    def _pack_tractions(self, pieces: Mapping[str, Piece]) -> TractionPack | None:
+        if not self.scene.tractions:
+            return None
+        if not self._sums:
+            self._sums = {
+                name: sum_faces(part.wrenches) for name, part in self.scene.tractions.items()}
+        return TractionPack(
+            [TractionRow(self._sums[name], piece) for name, piece in pieces.items()],
+            list(self._sums.values()))
 
     def pack_strongest(self, layout: Layout) -> Loads:
         """Rows of all that the scene does itself, each at its strongest, as if at one time."""
         rows = [
             self._row(target, Wrench(channel.force, channel.torque), channel.profile.strongest)
             for target, channel in self._channels.items()]
-        for part in self.scene.tractions.values():
-            strongest = part.profile.strongest
-            rows += [WrenchRow(*wrench[:-1], strongest, wrench.normal) for wrench in part.wrenches]
-        return pack_loads(rows, layout, varying=self._varying)
+        return pack_loads(
+            rows, layout, varying=self._varying, tractions=self._pack_tractions({
+                name: part.profile.strongest for name, part in self.scene.tractions.items()}))
 
     def _pack_anchors(self) -> AnchorPack | None:
         anchors, laws = self.scene.anchors, self.scene.anchor_law

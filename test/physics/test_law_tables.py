@@ -160,6 +160,25 @@ def test_energy_of_a_swing_through_all_pieces_stays(band):
     assert min(lengths) < 0.9 and max(lengths) > 1.25
 
 
+@pytest.mark.parametrize('groups', [False, True])
+def test_pieces_remembered_from_elsewhere_change_no_bit(band, groups):
+    """Forces look at the piece of before first, which must not matter, whatever it was."""
+    changes = {'connector.law': band}
+    if groups:
+        changes = {
+            'groups.low': 'z_min', 'connector_groups.g.between': 'low all',
+            'connector_groups.g.law': band}
+    scene = make_scene((3, 3, 3), changes)
+    packed = pack_scene(scene)
+    places = [disturbed(scene, 0.1, seed) for seed in range(6)]
+    used = [wrenches(scene, *place, packed=packed) for place in (*places, places[0])]
+    for place, seen in zip((*places, places[0]), used):
+        fresh = wrenches(scene, *place)
+        assert np.array_equal(fresh.force, seen.force)
+        assert np.array_equal(fresh.torque, seen.torque)
+    assert not np.array_equal(used[0].force, used[1].force)
+
+
 @pytest.mark.parametrize('rows, words', [
     ([(1.0, 0.0)], ['connector.law', 'two lines', 'length [m], force [N]']),
     ([(1.0, 0.0), (0.9, 1.0)], ['connector.law', 'line 4', 'lengths must increase']),

@@ -22,6 +22,9 @@ from fabrics import changed, make_scene, RANDOM, wrenches
 import icofabric_sim as ico
 from icofabric_sim.geometry.icosahedron import face_geometry, inscribed_radius, outer_triangles
 from icofabric_sim.geometry.rotations import cosines_from_quaternions
+from icofabric_sim.kernels.runtime.lanes import LANES
+from icofabric_sim.simulation.inputs import Inputs
+from icofabric_sim.simulation.model.packing import acting_lanes, pack_scene
 import numpy as np
 import pytest
 
@@ -153,6 +156,44 @@ def test_pressure_on_top_is_a_force_in_closed_form():
     assert force == pytest.approx([0.0, 0.0, -200.0 * AREA * cosine], abs=1e-14)
     assert cosine == pytest.approx(math.cos(math.atan(2.0 / (3.0 + math.sqrt(5.0)))), rel=1e-14)
     assert lean > A
+
+
+@pytest.mark.parametrize('direction, frictionless', [
+    ('follower', False), ('fixed', False), ('fixed', True)])
+def test_a_block_has_one_row_whatever_the_faces(direction, frictionless):
+    scene = scene_with(
+        {'faces': 'exterior', 'pressure': 500.0, 'shear': [100.0, 0.0], 'direction': direction,
+         'frictionless': frictionless, 'profile': 'half_sine', 'start': 0.1, 'duration': 0.2},
+        size=(4, 4, 4), **{'weave': {'size': [4, 4, 4]}})
+    layout = pack_scene(scene).layout
+    inputs = Inputs(scene)
+    before = inputs.pack(layout)
+    assert not len(before.wrench)
+    while inputs.next_time <= 0.15:
+        inputs.apply_next()
+    loads = inputs.pack(layout)
+    assert 0 < len(loads.wrench) <= len(layout.blocks.slot)
+    assert len(inputs.packed_rows()) >= (20 if direction == 'fixed' else 2)
+    # No kernels of their own when it begins.
+    assert type(before) is type(loads)
+    kinds = loads.tractions.turning, loads.tractions.fixed, loads.tractions.sliding
+    assert [values is not None for values in kinds] == [
+        direction == 'follower', direction == 'fixed' and not frictionless, frictionless]
+
+
+def test_driven_bodies_feel_none():
+    changes = {'faces': 'all', 'pressure': 500.0, 'shear': [100.0, 0.0], 'direction': 'fixed'}
+    scene = scene_with(changes, size=(2, 2, 2))
+    driven = changed(scene, {
+        'groups.low': 'z_min', 'drives.d.group': 'low', 'drives.d.motion': 'sine',
+        'drives.d.linear': [0.0, 0.0, 1e-3], 'drives.d.frequency': 5.0})
+    layout = pack_scene(driven).layout
+    loads = Inputs(driven).pack(layout)
+    row, lane = acting_lanes(loads)
+    forces = loads.tractions.force.reshape(-1, LANES)
+    pushed = loads.wrench[row] == loads.tractions.first
+    assert pushed.sum() == driven.body_count - len(driven.groups['low'])
+    assert np.count_nonzero(forces) == pushed.sum()
 
 
 @pytest.mark.parametrize('method, limit', [('srkn4', 1e-6), ('dop8', 1e-7)])

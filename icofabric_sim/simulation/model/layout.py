@@ -29,6 +29,7 @@ from icofabric_sim.geometry.rotations import (
     quaternions_from_cosines,
     unit_quaternions,
 )
+from icofabric_sim.kernels.law_tables import PIECE
 from icofabric_sim.kernels.records import (
     Blocks,
     EDGE_COUNT,
@@ -343,7 +344,10 @@ def _pack_tables(layout: Layout, tables: ConnectorTables) -> tuple[LawTables | N
         np.vstack([table.rows for table in tables.tables]), np.repeat(last, counts)[:, None]])
     first = aligned_empty((LINK_COUNT, layout.slot_count))
     first[:] = -1.0
-    return LawTables(first, rows), np.append(last - counts + 1.0, -1.0)
+    # No length lies above infinity: each connector looks its first piece up.
+    pieces = aligned_empty((PIECE * LINK_COUNT * layout.slot_count,))
+    pieces[:] = np.inf
+    return LawTables(first, rows, pieces), np.append(last - counts + 1.0, -1.0)
 
 
 def _direction(grid: np.ndarray, pair: np.ndarray) -> np.ndarray:

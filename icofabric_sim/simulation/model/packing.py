@@ -13,7 +13,7 @@
 # limitations under the License.
 """Packs a scene into the constants that kernels take."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -46,6 +46,7 @@ from icofabric_sim.simulation.model.electric import pack_coulomb, pack_dipole, p
 from icofabric_sim.simulation.model.layout import aligned_empty, Layout, make_layout, make_links
 from icofabric_sim.simulation.model.link_places import pack_breakage
 from icofabric_sim.simulation.model.shells import pack_shells
+from icofabric_sim.simulation.model.tractions import pack_tractions, TractionPack, TractionRow
 from icofabric_sim.simulation.model.wrapping import pack_wrapping
 import numpy as np
 
@@ -200,6 +201,7 @@ def pack_loads(
     *,
     stages: int = 0,
     varying: bool = False,
+    tractions: TractionPack | None = None,
     drives: DrivePack | None = None,
     anchors: AnchorPack | None = None,
 ) -> Loads:
@@ -207,14 +209,16 @@ def pack_loads(
     Wrenches for the kernels: a row for every block they act on.
 
     In the order of the blocks; those of one block in the order given. `stages`: slopes of a
-    Runge-Kutta step; `varying`: with factors that are neither 0 nor 1, or with normals. Bodies
-    of `drives` feel no wrench: their paths bear it.
+    Runge-Kutta step; `varying`: with factors that are neither 0 nor 1. Bodies of `drives` feel no
+    wrench: their paths bear it.
     """
     parts = list(rows)
     count = len(layout.blocks.slot)
     blocks, wrenches = [np.zeros(0, np.int32)], [np.zeros(0, np.int32)]
     lanes = [np.zeros(0, np.uint8)]
     members = [(number, part.bodies) for number, part in enumerate(parts)]
+    surfaces: Sequence[TractionRow] = () if tractions is None else tractions.rows
+    members += [(len(parts) + number, row.sums.bodies) for number, row in enumerate(surfaces)]
     if drives is not None:
         driven = np.zeros(layout.body_count, bool)
         for row in drives.rows:
@@ -233,7 +237,7 @@ def pack_loads(
         blocks.append(own)
         lanes.append(bits[own])
         wrenches.append(np.full(len(own), number, np.int32))
-    block = np.concatenate(blocks)
+    block, wrench = np.concatenate(blocks), np.concatenate(wrenches)
     order = np.argsort(block, kind='stable')
     start = np.zeros(count + 1, np.int32)
     np.cumsum(np.bincount(block, minlength=count), out=start[1:])
@@ -248,7 +252,7 @@ def pack_loads(
 
     return Loads(
         start=start,
-        wrench=np.concatenate(wrenches)[order],
+        wrench=wrench[order],
         lanes=np.concatenate(lanes)[order],
         turning=np.array([255 if part.in_body_axes else 0 for part in parts], dtype=np.uint8),
         force=column('force'),
@@ -257,16 +261,20 @@ def pack_loads(
         work=room(),
         earlier_work=room(),
         power=room(stages),
-        varying=_varying(parts, column('normal')) if varying else None,
+        varying=_varying(
+            [part.piece for part in parts] + [row.piece for row in surfaces]) if varying else None,
+        tractions=None if tractions is None else pack_tractions(
+            tractions, layout, len(parts), block[order], wrench[order],
+            np.concatenate(lanes)[order]),
         drives=None if drives is None else _pack_drives(drives, layout),
         anchors=None if anchors is None else _pack_anchors(anchors, paths),
     )
 
 
-def _varying(parts: list[WrenchRow], normal: np.ndarray) -> Varying:
-    pieces = np.array([part.piece for part in parts], dtype=float).reshape(-1, len(Piece._fields))
-    start, value, slope, height, rate, peak = np.ascontiguousarray(pieces.T)
-    return Varying(start, value, slope, height, rate, peak, normal)
+def _varying(pieces: list[Piece]) -> Varying:
+    table = np.array(pieces, dtype=float).reshape(-1, len(Piece._fields))
+    start, value, slope, height, rate, peak = np.ascontiguousarray(table.T)
+    return Varying(start, value, slope, height, rate, peak)
 
 
 def _pack_drives(drives: DrivePack, layout: Layout) -> Drives:
@@ -326,13 +334,24 @@ def load_rate(loads: Loads | None, model: Model, size: float) -> float:
         moment = np.linalg.norm(loads.torque, axis=1)
         moment += np.linalg.norm(loads.point, axis=1) * force
         square = force * (model.inverse_mass / size) + moment * model.inverse_inertia
-        if loads.varying is not None:
-            square *= loads.varying.peak
         block = np.repeat(np.arange(len(loads.start) - 1), np.diff(loads.start))
         row, lane = acting_lanes(loads)
         wrenches = loads.wrench[row] >= 0
         row, lane = row[wrenches], lane[wrenches]
-        largest = np.bincount(LANES * block[row] + lane, square[loads.wrench[row]]).max()
+        wrench = loads.wrench[row]
+        plain = np.full(len(row), True)
+        if loads.tractions is not None:
+            plain = wrench < loads.tractions.first
+        rates = np.zeros(len(row))
+        rates[plain] = square[wrench[plain]]
+        if loads.tractions is not None:
+            at = LANES * loads.tractions.place[row[~plain]] + lane[~plain]
+            rates[~plain] = (
+                loads.tractions.force[at] * (model.inverse_mass / size)
+                + loads.tractions.moment[at] * model.inverse_inertia)
+        if loads.varying is not None:
+            rates *= loads.varying.peak[wrench]
+        largest = np.bincount(LANES * block[row] + lane, rates).max()
     if not largest < np.inf:
         return np.inf
     return max(float(np.sqrt(largest)), own)

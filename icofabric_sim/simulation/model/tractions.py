@@ -1,0 +1,140 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""Surface forces for the kernels: the wrenches of all faces of a body become one row."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from icofabric_sim.kernels.records import Tractions
+from icofabric_sim.kernels.runtime.lanes import LANES
+from icofabric_sim.kernels.tractions import FIXED, SLIDING, TURNING
+from icofabric_sim.scene.profiles import Piece
+from icofabric_sim.scene.tractions import FaceWrench
+from icofabric_sim.simulation.model.layout import aligned_empty, Layout
+import numpy as np
+
+# Forces that add up to less than this part of their sizes cancel: what is left is rounding.
+_CANCELLED = 1e-15
+
+
+class BodyTraction(NamedTuple):
+    """A surface force summed over the faces of each of its bodies; None where no face is such."""
+
+    bodies: np.ndarray  # (m,) int32
+    turning: np.ndarray | None  # (m, 6) force [N] and torque [N m], body axes
+    fixed: np.ndarray | None  # (m, 12) force [N], world, and first moments [N m] by its axes
+    sliding: np.ndarray | None  # (m, 54) see kernels.records.Tractions
+    force: np.ndarray  # (m,) [N] bound
+    moment: np.ndarray  # (m,) [N m] bound
+
+
+class TractionRow(NamedTuple):
+    """A surface force, and what it is multiplied by."""
+
+    sums: BodyTraction
+    piece: Piece  # at times of the run
+
+
+class TractionPack(NamedTuple):
+    """What kernels need of all surface forces of a scene."""
+
+    rows: Sequence[TractionRow]  # those that act
+    # All of the scene, also those that act at other times: kernels stay the same.
+    scene: Sequence[BodyTraction]
+
+
+def sum_faces(wrenches: Sequence[FaceWrench]) -> BodyTraction:
+    """Add up what the faces of each body feel."""
+    bodies = np.unique(np.concatenate(
+        [np.zeros(0, np.int32), *(part.bodies for part in wrenches)])).astype(np.int32)
+    count = len(bodies)
+    turning, fixed, sliding = (np.zeros((count, n)) for n in (TURNING, FIXED, SLIDING))
+    force, sizes, slid, moment = (np.zeros(count) for _ in range(4))
+    kinds = set()
+    for part in wrenches:
+        rows = np.searchsorted(bodies, part.bodies)
+        size = float(np.linalg.norm(part.force))
+        lever = np.cross(part.point, part.normal)
+        if part.in_body_axes:
+            kinds.add('turning')
+            turning[rows] += np.hstack([
+                part.force, part.torque + np.cross(part.point, part.force)])
+        elif part.normal.any():
+            kinds.add('sliding')
+            pushed = np.outer(part.normal, part.force)
+            sliding[rows] += np.concatenate([
+                np.multiply.outer(part.normal, pushed).ravel(),
+                np.multiply.outer(lever, pushed).ravel()])
+            slid[rows] += size
+            moment[rows] += size * float(np.linalg.norm(lever))
+        else:
+            kinds.add('fixed')
+            fixed[rows] += np.concatenate([part.force, np.outer(part.force, part.point).ravel()])
+            sizes[rows] += size
+    own = np.where(np.abs(fixed[:, :3]) > _CANCELLED * sizes[:, None], fixed[:, :3], 0.0)
+    fixed[:, :3] = own
+    force = np.linalg.norm(turning[:, :3], axis=1) + np.linalg.norm(own, axis=1) + slid
+    # The torque of first moments S is at most sqrt(2) |S|, however the body is turned.
+    moment += np.linalg.norm(turning[:, 3:], axis=1)
+    moment += np.sqrt(2.0) * np.linalg.norm(fixed[:, 3:], axis=1)
+    return BodyTraction(
+        bodies, turning if 'turning' in kinds else None, fixed if 'fixed' in kinds else None,
+        sliding if 'sliding' in kinds else None, force, moment)
+
+
+def pack_tractions(
+    pack: TractionPack, layout: Layout, first: int, block: np.ndarray, wrench: np.ndarray,
+    lanes: np.ndarray
+) -> Tractions:
+    """
+    Numbers of all surface forces that act, lanes side by side.
+
+    `first`: the wrench of the first of them; `block`, `wrench`, `lanes` (m,): those of all rows of
+    the loads.
+    """
+    mine = np.flatnonzero(wrench >= first)
+    place = np.zeros(len(wrench), np.int64)
+    place[mine] = np.arange(len(mine))
+    acts = np.unpackbits(lanes[mine, None], axis=1, count=LANES, bitorder='little').astype(bool)
+    # The row here and the lane of every body of every surface force.
+    found = []
+    for number, row in enumerate(pack.rows):
+        row_of_block = np.full(len(layout.blocks.slot), -1, np.int64)
+        own = mine[wrench[mine] == first + number]
+        row_of_block[block[own]] = place[own]
+        lane = layout.slot[row.sums.bodies] % LANES
+        r = row_of_block[layout.block_of(row.sums.bodies)]
+        # Not those that a drive moves.
+        acting = np.flatnonzero(r >= 0)
+        acting = acting[acts[r[acting], lane[acting]]]
+        found.append((acting, r[acting], lane[acting]))
+
+    def spread(field: str, count: int) -> np.ndarray | None:
+        if all(getattr(sums, field) is None for sums in pack.scene):
+            return None
+        flat = aligned_empty((len(mine) * count * LANES,))
+        flat[:] = 0.0
+        table = flat.reshape(len(mine), count, LANES)
+        for row, (acting, r, lane) in zip(pack.rows, found):
+            values = getattr(row.sums, field)
+            if values is not None:
+                table[r, :, lane] = values[acting].reshape(len(acting), count)
+        return flat
+
+    force, moment = spread('force', 1), spread('moment', 1)
+    assert force is not None and moment is not None
+    return Tractions(
+        first=first, place=place, turning=spread('turning', TURNING),
+        fixed=spread('fixed', FIXED), sliding=spread('sliding', SLIDING), force=force,
+        moment=moment)
