@@ -26,6 +26,7 @@ import threading
 import time
 
 from icofabric_sim.kernels.runtime.compile_notice import KernelsMissing
+from icofabric_sim.kernels.runtime.kernel_guard import no_compiling
 from icofabric_sim.parameters.changes import rebuilds
 from icofabric_sim.parameters.validation import Parameters
 from icofabric_sim.scene.scene import Scene
@@ -33,7 +34,6 @@ from icofabric_sim.simulation.input_types import has_target, PullTarget
 from icofabric_sim.simulation.model.body_force import BodyForce
 from icofabric_sim.simulation.precompile import compile_elsewhere
 from icofabric_sim.simulation.simulation import compile_scene, Simulation
-from icofabric_sim.simulation.stepping.kernel_guard import no_compiling
 
 # After a build there is none for so many times as long, at most so long [s]: a slider that sends
 # fifty changes a second may not take the processor from the run.

@@ -16,10 +16,10 @@
 import time as wall
 
 from icofabric_sim.kernels.runtime.compile_notice import KernelsMissing
+from icofabric_sim.kernels.runtime.kernel_guard import no_compiling
 from icofabric_sim.messages.schedule import seconds
 from icofabric_sim.running.run_records import step_limit
 from icofabric_sim.simulation.simulation import Simulation
-from icofabric_sim.simulation.stepping.kernel_guard import no_compiling
 from icofabric_sim.simulation.stepping.methods import METHODS
 
 # A step above this part of the stability limit is chosen by that, with its safety.

@@ -23,6 +23,7 @@ import logging
 import math
 import time as wall
 
+from icofabric_sim.kernels.runtime.kernel_guard import is_compiler_free
 from icofabric_sim.messages.schedule import NANOSECONDS, nanoseconds_not_before, seconds
 from icofabric_sim.running.broadcast import Broadcast
 from icofabric_sim.running.pace import Pace
@@ -33,7 +34,6 @@ from icofabric_sim.running.stall import StallWatch
 from icofabric_sim.running.time_requests import AdvanceRequest, StepRequest, TimeRequests
 from icofabric_sim.simulation.errors import Interrupted, KernelsAwaited, SimulationError
 from icofabric_sim.simulation.simulation import Simulation
-from icofabric_sim.simulation.stepping.kernel_guard import is_compiler_free
 
 _LOGGER = logging.getLogger('icofabric_sim')
 # Wall time of one call into the simulation [s]: how late an immediate input, a pause or a stop

@@ -35,9 +35,9 @@ import time
 from typing import Any
 
 from icofabric_sim.kernels.runtime.compile_notice import compile_notice
+from icofabric_sim.kernels.runtime.kernel_guard import end_compiling
 from icofabric_sim.kernels.runtime.target import target
 from icofabric_sim.scene.scene import Scene
-from icofabric_sim.simulation.stepping.kernel_guard import end_compiling
 import numpy as np
 
 # A larger scene would be built once more beside the first.

@@ -20,6 +20,7 @@ import time
 
 import icofabric_sim as ico
 from icofabric_sim.kernels.runtime.compile_notice import KernelsMissing
+from icofabric_sim.kernels.runtime.kernel_guard import guarded_alike, no_compiling
 from icofabric_sim.messages import decode_clock, decode_diagnostic_array
 from icofabric_sim.messages.schedule import seconds
 from icofabric_sim.messages.topics import CLOCK, DIAGNOSTICS
@@ -31,7 +32,6 @@ from icofabric_sim.simulation import simulation as simulation_module
 from icofabric_sim.simulation.errors import KernelsAwaited
 from icofabric_sim.simulation.precompile import ContactKernels
 from icofabric_sim.simulation.stepping import driver as driver_module
-from icofabric_sim.simulation.stepping.kernel_guard import guarded_alike, no_compiling
 from numba import njit
 import pytest
 from runner_helpers import Beside, ListSink, push

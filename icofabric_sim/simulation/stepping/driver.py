@@ -28,6 +28,7 @@ from icofabric_sim.kernels.contact.rebuild_check import MISSED, MOVED_FAR
 from icofabric_sim.kernels.drives import place_driven
 from icofabric_sim.kernels.records import Loads, State
 from icofabric_sim.kernels.runtime.compile_notice import KernelsMissing
+from icofabric_sim.kernels.runtime.kernel_guard import is_compiler_free, no_compiling
 from icofabric_sim.simulation.contact.broad_phase import BroadPhase
 from icofabric_sim.simulation.errors import KernelsAwaited
 from icofabric_sim.simulation.model.anchor_stiffness import anchor_accelerations
@@ -39,7 +40,6 @@ from icofabric_sim.simulation.stepping.contact_scheduler import ContactScheduler
 from icofabric_sim.simulation.stepping.controllers import make_controller
 from icofabric_sim.simulation.stepping.embedded_control import EmbeddedControl
 from icofabric_sim.simulation.stepping.embedded_stepping import EmbeddedStepping
-from icofabric_sim.simulation.stepping.kernel_guard import is_compiler_free, no_compiling
 from icofabric_sim.simulation.stepping.method_calls import MethodCalls
 from icofabric_sim.simulation.stepping.methods import Method
 from icofabric_sim.simulation.stepping.motion_rates import MotionRates

@@ -28,9 +28,9 @@ import weakref
 from icofabric_sim.kernels.contact.surface import contact_scratch, Scratch
 from icofabric_sim.kernels.records import Sweep, Team
 from icofabric_sim.kernels.runtime.compile_notice import compile_notice, KernelsMissing
+from icofabric_sim.kernels.runtime.kernel_guard import guarded_alike
 from icofabric_sim.kernels.runtime.team import FLAG_COUNT
 from icofabric_sim.simulation.model.packing import PackedScene
-from icofabric_sim.simulation.stepping.kernel_guard import guarded_alike
 from icofabric_sim.simulation.stepping.traversal_order import make_sweeps
 from numba.core import config
 import numpy as np
