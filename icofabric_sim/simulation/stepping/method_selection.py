@@ -116,6 +116,19 @@ def _for_kinks(tolerance: float, liveliness: float, kinks: int) -> Choice:
         f'fastest vibration ({others})')
 
 
+def longest_at_kinks(method: Method, tolerance: float, liveliness: float) -> float:
+    """
+    Step times frequency up to which crossings add no more than the tolerance; infinite at rest.
+
+    For motion of `liveliness` [1/s] a/s. While connectors are slack nothing shows in the motion of
+    what the first of them that pulls will add.
+    """
+    if not liveliness > 0.0:
+        return math.inf
+    facts = _at_kinks(method)
+    return float((tolerance / (facts.error * liveliness)) ** (1.0 / facts.order))
+
+
 def _allowed_ratio(method: Method, tolerance: float, liveliness: float) -> float:
     """Step times frequency for the wanted accuracy, as far as the method may go."""
     if not liveliness > 0.0:

@@ -21,9 +21,12 @@ then; in between the step is kept while it is about right.
 import math
 
 from icofabric_sim.simulation.contact.broad_phase import LOOK_AFTER
+from icofabric_sim.simulation.model.layout import has_jumps
 from icofabric_sim.simulation.stepping.accuracy_probe import AIM, FIRST_GAP
 from icofabric_sim.simulation.stepping.faults import too_fast
+from icofabric_sim.simulation.stepping.method_selection import longest_at_kinks
 from icofabric_sim.simulation.stepping.pieces import Pieces, StepChoice
+import numpy as np
 
 # Step times frequency, in parts of what the method chooses at most: too long (shorten it), too
 # short (lengthen it).
@@ -84,7 +87,7 @@ class MeasuredStep:
         cap = method.chosen / rate
         longest = pieces.contact.longest_step
         self.held_back = longest < cap
-        cap = min(cap, longest)
+        cap = min(cap, longest, self._longest_at_kinks())
         if not _SHORTEST * min(cap, errors.step) <= step <= _LONGEST * cap:
             step = rounded_down(min(cap, errors.step))
         if probe or errors.is_new or rates.load_rate > errors.load_rate:
@@ -101,6 +104,25 @@ class MeasuredStep:
         ledger.high = max(_LONGEST * method.chosen / step, near)
         ledger.low = _SHORTEST * method.chosen / step if errors.step >= cap else 0.0
         return step
+
+    def _longest_at_kinks(self) -> float:
+        """Step [s] for crossings that may come, which no present motion shows: slack connectors."""
+        pieces = self._pieces
+        trajectory, rates = pieces.trajectory, pieces.rates
+        packed, frequency = trajectory.packed, rates.fabric.rate
+        if not (frequency > 0.0 and has_jumps(packed.model.links)):
+            return math.inf
+        # Bodies that all move alike meet no crossing.
+        velocity = trajectory.state.linear_velocity[:, packed.layout.slot]
+        velocity = velocity - velocity.mean(axis=1, keepdims=True)
+        speed = float(np.sqrt((velocity**2).sum(axis=0).max(initial=0.0))) / trajectory.half_edge
+        # And what is gained while the fastest vibration turns by a radian.
+        acceleration = rates.load_rate**2
+        if packed.gravity is not None and packed.model.supports is not None:
+            acceleration += float(np.linalg.norm(packed.gravity)) / trajectory.half_edge
+        liveliness = max(speed + acceleration / frequency, trajectory.ledger.spin)
+        tolerance = pieces.errors.probe.tolerance
+        return longest_at_kinks(trajectory.method, tolerance, liveliness) / frequency
 
     def excess(self) -> float | None:
         """
