@@ -54,11 +54,11 @@ def terms() -> list[Term]:
 
 def main() -> None:
     """Measure, and print a table."""
-    logging.disable(logging.WARNING)
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[1])
     parser.add_argument('--rounds', type=int, default=9)
     parser.add_argument('--size', type=int, nargs=3, default=(8, 8, 8))
     arguments = parser.parse_args()
+    logging.disable(logging.WARNING)
     runs = {term.label: compile_term(tuple(arguments.size), term) for term in terms()}
     times: dict[str, list[float]] = {label: [] for label in runs}
     for simulation in runs.values():

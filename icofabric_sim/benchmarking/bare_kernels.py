@@ -72,7 +72,8 @@ def count_instructions(packed: PackedScene, scene: Scene, other: Any) -> list[In
         Instructions(
             'push',
             loop_instructions(
-                flows.push, model, None, state, work, 0.0, 0.0, 0.0, False, order, 0, last),
+                flows.push, model, None, state, work, None, 0.0, 0.0, 0.0, 0.0, False, order, 0,
+                last),
             loop_instructions(
                 other.push, model.links, slot, *masses, state, work.points, work.acceleration,
                 0.0, 0.0, False, 0, last),

@@ -81,15 +81,19 @@ def main(arguments: argparse.Namespace) -> int:
 
 
 def _check(arguments: argparse.Namespace, path: Path) -> tuple[int, int]:
-    from icofabric_sim.pictures.film import SUFFIXES
+    from icofabric_sim.pictures.film import FASTEST_GIF, SUFFIXES
     if path.suffix.lower() not in SUFFIXES:
         raise InputError(f'{path} does not name a film: give a file that ends in .mp4 or .gif')
     if not 0.0 < arguments.rate <= _MOST_RATE:
         raise InputError(
             f'--rate must be above 0 and at most {_MOST_RATE:g} pictures a second, got '
             f'{arguments.rate:g}')
-    if not 0.0 < arguments.speed < math.inf:
-        raise InputError(f'--speed must be above 0, got {arguments.speed:g}')
+    if path.suffix.lower() == '.gif' and arguments.rate > FASTEST_GIF:
+        raise InputError(
+            f'--rate of a GIF is at most {FASTEST_GIF:g} pictures a second, got '
+            f'{arguments.rate:g}; an MP4 shows more')
+    if not 1e-6 <= arguments.speed <= 1e6:
+        raise InputError(f'--speed must lie in 1e-06 to 1e+06, got {arguments.speed:g}')
     size = picture_size(arguments.size)
     if path.suffix.lower() == '.mp4' and any(side % 2 for side in size):
         raise InputError(f'--size of an MP4 must be even each way, got {arguments.size}')

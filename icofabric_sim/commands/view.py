@@ -84,7 +84,8 @@ def _show_scene(arguments: argparse.Namespace) -> int:
         _serve(arguments, sight, RunHands(runner), thread)
     finally:
         runner.stop()
-        thread.join()
+        if thread.ident is not None:
+            thread.join()
         bag.close(summary=summarise_run(runner.status()))
     return 1 if runner.failure else 0
 
@@ -104,7 +105,8 @@ def _show_bag(arguments: argparse.Namespace, path: Path) -> int:
             _serve(arguments, sight, ReplayHands(player), thread)
         finally:
             player.stop()
-            thread.join()
+            if thread.ident is not None:
+                thread.join()
     return 0
 
 
@@ -112,9 +114,10 @@ def _serve(
     arguments: argparse.Namespace, sight: 'Sight', hands: 'Hands', thread: threading.Thread
 ) -> None:
     from icofabric_sim.viewer.page import Page
-    page = Page(
-        sight, None if arguments.read_only else hands, host=arguments.host, port=arguments.port,
-        rate=arguments.rate)
+    with bad_input():
+        page = Page(
+            sight, None if arguments.read_only else hands, host=arguments.host,
+            port=arguments.port, rate=arguments.rate)
     try:
         print(page.address, flush=True)
         if arguments.open:

@@ -210,7 +210,7 @@ def _ready(simulation: 'Simulation') -> 'Simulation':
     outputs.energy(snapshot)
     for messages in (outputs.connectors(snapshot, 0), outputs.icosahedra(snapshot, 0)):
         list(messages)
-    simulation.fastest_place()
+    simulation.status.fastest_place()
     # Read for their kernels.
     _ = simulation.balance, snapshot.obstructed
     return simulation

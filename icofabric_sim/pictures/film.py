@@ -40,7 +40,7 @@ Progress = Callable[[float], None]
 # Moments from which the scale of colours is found, and those whose marks the legend explains.
 _SAMPLED = 24
 # A GIF shows pictures for whole hundredths of a second, and players slow down faster ones.
-_FASTEST_GIF = 50.0
+FASTEST_GIF = 50.0
 # Pictures from which the colours of a GIF are taken.
 _COLOR_SAMPLES = 6
 
@@ -192,9 +192,11 @@ def _gif(
 
     yield add
     if frames:
+        # Each picture ends at the hundredth of a second that is nearest to its time.
+        ends = np.rint(100.0 * np.arange(len(frames) + 1) / rate)
         frames[0].save(
             path, format='GIF', save_all=True, append_images=frames[1:], loop=0,
-            duration=10 * max(round(100.0 / min(rate, _FASTEST_GIF)), 2))
+            duration=(10 * np.diff(ends)).astype(int).tolist())
 
 
 def film_times(start: float, end: float, rate: float, speed: float) -> np.ndarray:

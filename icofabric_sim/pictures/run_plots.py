@@ -39,7 +39,7 @@ import numpy as np
 PLOTS = {
     'energy': 'energies over time, and the error of their balance',
     'displacement': 'displacement of the middle of each group over time',
-    'force': 'force of the connectors that lead into each group, over time',
+    'force': 'force of the springs that lead into each group, without damping, over time',
     'tension': 'how many connectors have which tension, at a few times',
     'spectrum': 'amplitudes of the displacement of each group over frequency',
     'stress': 'stress over strain between two groups',
@@ -121,9 +121,22 @@ def displacements(series: Series) -> dict[str, np.ndarray]:
         for name, bodies in series.groups.items()}
 
 
+def _require_plain(scene: Scene) -> None:
+    """BagError where more than straight springs leads into a group."""
+    found = [f'connector.{name}' for name in ('bending_stiffness', 'twisting_stiffness')
+             if getattr(scene.connectors, name).any()]
+    if scene.parameters['connector.obstruction'] == 'wrap':
+        found.append('connector.obstruction: wrap')
+    if found:
+        raise BagError(
+            f'forces are drawn of straight springs only; this run has {", ".join(found)}: '
+            'take energy, displacement or spectrum')
+
+
 def forces(series: Series) -> dict[str, np.ndarray]:
     """Force (t, 3) [N] with which the connectors from other bodies pull at each group."""
     scene = series.scene
+    _require_plain(scene)
     result = {name: np.zeros((len(series.times), 3)) for name in series.groups}
     if not scene.connector_count:
         return result

@@ -16,6 +16,7 @@
 from collections.abc import Callable
 from concurrent.futures import Future
 import math
+import threading
 import time
 from typing import Any
 
@@ -28,10 +29,11 @@ from icofabric_sim.viewer.local import SightSink
 from icofabric_sim.viewer.page import Page, require_viser
 from icofabric_sim.viewer.sight import Sight, TOPICS
 from rcl_interfaces.srv import SetParametersAtomically
-from rclpy.exceptions import InvalidParameterTypeException
+from rclpy.exceptions import InvalidParameterTypeException, InvalidTopicNameException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
+from rclpy.validate_full_topic_name import validate_full_topic_name
 from std_srvs.srv import SetBool, Trigger
 
 DEFAULTS: dict[str, Any] = {
@@ -41,6 +43,8 @@ _TRIGGERS = ('step', 'advance', 'reset', 'clear_loads', 'continue')
 # For so long a fabric or a replay is looked for, to know which of the two it is [s].
 _SEARCH = 3.0
 _CHECK = 1.0
+# A change of parameters is answered within seconds; the node may have gone meanwhile [s].
+_PATIENCE = 30.0
 # What the service of parameters answers where it is not there.
 _ABSENT = '{0} is not there: is the fabric {1} running in this ROS domain?'
 
@@ -58,6 +62,12 @@ class GraphHands:
             SetParametersAtomically, f'{fabric}/set_parameters_atomically')
         self._pulls = node.create_publisher(
             message_class(PointStampedBytes.TYPE), f'{fabric}/pull', QoSProfile(depth=10))
+
+    def finds_replay(self) -> bool | None:
+        """Whether a replay answers; None: nobody. The names alone would show these clients."""
+        if self._clients['advance'].service_is_ready():
+            return False
+        return True if self._clients['continue'].service_is_ready() else None
 
     def pull(self, body: int, point: tuple[float, float, float] | None) -> None:
         """Publish on `~/pull`."""
@@ -86,6 +96,10 @@ class GraphHands:
         answer: Future[str] = Future()
 
         def done(found: Any) -> None:
+            if found.cancelled():
+                answer.set_exception(TimeoutError(
+                    f'{what} of {self._fabric} has not answered for {_PATIENCE:g} s'))
+                return
             try:
                 good, words = read(found.result())
             except Exception as error:  # noqa: BLE001 - the page shows it
@@ -96,7 +110,14 @@ class GraphHands:
             else:
                 answer.set_exception(ValueError(words))
 
-        client.call_async(request).add_done_callback(done)
+        pending = client.call_async(request)
+        pending.add_done_callback(done)
+        # `~/advance` may take as long as it likes.
+        if client is self._parameters:
+            timer = threading.Timer(_PATIENCE, pending.cancel)
+            timer.daemon = True
+            pending.add_done_callback(lambda found: timer.cancel())
+            timer.start()
         return answer
 
 
@@ -119,6 +140,12 @@ class ViewerNode(Node):
         if not 0.0 < options['rate'] <= 240.0:
             raise ValueError(f'rate must lie above 0 and up to 240 Hz, got {options["rate"]!r}')
         self._options, self.fabric = options, '/' + options['fabric'].strip('/')
+        try:
+            validate_full_topic_name(self.fabric)
+        except InvalidTopicNameException:
+            raise ValueError(
+                'fabric must be the full name of a node, such as /icofabric, got '
+                f'{options["fabric"]!r}') from None
         self.sight = Sight(self.fabric)
         self._sink = SightSink(self.sight)
         for topic in TOPICS:
@@ -131,14 +158,14 @@ class ViewerNode(Node):
         is_replay = self.is_replay()
         if self.page is not None and is_replay in (None, self.hands.is_replay):
             return
-        port = self._options['port']
+        port, token = self._options['port'], ''
         if self.page is not None:
-            port = self.page.server.get_port()
+            port, token = self.page.server.get_port(), self.page.token
             self.page.close()
         self.hands.is_replay = bool(is_replay)
         self.page = Page(
             self.sight, None if self._options['read_only'] else self.hands,
-            host=self._options['host'], port=port, rate=self._options['rate'])
+            host=self._options['host'], port=port, rate=self._options['rate'], token=token)
         self.get_logger().info(f'{self.fabric} is shown at {self.page.address}')
 
     def close(self) -> None:
@@ -148,10 +175,7 @@ class ViewerNode(Node):
 
     def is_replay(self) -> bool | None:
         """Whether the node that is looked at replays; None: it is not there."""
-        names = {name for name, _ in self.get_service_names_and_types()}
-        if f'{self.fabric}/advance' in names:
-            return False
-        return True if f'{self.fabric}/continue' in names else None
+        return self.hands.finds_replay()
 
     def _listen(self, topic: Topic) -> None:
         name = topic.name.replace('~', self.fabric, 1)

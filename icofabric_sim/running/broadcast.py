@@ -252,8 +252,9 @@ class Broadcast:
         if topic is topics.BROKEN:
             return [self._outputs.broken(snapshot)]
         if topic is topics.MARKERS:
+            status = self.simulation.status
             return [self._outputs.markers(
-                snapshot, now, self.simulation.status.active_loads, self.simulation.touching())]
+                snapshot, now, status.active_loads, status.touching())]
         if topic is topics.ICOSAHEDRA:
             return self._outputs.icosahedra(snapshot, now)
         if topic is topics.CONNECTORS:

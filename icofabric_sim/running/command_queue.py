@@ -21,7 +21,7 @@ import threading
 import time as wall
 from typing import Any, NamedTuple
 
-from icofabric_sim.simulation.errors import Interrupted, SimulationError
+from icofabric_sim.simulation.errors import Interrupted, KernelsAwaited, SimulationError
 
 _LOGGER = logging.getLogger('icofabric_sim')
 
@@ -77,9 +77,11 @@ class CommandQueue:
             except SimulationError as error:
                 on_failure(error)
                 command.answer.set_exception(error)
-            except Interrupted:
+            except Interrupted as stop:
                 on_interrupt()
-                command.answer.set_exception(RuntimeError('the run has ended'))
+                command.answer.set_exception(RuntimeError(
+                    'simulated time waits for kernels: ask again'
+                    if isinstance(stop, KernelsAwaited) else 'the run has ended'))
             except Exception as error:  # noqa: BLE001 - the caller gets it, the run goes on
                 _LOGGER.error('%s', error)
                 command.answer.set_exception(error)

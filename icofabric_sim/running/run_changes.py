@@ -153,6 +153,7 @@ class RunChanges:
             state.now, 'checkpoint_restored', path=str(path), of=state.simulation.time,
             dropped=dropped)
         state.now, state.failure = nanoseconds_not_before(state.simulation.time), ''
+        self._time.begin_anew()
         self._time.stand_on_nanoseconds()
         self._broadcast.time_jumped(ended)
         self._pace.restart(state.now)
@@ -169,6 +170,7 @@ class RunChanges:
         except (SimulationError, ValueError) as error:
             state.simulation.restore(before)
             raise ValueError(f'body {body} cannot be there or move like that: {error}') from error
+        self._time.begin_anew()
         self._broadcast.event(state.now, 'state_set', body=body, **parts)
         self._time.show_after('state_set')
         return state.now

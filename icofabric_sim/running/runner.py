@@ -294,7 +294,7 @@ class Runner:
         self._broadcast.report(state.now)
         request = self._time.requests.current
         moves = request is not None or not (state.paused or state.failure or state.finished)
-        if moves and self._time.is_held():
+        if self._time.is_held() and moves:
             self._refresh()
             self.commands.wait(_HELD_CHECK)
             return True

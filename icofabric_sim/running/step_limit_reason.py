@@ -16,7 +16,7 @@
 import time as wall
 
 from icofabric_sim.kernels.runtime.compile_notice import KernelsMissing
-from icofabric_sim.kernels.runtime.kernel_guard import no_compiling
+from icofabric_sim.kernels.runtime.kernel_guard import is_compiler_free, no_compiling
 from icofabric_sim.messages.schedule import seconds
 from icofabric_sim.running.run_records import step_limit
 from icofabric_sim.simulation.simulation import Simulation
@@ -55,10 +55,13 @@ class StepLimit:
     def _place_of(self, simulation: Simulation, now: int, *, anew: bool) -> str:
         """Where that is, and since when."""
         began = wall.perf_counter()
-        if anew or began >= self._looked:
+        if anew:
+            # What is known is of another limit.
+            self._place, self._place_since = '', now
+        if began >= self._looked:
             try:
-                with no_compiling():
-                    place = simulation.fastest_place()
+                with no_compiling(loading=is_compiler_free()):
+                    place = simulation.status.fastest_place()
             except KernelsMissing:
                 # A later report has it, see `Simulation.prepare_contacts`.
                 place = ''

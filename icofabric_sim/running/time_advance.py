@@ -251,8 +251,9 @@ class TimeAdvance:
         """
         state, self._held_for_contacts = self._state, for_contacts
         state.catch_up()
-        with suppress(Interrupted):
-            state.simulation.advance_to(seconds(state.now))
+        self.stand_on_nanoseconds()
+        if state.failure:
+            return
         state.is_held = True
         if state.simulation.contact_kernels is not None:
             state.simulation.contact_kernels.hurry()

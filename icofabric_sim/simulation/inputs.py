@@ -240,6 +240,8 @@ class Inputs:
                 self.active.pop(target, None)
         self.expiry = {target: time for target, time in other.expiry.items() if known(target)}
         self.queue.refill(event for event in other.queue if known(event.target))
+        # What acts already needs loads that are prepared for single bodies, too.
+        self.queue.has_body_targets |= self.concern_bodies
 
     def _apply(self, event: Event) -> bool:
         """Let an event act; returns whether anything changed for the bodies."""
@@ -288,7 +290,7 @@ class Inputs:
         """
         The rows that were packed last.
 
-        Channels by name, single bodies by number, tractions, pulls.
+        Channels by name, single bodies by number, pulls, surface forces.
         """
         return pack_loads(
             self._own_rows(), layout, stages=stages, varying=self._varying,

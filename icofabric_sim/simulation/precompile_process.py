@@ -31,7 +31,7 @@ def _compile(task: tuple[dict[str, Any], str, bool, int]) -> None:
         Scene.from_parameters(make_parameters(given)), rotation=rotation,
         body_wrenches=body_wrenches)
     simulation.warm_up()
-    simulation.fastest_place()
+    simulation.status.fastest_place()
     snapshot = simulation.snapshot()
     _ = snapshot.energy, snapshot.obstructed
 

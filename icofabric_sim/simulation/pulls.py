@@ -42,6 +42,8 @@ LARGEST_ACCELERATION = 50.0  # of its mass, at strength 1 [m/s^2]
 _LONGEST, _RADIANS = 0.01, 1.0
 # Part of the velocity of a free shell that the damping may take away in that time.
 _LARGEST_DAMPING = 0.25
+# Farther is no distance [m]: products of it would overflow, and the cap make NaN of that.
+_FARTHEST = 1e100
 
 # Position [m] and velocity [m/s] of a body.
 BodyMotion = Callable[[int], tuple[np.ndarray, np.ndarray]]
@@ -128,7 +130,8 @@ class Pulls:
             damping = 2.0 * DAMPING_RATIO * math.sqrt(stiffness * mass)
             damping = min(damping, _LARGEST_DAMPING * shell / held)
             position, velocity = motion(body)
-            force = stiffness * (self._targets[body] - position) - damping * velocity
+            away = np.clip(self._targets[body] - position, -_FARTHEST, _FARTHEST)
+            force = stiffness * away - damping * velocity
             largest = self._strength * LARGEST_ACCELERATION * mass
             amount = math.hypot(*force.tolist())
             self._forces[body] = force if amount <= largest else force * (largest / amount)

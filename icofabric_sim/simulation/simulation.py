@@ -22,10 +22,8 @@ from icofabric_sim.kernels.runtime.interrupts import DeferredInterrupt
 from icofabric_sim.scene.initial import hold_still, InitialState
 from icofabric_sim.scene.scene import require_scene, Scene
 from icofabric_sim.simulation.checkpoint import Checkpoint
-from icofabric_sim.simulation.contact.broad_phase import Touching
 from icofabric_sim.simulation.errors import Interrupted, SimulationError
 from icofabric_sim.simulation.event_loop import EventLoop
-from icofabric_sim.simulation.fastest_place import fastest_place
 from icofabric_sim.simulation.given_state import complete_state
 from icofabric_sim.simulation.input_types import (
     BodyTarget,
@@ -161,18 +159,6 @@ class Simulation:
                 self._books(state), self._driver.trajectory.broken.since, self._anchors())
             self._cached_at = self._event_loop.changes
         return self._cached
-
-    def touching(self) -> Touching:
-        """The pairs of shells, and of shells and planes, that touch at the present time."""
-        return self._driver.contact.touching(self._driver.state_at(self.time))
-
-    def fastest_place(self) -> str:
-        """
-        Name the bodies, connectors or pairs whose motion is the fastest one in `status`.
-
-        '' where they cannot be told. As of the last step; not beside an advance.
-        """
-        return fastest_place(self._driver)
 
     def apply_wrench(
         self,
@@ -367,7 +353,7 @@ class Simulation:
                 self.scene.with_changes(changes) if self._driver.awaits_kernels else self.scene,
                 rotation=self.rotation, body_wrenches=self._body_wrenches)
             twin.warm_up()
-            twin.fastest_place()
+            twin.status.fastest_place()
             snapshot = twin.snapshot()
             _ = snapshot.energy, snapshot.obstructed
         finally:

@@ -13,8 +13,9 @@
 # limitations under the License.
 """Figures of a run, to be read only."""
 
-from icofabric_sim.simulation.contact.broad_phase import Overlap
+from icofabric_sim.simulation.contact.broad_phase import Overlap, Touching
 from icofabric_sim.simulation.event_loop import EventLoop
+from icofabric_sim.simulation.fastest_place import fastest_place
 from icofabric_sim.simulation.input_types import BodyTarget, Wrench
 from icofabric_sim.simulation.model.packing import PackedScene
 from icofabric_sim.simulation.stepping.ledger import EnergyBalance
@@ -30,6 +31,19 @@ class SimulationStatus:
     def __init__(self, event_loop: EventLoop, packed: PackedScene) -> None:
         """Read from the event loop of one simulation."""
         self._event_loop, self._driver, self._packed = event_loop, event_loop.driver, packed
+
+    def touching(self) -> Touching:
+        """The pairs of shells, and of shells and planes, that touch at the present time."""
+        driver = self._driver
+        return driver.contact.touching(driver.state_at(self._event_loop.time))
+
+    def fastest_place(self) -> str:
+        """
+        Name the bodies, connectors or pairs whose motion is the fastest one.
+
+        '' where they cannot be told. As of the last step; not beside an advance.
+        """
+        return fastest_place(self._driver)
 
     # The method and its steps.
 

@@ -37,10 +37,10 @@ _installing = threading.Lock()
 class Guard:
     """Judges requests by their headers."""
 
-    def __init__(self, host: str) -> None:
-        """Guard a server that is bound to `host`."""
+    def __init__(self, host: str, token: str = '') -> None:
+        """Guard a server that is bound to `host`; `token`: of a page before, if any."""
         self.is_local = host in ('127.0.0.1', 'localhost', '::1')
-        self.token = '' if self.is_local else secrets.token_urlsafe(24)
+        self.token = '' if self.is_local else token or secrets.token_urlsafe(24)
         self.is_installed = False
         self.refused = 0
 

@@ -21,6 +21,7 @@ from contextlib import redirect_stdout
 from importlib import import_module
 import io
 import logging
+import socket
 import threading
 import time
 from typing import Any
@@ -51,23 +52,35 @@ def require_viser() -> None:
         raise ViewerMissing(MISSING)
 
 
+def require_address(host: str) -> None:
+    """Raise ValueError where nothing can be bound to `host`: viser would wait for ever."""
+    try:
+        family, kind, protocol, _, place = socket.getaddrinfo(
+            host, 0, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)[0]
+        with socket.socket(family, kind, protocol) as trial:
+            trial.bind(place)
+    except (OSError, UnicodeError) as error:
+        raise ValueError(f'host {host!r} is no address of this machine: {error}') from error
+
+
 class Page:
     """One address; any number of browsers."""
 
     def __init__(
         self, sight: Sight, hands: Hands | None, *, host: str = '127.0.0.1', port: int = 8080,
-        rate: float = 60.0,
+        rate: float = 60.0, token: str = '',
     ) -> None:
         """
         Serve what `sight` knows at up to `rate` frames a second [Hz]; no `hands`: read only.
 
-        A port that is taken is passed over for the next one.
+        A port that is taken is passed over for the next one. `token`: of the page before.
         """
         require_viser()
+        require_address(host)
         # An extra, so no dependency that a manifest could name.
         viser = import_module('viser')
         self._sight, self._rate = sight, rate
-        self._guard = Guard(host)
+        self._guard = Guard(host, token)
         # One address is printed, by the caller.
         with self._guard.installed(), redirect_stdout(io.StringIO()):
             self.server: Any = viser.ViserServer(
@@ -80,12 +93,17 @@ class Page:
         self.panel = Panel(self.server, sight, self.stage, hands)
         self._followed: np.ndarray | None = None
         self._poses = np.zeros((0, 7))
-        self._seen = -1
+        self._seen = self._aimed = -1
         self._stopping = threading.Event()
         self.server.on_client_disconnect(self._left)
         self.server.on_client_connect(self._came)
         self._thread = threading.Thread(target=self._serve, name='page', daemon=True)
         self._thread.start()
+
+    @property
+    def token(self) -> str:
+        """What the address carries where the page is for other machines."""
+        return self._guard.token
 
     @property
     def address(self) -> str:
@@ -116,7 +134,10 @@ class Page:
         with self.server.atomic():
             if self.stage.update(lines, self._poses):
                 self._tie()
-                self._aim(self.server.get_clients().values())
+                # Not where a parameter of the same bodies has changed.
+                if len(self._poses) != self._aimed:
+                    self._aimed = len(self._poses)
+                    self._aim(self.server.get_clients().values())
         self._follow()
 
     def _close_tunnels(self) -> None:

@@ -101,6 +101,12 @@ class Wishes:
         self._ask(name, value)
 
 
+def _code(text: str) -> str:
+    """Words from elsewhere: all but code on one line would be rendered with its HTML."""
+    plain = ' '.join(text.replace('`', "'").split())
+    return f'`{plain or "-"}`'
+
+
 class Panel:
     """The controls of all pages together: what one sets the others see."""
 
@@ -127,9 +133,7 @@ class Panel:
     def say(self, text: str, *, good: bool = True) -> None:
         """Show an answer, a refusal so that it is seen."""
         self.answer = text
-        # Words from elsewhere are no markup.
-        plain = text.replace('`', "'")
-        self.words.content = f'`{plain}`' if good else f'**refused:** `{plain}`'
+        self.words.content = _code(text) if good else f'**refused:** {_code(text)}'
         if not good:
             for client in self._server.get_clients().values():
                 client.add_notification('refused', text, color='red', auto_close_seconds=8.0)
@@ -145,7 +149,7 @@ class Panel:
                 f'{fabric.scene.connector_count:,} connectors, {len(sight.broken):,} broken']
             if figures:
                 pace = figures.get('real-time factor', '?')
-                lines.append(f'pace {pace}; {level}: {sight.message}'.replace('`', "'"))
+                lines.append(_code(f'pace {pace}; {level}: {sight.message}'))
             self._set(self.state, 'content', '\n\n'.join(lines))
             for name, (handle, shown) in self._controls.items():
                 if name in fabric.parameters and not (self._wishes or self).is_open(name):

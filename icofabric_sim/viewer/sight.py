@@ -34,6 +34,7 @@ from icofabric_sim.messages import (
 )
 from icofabric_sim.messages.markers import held_bodies
 from icofabric_sim.messages.topics import Topic
+from icofabric_sim.parameters.changes import rebuilds
 from icofabric_sim.parameters.named_files import with_recorded
 from icofabric_sim.parameters.sections import ParameterSet
 from icofabric_sim.parameters.validation import make_parameters, Parameters
@@ -169,6 +170,9 @@ class Sight:
         given.add_file(text.encode(), 'its scene')
         parameters = with_recorded(make_parameters(given.parameters()), text)
         if self.fabric is not None and self.fabric.parameters == parameters:
+            return
+        if self.fabric is not None and not rebuilds(self.fabric.parameters, parameters):
+            self.fabric = self.fabric._replace(parameters=parameters)
             return
         scene = Scene.from_parameters(parameters)
         self.fabric = Fabric(parameters, scene, held_bodies(scene))

@@ -30,7 +30,7 @@ import numpy as np
 
 # Colour of the anchors, of broken connectors and of the mouse's pull.
 _ANCHOR, _BROKEN, _PULL = (50, 165, 75), (30, 30, 30), (230, 60, 160)
-_LINE_LIST, _CUBE_LIST = 5, 6
+_LINE_LIST, _TRIANGLE_LIST = 5, 11
 _AXES = {'off': None, 'x': 0, 'y': 1, 'z': 2}
 
 
@@ -139,7 +139,7 @@ class Stage:
         return rgb(OBSTRUCTED.color), self._width
 
     def _show(self, item: MarkerPoints) -> None:
-        """Draw a list of `~/markers`: lines, or boxes at its points."""
+        """Draw a list of `~/markers`: lines, triangles, or boxes at its points."""
         name = f'{item.namespace}/{item.marker_id}'
         there = item.action == MarkerAction.ADD
         if item.marker_type == _LINE_LIST:
@@ -149,7 +149,12 @@ class Stage:
         old = self._others.pop(name, None)
         if old is not None:
             old.remove()
-        if there and len(item.points):
+        if there and len(item.points) and item.marker_type == _TRIANGLE_LIST:
+            self._others[name] = self._scene.add_mesh_simple(
+                f'/{name}', item.points.astype(np.float32),
+                np.arange(len(item.points)).reshape(-1, 3), color=rgb(item.color),
+                opacity=float(item.color[3]), side='double', flat_shading=True, cast_shadow=False)
+        elif there and len(item.points):
             # Cubes, and for any other list of points a mark of its size.
             corners = np.array(np.meshgrid(*[[-0.5, 0.5]] * 3)).reshape(3, -1).T
             self._others[name] = self._scene.add_batched_meshes_simple(

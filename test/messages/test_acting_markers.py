@@ -47,7 +47,7 @@ def test_forces_supports_and_planes_are_where_they_act():
     simulation.advance_to(0.0)
     snapshot = simulation.snapshot()
     shown = read(Outputs(scene).markers(
-        snapshot, 1_500_000_000, simulation.status.active_loads, simulation.touching()))
+        snapshot, 1_500_000_000, simulation.status.active_loads, simulation.status.touching()))
     assert [name for name, marker in shown.items() if marker.action == 0] == [
         'forces', 'torques', 'supports', 'planes', 'plane_surfaces']
     assert list(shown)[5:] == ['contacts', 'contact_normals']
@@ -80,10 +80,10 @@ def test_contacts_are_shown_where_shells_press_on_a_floor():
     scene = ico.load_scene('dropped_slab')
     simulation = ico.compile_scene(scene)
     simulation.advance_to(0.2)
-    while not len(simulation.touching().overlap):
+    while not len(simulation.status.touching().overlap):
         assert simulation.time < 0.22
         simulation.advance_to(simulation.time + 0.0005)
-    touching, snapshot = simulation.touching(), simulation.snapshot()
+    touching, snapshot = simulation.status.touching(), simulation.snapshot()
     shown = read(Outputs(scene).markers(snapshot, 0, {}, touching))
     spots = points(shown['contacts'])
     normals = points(shown['contact_normals']).reshape(-1, 2, 3)
@@ -106,7 +106,8 @@ def test_contacts_are_shown_where_shells_press_on_a_floor():
 def test_what_is_not_there_is_removed():
     scene = ico.Scene.from_parameters({'weave': {'size': [2, 2, 2]}})
     simulation = ico.compile_scene(scene)
-    shown = read(Outputs(scene).markers(simulation.snapshot(), 0, {}, simulation.touching()))
+    shown = read(Outputs(scene).markers(
+        simulation.snapshot(), 0, {}, simulation.status.touching()))
     assert all(marker.action == 2 and not marker.points for marker in shown.values())
 
 

@@ -18,7 +18,7 @@ import subprocess
 import sys
 
 from icofabric_sim.commands.main import main
-from icofabric_sim.pictures.film import film_times
+from icofabric_sim.pictures.film import _gif, film_times
 import numpy as np
 from PIL import Image
 import pytest
@@ -54,6 +54,22 @@ def test_times_of_a_film() -> None:
     np.testing.assert_allclose(film_times(0.5, 1.0, 10.0, 1.0), [0.5, 0.6, 0.7, 0.8, 0.9, 1.0])
     # A tenth of the speed: ten times as many pictures.
     assert len(film_times(0.0, 1.0, 10.0, 0.1)) == 101
+
+
+@pytest.mark.parametrize('rate', [10.0, 24.0, 30.0, 40.0, 50.0])
+def test_gif_plays_at_the_speed_that_was_asked_for(tmp_path: Path, rate: float) -> None:
+    film = tmp_path / 'film.gif'
+    pictures = [
+        Image.new('RGB', (32, 32), 3 * (50 + 150 * (number % 2),)) for number in range(100)]
+    with _gif(film, rate, pictures[:2]) as add:
+        for picture in pictures:
+            add(picture)
+    with Image.open(film) as image:
+        times = []
+        for number in range(image.n_frames):
+            image.seek(number)
+            times.append(image.info['duration'])
+    assert len(times) == 100 and sum(times) == pytest.approx(100_000.0 / rate, abs=10.0)
 
 
 def test_film_of_a_bag_moves_and_is_the_same_again(
@@ -113,6 +129,8 @@ def test_what_a_film_refuses(
         ([str(bag), str(tmp_path / 'film.avi')], '.mp4 or .gif'),
         ([str(bag), film, '--rate', '0'], '--rate'), ([str(bag), film, '--rate', 'nan'], '--rate'),
         ([str(bag), film, '--speed', '0'], '--speed'),
+        ([str(bag), film, '--speed', '1e-310'], '--speed'),
+        ([str(bag), film, '--rate', '60'], '50'),
         ([str(bag), str(tmp_path / 'f.mp4'), '--size', '321x320'], 'even'),
         ([str(bag), film, '--from', '7'], '--from 7 s'),
         ([str(bag), film, '--duration', '1'], '--duration'),

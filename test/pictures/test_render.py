@@ -227,8 +227,9 @@ def test_broken_connectors_are_stubs_and_only_chosen_bodies_are_drawn() -> None:
     whole = fabric_polygons(moment, camera, AREA, scale=scale, color='strain')
     torn = fabric_polygons(
         moment._replace(broken=np.array([0, 3])), camera, AREA, scale=scale, color='strain')
-    balls = [int((shapes.colors == BROKEN_COLOR).all(axis=1).sum()) for shapes in (whole, torn)]
-    assert balls == [0, 4]
+    marks = [int((shapes.colors == BROKEN_COLOR).all(axis=1).sum()) for shapes in (whole, torn)]
+    # As many for each of the four stubs.
+    assert marks[0] == 0 < marks[1] and marks[1] % 4 == 0
     few = fabric_polygons(moment, camera, AREA, bodies=scene.groups['tip'])
     assert 0 < len(few.corners) < 0.6 * len(whole.corners)
 

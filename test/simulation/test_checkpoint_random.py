@@ -56,7 +56,7 @@ def figures(simulation: ico.Simulation) -> dict[str, Any]:
     """All that a simulation shows, by name, as bits."""
     snapshot = simulation.snapshot()
     shown = {f'snapshot.{name}': getattr(snapshot, name) for name in dir(Snapshot)
-             if not name.startswith('_')}
+             if not (name.startswith('_') or inspect.isfunction(getattr(Snapshot, name)))}
     shown.update({f'snapshot.{name}': value for name, value in vars(snapshot).items()
                   if name != 'packed'})
     shown.update({name: getattr(simulation.status, name) for name, member in inspect.getmembers(

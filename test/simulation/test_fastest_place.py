@@ -27,7 +27,7 @@ def test_the_connector_of_the_body_that_vibrates_fastest_is_named():
     simulation = ico.compile_scene(scene)
     found = re.fullmatch(
         r'first of all that of body (\d+), at connector (\d+) between bodies (\d+) and (\d+)',
-        simulation.fastest_place())
+        simulation.status.fastest_place())
     body, connector, first, second = map(int, found.groups())
     assert body in (first, second)
     connectors = simulation.packed.connectors
@@ -40,19 +40,19 @@ def test_a_body_that_spins_and_a_pair_that_touches_are_named():
     spin = np.zeros((56, 3))
     spin[50] = 0.0, 0.0, 4e3
     simulation.set_state(angular_velocity=spin)
-    assert simulation.fastest_place() == 'body 50 spins fastest'
+    assert simulation.status.fastest_place() == 'body 50 spins fastest'
     simulation = ico.compile_scene(ico.load_scene('dropped_slab'))
     simulation.advance_to(0.2)
-    while not len(simulation.touching().overlap):
+    while not len(simulation.status.touching().overlap):
         assert simulation.time < 0.22
         simulation.advance_to(simulation.time + 0.0005)
     assert 'contacts' in simulation.status.fastest_term
     touching = simulation._driver.contact.touching(simulation._driver.trajectory.state)
     if len(touching.overlap):
         deepest = touching.describe(int(np.argmax(touching.overlap)))
-        assert simulation.fastest_place().startswith(f'deepest: {deepest}, by ')
+        assert simulation.status.fastest_place().startswith(f'deepest: {deepest}, by ')
     else:
-        assert simulation.fastest_place() == 'none touches now'
+        assert simulation.status.fastest_place() == 'none touches now'
 
 
 class Fake:

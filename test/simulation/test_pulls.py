@@ -13,6 +13,7 @@
 # limitations under the License.
 """Pulls: a hand's spring and damper, its law, its limits, and that a run with them repeats."""
 
+from fabrics import make_scene
 import icofabric_sim as ico
 from icofabric_sim.simulation.checkpoint import Checkpoint
 from icofabric_sim.simulation.pulls import LARGEST_ACCELERATION, STIFFNESS
@@ -75,6 +76,30 @@ def test_force_is_capped(strength):
     for time in (0.0, 0.01, 0.1):
         simulation.advance_to(time)
         assert np.linalg.norm(simulation.inputs.pulls.forces[BODY]) == pytest.approx(largest)
+
+
+@pytest.mark.parametrize('point', [(1.7e308, -1.7e308, 0.0), (1e307, 1e307, 1e307)])
+def test_points_beyond_all_numbers_pull_with_what_the_cap_allows(point):
+    scene = ico.Scene.from_parameters({**SCENE, 'pull': {'strength': 1000.0}})
+    simulation = ico.compile_scene(scene, body_wrenches=True)
+    simulation.pull(BODY, point)
+    simulation.advance_to(1e-3)
+    largest = 1000.0 * LARGEST_ACCELERATION * MASS_RATIO * scene.shell.mass
+    assert np.linalg.norm(simulation.inputs.pulls.forces[BODY]) == pytest.approx(largest)
+
+
+def test_what_acts_on_single_bodies_goes_on_in_another_simulation():
+    """Also in one that was not prepared for it."""
+    scene = make_scene((2, 2, 1), {'contact.mode': 'never'})
+    first = ico.compile_scene(scene)
+    first.pull(BODY, (1.0, 0.0, 0.0))
+    first.advance_to(0.01)
+    other = ico.compile_scene(scene)
+    other.take_over(first, keep_motion=True)
+    before = other.snapshot().position[BODY, 0]
+    other.advance_to(0.1)
+    assert other.inputs.pulls.bodies == [BODY]
+    assert other.snapshot().position[BODY, 0] > before + 1e-3
 
 
 def test_release_ends_it(simulation):

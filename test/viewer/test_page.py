@@ -21,11 +21,13 @@ import urllib.request
 import icofabric_sim as ico
 from icofabric_sim.messages import decode_point_stamped
 from icofabric_sim.messages.topics import POSES, STRAIN_CLASSES
+from icofabric_sim.parameters.text import dump_parameters
 from icofabric_sim.running.replay.player import Player
 from icofabric_sim.running.replay.source import ReplaySource
 from icofabric_sim.running.runner import Runner
 from icofabric_sim.viewer.local import ReplayHands, RunHands, SightSink
 from icofabric_sim.viewer.page import Page
+from icofabric_sim.viewer.panel import _code
 from icofabric_sim.viewer.sight import Sight
 import numpy as np
 from page_client import PageClient
@@ -214,6 +216,29 @@ def test_record_is_shown_and_scrubbed(tmp_path):
             page.close()
             player.stop()
             thread.join(60.0)
+
+
+def test_rates_change_no_fabric_and_what_is_woven_does(shown):
+    sight = Sight()
+    for changes, number in (
+            ({}, 1), ({'real_time_factor': 3.0}, 1), ({'publish_rate': 30.0}, 1),
+            ({'weave.size': [3, 3, 2]}, 2)):
+        parameters = shown.runner.parameters.with_changes(changes)
+        sight._take_weave(dump_parameters(parameters.complete()))
+        assert sight.fabric_number == number
+        for name, value in changes.items():
+            assert sight.fabric.parameters[name] == value
+
+
+@pytest.mark.parametrize('host', ['192.0.2.1', 'no such name'])
+def test_a_host_of_elsewhere_is_refused_and_not_waited_for(host):
+    with pytest.raises(ValueError, match='no address of this machine'):
+        Page(Sight(), None, host=host)
+
+
+def test_words_from_elsewhere_are_no_markup():
+    assert _code('<img src=x onerror=alert(1)>\n\n`b` ') == "`<img src=x onerror=alert(1)> 'b'`"
+    assert _code('') == '`-`'
 
 
 def test_malformed_message_is_left_out(caplog):

@@ -78,6 +78,22 @@ def no_compiling(*, loading: bool = False) -> Iterator[None]:
         _guard.forbids = before
 
 
+@contextmanager
+def none_becomes_ready() -> Iterator[None]:
+    """In a guarded thread: no kernel comes up meanwhile, which part of a team would miss."""
+    if not _guard.forbids:
+        yield
+        return
+    # Kernels come up under this lock.
+    lock = global_compiler_lock._lock
+    if not lock.acquire(blocking=False):
+        raise KernelsMissing
+    try:
+        yield
+    finally:
+        lock.release()
+
+
 def is_compiler_free() -> bool:
     """Whether no other thread compiles or loads."""
     lock = global_compiler_lock._lock

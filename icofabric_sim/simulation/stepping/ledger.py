@@ -52,7 +52,7 @@ class Ledger:
     What each number is: kernels/monitor.py.
     """
 
-    __slots__ = ('_packed', 'numbers')
+    __slots__ = ('_least_floor', '_packed', 'numbers')
 
     # Found by the last health check.
     rate = At(monitor.RATE)  # [rad/s] bound of the largest frequency
@@ -104,6 +104,7 @@ class Ledger:
         self.bodies = packed.layout.body_count
         self.rounding = _ROUNDING
         self._packed = packed
+        self._least_floor = 0.0
 
     def restart(self) -> None:
         """Forget the past: the state has jumped."""
@@ -147,7 +148,7 @@ class Ledger:
             set_free = (0.5 * (mass * squares[0] + inertia * squares[1]) / rate**2
                         if 0.0 < rate < math.inf else 0.0)
         self.scale = set_free
-        self.floor = 0.5 * speed**2 * self.bodies * (
+        self.floor = self._least_floor = 0.5 * speed**2 * self.bodies * (
             mass / self.inverse_size + inertia)
         self.worst = self.error = 0.0
         monitor.balance(numbers)
@@ -189,8 +190,8 @@ class Ledger:
             monitor.ROUNDING]
         numbers = tree.array('numbers', self.numbers.shape).copy()
         numbers[kept] = self.numbers[kept]
-        # It may have been raised on the way.
-        numbers[monitor.FLOOR] = max(numbers[monitor.FLOOR], self.floor)
+        # It may have been raised on the way there, but not since.
+        numbers[monitor.FLOOR] = max(numbers[monitor.FLOOR], self._least_floor)
         np.copyto(self.numbers, numbers)
 
     @property

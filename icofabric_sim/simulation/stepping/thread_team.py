@@ -28,7 +28,7 @@ import weakref
 from icofabric_sim.kernels.contact.surface import contact_scratch, Scratch
 from icofabric_sim.kernels.records import Sweep, Team
 from icofabric_sim.kernels.runtime.compile_notice import compile_notice, KernelsMissing
-from icofabric_sim.kernels.runtime.kernel_guard import guarded_alike
+from icofabric_sim.kernels.runtime.kernel_guard import guarded_alike, none_becomes_ready
 from icofabric_sim.kernels.runtime.team import FLAG_COUNT
 from icofabric_sim.simulation.model.packing import PackedScene
 from icofabric_sim.simulation.stepping.traversal_order import make_sweeps
@@ -113,16 +113,17 @@ class ThreadTeam:
             weakref.finalize(self, self._pool.shutdown, wait=False)
         self._flags[:] = 0
         begin = guarded_alike(work)
-        others = [
-            self._pool.submit(begin, self.team(index))
-            for index in range(1, self.size)]
-        try:
-            result = work(self.team(0))
-        except KernelsMissing:
-            # All of them call the same kernel, so none has begun.
+        with none_becomes_ready():
+            others = [
+                self._pool.submit(begin, self.team(index))
+                for index in range(1, self.size)]
+            try:
+                result = work(self.team(0))
+            except KernelsMissing:
+                # All of them call the same kernel, so none has begun.
+                for other in others:
+                    other.exception()
+                raise
             for other in others:
-                other.exception()
-            raise
-        for other in others:
-            other.result()
-        return result
+                other.result()
+            return result

@@ -106,7 +106,7 @@ class MeasuredStep:
         return step
 
     def _longest_at_kinks(self) -> float:
-        """Step [s] for crossings that may come, which no present motion shows: slack connectors."""
+        """Step [s] for crossings to come, which no present motion shows: slack connectors."""
         pieces = self._pieces
         trajectory, rates = pieces.trajectory, pieces.rates
         packed, frequency = trajectory.packed, rates.fabric.rate
