@@ -199,5 +199,6 @@ def test_markers_of_loads_come_to_a_listener(tmp_path):
         client.wait_for(
             lambda: kept and kept[-1].markers[0].points, 'the arrow of a force')
         assert [marker.ns for marker in kept[-1].markers] == [
-            'forces', 'torques', 'supports', 'planes']
+            'forces', 'torques', 'supports', 'planes', 'plane_surfaces', 'contacts',
+            'contact_normals']
         assert node.stop() == 0

@@ -18,7 +18,8 @@ import icofabric_sim as ico
 from icofabric_sim.simulation.status import SimulationStatus
 import pytest
 
-FIGURES = [name for name in vars(SimulationStatus) if not name.startswith('_')]
+FIGURES = [
+    name for name, member in vars(SimulationStatus).items() if isinstance(member, property)]
 
 
 @pytest.fixture
