@@ -19,7 +19,9 @@ import pytest
 
 pytest.importorskip('viser', reason='viser (extra `viewer`) is not installed')
 
+import icofabric_sim as ico  # noqa: E402 - after what skips
 from page_client import PageClient  # noqa: E402 - needs viser
+from recorded_runs import record_run  # noqa: E402 - after what skips
 from ros_helpers import NodeProcess, wait_for  # noqa: E402 - needs rclpy
 
 SCENE = {
@@ -32,6 +34,11 @@ SCENE = {
 class ViewerProcess(NodeProcess):
     MODULE = 'icofabric_sim.ros.viewer_node'
     READY = ' is shown at '
+
+
+class ReplayProcess(NodeProcess):
+    MODULE = 'icofabric_sim.ros.replay_node'
+    READY = ': playing '
 
 
 @pytest.fixture(scope='module')
@@ -70,6 +77,28 @@ def test_slider_button_and_refusal(page, graph):
     page.wait_for(lambda: page.shown('paused, t = '), 'no answer of the button')
     page.send('GuiUpdateMessage', uuid=page.control('record'), updates={'value': True})
     page.wait_for(lambda: page.shown('record.path is empty'), 'no refusal of the button')
+
+
+def test_replay_is_known_as_one(tmp_path):
+    record_run(tmp_path / 'bag', ico.Scene.from_parameters({**SCENE, 'duration': 0.1}))
+    replay = ReplayProcess(tmp_path / 'log', offset=1, parameters={
+        'bag': tmp_path / 'bag', 'fabric': '/icofabric', 'start_paused': True, 'stay': True})
+    with replay, ViewerProcess(
+            tmp_path / 'viewer_log', offset=1, parameters={'port': 18400}) as process:
+        found = wait_for(lambda: process.lines(' is shown at '), 'no page', node=process)
+        port = int(found[-1].split()[-1].rstrip('/').rpartition(':')[2])
+        with PageClient(port) as page:
+            page.wait_for(lambda: page.shells() is not None, 'no shells')
+            assert page.control('continue')
+        assert process.stop() == 0
+        assert replay.stop() == 0
+
+
+@pytest.mark.parametrize('name', ['/', 'a b'])
+def test_wrong_fabric_is_one_line(tmp_path, name):
+    with ViewerProcess(tmp_path / 'wrong', parameters={'fabric': f"'{name}'"}) as process:
+        assert process.wait() == 2
+        assert 'viewer_node: fabric must be the full name of a node' in process.log()
 
 
 def test_wrong_port_is_one_line(viewer, folder):
