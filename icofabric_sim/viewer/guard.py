@@ -42,7 +42,6 @@ class Guard:
         self.is_local = host in ('127.0.0.1', 'localhost', '::1')
         self.token = '' if self.is_local else token or secrets.token_urlsafe(24)
         self.is_installed = False
-        self.refused = 0
 
     def judge(self, path: str, headers: Mapping[str, str], port: int) -> str:
         """Why a request to `port` is refused; '': it is not."""
@@ -105,7 +104,6 @@ class Guard:
         port = connection.local_address[1]
         reason = self.judge(request.path, request.headers, port)
         if reason:
-            self.refused += 1
             return connection.respond(403, f'refused: {reason}\n')
         response = None if process_request is None else process_request(connection, request)
         cookie = self.cookie_for(request.path)

@@ -44,7 +44,7 @@ import numpy as np
 # What a page shows.
 TOPICS = (
     topics.WEAVE, topics.POSES, topics.CONNECTORS, topics.MARKERS, topics.ENERGY, topics.BROKEN,
-    topics.DIAGNOSTICS, topics.EVENTS)
+    topics.DIAGNOSTICS)
 # Samples of each curve.
 _SAMPLES = 600
 _PACE = 'real-time factor'
@@ -85,7 +85,6 @@ class Sight:
         self.markers: dict[tuple[str, int], MarkerPoints] = {}
         self.marker_number = 0
         self.broken = np.zeros(0, np.int64)
-        self.events: deque[str] = deque(maxlen=8)
         self.status, self.message = 0, ''
         self.figures: dict[str, str] = {}
         self.energy: dict[str, float] = {}
@@ -113,8 +112,6 @@ class Sight:
                 self.energy = dict(zip(found.labels[0].split(', '), found.values.tolist()))
             elif topic is topics.DIAGNOSTICS:
                 self._take_report(data)
-            elif topic is topics.EVENTS:
-                self.events.append(decode_string(data))
 
     def poses(self) -> np.ndarray:
         """The latest poses (n, 7), position [m] and orientation x y z w; none before the first."""
