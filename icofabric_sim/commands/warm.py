@@ -22,7 +22,7 @@ import argparse
 from collections.abc import Iterator, Sequence
 from concurrent.futures import as_completed, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import redirect_stderr, redirect_stdout
+from contextlib import redirect_stderr, redirect_stdout, suppress
 import ctypes
 import io
 import logging
@@ -60,6 +60,7 @@ VERBS: tuple[tuple[str, ...], ...] = (
 _KINDS_EACH = 12
 # Simulated time [s] in which every kind of output comes at least once.
 _TRIAL = 1e-3
+_PUSH = (1e-6, 0.0, 0.0)  # [N]
 # PR_SET_PDEATHSIG of prctl(2).
 _END_WITH_PARENT = 1
 
@@ -191,21 +192,27 @@ def _run(kind: Kind) -> None:
 
     given = {**load_parameter_file(find_scene(kind.scene)), **dict(kind.changes)}
     scene = Scene.from_parameters(make_parameters(given))
-    simulation = _ready(compile_scene(scene, body_wrenches=kind.node))
+    simulation = _ready(compile_scene(scene, body_wrenches=kind.node), pushed=kind.node)
     if scene.parameters['contact.mode'] == 'auto':
         # As from the first contact on, by the method that the scene takes before anything touches.
         touching = {
             **scene.parameters.given(), 'contact.mode': 'always',
             'solver.method': simulation.status.method_name}
         _ready(compile_scene(
-            Scene.from_parameters(make_parameters(touching)), body_wrenches=kind.node))
+            Scene.from_parameters(make_parameters(touching)), body_wrenches=kind.node),
+            pushed=kind.node)
 
 
-def _ready(simulation: 'Simulation') -> 'Simulation':
-    """Have steps, outputs and looks compiled."""
+def _ready(simulation: 'Simulation', *, pushed: bool) -> 'Simulation':
+    """Have steps, outputs and looks compiled; `pushed`: and what ends a step at an input."""
     from icofabric_sim.messages.topics import Outputs
     simulation.warm_up()
     simulation.advance_to(_TRIAL)
+    if pushed:
+        # Not of a body that a drive moves.
+        with suppress(ValueError):
+            simulation.apply_body_wrench(simulation.scene.body_count - 1, force=_PUSH)
+            simulation.advance_to(2.0 * _TRIAL)
     snapshot, outputs = simulation.snapshot(), Outputs(simulation.scene)
     outputs.energy(snapshot)
     for messages in (outputs.connectors(snapshot, 0), outputs.icosahedra(snapshot, 0)):
