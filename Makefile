@@ -3,7 +3,7 @@
 
 SHELL := /bin/bash
 .DEFAULT_GOAL := help
-.PHONY: help run test test-long check lint clean
+.PHONY: help run test test-long check lint docs clean
 .SILENT:
 
 # What a sourced ROS installation, or another environment of ROS wheels, leaves in the shell
@@ -32,6 +32,7 @@ help:
 	echo 'make check   lint, types and a selection of tests for the working day'
 	echo 'make test-long  what takes too long for make test'
 	echo 'make lint    set up .venv, then lint and types only'
+	echo 'make docs    set up .venv, then build the documentation site in build/site'
 	echo 'make clean   remove .venv and everything built; recorded runs stay'
 
 run:
@@ -68,6 +69,11 @@ check: lint
 test-long:
 	.ci/environment test
 	$(call stage,long tests (pytest),.venv/bin/python -m pytest -m long $(ARGS))
+
+docs:
+	.ci/environment docs
+	$(call stage,documentation (sphinx),.venv/bin/python -m sphinx -q -W --keep-going -b html docs build/site)
+	echo 'The site begins at build/site/index.html'
 
 clean:
 	rm -rf .venv build install log dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .coverage

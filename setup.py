@@ -44,6 +44,8 @@ setup(
         # The page of `viewer_node` and of `icofabric view`.
         'viewer': ['viser>=1.1,<1.2'],
         'test': ['pytest', 'pytest-timeout', 'pytest-xdist'],
+        # The site that `make docs` builds.
+        'docs': ['furo', 'myst-parser', 'sphinx'],
         # The environment in examples/.
         'examples': ['gymnasium'],
         # Draws, and takes part in, `icofabric benchmark`; nothing else needs these.

@@ -67,6 +67,57 @@ def test_files_that_are_named_exist(path):
         assert list(base.glob(name)), f'{path.name} names {name}'
 
 
+def anchors_of(text):
+    """Anchors of the headings of a page, as GitHub and MyST make them."""
+    text = re.sub(r'^```.*?^```', '', text, flags=re.DOTALL | re.MULTILINE)
+    found = []
+    for heading in re.findall(r'^#{1,4} +(.+?) *$', text, re.MULTILINE):
+        plain = re.sub(r'\[([^]]*)\]\([^)]*\)|[*`]', r'\1', heading).lower()
+        anchor = re.sub(r'[^\w\- ]', '', plain).replace(' ', '-')
+        found.append(f'{anchor}-{found.count(anchor)}' if anchor in found else anchor)
+    return found
+
+
+def links_of(text):
+    """Targets of links within the documents: `page.md`, `page.md#anchor`, `#anchor`."""
+    text = re.sub(r'^```.*?^```', '', text, flags=re.DOTALL | re.MULTILINE)
+    return [target for target in re.findall(r'\]\(([^()\s]+)\)', text)
+            if not re.match(r'https?:|mailto:', target)]
+
+
+@pytest.mark.parametrize('path', DOCUMENTS, ids=lambda path: str(path.relative_to(ROOT)))
+def test_links_lead_to_files_and_headings(path):
+    for target in links_of(path.read_text(encoding='utf-8')):
+        name, _, anchor = target.partition('#')
+        page = (path.parent / name).resolve() if name else path
+        assert page.exists(), f'{path.name} links to {target}'
+        if anchor:
+            assert page.suffix == '.md' and anchor in anchors_of(page.read_text('utf-8')), (
+                f'{path.name} links to {target}')
+
+
+def test_a_wrong_link_is_found(tmp_path):
+    page = tmp_path / 'page.md'
+    page.write_text('# The `first` start\n\n[there](#the-first-start)\n', encoding='utf-8')
+    test_links_lead_to_files_and_headings(page)
+    for wrong in ('#the-first-end', 'other.md', 'page.md#first'):
+        page.write_text(f'# The `first` start\n\n[there]({wrong})\n', encoding='utf-8')
+        with pytest.raises(AssertionError, match='links to'):
+            test_links_lead_to_files_and_headings(page)
+
+
+def test_the_site_contains_every_page():
+    docs = ROOT / 'docs'
+    listed = []
+    for page in ('index', 'decisions/README'):
+        text = (docs / f'{page}.md').read_text(encoding='utf-8')
+        for tree in re.findall(r'^```\{toctree\}\n(.*?)^```', text, re.DOTALL | re.MULTILINE):
+            listed += [(docs / f'{page}.md').parent / f'{name}.md'
+                       for name in re.findall(r'^[\w/]+$', tree, re.MULTILINE)]
+    assert len(listed) == len(set(listed))
+    assert set(listed) == {*docs.rglob('*.md')} - {docs / 'index.md'}
+
+
 def test_modules_that_comments_name_exist():
     """A name alone, or with the end of its path."""
     there = [path.relative_to(ROOT).as_posix() for path in ROOT.rglob('*.py')]

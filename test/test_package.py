@@ -169,7 +169,9 @@ def test_data_files(data_files):
 
 
 def test_requirements():
-    run, checks = requirement_lines('requirements.txt'), requirement_lines('requirements-test.txt')
+    run = requirement_lines('requirements.txt')
+    others = [*requirement_lines('requirements-test.txt'),
+              *requirement_lines('requirements-docs.txt')]
     for line in ('ros-jazzy-rclpy[fastrtps]==7.1.6', 'ros-jazzy-common-interfaces==5.3.6',
                  'numpy', 'scipy', 'rosbags', 'pytest', 'numba'):
         assert line in run
@@ -177,9 +179,15 @@ def test_requirements():
     assert all(re.fullmatch(r'[a-z0-9-]+==[0-9][0-9a-z.]*', line) for line in locked)
     names = [requirement_name(line) for line in locked]
     assert names == sorted(set(names))
-    assert {requirement_name(line) for line in run + checks} <= set(names)
+    assert {requirement_name(line) for line in run + others} <= set(names)
     for pinned in (line for line in run if '==' in line):
         assert re.sub(r'\[.*\]', '', pinned) in locked
+
+
+def test_the_site_is_an_extra(distribution):
+    wanted = (distribution / 'requires.txt').read_text().partition('[docs]\n')[2]
+    assert sorted(wanted.partition('\n\n')[0].split()) == sorted(
+        requirement_lines('requirements-docs.txt'))
 
 
 def test_peers_of_the_benchmarks_are_extras(distribution):
