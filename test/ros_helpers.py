@@ -46,6 +46,7 @@ ROOT = Path(__file__).resolve().parents[1]
 SCENES = ROOT / 'config'
 # Generous: a first start compiles kernels, and the machine may do other things.
 PATIENCE = 120.0  # s
+LAST_WORDS = 5.0  # s
 
 DECODERS = {
     'geometry_msgs/msg/PoseArray': messages.decode_pose_array,
@@ -133,9 +134,13 @@ def wait_for(condition, what, *, node=None, limit=PATIENCE):
         if value:
             return value
         if node is not None and node.process.poll() is not None:
-            value = condition()
-            if value:
-                return value
+            # What it sent last may still be on its way.
+            end = min(deadline, time.monotonic() + LAST_WORDS)
+            while time.monotonic() < end:
+                value = condition()
+                if value:
+                    return value
+                time.sleep(0.005)
             pytest.fail(f'the node ended while waiting for {what}:\n{node.log()}')
         if time.monotonic() > deadline:
             pytest.fail(f'no {what} within {limit} s\n{node.log() if node else ""}')
@@ -160,7 +165,8 @@ class NodeProcess:
             # The environment is passed on: the ROS wheels keep their library path in it.
             self.process = subprocess.Popen(
                 [*command, *arguments], stdout=log, stderr=subprocess.STDOUT, cwd=ROOT,
-                env={**os.environ, 'ROS_DOMAIN_ID': str(domain(offset))},
+                env={**os.environ, 'ROS_DOMAIN_ID': str(domain(offset)),
+                     'PYTHONFAULTHANDLER': '1'},
                 # A test run in the background would hand on that SIGINT is ignored.
                 preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler))
 
@@ -185,7 +191,8 @@ class NodeProcess:
         try:
             status = self.wait(60)
         except subprocess.TimeoutExpired:
-            self.process.kill()
+            # With where each of its threads stands.
+            self.send(signal.SIGABRT)
             self.process.wait()
             pytest.fail(f'the node did not end:\n{self.log()}')
         assert 'Traceback' not in self.log(), self.log()

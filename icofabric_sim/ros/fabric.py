@@ -17,6 +17,7 @@ The simulation node: a runner, which has a thread of its own, and its translatio
 
 from collections.abc import Callable
 from concurrent.futures import Future
+from contextlib import AbstractContextManager, nullcontext
 import gc
 from pathlib import Path
 import threading
@@ -56,7 +57,8 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 # How long the last answers may take [s].
-_LAST_ANSWERS = 0.2
+_LAST_ANSWERS = 2.0
+_RUN_ENDS = 10.0
 # A report that is so late [s] is given in place of the run, looked for so often [s].
 _OVERDUE, _REPORT_CHECK = 1.4, 0.5
 
@@ -138,14 +140,24 @@ class FabricNode(Node):
         """
         return self.stop_wanted or not self._thread.is_alive()
 
-    def close(self) -> None:
-        """Stop the simulation and close the bag; may be called twice."""
+    def close(
+        self, closing: Callable[[], AbstractContextManager[None]] = nullcontext
+    ) -> None:
+        """
+        Stop the simulation and close the bag, within `closing`; may be called twice.
+
+        Where the middleware does not let go of the run's thread, the bag is closed all the same.
+        """
         self.runner.stop()
         if self._thread.is_alive():
-            self._thread.join()
+            self._thread.join(_RUN_ENDS)
+            if self._thread.is_alive():
+                self.get_logger().error(
+                    f'the run has not ended within {_RUN_ENDS:g} s: it is ended as it stands')
         self.answers.end('the node has ended')
         self.live.close()
-        self.bag.close(summary=summarise_run(self.runner.status()))
+        with closing():
+            self.bag.close(summary=summarise_run(self.runner.status()))
 
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> Any:
         """Judge a change before rclpy sees it; both parameter services come through here."""
@@ -233,8 +245,9 @@ class FabricNode(Node):
         With its last figures: the present ones are its own while it runs.
         """
         status, late = self._last_status, time.monotonic() - self._reported_at > _OVERDUE
+        # A run that publishes is not waited for: this thread hears of signals.
         if late and status is not None and self._thread.is_alive() and (
-                self.live.wants(DIAGNOSTICS)):
+                not self.live.is_busy and self.live.wants(DIAGNOSTICS)):
             self.live.send(DIAGNOSTICS, status.time, self._diagnose(status, held_up=True))
 
     def _diagnose(self, status: Status, *, held_up: bool = False) -> bytes:
@@ -282,10 +295,12 @@ def run_node(node: FabricNode, signals: StopSignals) -> int:
     try:
         server.serve(lambda: signals.received or node.is_done())
     finally:
-        node.close()
+        node.close(signals.taking_its_time)
     # Pending requests are answered: no result will come.
     deadline = time.monotonic() + _LAST_ANSWERS
     server.serve(lambda: not node.answers or time.monotonic() > deadline)
+    status = 1 if node.runner.failure else 0
+    signals.ignore(status)
     node.destroy_node()
     gc.freeze()  # the collection at the end of the process takes half a second otherwise
-    return 1 if node.runner.failure else 0
+    return status

@@ -98,6 +98,11 @@ class LiveSink:
         """Whether messages are kept."""
         return False
 
+    @property
+    def is_busy(self) -> bool:
+        """Whether a thread is in the middle of publishing."""
+        return self._lock.locked()
+
     def wants(self, topic: Topic) -> bool:
         """Whether there are subscribers; a latched message is kept for later ones."""
         with self._lock:
@@ -151,9 +156,14 @@ class LiveSink:
 
     def close(self) -> None:
         """Publish no more, once listeners have what was sent: the context is about to end."""
-        with self._lock:
-            deadline = time.monotonic() + _LAST_WORDS
-            for outlet in self._outlets.values():
+        deadline = time.monotonic() + _LAST_WORDS
+        # Not so where the middleware holds the run's thread.
+        free = self._lock.acquire(timeout=_LAST_WORDS)
+        try:
+            for outlet in self._outlets.values() if free else ():
                 rest = Duration(seconds=max(deadline - time.monotonic(), 0.0))
                 self._guarded(partial(outlet.publisher.wait_for_all_acked, rest))
             self._closed = True
+        finally:
+            if free:
+                self._lock.release()

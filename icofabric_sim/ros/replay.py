@@ -53,7 +53,7 @@ from rclpy.validate_topic_name import validate_topic_name
 from std_srvs.srv import SetBool, Trigger
 
 # How long the end may wait for a bag that is slow to read, and for the last answers [s].
-_PATIENCE, _LAST_ANSWERS = 0.5, 0.2
+_PATIENCE, _LAST_ANSWERS = 0.5, 2.0
 
 
 class ReplayNode(Node):
@@ -292,10 +292,15 @@ def run_replay(node: ReplayNode, options: Mapping[str, Any], signals: StopSignal
     # Pending requests are answered: no result will come.
     deadline = time.monotonic() + _LAST_ANSWERS
     server.serve(lambda: not node.answers or time.monotonic() > deadline)
+    ends = signals.received or not node.gives_way or node.going_live is None
+    status = 1 if node.player.failure else 0
+    if ends:
+        signals.ignore(status)
     node.destroy_node()
     gc.freeze()  # there is one more at the end of the process
-    if signals.received or not node.gives_way or node.going_live is None:
-        return 1 if node.player.failure else 0
+    if ends:
+        return status
+    assert node.going_live is not None
     return node.going_live.run(options, node.player.rate, signals)
 
 

@@ -19,13 +19,17 @@ Imports next to nothing, so that a signal is heard from the start.
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+import faulthandler
 import gc
 import os
+import select
 import signal
 import sys
+import threading
+import time
 from types import FrameType
 
-BAD_INPUT, INTERRUPTED = 2, 130  # exit statuses
+FAILED, BAD_INPUT, INTERRUPTED = 1, 2, 130  # exit statuses
 # Said by a node once its topics are there; others wait for it (node_watch.py).
 READY = 'ready: '
 # The ports of a domain begin at 7400 + 250 times its number.
@@ -33,6 +37,7 @@ _LARGEST_DOMAIN = 232
 # Packages of ROS beside those of messages.
 _ROS = ('ament_index_python', 'rclpy', 'rpyutils', 'simulation_interfaces', 'std_srvs')
 _STOPPING = (signal.SIGINT, signal.SIGTERM)
+_STOPPING_NUMBERS = {int(number) for number in _STOPPING}
 
 
 class StopSignals:
@@ -49,17 +54,43 @@ class StopSignals:
         """
         self.received = False
         self._ends_at_once = True
+        self._limit: _EndLimit | None = None
         for number in _STOPPING:
             signal.signal(number, self._receive)
 
-    def only_note(self) -> None:
-        """From now on a signal is only noted in `received`: there is something to end in order."""
-        self._ends_at_once = False
+    def only_note(self, limit: float = 20.0) -> None:
+        """
+        From now on a signal is only noted in `received`: there is something to end in order.
 
-    def ignore(self) -> None:
-        """From now on a signal does nothing: the process ends anyway, with its own exit status."""
+        That may take so long [s], see `_EndLimit`.
+        """
+        self._ends_at_once = False
+        self._limit = _EndLimit(limit)
+
+    @contextmanager
+    def taking_its_time(self) -> Iterator[None]:
+        """What is ended here takes as long as it takes: a bag is closed."""
+        if self._limit is None:
+            yield
+            return
+        self._limit.is_lifted = True
+        try:
+            yield
+        finally:
+            self._limit.begin()
+            self._limit.is_lifted = False
+
+    def ignore(self, status: int | None = None) -> None:
+        """
+        From now on a signal does nothing: the process ends anyway, with its own exit status.
+
+        With a `status`, all that is left is up to the middleware; where that takes too long, the
+        process ends with it.
+        """
         for number in _STOPPING:
             signal.signal(number, signal.SIG_IGN)
+        if self._limit is not None:
+            self._limit.begin(status)
 
     def _receive(self, number: int, frame: FrameType | None) -> None:
         self.received = True
@@ -67,6 +98,43 @@ class StopSignals:
             # An exception would not do: in the middle of an import or a compilation it ends up as
             # an error of any kind, or is ignored in a finaliser.
             os._exit(INTERRUPTED)
+
+
+class _EndLimit:
+    """
+    Ends the process by force where its end takes too long, and says where its threads stand.
+
+    A call of the middleware can stand still, e.g. over what a subscriber that was killed has held.
+    A thread of its own hears of a signal where the main thread cannot.
+    """
+
+    def __init__(self, seconds: float) -> None:
+        self._seconds = seconds
+        self._deadline, self._status = float('inf'), FAILED
+        self.is_lifted = False
+        self._awake, wakeup = os.pipe()
+        os.set_blocking(wakeup, False)
+        signal.set_wakeup_fd(wakeup, warn_on_full_buffer=False)
+        threading.Thread(target=self._watch, name='end', daemon=True).start()
+
+    def begin(self, status: int | None = None) -> None:
+        """Count from now on; with a `status` nothing is lost where the process ends by force."""
+        self._deadline = time.monotonic() + self._seconds
+        if status is not None:
+            self._status = status
+
+    def _watch(self) -> None:
+        heard = False
+        while self.is_lifted or time.monotonic() < self._deadline:
+            if select.select([self._awake], [], [], 0.5)[0]:
+                stopping = not _STOPPING_NUMBERS.isdisjoint(os.read(self._awake, 64))
+                if stopping and not heard:
+                    heard = True
+                    self.begin()
+        print(f'the end took more than {self._seconds:g} s: ended by force; its threads stood at',
+              file=sys.stderr, flush=True)
+        faulthandler.dump_traceback()
+        os._exit(self._status)
 
 
 @contextmanager

@@ -1,0 +1,76 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""A node's end: signals are noted, and what the middleware holds up ends all the same."""
+from pathlib import Path
+import signal
+import subprocess
+import sys
+
+from icofabric_sim.ros.start import FAILED
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+
+BEGIN = """
+import time
+from icofabric_sim.ros.start import StopSignals
+
+def held_up():
+    print('stands', flush=True)
+    while True:
+        time.sleep(10.0)
+
+signals = StopSignals()
+signals.only_note(limit=0.5)
+"""
+
+
+def ends(script, *, number=None):
+    """Exit status and error output of a process that gets signal `number` once it stands."""
+    with subprocess.Popen(
+            [sys.executable, '-c', BEGIN + script], cwd=ROOT, text=True, stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE) as process:
+        assert process.stdout.readline() == 'stands\n'
+        if number is not None:
+            process.send_signal(number)
+        _, said = process.communicate(timeout=60)
+        return process.returncode, said
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_end_that_is_held_up_is_forced_and_says_where(number):
+    status, said = ends('held_up()', number=number)
+    assert status == FAILED
+    assert 'more than 0.5 s: ended by force' in said and 'in held_up' in said
+
+
+def test_what_is_forced_after_all_is_done_keeps_the_status():
+    status, said = ends('signals.ignore(0)\nheld_up()')
+    assert status == 0 and 'ended by force' in said
+
+
+def test_closing_of_a_bag_takes_as_long_as_it_takes():
+    status, said = ends("""
+print('stands', flush=True)
+while not signals.received:
+    time.sleep(0.01)
+with signals.taking_its_time():
+    time.sleep(2.0)
+""", number=signal.SIGINT)
+    assert status == 0 and not said
+
+
+def test_nothing_is_forced_without_a_signal():
+    status, said = ends("print('stands', flush=True)\ntime.sleep(2.0)")
+    assert status == 0 and not said
