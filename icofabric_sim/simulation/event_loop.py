@@ -58,6 +58,8 @@ class EventLoop:
         # Grows with whatever changes the state that is seen.
         self.changes = 0
         self._stale_loads = False
+        # When a step has to end for an input that was taken already [s]; infinite: no step has.
+        self._cut_due = math.inf
         parameters = scene.parameters
         thread_team, broad_phase = ThreadTeam(parameters['solver.threads'], packed), None
         if packed.contact is not None:
@@ -127,6 +129,7 @@ class EventLoop:
         """
         Take at least one step and at most so many; an input that acts ends a step, which counts.
         """
+        self._cut()
         due = self.inputs.next_time
         self.settle_loads()
         try:
@@ -150,7 +153,7 @@ class EventLoop:
     def jump(self, state: InitialState) -> None:
         """Go on from another state at the present time."""
         self.changes += 1
-        self._stale_loads = False
+        self._stale_loads, self._cut_due = False, math.inf
         loads = self._loads()
         self.driver.jump(
             self.time, self._packed.layout.pack(state), loads, self._load_rate(loads))
@@ -176,6 +179,7 @@ class EventLoop:
         """All that what is to come depends on, but for the time."""
         return {
             'stale_loads': self._stale_loads,
+            'cut_due': self._cut_due,
             'inputs': self.inputs.state_tree(),
             'stepper': self.driver.state_tree(),
         }
@@ -189,6 +193,7 @@ class EventLoop:
         # A wrench on a body has loads prepared for all that follows, here or there.
         self._body_wrenches = self._body_wrenches or self.inputs.concern_bodies
         self._stale_loads = tree.flag('stale_loads')
+        self._cut_due = tree.number('cut_due', 0.0, finite=False)
         self.driver.load_state(tree.part('stepper'), self._loads(again=True))
         if not self.driver.time <= time <= self.driver.next_step_time:
             raise ValueError(
@@ -197,16 +202,28 @@ class EventLoop:
         self.time = time
 
     def _handle_events(self, until: float) -> None:
+        self._cut()
         # Reached before it is taken out: an interrupt on the way loses nothing.
         while (time := self.inputs.next_time) <= until:
             self._reach(time)
             if self.inputs.pulls_are_next:
                 self._pull(time)
             elif self.inputs.apply_next():
-                self._settle_loads_before(time)
-                self.driver.cut(time)
-                self._stale_loads = True
-                self.changes += 1
+                self._cut_due = time
+                self._cut()
+
+    def _cut(self) -> None:
+        """
+        End the step in progress where an input that was taken asks for it.
+
+        Where the kernels for that are awaited, it is still due when time goes on.
+        """
+        if self._cut_due < math.inf:
+            self._settle_loads_before(self._cut_due)
+            self.driver.cut(self._cut_due)
+            self._cut_due = math.inf
+            self._stale_loads = True
+            self.changes += 1
 
     def _pull(self, time: float) -> None:
         """Compute the forces of the pulls at `time` [s], and when they are due again."""

@@ -111,6 +111,31 @@ def test_it_goes_back_to_a_step_end_and_goes_on_with_the_same_bits():
     assert waiting.status.step_count == free.status.step_count
 
 
+def test_an_input_that_ends_the_very_step_is_not_lost():
+    free, waiting = ico.compile_scene(SCENE), ico.compile_scene(SCENE)
+    for simulation in (free, waiting):
+        # So many that all steps near the first contact end at one.
+        for k in range(1, 301):
+            simulation.apply_wrench('push', (0.001 * k, 0.0, 0.0), time=0.0005 * k)
+    free.advance_to(0.15)
+    assert free.status.has_contacts
+    waiting._driver.awaits_kernels = True
+    held = 0
+    while waiting.time < 0.15:
+        try:
+            with no_compiling():
+                waiting.advance_to(0.15)
+        except KernelsAwaited:
+            held += 1
+            assert not waiting.status.has_contacts
+            assert waiting._event_loop._cut_due == waiting.time
+            waiting.snapshot()
+            waiting.restore(waiting.checkpoint())
+            waiting._driver.awaits_kernels = held < 3
+    assert held == 3
+    assert waiting.snapshot().position.tobytes() == free.snapshot().position.tobytes()
+
+
 def test_requests_are_answered_while_simulated_time_waits(held):
     runner, sink = held
     direct = ico.compile_scene(SCENE)

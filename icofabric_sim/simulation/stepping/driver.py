@@ -171,7 +171,7 @@ class Driver:
     def cut(self, time: float) -> None:
         """Advance to `time` and end the step in progress there; the next step starts there."""
         self.advance(time)
-        self._stepping.cut(time)
+        self._or_back(partial(self._stepping.cut, time))
 
     def state_at(self, time: float) -> State:
         """
