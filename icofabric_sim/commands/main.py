@@ -41,6 +41,7 @@ VERBS = {
     'film': 'film a recorded run or a scene: MP4 or GIF',
     'view': 'look at a scene or a recorded run in a browser, and pull at it',
     'tables': 'print the tables of the document, and draw its Figure 5',
+    'stress': 'judge random scenes: accuracy, stability, refusals, bits',
     'benchmark': 'measure speed and accuracy beside other tools',
     'new': 'write a commented scene to begin with',
     'completion': 'print a script that completes verbs, options and scenes in a shell',

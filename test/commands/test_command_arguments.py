@@ -20,7 +20,7 @@ import pytest
 SCENE_VERBS = ('run', 'statics', 'modes', 'elasticity', 'info')
 BAG_VERBS = ('verify', 'info', 'render', 'recover')
 # Verbs that need nothing beside their name.
-WITHOUT_WORDS = ('benchmark', 'tables', 'warm')
+WITHOUT_WORDS = ('benchmark', 'stress', 'tables', 'warm')
 NO_SCENES = ('nothing', '', 'folder', 'mixed.yaml', 'garbage.yaml', 'unknown.yaml', 'x\ny')
 NO_BAGS = ('nothing', '', 'folder', 'garbage.yaml')
 OVERRIDES = (

@@ -1,0 +1,204 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""`icofabric stress`: random scenes, judged, and what was found of them."""
+
+import argparse
+import json
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from icofabric_sim.terminal import InputError, Progress, require_place
+
+if TYPE_CHECKING:
+    from icofabric_sim.studies.stress.verdict import Finding
+
+_SCENES = 100
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument(
+        '--scenes', type=int, metavar='N',
+        help=f'judge N scenes (default {_SCENES}; with --seed alone: that one)')
+    parser.add_argument(
+        '--seed', type=int, metavar='S',
+        help='the first seed, from which others are counted; alone: run that scene again and say '
+        'its class and figures')
+    parser.add_argument(
+        '--kinds', metavar='K,K-K,...',
+        help='kinds of scenes by number, e.g. 0-5,12; the others are skipped (default: all; '
+        '--list names them)')
+    parser.add_argument(
+        '--list', action='store_true', help='list the kinds of scenes by number, and run nothing')
+    parser.add_argument(
+        '--processes', type=int, metavar='P', default=len(os.sched_getaffinity(0)),
+        help='judge in P processes (default: one for each core)')
+    parser.add_argument(
+        '--output', metavar='FILE',
+        help='write a table of all scenes (CSV); with --shrink the scene (YAML)')
+    parser.add_argument('--json', action='store_true', help='print the findings as JSON lines')
+    parser.add_argument(
+        '--shrink', action='store_true',
+        help='make the scene of --seed minimal: take features away one at a time while its class '
+        'stays, and write it to --output (default: stress_SEED.yaml)')
+    parser.add_argument(
+        '--coverage', action='store_true',
+        help='say, too, in how many scenes each parameter was not at its default')
+
+
+def main(arguments: argparse.Namespace) -> int:
+    """Judge; returns 1 where a scene is of a class that must not occur."""
+    from icofabric_sim.studies.stress.kinds import KINDS
+    from icofabric_sim.studies.stress.scenes import LARGEST_SEED, seeds_of
+    if not 1 <= arguments.processes <= 256:
+        raise InputError(f'--processes must be from 1 to 256, got {arguments.processes}')
+    if arguments.scenes is not None and not 1 <= arguments.scenes <= 10**6:
+        raise InputError(f'--scenes must be from 1 to 1000000, got {arguments.scenes}')
+    if arguments.seed is not None and not 0 <= arguments.seed <= LARGEST_SEED:
+        raise InputError(f'--seed must be from 0 to {LARGEST_SEED}, got {arguments.seed}')
+    kinds = _kinds(arguments.kinds, len(KINDS))
+    if arguments.list:
+        for number in sorted(kinds):
+            print(f'{number:3}  {KINDS[number]}')
+        return 0
+    single = arguments.seed is not None and arguments.scenes is None
+    if arguments.shrink and not single:
+        raise InputError('--shrink needs --seed, without --scenes: it makes one scene minimal')
+    if arguments.output is not None:
+        require_place('--output', Path(arguments.output).expanduser())
+    if arguments.shrink:
+        return _shrink(arguments)
+    if single:
+        seeds = [arguments.seed]
+    else:
+        seeds = list(seeds_of(arguments.seed or 0, arguments.scenes or _SCENES, kinds))
+    findings, interrupted = _judge(arguments, seeds)
+    _show(arguments, findings, single)
+    if interrupted:
+        raise KeyboardInterrupt
+    return int(any(finding.is_fault for finding in findings))
+
+
+def _kinds(text: str | None, count: int) -> set[int]:
+    """Numbers of kinds from a text such as 0-5,12."""
+    if text is None:
+        return set(range(count))
+    found: set[int] = set()
+    for part in text.split(','):
+        first, dash, last = part.strip().partition('-')
+        if not (first.isdecimal() and (last.isdecimal() if dash else not last)):
+            raise InputError(f'--kinds {text}: {part!r} is no number and no range; e.g. 0-5,12')
+        numbers = range(int(first), int(last or first) + 1)
+        if not numbers or not numbers[-1] < count:
+            raise InputError(f'--kinds {text}: {part!r} must be within 0 to {count - 1}; --list '
+                             'names them')
+        found |= set(numbers)
+    return found
+
+
+def _judge(
+    arguments: argparse.Namespace, seeds: list[int]
+) -> tuple[list['Finding'], bool]:
+    """What was found, and whether the user ended it."""
+    from icofabric_sim.studies.stress.workers import judge_all
+    findings: list[Finding] = []
+    try:
+        with Progress(len(seeds), 'scenes') as progress:
+            for finding in judge_all(
+                    seeds, processes=min(arguments.processes, len(seeds))):
+                findings.append(finding)
+                if arguments.json:
+                    _print_json(finding)
+                elif finding.is_fault and len(seeds) > 1:
+                    progress.note(f'seed {finding.seed}: {finding.verdict.value}: '
+                                  f'{finding.detail}')
+                if arguments.output is not None:
+                    _write(Path(arguments.output).expanduser(), findings)
+                progress.update(len(findings))
+    except KeyboardInterrupt:
+        return findings, True
+    return findings, False
+
+
+def _write(path: Path, findings: list['Finding']) -> None:
+    """Replace the table as a whole, so that it can be read at any time."""
+    from icofabric_sim.studies.stress.report import write_table
+    part = path.with_name(f'.{path.name}.part')
+    write_table(part, sorted(findings))
+    part.replace(path)
+
+
+def _print_json(finding: 'Finding') -> None:
+    from icofabric_sim.studies.stress.report import as_dictionary
+    print(json.dumps(as_dictionary(finding)), flush=True)
+
+
+def _show(arguments: argparse.Namespace, findings: list['Finding'], single: bool) -> None:
+    from icofabric_sim.studies.stress.report import class_lines, coverage_lines, term_lines
+    if arguments.json:
+        return
+    if single:
+        for finding in findings:
+            _describe(finding)
+        return
+    print('\n'.join(class_lines(findings)))
+    print()
+    print('\n'.join(term_lines(findings)))
+    if arguments.coverage:
+        print('\nscenes in which a parameter was not at its default')
+        print('\n'.join(coverage_lines(findings)))
+
+
+def _describe(finding: 'Finding') -> None:
+    """One scene, with its figures."""
+    from icofabric_sim.studies.stress.kinds import KINDS
+    print(f'seed {finding.seed}: {finding.verdict.value}')
+    print(f'kind {finding.kind}: {KINDS[finding.kind]}')
+    if finding.detail:
+        print(finding.detail)
+    if finding.method:
+        print(
+            f'{finding.bodies} bodies, {finding.steps} steps of {finding.method} to t = '
+            f'{finding.time:.6g} s')
+        print(
+            f'errors added, growth apart: {finding.added:.3g}; promised: {finding.promised:.3g}; '
+            f'the run itself said {finding.estimate:.3g}')
+        grown = f'{finding.growth:.3g} times' if finding.growth else 'was not measured'
+        print(f'growth of a small displacement: {grown}')
+        print('two threads and a checkpoint: '
+              + ('compared bit by bit' if finding.compared else 'not compared'))
+
+
+def _shrink(arguments: argparse.Namespace) -> int:
+    """Write the minimal scene."""
+    from icofabric_sim.studies.stress.scenes import draw_scene
+    from icofabric_sim.studies.stress.shrink import MOST_RUNS, shrink
+    from icofabric_sim.studies.stress.workers import Referee
+    path = Path(arguments.output or f'stress_{arguments.seed}.yaml').expanduser()
+    if path.exists():
+        raise InputError(f'{path} exists and is never overwritten; name another with --output')
+    whole, referee = draw_scene(arguments.seed), Referee()
+    try:
+        with Progress(MOST_RUNS, 'runs at most', foreseen=False) as progress:
+            scene, finding = shrink(whole, referee.judge, tried=progress.update)
+    finally:
+        referee.close()
+    path.write_text(scene.text(), encoding='utf-8')
+    for name, text in scene.files.items():
+        if any(name in str(value) for value in scene.parameters.values()):
+            (path.parent / name).write_text(text, encoding='utf-8')
+    _describe(finding)
+    print(f'{path}: {len(scene.parameters)} parameters of {len(whole.parameters)}')
+    return int(finding.is_fault)

@@ -1,0 +1,109 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+The kinds of random scenes: which terms they have, and which method integrates them.
+
+Each kind has kernels of its own, so kinds are drawn before values. A number keeps its meaning:
+new kinds go to the end, where there is room for them (`MOST`).
+"""
+
+from collections.abc import Iterator
+from typing import Final, NamedTuple
+
+# Kernels of a kind take up to a minute to compile.
+MOST: Final = 200
+
+TERMS: Final = {
+    'loaded': 'wrenches of all profiles',
+    'heavy': 'gravity',
+    'held': 'supports',
+    'bent': 'bending stiffness',
+    'twisted': 'twisting stiffness',
+    'attached': 'attachment points of their own',
+    'kinked': 'connectors that pull otherwise than they push',
+    'tabled': 'connector laws by table',
+    'grouped': 'connectors of a group with laws of their own',
+    'damped': 'damped connectors',
+    'dragged': 'drag',
+    'breaking': 'connectors that break',
+    'wrapped': 'connectors that lie around shells',
+    'charged': 'charges in an electric field',
+    'dipole': 'dipoles in an electric field',
+    'magnetic': 'charges in a magnetic field',
+    'mutual': 'charges that repel each other',
+    'pressed': 'tractions on faces',
+    'anchored': 'connectors to points of the world',
+    'driven': 'prescribed motion',
+    'touching': 'contact between shells',
+    'lossy': 'contact with damping and friction',
+    'floored': 'a plane',
+    'loose': 'bodies outside the weave',
+    'parted': 'bodies without connectors',
+}
+
+
+class Kind(NamedTuple):
+    """The terms of a scene, in the order of TERMS, and `solver.method`."""
+
+    method: str
+    terms: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        """Return the method and the terms in words."""
+        return ' '.join((self.method, *self.terms))
+
+
+def _kinds(text: str) -> Iterator[Kind]:
+    for line in text.strip().splitlines():
+        methods, _, terms = line.partition(':')
+        for method in methods.split():
+            yield Kind(method, tuple(terms.split()))
+
+
+KINDS: Final = tuple(_kinds("""
+    auto leapfrog srkn4 srkn6 srkn8 dop8:
+    leapfrog srkn6 dop8: loaded heavy held
+    leapfrog srkn4 srkn6 dop8: kinked
+    leapfrog srkn6 dop8: bent twisted
+    srkn4 dop8: attached
+    srkn6 dop8: tabled
+    dop8 srkn6: damped
+    dop8: dragged
+    dop8: loaded heavy held damped dragged
+    dop8 leapfrog: breaking
+    dop8: kinked breaking
+    dop8: wrapped
+    dop8: damped wrapped
+    srkn6: charged
+    srkn8: dipole
+    dop8: magnetic
+    srkn6: mutual
+    srkn4 dop8: pressed
+    srkn6 dop8: anchored
+    leapfrog srkn6 dop8: driven
+    dop8: damped driven
+    srkn4 srkn6 dop8: touching
+    dop8: touching lossy
+    dop8: heavy touching floored
+    dop8: heavy touching lossy floored
+    dop8: touching parted
+    dop8: loaded bent twisted grouped damped driven
+    dop8: loaded heavy kinked grouped damped breaking
+    srkn6: loaded heavy held bent twisted attached grouped
+    dop8: heavy held tabled damped anchored
+    auto: loaded heavy held touching loose
+    srkn8: loaded bent twisted kinked
+    dop8: heavy dragged charged magnetic driven
+"""))
+assert len(KINDS) <= MOST

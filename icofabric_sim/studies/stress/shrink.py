@@ -1,0 +1,76 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""Makes a scene smaller while its class stays."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from typing import Any, Final
+
+from icofabric_sim.parameters.table import FAMILIES
+from icofabric_sim.studies.stress.scenes import StressScene
+from icofabric_sim.studies.stress.verdict import Finding
+
+# Tries, at most: each is a run.
+MOST_RUNS: Final = 200
+# Without these a scene is another one, or has no end.
+_KEPT = ('duration', 'solver.threads')
+
+
+def shrink(
+    scene: StressScene, judge: Callable[[StressScene], Finding], *,
+    tried: Callable[[int], Any] = lambda count: None
+) -> tuple[StressScene, Finding]:
+    """
+    Take features away one at a time, as long as the verdict stays; and halve the duration.
+
+    Returns the smallest scene that was found, with its finding.
+    """
+    finding = judge(scene)
+    wanted, count, found = finding.verdict, 1, True
+    while found and count < MOST_RUNS:
+        found = False
+        for candidate in _smaller(scene):
+            count += 1
+            tried(count)
+            answer = judge(candidate)
+            if answer.verdict is wanted:
+                scene, finding, found = candidate, answer, True
+                break
+            if count >= MOST_RUNS:
+                break
+    return scene, finding
+
+
+def _smaller(scene: StressScene) -> Iterator[StressScene]:
+    """Scenes with one feature less, the largest features first."""
+    names = scene.parameters
+    heads = dict.fromkeys(
+        '.'.join(name.split('.')[:2]) for name in names if name.split('.')[0] in FAMILIES)
+    for head in heads:
+        yield scene.without([name for name in names if f'{name}.'.startswith(f'{head}.')])
+    for room in ('initial_random', 'charge', 'field', 'drag', 'contact'):
+        some = [name for name in names if name.startswith(f'{room}.')]
+        if len(some) > 1:
+            yield scene.without(some)
+    for name in names:
+        if name.split('.')[0] not in FAMILIES and name not in _KEPT:
+            yield scene.without([name])
+    size = names.get('weave.size')
+    if isinstance(size, list):
+        for axis, length in enumerate(size):
+            if length > 1:
+                less = [n - 1 if k == axis else n for k, n in enumerate(size)]
+                yield replace(scene, parameters={**names, 'weave.size': less})
+    if scene.duration > 0.0:
+        yield replace(scene, parameters={**names, 'duration': 0.5 * scene.duration})

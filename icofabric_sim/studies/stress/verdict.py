@@ -1,0 +1,65 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""The classes of judged scenes, and what is noted of each."""
+
+from enum import Enum
+from typing import Final, NamedTuple
+
+
+class Verdict(Enum):
+    """What became of a scene; the value is how tables say it."""
+
+    WITHIN = 'within the promise'
+    CHAOTIC = 'chaotic, and said so'
+    SAID = 'beyond, and said so'
+    BETWEEN = 'between'
+    REFUSED = 'refused with the right name'
+    STOPPED = 'stopped with the right reason'
+    SLOW = 'too slow, with what limits it'
+    WRONGLY_REFUSED = 'refused without the right name'
+    WRONGLY_STOPPED = 'stopped for a wrong reason'
+    SILENT = 'silently wrong'
+    HANG = 'hang'
+    CRASH = 'crash'
+    OTHER_BITS = 'other bits'
+
+
+# What must not happen.
+FAULTS: Final = (
+    Verdict.WRONGLY_REFUSED, Verdict.WRONGLY_STOPPED, Verdict.SILENT, Verdict.HANG, Verdict.CRASH,
+    Verdict.OTHER_BITS)
+
+
+class Finding(NamedTuple):
+    """A judged scene; errors are the larger of position over a and angle in rad."""
+
+    seed: int
+    kind: int
+    verdict: Verdict
+    detail: str = ''  # sentence on why
+    method: str = ''
+    bodies: int = 0
+    steps: int = 0
+    time: float = 0.0  # simulated time that was judged [s]
+    added: float = 0.0  # errors added, growth apart
+    promised: float = 0.0  # what may be added: tolerance and rounding
+    estimate: float = 0.0  # the run's own error_estimate
+    growth: float = 0.0  # of a small displacement over the run; 0: not measured
+    compared: bool = False  # bit by bit, with two threads and from a checkpoint
+    seconds: float = 0.0  # wall time of the judge
+
+    @property
+    def is_fault(self) -> bool:
+        """Whether it is of a class that must not occur."""
+        return self.verdict in FAULTS

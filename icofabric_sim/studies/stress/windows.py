@@ -1,0 +1,138 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+Errors that a run adds, growth apart: windows of one shortest period beside a far tighter run.
+
+At the beginning of each window the tighter run takes the state over. Where the two are apart by
+more than was allowed at its end, a displaced companion says how much of that is growth.
+"""
+
+from collections.abc import Callable
+import math
+from typing import Final, NamedTuple
+
+from icofabric_sim.scene.scene import Scene
+from icofabric_sim.simulation.divergence import Companion, distance_between
+from icofabric_sim.simulation.errors import SimulationError
+from icofabric_sim.simulation.simulation import compile_scene, Simulation
+import numpy as np
+
+# Tolerance of the reference: this part of the run's own, and at least this for each radian of the
+# fastest motion, below which rounding rules; at most the last.
+_FINER, _LEAST, _MOST = 1e-2, 2e-13, 1e-11
+# Windows of a run, at most; spread evenly over longer ones.
+WINDOWS: Final = 24
+# Rounding of a window, in units of the last place of the coordinates over a.
+_ROUNDING: Final = 256.0 * np.finfo(float).eps
+
+
+class Added(NamedTuple):
+    """What was added by the end of the run, and what may be."""
+
+    error: float
+    promised: float  # tolerance times time, and rounding
+    rounding: float  # of it
+
+
+def reference_scene(scene: Scene, rate: float) -> Scene:
+    """The scene by the adaptive method, far tighter; `rate` [rad/s] of the fastest motion."""
+    tolerance = min(max(
+        _FINER * float(str(scene.parameters['solver.tolerance'])), _LEAST * rate), _MOST * rate)
+    return scene.with_changes({
+        'solver.method': 'dop8', 'solver.step': 0.0, 'solver.tolerance': max(tolerance, 1e-15),
+        'solver.energy_limit': 1e9, 'solver.threads': 1})
+
+
+def rate_of(simulation: Simulation) -> float:
+    """Rate [rad/s] of the fastest motion; that of the duration where nothing vibrates."""
+    rate = simulation.status.largest_frequency
+    return max(rate, 2.0 * math.pi / float(str(simulation.scene.parameters['duration'])))
+
+
+class Windows:
+    """One run, followed window by window; `result` says what was found so far."""
+
+    def __init__(
+        self, run: Simulation, rate: float, should_stop: Callable[[], bool], *,
+        compare: bool = True
+    ) -> None:
+        """
+        Follow `run`, whose fastest motion has the `rate` [rad/s].
+
+        `compare`: whether references go beside it. `should_stop` ends an advance of each of them
+        with Interrupted.
+        """
+        self._run, self._rate = run, rate
+        self._half_edge = run.scene.geometry.half_edge
+        self._tolerance = float(str(run.scene.parameters['solver.tolerance']))
+        self._error = self._rounding = 0.0
+        self.jumped = 0  # windows in which growth could not be told from the error
+        self.reference_failure = ''  # why the reference could not go on; '': it could
+        self._others: list[Simulation] = []
+        self._finer = 0.0
+        run.should_stop = should_stop
+        if compare:
+            scene = reference_scene(run.scene, rate)
+            self._finer = float(str(scene.parameters['solver.tolerance']))
+            self._others = [compile_scene(scene) for _ in range(2)]
+            for other in self._others:
+                other.should_stop = should_stop
+
+    def follow(self, duration: float) -> None:
+        """Advance to `duration` [s]; raises what ends the run, and Interrupted."""
+        run = self._run
+        period = min(2.0 * math.pi / self._rate, duration)
+        gap = max(duration / WINDOWS - period, 0.0)
+        while run.time < duration:
+            before = run.time
+            if gap > 0.0:
+                run.advance_to(before + gap)
+                run.advance_steps(1)
+            start = run.time
+            for other in self._others:
+                other.reset_time()
+                other.take_over(run, keep_motion=True)
+            run.advance_to(max(start + 0.999 * period, run.time))
+            run.advance_steps(1)
+            if self._others and not self.reference_failure:
+                try:
+                    self._compare(before, start)
+                except SimulationError as error:
+                    self.reference_failure = str(error)
+
+    def result(self) -> Added:
+        """What was added so far, and what may be."""
+        return Added(
+            self._error, self._tolerance * self._run.time + self._rounding, self._rounding)
+
+    def _compare(self, before: float, start: float) -> None:
+        run, (reference, mark) = self._run, self._others
+        reference.advance_to(run.time)
+        one, two = run.snapshot(), reference.snapshot()
+        error, length = distance_between(one, two, self._half_edge), run.time - start
+        rounding = _ROUNDING * (1.0 + float(np.abs(one.position).max()) / self._half_edge)
+        if not error <= self._tolerance * length + rounding:
+            companion = Companion(mark)
+            mark.advance_to(run.time)
+            companion.look()
+            growth = companion.result()
+            if growth.at_least or growth.ended or (one.intact != two.intact).any():
+                self.jumped += 1
+                error = 0.0
+            else:
+                error /= max(1.0, growth.largest)
+        # Windows stand for what lies before them, too.
+        part = (run.time - before) / length
+        self._error += error * part
+        self._rounding += (rounding + self._finer * length) * part
