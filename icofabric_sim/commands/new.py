@@ -41,6 +41,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--damping', type=float, default=0.02, metavar='C',
         help='of the connectors [N s/m] (%(default)g)')
     parser.add_argument(
+        '--bending', type=float, default=0.02, metavar='B',
+        help='bending stiffness of the connectors [N m/rad]; 0: plain springs, with which a '
+             'fabric folds and hangs like a net (%(default)g)')
+    parser.add_argument(
         '--held', choices=(*_HELD, 'none'), default='side',
         help='the layer that is held in place (%(default)s)')
     parser.add_argument('--floor', type=float, metavar='Z', help='a floor at this height [m]')
@@ -93,6 +97,7 @@ def scene_text(arguments: argparse.Namespace, name: str) -> str:
         '    connector:',
         f'      stiffness: {arguments.stiffness!r}  # [N/m]',
         f'      damping: {arguments.damping!r}  # [N s/m]; 0: energy is kept',
+        f'      bending_stiffness: {arguments.bending!r}  # [N m/rad]; 0: plain springs, it folds',
         f'    gravity: [0.0, 0.0, {down!r}]  # [m/s^2]',
         f'    duration: {arguments.duration!r}  # [s]; a node stops there, 0: never',
     ]

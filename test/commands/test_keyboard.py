@@ -109,6 +109,7 @@ def test_a_new_scene_is_one_and_says_what_was_chosen(
                  '--angle', '0.4', '--duration', '1.5']) == 0
     assert 'bodies' in capsys.readouterr().out
     scene = load_scene(path)
+    assert scene.parameters['connector.bending_stiffness'] == 0.02
     assert scene.geometry.connector_angle == 0.4 and scene.parameters['duration'] == 1.5
     np.testing.assert_array_equal(
         np.flatnonzero(scene.supports.rotation), scene.groups['held'])
@@ -116,7 +117,7 @@ def test_a_new_scene_is_one_and_says_what_was_chosen(
     assert scene.parameters['planes.floor.offset'] == -0.3
     assert path.read_text('utf-8').count('#') > 8
     assert list(path.parent.iterdir()) == [path]
-    words = ['--held', 'none', '--no-gravity', '--kind', 'bias']
+    words = ['--held', 'none', '--no-gravity', '--kind', 'bias', '--bending', '0.0']
     assert main(['new', str(tmp_path / 'other.yaml'), *words]) == 0
     other = load_scene(tmp_path / 'other.yaml')
     assert other.supports is None and not any(other.parameters['gravity'])

@@ -15,6 +15,7 @@
 
 from pathlib import Path
 import re
+import runpy
 import shlex
 
 from icofabric_sim.parameters.ready_scenes import ready_scenes
@@ -64,3 +65,39 @@ def test_every_ready_scene_is_in_the_gallery(name: str) -> None:
 def test_the_gallery_shows_nothing_else() -> None:
     shown = {path.stem for path in (ROOT / 'docs' / 'gallery').iterdir()}
     assert shown == set(ready_scenes()) == set(re.findall(r'^## (\w+)$', GALLERY, re.MULTILINE))
+
+
+def test_the_figures_of_the_concepts_are_what_their_command_draws(tmp_path: Path) -> None:
+    draw = runpy.run_path(str(ROOT / 'docs' / 'draw_concepts.py'))['draw']
+    text = (ROOT / 'docs' / 'concepts.md').read_text('utf-8')
+    paths = draw(tmp_path)
+    assert len(paths) == 3
+    for path in paths:
+        assert f']({path.name})' in text
+        drawn, kept = imread(path)[:, :, :3], imread(ROOT / 'docs' / path.name)[:, :, :3]
+        # Fonts differ between versions of matplotlib; weaves do not.
+        assert drawn.shape == kept.shape and (np.abs(drawn - kept) > 0.1).mean() < 0.02
+
+
+@pytest.mark.parametrize('page', ['tour'])
+def test_pictures_of_a_page_are_of_the_size_that_its_commands_say(page: str) -> None:
+    text = (ROOT / 'docs' / f'{page}.md').read_text('utf-8')
+    made = {}
+    for line in text.splitlines():
+        words = shlex.split(line) if line.startswith('    .venv/bin/icofabric') else []
+        for option in ('--sheet', '--output'):
+            if option in words:
+                made[Path(words[words.index(option) + 1]).name] = words
+        if 'film' in words:
+            made[Path(words[3]).name] = words
+    shown = re.findall(r'!\[[^\]]+\]\(([\w/]+\.\w+)\)', text)
+    assert shown
+    for name in shown:
+        path = (ROOT / 'docs' / page).parent / name
+        words = made[path.name]
+        assert path.stat().st_size < (4 if path.suffix == '.gif' else 1.2) * LARGEST
+        if '--size' in words:
+            wide, high = map(int, words[words.index('--size') + 1].split('x'))
+            seen = imread(path)
+            # A sheet is cut to what the moments need.
+            assert seen.shape[1] == wide and 0.8 * high < seen.shape[0] <= high

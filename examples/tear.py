@@ -1,0 +1,70 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+A tearing test: a slab is pulled slowly until it breaks; stress, strain, and what breaks when.
+
+    .venv/bin/python examples/tear.py runs/tear.csv
+"""
+
+import argparse
+import csv
+from pathlib import Path
+
+import icofabric_sim as ico
+import numpy as np
+
+SCENE = {'weave.size': [5, 3, 3], 'weave.connector_angle': 0.3, 'contact.mode': 'never',
+         'connector.bending_stiffness': 0.02}
+LENGTHS = 1.06  # connectors break at so many of their woven lengths
+
+
+def tear(strains):
+    """Points of the curve, and for each the connectors that broke since the last."""
+    woven = ico.Scene.from_parameters(SCENE).geometry.connector_length
+    scene = ico.Scene.from_parameters(
+        {**SCENE, 'connector.break_length_extension': LENGTHS * woven})
+    points, broken = ico.measure_curve(scene, 'pull', strains), []
+    before = np.ones(scene.connector_count, bool)
+    for point in points:
+        intact = point.snapshot.intact
+        broken.append(np.flatnonzero(before & ~intact).tolist())
+        before = intact
+    return scene, points, broken
+
+
+def main():
+    """Tear, print, write."""
+    parser = argparse.ArgumentParser(description=__doc__.strip().splitlines()[0])
+    parser.add_argument('table', type=Path, help='a CSV file for strain and stress')
+    path = parser.parse_args().table
+    scene, points, broken = tear(np.linspace(0.02, 0.3, 15))
+    for point, new in zip(points, broken):
+        names = ', '.join(
+            f'{number} ({"-".join(map(str, scene.connectors.bodies[number]))})' for number in new)
+        print(f'strain {point.strain:.3f}  stress {point.stress:9.2f} Pa'
+              + (f'  breaks: {names}' if new else ''))
+    strongest = max(points, key=lambda point: point.stress)
+    print(f'strength {strongest.stress:.4g} Pa at a strain of {strongest.strain:.3g}; '
+          f'{points[-1].broken} of {scene.connector_count} connectors broken; '
+          f'{points[-1].verdict}')
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with open(path, 'w', newline='', encoding='utf-8') as stream:
+        table = csv.writer(stream)
+        table.writerow(('strain', 'stress_pa', 'broken', 'broken_now'))
+        table.writerows((point.strain, point.stress, point.broken, ' '.join(map(str, new)))
+                        for point, new in zip(points, broken))
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,61 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""The scripts in examples/ that need no ROS compute what they say."""
+
+from pathlib import Path
+import runpy
+
+import numpy as np
+import pytest
+
+EXAMPLES = Path(__file__).resolve().parent.parent / 'examples'
+
+
+def load(name):
+    return runpy.run_path(str(EXAMPLES / f'{name}.py'))
+
+
+def test_a_closer_fabric_is_stiffer(tmp_path):
+    example = load('sweep_angle')
+    rows = example['sweep']([0.2, 0.4, 0.6])
+    assert (np.diff(rows[:, 1:], axis=0) < 0.0).all() and (rows > 0.0).all()
+    # The column of docs/statics.md at 0.3 rad: 0.919 k / W along x.
+    [[_, along, *_]] = example['sweep']([0.3])
+    pitch = example['ico'].Scene.from_parameters(
+        {**example['BASE'], 'weave.connector_angle': 0.3}).geometry.pitch
+    assert along * pitch / 500.0 == pytest.approx(0.919, abs=1e-3)
+    example['draw'](rows, tmp_path / 'deep' / 'plot.svg')
+    assert 'modulus' in (tmp_path / 'deep' / 'plot.svg').read_text('utf-8') or (
+        tmp_path / 'deep' / 'plot.svg').stat().st_size > 5_000
+
+
+def test_a_slab_tears_where_stress_drops():
+    scene, points, broken = load('tear')['tear']([0.03, 0.06, 0.08, 0.1])
+    assert broken[0] == broken[1] == [] and len(broken[2]) > 0
+    assert points[1].stress > points[0].stress and points[2].stress < points[1].stress
+    assert sum(map(len, broken)) == points[-1].broken < scene.connector_count
+    assert len({*sum(broken, [])}) == points[-1].broken
+
+
+def test_statics_and_motion_bend_a_beam_alike():
+    verdict, (solved, ran), _, apart = load('bend')['bend']((3, 3, 3), 2.0)
+    assert verdict == 'equilibrium, stable'
+    assert solved > 1e-4 and ran == pytest.approx(solved, rel=1e-3) and apart < 1e-3 * solved
+
+
+def test_wind_of_your_own_blows_downwind_and_its_work_is_counted():
+    moved, simulation = load('own_force')['blow'](0.2)
+    energy = simulation.snapshot().energy
+    assert moved > 1e-5 and energy['work_in'] > 0.0
+    assert abs(energy['balance_error']) < 1e-4 * energy['work_in']
