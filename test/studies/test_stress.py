@@ -13,12 +13,15 @@
 # limitations under the License.
 """The generator, the judge and its classes, and scenes that are run within the suite."""
 
+import csv
 from dataclasses import replace
 from functools import partial
+import json
 import os
 import time
 
 import icofabric_sim as ico
+from icofabric_sim.commands.main import main
 from icofabric_sim.kernels.integrators.splitting import splitting
 from icofabric_sim.parameters.text import flatten_parameters
 from icofabric_sim.simulation.checkpoint import Checkpoint
@@ -33,7 +36,7 @@ from icofabric_sim.studies.stress.kinds import Kind, KINDS, MOST, TERMS
 from icofabric_sim.studies.stress.scenes import draw_scene, kind_of, seeds_of, StressScene
 from icofabric_sim.studies.stress.shrink import shrink
 from icofabric_sim.studies.stress.verdict import Finding, Verdict
-from icofabric_sim.studies.stress.workers import judge_scenes
+from icofabric_sim.studies.stress.workers import judge_all, judge_scenes
 import numpy as np
 import pytest
 import yaml
@@ -248,3 +251,54 @@ def test_a_scene_is_made_minimal():
     assert 'initial_random.spin_sigma' in small.parameters
     assert not {*small.parameters} & {'gravity', 'initial.kick.group', 'solver.tolerance'}
     assert small.duration < 1e-3 * scene.duration or len(asked) >= 200
+
+
+def described(findings):
+    """Faults, with what there is to say of them."""
+    return [finding for finding in findings if finding.is_fault]
+
+
+def test_random_scenes_of_kinds_that_other_tests_compile():
+    kinds = {KINDS.index(Kind(method)) for method in ('srkn4', 'srkn6', 'dop8')}
+    findings = [judge(draw_scene(seed)) for seed in seeds_of(2000, 24, kinds)]
+    assert not described(findings)
+    assert sum(finding.compared for finding in findings) >= 15
+    assert sum(finding.verdict is Verdict.WITHIN for finding in findings) >= 8
+
+
+@pytest.mark.long
+def test_many_random_scenes():
+    findings = list(judge_all(seeds_of(3000, 200, range(len(KINDS))), processes=2))
+    assert len(findings) == 200
+    # A step that is given may be too long for a connector that collapses (docs/stability.md).
+    assert not [finding for finding in described(findings) if not finding.is_given]
+    between = sum(finding.verdict is Verdict.BETWEEN for finding in findings)
+    assert between <= 4
+
+
+@pytest.mark.parametrize('words, status, said', [
+    (['--kinds', '3-99'], 2, 'must be within 0 to'), (['--kinds', 'x'], 2, 'no number'),
+    (['--scenes', '0'], 2, '--scenes must be'), (['--seed', '-1'], 2, '--seed must be'),
+    (['--shrink'], 2, '--shrink needs --seed'), (['--processes', '0'], 2, '--processes must be')])
+def test_words_that_make_no_sense(words, status, said, capsys):
+    assert main(['stress', *words]) == status
+    assert said in capsys.readouterr().err
+
+
+def test_one_scene_by_the_command_and_its_table(tmp_path, capsys):
+    # Refused, so no kernels are needed.
+    seed = next(seed for seed in range(1000) if draw_scene(seed).spoiled == 'weave.size')
+    assert main(['stress', '--seed', str(seed)]) == 0
+    assert 'refused with the right name' in capsys.readouterr().out
+    table = tmp_path / 'table.csv'
+    assert main([
+        'stress', '--seed', str(seed), '--scenes', '1', '--output', str(table), '--json']) == 0
+    assert json.loads(capsys.readouterr().out)['verdict'] == 'refused with the right name'
+    [row] = csv.DictReader(table.read_text().splitlines())
+    assert row['seed'] == str(seed) and 'weave.size' in row['detail']
+
+
+def test_kinds_are_listed(capsys):
+    assert main(['stress', '--list', '--kinds', '0,5']) == 0
+    assert [line.split()[:2] for line in capsys.readouterr().out.splitlines()] == [
+        ['0', 'auto'], ['5', 'dop8']]

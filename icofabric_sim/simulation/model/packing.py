@@ -47,6 +47,7 @@ from icofabric_sim.simulation.model.layout import aligned_empty, Layout, make_la
 from icofabric_sim.simulation.model.link_places import pack_breakage
 from icofabric_sim.simulation.model.shells import pack_shells
 from icofabric_sim.simulation.model.tractions import pack_tractions, TractionPack, TractionRow
+from icofabric_sim.simulation.model.unbalanced import unbalanced_rate
 from icofabric_sim.simulation.model.wrapping import pack_wrapping
 import numpy as np
 
@@ -361,7 +362,7 @@ def expected_liveliness(
     scene: Scene, model: Model, loads: Loads | None, frequency: float
 ) -> float:
     """
-    Speeds over a, or spins [1/s], that a run will reach: from its start, its loads, its weight.
+    Speeds over a, or spins [1/s], that a run will reach: from start, loads, weight, pre-stress.
 
     Loads and weight accelerate until the fabric answers, which takes as many radians of its
     fastest vibration as it has bodies in a row, or until the run ends.
@@ -378,12 +379,14 @@ def expected_liveliness(
     if model.gravity is not None and model.supports is not None:
         acceleration += float(np.linalg.norm(model.gravity)) / half_edge
     growth = acceleration * duration if duration < np.inf else 0.0
-    # A displaced start lets go of energy within a period.
+    # Connectors that do not balance as woven let go of energy within a radian, a displaced start
+    # within a period; neither gives more than motion through a body's own size in that time.
+    released = unbalanced_rate(scene) / frequency if frequency > 0.0 else 0.0
     displaced = np.abs(initial.position - scene.position).max() / half_edge * frequency
     for drive in scene.drives.values():
         fastest, turning = drive.path.fastest
         speed, spin = max(speed, fastest / half_edge), max(spin, turning)
-    return max(speed, spin, growth, float(min(displaced, frequency)))
+    return max(speed, spin, growth, float(min(max(displaced, released), frequency)))
 
 
 def expected_strain(scene: Scene, liveliness: float, frequency: float) -> float:

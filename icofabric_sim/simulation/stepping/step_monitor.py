@@ -115,11 +115,12 @@ class StepMonitor:
         """Stop because numbers have run away: name where, and go back to the last good state."""
         trajectory = self._trajectory
         fault = find_fault(trajectory.packed, trajectory.state)
+        step, way_out = trajectory.step, self.way_out()
         trajectory.return_to_saved()
         trajectory.fail(
             f'the state of {fault} is no longer finite at t = {time:.9g} s, after steps of '
-            f'{trajectory.step:.6g} s; the last good state, of t = {trajectory.saved_time:.9g} s, '
-            'is kept')
+            f'{step:.6g} s. Start again: {way_out}; the last good state, of t = '
+            f'{trajectory.saved_time:.9g} s, is kept')
 
     def fail_unbalanced(self, time: float) -> None:
         """Stop because the energy does not balance, and go back to the last good state."""

@@ -139,7 +139,8 @@ class _Judge:
         other, compared = self._other_bits(run, end, failure)
         found = _finding(stress, Verdict.WITHIN, '')._replace(
             method=run.status.method_name, bodies=scene.body_count, steps=run.status.step_count,
-            time=end, added=added.error, promised=added.promised, estimate=run.error_estimate,
+            is_given=float(str(scene.parameters['solver.step'])) > 0.0, time=end,
+            added=added.error, promised=added.promised, estimate=run.error_estimate,
             growth=0.0 if growth is None else growth.largest, compared=compared)
         if other:
             return found._replace(verdict=Verdict.OTHER_BITS, detail=other)
@@ -246,12 +247,11 @@ class _Judge:
     ) -> Finding:
         """The class of a run that came to its end."""
         added, promised, lacks = found.added, found.promised, run.status.error_estimate_lacks
-        chosen = not float(str(run.scene.parameters['solver.step'])) > 0.0
         told = FACTOR * found.estimate >= added
         chaotic = growth is not None and (growth.is_sensitive or bool(growth.ended))
         if not added <= promised:
             ratio = f'{added:.3g} added, {promised:.3g} promised, {found.estimate:.3g} said'
-            if chosen and added <= FACTOR * promised:
+            if not found.is_given and added <= FACTOR * promised:
                 return found._replace(verdict=Verdict.BETWEEN, detail=ratio)
             if told or lacks:
                 return found._replace(

@@ -41,6 +41,9 @@ def class_lines(findings: Sequence[Finding]) -> list[str]:
     for verdict in Verdict:
         seeds = sorted(found.seed for found in findings if found.verdict is verdict)
         line = f'{verdict.value:32}{count[verdict]:6}'
+        if verdict is Verdict.SAID:
+            given = sum(found.is_given for found in findings if found.verdict is verdict)
+            line += f'  of which {given} with a given step'
         if seeds and (len(seeds) <= _NAMED or verdict in FAULTS):
             line += '  seeds ' + ' '.join(map(str, seeds[:_NAMED]))
             line += ' ...' if len(seeds) > _NAMED else ''

@@ -49,6 +49,7 @@ class Finding(NamedTuple):
     verdict: Verdict
     detail: str = ''  # sentence on why
     method: str = ''
+    is_given: bool = False  # whether the scene gives the step
     bodies: int = 0
     steps: int = 0
     time: float = 0.0  # simulated time that was judged [s]

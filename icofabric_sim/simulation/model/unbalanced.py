@@ -1,0 +1,56 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""How far the connectors of a fabric as woven are from balancing each other."""
+
+from icofabric_sim.geometry.rotations import cosines_from_quaternions
+from icofabric_sim.scene.scene import Scene
+import numpy as np
+
+
+def unbalanced_rate(scene: Scene) -> float:
+    """
+    Largest acceleration over a, or of spin [1/s^2], that connectors as woven give a body.
+
+    0 where all have their natural lengths. Tables count by their largest slopes.
+    """
+    connectors = scene.connectors
+    if not scene.connector_count:
+        return 0.0
+    strained = connectors.woven_length - connectors.laws.natural_length
+    if not (np.abs(strained) > 1e-12 * connectors.laws.natural_length).any():
+        return 0.0
+    one, two = connectors.bodies.T
+    axes = cosines_from_quaternions(scene.orientation).reshape(-1, 3, 3)
+    arms = np.einsum('ceij,cei->cej', axes[connectors.bodies], connectors.points_body)
+    ends = scene.position[connectors.bodies] + arms
+    along = ends[:, 1] - ends[:, 0]
+    length = np.linalg.norm(along, axis=1)
+    laws = connectors.laws
+    stretch = length - laws.natural_length
+    tension = stretch * np.where(stretch > 0.0, laws.extension, laws.compression)
+    # One of no length has no direction.
+    pull = along * (tension / np.where(length > 0.0, length, np.inf))[:, None]
+    force, torque = np.zeros((2, scene.body_count, 3))
+    for bodies, sign, arm in ((one, 1.0, arms[:, 0]), (two, -1.0, arms[:, 1])):
+        np.add.at(force, bodies, sign * pull)
+        np.add.at(torque, bodies, sign * np.cross(arm, pull))
+    if scene.supports is not None:
+        force[scene.supports.translation] = 0.0
+        torque[scene.supports.rotation] = 0.0
+    for drive in scene.drives.values():
+        force[drive.bodies] = torque[drive.bodies] = 0.0
+    shell = scene.shell
+    linear = np.linalg.norm(force, axis=1) / (shell.mass * scene.geometry.half_edge)
+    angular = np.linalg.norm(torque, axis=1) / shell.inertia
+    return float(max(linear.max(), angular.max()))

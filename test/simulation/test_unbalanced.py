@@ -1,0 +1,52 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""What connectors do that do not balance as woven, and the method that `auto` takes for it."""
+
+from fabrics import make_scene
+import icofabric_sim as ico
+from icofabric_sim.simulation.model.unbalanced import unbalanced_rate
+import numpy as np
+import pytest
+
+
+@pytest.mark.parametrize('kind, held', [('orthogonal', False), ('radial', True)])
+def test_it_is_the_acceleration_at_the_start(kind, held):
+    changes = {'weave.kind': kind, 'connector.natural_length': 0.03, 'solver.method': 'dop8'}
+    if held:
+        changes |= {'groups.held': 'ids 0', 'supports.hold.group': 'held'}
+    scene = make_scene((3, 3, 3), changes)
+    simulation = ico.compile_scene(scene)
+    time = 1e-4 / simulation.status.largest_frequency
+    simulation.advance_to(time)
+    state = simulation.snapshot()
+    fastest = max(
+        np.linalg.norm(state.linear_velocity, axis=1).max() / scene.geometry.half_edge,
+        np.linalg.norm(state.angular_velocity, axis=1).max())
+    assert unbalanced_rate(scene) == pytest.approx(fastest / time, rel=1e-5)
+
+
+def test_a_fabric_at_rest_is_balanced():
+    assert unbalanced_rate(make_scene((3, 3, 3))) == 0.0
+    assert unbalanced_rate(make_scene((1, 1, 1), {'weave.connected': False})) == 0.0
+
+
+def test_pre_stress_that_moves_a_fabric_decides_about_the_method():
+    # By 20 % of their length at once: within a few periods some all but collapse. Steps of one
+    # length then added up to 1000 times what the tolerance allows.
+    length = make_scene((3, 3, 3)).geometry.connector_length
+    methods = [
+        ico.compile_scene(make_scene((3, 3, 3), {
+            'connector.natural_length': part * length})).status.method_name
+        for part in (1.0, 0.8)]
+    assert ico.METHODS[methods[0]].symplectic and methods[1] == 'dop8'
