@@ -84,8 +84,7 @@ class EventLoop:
             self.method = required
             loads = self._loads()
         elif self.method.name == 'auto':
-            strongest = self.inputs.pack_strongest(packed.layout)
-            liveliness = expected_liveliness(scene, packed.model, strongest, frequency.rate)
+            liveliness = self._liveliness(frequency.rate)
             self.method = choose_method(
                 parameters['solver.tolerance'],
                 liveliness,
@@ -97,6 +96,11 @@ class EventLoop:
             # With the room that this method needs.
             loads = self._loads()
         method = METHODS[self.method.name]
+        # Part of their length that connectors are expected to change by in a radian of the fastest
+        # vibration, where steps do not follow it; 0 where they do.
+        self.strain = 0.0
+        if fixed > 0.0 or not method.adaptive:
+            self.strain = expected_strain(scene, self._liveliness(frequency.rate), frequency.rate)
         try:
             self.driver = Driver(
                 packed,
@@ -119,6 +123,10 @@ class EventLoop:
             )
         except SimulationError as error:
             raise ValueError(f'this scene cannot start: {error}') from error
+
+    def _liveliness(self, frequency: float) -> float:
+        strongest = self.inputs.pack_strongest(self._packed.layout)
+        return expected_liveliness(self._scene, self._packed.model, strongest, frequency)
 
     def advance(self, time: float) -> None:
         """Go on to `time` [s], with all wrenches that begin or end by then."""

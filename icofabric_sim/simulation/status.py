@@ -19,6 +19,7 @@ from icofabric_sim.simulation.fastest_place import fastest_place
 from icofabric_sim.simulation.input_types import BodyTarget, Wrench
 from icofabric_sim.simulation.model.packing import PackedScene
 from icofabric_sim.simulation.stepping.ledger import EnergyBalance
+from icofabric_sim.simulation.stepping.method_selection import WILD
 
 
 class SimulationStatus:
@@ -108,6 +109,10 @@ class SimulationStatus:
     def error_estimate_lacks(self) -> str:
         """Sentence on errors of this run that the estimate may not cover; '': it covers all."""
         found = []
+        if self._event_loop.strain > WILD:
+            found.append(
+                'a connector that all but collapses within a step may add more than is seen by '
+                'steps that do not adapt: solver.method dop8 without solver.step follows it')
         if self._packed.model.wrapping is not None:
             found.append(
                 'where connectors around shells change to another geodesic the force jumps, the '

@@ -50,3 +50,14 @@ def test_pre_stress_that_moves_a_fabric_decides_about_the_method():
             'connector.natural_length': part * length})).status.method_name
         for part in (1.0, 0.8)]
     assert ico.METHODS[methods[0]].symplectic and methods[1] == 'dop8'
+
+
+@pytest.mark.parametrize('changes, says', [
+    ({'solver.method': 'srkn6'}, True), ({'solver.method': 'dop8', 'solver.step': 2e-4}, True),
+    ({'solver.method': 'dop8'}, False),
+    ({'solver.method': 'srkn6', 'connector.natural_length': 0.0}, False)])
+def test_steps_that_do_not_follow_a_collapse_say_so(changes, says):
+    length = make_scene((3, 3, 3)).geometry.connector_length
+    simulation = ico.compile_scene(make_scene(
+        (3, 3, 3), {'connector.natural_length': 0.8 * length, **changes}))
+    assert ('collapses within a step' in simulation.status.error_estimate_lacks) == says

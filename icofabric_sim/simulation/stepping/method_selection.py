@@ -31,7 +31,7 @@ from icofabric_sim.simulation.stepping.methods import KINK_ORDER, Method, METHOD
 _KINK_ERROR = 1.5e-5
 # Strain in a radian of the fastest vibration above which connectors collapse now and then: of 35
 # random scenes those whose error was above the tolerance at times were above it.
-_WILD = 0.009
+WILD = 0.009
 
 
 class Choice(NamedTuple):
@@ -67,10 +67,10 @@ def choose_method(
         return Choice(
             'dop8', f'{contact}: a contact begins within a step and asks for short ones while it '
             'lasts, which only steps that adapt find')
-    if strain > _WILD:
+    if strain > WILD:
         return Choice(
             'dop8', f'connectors are expected to change by {strain:.2g} of their length in a '
-            f'radian of the fastest vibration (more than {_WILD:g}): some may collapse within a '
+            f'radian of the fastest vibration (more than {WILD:g}): some may collapse within a '
             'step, and only steps that adapt see that')
     if kinks:
         return _for_kinks(tolerance, liveliness, kinks)

@@ -20,6 +20,7 @@ in its middle.
 """
 
 import logging
+import math
 from pathlib import Path
 import re
 import tempfile
@@ -36,7 +37,7 @@ from icofabric_sim.simulation.errors import Interrupted, SimulationError
 from icofabric_sim.simulation.simulation import compile_scene, Simulation
 from icofabric_sim.studies.stress.scenes import StressScene
 from icofabric_sim.studies.stress.verdict import Finding, Verdict
-from icofabric_sim.studies.stress.windows import rate_of, reference_scene, Windows
+from icofabric_sim.studies.stress.windows import Added, rate_of, reference_scene, Windows
 import numpy as np
 
 # Processor time [s] for a scene, without compiling; parts of it for the windows, and for those
@@ -153,7 +154,23 @@ class _Judge:
             # From its start alone.
             known = not (growth.is_sensitive or growth.ended)
             found = found._replace(added=distance / max(growth.largest, 1.0) if known else 0.0)
-        return self._classed(found, run, growth, distance)
+        verdict = self._classed(found, run, growth, distance)
+        if verdict.verdict not in (Verdict.SILENT, Verdict.BETWEEN) or not compares:
+            return verdict
+        # Single windows may stand for many: look at all of them.
+        again = self._all_windows(scene, rate)
+        return verdict if again is None else self._classed(
+            found._replace(added=again.error, promised=again.promised), run, growth, distance)
+
+    def _all_windows(self, scene: Scene, rate: float) -> Added | None:
+        """What a run adds, with windows everywhere; None where there is no time for it."""
+        run, clock = compile_scene(scene), _Clock(self._clock.limit)
+        windows = Windows(run, rate, clock.is_over, most=math.inf)
+        try:
+            windows.follow(self._stress.duration)
+        except (Interrupted, SimulationError):
+            return None
+        return windows.result()
 
     def _refusal(self, error: ValueError) -> Verdict:
         """Whether a refusal names a parameter that was given, and the one that was spoiled."""

@@ -65,15 +65,15 @@ class Windows:
 
     def __init__(
         self, run: Simulation, rate: float, should_stop: Callable[[], bool], *,
-        compare: bool = True
+        compare: bool = True, most: float = WINDOWS
     ) -> None:
         """
         Follow `run`, whose fastest motion has the `rate` [rad/s].
 
-        `compare`: whether references go beside it. `should_stop` ends an advance of each of them
-        with Interrupted.
+        `compare`: whether references go beside it; `most`: windows, at most. `should_stop` ends an
+        advance of each of them with Interrupted.
         """
-        self._run, self._rate = run, rate
+        self._run, self._rate, self._most = run, rate, most
         self._half_edge = run.scene.geometry.half_edge
         self._tolerance = float(str(run.scene.parameters['solver.tolerance']))
         self._error = self._rounding = 0.0
@@ -93,7 +93,7 @@ class Windows:
         """Advance to `duration` [s]; raises what ends the run, and Interrupted."""
         run = self._run
         period = min(2.0 * math.pi / self._rate, duration)
-        gap = max(duration / WINDOWS - period, 0.0)
+        gap = max(duration / self._most - period, 0.0)
         while run.time < duration:
             before = run.time
             if gap > 0.0:
