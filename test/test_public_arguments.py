@@ -146,7 +146,7 @@ def things(tmp_path_factory):
         folder=folder, scene=scene, simulation=simulation,
         other=ico.compile_scene(scene, body_wrenches=True), checkpoint=simulation.checkpoint(),
         snapshot=simulation.snapshot(), elasticity=ico.homogenise(scene),
-        force=force,
+        rest=ico.solve_equilibrium(scene), spectrum=ico.solve_modes(scene), force=force,
         growth=ico.Growth(np.array([0.0, 1.0]), np.ones(2), np.zeros(2), False, ''))
 
 
@@ -238,6 +238,10 @@ def table(t):
             t.folder / 'b.checkpoint', str(t.folder / 'c.checkpoint'))}),
         'Snapshot.to_csv': (t.snapshot.to_csv, {'path': path(
             t.folder / 'a.csv', str(t.folder / 'b.csv'))}),
+        'Equilibrium.to_csv': (t.rest.to_csv, {'path': path(
+            t.folder / 'rest.csv', str(t.folder / 'rest_b.csv'))}),
+        'Spectrum.to_csv': (t.spectrum.to_csv, {'path': path(
+            t.folder / 'modes.csv', str(t.folder / 'modes_b.csv'))}),
         'Checkpoint.load': (ico.Checkpoint.load, {'path': path(
             t.folder / 'a.checkpoint', str(t.folder / 'a.checkpoint'))}),
         'Checkpoint.difference': (checkpoint.difference, {

@@ -16,12 +16,16 @@
 import argparse
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+import csv
 from functools import partial
 import logging
 from pathlib import Path
 import sys
+from tempfile import TemporaryDirectory
+from typing import Any
 import warnings
 
+from icofabric_sim.commands.report import add_json_numbers_argument, print_json, words_aside
 from icofabric_sim.terminal import InputError, Progress, require_place
 
 _LOGGER = logging.getLogger('icofabric_sim')
@@ -52,6 +56,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
              'and some minutes more)')
     parser.add_argument(
         '--output', metavar='FOLDER', help='write CSV files and a picture into this folder')
+    add_json_numbers_argument(parser)
 
 
 def main(arguments: argparse.Namespace) -> int:
@@ -74,22 +79,57 @@ def main(arguments: argparse.Namespace) -> int:
         folder = Path(arguments.output).expanduser()
         require_place('--output', folder, is_folder=True)
         folder.mkdir(parents=True, exist_ok=True)
-    for k, word in enumerate(dict.fromkeys(wanted)):
-        if k:
-            print()
-        _run(word, peers, arguments.rounds, arguments.largest, folder)
+    report: dict[str, Any] = {}
+    with words_aside(arguments.json):
+        for k, word in enumerate(dict.fromkeys(wanted)):
+            if k:
+                print()
+            report[word] = _run(
+                word, peers, arguments.rounds, arguments.largest, folder,
+                with_tables=arguments.json)
+    if arguments.json:
+        print_json(report)
     return 0
 
 
 def _run(
-    word: str, peers: list[str], rounds: int, largest: int, folder: Path | None
-) -> None:
+    word: str, peers: list[str], rounds: int, largest: int, folder: Path | None, *,
+    with_tables: bool
+) -> dict[str, Any]:
+    """Measure one; returns its tables by their names, where they are wanted."""
     with _progress() as show:
         lines, write = _measure(word, peers, rounds, largest, show)
     print('\n'.join(lines))
     if folder is not None:
-        print('\nwritten: ' + ', '.join(str(path) for path in write(folder)))
+        written = write(folder)
+        print('\nwritten: ' + ', '.join(map(str, written)))
     sys.stdout.flush()
+    if not with_tables:
+        return {}
+    if folder is not None:
+        return read_tables(written)
+    with TemporaryDirectory() as place:
+        return read_tables(write(Path(place)))
+
+
+def read_tables(paths: list[Path]) -> dict[str, list[dict[str, Any]]]:
+    """Rows of the CSV files among some files, by their names; numbers as numbers."""
+    tables: dict[str, list[dict[str, Any]]] = {}
+    for path in paths:
+        if path.suffix == '.csv':
+            with open(path, newline='', encoding='utf-8') as stream:
+                tables[path.stem] = [
+                    {name: _number(text) for name, text in row.items()}
+                    for row in csv.DictReader(stream)]
+    return tables
+
+
+def _number(text: str) -> Any:
+    try:
+        value = float(text)
+    except ValueError:
+        return text
+    return int(text) if text.lstrip('-').isdigit() else value
 
 
 def _measure(

@@ -14,8 +14,9 @@
 """`icofabric elasticity SCENE`."""
 
 import argparse
-from typing import TYPE_CHECKING
+from typing import Any, TYPE_CHECKING
 
+from icofabric_sim.commands.report import add_json_numbers_argument, print_json, words_aside
 from icofabric_sim.commands.rest_outputs import (
     add_output_arguments,
     kink_text,
@@ -48,6 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--kinds', nargs='*', choices=_KINDS, default=_KINDS, metavar='KIND',
         help='curves of the slab: pull, push, shear (default: all; none: constants only)')
     add_output_arguments(parser)
+    add_json_numbers_argument(parser)
 
 
 def main(arguments: argparse.Namespace) -> int:
@@ -56,6 +58,15 @@ def main(arguments: argparse.Namespace) -> int:
 
     Returns 1 where a curve ends early.
     """
+    with words_aside(arguments.json):
+        report, early = _find(arguments)
+    if arguments.json:
+        print_json(report)
+    return 1 if early else 0
+
+
+def _find(arguments: argparse.Namespace) -> tuple[dict[str, Any], bool]:
+    """Constants and curves, and whether a curve ended early."""
     name, parameters = read_parameters(arguments)
     outputs = outputs_of(arguments)
     if not arguments.points >= 1:
@@ -96,7 +107,22 @@ def main(arguments: argparse.Namespace) -> int:
         outputs.picture.parent.mkdir(parents=True, exist_ok=True)
         draw_elasticity(outputs.picture, name, constants, curves)
         print(f'drawn to {outputs.picture}')
-    return 1 if early else 0
+    branches = {key: _numbers(one) for key, one in constants.branches.items()}
+    return {
+        'scene': name, **_numbers(constants), 'branch': constants.branch, 'branches': branches,
+        'curves': {kind: [
+            {key: value for key, value in point._asdict().items() if key != 'snapshot'}
+            for point in points] for kind, points in curves.items()}}, early
+
+
+def _numbers(constants: 'Elasticity') -> dict[str, Any]:
+    import numpy as np
+    return {
+        'order': _VOIGT, 'stiffness_pa': constants.stiffness, 'stress_pa': constants.stress,
+        'density_kg_m3': constants.density, 'soft_strain_count': len(constants.soft_strains),
+        'young_modulus_pa': {
+            label: constants.young_modulus(np.array(direction, float))
+            for label, direction in _DIRECTIONS.items()}}
 
 
 def constants_text(constants: 'Elasticity') -> list[str]:

@@ -18,8 +18,9 @@ import math
 import os
 from pathlib import Path
 import time
-from typing import TYPE_CHECKING
+from typing import Any, TYPE_CHECKING
 
+from icofabric_sim.commands.report import add_json_numbers_argument, print_json, words_aside
 from icofabric_sim.commands.rest_outputs import (
     add_output_arguments,
     kink_text,
@@ -78,10 +79,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--mechanism', type=int, metavar='N',
         help='animate one of the motions without energy instead (from 0; of up to 2,400 freedoms)')
     add_output_arguments(parser)
+    add_json_numbers_argument(parser)
 
 
 def main(arguments: argparse.Namespace) -> int:
     """Find the vibrations, and count the motions without any."""
+    with words_aside(arguments.json):
+        report = _find(arguments)
+    if arguments.json:
+        print_json(report)
+    return 0
+
+
+def _find(arguments: argparse.Namespace) -> dict[str, Any]:
+    """What vibrates, and how."""
     name, parameters = read_parameters(arguments)
     outputs = outputs_of(arguments)
     bands = picture_path(arguments, 'bands')
@@ -117,7 +128,18 @@ def main(arguments: argparse.Namespace) -> int:
         with bad_input():
             draw_bands(bands, name, scene, branch=arguments.branch)
         print(f'drawn to {bands}')
-    return 0
+    branches = {key: _numbers(one) for key, one in spectrum.branches.items()}
+    return {'scene': name, 'bodies': scene.body_count, 'connectors': scene.connector_count,
+            **_numbers(spectrum), 'branch': spectrum.branch, 'branches': branches,
+            'bounds_rad_per_s': spectrum.bounds, 'bounds_from': spectrum.bounds_from}
+
+
+def _numbers(spectrum: 'Spectrum') -> dict[str, Any]:
+    return {
+        'freedoms': spectrum.freedoms, 'frequencies_rad_per_s': spectrum.frequencies,
+        'mechanism_count': spectrum.mechanism_count, 'rigid_count': spectrum.rigid_count,
+        'unstable_count': spectrum.unstable_count, 'self_stress_count': spectrum.self_stress_count,
+        'largest_frequency_rad_per_s': spectrum.largest_frequency}
 
 
 def summary(spectrum: 'Spectrum', seconds: float) -> list[str]:

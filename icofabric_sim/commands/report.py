@@ -14,8 +14,12 @@
 """What verbs report: two columns for people, or JSON for programs."""
 
 import argparse
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager, redirect_stdout
 import json
+import math
+import sys
+from typing import Any
 
 Row = tuple[str, str]
 
@@ -25,6 +29,41 @@ def add_json_argument(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--json', action='store_true',
         help='report as JSON: names with a text, or a list of texts')
+
+
+def add_json_numbers_argument(parser: argparse.ArgumentParser) -> None:
+    """Declare --json of a verb that reports numbers."""
+    parser.add_argument(
+        '--json', action='store_true',
+        help='report as JSON, numbers in full and in SI units; what is said beside goes to the '
+             'error stream')
+
+
+@contextmanager
+def words_aside(as_json: bool) -> Iterator[None]:
+    """Let all that is printed within go to the error stream, where the report is JSON."""
+    if not as_json:
+        yield
+        return
+    with redirect_stdout(sys.stderr):
+        yield
+
+
+def print_json(report: Mapping[str, Any]) -> None:
+    """Print numbers, texts, arrays and what is made of them; numbers that are not finite: null."""
+    print(json.dumps(_plain(report), indent=1, ensure_ascii=False), flush=True)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(name): _plain(inner) for name, inner in value.items()}
+    if hasattr(value, 'tolist'):
+        value = value.tolist()
+    if isinstance(value, (list, tuple)):
+        return [_plain(inner) for inner in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
 
 
 def print_report(rows: Iterable[Row], *, as_json: bool, lines: Iterable[str] = ()) -> None:

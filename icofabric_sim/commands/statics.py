@@ -15,8 +15,9 @@
 
 import argparse
 import time
-from typing import TYPE_CHECKING
+from typing import Any, TYPE_CHECKING
 
+from icofabric_sim.commands.report import add_json_numbers_argument, print_json, words_aside
 from icofabric_sim.commands.rest_outputs import (
     add_output_arguments,
     kink_text,
@@ -54,6 +55,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='bring weight, fields, loads and tractions up in N equal parts, each equilibrium '
              'sought from the one before (%(default)d)')
     add_output_arguments(parser)
+    add_json_numbers_argument(parser)
 
 
 def main(arguments: argparse.Namespace) -> int:
@@ -62,6 +64,15 @@ def main(arguments: argparse.Namespace) -> int:
 
     Returns 0 for an equilibrium, 1 where none was reached.
     """
+    with words_aside(arguments.json):
+        report, converged = _find(arguments)
+    if arguments.json:
+        print_json(report)
+    return 0 if converged else 1
+
+
+def _find(arguments: argparse.Namespace) -> tuple[dict[str, Any], bool]:
+    """What is there at rest, and whether it was reached."""
     name, parameters = read_parameters(arguments)
     outputs = outputs_of(arguments)
     if not arguments.load_steps >= 1:
@@ -87,10 +98,20 @@ def main(arguments: argparse.Namespace) -> int:
         if reached and outputs.folder is not None and arguments.load_steps > 1:
             outputs.table('load_steps.csv', _STEP_COLUMNS, (
                 _step_row(scene, *step) for step in reached))
-    _, result = reached[-1]
+    factor, result = reached[-1]
     print('\n'.join(summary(scene, result, time.monotonic() - began)))
     outputs.write(name, scene, result.snapshot, result.tension, result.reaction)
-    return 0 if result.converged else 1
+    steps = [dict(zip(_STEP_COLUMNS, _step_row(scene, *step))) for step in reached]
+    report = {
+        'scene': name, 'bodies': scene.body_count, 'connectors': scene.connector_count,
+        'converged': result.converged, 'load': factor, 'unstable_count': result.unstable_count,
+        'mechanism_count': result.mechanism_count, 'force_scale_n': result.force_scale,
+        'tension_n': result.tension, 'reaction': result.reaction,
+        'position_m': result.snapshot.position, 'orientation': result.snapshot.orientation,
+        'steps': steps}
+    of_last = {key: steps[-1][key] for key in (
+        'verdict', 'residual', 'moved_m', 'largest_tension_n')}
+    return {**report, **of_last}, result.converged
 
 
 def _search(

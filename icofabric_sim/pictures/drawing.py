@@ -572,7 +572,7 @@ def _shadowed(
         for points in camera.project(lines, area).reshape(-1, 4).tolist():
             draw.line(points, fill=190, width=thick)
         # Far above the ground a shadow is wide and weak.
-        mask = mask.filter(ImageFilter.GaussianBlur(max(soft * pixel, 0.6)))
+        mask = mask.filter(ImageFilter.GaussianBlur(float(max(soft * pixel, 0.6))))
         total = mask if total is None else ImageChops.lighter(total, mask)
     if total is None:
         return image

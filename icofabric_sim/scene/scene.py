@@ -48,6 +48,7 @@ from icofabric_sim.scene.drives import Drive, make_drives, make_path
 from icofabric_sim.scene.electric import Electric, make_electric
 from icofabric_sim.scene.faces import check_faces
 from icofabric_sim.scene.load_channels import LoadChannel, make_channels
+from icofabric_sim.scene.notebook import html_of
 from icofabric_sim.scene.planes import make_planes
 from icofabric_sim.scene.profiles import check_profile
 from icofabric_sim.scene.radial import bend, check_radius
@@ -227,6 +228,21 @@ class Scene:
         size = ' x '.join(str(count) for count in self.weave.size)
         return (f'<Scene: {self.weave.kind} weave of {size} grid positions, {self.body_count:,} '
                 f'bodies, {self.connector_count:,} connectors>')
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows."""
+        weave, geometry = self.weave, self.geometry
+        return html_of('Scene', {
+            'weave': f'{weave.kind}, variant {weave.variant}, '
+                     f'{" x ".join(map(str, weave.size))} grid positions',
+            'bodies': f'{self.body_count:,} of {self.shell.mass:.6g} kg',
+            'connectors': f'{self.connector_count:,}, {geometry.connector_length:.6g} m',
+            'connector angle': f'{geometry.connector_angle:.6g} rad',
+            'pitch': f'{geometry.pitch:.6g} m',
+            'groups': ', '.join(
+                f'{name} ({len(members):,})' for name, members in self.groups.items()) or 'none',
+            'loads': ', '.join(self.loads) or 'none',
+            'gravity': f'{self.parameters["gravity"]} m/s^2'})
 
     @property
     def body_count(self) -> int:

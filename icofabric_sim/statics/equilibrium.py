@@ -23,11 +23,12 @@ start, and as they are found at its end in the next.
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from icofabric_sim import checks
 from icofabric_sim.kernels.conjugate import product_of, weighted_square
 from icofabric_sim.scene.scene import require_scene, Scene
+from icofabric_sim.simulation.model.as_table import AsTable
 from icofabric_sim.simulation.model.snapshot import Snapshot
 from icofabric_sim.statics.contacts import Contacts
 from icofabric_sim.statics.crossings import Crossings
@@ -48,6 +49,7 @@ NOT_COUNTED = 'equilibrium, mechanisms not counted'
 AT_KINK = 'equilibrium, stability depends on the kink'
 NOT_AT_REST = 'not in equilibrium'
 
+_AT_REST = ('body', 'x_m', 'y_m', 'z_m', 'qx', 'qy', 'qz', 'qw')
 _STEPS = 2_000
 # Products with the Hessian in a step, for each freedom, and at most.
 _PRODUCTS = 2.0
@@ -71,8 +73,8 @@ class Progress(NamedTuple):
     energy: float  # [J]
 
 
-@dataclass(frozen=True)
-class Equilibrium:
+@dataclass(frozen=True, repr=False)
+class Equilibrium(AsTable):
     """Where the search ended, and what holds there."""
 
     snapshot: Snapshot
@@ -101,6 +103,19 @@ class Equilibrium:
     # Pairs of shells, or shells and planes, at their first touch: they count as open, and resist
     # when they are pressed.
     first_touches: int = 0
+
+    def __repr__(self) -> str:
+        """Say what was found, without the numbers."""
+        return (f'<Equilibrium: {self.verdict}, residual {self.residual:.2g}, '
+                f'{len(self.snapshot.position):,} bodies>')
+
+    def table(self) -> dict[str, list[Any]]:
+        """Bodies at rest, and what supports and drives bear: a list for each column."""
+        columns = self.snapshot.table()
+        at_rest = {name: columns[name] for name in _AT_REST}
+        names = [f'reaction_{axis}_n' for axis in 'xyz'] + [
+            f'reaction_torque_{axis}_nm' for axis in 'xyz']
+        return {**at_rest, **dict(zip(names, self.reaction.T.tolist()))}
 
     @property
     def worst_bodies(self) -> tuple[int, ...]:

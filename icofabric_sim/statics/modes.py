@@ -22,9 +22,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 import math
+from typing import Any
 
 from icofabric_sim import checks
 from icofabric_sim.scene.scene import require_scene, Scene
+from icofabric_sim.simulation.model.as_table import AsTable
 from icofabric_sim.simulation.model.snapshot import Snapshot
 from icofabric_sim.statics.fabric import check_snapshot, Configuration, StaticFabric
 from icofabric_sim.statics.held import check_time, held_time
@@ -68,8 +70,8 @@ _SOME = 20
 _SEARCHES = 40
 
 
-@dataclass(frozen=True)
-class Spectrum:
+@dataclass(frozen=True, repr=False)
+class Spectrum(AsTable):
     """Frequencies and shapes of small vibrations, and the motions without any."""
 
     frequencies: np.ndarray  # (m,) [rad/s], rising; those of zero-energy motions are left out
@@ -105,6 +107,19 @@ class Spectrum:
     # Pairs of shells, or shells and planes, at their first touch: they count as open, and resist
     # when they are pressed.
     first_touches: int = 0
+
+    def __repr__(self) -> str:
+        """Say what was found, without the numbers."""
+        found = 'no frequencies' if not len(self.frequencies) else (
+            f'{len(self.frequencies):,} frequencies, {self.frequencies[0]:.6g} to '
+            f'{self.frequencies[-1]:.6g} rad/s')
+        return f'<Spectrum: {found}, {self.mechanism_count:,} motions without energy>'
+
+    def table(self) -> dict[str, list[Any]]:
+        """Frequencies: a list for each column."""
+        return {'mode': list(range(len(self.frequencies))),
+                'rad_per_s': self.frequencies.tolist(),
+                'hertz': (self.frequencies / (2.0 * math.pi)).tolist()}
 
     @cached_property
     def largest_frequency(self) -> float:

@@ -130,3 +130,12 @@ def test_a_floor_is_behind_the_fabric_and_bears_its_shadow(tmp_path: Path) -> No
     shadow = empty & (floor.max(axis=2) < 0.8)
     assert shadow.sum() > 100
     assert (floor[empty] < 0.9).any()
+
+
+def test_low_and_wide_pictures_have_their_shadows_too(tmp_path: Path) -> None:
+    """Where the picture is so low that the size of the fabric, not its outline, says how far."""
+    scene = slab(**FLOOR)
+    moments = [at_rest(scene)] * 3
+    Renderer(frame_moments(moments, View(math.radians(-70.0), math.radians(8.0))),
+             size=(1200, 320)).sheet(moments, tmp_path / 'wide.png')
+    assert imread(tmp_path / 'wide.png').shape[1] == 1200

@@ -18,8 +18,11 @@ from importlib.util import find_spec
 import json
 from pathlib import Path
 import sys
+from xml.etree import ElementTree
 
 from icofabric_sim.simulation.simulation import compile_scene
+from icofabric_sim.statics.equilibrium import solve_equilibrium
+from icofabric_sim.statics.modes import solve_modes
 import numpy as np
 import pytest
 from recorded_runs import swing_scene
@@ -37,6 +40,30 @@ def test_objects_say_in_one_short_line_what_they_are(snapshot):
         said = repr(thing)
         assert len(said) < 120 and '\n' not in said
         assert all(word in said for word in words)
+
+
+def test_notebooks_show_scenes_and_snapshots_as_tables(snapshot):
+    for thing, words in ((snapshot, ('0.05 s', 'kinetic')), (swing_scene(), ('3 x 3 x 3', 'tip'))):
+        shown = thing._repr_html_()
+        assert ElementTree.fromstring(shown).tag == 'table'
+        assert all(word in shown for word in words)
+
+
+def test_equilibria_and_spectra_are_tables_too(tmp_path: Path):
+    scene = swing_scene(**{'connector.bending_stiffness': 0.02, 'contact.mode': 'never'})
+    rest = solve_equilibrium(scene)
+    spectrum = solve_modes(scene, at=rest.snapshot)
+    for thing in (rest, spectrum):
+        said = repr(thing)
+        assert len(said) < 120 and '\n' not in said
+        thing.to_csv(tmp_path / 'table.csv')
+        with open(tmp_path / 'table.csv', encoding='utf-8', newline='') as file:
+            rows = list(csv.DictReader(file))
+        columns = thing.table()
+        assert [*rows[0]] == [*columns] and len(rows) == len(next(iter(columns.values())))
+    assert rest.table()['reaction_z_n'] == rest.reaction[:, 2].tolist()
+    assert rest.verdict in repr(rest)
+    assert spectrum.table()['rad_per_s'] == spectrum.frequencies.tolist()
 
 
 def test_the_table_is_plain_numbers_of_the_state(snapshot, tmp_path: Path):

@@ -14,14 +14,9 @@
 """Snapshots: immutable copies of the state at the time that was asked for."""
 
 from collections.abc import Mapping
-import csv
 from dataclasses import dataclass
 from functools import cached_property
-from importlib import import_module
-import os
-from typing import Any
 
-from icofabric_sim import checks
 from icofabric_sim.geometry.rotations import cosines_from_quaternions, turned_since
 from icofabric_sim.kernels.fields import field_energy
 from icofabric_sim.kernels.moments import moment_energy
@@ -29,6 +24,8 @@ from icofabric_sim.kernels.obstruction import find_obstructed
 from icofabric_sim.kernels.outlines import fill_lengths, fill_lines
 from icofabric_sim.kernels.wrap.forces import measure_wrapped
 from icofabric_sim.scene.initial import InitialState
+from icofabric_sim.scene.notebook import html_of
+from icofabric_sim.simulation.model.as_table import AsTable
 from icofabric_sim.simulation.model.packing import PackedScene
 import numpy as np
 
@@ -38,7 +35,7 @@ _COLUMNS = (
 
 
 @dataclass(frozen=True, repr=False)
-class Snapshot:
+class Snapshot(AsTable):
     """State of a fabric at one time, world frame; derived values are computed when first read."""
 
     time: float  # [s]
@@ -70,23 +67,18 @@ class Snapshot:
             columns.update(zip(names, values.T.tolist()))
         return columns
 
-    def to_csv(self, path: str | os.PathLike[str]) -> None:
-        """Write the table to a CSV file, numbers in full."""
-        columns = self.table()
-        with open(checks.path('path', path), 'w', newline='', encoding='utf-8') as stream:
-            table = csv.writer(stream)
-            table.writerow(columns)
-            table.writerows(zip(*columns.values()))
-
-    def to_pandas(self) -> Any:
-        """The table as a DataFrame of pandas, where that is installed; ImportError else."""
-        try:
-            pandas = import_module('pandas')
-        except ImportError as error:
-            raise ImportError(
-                'to_pandas needs pandas: pip install pandas; table() and to_csv() do not'
-            ) from error
-        return pandas.DataFrame(self.table()).set_index('body')
+    def _repr_html_(self) -> str:
+        """What a notebook shows."""
+        energy = self.energy
+        return html_of('Snapshot', {
+            'time': f'{self.time:.9g} s',
+            'bodies': f'{len(self.position):,}',
+            'connectors': f'{self.connector_count:,}, {np.count_nonzero(~self.intact):,} broken',
+            'from': f'{np.array2string(self.position.min(axis=0), precision=4)} m',
+            'to': f'{np.array2string(self.position.max(axis=0), precision=4)} m',
+            'kinetic energy': f'{energy["kinetic"]:.6g} J',
+            'energy of connectors': f'{energy["connectors"]:.6g} J',
+            'balance error': f'{energy["balance_error"]:.2g} J'})
 
     @cached_property
     def intact(self) -> np.ndarray:

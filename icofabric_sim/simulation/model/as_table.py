@@ -1,0 +1,48 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""Results as plain numbers: CSV files, and tables of pandas."""
+
+import csv
+from importlib import import_module
+import os
+from typing import Any
+
+from icofabric_sim import checks
+
+
+class AsTable:
+    """What has a `table()`; writes it to files and hands it to pandas."""
+
+    def table(self) -> dict[str, list[Any]]:
+        """A list for each column, named with its unit; the first one numbers the rows."""
+        raise NotImplementedError
+
+    def to_csv(self, path: str | os.PathLike[str]) -> None:
+        """Write the table to a CSV file, numbers in full."""
+        columns = self.table()
+        with open(checks.path('path', path), 'w', newline='', encoding='utf-8') as stream:
+            table = csv.writer(stream)
+            table.writerow(columns)
+            table.writerows(zip(*columns.values()))
+
+    def to_pandas(self) -> Any:
+        """The table as a DataFrame of pandas, where that is installed; ImportError else."""
+        try:
+            pandas = import_module('pandas')
+        except ImportError as error:
+            raise ImportError(
+                'to_pandas needs pandas: pip install pandas; table() and to_csv() do not'
+            ) from error
+        columns = self.table()
+        return pandas.DataFrame(columns).set_index(next(iter(columns)))

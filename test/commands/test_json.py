@@ -1,0 +1,83 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""Verbs that report print JSON and nothing else; the numbers are those of Python."""
+
+import json
+
+from icofabric_sim.commands.benchmark import read_tables
+from icofabric_sim.commands.main import main
+from icofabric_sim.commands.report import print_json
+from icofabric_sim.scene.scene import Scene
+from icofabric_sim.statics.equilibrium import solve_equilibrium
+from icofabric_sim.statics.modes import solve_modes
+from icofabric_sim.statics.periodic import homogenise
+import numpy as np
+import pytest
+
+SCENE = '/**:\n  ros__parameters:\n    weave: {size: [3, 3, 3], connector_angle: 0.3}\n' \
+    '    contact.mode: never\n    connector.bending_stiffness: 0.02\n' \
+    '    gravity: [0.0, 0.0, -9.81]\n    groups.wall: x_min\n    supports.wall.group: wall\n'
+
+
+@pytest.fixture
+def said(tmp_path, capsys):
+    """A way to call a verb on a small beam: its report, and the scene."""
+    path = tmp_path / 'beam.yaml'
+    path.write_text(SCENE, 'utf-8')
+
+    def call(verb, *words):
+        assert main([verb, str(path), *words, '--json']) == 0
+        return json.loads(capsys.readouterr().out)
+    call.scene = Scene.from_parameters({
+        'weave.size': [3, 3, 3], 'weave.connector_angle': 0.3, 'contact.mode': 'never',
+        'connector.bending_stiffness': 0.02, 'gravity': [0.0, 0.0, -9.81],
+        'groups.wall': 'x_min', 'supports.wall.group': 'wall'})
+    return call
+
+
+def test_statics(said, tmp_path):
+    report = said('statics', '--load-steps', '2', '--output', str(tmp_path / 'out'))
+    rest = solve_equilibrium(said.scene)
+    assert report['verdict'] == rest.verdict == 'equilibrium, stable' and report['converged']
+    assert [step['load'] for step in report['steps']] == [0.5, 1.0]
+    np.testing.assert_allclose(report['position_m'], rest.snapshot.position, atol=1e-9)
+    np.testing.assert_allclose(report['reaction'], rest.reaction, atol=1e-8)
+    assert (tmp_path / 'out' / 'bodies.csv').exists()
+
+
+def test_modes(said):
+    report, spectrum = said('modes'), solve_modes(said.scene)
+    np.testing.assert_allclose(report['frequencies_rad_per_s'], spectrum.frequencies, rtol=1e-9)
+    assert report['mechanism_count'] == spectrum.mechanism_count and report['branches'] == {}
+
+
+def test_elasticity(said):
+    report = said('elasticity', '--kinds', 'pull', '--points', '2', '--strain', '0.02')
+    found = homogenise(said.scene)
+    np.testing.assert_allclose(report['stiffness_pa'], found.stiffness, rtol=1e-9, atol=1e-6)
+    first, second = report['curves']['pull']
+    assert second['strain'] == 0.02 and second['stress'] > first['stress'] > 0.0
+
+
+def test_numbers_that_json_lacks_are_null(capsys):
+    print_json({'a': np.array([1.0, np.nan]), 'b': float('inf'), 'c': (1, 'x', None, np.True_)})
+    assert json.loads(capsys.readouterr().out) == {
+        'a': [1.0, None], 'b': None, 'c': [1, 'x', None, True]}
+
+
+def test_benchmarks_report_their_tables(tmp_path):
+    path = tmp_path / 'speed.csv'
+    path.write_text('who,bodies,ns\nours,63,1.5\n', 'utf-8')
+    assert read_tables([path, tmp_path / 'picture.png']) == {
+        'speed': [{'who': 'ours', 'bodies': 63, 'ns': 1.5}]}
