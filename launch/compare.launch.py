@@ -71,7 +71,8 @@ def find_scene(share, argument, scene):
     if not path.is_file():
         raise RuntimeError(
             f'{argument}:={scene} is neither a ready scene ({", ".join(ready)}) nor a file; '
-            f'give one of these names or the path of a parameter file')
+            f'give one of these names or the path of a parameter file; --show-args '
+            f'lists all arguments')
     return path.resolve()
 
 
@@ -110,7 +111,8 @@ def start_nodes(context):
         apart = float(given('distance')) != 0.0
     except ValueError:
         raise RuntimeError(
-            f'distance:={given("distance")} is not a number; give it in metres') from None
+            f'distance:={given("distance")} is not a number; give it in metres; '
+            f'--show-args lists all arguments') from None
     if apart:
         frames.append(Node(
             package='tf2_ros',

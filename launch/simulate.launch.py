@@ -73,7 +73,8 @@ def find_scene(share, scene):
     if not path.is_file():
         raise RuntimeError(
             f'scene:={scene} is neither a ready scene ({", ".join(ready)}) nor a file; '
-            f'give one of these names or the path of a parameter file')
+            f'give one of these names or the path of a parameter file; --show-args '
+            f'lists all arguments')
     return path.resolve()
 
 

@@ -13,7 +13,9 @@
 # limitations under the License.
 """The scripts in examples/ that need no ROS compute what they say."""
 
+import json
 from pathlib import Path
+import re
 import runpy
 
 import numpy as np
@@ -59,3 +61,23 @@ def test_wind_of_your_own_blows_downwind_and_its_work_is_counted():
     energy = simulation.snapshot().energy
     assert moved > 1e-5 and energy['work_in'] > 0.0
     assert abs(energy['balance_error']) < 1e-4 * energy['work_in']
+
+
+def test_the_notebook_says_what_its_outputs_say():
+    notebook = json.loads((EXAMPLES / 'first_steps.ipynb').read_text('utf-8'))
+    run = runpy.run_path(str(EXAMPLES.parent / 'docs' / 'run_notebook.py'))['run']
+
+    def said(document):
+        return '\n'.join(
+            ''.join(output.get('text', []) or output['data']['text/plain'])
+            for cell in document['cells'] for output in cell.get('outputs', []))
+    kept, number = said(notebook), r'-?[0-9]+(?:\.[0-9]*)?(?:e-?[0-9]+)?'
+    found = said(run(notebook))
+    assert len(kept) > 200 and 'equilibrium, stable' in kept
+    assert re.sub(number, '', found) == re.sub(number, '', kept)
+    # But for what is left over of forces, which is rounding.
+    pairs = zip(re.findall(number, found), re.findall(number, kept))
+    assert all(float(one) == pytest.approx(float(other), rel=1e-2) for one, other in pairs
+               if float(other) > 1e-6)
+    assert any('image/png' in output.get('data', {}) for cell in notebook['cells']
+               for output in cell.get('outputs', []))

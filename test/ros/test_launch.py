@@ -113,7 +113,7 @@ def test_simulate(launched):
     assert fabric[0]['executable'] == 'fabric_node'
     assert Path(fabric[0]['parameters'][0]) == ROOT / 'config' / 'free_slab.yaml'
     assert parameters_of(fabric) == {'duration': 2.0, 'start_paused': True}
-    with pytest.raises(RuntimeError, match='hanging_slab'):
+    with pytest.raises(RuntimeError, match='hanging_slab.*--show-args'):
         launched('simulate', scene='nothing')
 
 
@@ -121,7 +121,7 @@ def test_replay(launched, tmp_path):
     (player,) = fabrics(launched('replay', bag=str(tmp_path), rate='0.5', loop='true'))
     assert player[0]['executable'] == 'replay_node'
     assert parameters_of(player) == {'bag': str(tmp_path), 'rate': 0.5, 'loop': True}
-    with pytest.raises(RuntimeError, match='does not exist'):
+    with pytest.raises(RuntimeError, match='does not exist.*--show-args'):
         launched('replay', bag=str(tmp_path / 'none'))
     # Every argument but those of the launch itself is an option of the node, in its type.
     everything = {
@@ -165,7 +165,7 @@ def test_compare_names_the_argument_that_is_wrong(launched):
     for given in ({'scene': 'nothing'}, {'left_scene': 'nothing'}, {'right_scene': 'nothing'},
                   {'distance': 'far'}):
         [(name, value)] = given.items()
-        with pytest.raises(RuntimeError, match=f'{name}:={value}'):
+        with pytest.raises(RuntimeError, match=f'{name}:={value} .*--show-args'):
             launched('compare', **given)
 
 
