@@ -41,6 +41,8 @@ _LOGGER = logging.getLogger('icofabric_sim')
 RESPONSE = 0.01
 # Of a call that takes longer than that, because the motion has become faster meanwhile [s].
 _PATIENCE = 0.1
+# Wall time after which a wait for kernels is worth a line of the log [s].
+_WORTH_SAYING = 0.5
 
 
 class TimeAdvance:
@@ -55,6 +57,8 @@ class TimeAdvance:
         self.stopping = False
         self._patient_until = math.inf
         self._held_for_contacts = True
+        # Since when it waits, by the wall clock, and why where that has not been said.
+        self._held_since, self._held_why = 0.0, ''
         # None: who waits for the end of the run is patient.
         self.stall: StallWatch | None = None
 
@@ -232,7 +236,13 @@ class TimeAdvance:
                 not self._held_for_contacts and is_compiler_free())):
             state.is_held = False
             self._pace.restart(state.now)
-            _LOGGER.info('simulated time runs again')
+            if not self._held_why:
+                _LOGGER.info('simulated time runs again')
+        elif state.is_held and self._held_why and (
+                wall.monotonic() - self._held_since > _WORTH_SAYING):
+            _LOGGER.info(
+                'simulated time waits at t = %.9g s: %s', seconds(state.now), self._held_why)
+            self._held_why = ''
         return state.is_held
 
     def waits(self) -> str:
@@ -257,11 +267,10 @@ class TimeAdvance:
         state.is_held = True
         if state.simulation.contact_kernels is not None:
             state.simulation.contact_kernels.hurry()
-        why = (
+        self._held_since, self._held_why = wall.monotonic(), (
             'shells come near each other for the first time, and the kernels for contacts are not '
             'ready yet; they are made once on a machine' if for_contacts else
-            'the compiler works at another change, and a kernel has to be loaded')
-        _LOGGER.info('simulated time waits at t = %.9g s: %s', seconds(state.now), why)
+            'the compiler is at work, and one of its kernels has to be loaded')
 
     def fail(self, reason: str, target: int) -> None:
         """Stop simulated time: the simulation failed on its way to `target` [ns]."""

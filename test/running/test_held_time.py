@@ -136,8 +136,9 @@ def test_an_input_that_ends_the_very_step_is_not_lost():
     assert waiting.snapshot().position.tobytes() == free.snapshot().position.tobytes()
 
 
-def test_requests_are_answered_while_simulated_time_waits(held):
+def test_requests_are_answered_while_simulated_time_waits(held, caplog):
     runner, sink = held
+    caplog.set_level('INFO', 'icofabric_sim')
     direct = ico.compile_scene(SCENE)
     with Beside(runner) as beside:
         kernels = wait_until_held(beside)
@@ -155,9 +156,11 @@ def test_requests_are_answered_while_simulated_time_waits(held):
         beside.wait_for(lambda: any(
             'simulated time waits: compiling' in decode_diagnostic_array(data)[1][0].message
             for _, data in sink.of(DIAGNOSTICS)))
+        beside.wait_for(lambda: 'simulated time waits at t = ' in caplog.text)
         assert not advance.done() and runner.now == now
         kernels.finish()
         assert advance.result(60.0) == now + 10_000_000
+        assert 'simulated time runs again' in caplog.text
         end = final(runner, beside)
         assert runner.status().waits == ''
     direct.advance_to(seconds(now))
