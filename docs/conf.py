@@ -13,6 +13,11 @@
 # limitations under the License.
 """The documentation site: `make docs` builds it into build/site. Why Sphinx: decisions/site.md."""
 
+import dataclasses
+import inspect
+import re
+from typing import Any
+
 from icofabric_sim.version import __version__
 
 project = 'icofabric_sim'
@@ -36,3 +41,39 @@ python_use_unqualified_type_names = True
 html_theme = 'furo'
 html_title = f'icofabric_sim {release}'
 html_show_sphinx = False
+
+
+def fields_of(record: type) -> list[tuple[str, str]]:
+    """Fields of a dataclass or named tuple, each with the comment beside or above it."""
+    found, above = [], []
+    for line in inspect.getsource(record).splitlines():
+        comment = re.fullmatch(r' {4}# ?(.*)', line)
+        field = re.fullmatch(r' {4}([a-z]\w*): ([^#]*?)(?:  # (.*))?', line)
+        if comment:
+            above.append(comment[1])
+        elif field:
+            words = ' '.join([*above, field[3] or '']).strip()
+            found.append((field[1], words))
+            above = []
+        elif re.match(r' {4}(def|@)', line):
+            break
+        else:
+            above = []
+    return found
+
+
+def add_fields(
+    app: Any, what: str, name: str, record: Any, options: Any, lines: list[str]
+) -> None:
+    """List the fields of records, which autodoc leaves out: their comments are no docstrings."""
+    if what != 'class' or not (dataclasses.is_dataclass(record) or hasattr(record, '_fields')):
+        return
+    lines += ['', '**Fields**', '']
+    for field, words in fields_of(record):
+        plain = re.sub(r'([*|])', r'\\\1', words)
+        lines.append(f'- ``{field}`` {": " if plain else ""}{plain}')
+    lines.append('')
+
+
+def setup(app: Any) -> None:
+    app.connect('autodoc-process-docstring', add_fields)

@@ -19,6 +19,7 @@ import importlib
 import importlib.util
 from pathlib import Path
 import re
+import runpy
 
 import icofabric_sim
 from icofabric_sim.commands.main import VERBS
@@ -116,6 +117,16 @@ def test_the_site_contains_every_page():
                        for name in re.findall(r'^[\w/]+$', tree, re.MULTILINE)]
     assert len(listed) == len(set(listed))
     assert set(listed) == {*docs.rglob('*.md')} - {docs / 'index.md'}
+
+
+def test_the_python_reference_has_every_public_name_and_the_fields_of_records():
+    text = (ROOT / 'docs' / 'api.md').read_text(encoding='utf-8')
+    documented = re.findall(r'^\.\. (?:auto|py:)\w+:: icofabric_sim\.(\w+)$', text, re.MULTILINE)
+    assert {*documented} == {*icofabric_sim.__all__, 'contact'}
+    fields_of = runpy.run_path(str(ROOT / 'docs' / 'conf.py'))['fields_of']
+    fields = dict(fields_of(icofabric_sim.Snapshot))
+    assert fields['position'] == '(n, 3) [m]' and fields['ledger'].startswith('[J] work in')
+    assert 'table' not in fields
 
 
 def test_modules_that_comments_name_exist():
