@@ -15,7 +15,8 @@
 Entry point of `icofabric`: finds the verb, and turns what goes wrong into an exit status.
 
 Each verb is a module with `add_arguments(parser)` and `main(arguments) -> int`. Only the module of
-the verb that was asked for is imported, and what takes long to import only when it is needed.
+the verb that was asked for is imported, and what takes long to import only when it is needed: an
+interrupt before `main` is called ends Python as it likes.
 """
 
 import argparse
@@ -24,9 +25,6 @@ import os
 import signal
 import sys
 from typing import NoReturn
-
-from icofabric_sim.commands.scenes import located
-from icofabric_sim.terminal import FileSaysNo, InputError, quiet
 
 # Verb, and what it does; the module has the same name.
 VERBS = {
@@ -80,6 +78,20 @@ def main(argv: list[str] | None = None) -> int:
         # A shell has its background jobs ignore it; whoever sends it means it.
         signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
+        return _guarded(words, name)
+    except KeyboardInterrupt:
+        # Where it was raised in a text that `exec` or `eval` runs (named tuples are made so),
+        # Python notes that, and in the end kills itself by SIGINT whatever the status. The next
+        # text resets the note.
+        exec('')
+        print(f'{name}: interrupted', file=sys.stderr)
+        return INTERRUPTED
+
+
+def _guarded(words: list[str], name: str) -> int:
+    """Run a verb; what goes wrong, but for an interrupt, becomes a line and a status."""
+    from icofabric_sim.terminal import FileSaysNo, InputError
+    try:
         status = _run(words)
         sys.stdout.flush()
         return status
@@ -89,9 +101,6 @@ def main(argv: list[str] | None = None) -> int:
     except FileSaysNo as error:
         print(f'{name}: {error}', file=sys.stderr)
         return FAILED
-    except KeyboardInterrupt:
-        print(f'{name}: interrupted', file=sys.stderr)
-        return INTERRUPTED
     except BrokenPipeError:
         # The reader of the output closed it; Python must not complain at its end.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -111,6 +120,8 @@ def _run(words: list[str]) -> int:
         description='Simulate icosahedral fabric without a ROS graph.',
         formatter_class=_Help,
         epilog='icofabric VERB --help explains a verb.')
+    from icofabric_sim.commands.scenes import located
+    from icofabric_sim.terminal import InputError, quiet
     from icofabric_sim.version import __version__
     parser.add_argument('--version', action='version', version=f'icofabric_sim {__version__}')
     verbs = parser.add_subparsers(dest='verb', metavar='VERB', required=True)

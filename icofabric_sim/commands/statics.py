@@ -172,6 +172,7 @@ def summary(scene: 'Scene', result: 'Equilibrium', seconds: float) -> list[str]:
         worst = ', '.join(map(str, result.worst_bodies))
         most = float(np.linalg.norm(result.leftover[:, :3], axis=1).max())
         lines.append(f'left over  up to {most:.4g} N, most on bodies {worst}')
+        lines.append(f'reason     {result.reason}')
     elif result.mechanism_count >= 0:
         lines.append(
             f'motions    {result.mechanism_count:,} cost no energy, {result.unstable_count:,} '

@@ -33,7 +33,7 @@ from icofabric_sim.simulation.model.snapshot import Snapshot
 from icofabric_sim.statics.contacts import Contacts
 from icofabric_sim.statics.crossings import Crossings
 from icofabric_sim.statics.fabric import check_snapshot, Configuration, StaticFabric
-from icofabric_sim.statics.held import check_time, held_time
+from icofabric_sim.statics.held import check_time, held_time, without_potential
 from icofabric_sim.statics.sides import BRANCHES, PULL, PUSH, SOFT, STIFF
 from icofabric_sim.statics.spectrum import Curvature, judge_curvature
 from icofabric_sim.statics.trust_region import steihaug, Step
@@ -103,6 +103,8 @@ class Equilibrium(AsTable):
     # Pairs of shells, or shells and planes, at their first touch: they count as open, and resist
     # when they are pressed.
     first_touches: int = 0
+    # Why no equilibrium was found, and what to try; '': one was.
+    reason: str = ''
 
     def __repr__(self) -> str:
         """Say what was found, without the numbers."""
@@ -409,6 +411,7 @@ class _Search:
         branches: Mapping[str, Curvature] = {}
         if converged:
             verdict, curvature, branches = judge(here)
+        reason = '' if converged else self._reason()
         return Equilibrium(
             snapshot=here.snapshot, converged=converged, residual=residual, verdict=verdict,
             mechanism_count=curvature.zero, unstable_count=curvature.negative,
@@ -417,7 +420,26 @@ class _Search:
             reaction=np.where(self.free, 0.0, -here.force), step_count=self.steps,
             product_count=self.products, at_kink=here.at_kink,
             anchors_at_kink=here.anchors_at_kink, branches=branches,
-            first_touches=here.first_touches)
+            first_touches=here.first_touches, reason=reason)
+
+    def _reason(self) -> str:
+        """Why the search has ended before it was at rest, and what to try."""
+        turning = without_potential(self.fabric.scene)
+        if turning:
+            return (
+                f'{", ".join(turning)}: turns with its bodies or twists them, so it has no energy '
+                'that a search could lower, and there may be no equilibrium at all; seek it from '
+                'smaller loads on (--load-steps, ico.step_loads), or see in a run with drag what '
+                'the fabric does')
+        if self.steps >= self.largest:
+            return (
+                f'the search took all of its {self.largest:,} steps; give it more (--steps, '
+                'largest_step_count), or seek it from smaller loads on (--load-steps, '
+                'ico.step_loads)')
+        return (
+            'no step lowers the energy any more: rounding hides what is left, or forces jump '
+            'there; seek it from smaller loads on (--load-steps, ico.step_loads), or take a '
+            'larger tolerance')
 
 
 def judge(here: Configuration) -> tuple[str, Curvature, Mapping[str, Curvature]]:

@@ -363,6 +363,26 @@ def test_interrupted_run_keeps_a_whole_bag(tmp_path: Path, number: signal.Signal
     assert summary.last is not None and summary.last.time > 0.0
 
 
+def test_an_interrupt_in_a_text_that_is_executed_ends_with_130_too():
+    # Python would end by SIGINT, although the interrupt was caught.
+    process = subprocess.run([
+        sys.executable, '-c', 'import sys; from icofabric_sim.commands import info, main; '
+        "info.main = lambda arguments: exec('raise KeyboardInterrupt'); "
+        "sys.exit(main.main(['info', 'hanging_slab']))"], capture_output=True, text=True)
+    assert process.returncode == 130 and process.stderr == 'icofabric info: interrupted\n'
+
+
+def test_nothing_that_takes_long_is_imported_before_interrupts_are_caught():
+    code = (
+        'import sys; import icofabric_sim.commands.main; '
+        "print([name for name in sys.modules if name.startswith('icofabric_sim')])")
+    loaded = subprocess.run(
+        [sys.executable, '-c', code], capture_output=True, text=True, check=True).stdout
+    assert sorted(eval(loaded)) == ['icofabric_sim', 'icofabric_sim.commands', (
+        'icofabric_sim.commands.main'), 'icofabric_sim.version']
+
+
+
 def test_terminal_shows_a_bar_with_the_time_left(tmp_path: Path) -> None:
     ours, theirs = pty.openpty()
     # So slow that nothing touches meanwhile: contact would have to be compiled.
@@ -599,6 +619,7 @@ def test_statics_says_where_a_scene_comes_to_rest(tmp_path: Path) -> None:
     assert (tmp_path / 'rest.png').read_bytes().startswith(b'\x89PNG')
     early = command('statics', 'swing.yaml', '--steps', '2', folder=tmp_path)
     assert early.status == 1 and 'not in equilibrium' in early.out and 'left over' in early.out
+    assert 'reason     the search took all of its 2 steps; give it more (--steps' in early.out
     bad = command('statics', 'swing.yaml', '--tolerance', '2', folder=tmp_path)
     assert bad.status == 2 and 'tolerance' in bad.err
     falls = command('statics', 'free_slab', '-p', 'gravity:=[0.0, 0.0, -9.81]', folder=tmp_path)

@@ -256,6 +256,34 @@ def test_no_state_beyond_a_contact_is_shown_within_a_given_step(method, caplog):
     assert not caplog.records
 
 
+@pytest.mark.parametrize('place', [0.0, 0.1])
+def test_no_state_beyond_a_contact_is_shown_where_bodies_become_fast_between_checks(place, caplog):
+    # At rest at the last search, so displacements are asked for after 32 steps; it is pulled
+    # through the other one in the sixth.
+    force = 0.5 / (0.5 * 5.5e-3**2) * loose(OBLIQUE).shell.mass
+    scene = changed(loose(
+        ((0.5, place, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)), contact__stiffness=20.0,
+        solver__method='leapfrog', solver__step=1e-3), {
+            'groups.pulled': 'ids 1', 'loads.pull.group': 'pulled',
+            'loads.pull.force': [-force, 0.0, 0.0]})
+    for times in ((0.02,), (4.1e-3, 5.2e-3, 5.7e-3, 0.02), np.arange(1, 41) * 5e-4):
+        simulation = ico.compile_scene(scene)
+        if place:
+            for time in times:
+                simulation.advance_to(time)
+            assert simulation.snapshot().position[1, 0] == pytest.approx(
+                0.5 - 0.5 * (force / scene.shell.mass) * 0.02**2)
+            continue
+        with pytest.raises(ico.SimulationError, match='body 0 and body 1 may pass') as caught:
+            for time in times:
+                simulation.advance_to(time)
+        assert 'between t = 0.005 s' in str(caught.value)
+        kept = simulation.snapshot()
+        assert kept.time == simulation.time <= 5e-3 and kept.position[1, 0] > 0.08
+        assert kept.energy['work_in'] == pytest.approx(kept.energy['kinetic'], abs=1e-9)
+    assert not caplog.records
+
+
 def test_a_given_step_too_long_for_what_may_touch_is_refused_at_the_start():
     with pytest.raises(ValueError, match='cannot start: solver.step .* too long for what touches'):
         ico.compile_scene(loose(

@@ -240,6 +240,12 @@ def test_a_search_that_ends_too_early_says_so():
     assert result.mechanism_count == result.unstable_count == -1
     assert result.residual > 1e-10 and np.abs(result.leftover).max() > 0.0
     assert len(result.worst_bodies) == 4
+    assert 'all of its 2 steps' in result.reason and 'largest_step_count' in result.reason
+    turned = make_scene((2, 2, 2), groups={'low': 'z_min', 'high': 'z_max'}, supports={
+        's': {'group': 'high'}}, loads={'l': {'group': 'low', 'torque': [0.0, 0.1, 0.0]}})
+    lost = ico.solve_equilibrium(turned, largest_step_count=2)
+    assert 'loads.l: turns' in lost.reason and 'there may be no equilibrium' in lost.reason
+    assert not ico.solve_equilibrium(make_scene((2, 2, 2))).reason
     assert result.leftover[scene.groups['top']].max() == 0.0
 
 

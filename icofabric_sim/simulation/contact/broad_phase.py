@@ -249,6 +249,21 @@ class BroadPhase:
             share = np.bincount(np.concatenate([near.pairs[:, 0], near.pairs[pair, 1]]))
             self.rate = self.least_rate * float(share.max())
 
+    @property
+    def search_time(self) -> float:
+        """Time [s] of the last search."""
+        return float(self._watch.frame[0])
+
+    def has_left(self, state: State, time: float) -> bool:
+        """Whether a body is farther from where the last search found it than its list is valid."""
+        unpack, watch = self._layout.unpack, self._watch
+        looked = unpack(State(watch.reference, watch.turned, watch.reference, watch.reference))
+        now, since = unpack(state), time - watch.frame[0]
+        shift = since * (watch.frame[1:4] + since * watch.frame[4:7])
+        way = np.linalg.norm(now.position - shift - looked.position, axis=1)
+        way += self._radius * turned_at_most(looked.orientation, now, now, 0.0)
+        return not way.max(initial=0.0) <= math.sqrt(self.limits[LATE])
+
     def passing_by(self, before: State, after: State, start: float, end: float) -> str:
         """
         Name what may have passed through each other in one step between two times [s]; '': none.

@@ -15,7 +15,7 @@
 
 from collections.abc import Callable
 import math
-from typing import Any
+from typing import Any, NoReturn
 
 from icofabric_sim.kernels.records import Contacts, State, Watch
 from icofabric_sim.simulation.contact.broad_phase import (
@@ -90,6 +90,15 @@ class ContactScheduler:
     def tests(self) -> int:
         """Pairs of shells that were tested in the steps of the trajectory."""
         return 0 if self.broad_phase is None else self.broad_phase.tests
+
+    @property
+    def search_time(self) -> float:
+        """Time [s] of the last search."""
+        return -math.inf if self.broad_phase is None else self.broad_phase.search_time
+
+    def has_left(self, state: State, time: float) -> bool:
+        """Whether a body has left the region that the neighbour list covers."""
+        return self.broad_phase is not None and self.broad_phase.has_left(state, time)
 
     def watching(self, *, trial: bool = False) -> Watch | None:
         """Return what kernels look out for; of a `trial` step their notes are not used."""
@@ -233,17 +242,26 @@ class ContactScheduler:
 
         It is the present one, or it was saved.
         """
-        phase, trajectory = self.broad_phase, self._trajectory
-        found = '' if phase is None else phase.passing_by(before, after, start, end)
+        found = self.passing(before, after, start, end)
         if found:
-            if before is trajectory.state:
-                trajectory.save()
-            trajectory.return_to_saved()
-            trajectory.return_work()
-            trajectory.fail(
-                f'{found}. Start again with a smaller solver.step than {trajectory.step!r} s, or '
-                '0 to have it chosen; contact.mode never lets shells pass through each other. '
-                f'The last good state, of t = {trajectory.saved_time:.9g} s, is kept')
+            if before is self._trajectory.state:
+                self._trajectory.save()
+            self.stop_passing(found)
+
+    def passing(self, before: State, after: State, start: float, end: float) -> str:
+        """Name what may pass through each other in a step between two times [s]; '': nothing."""
+        phase = self.broad_phase
+        return '' if phase is None else phase.passing_by(before, after, start, end)
+
+    def stop_passing(self, found: str) -> NoReturn:
+        """Stop at the saved state, because of what was `found`."""
+        trajectory = self._trajectory
+        trajectory.return_to_saved()
+        trajectory.return_work()
+        trajectory.fail(
+            f'{found}. Start again with a smaller solver.step than {trajectory.step!r} s, or '
+            '0 to have it chosen; contact.mode never lets shells pass through each other. '
+            f'The last good state, of t = {trajectory.saved_time:.9g} s, is kept')
 
     def state_tree(self) -> dict[str, Any]:
         """The last search, and what was reported, as an entry; none where nothing can touch."""

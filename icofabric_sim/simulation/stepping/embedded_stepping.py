@@ -26,12 +26,14 @@ from typing import Any
 from icofabric_sim.kernels.integrators import embedded
 from icofabric_sim.kernels.integrators.embedded import adaptive_pair, DOP8
 from icofabric_sim.kernels.integrators.splitting import NEVER
+from icofabric_sim.kernels.monitor import UNSOUND
 from icofabric_sim.kernels.records import Model, State, Team
 from icofabric_sim.simulation.state_tree import StateTree
 from icofabric_sim.simulation.stepping.events import make_events
 from icofabric_sim.simulation.stepping.faults import too_fast
 from icofabric_sim.simulation.stepping.pieces import EventLocator, Pieces
 from icofabric_sim.simulation.stepping.step_in_progress import StepInProgress
+from icofabric_sim.simulation.stepping.step_samples import needs_samples, StepSamples
 from icofabric_sim.simulation.stepping.uniform_stepping import UniformStepping
 
 # Part of a displacement that a search reaches after a step led too far.
@@ -45,6 +47,7 @@ class EmbeddedStepping:
         """Advance the trajectory of these `pieces`; `given`: `solver.step` [s], 0: none."""
         self._pieces, self._given = pieces, given
         self._step = StepInProgress(pieces.trajectory, pieces.contact, pieces.trials)
+        self._samples = StepSamples(pieces, active=needs_samples(pieces))
         # Takes the step that ends at an input.
         self._uniform = UniformStepping(pieces)
         self._events: list[EventLocator] = make_events(pieces, self._step)
@@ -60,17 +63,21 @@ class EmbeddedStepping:
         control, origin = self._step.control, self._pieces.trajectory.origin
         total = self.error_estimate(origin)
         control.numbers[:] = 0.0
-        control.start, control.total = origin, total
+        control.start = origin
+        self._samples.settle(total, origin)
+        self._samples.restart()
         self._step.change()
         self._forget_events()
 
     def forget(self) -> None:
         """Count errors from zero again; nor is anything left of the step in progress."""
-        self._step.control.total = self._step.control.rate = 0.0
+        self._step.control.rate = 0.0
+        self._samples.settle(0.0, self._step.end)
 
     def rebase(self, time: float) -> None:
         """Begin at another `time` [s]: nothing has moved yet."""
         self._step.control.start = time
+        self._samples.settle(self._step.control.total, time)
 
     def count_until(self, time: float) -> int:
         """
@@ -104,7 +111,7 @@ class EmbeddedStepping:
         # The part of the step in progress up to there stays counted.
         estimate = self.error_estimate(time)
         self._give_up()
-        control.total = estimate
+        self._samples.settle(estimate, time)
         if rest > 0.0:
             self._uniform.take(rest, 1)
         control.start = time
@@ -132,13 +139,13 @@ class EmbeddedStepping:
 
     def error_rate(self) -> float:
         """Error of the last step for each second."""
-        return self._step.control.rate
+        return self._samples.rate
 
     def error_estimate(self, time: float) -> float:
         """Errors of all steps up to a present `time` [s], as if none had grown or faded."""
         control = self._step.control
         left = min(max(self._step.end - time, 0.0), control.length)
-        return control.total - control.rate * left
+        return self._samples.estimate(left)
 
     def is_ready_for_contacts(self) -> bool:
         """Whether the kernels that steps with contacts need are compiled."""
@@ -154,6 +161,7 @@ class EmbeddedStepping:
     def state_tree(self, tree: dict[str, Any]) -> None:
         """Add the step in progress, and what happens where it ends."""
         self._step.state_tree(tree)
+        self._samples.state_tree(tree)
         for event in self._events:
             tree.update(event.state_tree())
 
@@ -164,6 +172,7 @@ class EmbeddedStepping:
     def load_state(self, tree: StateTree) -> None:
         """Go on within the step of there."""
         self._step.load_state(tree)
+        self._samples.load_state(tree)
         for event in self._events:
             event.load_state(tree)
 
@@ -193,9 +202,10 @@ class EmbeddedStepping:
         while status & embedded.TOO_FAR and count > 0:
             before = int(control.length > 0.0)
             trajectory.ledger.saved_at = -1.0
-            status, done = self._call(count)
+            status, done = self._call(self._samples.allowed(count))
             count -= done
             trajectory.require_body_force()
+            self._samples.note(done, sound=not status & (UNSOUND | embedded.TOO_SHORT))
             # The step in progress does not count yet.
             trajectory.step_count += done + before - int(control.length > 0.0)
             trajectory.step = control.length or trajectory.step
@@ -268,6 +278,7 @@ class EmbeddedStepping:
 
     def _give_up(self) -> None:
         """Go back to where the step in progress began."""
+        self._samples.give_up()
         self._step.give_up()
         self._forget_events()
 

@@ -17,7 +17,7 @@ from collections.abc import Callable
 from typing import Any
 
 from icofabric_sim.kernels.meters import flowed
-from icofabric_sim.kernels.records import Loads, Model, State, Work
+from icofabric_sim.kernels.records import Loads, Model, State, Trail, Work
 from icofabric_sim.simulation.contact.friction_state import contact_losses
 from icofabric_sim.simulation.model.layout import aligned_empty
 from icofabric_sim.simulation.stepping.contact_scheduler import ContactScheduler
@@ -46,12 +46,15 @@ class TrialSteps:
 
     def take(
         self, step: float, count: int, loads: Loads | None = None, *,
-        start: float | None = None, model: Model | None = None
+        start: float | None = None, model: Model | None = None, source: State | None = None,
+        trail: Trail | None = None
     ) -> State:
         """
         Return where `count` steps of length `step` lead; the trajectory stays where it is.
 
-        `start` [s] and `model`: those of its state, where these are not the present ones.
+        `start` [s], `model` and `source`: time, constants and state to begin with, where these
+        are not the present ones. `trail`: room for slopes, where those of the step in progress
+        are still needed.
         """
         trajectory = self._trajectory
         if self._room is None:
@@ -59,11 +62,13 @@ class TrialSteps:
                 trajectory.packed.layout.like(trajectory.state),
                 aligned_empty(trajectory.work.acceleration.shape))
         state, acceleration = self._room
-        for target, source in zip(state, trajectory.state):
-            np.copyto(target, source)
+        for target, values in zip(state, source or trajectory.state):
+            np.copyto(target, values)
         np.copyto(acceleration, trajectory.work.acceleration)
         loads = loads or self.copy_loads()
         work = self._copy_work()._replace(acceleration=acceleration)
+        if trail is not None:
+            work = work._replace(trail=trail)
         self.model = model or self._copy_model()
         self._calls.take_trial(
             self.model, loads, state, work, trajectory.time if start is None else start, step,
@@ -100,6 +105,43 @@ class TrialSteps:
             self.touched = self._contact.has_touched()
             trajectory.restore()
         return windows
+
+    def retrace(
+        self, count: int, rest: float, visit: Callable[[State, State, float, float], None]
+    ) -> None:
+        """
+        Repeat the `count` steps from the saved state on, then one of `rest` [s], and come back.
+
+        `visit` gets the states before and after each, and their times [s].
+        """
+        trajectory = self._trajectory
+        layout, time = trajectory.packed.layout, trajectory.saved_time
+        now = [row.copy() for row in trajectory.state]
+        acceleration, model = trajectory.work.acceleration.copy(), self._copy_model()
+        losses = contact_losses(model.contacts)
+        if losses is not None:
+            np.copyto(losses.stretch, losses.saved)
+        before, after = (layout.like(trajectory.state) for _ in range(2))
+        for target, source in zip(after, trajectory.saved):
+            np.copyto(target, source)
+        try:
+            for step in [trajectory.step] * count + [rest] * (rest > 0.0):
+                for target, start, source in zip(trajectory.state, before, after):
+                    np.copyto(target, source)
+                    np.copyto(start, source)
+                trajectory.refresh(time)
+                state = self.take(step, 1, start=time, model=model)
+                if trajectory.take_force_failure() is not None:
+                    return
+                for target, source in zip(after, state):
+                    np.copyto(target, source)
+                visit(before, after, time, time + step)
+                time += step
+        finally:
+            for target, source in zip(trajectory.state, now):
+                np.copyto(target, source)
+            trajectory.refresh()
+            np.copyto(trajectory.work.acceleration, acceleration)
 
     def keep_earlier(self) -> None:
         """Keep the saved state for `compare_behind`: the next health check replaces it."""

@@ -100,6 +100,7 @@ class UniformStepping:
         finally:
             if trajectory.failure is None:
                 trajectory.begin_at(time)
+                self._save_where_judged()
 
     def check_within(self, time: float) -> None:
         """
@@ -108,10 +109,46 @@ class UniformStepping:
         So states within a step are judged as its end will be.
         """
         pieces, trajectory = self._pieces, self._pieces.trajectory
+        if not self._is_judged:
+            return
         rest = time - trajectory.time
+        state = pieces.trials.take(rest, 1) if rest > 0.0 else trajectory.state
         if rest > 0.0 and self._is_far(rest):
-            pieces.contact.refuse_passing(
-                trajectory.state, pieces.trials.take(rest, 1), trajectory.time, time)
+            pieces.contact.refuse_passing(trajectory.state, state, trajectory.time, time)
+        elif pieces.contact.has_left(state, time):
+            self._judge_steps(rest)
+
+    @property
+    def _is_judged(self) -> bool:
+        """Whether steps may lead beyond a contact: given ones, which no kernel refuses."""
+        pieces = self._pieces
+        return pieces.is_given and pieces.contact.is_possible and (
+            pieces.trajectory.control is None)
+
+    def _save_where_judged(self) -> None:
+        """Save a state from which steps of one length under the same loads can be repeated."""
+        if self._is_judged:
+            self._pieces.trajectory.save()
+
+    def _judge_steps(self, rest: float) -> None:
+        """
+        Stop where shells may have passed through each other since the saved state.
+
+        Kernels ask only after several steps how far bodies have moved, which may have become
+        faster. So these, and a part of the next one of `rest` [s], are repeated one by one.
+        """
+        pieces, trajectory, found = self._pieces, self._pieces.trajectory, ''
+
+        def visit(before: State, after: State, start: float, end: float) -> None:
+            nonlocal found
+            # What was before the last search was judged by the one before that.
+            if not found and 0.5 * (start + end) > pieces.contact.search_time:
+                found = pieces.contact.passing(before, after, start, end)
+
+        span = trajectory.time - trajectory.saved_time
+        pieces.trials.retrace(round(span / trajectory.step), max(rest, 0.0), visit)
+        if found:
+            pieces.contact.stop_passing(found)
 
     def state_at(self, time: float) -> State:
         """Return the state at a `time` [s] up to the end of the next step, by a trial step."""
@@ -137,6 +174,7 @@ class UniformStepping:
         """The step follows other loads; none goes back to before them."""
         self._pieces.trajectory.ledger.regular = 0.0
         self._pieces.errors.spoil()
+        self._save_where_judged()
         if self._pieces.controller.follow_jump():
             self._pieces.choose_step()
 
@@ -197,10 +235,13 @@ class UniformStepping:
         if far and status & MISSED and not status & monitor.NOT_FINITE:
             pieces.contact.refuse_passing(
                 trajectory.saved, trajectory.state, trajectory.saved_time, time)
+        elif self._is_judged and status & MISSED and not status & monitor.NOT_FINITE:
+            self._judge_steps(0.0 if is_whole else step)
+        if (far or self._is_judged) and not status & monitor.NOT_FINITE:
+            if status & MISSED and checks.since_check == 0 and not status & monitor.UNSOUND:
+                trajectory.save(time)
             # Nothing was missed, so the state is as good as any.
             status &= ~MISSED
-            if checks.since_check == 0 and not status & monitor.UNSOUND:
-                trajectory.save(time)
         # An unsound state must not be saved: the run ends below.
         rougher = status & monitor.ROUGHER and not status & monitor.UNSOUND
         if rougher and not self._accept(time):

@@ -1,0 +1,251 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+Errors of some steps of the embedded pair, measured, by which those of the others are judged.
+
+What a step probably errs by follows from its two error estimates, with the constants of an
+oscillation (kernels/probable_error.py). Motion that is damped beyond oscillation has other
+constants, and small kinks of the forces hide in the smooth part of the estimates. There windows of
+one shortest period are followed by a companion with steps of half the length, or of a quarter of
+it where forces have kinks. The steps between windows count like those of the last windows: what
+these erred by below what they probably did as a part of that, what they erred by beyond it as a
+rate in time, as that was hidden.
+"""
+
+import math
+from typing import Any
+
+from icofabric_sim.kernels.records import State, Trail
+from icofabric_sim.simulation.model.layout import has_jumps
+from icofabric_sim.simulation.state_tree import StateTree
+from icofabric_sim.simulation.stepping.embedded_control import EmbeddedControl
+from icofabric_sim.simulation.stepping.pieces import Pieces
+import numpy as np
+
+# So many windows are measured one after the other, then one of two, and so on up to the second
+# number: each step of a window costs two or four more.
+_WINDOWS, _MOST = 8, 16
+# What is left of a measurement in the mean when the next one has been made.
+_KEPT = 0.9
+# Steps of the companion in one step. A step is accepted where its kink lies so as to do little;
+# in those of the companion it lies anywhere, and with halves errors seemed twice what they were.
+_SMOOTH_PARTS, _KINKED_PARTS = 2, 4
+# No rate [1/s] was measured.
+_NOT = -1.0
+
+
+def needs_samples(pieces: Pieces) -> bool:
+    """
+    Whether what steps probably err by is too rough a guess.
+
+    Where shells may touch it is all there is: most is added in few steps, which samples miss.
+    """
+    return not pieces.contact.is_possible and (
+        pieces.trajectory.packed.spends or _is_kinked(pieces))
+
+
+def _is_kinked(pieces: Pieces) -> bool:
+    """Whether tensions have kinks."""
+    links = pieces.trajectory.model.links
+    return has_jumps(links) or (links is not None and links.tables is not None)
+
+
+class StepSamples:
+    """The sum of errors of all steps, that in progress included, and which ones are measured."""
+
+    def __init__(self, pieces: Pieces, *, active: bool) -> None:
+        """Measure steps of the trajectory of these `pieces`; not `active`: none."""
+        self._pieces, self._trajectory, self._active = pieces, pieces.trajectory, active
+        self._parts = _KINKED_PARTS if _is_kinked(pieces) else _SMOOTH_PARTS
+        self._trail: Trail | None = None
+        self._companion: State | None = None
+        # Errors until a time [s], and what kernels had summed up by then.
+        self._total = self._counted = self._since = 0.0
+        # Error [1/s] of the step in progress, where it was measured.
+        self._rate = _NOT
+        self.restart()
+
+    @property
+    def _control(self) -> EmbeddedControl:
+        control = self._trajectory.control
+        assert control is not None
+        return control
+
+    def restart(self) -> None:
+        """The state has jumped: nothing that was measured holds any longer; the sum goes on."""
+        self._every, self._windows, self._left = 1, _WINDOWS, 1
+        self._seen = self._hidden = self._probable = self._span = 0.0
+        self._forget_window()
+
+    def _forget_window(self) -> None:
+        # Begin and end [s] of the window in progress; inf: there is none.
+        self._begun = self._end = math.inf
+        self._worst = self._sum = 0.0  # largest error in it, and what its steps probably erred by
+        self._steps = 0
+
+    def settle(self, total: float, time: float) -> None:
+        """Have a `total` of errors at a `time` [s], with no step in progress."""
+        self._control.total = total
+        self._total = self._counted = total if self._active else 0.0
+        self._since, self._rate = time, _NOT
+
+    @property
+    def _scale(self) -> float:
+        """Part of what steps probably err by that they do."""
+        return self._seen / self._probable if self._probable > 0.0 else 1.0
+
+    @property
+    def _beyond(self) -> float:
+        """Error for each second that is beyond that."""
+        return self._hidden / self._span if self._span > 0.0 else 0.0
+
+    @property
+    def rate(self) -> float:
+        """Error of the step in progress for each second."""
+        if self._rate != _NOT:
+            return self._rate
+        return self._scale * self._control.rate + self._beyond
+
+    def estimate(self, left: float) -> float:
+        """Errors of all steps, but for the last `left` [s] of that in progress."""
+        control = self._control
+        return self._until(control.total, control.start + control.length) - self.rate * left
+
+    def _until(self, summed: float, time: float) -> float:
+        """Errors until a `time` [s] by which kernels have `summed` up so much."""
+        return self._total + self._scale * (summed - self._counted) + self._beyond * (
+            time - self._since)
+
+    def allowed(self, count: int) -> int:
+        """How many of `count` steps to take in a call: none beyond one that is measured."""
+        return min(count, self._left) if self._active else count
+
+    def note(self, done: int, *, sound: bool) -> None:
+        """Measure the step in progress if that is due, after `done` steps; not if not `sound`."""
+        if not self._active or done == 0:
+            return
+        self._rate = _NOT
+        self._left -= done
+        if self._left > 0:
+            return
+        control = self._control
+        probable = control.rate * control.length
+        summed = control.total - probable
+        self._total = self._until(summed, control.start)
+        self._counted, self._since = summed, control.start
+        self._left = 1
+        if self._end == math.inf:
+            self._begin()
+        apart = self._follow() if sound else math.inf
+        if not apart < math.inf:
+            self._close()
+            return
+        more = max(apart - self._worst, 0.0)
+        end = control.start + control.length
+        self._total, self._counted, self._since = self._total + more, control.total, end
+        self._rate = more / control.length
+        self._worst, self._sum = self._worst + more, self._sum + probable
+        self._steps += 1
+        if end >= self._end:
+            self._seen = _KEPT * self._seen + min(self._worst, self._sum)
+            self._hidden = _KEPT * self._hidden + max(self._worst - self._sum, 0.0)
+            self._probable = _KEPT * self._probable + self._sum
+            self._span = _KEPT * self._span + end - self._begun
+            self._close()
+
+    def give_up(self) -> None:
+        """The step in progress is about to be given up, and the window that it is part of."""
+        if self._rate != _NOT:
+            control = self._control
+            self._total -= self._rate * control.length
+            self._counted -= control.rate * control.length
+            self._since, self._rate = control.start, _NOT
+        if self._end < math.inf:
+            self._close()
+
+    def _begin(self) -> None:
+        """Begin a window with the step in progress."""
+        layout, start, rate = self._trajectory.packed.layout, self._start, (
+            self._pieces.rates.frequency.rate)
+        if self._companion is None:
+            self._companion = layout.like(start)
+            # Slopes of its own: those of the step in progress are needed for states within it.
+            self._trail = layout.room(None, start).trail
+        for target, source in zip(self._companion, start):
+            np.copyto(target, source)
+        self._begun = self._control.start
+        self._end = self._begun + (2.0 * math.pi / rate if rate > 0.0 else 0.0)
+
+    @property
+    def _start(self) -> State:
+        trail = self._trajectory.work.trail
+        assert trail is not None
+        return trail.start
+
+    def _follow(self) -> float:
+        """Take the companion to the end of the step in progress; inf where that fails."""
+        assert self._companion is not None
+        trials, control = self._pieces.trials, self._control
+        loads = trials.copy_loads()
+        if loads is not None:
+            loads = loads._replace(power=np.zeros_like(loads.power))
+        state = trials.take(
+            control.length / self._parts, self._parts, loads, start=control.start,
+            source=self._companion, trail=self._trail)
+        if self._trajectory.take_force_failure() is not None:
+            return math.inf
+        for target, source in zip(self._companion, state):
+            np.copyto(target, source)
+        return self._pieces.errors.probe.distance(self._trajectory.state, state)
+
+    def _close(self) -> None:
+        """End a window, and say when the next one begins."""
+        self._left = 1 + (self._every - 1) * max(self._steps, 1)
+        self._windows -= 1
+        if not self._windows:
+            self._every, self._windows = min(2 * self._every, _MOST), _WINDOWS
+        self._forget_window()
+
+    def state_tree(self, tree: dict[str, Any]) -> None:
+        """Add what was measured, and when it will be again."""
+        if not self._active:
+            return
+        tree['samples'] = {
+            'total': self._total, 'counted': self._counted, 'since': self._since,
+            'rate': self._rate, 'seen': self._seen, 'hidden': self._hidden,
+            'probable': self._probable, 'span': self._span, 'every': self._every,
+            'windows': self._windows, 'left': self._left, 'begun': self._begun,
+            'end': self._end, 'worst': self._worst, 'sum': self._sum, 'steps': self._steps}
+        if self._end < math.inf and self._companion is not None:
+            tree['samples']['companion'] = self._trajectory.by_body(self._companion)
+
+    def load_state(self, tree: StateTree) -> None:
+        """Go on from there, once the control has."""
+        if not self._active:
+            return
+        part = tree.part('samples')
+        self._total, self._counted = part.number('total'), part.number('counted')
+        self._since, self._rate = part.number('since'), part.number('rate', _NOT)
+        self._seen, self._hidden = part.number('seen', 0.0), part.number('hidden', 0.0)
+        self._probable, self._span = part.number('probable', 0.0), part.number('span', 0.0)
+        self._every, self._windows = part.count('every', 1), part.count('windows', 1)
+        self._left, end = part.count('left', 1), part.number('end', finite=False)
+        self._forget_window()
+        if end < math.inf:
+            self._begin()
+            assert self._companion is not None
+            self._trajectory.take_back(self._companion, part.part('companion'))
+            self._begun, self._end = part.number('begun'), end
+            self._worst, self._sum = part.number('worst', 0.0), part.number('sum', 0.0)
+            self._steps = part.count('steps')
