@@ -314,7 +314,8 @@ class Configuration:
         """
         The largest force [N] of a connector, of an anchor, of a load, or of weight.
 
-        Where none of them acts that of what is held, which then bears moments of connectors alone.
+        Where none of them acts that of what is held, which then bears moments of connectors alone,
+        or of a torque over a.
         """
         fabric = self.fabric
         weight = 0.0
@@ -328,7 +329,8 @@ class Configuration:
             return scale
         held = np.abs(np.where(fabric.free, 0.0, self.force))
         held[:, 3:] /= fabric.half_edge
-        return max(scale, float(held.max(initial=0.0)))
+        return max(
+            scale, float(held.max(initial=0.0)), fabric.loads.largest_torque / fabric.half_edge)
 
     @cached_property
     def contact_blocks(self) -> tuple[np.ndarray, np.ndarray]:

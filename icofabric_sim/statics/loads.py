@@ -51,6 +51,12 @@ class DeadLoads:
                    default=0.0)
 
     @property
+    def largest_torque(self) -> float:
+        """The largest torque [N m] on a body, beside that of its force."""
+        return max((float(np.linalg.norm(factor * row.torque)) for row, factor in self._rows),
+                   default=0.0)
+
+    @property
     def conservative(self) -> bool:
         """Whether all of them have a potential."""
         return not any(

@@ -41,6 +41,8 @@ _KEPT = 0.9
 # Steps of the companion in one step. A step is accepted where its kink lies so as to do little;
 # in those of the companion it lies anywhere, and with halves errors seemed twice what they were.
 _SMOOTH_PARTS, _KINKED_PARTS = 2, 4
+# Part of the largest error within a window that counts at least: errors swing within a period.
+_LEAST = 0.5
 # No rate [1/s] was measured.
 _NOT = -1.0
 
@@ -91,7 +93,7 @@ class StepSamples:
     def _forget_window(self) -> None:
         # Begin and end [s] of the window in progress; inf: there is none.
         self._begun = self._end = math.inf
-        self._worst = self._sum = 0.0  # largest error in it, and what its steps probably erred by
+        self._worst = self._sum = 0.0  # what counts of it, and what its steps probably erred by
         self._steps = 0
 
     def settle(self, total: float, time: float) -> None:
@@ -151,13 +153,17 @@ class StepSamples:
         if not apart < math.inf:
             self._close()
             return
-        more = max(apart - self._worst, 0.0)
         end = control.start + control.length
-        self._total, self._counted, self._since = self._total + more, control.total, end
-        self._rate = more / control.length
-        self._worst, self._sum = self._worst + more, self._sum + probable
+        is_last = end >= self._end
+        # At its end a window counts by what the two are apart there, and before by the least that
+        # can follow.
+        worst = max(_LEAST * apart, self._worst, apart if is_last else 0.0)
+        self._total, self._counted, self._since = (
+            self._total + worst - self._worst, control.total, end)
+        self._rate = (worst - self._worst) / control.length
+        self._worst, self._sum = worst, self._sum + probable
         self._steps += 1
-        if end >= self._end:
+        if is_last:
             self._seen = _KEPT * self._seen + min(self._worst, self._sum)
             self._hidden = _KEPT * self._hidden + max(self._worst - self._sum, 0.0)
             self._probable = _KEPT * self._probable + self._sum
