@@ -26,6 +26,7 @@ import sys
 import tempfile
 from unittest import mock
 
+from fabrics import make_scene
 import icofabric_sim as ico
 from icofabric_sim.geometry.icosahedron import inscribed_radius
 from icofabric_sim.kernels import anchors, flows
@@ -329,3 +330,16 @@ def test_a_right_run_in_which_large_energies_cancel_goes_on(found):
 
 if __name__ == '__main__':
     print(json.dumps(results()))
+
+
+@pytest.mark.parametrize('limit', [1e-3, 1e-2])
+def test_chosen_steps_of_leapfrog_swing_less_than_the_limit(limit):
+    # A step that the tolerance alone would allow swings by 1 % of what vibrates.
+    simulation = ico.compile_scene(make_scene((2, 2, 2), {
+        'solver.method': 'leapfrog', 'solver.tolerance': 1e3, 'solver.energy_limit': limit,
+        'initial_random.velocity_sigma': 1e-3, 'initial_random.spin_sigma': 0.1}))
+    simulation.advance_to(100.0 / simulation.status.largest_frequency)
+    status = simulation.status
+    ratio = status.step * status.largest_frequency
+    assert 0.5 * np.sqrt(2.0 * limit) < ratio < 1.3 * np.sqrt(2.0 * limit)
+    assert 1e-3 * limit < abs(simulation.balance.worst) < limit

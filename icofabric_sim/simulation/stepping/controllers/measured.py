@@ -25,6 +25,7 @@ from icofabric_sim.simulation.model.layout import has_jumps
 from icofabric_sim.simulation.stepping.accuracy_probe import AIM, FIRST_GAP
 from icofabric_sim.simulation.stepping.faults import too_fast
 from icofabric_sim.simulation.stepping.method_selection import longest_at_kinks
+from icofabric_sim.simulation.stepping.methods import Method
 from icofabric_sim.simulation.stepping.pieces import Pieces, StepChoice
 import numpy as np
 
@@ -45,6 +46,18 @@ _LARGEST_CHANGE = 0.1, 4.0
 _TRIES = 8
 
 RANK = 0
+
+
+def _largest_ratio(method: Method, energy_limit: float) -> float:
+    """
+    Step times frequency at which the energy of a vibration swings by half of its limit.
+
+    That of leapfrog by (w h)^2 / 4 of itself, whatever is tolerated of the motion; those of higher
+    order, at the steps that are chosen, by less than the limits that are in use.
+    """
+    if method.order > 2 or not energy_limit > 0.0:
+        return math.inf
+    return math.sqrt(2.0 * energy_limit)
 
 
 def suits(choice: StepChoice) -> bool:
@@ -79,12 +92,13 @@ class MeasuredStep:
         rate = rates.fastest()
         if not rate < math.inf:
             trajectory.fail(too_fast(trajectory.time, rates.fastest_term()))
-        method = trajectory.method
+        method, ledger = trajectory.method, trajectory.ledger
+        chosen = min(method.chosen, _largest_ratio(method, ledger.limit))
         step = trajectory.step * shorter ** (-1.0 / trajectory.order)
         if not rate > 0.0:
             # Every step is exact.
-            step, rate = self._output_period, method.chosen / self._output_period
-        cap = method.chosen / rate
+            step, rate = self._output_period, chosen / self._output_period
+        cap = chosen / rate
         longest = pieces.contact.longest_step
         self.held_back = longest < cap
         cap = min(cap, longest, self._longest_at_kinks())
@@ -99,10 +113,9 @@ class MeasuredStep:
             trajectory.fail(too_fast(trajectory.time, rates.fastest_term()))
         # Above the first the exact frequency is computed again once its bound has grown; near the
         # limit of the method at every health check.
-        ledger = trajectory.ledger
         near = min(1.05 * ledger.rate, 0.9 * method.stability / step)
-        ledger.high = max(_LONGEST * method.chosen / step, near)
-        ledger.low = _SHORTEST * method.chosen / step if errors.step >= cap else 0.0
+        ledger.high = max(_LONGEST * chosen / step, near)
+        ledger.low = _SHORTEST * chosen / step if errors.step >= cap else 0.0
         return step
 
     def _longest_at_kinks(self) -> float:
