@@ -136,7 +136,9 @@ class _Judge:
                 return self._slow(run)
         run.should_stop = None
         added, end = windows.result(), run.time
-        growth, distance, reason = self._whole(run, rate, end)
+        # Where the run stopped the other one has to come to what it stopped for.
+        growth, distance, reason = self._whole(
+            run, rate, end if failure is None else self._stress.duration)
         other, compared = self._other_bits(run, end, failure)
         found = _finding(stress, Verdict.WITHIN, '')._replace(
             method=run.status.method_name, bodies=scene.body_count, steps=run.status.step_count,
@@ -196,8 +198,6 @@ class _Judge:
         self, run: Simulation, rate: float, end: float
     ) -> tuple[Growth | None, float, str]:
         """A far tighter run from the start: growth, distance at the end, and why it stopped."""
-        if not end > 0.0:
-            end = self._stress.duration / 8.0
         reference = compile_scene(reference_scene(run.scene, rate))
         reference.should_stop = lambda: self._clock.is_over(_WHOLE_PART)
         companion = Companion(reference)
