@@ -49,8 +49,8 @@ def pile(size: tuple[int, int, int], **changes: Any) -> ico.Scene:
         'weave.size': list(size), 'weave.connected': False, 'weave.connector_length': 0.027,
         'gravity': [0.0, 0.0, -9.81], 'contact.stiffness': 2e6, 'contact.damping': 5.0,
         'contact.friction': 0.4, 'initial_random.velocity_sigma': 0.1,
-        'initial_random.spin_sigma': 20.0, 'initial_random.seed': 1, 'solver.method': 'dop8',
-        'solver.tolerance': 1.0, **changes}
+        'initial_random.spin_sigma': 20.0, 'initial_random.seed': 1, 'solver.tolerance': 1.0,
+        **changes}
     place = ico.Scene.from_parameters(flat).position
     low, high = place.min(axis=0), place.max(axis=0)
     room = circumscribed_radius(A) + BESIDE
@@ -126,6 +126,7 @@ def main() -> None:
     parser.add_argument('--damping', type=float, default=5.0, help='[s/m]')
     parser.add_argument('--stiffness', type=float, default=2e6, help='of contacts [N/m]')
     parser.add_argument('--tolerance', type=float, default=1.0, help='solver.tolerance')
+    parser.add_argument('--method', default='auto', help='solver.method')
     parser.add_argument('--threads', type=int, default=0, help='solver.threads')
     parser.add_argument('--calm', type=float, default=0.0, help='solver.tolerance at the end')
     parser.add_argument('--longest', type=float, default=3.0, help='simulated time at most [s]')
@@ -133,7 +134,7 @@ def main() -> None:
     scene = pile(tuple(given.size), **{
         'contact.friction': given.friction, 'contact.damping': given.damping,
         'contact.stiffness': given.stiffness, 'solver.tolerance': given.tolerance,
-        'solver.threads': given.threads})
+        'solver.threads': given.threads, 'solver.method': given.method})
     print(describe_machine())
     simulation = ico.compile_scene(scene)
     print(f'{scene.body_count} bodies, friction {given.friction:g}, damping {given.damping:g} s/m')

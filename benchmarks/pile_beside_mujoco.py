@@ -102,6 +102,7 @@ def main() -> None:
     parser.add_argument('--friction', type=float, default=0.4)
     parser.add_argument('--damping', type=float, default=5.0, help='ours [s/m]')
     parser.add_argument('--tolerance', type=float, default=1.0, help='ours')
+    parser.add_argument('--methods', nargs='*', default=('auto', 'dop8'), help='ours')
     parser.add_argument('--steps', type=float, nargs='*', default=STEPS, help="MuJoCo's [s]")
     parser.add_argument('--solver', choices=('newton', 'cg'), default='newton', help="MuJoCo's")
     parser.add_argument('--stiffnesses', type=float, nargs='*', default=STIFFNESSES,
@@ -117,12 +118,14 @@ def main() -> None:
     for step in given.steps:
         seen = run_mujoco(scene, given.friction, given.solver, step, given.until)
         show(f'MuJoCo, steps of {step:g} s', seen)
-    # Kernels are compiled by a run that does not count.
-    run_own(pile((1, 1, 4), **changes), given.until)
-    for stiffness in given.stiffnesses:
-        seen = run_own(
-            pile(tuple(given.size), **changes, **{'contact.stiffness': stiffness}), given.until)
-        show(f'icofabric, K = {stiffness:.0e} N/m', seen)
+    for method in given.methods:
+        ours = {**changes, 'solver.method': method, 'solver.threads': 1}
+        # Kernels are compiled by a run that does not count.
+        run_own(pile((3, 3, 6), **ours), 0.1)
+        for stiffness in given.stiffnesses:
+            seen = run_own(
+                pile(tuple(given.size), **ours, **{'contact.stiffness': stiffness}), given.until)
+            show(f'{method}, K = {stiffness:.0e} N/m', seen)
 
 
 def show(label: str, seen: dict[str, float]) -> None:

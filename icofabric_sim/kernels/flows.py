@@ -23,6 +23,7 @@ prunes its branch only where the term is an argument of its own).
 from icofabric_sim.kernels.anchors import kick_anchor
 from icofabric_sim.kernels.connectors import add_connectors, Six
 from icofabric_sim.kernels.contact.forces import add_contact
+from icofabric_sim.kernels.contact.losses import begin_lead, end_lead, losses_of, spend
 from icofabric_sim.kernels.drives import is_wrench, place_row, resist
 from icofabric_sim.kernels.fields import add_coulomb, add_dipole
 from icofabric_sim.kernels.loads import kick_load, work_load
@@ -126,7 +127,10 @@ def push(
                         model, loads, state.orientation, state.linear_velocity,
                         state.angular_velocity, m, s, time, h)
                 kick_anchor(loads.anchors, model, loads, state, m, s, time, h)
+        spend(losses_of(model.contacts), work.spent, state, s, h)
         if again != 0.0:
+            spend(losses_of(model.contacts), work.spent, state, s, again)
+            begin_lead(losses_of(model.contacts), state, s)
             kick(state, a, again, s)
             if loads is not None:
                 for m in range(loads.start[block], loads.start[block + 1]):
@@ -135,6 +139,7 @@ def push(
                             model, loads, state.orientation, state.linear_velocity,
                             state.angular_velocity, m, s, time, again)
                     kick_anchor(loads.anchors, model, loads, state, m, s, time, again)
+            end_lead(losses_of(model.contacts), state, s)
 
 
 @compiled
@@ -152,6 +157,8 @@ def push_kept(
         if loads is not None:
             for m in range(loads.start[block], loads.start[block + 1]):
                 a = resist(loads.drives, model, loads, state, a, m, s, h, 0.0)
+        spend(losses_of(model.contacts), work.spent, state, s, h)
+        begin_lead(losses_of(model.contacts), state, s)
         kick(state, a, h, s)
         if loads is not None:
             for m in range(loads.start[block], loads.start[block + 1]):
@@ -160,6 +167,7 @@ def push_kept(
                         model, loads, state.orientation, state.linear_velocity,
                         state.angular_velocity, m, s, time, h)
                 kick_anchor(loads.anchors, model, loads, state, m, s, time, h)
+        end_lead(losses_of(model.contacts), state, s)
 
 
 @compiled

@@ -366,6 +366,13 @@ class ContactLosses(Record):
     stage: np.ndarray
     saved: np.ndarray
     slopes: np.ndarray  # (16, p, 4) [m/s] at the stages
+    # (6, s) velocity [m/s] and spin [rad/s] that bodies gained in the kick before their drift:
+    # once more, and velocities are those where the next step begins. For the leapfrog.
+    lead: np.ndarray
+    # Forces and torques for K = 1 N/m by which losses have changed the push of each pair, (p, 9),
+    # and those on the bodies, (6, s) [N], [N m], likewise.
+    changes: np.ndarray
+    lost: np.ndarray
 
 
 class Model(Record):

@@ -36,7 +36,11 @@ from icofabric_sim.simulation.state_tree import StateTree
 from icofabric_sim.simulation.stepping.driver import Driver
 from icofabric_sim.simulation.stepping.events import why_events
 from icofabric_sim.simulation.stepping.faults import stiffest_term, too_fast
-from icofabric_sim.simulation.stepping.method_needs import ADAPTIVE, required_method
+from icofabric_sim.simulation.stepping.method_needs import (
+    ADAPTIVE,
+    contact_losses,
+    required_method,
+)
 from icofabric_sim.simulation.stepping.method_selection import Choice, choose_method
 from icofabric_sim.simulation.stepping.methods import METHODS
 from icofabric_sim.simulation.stepping.obstruction import Obstruction
@@ -92,7 +96,10 @@ class EventLoop:
                 kinks=scene.connectors.laws.kink_count(scene.connector_count),
                 bent=bool(scene.connectors.tables.tables),
                 strain=expected_strain(scene, liveliness, frequency.rate),
-                contact='' if packed.contact is None else packed.contact.expected)
+                contact='' if packed.contact is None else packed.contact.expected,
+                losses=contact_losses(scene),
+                loose=0 if scene.connector_count or packed.contact is None else scene.body_count,
+                damped=parameters['contact.damping'] * liveliness * scene.geometry.half_edge)
             # With the room that this method needs.
             loads = self._loads()
         method = METHODS[self.method.name]

@@ -133,7 +133,7 @@ def test_a_damped_press_does_work_that_is_found_again():
 def test_methods_that_cannot_are_refused():
     with pytest.raises(ico.ParameterError) as caught:
         ico.compile_scene(loose(OBLIQUE, contact__damping=1.0, solver__method='srkn4'))
-    for part in ('solver.method', 'contact.damping', 'dop8'):
+    for part in ('solver.method', 'contact.damping', 'dop8, leapfrog or auto'):
         assert part in str(caught.value)
     simulation = ico.compile_scene(loose(OBLIQUE, contact__damping=1.0, solver__method='auto'))
     assert simulation.status.method_name == 'dop8'
@@ -142,7 +142,11 @@ def test_methods_that_cannot_are_refused():
     ico.compile_scene(loose(
         OBLIQUE, contact__damping=1.0, contact__mode='never', solver__method='srkn4'))
     with pytest.raises(ico.ParameterError, match='contact.friction'):
-        ico.compile_scene(loose(OBLIQUE, contact__friction=0.5, solver__method='leapfrog'))
+        ico.compile_scene(loose(OBLIQUE, contact__friction=0.5, solver__method='srkn6'))
+    # No method of order 2 can follow what connectors lose.
+    with pytest.raises(ico.ParameterError, match='drag.linear'):
+        ico.compile_scene(loose(
+            OBLIQUE, contact__friction=0.5, drag__linear=1.0, solver__method='leapfrog'))
     for name in ('contact__damping', 'contact__friction'):
         with pytest.raises(ico.ParameterError, match=name.replace('__', '.')):
             loose(OBLIQUE, **{name: -1.0})

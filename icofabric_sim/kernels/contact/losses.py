@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-What contacts take from the motion, by the laws of laws.py, for Runge-Kutta methods.
+What contacts take from the motion, by the laws of laws.py.
 
 Who evaluates a pair also says what it loses: the push of the pair is changed before the bodies
 add up what acts on them, so what one gets the other gets too, and no bit depends on the number of
@@ -22,6 +22,11 @@ Stretches of friction are integrated with the state: four numbers of each listed
 at every stage. A pair that is apart at the end of a step begins the next without stretch (`held`).
 All the power that friction takes counts as spent; what springs hold of it is found from their
 stretches and taken out again where energies are shown.
+
+Runge-Kutta methods have velocities at every stage. The leapfrog knows them half a step before the
+places for which it asks for forces; there they are extrapolated by the kick before, which leaves
+an error of the square of the step, and stretches follow by Heun's method: both of order 2. At
+first touch the push is zero, and so are damping and the limit of friction: nothing jumps there.
 """
 
 import math
@@ -38,15 +43,18 @@ from icofabric_sim.kernels.contact.laws import (
     Three,
 )
 from icofabric_sim.kernels.probable_error import probable_error
-from icofabric_sim.kernels.records import ContactLosses, Contacts, State, Team
+from icofabric_sim.kernels.records import ContactLosses, Contacts, Meter, State, Team
 from icofabric_sim.kernels.runtime.borrowed import borrowed
 from icofabric_sim.kernels.runtime.compiled import compiled
-from icofabric_sim.kernels.runtime.lanes import lane, load, splat, Vector
+from icofabric_sim.kernels.runtime.lanes import fma, lane, load, splat, store, Vector
 from icofabric_sim.kernels.runtime.team import own_blocks, wait_for_all
 import numpy as np
 
 # The slope at the end of a step; that at its start has number 0.
 _LAST = 12
+# Largest part of a velocity along the depth that the damping of a pair takes in a step of the
+# leapfrog: in longer steps it is damped by less, and never thrown back.
+_MOST_DAMPED = 0.5
 
 
 @compiled
@@ -128,15 +136,8 @@ def lose_some(
                 out[k] *= factor
             if losses.friction > 0.0:
                 arm_a, arm_b = arms_of(position, s, t, out)
-                n, v = slip(out, va, wa, arm_a, vb, wb, arm_b)
-                if t < 0:
-                    turning = 0.5 * (wa[0] * n[0] + wa[1] * n[1] + wa[2] * n[2])
-                    turn = turning * n[0], turning * n[1], turning * n[2]
-                else:
-                    turn = 0.5 * (wa[0] + wb[0]), 0.5 * (wa[1] + wb[1]), 0.5 * (wa[2] + wb[2])
                 radius = patch_radius(out)
-                spun = (wb[0] - wa[0]) * n[0] + (wb[1] - wa[1]) * n[1] + (wb[2] - wa[2]) * n[2]
-                slips = v[0], v[1], v[2], radius * spun
+                n, slips, turn = slips_of(out, va, wa, arm_a, vb, wb, arm_b, radius, t)
                 left = (
                     stretches[p, 0], stretches[p, 1], stretches[p, 2], stretches[p, 3])
                 stiffness = losses.friction_stiffness
@@ -151,6 +152,180 @@ def lose_some(
                 slopes[index, p, k] = rate[k]
                 if index % _LAST == 0:
                     kept[p, k] = left[k]
+
+
+@compiled
+def slips_of(
+    out: np.ndarray, va: Three, wa: Three, arm_a: Three, vb: Three, wb: Three, arm_b: Three,
+    radius: float, t: int
+) -> tuple[Three, Four, Three]:
+    """
+    Normal of a pair, its four slips [m/s], and the angular velocity that its stretch turns with.
+
+    Slot `t` of the second body below 0: a plane.
+    """
+    n, v = slip(out, va, wa, arm_a, vb, wb, arm_b)
+    if t < 0:
+        turning = 0.5 * (wa[0] * n[0] + wa[1] * n[1] + wa[2] * n[2])
+        turn = turning * n[0], turning * n[1], turning * n[2]
+    else:
+        turn = 0.5 * (wa[0] + wb[0]), 0.5 * (wa[1] + wb[1]), 0.5 * (wa[2] + wb[2])
+    spun = (wb[0] - wa[0]) * n[0] + (wb[1] - wa[1]) * n[1] + (wb[2] - wa[2]) * n[2]
+    return n, (v[0], v[1], v[2], radius * spun), turn
+
+
+@compiled
+def touch_ahead(
+    losses: ContactLosses | None, contacts: Contacts, state: State, inverse_mass: float,
+    inverse_inertia: float, h: float, team: Team
+) -> None:
+    """
+    As `touch_all`, with losses, where a drift over a step `h` [s] of the leapfrog has led.
+
+    Stretches go on by a step.
+    """
+    if losses is None:
+        touch_all(contacts, state.position, state.orientation, team)
+    else:
+        first, last = own_pairs(contacts.pairs.shape[0], team)
+        touch_some(
+            contacts, state.position, state.orientation, team.scratch, contacts.result,
+            team.member, first, last)
+        lose_ahead(losses, contacts, state, inverse_mass, inverse_inertia, h, first, last)
+        wait_for_all(team)
+        first, last = own_blocks(team, contacts.start.shape[0] - 1)
+        add_up(contacts, first, last)
+        add_up_lost(losses, contacts, first, last)
+
+
+@compiled
+def lose_ahead(
+    losses: ContactLosses, contacts: Contacts, state: State, inverse_mass: float,
+    inverse_inertia: float, h: float, first: int, last: int
+) -> None:
+    """As `lose_some` for pairs first to last, a step `h` [s] after they were evaluated last."""
+    pairs, result = borrowed(contacts.pairs), borrowed(contacts.result)
+    velocity, spin = borrowed(state.linear_velocity), borrowed(state.angular_velocity)
+    linear, angular = borrowed(losses.lead[:3]), borrowed(losses.lead[3:])
+    position, changes = borrowed(state.position), borrowed(losses.changes)
+    stretches, slopes = borrowed(losses.stretch), borrowed(losses.slopes)[0]
+    for p in range(first, last):
+        out = result[p]
+        for k in range(9):
+            changes[p, k] = -out[k]
+        if not out[10] > 0.0:
+            for k in range(9):
+                changes[p, k] = 0.0
+            if losses.friction > 0.0:
+                for k in range(4):
+                    stretches[p, k] = slopes[p, k] = 0.0
+            continue
+        s, t = pairs[p, 0], pairs[p, 1]
+        va, wa = ahead(velocity, linear, s), ahead(spin, angular, s)
+        vb, wb = ahead(velocity, linear, t), ahead(spin, angular, t)
+        size = math.sqrt(out[0] * out[0] + out[1] * out[1] + out[2] * out[2])
+        deepening = depth_rate(out, va, wa, vb, wb)
+        # What a step would take of the rate of the depth: h c K delta (grad delta)^2 / M.
+        bodies = 1.0 if t < 0 else 2.0
+        mobility = bodies * inverse_mass * size * size + inverse_inertia * (
+            out[3] * out[3] + out[4] * out[4] + out[5] * out[5]
+            + out[6] * out[6] + out[7] * out[7] + out[8] * out[8])
+        part = h * losses.damping * contacts.stiffness * mobility / out[10]
+        damping = losses.damping
+        if part > _MOST_DAMPED:
+            damping *= _MOST_DAMPED / part
+        factor = damping_factor(damping, deepening)
+        for k in range(9):
+            out[k] *= factor
+        if losses.friction > 0.0:
+            arm_a, arm_b = arms_of(position, s, t, out)
+            radius = patch_radius(out)
+            n, slips, turn = slips_of(out, va, wa, arm_a, vb, wb, arm_b, radius, t)
+            stiffness, lag = losses.friction_stiffness, losses.lag
+            limit = losses.friction * factor * size * contacts.stiffness / stiffness
+            before: Four = (stretches[p, 0], stretches[p, 1], stretches[p, 2], stretches[p, 3])
+            slope: Four = (slopes[p, 0], slopes[p, 1], slopes[p, 2], slopes[p, 3])
+            guess = moved(before, slope, h)
+            rate = stretch_rate(guess, pull(guess, slips, lag, n, limit), lag, turn)
+            left = moved(moved(before, slope, 0.5 * h), rate, 0.5 * h)
+            q = pull(left, slips, lag, n, limit)
+            rate = stretch_rate(left, q, lag, turn)
+            add_pull(out, q, n, arm_a, arm_b, radius, stiffness / contacts.stiffness)
+            for k in range(4):
+                stretches[p, k], slopes[p, k] = left[k], rate[k]
+        for k in range(9):
+            changes[p, k] += out[k]
+
+
+@compiled
+def add_up_lost(losses: ContactLosses, contacts: Contacts, first: int, last: int) -> None:
+    """What losses do to the bodies of blocks first to last, as `add_up` of all that acts."""
+    rows, changes, stiffness = losses.lost, losses.changes, contacts.stiffness
+    before = -1
+    for e in range(contacts.start[first], contacts.start[last]):
+        s, p, side = contacts.slot[e], contacts.entry[e] >> 1, contacts.entry[e] & 1
+        if s != before:
+            for k in range(6):
+                rows[k, s] = 0.0
+        before = s
+        push = stiffness if side == 0 else -stiffness
+        for k in range(3):
+            rows[k, s] += push * changes[p, k]
+            rows[k + 3, s] += stiffness * changes[p, 3 + 3 * side + k]
+
+
+@compiled
+def moved(stretch: Four, rate: Four, h: float) -> Four:
+    """A stretch after `h` [s] at one rate."""
+    return (
+        stretch[0] + h * rate[0], stretch[1] + h * rate[1], stretch[2] + h * rate[2],
+        stretch[3] + h * rate[3])
+
+
+@compiled
+def ahead(rows: np.ndarray, lead: np.ndarray, s: int) -> Three:
+    """Extrapolated velocity or spin of slot `s`; 0 for a plane."""
+    if s < 0:
+        return 0.0, 0.0, 0.0
+    return rows[0, s] + lead[0, s], rows[1, s] + lead[1, s], rows[2, s] + lead[2, s]
+
+
+@compiled
+def begin_lead(losses: ContactLosses | None, state: State, s: int) -> None:
+    """Note the velocities of a block before the first kick of a step."""
+    if losses is not None:
+        for k in range(3):
+            store(losses.lead, k, s, load(state.linear_velocity, k, s))
+            store(losses.lead, k + 3, s, load(state.angular_velocity, k, s))
+
+
+@compiled
+def end_lead(losses: ContactLosses | None, state: State, s: int) -> None:
+    """And what that kick has added to them."""
+    if losses is not None:
+        for k in range(3):
+            store(losses.lead, k, s, load(state.linear_velocity, k, s) - load(losses.lead, k, s))
+            store(losses.lead, k + 3, s, load(
+                state.angular_velocity, k, s) - load(losses.lead, k + 3, s))
+
+
+@compiled
+def spend(
+    losses: ContactLosses | None, meter: Meter | None, state: State, s: int, h: float
+) -> None:
+    """
+    Add what the contacts of a block take in a kick of `h` [s] to what was spent.
+
+    At the velocities between the last kick of a step and the first of the next: the two together
+    take exactly that.
+    """
+    if losses is None or meter is None:
+        return
+    power = splat(0.0)
+    for k in range(3):
+        power = fma(load(losses.lost, k, s), load(state.linear_velocity, k, s), power)
+        power = fma(load(losses.lost, k + 3, s), load(state.angular_velocity, k, s), power)
+    store(meter.done, 0, s, fma(splat(-h), power, load(meter.done, 0, s)))
 
 
 @compiled

@@ -25,7 +25,8 @@ from icofabric_sim.kernels.contact.displacement import (
     shift_at,
     STRIDE,
 )
-from icofabric_sim.kernels.contact.forces import deepest_overlap, touch_all
+from icofabric_sim.kernels.contact.forces import deepest_overlap
+from icofabric_sim.kernels.contact.losses import losses_of, save_stretches, touch_ahead
 from icofabric_sim.kernels.contact.rebuild_check import judge_ways, MISSED
 from icofabric_sim.kernels.flows import drift, push, push_kept
 from icofabric_sim.kernels.integrators.kinked import kinked_steps
@@ -63,7 +64,8 @@ def steps(
     """
     Take `count` steps of length `h`, the first from origin + index h on; see `splitting`.
 
-    Contacts need the places of all bodies, and have sweeps in which all drift first. The ways of
+    Contacts need the places of all bodies, and have sweeps in which all drift first; such that
+    take energy are for the leapfrog alone (kernels/contact/losses.py). The ways of
     bodies are noted where forces are evaluated, and nowhere else: what is between does not count.
 
     A block can be pushed once its neighbours have drifted, so both run over the fabric in one
@@ -111,7 +113,9 @@ def steps(
             if team.size == 1:
                 drift(model, loads, state, work, now, whole, sweep.drifts, drifted, count_own)
                 drifted = count_own
-            touch_all(contacts, state.position, state.orientation, team)
+            touch_ahead(
+                losses_of(contacts), contacts, state, model.inverse_mass, model.inverse_inertia,
+                h, team)
         if watch is not None:
             for turn in range(drifted):
                 block = sweep.drifts[turn]
@@ -258,6 +262,7 @@ def splitting(
             if team.member == 0:
                 ledger[SAVED_AT] = done
             save(model, state, saved, first, last)
+            save_stretches(losses_of(model.contacts), team)
             keep_work(loads, first, last)
         if status != 0:
             return status, done, since_check

@@ -126,6 +126,9 @@ class BroadPhase:
         self._bodies = np.zeros((0, 2), np.int32)
         self._caution = 1.0
         self._listed, self._missed = 0.0, False
+        # Whether all that is listed counts for the frequency, or only what touches; the most
+        # pairs of a body that touched at the last health check.
+        self.counts_listed, self._touching = True, 1
         shape = (4, layout.slot_count) if not layout.cosines else (3, 3, layout.slot_count)
         self.limits = np.zeros(LIMIT_COUNT)
         self.limits[[LEAST, MOST, SKIN]] = (
@@ -166,10 +169,14 @@ class BroadPhase:
         Rate [1/s] at which contacts change velocities by velocities, at depths as they should be.
 
         The power c K delta (d(delta)/dt)^2 is c delta times K (grad delta . u)^2, and the second
-        derivatives of the energy have K grad delta grad delta in them.
+        derivatives of the energy have K grad delta grad delta in them. Steps that run through
+        contacts bound the damping themselves (kernels/contact/losses.py); what touches are then
+        mostly vertices and edges, far below the bound.
         """
         if not self.rate > 0.0:
             return 0.0
+        if not self.counts_listed:
+            return self.stretches.lag_rate
         own = self.stretches.lag_rate + self.stretches.damping_rate * self.reported
         return own * (self.rate / self.least_rate)
 
@@ -247,7 +254,8 @@ class BroadPhase:
             # together are for each body at most as many times that as it has pairs.
             pair = near.pairs[:, 1] >= 0
             share = np.bincount(np.concatenate([near.pairs[:, 0], near.pairs[pair, 1]]))
-            self.rate = self.least_rate * float(share.max())
+            self.rate = self.least_rate * float(
+                share.max() if self.counts_listed else self._touching)
 
     @property
     def search_time(self) -> float:
@@ -307,6 +315,26 @@ class BroadPhase:
                 'bodies moved so far in one step (up to %.3g m/s) that a contact may have been '
                 'seen late: %s', self.limits[SPEED], way_out)
 
+    def count_touching(self) -> bool:
+        """
+        Let the pairs count that touched at the last health check; whether the frequency changes.
+
+        Only where not all that is listed counts.
+        """
+        if self.contacts is None or self.counts_listed or not len(self._bodies):
+            return False
+        bodies = self._bodies[self.contacts.aside[:, 9] > 0.0]
+        bodies = np.concatenate([bodies[:, 0], bodies[bodies[:, 1] >= 0, 1]])
+        most = int(np.bincount(bodies).max()) if len(bodies) else 1
+        changed, self._touching = most != self._touching, most
+        self.rate = self.least_rate * most
+        return changed
+
+    @property
+    def searched(self) -> float:
+        """Time [s] of the last search."""
+        return float(self._watch.frame[0])
+
     def energies(self, state: State, stretches: np.ndarray | None) -> tuple[float, float]:
         """
         Energy [J] of the contacts in a state near the last search, and in the springs of friction.
@@ -347,7 +375,7 @@ class BroadPhase:
         """Search as if nothing had come close yet."""
         self.found, self._announced = None, False
         self._caution, self._missed = 1.0, False
-        self.tests = 0
+        self.tests, self._touching = 0, 1
 
     def announce(self) -> None:
         """Warn of what was found, once."""
@@ -378,6 +406,8 @@ class BroadPhase:
             'horizon': float(limits[HORIZON]), 'alone': bool(limits[OWN]),
             'most_stride': int(limits[MOST_STRIDE]), 'caution': self._caution,
             'missed': self._missed, 'announced': self._announced, 'tests': self.tests}
+        if not self.counts_listed:
+            tree['touching'] = self._touching
         if self.found is not None:
             tree['found'] = [*self.found]
         if self.setup.friction > 0.0:
@@ -398,6 +428,8 @@ class BroadPhase:
         self._caution, self._missed = tree.number('caution', 1.0), tree.flag('missed')
         self._announced, self.tests = tree.flag('announced'), tree.count('tests')
         self.found = self._judged(tree.entries('found')) if 'found' in tree else None
+        if not self.counts_listed:
+            self._touching = tree.count('touching', 1)
         late, listed = tree.number('late', 0.0, finite=False), tree.number('listed', 0.0)
         reach, most = math.sqrt(late), float(limits[MOST])
         if not reach <= 1.0001 * most:
@@ -468,5 +500,5 @@ class BroadPhase:
             second=np.zeros((threads, 4, 3)),
             aside=np.zeros((count, OUT_SIZE)),
             scratch=contact_scratch(),
-            losses=self.stretches.room(near.pairs, self._rows.shape[1]),
+            losses=self.stretches.room(near.pairs, self._rows.shape[1], slot),
         )

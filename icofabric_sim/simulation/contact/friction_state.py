@@ -64,21 +64,30 @@ class FrictionState:
         self.lag_rate = lightest * most * self.stiffness * self.lag
         self.damping_rate = lightest * CURVATURE * setup.stiffness * setup.damping
 
-    def room(self, pairs: np.ndarray, slot_count: int) -> ContactLosses | None:
+    def room(
+        self, pairs: np.ndarray, slot_count: int, slots: np.ndarray
+    ) -> ContactLosses | None:
         """
         Room for the losses of other pairs (p, 2); those that were listed keep their stretches.
+
+        `slots` of all of their bodies.
         """
         setup, before, old = self._setup, self._losses, self._pairs
         if not setup.spends:
             return None
         spent = aligned_empty((1, slot_count))
-        spent[:] = 0.0
+        lead, lost = aligned_empty((6, slot_count)), aligned_empty((6, slot_count))
+        spent[:] = lead[:] = lost[:] = 0.0
+        if before is not None:
+            # What a kick has yet to spend outlasts a search.
+            lost[:, slots] = before.lost[:, slots]
         rows = len(pairs) if setup.friction > 0.0 else 0
         self._pairs = pairs
         stretch, held, start, stage, saved = (np.zeros((rows, 4)) for _ in range(5))
         self._losses = losses = ContactLosses(
             setup.damping, setup.friction, self.stiffness, self.lag, np.zeros(len(pairs)), spent,
-            stretch, held, start, stage, saved, np.zeros((_SLOPES, rows, 4)))
+            stretch, held, start, stage, saved, np.zeros((_SLOPES, rows, 4)), lead,
+            np.zeros((len(pairs), 9)), lost)
         if before is not None and rows:
             _, here, there = np.intersect1d(
                 _keys(pairs), _keys(old), assume_unique=True, return_indices=True)
@@ -92,6 +101,7 @@ class FrictionState:
         if self._losses is not None:
             for name in (*_ROWS, 'slopes'):
                 getattr(self._losses, name)[:] = 0.0
+            self._losses.lost[:] = 0.0
 
     def energy(self, contacts: Contacts, stretches: np.ndarray | None) -> float:
         """

@@ -67,6 +67,20 @@ class ContactScheduler:
         return 0.0 if self.broad_phase is None else self.broad_phase.least_rate
 
     @property
+    def searched(self) -> float:
+        """Time [s] of the last search; never: -inf."""
+        return -math.inf if self.broad_phase is None else self.broad_phase.searched
+
+    def count_only_touching(self) -> None:
+        """Let only what touches add to the frequency, not all that may: steps run through it."""
+        if self.broad_phase is not None:
+            self.broad_phase.counts_listed = False
+
+    def count_touching(self) -> bool:
+        """Count what touches at a health check; whether that changes the frequency."""
+        return self.broad_phase is not None and self.broad_phase.count_touching()
+
+    @property
     def velocity_rate(self) -> float:
         """Rate [1/s] at which contacts change velocities by velocities."""
         return 0.0 if self.broad_phase is None else self.broad_phase.velocity_rate
@@ -153,7 +167,7 @@ class ContactScheduler:
         # The bound that was found at the last health check, with the contacts of now.
         spin = ledger.spin_weight * ledger.spin
         fabric = max((ledger.rate - spin) ** 2 - before, 0.0)
-        ledger.rate = math.sqrt(fabric + self.broad_phase.rate) + spin
+        ledger.rate = math.sqrt(fabric + self._judged_rate) + spin
 
     def search_farther(self, time: float, step: float, steps: float, factor: float) -> bool:
         """
@@ -276,4 +290,10 @@ class ContactScheduler:
     def _compute_found(self) -> None:
         """Compute the contacts that were found from now on, and no others."""
         self._trajectory.set_contacts(self.contacts)
-        self._trajectory.ledger.contact_rate = self.rate
+        self._trajectory.ledger.contact_rate = self._judged_rate
+
+    @property
+    def _judged_rate(self) -> float:
+        """What health checks add to the bound of the squared frequency [1/s^2]."""
+        phase = self.broad_phase
+        return self.rate if phase is not None and phase.counts_listed else 0.0

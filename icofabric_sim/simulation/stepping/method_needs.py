@@ -24,19 +24,24 @@ ADAPTIVE = 'dop8'
 
 def required_method(scene: Scene, *, outside: bool = False) -> Choice | None:
     """
-    The method that the scene cannot do without, and why; None where any will do.
+    The method that the scene cannot do without, and why; None where there is a choice.
 
+    Of what contacts lose `auto` judges elsewhere (method_selection.py).
     `outside`: with a body force of the user's. Raises ParameterError where another one is given.
     """
     reason = 'a body force may depend on velocities' if outside else _reason(scene)
+    given, others = scene.parameters['solver.method'], ''
+    if not reason and given != 'auto' and not METHODS[given].runs_through_contacts:
+        reason = contact_losses(scene)
+        others = ', '.join(
+            ['', *(name for name, method in METHODS.items() if method.runs_through_contacts)])
     if not reason:
         return None
-    given = scene.parameters['solver.method']
     if given != 'auto' and METHODS[given].symplectic:
         raise ParameterError(
             'solver.method',
-            f'solver.method {given} cannot integrate this scene: {reason}; take {ADAPTIVE} or '
-            'auto')
+            f'solver.method {given} cannot integrate this scene: {reason}; take '
+            f'{ADAPTIVE}{others} or auto')
     return Choice(ADAPTIVE, reason)
 
 
@@ -52,10 +57,16 @@ def _reason(scene: Scene) -> str:
     charged = parameters['charge.per_body'] != 0.0 or any(parameters['charge.dipole'])
     if charged and any(parameters['field.magnetic']):
         return 'field.magnetic acts on charges by their velocities'
+    return why_events(scene)
+
+
+def contact_losses(scene: Scene) -> str:
+    """Name what contacts lose, which only some methods can follow; '': nothing."""
+    parameters = scene.parameters
     if scene.body_count + len(parameters.names('planes')) > 1 and (
             parameters['contact.mode'] != 'never'):
         if parameters['contact.damping'] > 0.0:
             return 'contact.damping is a force that depends on velocities'
         if parameters['contact.friction'] > 0.0:
             return 'contact.friction follows the slip of what touches'
-    return why_events(scene)
+    return ''

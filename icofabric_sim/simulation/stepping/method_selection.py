@@ -33,6 +33,12 @@ _KINK_ERROR = 1.5e-5
 # random scenes those whose error was above the tolerance at times were above it.
 WILD = 0.009
 
+# Of so many loose shells some contact begins or ends at nearly every moment: from these tolerances
+# [1/s] on, with and without losses, steps that run through contacts cost less than steps that end
+# at each; and the damping by which a push is multiplied at expected speeds, at most. Measured:
+# docs/decisions/steps_through_contacts.md.
+MANY_LOOSE, LOOSE_CONTACTS, _LOOSE_FREE, _MOST_DAMPED = 16, 0.01, 1.0, 10.0
+
 
 class Choice(NamedTuple):
     """A method, and why."""
@@ -43,7 +49,8 @@ class Choice(NamedTuple):
 
 def choose_method(
     tolerance: float, liveliness: float, *, fixed_ratio: float | None = None,
-    kinks: int = 0, bent: bool = False, strain: float = 0.0, contact: str = ''
+    kinks: int = 0, bent: bool = False, strain: float = 0.0, contact: str = '', losses: str = '',
+    loose: int = 0, damped: float = 0.0
 ) -> Choice:
     """
     The method with the least work for the error that may be added in a second.
@@ -52,9 +59,13 @@ def choose_method(
     times the largest frequency, which leaves only the method to be chosen; `kinks`: of how many
     connectors the slope jumps; `bent`: of some the slope has corners; `strain`: by how much of
     their length connectors are expected to change while the fastest vibration turns by a radian;
-    `contact`: why shells are expected to touch.
+    `contact`: why shells are expected to touch; `losses`: what contacts take from the motion;
+    `loose`: bodies, where none are connected; `damped`: contact.damping times the speed [m/s] that
+    is expected.
     """
     candidates = {name: method for name, method in METHODS.items() if method.symplectic}
+    if fixed_ratio is not None and losses:
+        return Choice('dop8', losses)
     if fixed_ratio is not None:
         if kinks:
             candidates = {name: _at_kinks(method) for name, method in candidates.items()}
@@ -63,6 +74,14 @@ def choose_method(
         return Choice(
             'dop8', 'the slopes of tabled laws have corners, and only steps that adapt see where: '
             'with steps of one length all methods lose their order')
+    least = LOOSE_CONTACTS if losses else _LOOSE_FREE
+    if loose >= MANY_LOOSE and tolerance >= least and damped <= _MOST_DAMPED:
+        return Choice(
+            'leapfrog', f'{losses or contact}; of {loose:,} loose shells some begin or cease to '
+            f'touch at nearly every moment, and for a solver.tolerance of {least:g} 1/s or more '
+            'steps that run through contacts cost less than steps that end at each')
+    if losses:
+        return Choice('dop8', losses)
     if contact:
         return Choice(
             'dop8', f'{contact}: a contact begins within a step and asks for short ones while it '

@@ -46,6 +46,15 @@ class Method(NamedTuple):
     # with a crossing are neither symplectic nor reversible then.
     mends_kinks: bool = False
 
+    @property
+    def runs_through_contacts(self) -> bool:
+        """
+        Whether steps need not follow where contacts begin and end, which leave errors of order 2.
+
+        Such a method also takes what contacts lose (kernels/contact/losses.py).
+        """
+        return self.symplectic and self.order == 2
+
 
 def _symmetric(kicks: tuple[float, ...], drifts: tuple[float, ...], *, first: str,
                odd_kicks: bool, **facts: Any) -> Method:

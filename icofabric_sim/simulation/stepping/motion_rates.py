@@ -75,13 +75,16 @@ class MotionRates:
             largest_frequency(packed, state, locate=locate), packed, trajectory.loads, state,
             trajectory.time)
 
-    def fastest(self) -> float:
+    def fastest(self, *, contacts: bool = True) -> float:
         """
         Rate [rad/s] of the fastest motion; 0 where nothing turns, vibrates or is accelerated.
+
+        `contacts`: with their frequency.
         """
         trajectory, phase = self._trajectory, self._contact.broad_phase
+        frequency = self.frequency if contacts else self.fabric
         rate = fastest_motion(
-            trajectory.packed, trajectory.state, self.frequency.rate, trajectory.ledger.spin,
+            trajectory.packed, trajectory.state, frequency.rate, trajectory.ledger.spin,
             self.load_rate, *((None, 0.0) if phase is None else (phase.passing, phase.fall)))
         return rate if rate > 0.0 else self._acceleration_rate()
 

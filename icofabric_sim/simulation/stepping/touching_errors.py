@@ -34,6 +34,9 @@ from icofabric_sim.simulation.stepping.trial_steps import TrialSteps
 # So many stretches are measured, then twice as many that stand for two each, and so on up to the
 # second number. Few of them make most of the error: which kink lies where in its step is chance.
 _SAMPLES, _MOST = 128, 8
+# Where steps run through contacts: each stands for twice as many once errors as those of so many
+# stretches that are alike have been seen; the least such number, and that up to which it grows.
+_ALIKE, _MOST_THROUGH = 8.0, 32
 # A kink in a force leaves an error of order 2.
 _RICHARDSON = 4.0 / 3.0
 
@@ -53,11 +56,14 @@ class TouchingErrors:
         self._trajectory, self._contact, self._rates = trajectory, contact, rates
         self._trials, self._distance = trials, distance
         self.total = 0.0
+        self._runs_through = trajectory.method.runs_through_contacts
         self.restart()
 
     def restart(self) -> None:
         """Forget the stretch in progress: the state has jumped. The sum goes on."""
         self._every, self._left, self._waiting = 1, _SAMPLES, 0
+        # Sums of the errors of measured stretches, and of their squares.
+        self._sum = self._squares = 0.0
         self.begin(math.inf)
 
     def begin(self, time: float) -> None:
@@ -67,6 +73,11 @@ class TouchingErrors:
     def spoil(self) -> None:
         """Something else than steps of one length is part of this stretch."""
         self._start = math.inf
+
+    @property
+    def is_due(self) -> bool:
+        """Whether the next stretch in which shells touch is to be measured."""
+        return self._waiting + 1 >= self._every
 
     def prepare(self, step: float, since_check: int, interval: int, count: int) -> int:
         """
@@ -82,7 +93,7 @@ class TouchingErrors:
             return count
         self._contact.has_touched()
         count = min(count, interval - since_check)
-        if since_check + count == interval and self._waiting + 1 >= self._every:
+        if since_check + count == interval and self.is_due:
             if trajectory.saved_time == self._start:
                 self._trials.keep_earlier()
             else:
@@ -104,6 +115,9 @@ class TouchingErrors:
         self._waiting += self._touched
         count = round(length / step) if 0.0 < length < math.inf else 0
         whole = count > 0 and abs(length - count * step) < 1e-6 * step
+        if self._runs_through:
+            # Pairs must be known from where it began: a search on the way knows others.
+            whole = whole and self._contact.searched <= self._start
         if self._touched and whole and self._waiting >= self._every:
             error = self._trials.compare_behind(
                 self._start, count, lambda one, other: self._distance(
@@ -112,8 +126,13 @@ class TouchingErrors:
                 added = max(_RICHARDSON * error - rate * length, 0.0)
                 self.total += self._waiting * added
                 self._waiting = 0
-                self._left -= 1
-                if not self._left:
+                self._left = max(self._left - 1, 0)
+                if self._runs_through:
+                    self._sum += added
+                    self._squares += added * added
+                    if self._sum**2 >= _ALIKE * self._every * self._squares > 0.0:
+                        self._every = min(2 * self._every, _MOST_THROUGH)
+                elif not self._left:
                     self._every = min(2 * self._every, _MOST)
                     self._left = _SAMPLES * self._every
         self.begin(time)
@@ -122,12 +141,15 @@ class TouchingErrors:
         """What was measured, and when it will be again."""
         return {
             'total': self.total, 'every': self._every, 'left': self._left,
-            'waiting': self._waiting, 'start': self._start, 'touched': self._touched}
+            'waiting': self._waiting, 'start': self._start, 'touched': self._touched,
+            'sum': self._sum, 'squares': self._squares}
 
     def load_state(self, tree: StateTree) -> None:
         """Go on from there."""
         self.total = tree.number('total', 0.0, finite=False)
-        self._every, self._left = tree.count('every', 1, _MOST), tree.count('left', 1)
+        self._every, self._left = tree.count('every', 1, _MOST_THROUGH), tree.count('left')
+        self._sum = tree.number('sum', 0.0, finite=False)
+        self._squares = tree.number('squares', 0.0, finite=False)
         self._waiting = tree.count('waiting')
         self._start = tree.number('start', finite=False)
         self._touched = tree.flag('touched')

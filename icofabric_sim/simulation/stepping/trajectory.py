@@ -21,6 +21,7 @@ import math
 from typing import Any, NoReturn
 
 from icofabric_sim.kernels.contact.forces import touch_all
+from icofabric_sim.kernels.contact.losses import touch_ahead
 from icofabric_sim.kernels.flows import keep_accelerations, place_all
 from icofabric_sim.kernels.records import ContactLosses, Contacts, Loads, Meter, Model, State
 from icofabric_sim.kernels.runtime.lanes import LANES
@@ -35,6 +36,9 @@ from icofabric_sim.simulation.stepping.ledger import Ledger
 from icofabric_sim.simulation.stepping.methods import KINK_ORDER, Method
 from icofabric_sim.simulation.stepping.thread_team import ThreadTeam
 import numpy as np
+
+# Of what contacts lose: what a look at the forces would change.
+_REMEMBERED = 'stretch', 'slopes', 'lost'
 
 
 class Trajectory:
@@ -172,16 +176,41 @@ class Trajectory:
         if self.loads is not None:
             np.copyto(self.loads.work, self.loads.earlier_work)
 
-    def refresh(self, time: float | None = None) -> None:
-        """Compute the accelerations of the state, of the present or of a `time` [s]."""
-        last = len(self.model.blocks.slot)
-        place_all(self.model, self.state, self.work, 0, last)
-        if self.model.contacts is not None:
+    def refresh(self, time: float | None = None, model: Model | None = None) -> None:
+        """
+        Compute the accelerations of the state, of the present or of a `time` [s].
+
+        With what contacts remember in a `model` of a trial.
+        """
+        model = model or self.model
+        last = len(model.blocks.slot)
+        place_all(model, self.state, self.work, 0, last)
+        losses = contact_losses(model.contacts)
+        if self._loses(model) and losses is not None:
+            losses.lead[:] = 0.0
+            touch_ahead(
+                losses, model.contacts, self.state, model.inverse_mass, model.inverse_inertia,
+                0.0, self.thread_team.alone())
+        elif model.contacts is not None:
             touch_all(
-                self.model.contacts, self.state.position, self.state.orientation,
+                model.contacts, self.state.position, self.state.orientation,
                 self.thread_team.alone())
         keep_accelerations(
-            self.model, self.state, self.work, self.time if time is None else time, 0, last)
+            model, self.state, self.work, self.time if time is None else time, 0, last)
+
+    def refresh_places(self) -> None:
+        """The same, but what contacts remember, and the accelerations, stay as they are."""
+        losses, acceleration = self.losses, self.work.acceleration.copy()
+        kept = {} if losses is None else {
+            name: getattr(losses, name).copy() for name in _REMEMBERED}
+        self.refresh()
+        np.copyto(self.work.acceleration, acceleration)
+        for name, values in kept.items():
+            np.copyto(getattr(losses, name), values)
+
+    def _loses(self, model: Model) -> bool:
+        """Whether contacts take energy in steps that begin with forces from before."""
+        return self.method.symplectic and contact_losses(model.contacts) is not None
 
     def set_contacts(self, contacts: Contacts | None) -> None:
         """Compute these contacts from now on, and no others."""
@@ -246,6 +275,8 @@ class Trajectory:
             tree['failure'] = str(self.failure)
         if self._keeps_accelerations:
             tree['acceleration'] = self.packed.layout.gather(self.work.acceleration)
+        if self.losses is not None and self._loses(self.model):
+            tree['contact_losses'] = self.packed.layout.gather(self.losses.lost)
         if self.loads is not None and len(self.loads.wrench):
             rows = self.rows_by_body(self.loads)
             tree['loads'] = {
@@ -282,9 +313,11 @@ class Trajectory:
 
     def load_accelerations(self, tree: StateTree) -> None:
         """Go on with the accelerations of there; with contacts that were found before."""
-        self.refresh()
+        self.refresh_places()
+        layout, losses = self.packed.layout, self.losses
+        if losses is not None and self._loses(self.model):
+            losses.lost[:, layout.slot] = tree.array('contact_losses', (layout.body_count, 6)).T
         if self._keeps_accelerations:
-            layout = self.packed.layout
             self.work.acceleration[:, layout.slot] = tree.array(
                 'acceleration', (layout.body_count, 6)).T
 

@@ -172,14 +172,14 @@ class TrialSteps:
         try:
             for target, source in zip(trajectory.state, self._earlier):
                 np.copyto(target, source)
-            trajectory.refresh(start)
+            trajectory.refresh(start, model)
             half = self.take(0.5 * trajectory.step, 2 * count, start=start, model=model)
             failed = trajectory.take_force_failure() is not None
         finally:
             for target, source in zip(trajectory.state, now):
                 np.copyto(target, source)
-            trajectory.refresh()
             np.copyto(trajectory.work.acceleration, acceleration)
+            trajectory.refresh_places()
         return None if failed else compare(trajectory.state, half)
 
     def copy_loads(self) -> Loads | None:

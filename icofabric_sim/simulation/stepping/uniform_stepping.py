@@ -256,11 +256,31 @@ class UniformStepping:
             touching.begin(saved_time)
         if status:
             pieces.respond(status, time)
+        if checks.since_check == 0:
+            self._follow_touching(time)
         if checks.since_check == 0 and (
             errors.probe.checks_left <= 0 or status & monitor.LIVELIER
         ):
             pieces.choose_step(probe=True)
         return int(done)
+
+    def _follow_touching(self, time: float) -> None:
+        """
+        At a health check at `time` [s]: let the step follow what touches, where it runs through.
+
+        And know the pairs of the stretch that begins, if that will be measured.
+        """
+        pieces = self._pieces
+        contact, touching = pieces.contact, pieces.errors.touching
+        through = pieces.trajectory.method.runs_through_contacts
+        if touching is None or contact.contacts is None or not through:
+            return
+        if time != pieces.trajectory.time:
+            return
+        if contact.count_touching() and pieces.controller.follow_contacts():
+            pieces.choose_step()
+        if touching.is_due and contact.searched < time:
+            contact.search(time, *pieces.controller.outlook())
 
     def _is_far(self, step: float) -> bool:
         """Whether bodies may leave the region with known contacts in a given `step` [s]."""

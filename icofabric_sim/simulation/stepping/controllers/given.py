@@ -49,10 +49,14 @@ class GivenStep:
     def __init__(self, pieces: Pieces) -> None:
         """Keep the step that the trajectory has."""
         self._pieces = pieces
+        if pieces.trajectory.method.runs_through_contacts:
+            pieces.contact.count_only_touching()
 
     def outlook(self) -> tuple[float, float]:
-        """Look one step ahead."""
-        return self._pieces.trajectory.step, 1.0
+        """Look one step ahead, or to the next health check where steps run through contacts."""
+        pieces = self._pieces
+        through = pieces.trajectory.method.runs_through_contacts
+        return pieces.trajectory.step, float(pieces.monitor.interval) if through else 1.0
 
     def propose(self, *, probe: bool, shorter: float) -> float:
         """Return the step, and measure its error if that is due."""

@@ -45,6 +45,10 @@ _ROUGHER = 1.5
 _LARGEST_CHANGE = 0.1, 4.0
 _TRIES = 8
 
+# Product of step and the bound of a contact's frequency for methods that run through contacts: at
+# most, from the second tolerance [1/s] on; and how many contacts of one body are stable with it.
+_CONTACT, _LOOSE, _STABLE_CONTACTS = 0.7, 0.1, 6.0
+
 RANK = 0
 
 
@@ -78,10 +82,15 @@ class MeasuredStep:
         """Without any scale take steps of `output_period` [s]."""
         self._pieces, self._output_period = pieces, output_period
         self.held_back = False
+        self._runs_through = pieces.trajectory.method.runs_through_contacts
+        if self._runs_through:
+            pieces.contact.count_only_touching()
 
     def outlook(self) -> tuple[float, float]:
         """Contacts are stiffer than the fabric, whose frequency is of an earlier state."""
         method = self._pieces.trajectory.method
+        if self._runs_through:
+            return self._contact_step(), float(self._pieces.monitor.interval)
         return (
             method.chosen / math.sqrt(self._pieces.contact.least_rate), LOOK_AFTER / method.stages)
 
@@ -99,6 +108,9 @@ class MeasuredStep:
             # Every step is exact.
             step, rate = self._output_period, chosen / self._output_period
         cap = chosen / rate
+        if self._runs_through and pieces.contact.rate > 0.0:
+            free = rates.fastest(contacts=False)
+            cap = min(chosen / free if free > 0.0 else math.inf, self._contact_step())
         longest = pieces.contact.longest_step
         self.held_back = longest < cap
         cap = min(cap, longest, self._longest_at_kinks())
@@ -116,6 +128,17 @@ class MeasuredStep:
         near = min(1.05 * ledger.rate, 0.9 * method.stability / step)
         ledger.high = max(_LONGEST * chosen / step, near)
         ledger.low = _SHORTEST * chosen / step if errors.step >= cap else 0.0
+        return step
+
+    def _contact_step(self) -> float:
+        """Step [s] that runs through contacts."""
+        contact = self._pieces.contact
+        least, rate = contact.least_rate, contact.rate
+        part = self._pieces.errors.probe.tolerance / _LOOSE
+        step = _CONTACT * math.sqrt(min(part, 1.0) / least)
+        # By factors of 2, so that one contact more or less does not matter.
+        while step * step * rate > _STABLE_CONTACTS * _CONTACT**2:
+            step *= 0.5
         return step
 
     def _longest_at_kinks(self) -> float:

@@ -1,0 +1,210 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""Steps of the leapfrog that run through contacts, with what these take from the motion."""
+
+from contact_poses import facing, NORMALS, RHO, touch_floor, VERTICES
+from contact_scenes import A, crowd, loose, momenta, OBLIQUE
+from fabrics import changed, same_state
+import icofabric_sim as ico
+from icofabric_sim import contact
+from icofabric_sim.simulation.checkpoint import Checkpoint
+from icofabric_sim.simulation.stepping import thread_team
+from icofabric_sim.simulation.stepping.method_selection import LOOSE_CONTACTS
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+STICKY = {'contact__damping': 0.5, 'contact__friction': 0.6}
+LEAPFROG = {'solver__method': 'leapfrog', 'solver__tolerance': 0.1}
+UP = np.array([0.0, 0.0, 1.0])
+FLOOR = {'planes__floor__normal': [0.0, 0.0, 1.0], 'planes__floor__offset': -0.05}
+GRAVITY = 9.81
+
+
+def after(scene, until):
+    """Numbers of the second body of a scene at `until` [s]: velocity, and a times its spin."""
+    simulation = ico.compile_scene(scene)
+    simulation.advance_to(until)
+    snapshot = simulation.snapshot()
+    return np.concatenate([snapshot.linear_velocity[1], A * snapshot.angular_velocity[1]])
+
+
+@pytest.mark.parametrize('losses', [{}, STICKY], ids=['free', 'sticky'])
+def test_the_order_is_2_through_contacts_that_begin_and_end(losses):
+    wanted = after(loose(OBLIQUE, **losses, solver__tolerance=1e-9), 0.03)
+    steps = 2e-5 * 2.0 ** -np.arange(5)
+    # Where a kink lies in its step is chance: the mean of a few starts.
+    errors = []
+    for step in steps:
+        found = [
+            np.abs(after(loose(
+                OBLIQUE, **losses, solver__method='leapfrog', solver__step=step * part),
+                0.03) - wanted).max() for part in (1.0, 0.93, 0.87)]
+        errors.append(np.mean(found))
+    assert errors[0] > 100.0 * errors[-1] and errors[-1] < 1e-4
+    assert np.polyfit(np.log(steps), np.log(errors), 1)[0] == pytest.approx(2.0, abs=0.25)
+
+
+@pytest.mark.parametrize('wanted, speed', [(0.8, 0.3), (0.5, 1.0), (0.1, 2.0)])
+def test_a_collision_has_the_restitution_that_its_damping_is_for(wanted, speed):
+    turned = facing(np.eye(3), VERTICES[0], -UP)
+    height = A * np.linalg.norm(VERTICES[0])
+    out = touch_floor(UP, 0.0, (np.linalg.norm(VERTICES[0]) - 1e-3) * UP, turned)[1]
+    damping = contact.damping_for(wanted, out[10] / 1e-3 * speed)
+    simulation = ico.compile_scene(loose(
+        ((0.2, 0.0, -0.049 + height), (0.0, 0.0, -speed), (0.0, 0.0, 0.0),
+         Rotation.from_matrix(turned)), **FLOOR, contact__damping=damping,
+        solver__method='leapfrog', solver__tolerance=1e-4))
+    before = simulation.snapshot().energy['total']
+    simulation.advance_to(0.03 / speed)
+    snapshot = simulation.snapshot()
+    assert snapshot.linear_velocity[1, 2] == pytest.approx(wanted * speed, rel=2e-4)
+    assert snapshot.energy['dissipated'] == pytest.approx((1.0 - wanted**2) * before, rel=2e-4)
+    assert abs(snapshot.energy['balance_error']) < 2e-4 * before
+    assert snapshot.energy['contact'] == 0.0
+
+
+@pytest.mark.parametrize('damping', [3.0, 1000.0])
+def test_damping_beyond_what_a_step_can_carry_gives_nothing_back(damping):
+    # c v = 3000 asks for steps hundreds of times as short as those of the contact.
+    simulation = ico.compile_scene(loose(
+        ((0.2, 0.0, -0.03), (0.1, 0.0, -3.0), (0.0, 0.0, 0.0)), **FLOOR,
+        contact__damping=damping, **LEAPFROG))
+    before = simulation.snapshot().energy['total']
+    simulation.advance_to(0.02)
+    energy = simulation.snapshot().energy
+    assert energy['dissipated'] > 0.9 * before and energy['kinetic'] < 0.1 * before
+    assert abs(energy['balance_error']) < 0.01 * before
+
+
+def test_losses_keep_momenta_and_are_what_the_meter_shows():
+    scene = loose(OBLIQUE, **STICKY, solver__method='leapfrog', solver__step=2e-6)
+    simulation = ico.compile_scene(scene)
+    before, start = momenta(scene, simulation.snapshot()), simulation.snapshot().energy
+    lost = 0.0
+    for time in np.linspace(0.0, 0.04, 300):
+        simulation.advance_to(time)
+        energy = simulation.snapshot().energy
+        assert abs(energy['balance_error']) < 1e-4 * start['total']
+        assert energy['dissipated'] >= lost - 1e-5 * start['total']
+        lost = max(lost, energy['dissipated'])
+    size = [scene.shell.mass * 1.0, scene.shell.mass * 1.0 * 0.06]
+    for one, other, scale in zip(before, momenta(scene, simulation.snapshot()), size):
+        assert np.abs(one - other).max() < 1e-12 * scale
+    assert lost > 0.05 * start['total'] and simulation.status.contact_count == 0
+
+
+def block(tilt, **changes):
+    """Simulation of a shell on a face, on a plane that is inclined by `tilt` [rad]: gravity is."""
+    scene = loose(
+        contact__friction=0.4, contact__stiffness=1e4,
+        gravity=[GRAVITY * np.sin(tilt), 0.0, -GRAVITY * np.cos(tilt)],
+        **{**FLOOR, 'contact__damping': 100.0, **LEAPFROG, **changes})
+    simulation = ico.compile_scene(scene)
+    simulation.set_state(
+        position=np.array([[0.0, 0.0, A * RHO - 0.05]]),
+        orientation=Rotation.from_matrix(facing(np.eye(3), NORMALS[0], -UP)).as_quat()[None])
+    return simulation
+
+
+def test_a_block_sticks_without_creep_below_the_limit_and_slides_above():
+    simulation = block(0.98 * np.arctan(0.4))
+    simulation.advance_to(2.1)
+    first = simulation.snapshot()
+    simulation.advance_to(3.1)
+    last = simulation.snapshot()
+    assert 0.0 < first.position[0, 0] < 1e-3
+    assert np.abs(last.position - first.position).max() < 1e-8 * A
+    assert np.abs(last.linear_velocity).max() < 1e-9
+    tilt = 1.02 * np.arctan(0.4)
+    simulation = block(tilt)
+    simulation.advance_to(0.5)
+    first = simulation.snapshot()
+    simulation.advance_to(0.7)
+    found = (simulation.snapshot().linear_velocity[0] - first.linear_velocity[0]) / 0.2
+    assert found == pytest.approx(
+        [GRAVITY * (np.sin(tilt) - 0.4 * np.cos(tilt)), 0.0, 0.0], abs=1e-5 * GRAVITY)
+    energy = simulation.snapshot().energy
+    assert abs(energy['balance_error']) < 1e-3 * energy['dissipated']
+
+
+def test_steps_follow_what_may_touch_alone():
+    simulation = ico.compile_scene(loose(OBLIQUE, **STICKY, **LEAPFROG))
+    steps = set()
+    for time in np.linspace(0.0, 0.03, 200):
+        simulation.advance_to(time)
+        if simulation.status.touching().bodies.size:
+            steps.add(simulation.status.step)
+    # Neither the onset nor what else is near shortens them.
+    assert len(steps) == 1
+    rate = np.sqrt(simulation._driver.contact.least_rate)
+    assert 0.1 < steps.pop() * rate <= 0.7
+    assert simulation.status.error_estimate > 0.0
+
+
+def test_auto_takes_it_for_many_loose_shells_and_loose_tolerances():
+    lossy = {**STICKY, 'solver__method': 'auto'}
+    for scene, tolerance, name in (
+            (crowd(**lossy), LOOSE_CONTACTS, 'leapfrog'),
+            (crowd(**lossy), 0.5 * LOOSE_CONTACTS, 'dop8'),
+            (crowd(solver__method='auto'), 1.0, 'leapfrog'),
+            (crowd(solver__method='auto'), 0.5, 'dop8'),
+            (crowd(**{**lossy, 'contact__damping': 1000.0}), 1.0, 'dop8'),
+            (loose(OBLIQUE, **lossy), 1.0, 'dop8')):
+        simulation = ico.compile_scene(changed(scene, {'solver.tolerance': tolerance}))
+        assert simulation.status.method_name == name, (name, tolerance)
+        if name == 'leapfrog':
+            assert 'loose shells' in simulation.status.method_reason
+
+
+def test_the_bits_are_the_same_in_pieces_from_checkpoints_and_for_any_mode():
+    scene = loose(OBLIQUE, **STICKY, **LEAPFROG)
+    auto, always = (
+        ico.compile_scene(changed(scene, {'contact.mode': mode})) for mode in ('auto', 'always'))
+    auto.advance_to(0.04)
+    checkpoints = []
+    for time in np.linspace(0.02, 0.04, 121):
+        always.advance_to(time)
+        always.snapshot()
+        checkpoints.append(always.checkpoint())
+    assert same_state(auto.snapshot(), always.snapshot())
+    assert auto.snapshot().energy == always.snapshot().energy
+    assert auto.status.error_estimate == always.status.error_estimate
+    stretched = 0
+    for checkpoint in checkpoints[::4]:
+        again = ico.compile_scene(changed(scene, {'contact.mode': 'always'}))
+        again.restore(Checkpoint.from_bytes(checkpoint.to_bytes()))
+        stretched += bool(again._driver.contact.broad_phase.stretches.state_tree()['rows'].any())
+        again.advance_to(0.04)
+        assert same_state(again.snapshot(), always.snapshot())
+        assert again.snapshot().energy == always.snapshot().energy
+        assert again.checkpoint().difference(always.checkpoint()) == ''
+    assert stretched > 0
+
+
+def test_a_crowd_is_the_same_bits_for_any_threads(monkeypatch):
+    scene, ends = changed(crowd(**STICKY), {
+        'solver.method': 'leapfrog', 'solver.tolerance': 0.1, 'contact.stiffness': 1e6}), []
+    monkeypatch.setattr(thread_team, 'BODIES_PER_THREAD', 1)
+    for count in (1, 2):
+        monkeypatch.setattr(thread_team, 'core_count', lambda count=count: count)
+        simulation = ico.compile_scene(scene)
+        before, start = momenta(scene, simulation.snapshot()), simulation.snapshot().energy
+        simulation.advance_to(0.04)
+        ends.append(simulation.snapshot())
+        for one, other, size in zip(before, momenta(scene, ends[-1]), (1.0, 0.1)):
+            assert np.abs(one - other).max() < 1e-12 * 27 * scene.shell.mass * size
+        assert abs(ends[-1].energy['balance_error']) < 0.01 * start['total']
+        assert ends[-1].energy['dissipated'] > 0.05 * start['total']
+    assert same_state(*ends) and ends[0].energy == ends[1].energy
