@@ -33,11 +33,11 @@ _KINK_ERROR = 1.5e-5
 # random scenes those whose error was above the tolerance at times were above it.
 WILD = 0.009
 
-# Of so many loose shells some contact begins or ends at nearly every moment: from these tolerances
-# [1/s] on, with and without losses, steps that run through contacts cost less than steps that end
-# at each; and the damping by which a push is multiplied at expected speeds, at most. Measured:
+# Of so many loose shells, with and without losses, some contact begins or ends at nearly every
+# moment: from this tolerance [1/s] on steps that run through contacts cost less than steps that
+# end at each. And how much damping may add to a push at expected speeds, in parts of it. Measured:
 # docs/decisions/steps_through_contacts.md.
-MANY_LOOSE, LOOSE_CONTACTS, _LOOSE_FREE, _MOST_DAMPED = 16, 0.01, 1.0, 10.0
+MANY_LOSING, MANY_FREE, LOOSE_CONTACTS, _MOST_DAMPED = 16, 64, 0.01, 10.0
 
 
 class Choice(NamedTuple):
@@ -74,12 +74,12 @@ def choose_method(
         return Choice(
             'dop8', 'the slopes of tabled laws have corners, and only steps that adapt see where: '
             'with steps of one length all methods lose their order')
-    least = LOOSE_CONTACTS if losses else _LOOSE_FREE
-    if loose >= MANY_LOOSE and tolerance >= least and damped <= _MOST_DAMPED:
+    many = loose >= (MANY_LOSING if losses else MANY_FREE)
+    if many and tolerance >= LOOSE_CONTACTS and damped <= _MOST_DAMPED:
         return Choice(
             'leapfrog', f'{losses or contact}; of {loose:,} loose shells some begin or cease to '
-            f'touch at nearly every moment, and for a solver.tolerance of {least:g} 1/s or more '
-            'steps that run through contacts cost less than steps that end at each')
+            f'touch at nearly every moment, and for a solver.tolerance of {LOOSE_CONTACTS:g} '
+            '1/s or more steps that run through contacts cost less than steps that end at each')
     if losses:
         return Choice('dop8', losses)
     if contact:
