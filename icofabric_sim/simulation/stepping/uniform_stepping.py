@@ -280,7 +280,11 @@ class UniformStepping:
         if contact.count_touching() and pieces.controller.follow_contacts():
             pieces.choose_step()
         if touching.is_due and contact.searched < time:
+            before = contact.rate
             contact.search(time, *pieces.controller.outlook())
+            if contact.rate != before and pieces.controller.follow_contacts():
+                pieces.choose_step()
+            contact.pace(pieces.trajectory.step, alone=not pieces.controller.held_back)
 
     def _is_far(self, step: float) -> bool:
         """Whether bodies may leave the region with known contacts in a given `step` [s]."""
