@@ -330,6 +330,10 @@ class BroadPhase:
         self.rate = self.least_rate * most
         return changed
 
+    def forget_displacements(self) -> None:
+        """Judge none that were noted before the last search."""
+        self._watch.far[:] = 0.0
+
     @property
     def searched(self) -> float:
         """Time [s] of the last search."""

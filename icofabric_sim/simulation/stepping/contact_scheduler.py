@@ -195,6 +195,11 @@ class ContactScheduler:
         if self.broad_phase is not None:
             self.broad_phase.pace(step, self._trajectory.method.stages, alone=alone)
 
+    def forget_displacements(self) -> None:
+        """Judge none that were noted before the last search."""
+        if self.broad_phase is not None:
+            self.broad_phase.forget_displacements()
+
     def forget_friction(self) -> None:
         """Release all friction springs: the state has jumped."""
         if self.broad_phase is not None:

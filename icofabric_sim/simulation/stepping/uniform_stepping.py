@@ -282,6 +282,8 @@ class UniformStepping:
         if touching.is_due and contact.searched < time:
             before = contact.rate
             contact.search(time, *pieces.controller.outlook())
+            # Kernels may have noted some from where the search before was.
+            contact.forget_displacements()
             if contact.rate != before and pieces.controller.follow_contacts():
                 pieces.choose_step()
             contact.pace(pieces.trajectory.step, alone=not pieces.controller.held_back)
