@@ -55,8 +55,11 @@ class GivenStep:
     def outlook(self) -> tuple[float, float]:
         """Look one step ahead, or to the next health check where steps run through contacts."""
         pieces = self._pieces
-        through = pieces.trajectory.method.runs_through_contacts
-        return pieces.trajectory.step, float(pieces.monitor.interval) if through else 1.0
+        method, step = pieces.trajectory.method, pieces.trajectory.step
+        # A step too long for contacts ends the run where one is about to begin, and no sooner.
+        through = method.runs_through_contacts and (
+            step * math.sqrt(pieces.contact.least_rate) <= method.stability)
+        return step, float(pieces.monitor.interval) if through else 1.0
 
     def propose(self, *, probe: bool, shorter: float) -> float:
         """Return the step, and measure its error if that is due."""
