@@ -25,6 +25,7 @@ from icofabric_sim.simulation.stepping.method_selection import (
     LOOSE_CONTACTS,
     MANY_FREE,
 )
+from icofabric_sim.simulation.stepping.trial_steps import TrialSteps
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -214,3 +215,30 @@ def test_a_crowd_is_the_same_bits_for_any_threads(monkeypatch):
         assert abs(ends[-1].energy['balance_error']) < 0.01 * start['total']
         assert ends[-1].energy['dissipated'] > 0.05 * start['total']
     assert same_state(*ends) and ends[0].energy == ends[1].energy
+
+
+def test_a_look_between_checks_leaves_springs_of_friction_as_they_are(monkeypatch):
+    retraced = []
+    retrace = TrialSteps.retrace
+    monkeypatch.setattr(
+        TrialSteps, 'retrace', lambda self, *given: retraced.append(given) or retrace(self, *given))
+    # Two that graze each other, and far away one that is pulled so fast that looks go through
+    # the steps between two checks.
+    scene = loose(
+        ((0.0, -1.0, 0.0), (0.0, 0.2, 0.0), (0.0, 0.0, 0.0)),
+        ((0.0325, -1.0, 0.0), (-0.3, 0.0, 0.0), (0.0, 0.0, 0.0)),
+        ((0.0, 1.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)),
+        contact__stiffness=200.0, contact__friction=0.5, groups__far='ids 3',
+        loads__pull__group='far', solver__method='leapfrog', solver__step=1e-3)
+    force = (0.0, 0.0, 3e4 * scene.shell.mass)
+    whole, looked_at = ico.compile_scene(scene), ico.compile_scene(scene)
+    for simulation in (whole, looked_at):
+        simulation.apply_wrench('pull', force)
+    whole.advance_to(0.03)
+    known = len(retraced)
+    for time in np.linspace(0.0, 0.03, 61):
+        looked_at.advance_to(time)
+        looked_at.snapshot()
+    assert len(retraced) > known + 10
+    assert same_state(whole.snapshot(), looked_at.snapshot())
+    assert whole.snapshot().energy['dissipated'] > 0.0

@@ -129,7 +129,7 @@ class TrialSteps:
                 for target, start, source in zip(trajectory.state, before, after):
                     np.copyto(target, source)
                     np.copyto(start, source)
-                trajectory.refresh(time)
+                trajectory.refresh(time, model)
                 state = self.take(step, 1, start=time, model=model)
                 if trajectory.take_force_failure() is not None:
                     return
@@ -140,8 +140,8 @@ class TrialSteps:
         finally:
             for target, source in zip(trajectory.state, now):
                 np.copyto(target, source)
-            trajectory.refresh()
             np.copyto(trajectory.work.acceleration, acceleration)
+            trajectory.refresh_places()
 
     def keep_earlier(self) -> None:
         """Keep the saved state for `compare_behind`: the next health check replaces it."""
