@@ -58,7 +58,7 @@ from rclpy.parameter import Parameter
 
 # How long the last answers may take [s].
 _LAST_ANSWERS = 2.0
-_RUN_ENDS = 10.0
+_HELD_UP, _LOOK = 5.0, 0.2
 # A report that is so late [s] is given in place of the run, looked for so often [s].
 _OVERDUE, _REPORT_CHECK = 1.4, 0.5
 
@@ -149,15 +149,22 @@ class FabricNode(Node):
         Where the middleware does not let go of the run's thread, the bag is closed all the same.
         """
         self.runner.stop()
-        if self._thread.is_alive():
-            self._thread.join(_RUN_ENDS)
-            if self._thread.is_alive():
-                self.get_logger().error(
-                    f'the run has not ended within {_RUN_ENDS:g} s: it is ended as it stands')
+        while self._thread.is_alive() and not self._is_held_up():
+            self._thread.join(_LOOK)
+        is_alive = self._thread.is_alive()
+        if is_alive:
+            self.get_logger().error(
+                f'publishing has not returned for {_HELD_UP:g} s: the run is ended as it stands')
         self.answers.end('the node has ended')
         self.live.close()
+        # The present figures are those of the run's own thread.
+        status = self._last_status if is_alive else self.runner.status()
         with closing():
-            self.bag.close(summary=summarise_run(self.runner.status()))
+            self.bag.close(summary=None if status is None else summarise_run(status))
+
+    def _is_held_up(self) -> bool:
+        """Whether the middleware has not let go of a thread that publishes for long."""
+        return time.monotonic() - self.live.busy_since > _HELD_UP
 
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> Any:
         """Judge a change before rclpy sees it; both parameter services come through here."""
@@ -245,10 +252,8 @@ class FabricNode(Node):
         With its last figures: the present ones are its own while it runs.
         """
         status, late = self._last_status, time.monotonic() - self._reported_at > _OVERDUE
-        # A run that publishes is not waited for: this thread hears of signals.
-        if late and status is not None and self._thread.is_alive() and (
-                not self.live.is_busy and self.live.wants(DIAGNOSTICS)):
-            self.live.send(DIAGNOSTICS, status.time, self._diagnose(status, held_up=True))
+        if late and status is not None and self._thread.is_alive():
+            self.live.offer(DIAGNOSTICS, lambda: self._diagnose(status, held_up=True))
 
     def _diagnose(self, status: Status, *, held_up: bool = False) -> bytes:
         with self._report_lock:
@@ -292,6 +297,7 @@ def run_node(node: FabricNode, signals: StopSignals) -> int:
     # What was imported stays: a garbage collection over it would block the node.
     gc.freeze()
     node.start()
+    signals.save_before_force(node.bag.close)
     try:
         server.serve(lambda: signals.received or node.is_done())
     finally:

@@ -13,9 +13,11 @@
 # limitations under the License.
 """Publishers of the node as a sink of the runner."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from functools import partial
 from importlib import import_module
+import math
 import threading
 import time
 from typing import Any
@@ -91,7 +93,7 @@ class LiveSink:
         self.not_taken = 0
         self._context = node.context
         self._closed = False
-        self._lock = threading.Lock()
+        self._lock, self._busy_since = threading.Lock(), math.inf
 
     @property
     def is_bag(self) -> bool:
@@ -99,29 +101,52 @@ class LiveSink:
         return False
 
     @property
-    def is_busy(self) -> bool:
-        """Whether a thread is in the middle of publishing."""
-        return self._lock.locked()
+    def busy_since(self) -> float:
+        """When a thread began a call of the middleware, by time.monotonic(); inf: none has."""
+        return self._busy_since
 
     def wants(self, topic: Topic) -> bool:
         """Whether there are subscribers; a latched message is kept for later ones."""
-        with self._lock:
-            outlet = self._outlets.get(topic.name)
-            if self._closed or outlet is None:
-                return False
-            if topic.latched:
-                return True
-            return bool(self._guarded(outlet.publisher.get_subscription_count))
+        with self._calling():
+            return self._wants(topic)
 
     def send(self, topic: Topic, nanoseconds: int, data: bytes) -> None:
         """Publish."""
+        with self._calling():
+            self._send(topic, data)
+
+    def offer(self, topic: Topic, build: Callable[[], bytes]) -> None:
+        """Publish what `build` makes, if it is wanted and no other thread is about to publish."""
+        if not self._lock.acquire(blocking=False):
+            return
+        try:
+            if self._wants(topic):
+                self._send(topic, build())
+        finally:
+            self._lock.release()
+
+    @contextmanager
+    def _calling(self) -> Iterator[None]:
         with self._lock:
-            if self._closed:
-                return
-            outlet = self._outlets[topic.name]
-            self._look(outlet)
-            self._guarded(lambda: outlet.publisher.publish(data))
-            outlet.unconfirmed += 1
+            self._busy_since = time.monotonic()
+            try:
+                yield
+            finally:
+                self._busy_since = math.inf
+
+    def _wants(self, topic: Topic) -> bool:
+        outlet = self._outlets.get(topic.name)
+        if self._closed or outlet is None:
+            return False
+        return topic.latched or bool(self._guarded(outlet.publisher.get_subscription_count))
+
+    def _send(self, topic: Topic, data: bytes) -> None:
+        if self._closed:
+            return
+        outlet = self._outlets[topic.name]
+        self._look(outlet)
+        self._guarded(lambda: outlet.publisher.publish(data))
+        outlet.unconfirmed += 1
 
     def _look(self, outlet: _Outlet) -> None:
         """Count what the next message displaces while a subscriber is stuck."""

@@ -17,7 +17,7 @@ The start of a node's process: its signals and its command line.
 Imports next to nothing, so that a signal is heard from the start.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 import faulthandler
 import gc
@@ -37,6 +37,8 @@ _LARGEST_DOMAIN = 232
 # Packages of ROS beside those of messages.
 _ROS = ('ament_index_python', 'rclpy', 'rpyutils', 'simulation_interfaces', 'std_srvs')
 _STOPPING = (signal.SIGINT, signal.SIGTERM)
+# What follows the end of the bag, or is tried before the end by force, takes at most so long [s].
+_REST = 5.0
 _STOPPING_NUMBERS = {int(number) for number in _STOPPING}
 
 
@@ -69,7 +71,7 @@ class StopSignals:
 
     @contextmanager
     def taking_its_time(self) -> Iterator[None]:
-        """What is ended here takes as long as it takes: a bag is closed."""
+        """What is ended here takes as long as it takes (a bag is closed); the rest is short."""
         if self._limit is None:
             yield
             return
@@ -77,8 +79,13 @@ class StopSignals:
         try:
             yield
         finally:
-            self._limit.begin()
+            self._limit.begin(_REST)
             self._limit.is_lifted = False
+
+    def save_before_force(self, save: Callable[[], None]) -> None:
+        """Have `save` tried, in another thread, before the process is ended by force."""
+        if self._limit is not None:
+            self._limit.save = save
 
     def ignore(self, status: int | None = None) -> None:
         """
@@ -89,8 +96,9 @@ class StopSignals:
         """
         for number in _STOPPING:
             signal.signal(number, signal.SIG_IGN)
-        if self._limit is not None:
-            self._limit.begin(status)
+        if self._limit is not None and status is not None:
+            self._limit.status = status
+            self._limit.begin(_REST)
 
     def _receive(self, number: int, frame: FrameType | None) -> None:
         self.received = True
@@ -109,19 +117,17 @@ class _EndLimit:
     """
 
     def __init__(self, seconds: float) -> None:
-        self._seconds = seconds
-        self._deadline, self._status = float('inf'), FAILED
-        self.is_lifted = False
+        self._seconds, self._deadline = seconds, float('inf')
+        self.is_lifted, self.status = False, FAILED
+        self.save: Callable[[], None] = lambda: None
         self._awake, wakeup = os.pipe()
         os.set_blocking(wakeup, False)
         signal.set_wakeup_fd(wakeup, warn_on_full_buffer=False)
         threading.Thread(target=self._watch, name='end', daemon=True).start()
 
-    def begin(self, status: int | None = None) -> None:
-        """Count from now on; with a `status` nothing is lost where the process ends by force."""
-        self._deadline = time.monotonic() + self._seconds
-        if status is not None:
-            self._status = status
+    def begin(self, seconds: float) -> None:
+        """The end may take so long [s] from now on."""
+        self._deadline = time.monotonic() + min(seconds, self._seconds)
 
     def _watch(self) -> None:
         heard = False
@@ -130,11 +136,17 @@ class _EndLimit:
                 stopping = not _STOPPING_NUMBERS.isdisjoint(os.read(self._awake, 64))
                 if stopping and not heard:
                     heard = True
-                    self.begin()
-        print(f'the end took more than {self._seconds:g} s: ended by force; its threads stood at',
+                    # What is over meanwhile has set a limit of its own.
+                    if self._deadline == float('inf'):
+                        self.begin(self._seconds)
+        print('the end took too long: ended by force; its threads stood at',
               file=sys.stderr, flush=True)
         faulthandler.dump_traceback()
-        os._exit(self._status)
+        # Whatever holds the others may hold this up too.
+        saving = threading.Thread(target=self.save, name='save', daemon=True)
+        saving.start()
+        saving.join(_REST)
+        os._exit(self.status)
 
 
 @contextmanager
