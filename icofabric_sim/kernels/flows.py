@@ -119,6 +119,7 @@ def push(
         if loads is not None:
             for m in range(loads.start[block], loads.start[block + 1]):
                 a = resist(loads.drives, model, loads, state, a, m, s, h, again)
+        spend(losses_of(model.contacts), work.spent, state, s, h)
         kick(state, a, h, s)
         if loads is not None:
             for m in range(loads.start[block], loads.start[block + 1]):
@@ -140,6 +141,7 @@ def push(
                             state.angular_velocity, m, s, time, again)
                     kick_anchor(loads.anchors, model, loads, state, m, s, time, again)
             end_lead(losses_of(model.contacts), state, s)
+            spend(losses_of(model.contacts), work.spent, state, s, again)
 
 
 @compiled
@@ -168,6 +170,7 @@ def push_kept(
                         state.angular_velocity, m, s, time, h)
                 kick_anchor(loads.anchors, model, loads, state, m, s, time, h)
         end_lead(losses_of(model.contacts), state, s)
+        spend(losses_of(model.contacts), work.spent, state, s, h)
 
 
 @compiled

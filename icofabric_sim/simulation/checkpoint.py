@@ -48,7 +48,7 @@ import numba
 import numpy as np
 import scipy
 
-FORMAT = 1
+FORMAT = 2
 
 
 class Run(Protocol):

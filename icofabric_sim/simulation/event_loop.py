@@ -208,7 +208,10 @@ class EventLoop:
         # A wrench on a body has loads prepared for all that follows, here or there.
         self._body_wrenches = self._body_wrenches or self.inputs.concern_bodies
         self._stale_loads = tree.flag('stale_loads')
-        self._cut_due = tree.number('cut_due', 0.0, finite=False)
+        self._cut_due = tree.number('cut_due', finite=False)
+        if self._cut_due not in (time, math.inf):
+            raise ValueError(
+                f'cut_due must be its time {time!r} s or infinite, got {self._cut_due!r}')
         self.driver.load_state(tree.part('stepper'), self._loads(again=True))
         if not self.driver.time <= time <= self.driver.next_step_time:
             raise ValueError(

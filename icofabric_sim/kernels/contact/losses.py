@@ -177,12 +177,12 @@ def slips_of(
 @compiled
 def touch_ahead(
     losses: ContactLosses | None, contacts: Contacts, state: State, inverse_mass: float,
-    inverse_inertia: float, h: float, team: Team
+    inverse_inertia: float, h: float, step: float, team: Team
 ) -> None:
     """
-    As `touch_all`, with losses, where a drift over a step `h` [s] of the leapfrog has led.
+    As `touch_all`, with losses, where a drift over `h` [s] of the leapfrog has led.
 
-    Stretches go on by a step.
+    Stretches go on by `h`: 0 where forces are computed anew. They act for a `step` [s].
     """
     if losses is None:
         touch_all(contacts, state.position, state.orientation, team)
@@ -191,7 +191,8 @@ def touch_ahead(
         touch_some(
             contacts, state.position, state.orientation, team.scratch, contacts.result,
             team.member, first, last)
-        lose_ahead(losses, contacts, state, inverse_mass, inverse_inertia, h, first, last)
+        lose_ahead(
+            losses, contacts, state, inverse_mass, inverse_inertia, h, step, first, last)
         wait_for_all(team)
         first, last = own_blocks(team, contacts.start.shape[0] - 1)
         add_up(contacts, first, last)
@@ -201,9 +202,13 @@ def touch_ahead(
 @compiled
 def lose_ahead(
     losses: ContactLosses, contacts: Contacts, state: State, inverse_mass: float,
-    inverse_inertia: float, h: float, first: int, last: int
+    inverse_inertia: float, h: float, step: float, first: int, last: int
 ) -> None:
-    """As `lose_some` for pairs first to last, a step `h` [s] after they were evaluated last."""
+    """
+    As `lose_some` for pairs first to last, `h` [s] after they were evaluated last.
+
+    For forces that act for a `step` [s].
+    """
     pairs, result = borrowed(contacts.pairs), borrowed(contacts.result)
     velocity, spin = borrowed(state.linear_velocity), borrowed(state.angular_velocity)
     linear, angular = borrowed(losses.lead[:3]), borrowed(losses.lead[3:])
@@ -225,12 +230,12 @@ def lose_ahead(
         vb, wb = ahead(velocity, linear, t), ahead(spin, angular, t)
         size = math.sqrt(out[0] * out[0] + out[1] * out[1] + out[2] * out[2])
         deepening = depth_rate(out, va, wa, vb, wb)
-        # What a step would take of the rate of the depth: h c K delta (grad delta)^2 / M.
+        # What a step h would take of the rate of the depth: h c K delta (grad delta)^2 / M.
         bodies = 1.0 if t < 0 else 2.0
         mobility = bodies * inverse_mass * size * size + inverse_inertia * (
             out[3] * out[3] + out[4] * out[4] + out[5] * out[5]
             + out[6] * out[6] + out[7] * out[7] + out[8] * out[8])
-        part = h * losses.damping * contacts.stiffness * mobility / out[10]
+        part = step * losses.damping * contacts.stiffness * mobility / out[10]
         damping = losses.damping
         if part > _MOST_DAMPED:
             damping *= _MOST_DAMPED / part
@@ -314,10 +319,9 @@ def spend(
     losses: ContactLosses | None, meter: Meter | None, state: State, s: int, h: float
 ) -> None:
     """
-    Add what the contacts of a block take in a kick of `h` [s] to what was spent.
+    Add half of what the contacts of a block take in a kick of `h` [s] to what was spent.
 
-    At the velocities between the last kick of a step and the first of the next: the two together
-    take exactly that.
+    Called before the kick and after it: at the mean of the two velocities a kick takes just that.
     """
     if losses is None or meter is None:
         return
@@ -325,7 +329,7 @@ def spend(
     for k in range(3):
         power = fma(load(losses.lost, k, s), load(state.linear_velocity, k, s), power)
         power = fma(load(losses.lost, k + 3, s), load(state.angular_velocity, k, s), power)
-    store(meter.done, 0, s, fma(splat(-h), power, load(meter.done, 0, s)))
+    store(meter.done, 0, s, fma(splat(-0.5 * h), power, load(meter.done, 0, s)))
 
 
 @compiled

@@ -115,7 +115,7 @@ def steps(
                 drifted = count_own
             touch_ahead(
                 losses_of(contacts), contacts, state, model.inverse_mass, model.inverse_inertia,
-                h, team)
+                h, h, team)
         if watch is not None:
             for turn in range(drifted):
                 block = sweep.drifts[turn]

@@ -36,7 +36,8 @@ from icofabric_sim.simulation.stepping.trial_steps import TrialSteps
 _SAMPLES, _MOST = 128, 8
 # Where steps run through contacts: each stands for twice as many once errors as those of so many
 # stretches that are alike have been seen; the least such number, and that up to which it grows.
-_ALIKE, _MOST_THROUGH = 8.0, 32
+# One that errs far more makes it half as many. What was seen fades by this at each.
+_ALIKE, _MOST_THROUGH, _FADES = 8.0, 32, 0.99
 # A kink in a force leaves an error of order 2.
 _RICHARDSON = 4.0 / 3.0
 
@@ -128,10 +129,14 @@ class TouchingErrors:
                 self._waiting = 0
                 self._left = max(self._left - 1, 0)
                 if self._runs_through:
-                    self._sum += added
-                    self._squares += added * added
-                    if self._sum**2 >= _ALIKE * self._every * self._squares > 0.0:
+                    self._sum = _FADES * self._sum + added
+                    self._squares = _FADES**2 * self._squares + added * added
+                    # In how many that are alike the sum would be as uncertain.
+                    alike = self._sum**2 / self._squares if self._squares > 0.0 else math.inf
+                    if alike >= _ALIKE * self._every:
                         self._every = min(2 * self._every, _MOST_THROUGH)
+                    elif alike < 0.125 * _ALIKE * self._every:
+                        self._every = max(self._every // 2, 1)
                 elif not self._left:
                     self._every = min(2 * self._every, _MOST)
                     self._left = _SAMPLES * self._every

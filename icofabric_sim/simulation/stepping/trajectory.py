@@ -176,11 +176,13 @@ class Trajectory:
         if self.loads is not None:
             np.copyto(self.loads.work, self.loads.earlier_work)
 
-    def refresh(self, time: float | None = None, model: Model | None = None) -> None:
+    def refresh(
+        self, time: float | None = None, model: Model | None = None, step: float | None = None
+    ) -> None:
         """
         Compute the accelerations of the state, of the present or of a `time` [s].
 
-        With what contacts remember in a `model` of a trial.
+        With what contacts remember in a `model` of a trial, for a `step` [s] of its own.
         """
         model = model or self.model
         last = len(model.blocks.slot)
@@ -190,7 +192,7 @@ class Trajectory:
             losses.lead[:] = 0.0
             touch_ahead(
                 losses, model.contacts, self.state, model.inverse_mass, model.inverse_inertia,
-                0.0, self.thread_team.alone())
+                0.0, self.step if step is None else step, self.thread_team.alone())
         elif model.contacts is not None:
             touch_all(
                 model.contacts, self.state.position, self.state.orientation,

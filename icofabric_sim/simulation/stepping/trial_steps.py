@@ -172,7 +172,7 @@ class TrialSteps:
         try:
             for target, source in zip(trajectory.state, self._earlier):
                 np.copyto(target, source)
-            trajectory.refresh(start, model)
+            trajectory.refresh(start, model, 0.5 * trajectory.step)
             half = self.take(0.5 * trajectory.step, 2 * count, start=start, model=model)
             failed = trajectory.take_force_failure() is not None
         finally:

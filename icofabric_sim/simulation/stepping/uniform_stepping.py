@@ -254,30 +254,37 @@ class UniformStepping:
         elif touching is not None and saved_at >= 0:
             # Where something is near a call ends at a health check: nothing was.
             touching.begin(saved_time)
+        # Before another search: its list has not been looked at.
+        recounted = checks.since_check == 0 and self._counts_touching() and (
+            pieces.contact.count_touching())
         if status:
             pieces.respond(status, time)
         if checks.since_check == 0:
-            self._follow_touching(time)
+            self._follow_touching(time, recounted=recounted)
         if checks.since_check == 0 and (
             errors.probe.checks_left <= 0 or status & monitor.LIVELIER
         ):
             pieces.choose_step(probe=True)
         return int(done)
 
-    def _follow_touching(self, time: float) -> None:
+    def _counts_touching(self) -> bool:
+        """Whether the step follows how many pairs touch."""
+        pieces = self._pieces
+        return pieces.errors.touching is not None and pieces.contact.contacts is not None and (
+            pieces.trajectory.method.runs_through_contacts)
+
+    def _follow_touching(self, time: float, *, recounted: bool) -> None:
         """
         At a health check at `time` [s]: let the step follow what touches, where it runs through.
 
-        And know the pairs of the stretch that begins, if that will be measured.
+        `recounted`: their number has changed. And know the pairs of the stretch that begins, if
+        that will be measured.
         """
         pieces = self._pieces
         contact, touching = pieces.contact, pieces.errors.touching
-        through = pieces.trajectory.method.runs_through_contacts
-        if touching is None or contact.contacts is None or not through:
+        if touching is None or not self._counts_touching() or time != pieces.trajectory.time:
             return
-        if time != pieces.trajectory.time:
-            return
-        if contact.count_touching() and pieces.controller.follow_contacts():
+        if recounted and pieces.controller.follow_contacts():
             pieces.choose_step()
         if touching.is_due and contact.searched < time:
             before = contact.rate
