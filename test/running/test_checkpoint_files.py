@@ -201,9 +201,9 @@ def test_something_else_is_refused(junk):
     ({'header': {}, 'arrays': [['a', [0, 2**40]]]}, '16 of its bytes belong to no array'),
     ({'header': {}, 'arrays': [['a', [1]]]}, '8 of its bytes belong to no array'),
     ({'header': {}, 'arrays': [['a', [2]]]}, 'header.format is missing'),
-    ({'header': {'format': 2}, 'arrays': [['a', [2]]]}, 'its format is 2'),
+    ({'header': {'format': 3}, 'arrays': [['a', [2]]]}, 'its format is 3'),
     ({'header': {'format': '1'}, 'arrays': [['a', [2]]]}, "must be a whole number .*, got '1'"),
-    ({'header': {'format': 1, 'version': 1}, 'arrays': [['a', [2]]]}, 'version must be a text'),
+    ({'header': {'format': 2, 'version': 1}, 'arrays': [['a', [2]]]}, 'version must be a text'),
 ])
 def test_hostile_texts_with_a_right_checksum_are_refused(text, words):
     tracemalloc.start()

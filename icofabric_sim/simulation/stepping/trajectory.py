@@ -200,13 +200,16 @@ class Trajectory:
         keep_accelerations(
             model, self.state, self.work, self.time if time is None else time, 0, last)
 
-    def refresh_places(self) -> None:
-        """The same, but what contacts remember, and the accelerations, stay as they are."""
+    def refresh_places(self, *, anew: bool = False) -> None:
+        """
+        The same, but what contacts remember stays as it is, and so do accelerations unless `anew`.
+        """
         losses, acceleration = self.losses, self.work.acceleration.copy()
         kept = {} if losses is None else {
             name: getattr(losses, name).copy() for name in _REMEMBERED}
         self.refresh()
-        np.copyto(self.work.acceleration, acceleration)
+        if not anew:
+            np.copyto(self.work.acceleration, acceleration)
         for name, values in kept.items():
             np.copyto(getattr(losses, name), values)
 
@@ -315,7 +318,8 @@ class Trajectory:
 
     def load_accelerations(self, tree: StateTree) -> None:
         """Go on with the accelerations of there; with contacts that were found before."""
-        self.refresh_places()
+        # Also where there are no bodies: what was there may not be finite.
+        self.refresh_places(anew=True)
         layout, losses = self.packed.layout, self.losses
         if losses is not None and self._loses(self.model):
             losses.lost[:, layout.slot] = tree.array('contact_losses', (layout.body_count, 6)).T
