@@ -54,6 +54,11 @@ def print_json(report: Mapping[str, Any]) -> None:
     print(json.dumps(_plain(report), indent=1, ensure_ascii=False), flush=True)
 
 
+def print_json_line(report: Mapping[str, Any]) -> None:
+    """Print the same on one line."""
+    print(json.dumps(_plain(report), ensure_ascii=False), flush=True)
+
+
 def _plain(value: Any) -> Any:
     if isinstance(value, Mapping):
         return {str(name): _plain(inner) for name, inner in value.items()}

@@ -14,11 +14,11 @@
 """`icofabric stress`: random scenes, judged, and what was found of them."""
 
 import argparse
-import json
 import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from icofabric_sim.commands.report import print_json_line
 from icofabric_sim.terminal import InputError, Progress, require_place
 
 if TYPE_CHECKING:
@@ -142,7 +142,7 @@ def _write(path: Path, findings: list['Finding']) -> None:
 
 def _print_json(finding: 'Finding') -> None:
     from icofabric_sim.studies.stress.report import as_dictionary
-    print(json.dumps(as_dictionary(finding)), flush=True)
+    print_json_line(as_dictionary(finding))
 
 
 def _show(arguments: argparse.Namespace, findings: list['Finding'], single: bool) -> None:
@@ -177,8 +177,12 @@ def _describe(finding: 'Finding') -> None:
             f'the run itself said {finding.estimate:.3g}')
         grown = f'{finding.growth:.3g} times' if finding.growth else 'was not measured'
         print(f'growth of a small displacement: {grown}')
-        print('two threads and a checkpoint: '
-              + ('compared bit by bit' if finding.compared else 'not compared'))
+        print(f'windows beside a tighter run: {finding.windows}, of which {finding.unjudged} '
+              'could not be judged')
+        bits = 'compared bit by bit' if finding.compared else 'not compared'
+        if finding.compared and not finding.shared:
+            bits += '; one of the threads has all bodies, they are so few'
+        print(f'two threads and a checkpoint: {bits}')
 
 
 def _shrink(arguments: argparse.Namespace) -> int:
@@ -187,18 +191,21 @@ def _shrink(arguments: argparse.Namespace) -> int:
     from icofabric_sim.studies.stress.shrink import MOST_RUNS, shrink
     from icofabric_sim.studies.stress.workers import Referee
     path = Path(arguments.output or f'stress_{arguments.seed}.yaml').expanduser()
-    if path.exists():
-        raise InputError(f'{path} exists and is never overwritten; name another with --output')
-    whole, referee = draw_scene(arguments.seed), Referee()
+    whole = draw_scene(arguments.seed).with_files_named(f'{path.stem}_')
+    for place in (path, *(path.parent / name for name in whole.files)):
+        if place.exists():
+            raise InputError(f'{place} exists and is never overwritten; name another with '
+                             '--output, after which the files of the scene are named, too')
+    referee = Referee()
     try:
         with Progress(MOST_RUNS, 'runs at most', foreseen=False) as progress:
             scene, finding = shrink(whole, referee.judge, tried=progress.update)
     finally:
         referee.close()
+    scene = scene.with_files_named('')
     path.write_text(scene.text(), encoding='utf-8')
     for name, text in scene.files.items():
-        if any(name in str(value) for value in scene.parameters.values()):
-            (path.parent / name).write_text(text, encoding='utf-8')
+        (path.parent / name).write_text(text, encoding='utf-8')
     _describe(finding)
     print(f'{path}: {len(scene.parameters)} parameters of {len(whole.parameters)}')
     return int(finding.is_fault)

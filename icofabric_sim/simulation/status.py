@@ -93,6 +93,11 @@ class SimulationStatus:
         """Threads that share a step."""
         return self._driver.trajectory.thread_team.size
 
+    @property
+    def busy_thread_count(self) -> int:
+        """Threads of them that have bodies."""
+        return self._driver.trajectory.thread_team.busy
+
     # Errors and energy.
 
     @property

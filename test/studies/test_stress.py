@@ -19,23 +19,29 @@ from functools import partial
 import json
 import os
 import time
+from types import SimpleNamespace
 
 import icofabric_sim as ico
 from icofabric_sim.commands.main import main
 from icofabric_sim.kernels.integrators.splitting import splitting
 from icofabric_sim.parameters.text import flatten_parameters
+from icofabric_sim.parameters.validation import ParameterError
 from icofabric_sim.simulation.checkpoint import Checkpoint
-from icofabric_sim.simulation.errors import SimulationError
+from icofabric_sim.simulation.divergence import Growth
+from icofabric_sim.simulation.errors import Interrupted, SimulationError
 from icofabric_sim.simulation.simulation import compile_scene, Simulation
 from icofabric_sim.simulation.status import SimulationStatus
+from icofabric_sim.simulation.stepping import thread_team
 from icofabric_sim.simulation.stepping.methods import METHODS
 from icofabric_sim.studies.stress import judge as judge_module
-from icofabric_sim.studies.stress import report
+from icofabric_sim.studies.stress import report, scenes, windows, workers
 from icofabric_sim.studies.stress.judge import judge
 from icofabric_sim.studies.stress.kinds import Kind, KINDS, MOST, TERMS
+from icofabric_sim.studies.stress.refusals import first_name, is_right_refusal
 from icofabric_sim.studies.stress.scenes import draw_scene, kind_of, seeds_of, StressScene
 from icofabric_sim.studies.stress.shrink import shrink
 from icofabric_sim.studies.stress.verdict import Finding, Verdict
+from icofabric_sim.studies.stress.windows import Added, Windows
 from icofabric_sim.studies.stress.workers import judge_all, judge_scenes
 import numpy as np
 import pytest
@@ -55,16 +61,29 @@ def with_values(**changes):
 
 
 def test_a_seed_is_one_scene():
-    scenes = [draw_scene(seed) for seed in range(200)]
-    for seed, scene in enumerate(scenes):
+    drawn = [draw_scene(seed) for seed in range(200)]
+    for seed, scene in enumerate(drawn):
         again = draw_scene(seed)
         assert again.text() == scene.text() and again.files == scene.files
         assert scene.kind == kind_of(seed)
         # What is written is what is run.
         assert flatten_parameters(yaml.safe_load(scene.text())).keys() == scene.parameters.keys()
-    assert len({scene.text() for scene in scenes}) == 200
+    assert len({scene.text() for scene in drawn}) == 200
     assert list(seeds_of(3, 5, {7, 9})) == [
         seed for seed in range(3, 1000) if kind_of(seed) in (7, 9)][:5]
+
+
+def test_seeds_mean_what_they_meant(monkeypatch):
+    pinned = (
+        (0, 26, 0.0518346), (1, 28, 0.312626), (154, 0, 0.00983245), (300, 28, 1.347),
+        (1946, 3, 0.444586), (2**32 - 1, 47, 1.90257))
+    for grown in (KINDS, (*KINDS, Kind('dop8', ('mutual',)))):
+        monkeypatch.setattr(scenes, 'KINDS', grown)
+        for seed, kind, duration in pinned:
+            assert kind_of(seed) == kind, seed
+            assert draw_scene(seed).duration == pytest.approx(duration, rel=1e-4), seed
+    # A longer list needs another version, so that every kind is drawn and no seed changes alone.
+    assert scenes.DRAWN_KINDS == len(KINDS) and scenes.VERSION == 1
 
 
 def test_kinds_are_few_and_their_terms_are_known():
@@ -94,6 +113,7 @@ def test_a_plain_scene_is_within_the_promise():
     finding = judge(PLAIN)
     assert finding.verdict is Verdict.WITHIN, finding
     assert finding.compared and finding.method == 'dop8' and finding.steps > 5
+    assert finding.windows > 0 == finding.unjudged
     assert 0.0 < finding.added < finding.promised and finding.growth >= 1.0
 
 
@@ -110,6 +130,40 @@ def test_refusals_name_what_was_given():
             (with_values(solver__step=1.0, solver__method='leapfrog'), Verdict.REFUSED),
             (replace(with_values(), spoiled='gravity'), Verdict.SILENT)):
         assert judge(scene).verdict is verdict
+
+
+@pytest.mark.parametrize('spoiled, error, right', [
+    ('gravity', ParameterError('gravity', 'gravity must be finite'), True),
+    ('gravity', ValueError('gravity must be finite'), True),
+    ('gravity', ValueError('solver.tolerance must be larger'), False),
+    ('gravity', ValueError('the duration cannot be'), False),
+    ('weave.size', ValueError('the duration cannot be'), False),
+    ('weave.connector_length', ValueError('weave.connector_angle is 4 rad'), True),
+    ('weave.size', ParameterError('solver.step', 'solver.step is beyond the stability limit'),
+     False),
+    ('', ValueError('the duration cannot be'), False),
+    ('', ValueError('solver.tolerance must be larger'), False),
+    ('', ValueError('solver.step 3 s is beyond the stability limit'), True),
+    ('', ParameterError('groups.low', 'groups.low: z_min selects no body of the 3'), True)])
+def test_refusals_are_right_for_what_was_spoiled(spoiled, error, right):
+    assert is_right_refusal(error, spoiled) is right
+
+
+def test_refusals_of_another_name_are_found(plant):
+    def refuse(parameters):
+        raise ParameterError('solver.tolerance', 'solver.tolerance must be larger')
+
+    plant(judge_module.Scene, 'from_parameters', refuse)
+    for spoiled in ('gravity', ''):
+        finding = judge(replace(PLAIN, spoiled=spoiled))
+        assert finding.verdict is Verdict.WRONGLY_REFUSED, finding
+
+
+@pytest.mark.parametrize('text, name', [
+    ('give e.g. less than 1.5 s.', ''), ('energy is lost', ''), ('the a.b is', ''),
+    ('see e.g. solver.step.', 'solver.step'), ('loads.push.force is', 'loads.push.force')])
+def test_names_in_sentences_are_those_of_parameters(text, name):
+    assert first_name(text) == name
 
 
 def test_stops_are_right_where_they_were_asked_for():
@@ -209,6 +263,159 @@ def test_a_refusal_without_a_name_and_a_stop_without_a_reason_are_found(plant):
     assert finding.verdict is Verdict.WRONGLY_STOPPED, finding
 
 
+def test_two_threads_have_the_work_of_one_between_them(plant):
+    # Steps of few bodies are one thread's alone, unless two are asked for.
+    scene = with_values(weave__size=[4, 4, 3], solver__method='srkn6')
+    finding = judge(scene)
+    assert finding.verdict is Verdict.WITHIN and finding.shared, finding
+
+    def alike(self, member):
+        # Both compute the blocks of the first.
+        return team(self, 0)
+
+    team = thread_team.ThreadTeam.team
+    plant(thread_team.ThreadTeam, 'team', alike)
+    finding = judge(scene)
+    assert finding.verdict is Verdict.OTHER_BITS, finding
+
+
+def test_without_two_threads_there_is_nothing_to_compare(plant):
+    plant(thread_team, 'size_for', lambda wanted, count: 1)
+    finding = judge(PLAIN)
+    assert finding.verdict is Verdict.CRASH and 'asked for two threads' in finding.detail
+
+
+NOT_SHORT = 'no step is short enough for solver.tolerance'
+OBSTRUCTED = 'a connector is in its own shell, and connector.obstruction is stop'
+
+
+@pytest.mark.parametrize('text, verdict', [
+    (NOT_SHORT, Verdict.UNJUDGED), (OBSTRUCTED, Verdict.SILENT)])
+def test_windows_whose_reference_stops_are_not_within(text, verdict, plant):
+    def fail(self, before, start):
+        raise SimulationError(text)
+
+    plant(Windows, '_compare', fail)
+    finding = judge(PLAIN)
+    assert finding.verdict is verdict and text in finding.detail, finding
+    assert finding.unjudged == finding.windows > 0
+
+
+@pytest.mark.parametrize('text, verdict', [
+    (NOT_SHORT, Verdict.UNJUDGED), (OBSTRUCTED, Verdict.SILENT)])
+def test_a_run_that_goes_on_where_the_tighter_one_stops_is_not_within(text, verdict, plant):
+    calm = Growth(np.zeros(1), np.ones(1), np.zeros(1), False, '')
+    plant(judge_module._Judge, '_whole', lambda *words: (calm, 0.0, text))
+    finding = judge(PLAIN)
+    assert finding.verdict is verdict and text in finding.detail, finding
+
+
+class Aside:
+    """A run in the place of a simulation, whose connectors are as given."""
+
+    def __init__(self, scene, intact):
+        self.scene, self.time, self.intact = scene, 0.0, np.array(intact)
+
+    def advance_to(self, time):
+        self.time = max(self.time, time)
+
+    def snapshot(self):
+        return SimpleNamespace(
+            position=np.full((2, 3), float(self.intact.sum())), intact=self.intact,
+            orientation=np.tile([0.0, 0.0, 0.0, 1.0], (2, 1)))
+
+    def advance_steps(self, count):
+        return
+
+    def reset_time(self):
+        return
+
+    def take_over(self, other, keep_motion):
+        self.time = other.time
+
+
+@pytest.mark.parametrize('growth, tolerance, broken', [
+    (2.0, 1e-9, True), (1e5, 1e-9, False), (2.0, 1e9, False)])
+def test_connectors_that_break_otherwise_are_wrong_where_growth_is_small(
+        growth, tolerance, broken, monkeypatch):
+    found = Growth(np.zeros(1), np.array([growth]), np.zeros(1), False, '')
+    scene = ico.Scene.from_parameters(PLAIN.parameters | {'solver.tolerance': tolerance})
+    monkeypatch.setattr(windows, 'compile_scene', lambda scene: Aside(scene, [True, False]))
+    monkeypatch.setattr(windows, 'Companion', lambda simulation: SimpleNamespace(
+        look=lambda: None, result=lambda: found))
+    monkeypatch.setattr(windows, 'distance_between', lambda *words: 1e12)
+    judged = Windows(Aside(scene, [True, True]), 1e4, lambda: False)
+    judged.follow(0.001)
+    added = judged.result()
+    assert bool(added.broken) is broken and (added.unjudged == 0) is broken, added
+    assert added.windows > 0 and '1 connectors broke otherwise' in added.broken + added.why
+
+
+def test_what_broke_otherwise_is_silent(plant):
+    plant(Windows, 'result', lambda self: Added(0.0, 1.0, 0.0, 3, 0, '', '1 broke otherwise'))
+    finding = judge(PLAIN)
+    assert finding.verdict is Verdict.SILENT and finding.detail == '1 broke otherwise'
+
+
+def test_what_is_excused_is_not_what_was_said(plant):
+    for owner in (SimulationStatus, Simulation):
+        plant(owner, 'error_estimate', property(lambda one: 0.0))
+    plant(SimulationStatus, 'error_estimate_lacks', property(lambda status: 'it lacks much'))
+    finding = judge(with_values(solver__step=1.2e-3, solver__tolerance=1e-9))
+    assert finding.verdict is Verdict.EXCUSED and 'it lacks much' in finding.detail, finding
+    factor = finding.added / finding.promised
+    [line] = [line for line in report.class_lines([finding]) if 'excused' in line]
+    assert f'by up to {factor:.3g} times (seed 0)' in line
+
+
+@pytest.mark.parametrize('longest, verdict', [
+    (4e-4, Verdict.STOPPED), (0.0, Verdict.WRONGLY_STOPPED)])
+def test_a_stop_for_a_given_step_is_right_where_a_shorter_one_goes_on(longest, verdict, plant):
+    def stopping(given):
+        run = compile_scene(given)
+        if given.parameters['solver.step'] > longest:
+            def stop(time):
+                raise SimulationError('out of balance; give a smaller solver.step')
+
+            run.advance_to = stop
+        return run
+
+    plant(judge_module, 'compile_scene', stopping)
+    finding = judge(with_values(solver__step=1.2e-3))
+    assert finding.verdict is verdict, finding
+
+
+def test_what_was_run_in_part_is_judged_again_to_there(plant):
+    follow, asked = Windows.follow, []
+
+    def half(self, duration):
+        asked.append(duration)
+        follow(self, 0.5 * duration if len(asked) == 1 else duration)
+        if len(asked) == 1:
+            raise Interrupted
+
+    plant(Windows, 'follow', half)
+    plant(Windows, 'result', lambda self: Added(1.0, 1e-9, 0.0, 3, 0, '', ''))
+    finding = judge(PLAIN)
+    assert finding.verdict is Verdict.SILENT
+    assert asked == [PLAIN.duration, finding.time] and finding.time < 0.8 * PLAIN.duration
+
+
+def test_time_of_the_compiler_is_processor_time(monkeypatch):
+    times = iter([10.0, 1.0, 3.0, 4.0, 4.5, 20.0])
+    monkeypatch.setattr(judge_module.time, 'process_time', lambda: next(times))
+    compiler = judge_module._CompilerTime()
+    clock = judge_module._Clock(1.0, compiler)
+    compiler.on_start(None)
+    compiler.on_start(None)
+    compiler.on_end(None)
+    compiler.on_end(None)
+    assert compiler.seconds == 2.0
+    compiler.on_start(None)
+    compiler.on_end(None)
+    assert compiler.seconds == 2.5 and clock.seconds == 20.0 - 10.0 - 2.5
+
+
 def test_an_error_of_the_program_is_a_crash(plant):
     def fail(given):
         raise ZeroDivisionError('a division')
@@ -236,6 +443,21 @@ def test_a_process_that_dies_and_one_that_hangs_are_seen_from_outside():
     assert 'SIGABRT' in found[1].detail
 
 
+def test_a_process_that_goes_slowly_is_waited_for():
+    class Slow:
+        exitcode = None
+
+        def join(self, timeout=1e9):
+            self.exitcode = -11 if timeout > 5.0 else None
+
+        def kill(self):
+            return
+
+    worker = object.__new__(workers._Worker)
+    worker._process, worker.connection = Slow(), SimpleNamespace(close=lambda: None)
+    assert worker.how_it_ended() == 'the process was ended by SIGSEGV'
+
+
 def test_a_scene_is_made_minimal():
     asked = []
 
@@ -250,7 +472,38 @@ def test_a_scene_is_made_minimal():
     assert finding.verdict is Verdict.SILENT
     assert 'initial_random.spin_sigma' in small.parameters
     assert not {*small.parameters} & {'gravity', 'initial.kick.group', 'solver.tolerance'}
-    assert small.duration < 1e-3 * scene.duration or len(asked) >= 200
+    # It ends because nothing is left to take away.
+    assert small.duration == scene.duration / 1024 and len(asked) < 200
+
+
+def test_a_spoiled_scene_keeps_what_spoils_it():
+    def judge_one(scene):
+        return Finding(scene.seed, scene.kind, Verdict.SILENT)
+
+    for name in ('loads.lost.group', 'solver.method', 'shell.thickness'):
+        seed = next(seed for seed in range(9000) if draw_scene(seed).spoiled == name)
+        scene = draw_scene(seed)
+        small, _ = shrink(scene, judge_one)
+        assert {name, *scene.spoiled_with} <= {*small.parameters} < {*scene.parameters}
+
+
+def test_a_minimal_scene_overwrites_no_files(tmp_path, capsys, monkeypatch):
+    finding = Finding(0, 0, Verdict.SILENT)
+    monkeypatch.setattr(
+        'icofabric_sim.studies.stress.shrink.shrink', lambda scene, *words, **more: (
+            scene, finding))
+    seed = next(seed for seed in range(9000) if 'law.csv' in draw_scene(seed).files)
+    words = ['stress', '--seed', str(seed), '--shrink', '--output']
+    (tmp_path / 'law.csv').write_text('mine')
+    assert main([*words, str(tmp_path / 'one.yaml')]) == 1
+    assert (tmp_path / 'law.csv').read_text() == 'mine'
+    assert (tmp_path / 'one_law.csv').read_text() == draw_scene(seed).files['law.csv']
+    written = flatten_parameters(yaml.safe_load((tmp_path / 'one.yaml').read_text()))
+    assert 'one_law.csv' in str(written.values())
+    (tmp_path / 'two_law.csv').write_text('mine')
+    assert main([*words, str(tmp_path / 'two.yaml')]) == 2
+    assert 'two_law.csv exists' in capsys.readouterr().err
+    assert not (tmp_path / 'two.yaml').exists()
 
 
 def described(findings):
@@ -296,6 +549,14 @@ def test_one_scene_by_the_command_and_its_table(tmp_path, capsys):
     assert json.loads(capsys.readouterr().out)['verdict'] == 'refused with the right name'
     [row] = csv.DictReader(table.read_text().splitlines())
     assert row['seed'] == str(seed) and 'weave.size' in row['detail']
+
+
+def test_figures_that_are_not_finite_are_valid_json(capsys, monkeypatch):
+    found = Finding(7, 0, Verdict.SILENT, growth=float('inf'), added=float('nan'))
+    monkeypatch.setattr(workers, 'judge_all', lambda seeds, processes: iter([found]))
+    assert main(['stress', '--seed', '7', '--json']) == 1
+    said = json.loads(capsys.readouterr().out, parse_constant=pytest.fail)
+    assert said['growth'] is said['added'] is None and said['seed'] == 7
 
 
 def test_kinds_are_listed(capsys):

@@ -18,8 +18,10 @@ The result is the same bits for any number of them: every body is computed by on
 values that do not depend on which.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from contextvars import ContextVar
 import logging
 import os
 from typing import TypeVar
@@ -41,6 +43,8 @@ Result = TypeVar('Result')
 # Bodies for each thread from which a second one pays: below, waiting for each other costs more
 # than it saves (`icofabric benchmark scaling`).
 BODIES_PER_THREAD = 1_000
+# Size of teams whatever the bodies and the cores; 0: as they are worth.
+_forced: ContextVar[int] = ContextVar('forced', default=0)
 
 
 def core_count() -> int:
@@ -48,6 +52,16 @@ def core_count() -> int:
     if hasattr(os, 'sched_getaffinity'):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
+
+
+@contextmanager
+def teams_of(size: int) -> Iterator[None]:
+    """Have simulations that are compiled within use `size` threads, for comparisons of bits."""
+    token = _forced.set(size)
+    try:
+        yield
+    finally:
+        _forced.reset(token)
 
 
 def size_for(wanted: int, body_count: int) -> int:
@@ -61,6 +75,8 @@ def size_for(wanted: int, body_count: int) -> int:
             'result does not depend on it', wanted, cores, cores)
     if getattr(config, 'DISABLE_JIT', 0):
         return 1
+    if forced := _forced.get():
+        return forced
     return min(wanted or cores, cores, max(1, body_count // BODIES_PER_THREAD))
 
 
@@ -82,6 +98,11 @@ class ThreadTeam:
             packed.layout, packed.model.links, self.size,
             together=packed.model.coulomb is not None)
         self._pool: ThreadPoolExecutor | None = None
+
+    @property
+    def busy(self) -> int:
+        """Threads that have bodies: of few bodies one thread may have all."""
+        return sum(len(sweep.pushes) > 0 for sweep in self._apart)
 
     def prepare_contacts(self, wanted: bool) -> None:
         """Whether there are contacts: then all bodies drift before one is pushed."""

@@ -22,22 +22,28 @@ in its middle.
 import logging
 import math
 from pathlib import Path
-import re
 import tempfile
 import time
 import traceback
 from typing import Final
 
-from icofabric_sim.kernels.runtime.compile_notice import compile_notice
-from icofabric_sim.parameters.validation import ParameterError
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.checkpoint import Checkpoint
 from icofabric_sim.simulation.divergence import Companion, distance_between, Growth
 from icofabric_sim.simulation.errors import Interrupted, SimulationError
 from icofabric_sim.simulation.simulation import compile_scene, Simulation
+from icofabric_sim.simulation.stepping.thread_team import teams_of
+from icofabric_sim.studies.stress.refusals import first_name, is_right_refusal
 from icofabric_sim.studies.stress.scenes import StressScene
 from icofabric_sim.studies.stress.verdict import Finding, Verdict
-from icofabric_sim.studies.stress.windows import Added, rate_of, reference_scene, Windows
+from icofabric_sim.studies.stress.windows import (
+    Added,
+    is_physical,
+    rate_of,
+    reference_scene,
+    Windows,
+)
+from numba.core import event
 import numpy as np
 
 # Processor time [s] for a scene, without compiling; parts of it for the windows, and for those
@@ -51,34 +57,61 @@ _ENOUGH = 0.25
 FACTOR: Final = 3.0
 # Tolerances for a radian of the fastest motion that no method reaches in double precision.
 _BEYOND_REACH = 1e-12
+# Parts of a given step that are tried where a run stopped for its step.
+_SHORTER = (1 / 4, 1 / 16)
+# Part of the duration for which a run goes on to see what the tighter one saw before its end.
+_LATER = 0.1
 _STATE = ('position', 'orientation', 'linear_velocity', 'angular_velocity', 'intact')
+
+
+class _CompilerTime(event.Listener):  # type: ignore[misc]
+    """Processor time of the compiler in this process; compilations may be nested."""
+
+    def __init__(self) -> None:
+        self.seconds = 0.0
+        self._depth, self._began = 0, 0.0
+
+    def on_start(self, happening: event.Event) -> None:
+        if not self._depth:
+            self._began = time.process_time()
+        self._depth += 1
+
+    def on_end(self, happening: event.Event) -> None:
+        self._depth -= 1
+        if not self._depth:
+            self.seconds += time.process_time() - self._began
 
 
 class _Clock:
     """Processor time without that of the compiler, since it was made."""
 
-    def __init__(self, limit: float) -> None:
-        self._start, self._compiled = time.process_time(), compile_notice.seconds
-        self.limit = limit
+    def __init__(self, limit: float, compiler: _CompilerTime) -> None:
+        self._start, self._compiled = time.process_time(), compiler.seconds
+        self._compiler, self.limit = compiler, limit
 
     @property
     def seconds(self) -> float:
-        compiled = compile_notice.seconds - self._compiled
-        return max(time.process_time() - self._start - compiled, 0.0)
+        return time.process_time() - self._start - (self._compiler.seconds - self._compiled)
 
     def is_over(self, part: float = 1.0) -> bool:
         return self.seconds > part * self.limit
 
+    def another(self) -> '_Clock':
+        """Return a clock that begins now, with the same limit."""
+        return _Clock(self.limit, self._compiler)
+
 
 def judge(stress: StressScene, *, seconds: float = SECONDS) -> Finding:
     """Run a scene within so much processor time [s], and class it."""
-    clock = _Clock(seconds)
+    compiler = _CompilerTime()
+    clock = _Clock(seconds, compiler)
     logger = logging.getLogger('icofabric_sim')
     handler = _Silent()
     logger.addHandler(handler)
     propagated, logger.propagate = logger.propagate, False
     try:
-        with tempfile.TemporaryDirectory() as folder:
+        with event.install_listener('numba:compile', compiler), (
+                tempfile.TemporaryDirectory()) as folder:
             finding = _Judge(stress, clock, Path(folder)).finding()
     except Exception as error:  # noqa: BLE001 - what it finds are such errors
         place = traceback.extract_tb(error.__traceback__)[-1]
@@ -115,7 +148,9 @@ class _Judge:
             scene = Scene.from_parameters(self._parameters)
             run = compile_scene(scene)
         except ValueError as error:
-            return _finding(stress, self._refusal(error), str(error))
+            right = is_right_refusal(error, stress.spoiled)
+            return _finding(
+                stress, Verdict.REFUSED if right else Verdict.WRONGLY_REFUSED, str(error))
         # A single body has no step that is too long.
         if stress.spoiled and stress.spoiled != 'solver.step':
             return _finding(
@@ -139,50 +174,92 @@ class _Judge:
         # Where the run stopped the other one has to come to what it stopped for.
         growth, distance, reason = self._whole(
             run, rate, end if failure is None else self._stress.duration)
-        other, compared = self._other_bits(run, end, failure)
+        other, compared, shared = self._other_bits(run, end, failure)
         found = _finding(stress, Verdict.WITHIN, '')._replace(
             method=run.status.method_name, bodies=scene.body_count, steps=run.status.step_count,
             is_given=float(str(scene.parameters['solver.step'])) > 0.0, time=end,
             added=added.error, promised=added.promised, estimate=run.error_estimate,
-            growth=0.0 if growth is None else growth.largest, compared=compared)
+            growth=0.0 if growth is None else growth.largest, compared=compared,
+            windows=added.windows, unjudged=added.unjudged, shared=shared)
         if other:
             return found._replace(verdict=Verdict.OTHER_BITS, detail=other)
         if failure is not None:
-            right = self._is_right(str(failure), reason, scene, rate)
-            return found._replace(
-                verdict=Verdict.STOPPED if right else Verdict.WRONGLY_STOPPED,
-                detail=' '.join(str(failure).split()))
+            return self._stopped(found, str(failure), reason, scene, rate)
+        # From the start it may come to what a sensitive run does not come to.
+        sensitive = growth is None or growth.is_sensitive or bool(growth.ended)
+        if why := self._missed_stop(run, end, windows.stopped or ('' if sensitive else reason)):
+            return found._replace(verdict=Verdict.SILENT, detail=why)
+        if added.broken and not found.is_given:
+            return found._replace(verdict=Verdict.SILENT, detail=added.broken)
         if growth is not None and not compares:
             # From its start alone.
-            known = not (growth.is_sensitive or growth.ended)
+            known = not (growth.is_sensitive or growth.ended or reason)
             found = found._replace(added=distance / max(growth.largest, 1.0) if known else 0.0)
+            if not known:
+                return found._replace(
+                    verdict=Verdict.UNJUDGED,
+                    detail=reason or growth.ended or (
+                        f'small displacements grew {growth.largest:.3g} times, and no other run '
+                        'can take over where springs of friction have a past'))
+        elif not compares:
+            return found._replace(
+                verdict=Verdict.UNJUDGED, detail='there was no time for the tighter run')
         verdict = self._classed(found, run, growth, distance)
-        if verdict.verdict not in (Verdict.SILENT, Verdict.BETWEEN) or not compares:
+        if verdict.verdict in (Verdict.SILENT, Verdict.BETWEEN) and compares:
+            # Single windows may stand for many: look at all of them.
+            again = self._all_windows(scene, rate, end)
+            if again is not None:
+                added = again
+                verdict = self._classed(
+                    found._replace(
+                        added=again.error, promised=again.promised, windows=again.windows,
+                        unjudged=again.unjudged), run, growth, distance)
+        if verdict.is_fault or verdict.verdict is Verdict.BETWEEN:
             return verdict
-        # Single windows may stand for many: look at all of them.
-        again = self._all_windows(scene, rate)
-        return verdict if again is None else self._classed(
-            found._replace(added=again.error, promised=again.promised), run, growth, distance)
+        why = added.broken or added.why or (reason and f'the tighter run stopped: {reason}')
+        if not why:
+            return verdict
+        return verdict._replace(
+            verdict=Verdict.UNJUDGED,
+            detail=f'{verdict.unjudged} of {verdict.windows} windows; {why}')
 
-    def _all_windows(self, scene: Scene, rate: float) -> Added | None:
-        """What a run adds, with windows everywhere; None where there is no time for it."""
-        run, clock = compile_scene(scene), _Clock(self._clock.limit)
+    def _stopped(
+        self, found: Finding, text: str, reason: str, scene: Scene, rate: float
+    ) -> Finding:
+        """The class of a run that stopped for `text`; the tighter one for `reason`."""
+        right = self._is_right(text, reason, scene, rate)
+        verdict = Verdict.STOPPED if right else Verdict.WRONGLY_STOPPED
+        if right is None:
+            verdict = Verdict.UNJUDGED
+            text = f'there was no time to try a shorter step; {text}'
+        return found._replace(verdict=verdict, detail=' '.join(text.split()))
+
+    def _missed_stop(
+        self, run: Simulation, end: float, reason: str
+    ) -> str:
+        """What a run went on through that ended a tighter one, whatever the steps; '': none."""
+        if not is_physical(reason):
+            return ''
+        # Health checks come every few steps: the run may be about to see it.
+        run.should_stop = self._clock.another().is_over
+        try:
+            run.advance_to(end + _LATER * self._stress.duration)
+        except SimulationError as error:
+            if is_physical(str(error)):
+                return ''
+        except Interrupted:
+            return ''
+        return f'went on where a tighter run stopped: {reason}'
+
+    def _all_windows(self, scene: Scene, rate: float, end: float) -> Added | None:
+        """What a run adds to `end` [s], by windows everywhere; None where there is no time."""
+        run, clock = compile_scene(scene), self._clock.another()
         windows = Windows(run, rate, clock.is_over, most=math.inf)
         try:
-            windows.follow(self._stress.duration)
+            windows.follow(end)
         except (Interrupted, SimulationError):
             return None
         return windows.result()
-
-    def _refusal(self, error: ValueError) -> Verdict:
-        """Whether a refusal names a parameter that was given, and the one that was spoiled."""
-        text, given = str(error), self._parameters
-        names = [name for name in given if _names(text, name)]
-        if isinstance(error, ParameterError) and error.name in given:
-            names.append(error.name)
-        if not names:
-            return Verdict.WRONGLY_REFUSED
-        return Verdict.REFUSED
 
     def _slow(self, run: Simulation) -> Finding:
         limit = run.status.fastest_term
@@ -197,7 +274,11 @@ class _Judge:
     def _whole(
         self, run: Simulation, rate: float, end: float
     ) -> tuple[Growth | None, float, str]:
-        """A far tighter run from the start: growth, distance at the end, and why it stopped."""
+        """
+        A far tighter run from the start: growth, distance at the end, and why it stopped.
+
+        Where it stopped the growth is that until then, and there is no distance.
+        """
         reference = compile_scene(reference_scene(run.scene, rate))
         reference.should_stop = lambda: self._clock.is_over(_WHOLE_PART)
         companion = Companion(reference)
@@ -206,7 +287,7 @@ class _Judge:
                 reference.advance_to(end * part / 8.0)
                 companion.look()
         except SimulationError as error:
-            return None, 0.0, str(error)
+            return companion.result(), 0.0, str(error)
         except Interrupted:
             return None, 0.0, ''
         distance = distance_between(
@@ -215,11 +296,17 @@ class _Judge:
 
     def _other_bits(
         self, run: Simulation, end: float, failure: SimulationError | None
-    ) -> tuple[str, bool]:
-        """What two threads and a checkpoint change; and whether it was compared."""
-        scene = run.scene
-        threads = compile_scene(scene.with_changes({'solver.threads': 2}))
-        restored = compile_scene(scene)
+    ) -> tuple[str, bool, bool]:
+        """
+        What two threads and a checkpoint change; whether it was compared, and by two threads.
+        """
+        with teams_of(2):
+            threads = compile_scene(run.scene)
+        restored = compile_scene(run.scene)
+        if threads.status.thread_count != 2 or restored.status.thread_count != 1:
+            raise RuntimeError('the judge asked for two threads beside one, and has '
+                               f'{threads.status.thread_count} and {restored.status.thread_count}')
+        shared = threads.status.busy_thread_count == 2
         for simulation in (threads, restored):
             simulation.should_stop = self._clock.is_over
         try:
@@ -231,33 +318,56 @@ class _Judge:
             except SimulationError as error:
                 said = '' if failure is None else str(failure)
                 if str(error) != said:
-                    return f'stopped elsewhere: {error}; the run itself: {said or "went on"}', True
-                return '', True
+                    text = f'stopped elsewhere: {error}; the run itself: {said or "went on"}'
+                    return text, True, shared
+                return '', True, shared
         except Interrupted:
-            return '', False
+            return '', False, False
         if failure is not None:
-            return f'did not stop; the run itself: {failure}', True
+            return f'did not stop; the run itself: {failure}', True, shared
         one, two = run.snapshot(), restored.snapshot()
         for name in _STATE:
             if not np.array_equal(getattr(one, name), getattr(two, name), equal_nan=True):
-                return f'{name} at t = {end!r} s differs', True
+                return f'{name} at t = {end!r} s differs', True, shared
         for name in ('error_estimate', 'step_count', 'step'):
             if getattr(run.status, name) != getattr(restored.status, name):
-                return f'{name} at t = {end!r} s differs', True
-        return '', True
+                return f'{name} at t = {end!r} s differs', True, shared
+        return '', True, shared
 
-    def _is_right(self, text: str, reason: str, scene: Scene, rate: float) -> bool:
-        """Whether a run had to stop for what it says."""
-        if float(str(scene.parameters['solver.step'])) > 0.0 and 'solver.step' in text:
-            return True
-        if scene.parameters['connector.obstruction'] == 'stop' and (
+    def _is_right(
+        self, text: str, reason: str, scene: Scene, rate: float
+    ) -> bool | None:
+        """Whether a run had to stop for what it says; None: not known."""
+        parameters = scene.parameters
+        if parameters['connector.obstruction'] == 'stop' and (
                 'connector.obstruction is stop' in text):
             return True
-        tolerance = float(str(scene.parameters['solver.tolerance']))
-        if 'solver.tolerance' in text and tolerance < _BEYOND_REACH * rate:
+        tolerance = float(str(parameters['solver.tolerance']))
+        step = float(str(parameters['solver.step']))
+        if not step and 'solver.tolerance' in text and tolerance < _BEYOND_REACH * rate:
             return True
         # The far tighter run stops as well, and names the same.
-        return bool(reason) and _first_name(text) == _first_name(reason)
+        name = first_name(text)
+        if name and name == first_name(reason):
+            return True
+        return self._was_too_long(text, scene, step) if step and 'solver.step' in text else False
+
+    def _was_too_long(self, text: str, scene: Scene, step: float) -> bool | None:
+        """Whether a shorter given step keeps a run from stopping; None: there was no time."""
+        clock = self._clock.another()
+        for part in _SHORTER:
+            run = compile_scene(scene.with_changes({'solver.step': part * step}))
+            run.should_stop = clock.is_over
+            try:
+                run.advance_to(self._stress.duration)
+            except SimulationError as error:
+                if first_name(str(error)) != first_name(text):
+                    return False
+            except Interrupted:
+                return None
+            else:
+                return True
+        return False
 
     def _classed(
         self, found: Finding, run: Simulation, growth: Growth | None, distance: float
@@ -270,27 +380,19 @@ class _Judge:
             ratio = f'{added:.3g} added, {promised:.3g} promised, {found.estimate:.3g} said'
             if not found.is_given and added <= FACTOR * promised:
                 return found._replace(verdict=Verdict.BETWEEN, detail=ratio)
-            if told or lacks:
-                return found._replace(
-                    verdict=Verdict.SAID, detail=f'{ratio}; {lacks}' if lacks else ratio)
+            if told:
+                return found._replace(verdict=Verdict.SAID, detail=ratio)
+            if lacks:
+                return found._replace(verdict=Verdict.EXCUSED, detail=f'{ratio}; {lacks}')
             return found._replace(verdict=Verdict.SILENT, detail=ratio)
         if chaotic:
             return found._replace(verdict=Verdict.CHAOTIC)
         if growth is not None:
             # The bound that `icofabric run` prints.
             bound = max(promised, found.estimate) * growth.largest
-            if not distance <= FACTOR * bound and not lacks:
-                return found._replace(
-                    verdict=Verdict.SILENT,
-                    detail=f'{distance:.3g} at the end, {bound:.3g} said')
+            if not distance <= FACTOR * bound:
+                said = f'{distance:.3g} at the end, {bound:.3g} said'
+                if lacks:
+                    return found._replace(verdict=Verdict.EXCUSED, detail=f'{said}; {lacks}')
+                return found._replace(verdict=Verdict.SILENT, detail=said)
         return found
-
-
-def _names(text: str, name: str) -> bool:
-    return re.search(rf'(?<![\w.]){re.escape(name)}(?![\w])', text) is not None
-
-
-def _first_name(text: str) -> str:
-    """The first parameter that a sentence names; '': none."""
-    found = re.search(r'\b[a-z]+(?:_[a-z]+)*\.[a-z_]+(?:\.[a-z_]+)*\b', text)
-    return found.group() if found else ''

@@ -40,15 +40,28 @@ def class_lines(findings: Sequence[Finding]) -> list[str]:
     lines = []
     for verdict in Verdict:
         seeds = sorted(found.seed for found in findings if found.verdict is verdict)
-        line = f'{verdict.value:32}{count[verdict]:6}'
+        line = f'{verdict.value:44}{count[verdict]:6}'
         if verdict is Verdict.SAID:
             given = sum(found.is_given for found in findings if found.verdict is verdict)
             line += f'  of which {given} with a given step'
+        if verdict is Verdict.EXCUSED and seeds:
+            worst = max(
+                (found for found in findings if found.verdict is verdict), key=_understated)
+            line += (f'  the estimate too small by up to {_understated(worst):.3g} times (seed '
+                     f'{worst.seed})')
+        if verdict is Verdict.UNJUDGED and seeds:
+            line += (f'  {sum(found.unjudged for found in findings)} of '
+                     f'{sum(found.windows for found in findings)} windows of all scenes')
         if seeds and (len(seeds) <= _NAMED or verdict in FAULTS):
             line += '  seeds ' + ' '.join(map(str, seeds[:_NAMED]))
             line += ' ...' if len(seeds) > _NAMED else ''
         lines.append(line)
     return lines
+
+
+def _understated(finding: Finding) -> float:
+    """How many times an error is as large as was said."""
+    return finding.added / max(finding.estimate, finding.promised)
 
 
 def term_lines(findings: Sequence[Finding]) -> list[str]:

@@ -32,8 +32,10 @@ from icofabric_sim.scene.weave_geometry import geometry_from_angle
 from icofabric_sim.studies.stress.kinds import Kind, KINDS
 import numpy as np
 
-# A seed draws the same scene as long as this number, and the list of kinds, stay.
+# A seed draws the same scene as long as this number stays. It draws among so many kinds, the first
+# of the list; where the list grows both are raised, and seeds mean other scenes.
 VERSION: Final = 1
+DRAWN_KINDS: Final = 55
 LARGEST_SEED: Final = 2**32 - 1
 # Share of scenes with a value that must be refused.
 _SPOILED = 0.06
@@ -55,6 +57,7 @@ class StressScene:
     parameters: dict[str, Any]  # dotted names; files as FILE:NAME
     files: dict[str, str]  # name and text
     spoiled: str = ''  # name of the parameter that cannot be taken; '': none
+    spoiled_with: tuple[str, ...] = ()  # names of all that was changed for it
 
     @property
     def duration(self) -> float:
@@ -70,11 +73,25 @@ class StressScene:
     def text(self) -> str:
         """The scene as a parameter file, with its files named as if they lay beside it."""
         kind = KINDS[self.kind]
-        head = f'# Seed {self.seed} of icofabric stress, kind {self.kind}: {kind}.\n'
+        head = (
+            f'# Seed {self.seed} of icofabric stress (seeds of version {VERSION}), kind '
+            f'{self.kind}: {kind}.\n')
         if self.spoiled:
             head += f'# To be refused for {self.spoiled}.\n'
         return head + dump_parameters(
             {name: _with_folder(value, None) for name, value in self.parameters.items()})
+
+    def with_files_named(self, prefix: str) -> 'StressScene':
+        """The same scene with `prefix` before the names of its files; without unused files."""
+        used = {
+            name for name in self.files
+            if any(isinstance(value, str) and value.endswith(_FILE + name)
+                   for value in self.parameters.values())}
+        return replace(
+            self, files={prefix + name: self.files[name] for name in self.files if name in used},
+            parameters={
+                name: value.replace(_FILE, _FILE + prefix) if isinstance(value, str) else value
+                for name, value in self.parameters.items()})
 
     def without(self, names: Collection[str]) -> 'StressScene':
         """The same scene without some of its parameters."""
@@ -86,13 +103,13 @@ def draw_scene(seed: int) -> StressScene:
     """The scene of a seed, 0 to 2^32 - 1."""
     seed = checks.count('seed', seed, 0, LARGEST_SEED)
     generator = np.random.default_rng([VERSION, seed])
-    kind = int(generator.integers(len(KINDS)))
+    kind = int(generator.integers(DRAWN_KINDS))
     return _Draw(generator, KINDS[kind]).scene(seed, kind)
 
 
 def kind_of(seed: int) -> int:
     """Number of the kind that a seed draws."""
-    return int(np.random.default_rng([VERSION, seed]).integers(len(KINDS)))
+    return int(np.random.default_rng([VERSION, seed]).integers(DRAWN_KINDS))
 
 
 def seeds_of(first: int, count: int, kinds: Collection[int]) -> Iterator[int]:
@@ -126,8 +143,8 @@ class _Draw:
             getattr(self, f'_{term}')()
         self._start()
         self._solver()
-        spoiled = self._spoil() if self.chance(_SPOILED) else ''
-        return StressScene(seed, kind, self.values, self.files, spoiled)
+        spoiled, with_it = self._spoil() if self.chance(_SPOILED) else ('', ())
+        return StressScene(seed, kind, self.values, self.files, spoiled, with_it)
 
     # Numbers of plain Python, so that they can be written to files.
 
@@ -449,8 +466,8 @@ class _Draw:
             values['connector.obstruction'] = 'stop'
         values['duration'] = 2.0 * math.pi / (_FASTEST * self.rate) * self.log(0.5, 1.7)
 
-    def _spoil(self) -> str:
-        """Make one value impossible, and return the name of its parameter."""
+    def _spoil(self) -> tuple[str, tuple[str, ...]]:
+        """Make one value impossible; return the name of its parameter, and all that changed."""
         ways: tuple[tuple[str, Callable[[], Mapping[str, Any]]], ...] = (
             ('solver.step', lambda: {
                 'solver.step': 50.0 / self.rate, 'weave.connected': True,
@@ -471,5 +488,6 @@ class _Draw:
                 'weave.connected': True, 'solver.method': 'dop8'}),
             ('groups.strange', lambda: {'groups.strange': 'east of here'}))
         name, change = ways[int(self.generator.integers(len(ways)))]
-        self.values |= change()
-        return name
+        changed = change()
+        self.values |= changed
+        return name, tuple(changed)

@@ -23,8 +23,13 @@ from icofabric_sim.studies.stress.verdict import Finding
 
 # Tries, at most: each is a run.
 MOST_RUNS: Final = 200
+# Part of the duration that stays: any part may be enough for a verdict.
+_SHORTEST = 2.0**-10
 # Without these a scene is another one, or has no end.
 _KEPT = ('duration', 'solver.threads')
+# What an impossible value is drawn as a multiple of.
+_SCALES = (
+    'shell.', 'weave.connector_', 'weave.kind', 'connector.stiffness', 'connector.natural_length')
 
 
 def shrink(
@@ -36,11 +41,11 @@ def shrink(
 
     Returns the smallest scene that was found, with its finding.
     """
-    finding = judge(scene)
+    finding, shortest = judge(scene), _SHORTEST * scene.duration
     wanted, count, found = finding.verdict, 1, True
     while found and count < MOST_RUNS:
         found = False
-        for candidate in _smaller(scene):
+        for candidate in _smaller(scene, shortest):
             count += 1
             tried(count)
             answer = judge(candidate)
@@ -52,8 +57,20 @@ def shrink(
     return scene, finding
 
 
-def _smaller(scene: StressScene) -> Iterator[StressScene]:
-    """Scenes with one feature less, the largest features first."""
+def _smaller(scene: StressScene, shortest: float) -> Iterator[StressScene]:
+    """
+    Scenes with one feature less, the largest features first; half as long down to `shortest` [s].
+
+    A spoiled scene keeps what makes its value impossible, else another scene would be judged.
+    """
+    for smaller in _all_smaller(scene, shortest):
+        if not scene.spoiled or all(
+                name in smaller.parameters for name in scene.parameters
+                if name in scene.spoiled_with or name.startswith(_SCALES)):
+            yield smaller
+
+
+def _all_smaller(scene: StressScene, shortest: float) -> Iterator[StressScene]:
     names = scene.parameters
     heads = dict.fromkeys(
         '.'.join(name.split('.')[:2]) for name in names if name.split('.')[0] in FAMILIES)
@@ -72,5 +89,5 @@ def _smaller(scene: StressScene) -> Iterator[StressScene]:
             if length > 1:
                 less = [n - 1 if k == axis else n for k, n in enumerate(size)]
                 yield replace(scene, parameters={**names, 'weave.size': less})
-    if scene.duration > 0.0:
+    if scene.duration > shortest:
         yield replace(scene, parameters={**names, 'duration': 0.5 * scene.duration})

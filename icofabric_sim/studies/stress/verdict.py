@@ -23,7 +23,9 @@ class Verdict(Enum):
     WITHIN = 'within the promise'
     CHAOTIC = 'chaotic, and said so'
     SAID = 'beyond, and said so'
+    EXCUSED = 'beyond, and excused by error_estimate_lacks'
     BETWEEN = 'between'
+    UNJUDGED = 'not judged'
     REFUSED = 'refused with the right name'
     STOPPED = 'stopped with the right reason'
     SLOW = 'too slow, with what limits it'
@@ -58,7 +60,10 @@ class Finding(NamedTuple):
     estimate: float = 0.0  # the run's own error_estimate
     growth: float = 0.0  # of a small displacement over the run; 0: not measured
     compared: bool = False  # bit by bit, with two threads and from a checkpoint
-    seconds: float = 0.0  # wall time of the judge
+    seconds: float = 0.0  # processor time of the judge, without that of the compiler
+    windows: int = 0  # parts of the run beside which a tighter one went
+    unjudged: int = 0  # of them: where the error is not known
+    shared: bool = False  # whether both of the two threads had bodies
 
     @property
     def is_fault(self) -> bool:

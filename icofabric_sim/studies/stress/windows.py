@@ -23,7 +23,7 @@ import math
 from typing import Final, NamedTuple
 
 from icofabric_sim.scene.scene import Scene
-from icofabric_sim.simulation.divergence import Companion, distance_between
+from icofabric_sim.simulation.divergence import Companion, DISPLACEMENT, distance_between
 from icofabric_sim.simulation.errors import SimulationError
 from icofabric_sim.simulation.simulation import compile_scene, Simulation
 import numpy as np
@@ -35,6 +35,9 @@ _FINER, _LEAST, _MOST = 1e-2, 2e-13, 1e-11
 WINDOWS: Final = 24
 # Rounding of a window, in units of the last place of the coordinates over a.
 _ROUNDING: Final = 256.0 * np.finfo(float).eps
+# Words of stops that are not about steps: `connector.obstruction: stop`, overlaps too deep.
+_PHYSICAL: Final = (
+    'connector.obstruction is stop', 'Give a larger contact.stiffness', 'move them apart')
 
 
 class Added(NamedTuple):
@@ -43,6 +46,10 @@ class Added(NamedTuple):
     error: float
     promised: float  # tolerance times time, and rounding
     rounding: float  # of it
+    windows: int = 0  # that were compared, or were to be
+    unjudged: int = 0  # of them: where nothing can be said of the error
+    why: str = ''  # the first of them
+    broken: str = ''  # connectors that broke otherwise than in the reference; '': none did
 
 
 def reference_scene(scene: Scene, rate: float) -> Scene:
@@ -58,6 +65,11 @@ def rate_of(simulation: Simulation) -> float:
     """Rate [rad/s] of the fastest motion; that of the duration where nothing vibrates."""
     rate = simulation.status.largest_frequency
     return max(rate, 2.0 * math.pi / float(str(simulation.scene.parameters['duration'])))
+
+
+def is_physical(text: str) -> bool:
+    """Whether a run stopped for what its bodies did, whatever the steps."""
+    return any(words in text for words in _PHYSICAL)
 
 
 class Windows:
@@ -77,17 +89,16 @@ class Windows:
         self._half_edge = run.scene.geometry.half_edge
         self._tolerance = float(str(run.scene.parameters['solver.tolerance']))
         self._error = self._rounding = 0.0
-        self.jumped = 0  # windows in which growth could not be told from the error
-        self.reference_failure = ''  # why the reference could not go on; '': it could
+        self._count = self._unjudged = 0
+        self._why = self._broken = ''
+        # What a reference stopped for that any run must stop for; '': nothing.
+        self.stopped = ''
         self._others: list[Simulation] = []
-        self._finer = 0.0
-        run.should_stop = should_stop
+        self._reference, self._finer = reference_scene(run.scene, rate), 0.0
+        self._should_stop = run.should_stop = should_stop
         if compare:
-            scene = reference_scene(run.scene, rate)
-            self._finer = float(str(scene.parameters['solver.tolerance']))
-            self._others = [compile_scene(scene) for _ in range(2)]
-            for other in self._others:
-                other.should_stop = should_stop
+            self._finer = float(str(self._reference.parameters['solver.tolerance']))
+            self._others = self._compiled()
 
     def follow(self, duration: float) -> None:
         """Advance to `duration` [s]; raises what ends the run, and Interrupted."""
@@ -105,16 +116,33 @@ class Windows:
                 other.take_over(run, keep_motion=True)
             run.advance_to(max(start + 0.999 * period, run.time))
             run.advance_steps(1)
-            if self._others and not self.reference_failure:
+            if self._others:
+                self._count += 1
                 try:
                     self._compare(before, start)
                 except SimulationError as error:
-                    self.reference_failure = str(error)
+                    self._skip(f'the tighter run stopped: {error}')
+                    if is_physical(str(error)):
+                        self.stopped = self.stopped or str(error)
+                    # One that has failed does not go on.
+                    self._others = self._compiled()
 
     def result(self) -> Added:
         """What was added so far, and what may be."""
         return Added(
-            self._error, self._tolerance * self._run.time + self._rounding, self._rounding)
+            self._error, self._tolerance * self._run.time + self._rounding, self._rounding,
+            self._count, self._unjudged, self._why, self._broken)
+
+    def _compiled(self) -> list[Simulation]:
+        """Return the reference and the one that is displaced from it."""
+        others = [compile_scene(self._reference) for _ in range(2)]
+        for other in others:
+            other.should_stop = self._should_stop
+        return others
+
+    def _skip(self, why: str) -> None:
+        self._unjudged += 1
+        self._why = self._why or f'to t = {self._run.time:.6g} s: {why}'
 
     def _compare(self, before: float, start: float) -> None:
         run, (reference, mark) = self._run, self._others
@@ -122,13 +150,25 @@ class Windows:
         one, two = run.snapshot(), reference.snapshot()
         error, length = distance_between(one, two, self._half_edge), run.time - start
         rounding = _ROUNDING * (1.0 + float(np.abs(one.position).max()) / self._half_edge)
-        if not error <= self._tolerance * length + rounding:
+        allowed = self._tolerance * length + rounding
+        if not error <= allowed:
             companion = Companion(mark)
             mark.advance_to(run.time)
             companion.look()
             growth = companion.result()
-            if growth.at_least or growth.ended or (one.intact != two.intact).any():
-                self.jumped += 1
+            if growth.at_least or growth.ended:
+                self._skip(growth.ended or f'small displacements grew {growth.largest:.3g} times')
+                error = 0.0
+            elif not np.array_equal(one.intact, two.intact):
+                differing = int((one.intact != two.intact).sum())
+                if growth.is_sensitive or allowed > DISPLACEMENT:
+                    # Displacements that are allowed may decide whether a connector breaks.
+                    self._skip(f'{differing} connectors broke otherwise')
+                elif not self._broken:
+                    self._broken = (
+                        f'{differing} connectors broke otherwise than in the tighter run by t = '
+                        f'{run.time:.6g} s, where small displacements grow {growth.largest:.3g} '
+                        'times')
                 error = 0.0
             else:
                 error /= max(1.0, growth.largest)

@@ -39,6 +39,8 @@ from icofabric_sim.studies.stress.verdict import Finding, Verdict
 HANGS_AFTER: Final = 240.0
 _COMPILES_FOR = 600.0
 _BEAT = 0.5
+# Wall time [s] for a process that has crashed to be gone.
+_GOES_FOR = 60.0
 # Kernels of a kind take about 80 MB; a process leaves after so many kinds.
 _KINDS_EACH = 10
 # PR_SET_PDEATHSIG of prctl(2).
@@ -98,15 +100,21 @@ class _Worker:
         taken -= self._beat.compiled - self._compiled
         return taken > limit + (_COMPILES_FOR if self._beat.compiles else 0.0)
 
-    def end(self) -> str:
-        """End the process, and say how it ended."""
-        self._process.join(0.2)
-        code = self._process.exitcode
-        if code is None:
-            self._process.kill()
-            self._process.join()
+    def end(self) -> None:
+        """End the process."""
+        self._process.kill()
+        self._process.join()
         self.connection.close()
-        if code is not None and code < 0:
+
+    def how_it_ended(self) -> str:
+        """Wait for a process that is going, and say how it went."""
+        # Its end of the pipe is closed before the system has written all of its memory to a file.
+        self._process.join(_GOES_FOR)
+        code = self._process.exitcode
+        self.end()
+        if code is None:
+            return f'the process closed its pipe, and went on for {_GOES_FOR:g} s'
+        if code < 0:
             return f'the process was ended by {signal.Signals(-code).name}'
         return f'the process ended with {code}'
 
@@ -149,7 +157,7 @@ def judge_scenes(
                     finding = worker.answer()
                 except (EOFError, OSError):
                     workers.remove(worker)
-                    yield _ended(worker, Verdict.CRASH, worker.end())
+                    yield _ended(worker, Verdict.CRASH, worker.how_it_ended())
                 else:
                     if finding is not None:
                         yield finding
@@ -181,7 +189,7 @@ class Referee:
                     finding = worker.answer()
                 except (EOFError, OSError):
                     self._worker = None
-                    return _ended(worker, Verdict.CRASH, worker.end())
+                    return _ended(worker, Verdict.CRASH, worker.how_it_ended())
                 if finding is not None:
                     return finding
             if worker.hangs(self._hangs_after):

@@ -1,0 +1,69 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""Which refusals are right: those of a spoiled scene name what was spoiled, others are few."""
+
+import re
+from typing import Final
+
+from icofabric_sim.parameters.table import BY_NAME, FAMILIES
+from icofabric_sim.parameters.validation import ParameterError
+
+# Names that a refusal of a spoiled parameter may say in its place.
+PARTNERS: Final[dict[str, tuple[str, ...]]] = {
+    # Spoiled where the scene may give both.
+    'shell.thickness': ('shell.inner_edge_length',),
+    'weave.connector_angle': ('weave.connector_length',),
+    'weave.connector_length': ('weave.connector_angle',)}
+# What chance may bring together in a scene that is not spoiled: beginning of a name, and words.
+REFUSED_BY_CHANCE: Final = (
+    ('solver.step', 'is beyond the stability limit'),
+    ('solver.step', 'is too long for what touches'),
+    ('solver.method', 'cannot integrate this scene'),
+    ('weave.size', 'has no icosahedron in it'),
+    ('groups.', 'selects no body'),
+    ('anchors.tie.body', 'there is no body'),
+    ('bodies.ball.', 'which a support holds'),
+    ('initial.kick.', 'which a support holds'),
+    ('initial.kick.', 'disagrees with drives.'),
+    ('connector.break_length_', 'at which they would break at once'),
+    ('connector_groups.seam.between', 'no connector leads from one to the other'),
+    ('drives.table.', 'the velocity would jump at the start'))
+
+
+def is_right_refusal(error: ValueError, spoiled: str) -> bool:
+    """Whether a scene whose parameter `spoiled` ('': none) is impossible was refused for it."""
+    text = str(error)
+    named = error.name if isinstance(error, ParameterError) else ''
+    if spoiled:
+        return any(_says(text, named, name) for name in (spoiled, *PARTNERS.get(spoiled, ())))
+    return any(
+        words in text and re.search(rf'(?<![\w.]){re.escape(start)}', text) is not None
+        for start, words in REFUSED_BY_CHANCE)
+
+
+def _says(text: str, named: str, name: str) -> bool:
+    """Whether a text, of an error that may be `named` for a parameter, is about `name`."""
+    if name == named:
+        return True
+    # Names without a dot are words of prose, too.
+    before = r'(?<![\w.])' if '.' in name else '^'
+    return re.search(rf'{before}{re.escape(name)}(?!\w)', text) is not None
+
+
+def first_name(text: str) -> str:
+    """The first parameter that a sentence names; '': none."""
+    for word in re.findall(r'(?<![\w.])[a-z]\w*(?:\.\w+)+', text):
+        if word in BY_NAME or word.split('.')[0] in FAMILIES:
+            return str(word)
+    return ''
