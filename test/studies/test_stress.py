@@ -126,7 +126,8 @@ def test_wild_motion_is_called_chaotic():
 
 def test_refusals_name_what_was_given():
     for scene, verdict in (
-            (with_values(weave__size=[2, 0, 2]), Verdict.REFUSED),
+            (replace(with_values(weave__size=[2, 0, 2]), spoiled='weave.size'), Verdict.REFUSED),
+            (with_values(weave__size=[2, 0, 2]), Verdict.WRONGLY_REFUSED),
             (with_values(solver__step=1.0, solver__method='leapfrog'), Verdict.REFUSED),
             (replace(with_values(), spoiled='gravity'), Verdict.SILENT)):
         assert judge(scene).verdict is verdict
@@ -147,6 +148,18 @@ def test_refusals_name_what_was_given():
     ('', ParameterError('groups.low', 'groups.low: z_min selects no body of the 3'), True)])
 def test_refusals_are_right_for_what_was_spoiled(spoiled, error, right):
     assert is_right_refusal(error, spoiled) is right
+
+
+def test_a_spoiled_scene_may_be_refused_for_what_is_impossible_without_it_too():
+    scene = replace(
+        with_values(weave__size=[1, 1, 1], gravity=[0.0, float('inf'), 0.0], groups__low='ids 99'),
+        spoiled='drag.linear', spoiled_with=('gravity',))
+    assert judge(scene).verdict is Verdict.WRONGLY_REFUSED
+    scene = replace(
+        with_values(groups__low='y_min', drag__linear=1.0, weave__size=[1, 1, 1],
+                    weave__variant=1), spoiled='drag.linear', spoiled_with=('drag.linear',))
+    finding = judge(scene)
+    assert finding.verdict is Verdict.REFUSED and 'no icosahedron' in finding.detail, finding
 
 
 def test_refusals_of_another_name_are_found(plant):

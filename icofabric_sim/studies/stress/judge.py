@@ -148,7 +148,7 @@ class _Judge:
             scene = Scene.from_parameters(self._parameters)
             run = compile_scene(scene)
         except ValueError as error:
-            right = is_right_refusal(error, stress.spoiled)
+            right = is_right_refusal(error, stress.spoiled) or self._is_refused_anyway(error)
             return _finding(
                 stress, Verdict.REFUSED if right else Verdict.WRONGLY_REFUSED, str(error))
         # A single body has no step that is too long.
@@ -222,6 +222,17 @@ class _Judge:
         return verdict._replace(
             verdict=Verdict.UNJUDGED,
             detail=f'{verdict.unjudged} of {verdict.windows} windows; {why}')
+
+    def _is_refused_anyway(self, refused: ValueError) -> bool:
+        """Whether a spoiled scene is refused for the same without what was spoiled."""
+        spoiled_with = self._stress.spoiled_with
+        try:
+            compile_scene(Scene.from_parameters({
+                name: value for name, value in self._parameters.items()
+                if name not in spoiled_with}))
+        except ValueError as error:
+            return str(error) == str(refused) and is_right_refusal(error, '')
+        return False
 
     def _stopped(
         self, found: Finding, text: str, reason: str, scene: Scene, rate: float
