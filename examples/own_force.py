@@ -22,13 +22,13 @@ import icofabric_sim as ico
 SCENE = {
     'weave.size': [3, 3, 3], 'weave.connector_angle': 0.3, 'gravity': [0.0, 0.0, -9.81],
     'contact.mode': 'never', 'groups.top': 'z_max', 'supports.top.group': 'top'}
-WIND, STRENGTH = 2.0, 0.01  # [m/s], [N s/m]
+WIND, SHEAR, STRENGTH = 2.0, 10.0, 0.01  # [m/s], [1/s], [N s/m]
 
 
 def wind(time, position, orientation, linear_velocity, angular_velocity):
-    """Return the drag of air that moves along y, faster the lower [N], and no torque."""
+    """Return the drag of air that moves along y, faster the higher [N], and no torque."""
     force = -STRENGTH * linear_velocity
-    force[1] += STRENGTH * WIND * (1.0 - position[2])
+    force[1] += STRENGTH * (WIND + SHEAR * position[2])
     return force, 0.0 * angular_velocity
 
 

@@ -57,7 +57,13 @@ def test_statics_and_motion_bend_a_beam_alike():
 
 
 def test_wind_of_your_own_blows_downwind_and_its_work_is_counted():
-    moved, simulation = load('own_force')['blow'](0.2)
+    example = load('own_force')
+    low, high = (
+        example['wind'](0.0, np.array([0.0, 0.0, height]), None, np.zeros(3), np.zeros(3))[0]
+        for height in (0.0, 0.1))
+    # As the first line of its text says.
+    assert 'grows with height' in example['__doc__'] and 0.0 < low[1] < 0.9 * high[1]
+    moved, simulation = example['blow'](0.2)
     energy = simulation.snapshot().energy
     assert moved > 1e-5 and energy['work_in'] > 0.0
     assert abs(energy['balance_error']) < 1e-4 * energy['work_in']

@@ -238,7 +238,7 @@ class EventLoop:
         """
         if self._cut_due < math.inf:
             self._settle_loads_before(self._cut_due)
-            self.driver.cut(self._cut_due)
+            self._end_step(self._cut_due)
             self._cut_due = math.inf
             self._stale_loads = True
             self.changes += 1
@@ -246,7 +246,7 @@ class EventLoop:
     def _pull(self, time: float) -> None:
         """Compute the forces of the pulls at `time` [s], and when they are due again."""
         self._settle_loads_before(time)
-        self.driver.cut(time)
+        self._end_step(time)
         pulls, driver, layout = self.inputs.pulls, self.driver, self._packed.layout
         state = driver.state_at(time)
 
@@ -265,6 +265,16 @@ class EventLoop:
         else:
             self._stale_loads = True
         self.changes += 1
+
+    def _end_step(self, time: float) -> None:
+        """End the step in progress at `time` [s]."""
+        try:
+            self.driver.cut(time)
+        except SimulationError:
+            # The last good state may be older than what was seen of the run.
+            self.time = self.driver.time
+            self.changes += 1
+            raise
 
     def _reach(self, time: float) -> None:
         try:

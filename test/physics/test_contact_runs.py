@@ -284,6 +284,75 @@ def test_no_state_beyond_a_contact_is_shown_where_bodies_become_fast_between_che
     assert not caplog.records
 
 
+def imprecise():
+    """A small fabric far from a loose body; steps swing the energy by a good part of it."""
+    scene = loose(
+        ((1.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)), weave__size=[2, 2, 2],
+        weave__connected=True, contact__stiffness=20.0, solver__method='leapfrog')
+    assert scene.connector_count > 0
+    scene = changed(scene, {
+        'connector.natural_length': 0.9 * scene.geometry.connector_length,
+        'groups.last': f'ids {scene.body_count - 1}', 'loads.push.group': 'last',
+        'loads.push.force': [1e-6, 0.0, 0.0]})
+    rate = ico.compile_scene(scene).status.largest_frequency
+    return changed(scene, {'solver.step': 0.5 / rate})
+
+
+@pytest.mark.parametrize('inputs', [1, 3])
+def test_a_state_whose_energy_does_not_balance_is_not_kept_at_an_input(inputs):
+    # An input comes before the first health check, which would be the first to see it.
+    scene = changed(imprecise(), {'solver.energy_limit': 1e-5})
+    simulation = ico.compile_scene(scene)
+    step = scene.parameters['solver.step']
+    with pytest.raises(ico.SimulationError, match='energy does not balance') as caught:
+        for number in range(1, inputs + 1):
+            simulation.advance_to(number * 2.3 * step)
+            simulation.apply_wrench('push', (1e-6 * number, 1e-6, 0.0))
+        simulation.advance_to(100.0 * step)
+    kept = simulation.snapshot()
+    assert 't = 0 s, is kept' in str(caught.value) and kept.time == simulation.time == 0.0
+    assert np.array_equal(kept.position, scene.initial.position)
+    # Where it balances well enough the run goes on.
+    simulation = ico.compile_scene(changed(scene, {'solver.energy_limit': 0.1}))
+    for number in range(1, inputs + 1):
+        simulation.advance_to(number * 2.3 * step)
+        simulation.apply_wrench('push', (1e-6 * number, 1e-6, 0.0))
+    simulation.advance_to(10.0 * step)
+    assert simulation.snapshot().time == 10.0 * step
+
+
+def test_a_state_whose_energy_does_not_balance_is_not_kept_before_a_long_step():
+    scene = imprecise()
+    step = scene.parameters['solver.step']
+    # It flies farther in a step than contacts are known for: each begins with a state to keep.
+    fast = changed(scene, {
+        'bodies.b0.linear_velocity': [0.05 / step, 0.0, 0.0], 'solver.energy_limit': 1e-9})
+    simulation = ico.compile_scene(fast)
+    with pytest.raises(ico.SimulationError, match='energy does not balance'):
+        simulation.advance_to(100.0 * step)
+    assert simulation.time == simulation.snapshot().time == 0.0
+
+
+@pytest.mark.parametrize('force', [(1e300, 0.0, 0.0), (-1e308, 1e308, 0.0)])
+@pytest.mark.parametrize('wait', [0.0, 2.5e-3])
+def test_a_force_too_large_for_numbers_stops_a_given_step_without_warnings(force, wait):
+    # Warnings are errors in these tests.
+    scene = changed(loose(
+        ((0.5, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)), contact__stiffness=20.0,
+        planes__wall__normal=[-1.0, 0.0, 0.0], planes__wall__offset=-3.0,
+        solver__method='leapfrog', solver__step=1e-3), {
+            'groups.pulled': 'ids 1', 'loads.pull.group': 'pulled',
+            'loads.pull.force': [-1e-9, 0.0, 0.0]})
+    for times in ((0.3e-3, 0.1), (0.1,)):
+        simulation = ico.compile_scene(scene)
+        simulation.advance_to(wait)
+        simulation.apply_wrench('pull', force)
+        with pytest.raises(ico.SimulationError):
+            for time in times:
+                simulation.advance_to(wait + time)
+        assert np.isfinite(simulation.snapshot().position).all()
+
+
 def test_a_given_step_too_long_for_what_may_touch_is_refused_at_the_start():
     with pytest.raises(ValueError, match='cannot start: solver.step .* too long for what touches'):
         ico.compile_scene(loose(

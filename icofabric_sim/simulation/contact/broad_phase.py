@@ -267,9 +267,11 @@ class BroadPhase:
         unpack, watch = self._layout.unpack, self._watch
         looked = unpack(State(watch.reference, watch.turned, watch.reference, watch.reference))
         now, since = unpack(state), time - watch.frame[0]
-        shift = since * (watch.frame[1:4] + since * watch.frame[4:7])
-        way = np.linalg.norm(now.position - shift - looked.position, axis=1)
-        way += self._radius * turned_at_most(looked.orientation, now, now, 0.0)
+        # Numbers that run away have left; a health check says why.
+        with np.errstate(over='ignore', invalid='ignore'):
+            shift = since * (watch.frame[1:4] + since * watch.frame[4:7])
+            way = np.linalg.norm(now.position - shift - looked.position, axis=1)
+            way += self._radius * turned_at_most(looked.orientation, now, now, 0.0)
         return not way.max(initial=0.0) <= math.sqrt(self.limits[LATE])
 
     def passing_by(self, before: State, after: State, start: float, end: float) -> str:
@@ -280,17 +282,20 @@ class BroadPhase:
         looked = unpack(State(watch.reference, watch.turned, watch.reference, watch.reference))
         first, last, length = unpack(before), unpack(after), end - start
         frame, since = watch.frame, np.array([start, end])[:, None] - watch.frame[0]
-        places = since * (frame[1:4] + since * frame[4:7])
-        speeds = frame[1:4] + 2.0 * since * frame[4:7]
-        third = length / 3.0
-        shift = np.stack([
-            places[0], places[0] + third * speeds[0], places[1] - third * speeds[1], places[1]])
-        course = Course(
-            bezier_points(first, last, length) - shift[:, None],
-            turned_at_most(looked.orientation, first, last, length))
-        reach = math.sqrt(self.limits[LATE])
-        found = first_passing(
-            course, looked.position, self.setup.planes, shift, reach=reach, radius=self._radius)
+        third, reach = length / 3.0, math.sqrt(self.limits[LATE])
+        # Numbers that run away end the run at a health check, which says why.
+        with np.errstate(over='ignore', invalid='ignore'):
+            places = since * (frame[1:4] + since * frame[4:7])
+            speeds = frame[1:4] + 2.0 * since * frame[4:7]
+            shift = np.stack([
+                places[0], places[0] + third * speeds[0], places[1] - third * speeds[1],
+                places[1]])
+            course = Course(
+                bezier_points(first, last, length) - shift[:, None],
+                turned_at_most(looked.orientation, first, last, length))
+            found = first_passing(
+                course, looked.position, self.setup.planes, shift, reach=reach,
+                radius=self._radius)
         if found is None:
             return ''
         other = (

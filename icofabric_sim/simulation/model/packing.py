@@ -362,7 +362,9 @@ def expected_liveliness(
     scene: Scene, model: Model, loads: Loads | None, frequency: float
 ) -> float:
     """
-    Speeds over a, or spins [1/s], that a run will reach: from start, loads, weight, pre-stress.
+    Speeds over a, or spins [1/s], that a run will reach.
+
+    From start, loads, weight, pre-stress, drives and anchors.
 
     Loads and weight accelerate until the fabric answers, which takes as many radians of its
     fastest vibration as it has bodies in a row, or until the run ends.
@@ -379,13 +381,16 @@ def expected_liveliness(
     if model.gravity is not None and model.supports is not None:
         acceleration += float(np.linalg.norm(model.gravity)) / half_edge
     growth = acceleration * duration if duration < np.inf else 0.0
-    # Connectors that do not balance as woven let go of energy within a radian, a displaced start
-    # within a period; neither gives more than motion through a body's own size in that time.
+    # Connectors and anchors that do not balance as woven let go of energy within a radian, a
+    # displaced start within a period; neither gives more than motion through a body's own size in
+    # that time.
     released = unbalanced_rate(scene) / frequency if frequency > 0.0 else 0.0
     displaced = np.abs(initial.position - scene.position).max() / half_edge * frequency
     for drive in scene.drives.values():
         fastest, turning = drive.path.fastest
         speed, spin = max(speed, fastest / half_edge), max(spin, turning)
+    for anchor in scene.anchors.values():
+        speed = max(speed, anchor.path.fastest[0] / half_edge)
     return max(speed, spin, growth, float(min(max(displaced, released), frequency)))
 
 

@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""How far the connectors of a fabric as woven are from balancing each other."""
+"""How far connectors and anchors of a fabric as woven are from balancing each other."""
 
 from icofabric_sim.geometry.rotations import cosines_from_quaternions
 from icofabric_sim.scene.scene import Scene
@@ -20,31 +20,17 @@ import numpy as np
 
 def unbalanced_rate(scene: Scene) -> float:
     """
-    Largest acceleration over a, or of spin [1/s^2], that connectors as woven give a body.
+    Largest acceleration over a, or of spin [1/s^2], that these give a body at the start.
 
-    0 where all have their natural lengths. Tables count by their largest slopes.
+    0 where all have their natural lengths. Tables count by their largest slopes; anchors pull to
+    where their points are at first.
     """
-    connectors = scene.connectors
-    if not scene.connector_count:
-        return 0.0
-    strained = connectors.woven_length - connectors.laws.natural_length
-    if not (np.abs(strained) > 1e-12 * connectors.laws.natural_length).any():
-        return 0.0
-    one, two = connectors.bodies.T
-    axes = cosines_from_quaternions(scene.orientation).reshape(-1, 3, 3)
-    arms = np.einsum('ceij,cei->cej', axes[connectors.bodies], connectors.points_body)
-    ends = scene.position[connectors.bodies] + arms
-    along = ends[:, 1] - ends[:, 0]
-    length = np.linalg.norm(along, axis=1)
-    laws = connectors.laws
-    stretch = length - laws.natural_length
-    tension = stretch * np.where(stretch > 0.0, laws.extension, laws.compression)
-    # One of no length has no direction.
-    pull = along * (tension / np.where(length > 0.0, length, np.inf))[:, None]
     force, torque = np.zeros((2, scene.body_count, 3))
-    for bodies, sign, arm in ((one, 1.0, arms[:, 0]), (two, -1.0, arms[:, 1])):
-        np.add.at(force, bodies, sign * pull)
-        np.add.at(torque, bodies, sign * np.cross(arm, pull))
+    axes = cosines_from_quaternions(scene.orientation).reshape(-1, 3, 3)
+    _add_connectors(scene, axes, force, torque)
+    _add_anchors(scene, axes, force, torque)
+    if not (force.any() or torque.any()):
+        return 0.0
     if scene.supports is not None:
         force[scene.supports.translation] = 0.0
         torque[scene.supports.rotation] = 0.0
@@ -54,3 +40,44 @@ def unbalanced_rate(scene: Scene) -> float:
     linear = np.linalg.norm(force, axis=1) / (shell.mass * scene.geometry.half_edge)
     angular = np.linalg.norm(torque, axis=1) / shell.inertia
     return float(max(linear.max(), angular.max()))
+
+
+def _add_connectors(
+    scene: Scene, axes: np.ndarray, force: np.ndarray, torque: np.ndarray
+) -> None:
+    """Add what connectors pull, [N] and [N m] (n, 3), with the `axes` (n, 3, 3) of the bodies."""
+    connectors = scene.connectors
+    if not scene.connector_count:
+        return
+    strained = connectors.woven_length - connectors.laws.natural_length
+    if not (np.abs(strained) > 1e-12 * connectors.laws.natural_length).any():
+        return
+    one, two = connectors.bodies.T
+    arms = np.einsum('ceij,cei->cej', axes[connectors.bodies], connectors.points_body)
+    ends = scene.position[connectors.bodies] + arms
+    along = ends[:, 1] - ends[:, 0]
+    length = np.linalg.norm(along, axis=1)
+    laws = connectors.laws
+    stretch = length - laws.natural_length
+    tension = stretch * np.where(stretch > 0.0, laws.extension, laws.compression)
+    # One of no length has no direction.
+    pull = along * (tension / np.where(length > 0.0, length, np.inf))[:, None]
+    for bodies, sign, arm in ((one, 1.0, arms[:, 0]), (two, -1.0, arms[:, 1])):
+        np.add.at(force, bodies, sign * pull)
+        np.add.at(torque, bodies, sign * np.cross(arm, pull))
+
+
+def _add_anchors(
+    scene: Scene, axes: np.ndarray, force: np.ndarray, torque: np.ndarray
+) -> None:
+    """Add what anchors pull, likewise."""
+    extension, compression, natural_length = scene.anchor_law
+    for anchor in scene.anchors.values():
+        arm = anchor.arm @ axes[anchor.body]
+        along = anchor.path.pieces[0].at(0.0)[:3] - (scene.position[anchor.body] + arm)
+        length = float(np.linalg.norm(along))
+        stretch = length - natural_length
+        if length > 0.0:
+            pull = along * ((extension if stretch > 0.0 else compression) * stretch / length)
+            force[anchor.body] += pull
+            torque[anchor.body] += np.cross(arm, pull)

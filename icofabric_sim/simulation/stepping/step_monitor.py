@@ -17,6 +17,7 @@ import math
 from typing import Any
 
 from icofabric_sim.kernels import monitor
+from icofabric_sim.kernels.flows import place_all
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.simulation.state_tree import StateTree
 from icofabric_sim.simulation.stepping.faults import find_fault, shorter_steps
@@ -24,6 +25,7 @@ from icofabric_sim.simulation.stepping.methods import Method
 from icofabric_sim.simulation.stepping.motion_rates import MotionRates
 from icofabric_sim.simulation.stepping.obstruction import Obstruction
 from icofabric_sim.simulation.stepping.trajectory import Trajectory
+import numpy as np
 
 # Work between two health checks, in evaluations of the forces; a check costs about as much as one
 # and a half.
@@ -99,6 +101,22 @@ class StepMonitor:
             ratio = step * self._rates.frequency.rate / method.chosen
             steps = CHECK_INTERVAL / method.stages / max(ratio, 1.0)
             self.interval = max(int(steps), SHORTEST_INTERVAL)
+
+    def judge(self, time: float) -> int:
+        """
+        Return why the present state, of `time` [s], is unsound: NOT_FINITE or UNBALANCED; else 0.
+
+        This is no health check: where the state is sound nothing remembers it.
+        """
+        trajectory = self._trajectory
+        model, ledger = trajectory.model, trajectory.ledger
+        numbers = ledger.numbers.copy()
+        place_all(model, trajectory.state, trajectory.work, 0, len(model.blocks.slot))
+        status = monitor.examine(
+            model, trajectory.loads, trajectory.state, trajectory.work, time, numbers)
+        if status & monitor.UNSOUND:
+            np.copyto(ledger.numbers, numbers)
+        return int(status & monitor.UNSOUND)
 
     def handle_obstruction(self, time: float) -> None:
         """Report once that a connector runs into its own shell, or stop the run."""

@@ -100,7 +100,7 @@ class UniformStepping:
         finally:
             if trajectory.failure is None:
                 trajectory.begin_at(time)
-                self._save_where_judged()
+        self._save_where_judged()
 
     def check_within(self, time: float) -> None:
         """
@@ -113,6 +113,9 @@ class UniformStepping:
             return
         rest = time - trajectory.time
         state = pieces.trials.take(rest, 1) if rest > 0.0 else trajectory.state
+        if trajectory.take_force_failure() is not None:
+            # There is no state to judge; whether the run comes there is not known.
+            return
         if rest > 0.0 and self._is_far(rest):
             pieces.contact.refuse_passing(trajectory.state, state, trajectory.time, time)
         elif pieces.contact.has_left(state, time):
@@ -128,7 +131,20 @@ class UniformStepping:
     def _save_where_judged(self) -> None:
         """Save a state from which steps of one length under the same loads can be repeated."""
         if self._is_judged:
-            self._pieces.trajectory.save()
+            self._save_sound()
+
+    def _save_sound(self) -> None:
+        """
+        Save the present state, to come back to; a run whose state is unsound ends instead.
+
+        What a health check has just seen, or was saved already, is sound.
+        """
+        pieces, trajectory = self._pieces, self._pieces.trajectory
+        if pieces.monitor.since_check and trajectory.saved_time != trajectory.time:
+            status = pieces.monitor.judge(trajectory.time)
+            if status:
+                pieces.respond(status, trajectory.time)
+        trajectory.save()
 
     def _judge_steps(self, rest: float) -> None:
         """
@@ -209,7 +225,7 @@ class UniformStepping:
         if far:
             # One by one, each from a state to go back to.
             count = 1
-            trajectory.save()
+            self._save_sound()
         if touching is not None:
             count = touching.prepare(step, before, checks.interval, count)
         # A step of another length is cut to end at an input.
