@@ -106,7 +106,9 @@ def test_steps_are_short_enough_for_slack_connectors_that_pull_later(method):
 
 @pytest.mark.parametrize('method', ico.METHODS)
 def test_energy_and_momenta_stay_on_a_kinked_fabric(method):
-    scene = make_scene((4, 3, 3), {**KINKED, 'solver.method': method}, **RANDOM)
+    # Kinks leave srkn8 steps of order 2, each of 16 evaluations: minutes at the default tolerance.
+    tolerance = {'solver.tolerance': 1e-4} if method == 'srkn8' else {}
+    scene = make_scene((4, 3, 3), {**KINKED, 'solver.method': method, **tolerance}, **RANDOM)
     simulation = ico.compile_scene(scene)
     simulation.advance_to(0.3)
     s, first = simulation.snapshot(), scene.initial
@@ -188,7 +190,8 @@ def test_groups_take_their_connectors():
 def test_threads_and_pieces_give_the_same_bits(monkeypatch, method):
     from icofabric_sim.simulation.stepping import thread_team
     scene = make_scene((5, 4, 3), {
-        **KINKED, 'solver.method': method, 'solver.tolerance': 1e-8}, **RANDOM)
+        **KINKED, 'solver.method': method,
+        'solver.tolerance': 1e-8 if method == 'srkn4' else 1e-6}, **RANDOM)
     monkeypatch.setattr(thread_team, 'BODIES_PER_THREAD', 1)
     ends = []
     for threads, pieces in ((1, 1), (2, 1), (3, 7)):
