@@ -24,6 +24,7 @@ from importlib import import_module
 import os
 import signal
 import sys
+import threading
 from typing import NoReturn
 
 # Verb, and what it does; the module has the same name.
@@ -47,6 +48,8 @@ VERBS = {
     'recover': 'make a whole bag of one whose recorder was killed',
 }
 DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+# Wall time [s] after which an interrupt that was dropped is sent once more.
+_AGAIN = 0.05
 
 
 class _Help(argparse.HelpFormatter):
@@ -67,19 +70,27 @@ class _Parser(argparse.ArgumentParser):
 
 def main(argv: list[str] | None = None) -> int:
     """
-    Run one verb.
+    Run one verb; without `argv` that of the command line, after which the process is to end.
 
     Returns 0: done; 1: the physics or the file says no; 2: bad input; 130: interrupted.
     """
     words = sys.argv[1:] if argv is None else argv
     name = f'icofabric {words[0]}' if words and words[0] in VERBS else 'icofabric'
     signal.signal(signal.SIGTERM, _interrupt)
+    if argv is None:
+        sys.unraisablehook = _raise_again
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         # A shell has its background jobs ignore it; whoever sends it means it.
         signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
-        return _guarded(words, name)
+        try:
+            return _guarded(words, name)
+        finally:
+            if argv is None:
+                _ignore_interrupts()
     except KeyboardInterrupt:
+        if argv is None:
+            _ignore_interrupts()
         # Where it was raised in a text that `exec` or `eval` runs (named tuples are made so),
         # Python notes that, and in the end kills itself by SIGINT whatever the status. The next
         # text resets the note.
@@ -155,6 +166,30 @@ def _one_line(error: Exception) -> str:
 
 def _interrupt(number: int, frame: object) -> NoReturn:
     raise KeyboardInterrupt
+
+
+def _raise_again(lost: 'sys.UnraisableHookArgs') -> None:
+    """
+    Send an interrupt once more that was raised where nothing can catch it.
+
+    Such as the compiler's calls back into Python, which drop it, or a `__del__`.
+    """
+    if lost.exc_type is not KeyboardInterrupt:
+        sys.__unraisablehook__(lost)
+        return
+    again = threading.Timer(_AGAIN, os.kill, (os.getpid(), signal.SIGINT))
+    again.daemon = True
+    again.start()
+
+
+def _ignore_interrupts() -> None:
+    """
+    Let the process end with the status that is decided.
+
+    While Python tears its modules down signals have their default action again, and would kill it.
+    """
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_IGN)
 
 
 if __name__ == '__main__':

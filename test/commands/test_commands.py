@@ -372,6 +372,47 @@ def test_an_interrupt_in_a_text_that_is_executed_ends_with_130_too():
     assert process.returncode == 130 and process.stderr == 'icofabric info: interrupted\n'
 
 
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupt_while_python_ends_leaves_the_status_that_was_decided(
+        number: signal.Signals) -> None:
+    # Modules are torn down after signals have their default action again.
+    process = subprocess.run([
+        sys.executable, '-c', 'import os, sys\n'
+        'class Late:\n'
+        f'    def __del__(self, kill=os.kill, own=os.getpid()): kill(own, {int(number)})\n'
+        "late, sys.argv = Late(), ['icofabric', 'tables', '1']\n"
+        'from icofabric_sim.commands.main import main\n'
+        'sys.exit(main())'], capture_output=True, text=True, check=False)
+    assert process.returncode == 0 and 'Table 1' in process.stdout
+    assert process.stderr == ''
+
+
+def test_an_interrupt_that_a_call_back_drops_is_raised_again() -> None:
+    # The compiler calls Python back through ctypes, which drops what is raised there.
+    process = subprocess.run([
+        sys.executable, '-c', 'import ctypes, os, signal, sys, time\n'
+        'from icofabric_sim.commands import info, main\n'
+        'def interrupted():\n'
+        '    os.kill(os.getpid(), signal.SIGINT)\n'
+        '    time.sleep(10.0)\n'
+        'def work(arguments):\n'
+        '    ctypes.CFUNCTYPE(None)(interrupted)()\n'
+        '    time.sleep(30.0)\n'
+        '    return 0\n'
+        'info.main = work\n'
+        "sys.argv = ['icofabric', 'info', 'hanging_slab']\n"
+        'sys.exit(main.main())'], capture_output=True, text=True, check=False)
+    assert process.returncode == 130 and process.stderr == 'icofabric info: interrupted\n'
+
+
+def test_a_program_that_calls_main_keeps_its_interrupts(
+        capsys: pytest.CaptureFixture[str]) -> None:
+    before = signal.getsignal(signal.SIGINT)
+    assert main(['tables', '1']) == 0 and capsys.readouterr().out
+    assert signal.getsignal(signal.SIGINT) is before is not signal.SIG_IGN
+    assert sys.unraisablehook.__module__ != 'icofabric_sim.commands.main'
+
+
 def test_nothing_that_takes_long_is_imported_before_interrupts_are_caught():
     code = (
         'import sys; import icofabric_sim.commands.main; '
