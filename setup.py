@@ -43,6 +43,8 @@ setup(
         'film': ['imageio-ffmpeg', 'matplotlib'],
         # The page of `viewer_node` and of `icofabric view`.
         'viewer': ['viser>=1.1,<1.2'],
+        # `icofabric sweep` and `icofabric_sim.sweep` on several workers; Parquet tables.
+        'sweep': ['distributed', 'pandas', 'pyarrow'],
         'test': ['pytest', 'pytest-timeout', 'pytest-xdist'],
         # The site that `make docs` builds.
         'docs': ['furo', 'myst-parser', 'sphinx'],

@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from icofabric_sim.statics.modes import solve_modes, Spectrum
     from icofabric_sim.statics.periodic import Elasticity, homogenise, solve_bands
     from icofabric_sim.statics.stretching import measure_curve
+    from icofabric_sim.studies.sweep.sweep import sweep
 
 _HOMES = {
     'BodyForce': 'simulation.model.body_force',
@@ -63,6 +64,7 @@ _HOMES = {
     'solve_equilibrium': 'statics.equilibrium',
     'solve_modes': 'statics.modes',
     'step_loads': 'statics.equilibrium',
+    'sweep': 'studies.sweep.sweep',
 }
 
 __all__ = [
@@ -88,6 +90,7 @@ __all__ = [
     'solve_equilibrium',
     'solve_modes',
     'step_loads',
+    'sweep',
 ]
 
 

@@ -45,7 +45,7 @@ SETUP = (ROOT / 'setup.py').read_text(encoding='utf-8')
 EXECUTABLES = re.findall(r"'(\w+) = icofabric_sim\.", SETUP)
 # A line whose first word is one of these is a command. Of programs of .venv the name alone is
 # not: it is not found in a shell where .venv is not activated.
-IN_VENV = ('python', 'pip', 'pytest', *EXECUTABLES)
+IN_VENV = ('python', 'pip', 'pytest', 'dask', *EXECUTABLES)
 ELSEWHERE = ('make', 'ros2', 'rosdep', 'colcon', 'source')
 
 
@@ -156,6 +156,13 @@ def check_pip(command, words):
     assert extra and f"'{extra.group(1)}': [" in SETUP, command.place
 
 
+def check_dask(command, words):
+    verb, *options = words
+    program = import_module(f'distributed.cli.dask_{verb}').main
+    # Parsed by its own parser, and not begun.
+    assert program.make_context(verb, options).params, command.place
+
+
 def check_ros2(command, words, monkeypatch):
     match words:
         case ['run', 'icofabric_sim', name, *arguments]:
@@ -201,6 +208,8 @@ def test_command_is_there_as_printed(command, monkeypatch):
             check_python(command, words, monkeypatch)
         elif name == 'pip':
             check_pip(command, words)
+        elif name == 'dask':
+            check_dask(command, words)
         else:
             check_executable(command, name, words, monkeypatch)
     elif program == 'ros2':

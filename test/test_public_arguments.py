@@ -358,6 +358,25 @@ def table(t):
             'scene': scene, 'at': snapshot, 'time': time,
             'count': integer(None, 2, np.int64(3), bad=[0, -1], optional=True),
             'which': text('lowest', 'highest', bad=['', 'Lowest']), 'branch': branch}),
+        'sweep': (ico.sweep, {
+            'scene': scene, 'vary': Argument(
+                [None, {'connector.stiffness': [300, 500.0]},
+                 {'connector.stiffness': np.array([300.0])}], [
+                    'x', 3, NAN, True, [], Other(), {1: 2}, {'connector.stiffness': None},
+                    {'connector.stiffness': 3.0}, {'connector.stiffness': []},
+                    {'connector.stiffness': '1..2'}]),
+            'verbs': Argument(['elasticity', ('elasticity',)], [
+                None, 3, NAN, True, [], {}, Other(), '', 'fly', [3], ['elasticity', 'fly']]),
+            'keep': Argument([None, 'moduli', ['moduli']], [
+                3, NAN, True, {}, Other(), '', 'x', [3], ['moduli', 'x'], 'moduli 3', 'bag']),
+            'cases': Argument([None, [{'connector.stiffness': 300.0}]], [
+                'x', 3, NAN, True, [], {}, Other(), [3], [{}]]),
+            'sample': Argument([None], ['x', 3, NAN, True, [], {}, Other(), {'count': 3}]),
+            'workers': integer(0, np.int64(0), bad=[-1, 10**6], optional=True),
+            'scheduler': text(''),
+            'store': path(t.folder / 'store', str(t.folder / 'store')),
+            'retry': flag(False, True, np.True_),
+            'progress': function(None, lambda done, total: None, optional=True)}),
         'band_path': (periodic.band_path, {
             'scene': scene, 'points': integer(2, np.int64(3), bad=[0, -1])}),
         'sample_zone': (periodic.sample_zone, {

@@ -1,0 +1,279 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""`icofabric sweep STUDY|SCENE`."""
+
+import argparse
+from collections.abc import Sequence
+import os
+from pathlib import Path
+import time
+from typing import Any, TYPE_CHECKING
+
+from icofabric_sim.commands.report import print_json
+from icofabric_sim.commands.scenes import add_scene_arguments, read_parameters
+from icofabric_sim.terminal import (
+    bad_input,
+    duration_text,
+    FileSaysNo,
+    InputError,
+    notes,
+    Progress,
+    require_place,
+    say,
+)
+
+if TYPE_CHECKING:
+    from icofabric_sim.studies.sweep.single_run import Outcome
+    from icofabric_sim.studies.sweep.sweep import How, Study
+
+_NAME = 'icofabric sweep'
+_STORE = 'runs/sweep'
+_ROWS = 20
+# The table is written again after this wall time [s], and so many times what writing it takes.
+_WRITE_AFTER, _WRITE_TIMES = 2.0, 20.0
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare what the verb takes."""
+    add_scene_arguments(parser, 'STUDY|SCENE')
+    parser.add_argument(
+        '--vary', metavar='NAME:=VALUES', action='append', default=[],
+        help="values of a parameter: '[300.0, 500.0]', or a range: 0.1..0.7/13 in 13 parts, "
+             '1..1000/7log evenly in the logarithm, 0.1..0.7 to be sampled; may be repeated, for '
+             'a grid; NAME[1] is one element of a list')
+    parser.add_argument(
+        '--sample', metavar='METHOD:COUNT[:SEED]',
+        help='draw COUNT points from the ranges without a count: sobol, halton, latin, random')
+    parser.add_argument(
+        '--verb', dest='verbs', action='append', metavar='VERB',
+        help='what is done in each run: run (default), statics, modes (about the equilibrium '
+             'where statics is there, too), elasticity, bands, curve; may be repeated')
+    parser.add_argument(
+        '--keep', action='append', metavar='PHRASE',
+        help="what is kept: energies, extremes, bag, 'displacement GROUP', tension, "
+             "'reaction GROUP', 'frequencies COUNT', moduli, gap, 'curve KIND STRAIN POINTS "
+             "AXIS'; may be repeated")
+    parser.add_argument(
+        '--duration', type=float, metavar='S', help='simulated time [s] of each run')
+    who = parser.add_mutually_exclusive_group()
+    who.add_argument(
+        '--workers', type=int, metavar='N',
+        help='processes on this machine (default: one for each core); 0: this one alone, without '
+             'Dask')
+    who.add_argument(
+        '--scheduler', default='', metavar='ADDRESS',
+        help='the workers of a scheduler of Dask, by its address (tcp://host:8786) or its '
+             'scheduler file (.json)')
+    parser.add_argument(
+        '--store', default=_STORE, metavar='FOLDER',
+        help='folder of finished runs, which are not done again (%(default)s)')
+    parser.add_argument(
+        '--retry', action='store_true', help='do again what has failed')
+    parser.add_argument(
+        '--output', metavar='FILE',
+        help='the table: .csv or .parquet (default: STORE/NAME.csv), written again and again '
+             'while runs finish')
+    parser.add_argument('--picture', metavar='FILE', help='plot the outcome: .png or .svg')
+    parser.add_argument(
+        '--columns', nargs='+', default=[], metavar='COLUMN',
+        help='columns to print and to plot (default: the first ones)')
+    parser.add_argument(
+        '--list', action='store_true',
+        help='say what would be run, and what is finished already, and run nothing')
+    parser.add_argument('--json', action='store_true', help='print the table as JSON')
+
+
+def main(arguments: argparse.Namespace) -> int:
+    """Do what is not in the store; 1 where a run has failed."""
+    from icofabric_sim.studies.sweep.sweep import how_to_run
+    with bad_input():
+        how = how_to_run(arguments.workers, arguments.scheduler)
+    require_place('--store', Path(arguments.store).expanduser(), is_folder=True)
+    name, study = _study(arguments)
+    output, picture = _places(arguments, name)
+    if arguments.list:
+        return _list(name, study)
+    say(f'{name}: {_counted(len(study.orders), "run")} of {", ".join(study.work.verbs)}, '
+        f'{_counted(study.kinds, "kind")} of scenes')
+    began = time.monotonic()
+    outcomes: list[Outcome] = []
+    try:
+        _gather(arguments, study, how, outcomes, output)
+    except KeyboardInterrupt:
+        _save(study, outcomes, output)
+        say(f'{_NAME}: {len(outcomes):,} of {len(study.orders):,} runs are finished and kept in '
+            f'{study.store.path}; the same command goes on')
+        raise
+    _report(arguments, name, study, outcomes, output, time.monotonic() - began)
+    if picture is not None:
+        from icofabric_sim.pictures.sweep_picture import draw_sweep
+        try:
+            draw_sweep(picture, name, study.table(outcomes), arguments.columns)
+        except ValueError as error:
+            raise FileSaysNo(f'--picture {picture}: {error}') from error
+        say(f'drawn to {picture}')
+    return int(any(outcome.reason for outcome in outcomes))
+
+
+def _study(arguments: argparse.Namespace) -> tuple[str, 'Study']:
+    """Name and plan, from a study file or a scene, with the flags."""
+    from icofabric_sim.parameters.file import parse_parameter_override
+    from icofabric_sim.parameters.ready_scenes import ready_scenes
+    from icofabric_sim.parameters.validation import make_parameters
+    from icofabric_sim.studies.sweep.study_file import is_study, read_study
+    from icofabric_sim.studies.sweep.sweep import Study
+
+    path = Path(arguments.scene).expanduser()
+    vary: Any = {}
+    cases = sample = keep = None
+    verbs: Any = ['run']
+    with bad_input():
+        if arguments.scene not in ready_scenes() and is_study(path):
+            text = read_study(path)
+            name = path.stem
+            given = dict(text.given)
+            vary, cases, sample = text.vary or {}, text.cases, text.sample
+            verbs, keep = text.verbs, text.keep
+            for rule in arguments.parameter:
+                parameter, value = parse_parameter_override(rule)
+                given[parameter] = value
+            parameters = make_parameters(given)
+        else:
+            name, parameters = read_parameters(arguments)
+        if arguments.duration is not None:
+            parameters = parameters.with_changes({'duration': arguments.duration})
+        if not isinstance(vary, dict):
+            raise ValueError(f'vary must be a dictionary of parameters and values, got {vary!r}')
+        study = Study.from_parameters(
+            parameters, {**vary, **dict(map(_varied, arguments.vary))}, cases=cases,
+            sample=sample if arguments.sample is None else _sample(arguments.sample),
+            verbs=arguments.verbs or verbs, keep=arguments.keep or keep, store=arguments.store)
+    return name, study
+
+
+def _varied(rule: str) -> tuple[str, Any]:
+    """Name and values of `--vary NAME:=VALUES`."""
+    import yaml
+    name, found, text = rule.partition(':=')
+    if not found or not name or not text:
+        raise InputError(f'--vary {rule}: write NAME:=VALUES, such as connector.stiffness:=[1e3]')
+    if not text.startswith(('[', '{')):
+        return name, text
+    from icofabric_sim.studies.sweep.study_file import parse_yaml
+    try:
+        return name, parse_yaml(text)
+    except yaml.YAMLError as error:
+        raise InputError(f'--vary {rule}: {" ".join(str(error).split())}') from error
+
+
+def _sample(text: str) -> dict[str, Any]:
+    words = text.split(':')
+    if len(words) not in (2, 3) or not all(word.isdecimal() for word in words[1:]):
+        raise InputError(
+            f'--sample {text}: write METHOD:COUNT or METHOD:COUNT:SEED, such as sobol:64')
+    return {'method': words[0], 'count': int(words[1]),
+            'seed': int(words[2]) if len(words) == 3 else 0}
+
+
+def _places(arguments: argparse.Namespace, name: str) -> tuple[Path, Path | None]:
+    """Where the table and the picture go."""
+    from icofabric_sim.pictures.figure_style import SUFFIXES
+    from icofabric_sim.studies.sweep.table import require_suffix
+    output = Path(arguments.store).expanduser() / f'{name}.csv'
+    if arguments.output is not None:
+        output = require_place('--output', Path(arguments.output).expanduser())
+        with bad_input():
+            require_suffix(output)
+    if arguments.picture is None:
+        return output, None
+    picture = require_place('--picture', Path(arguments.picture).expanduser())
+    if picture.suffix.lower() not in SUFFIXES:
+        raise InputError(f'--picture {picture}: give a file that ends in {" or ".join(SUFFIXES)}')
+    return output, picture
+
+
+def _list(name: str, study: 'Study') -> int:
+    done = study.finished()
+    failed = sum(bool(outcome.reason) for outcome in done.values())
+    print(f'{name}: {_counted(len(study.orders), "run")} of {", ".join(study.work.verbs)}; kept: '
+          f'{", ".join(map(str, study.work.keep))}')
+    print(f'{len(done):,} are finished in {study.store.path}, {failed:,} of them failed')
+    for order in study.orders[:_ROWS]:
+        state = done[order.number].state.value if order.number in done else 'to do'
+        print(f'  {state:6}  {order.key}  {study.plan.describe(order.number)}')
+    if len(study.orders) > _ROWS:
+        print(f'  ... and {len(study.orders) - _ROWS:,} more')
+    return 0
+
+
+def _gather(
+    arguments: argparse.Namespace, study: 'Study', how: 'How', outcomes: list['Outcome'],
+    output: Path
+) -> None:
+    """Take outcomes as they come; the table on disk follows."""
+    from icofabric_sim.studies.sweep.dask_runs import SchedulerLost
+    from icofabric_sim.studies.sweep.single_run import State, WorkersDiffer
+    total = len(study.orders)
+    written, pause = time.monotonic(), _WRITE_AFTER
+    with Progress(total, 'runs') as progress, notes(progress, _NAME):
+        try:
+            with bad_input():
+                for outcome in study.outcomes(how, retry=arguments.retry):
+                    outcomes.append(outcome)
+                    if outcome.state is not State.DONE and not outcome.reused:
+                        progress.note(
+                            f'{study.plan.describe(outcome.number)}: {outcome.state.value}: '
+                            f'{outcome.reason}')
+                    if (began := time.monotonic()) - written >= pause:
+                        _save(study, outcomes, output)
+                        written = time.monotonic()
+                        pause = max(_WRITE_AFTER, _WRITE_TIMES * (written - began))
+                    progress.update(len(outcomes))
+        except WorkersDiffer as error:
+            raise InputError(str(error)) from error
+        except SchedulerLost as error:
+            _save(study, outcomes, output)
+            raise FileSaysNo(
+                f'{error}; {len(outcomes):,} of {total:,} runs are finished and kept in '
+                f'{study.store.path}; the same command goes on') from error
+    _save(study, outcomes, output)
+
+
+def _save(study: 'Study', outcomes: Sequence['Outcome'], output: Path) -> None:
+    study.table(outcomes).save(output)
+
+
+def _report(
+    arguments: argparse.Namespace, name: str, study: 'Study', outcomes: Sequence['Outcome'],
+    output: Path, wall: float
+) -> None:
+    table = study.table(outcomes)
+    reused = sum(outcome.reused for outcome in outcomes)
+    failed = len(table.failed)
+    unknown = [column for column in arguments.columns if column not in table.kept]
+    if unknown:
+        raise InputError(
+            f'--columns {unknown[0]}: there is no such column; there are: '
+            f'{", ".join(table.kept)}')
+    if arguments.json:
+        print_json({'study': name, 'table': table.table(), 'failed': failed, 'reused': reused,
+                    'store': os.fspath(study.store.path)})
+    else:
+        print('\n'.join(table.lines(_ROWS, arguments.columns)))
+        print(f'{_counted(len(table), "run")}, {reused:,} of them from the store, {failed:,} failed, in '
+              f'{duration_text(wall)}; table: {output}')
+
+
+def _counted(count: int, word: str) -> str:
+    return f'{count:,} {word}' if count == 1 else f'{count:,} {word}s'

@@ -1,0 +1,119 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""A figure of a study: what was kept over what was varied."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from icofabric_sim.pictures.figure_style import line_styles, paper_style, save_figure
+from icofabric_sim.studies.sweep.table import SweepTable
+import numpy as np
+
+# Rows and columns of plots; curves that a plot can hold, and points of a line at least.
+_MOST_ROWS, _MOST_COLUMNS, _MOST_LINES, _LEAST_POINTS = 6, 4, 7, 2
+_WIDTH, _HEIGHT = 4.2, 2.6  # inches of a plot
+
+
+def draw_sweep(
+    path: Path, name: str, table: SweepTable, columns: Sequence[str] = ()
+) -> None:
+    """
+    Draw columns (default: the first ones that vary) over each varied parameter.
+
+    Runs that differ in the one parameter only are joined by a line, told apart by the others.
+    ValueError where there is nothing to draw.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    across = [one for one in table.varied if _is_numeric(table[one])][:_MOST_COLUMNS]
+    up = list(columns) or [
+        one for one in table.kept if _is_numeric(table[one]) and _differs(table[one])]
+    for one in columns:
+        if one not in table.kept or not _is_numeric(table[one]):
+            raise ValueError(
+                f'{one} is not a column of numbers; there are: '
+                f'{", ".join(name for name in table.kept if _is_numeric(table[name]))}')
+    if not across or not up:
+        raise ValueError(
+            'there is nothing to draw: no parameter with numbers varies' if not across else
+            'there is nothing to draw: no column of numbers differs from run to run')
+    up = up[:_MOST_ROWS]
+    with paper_style():
+        figure = Figure(
+            figsize=(_WIDTH * len(across), _HEIGHT * len(up)), dpi=130, layout='constrained')
+        FigureCanvasAgg(figure)
+        plots = figure.subplots(len(up), len(across), sharex='col', sharey='row', squeeze=False)
+        for row, measure in enumerate(up):
+            for place, parameter in enumerate(across):
+                axes = plots[row, place]
+                _draw(axes, table, parameter, measure)
+                if row == len(up) - 1:
+                    axes.set_xlabel(_title(table, parameter))
+                if not place:
+                    axes.set_ylabel(_title(table, measure))
+        figure.suptitle(name, fontsize=10.0)
+        save_figure(figure, path)
+
+
+def _draw(axes: Any, table: SweepTable, parameter: str, measure: str) -> None:
+    x, y = table[parameter].astype(float), table[measure].astype(float)
+    others = [one for one in table.varied if one != parameter]
+    groups: dict[tuple[str, ...], list[int]] = {}
+    for row in range(len(table)):
+        groups.setdefault(
+            tuple(str(table[one][row]) for one in others), []).append(row)
+    if len(groups) > _MOST_LINES or max(map(len, groups.values())) < _LEAST_POINTS:
+        axes.plot(x, y, 'o', color='#0072b2', markersize=3.0)
+    else:
+        for (values, rows), style in zip(groups.items(), line_styles(len(groups))):
+            order = sorted(rows, key=lambda row: x[row])
+            axes.plot(
+                x[order], y[order], color=style.color, linestyle=style.line, marker=style.marker,
+                markersize=3.5, label=', '.join(
+                    f'{one} {_short(value)}' for one, value in zip(others, values)))
+        if others and len(groups) > 1:
+            axes.legend()
+    if _spans_decades(x):
+        axes.set_xscale('log')
+    if _spans_decades(y):
+        axes.set_yscale('log')
+
+
+def _title(table: SweepTable, name: str) -> str:
+    unit = table.units.get(name, '')
+    return f'{name} [{unit}]' if unit else name
+
+
+def _is_numeric(values: np.ndarray) -> bool:
+    return values.ndim == 1 and values.dtype.kind in 'iuf'
+
+
+def _differs(values: np.ndarray) -> bool:
+    """More than rounding does."""
+    finite = values[np.isfinite(values)]
+    return bool(len(finite) > 1 and np.ptp(finite) > 1e-9 * np.abs(finite).max())
+
+
+def _spans_decades(values: np.ndarray) -> bool:
+    finite = values[np.isfinite(values)]
+    return bool(len(finite) > 2 and finite.min() > 0.0 and finite.max() > 30.0 * finite.min())
+
+
+def _short(text: str) -> str:
+    try:
+        return f'{float(text):.4g}'
+    except ValueError:
+        return text

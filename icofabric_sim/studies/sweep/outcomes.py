@@ -1,0 +1,388 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+What is done in a run, and what is kept of it: verbs, and phrases such as `displacement tip`.
+
+A verb computes once what all its phrases read. Each value that is kept becomes a column of the
+table, with its unit.
+"""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+from icofabric_sim import checks
+from icofabric_sim.checks import shown
+from icofabric_sim.parameters.validation import ParameterError
+from icofabric_sim.scene.scene import Scene
+import numpy as np
+
+RUN, STATICS, MODES, ELASTICITY, BANDS, CURVE = VERBS = (
+    'run', 'statics', 'modes', 'elasticity', 'bands', 'curve')
+_VOIGT = ('xx', 'yy', 'zz', 'yz', 'xz', 'xy')
+_DIRECTIONS = {'x': (1, 0, 0), 'y': (0, 1, 0), 'z': (0, 0, 1), 'xy': (1, 1, 0), 'xyz': (1, 1, 1)}
+_CURVES = ('pull', 'push', 'shear')
+# Energies that a fabric at rest has.
+_AT_REST = ('connectors', 'gravity', 'contact', 'field', 'total')
+# Name of the bag in the folder of a run.
+BAG: Final = 'bag'
+# Points between two neighbouring corners of the path through the zone.
+_BAND_POINTS = 24
+
+
+class Column(NamedTuple):
+    """One value of a run."""
+
+    name: str
+    unit: str
+    value: float | int | str
+
+
+class Phrase(NamedTuple):
+    """A word that says what is kept, and its arguments."""
+
+    word: str
+    arguments: tuple[str, ...]
+
+    def __str__(self) -> str:
+        """Return it as it is written."""
+        return ' '.join((self.word, *self.arguments))
+
+
+class Work(NamedTuple):
+    """What is done in each run."""
+
+    verbs: tuple[str, ...]
+    keep: tuple[Phrase, ...]
+
+    def of(self, verb: str) -> list[Phrase]:
+        """What is kept of a verb."""
+        return [phrase for phrase in self.keep if verb in WORDS[phrase.word].verbs]
+
+
+class Word(NamedTuple):
+    """A word of the phrases."""
+
+    verbs: tuple[str, ...]
+    usage: str
+    says: str
+
+
+WORDS: Final[dict[str, Word]] = {
+    'energies': Word((RUN, STATICS), 'energies', 'energies at the end [J]'),
+    'displacement': Word(
+        (RUN, STATICS), 'displacement GROUP',
+        'mean displacement of a group from its initial place, and the largest of a body [m]'),
+    'extremes': Word(
+        (RUN,), 'extremes', 'largest stretch, compression and displacement during the run'),
+    'bag': Word((RUN,), 'bag', 'the whole record, as icofabric run writes it'),
+    'tension': Word((STATICS,), 'tension', 'largest pull and push of a connector [N]'),
+    'reaction': Word(
+        (STATICS,), 'reaction GROUP', 'sum of the forces of supports and drives on a group [N]'),
+    'frequencies': Word((MODES,), 'frequencies [COUNT]', 'the lowest frequencies [rad/s]'),
+    'moduli': Word(
+        (ELASTICITY,), 'moduli', "stiffness [Pa], Young's moduli [Pa], density [kg/m^3]"),
+    'gap': Word((BANDS,), 'gap', 'the widest gap between the bands, and the highest frequency'),
+    'curve': Word(
+        (CURVE,), 'curve KIND STRAIN [POINTS [AXIS]]',
+        'stress [Pa] of the slab at strains up to STRAIN; KIND: pull, push or shear'),
+}
+DEFAULTS: Final = {
+    RUN: ('energies', 'extremes'), STATICS: ('energies', 'tension'), MODES: ('frequencies 6',),
+    ELASTICITY: ('moduli',), BANDS: ('gap',), CURVE: ('curve pull 0.1 10 x',)}
+_FREQUENCIES = 6
+
+
+def make_work(verbs: Any, keep: Any = None) -> Work:
+    """Judge verbs and phrases; ValueError lists what there is."""
+    chosen = [verbs] if isinstance(verbs, str) else checks.items('verbs', verbs, 'verbs')
+    if not chosen:
+        raise ValueError(f'verbs must name at least one of {", ".join(VERBS)}')
+    for verb in chosen:
+        checks.choice('verbs', verb, VERBS)
+    given = [keep] if isinstance(keep, str) else [] if keep is None else checks.items(
+        'keep', keep, 'phrases')
+    phrases = [_parse(text) for text in given]
+    for phrase in phrases:
+        word = WORDS[phrase.word]
+        if not set(word.verbs) & set(chosen):
+            raise ValueError(
+                f'keep: {phrase} is of {" and ".join(word.verbs)}, which is not among the verbs '
+                f'({", ".join(chosen)}); add it')
+    ordered = tuple(verb for verb in VERBS if verb in chosen)
+    for verb in ordered:
+        if not any(verb in WORDS[phrase.word].verbs for phrase in phrases):
+            phrases += map(_parse, DEFAULTS[verb])
+    return Work(ordered, tuple(dict.fromkeys(phrases)))
+
+
+def _parse(text: Any) -> Phrase:
+    words = checks.text('keep', text, 'phrases').split()
+    known = ', '.join(word.usage for word in WORDS.values())
+    if not words or words[0] not in WORDS:
+        raise ValueError(f'keep: {shown(text)} is not known; there are: {known}')
+    phrase = Phrase(words[0], tuple(words[1:]))
+    usage = WORDS[phrase.word].usage
+    most = len(usage.split()) - 1
+    least = len(usage.split('[')[0].split()) - 1
+    if not least <= len(phrase.arguments) <= most:
+        raise ValueError(f'keep: {shown(text)} must be: {usage}')
+    if phrase.word == 'frequencies':
+        frequency_count(phrase)
+    if phrase.word == 'curve':
+        curve_arguments(phrase)
+    return phrase
+
+
+def frequency_count(phrase: Phrase) -> int:
+    """How many frequencies a phrase asks for."""
+    if not phrase.arguments:
+        return _FREQUENCIES
+    text = phrase.arguments[0]
+    if not text.isdecimal() or not 1 <= int(text) <= 1000:
+        raise ValueError(f'keep: frequencies takes a count from 1 to 1000, got {shown(text)}')
+    return int(text)
+
+
+def curve_arguments(phrase: Phrase) -> tuple[str, list[float], int]:
+    """Kind, strains and axis of a phrase."""
+    kind, largest, points, axis = (*phrase.arguments, *('10', 'x')[len(phrase.arguments) - 2:])
+    checks.choice('keep: curve: KIND', kind, _CURVES)
+    checks.choice('keep: curve: AXIS', axis, ('x', 'y', 'z'))
+    try:
+        strain = float(largest)
+    except ValueError:
+        raise ValueError(f'keep: curve: STRAIN must be a number, got {shown(largest)}') from None
+    # A push leaves nothing at a strain of 1.
+    checks.number('keep: curve: STRAIN', strain, above=0.0, below=1.0 if kind == 'push' else 100.0)
+    if not points.isdecimal() or not 1 <= int(points) <= 1000:
+        raise ValueError(
+            f'keep: curve: POINTS must be an integer from 1 to 1000, got {shown(points)}')
+    count = int(points)
+    return kind, [strain * number / count for number in range(1, count + 1)], 'xyz'.index(axis)
+
+
+def check_work(work: Work, scene: Scene) -> None:
+    """Refuse what a scene cannot give, before any run; ValueError says why."""
+    from icofabric_sim.statics.held import held_time, refuse_in_statics
+    from icofabric_sim.statics.periodic import make_cell
+    if RUN in work.verbs and not scene.parameters['duration'] > 0.0:
+        raise ParameterError(
+            'duration', 'duration: a run of a study needs an end; set duration, the simulated '
+            'time [s], above 0')
+    if STATICS in work.verbs or MODES in work.verbs:
+        held_time(scene, None)
+    if CURVE in work.verbs:
+        refuse_in_statics(scene)
+    if ELASTICITY in work.verbs:
+        make_cell(scene)
+    if BANDS in work.verbs:
+        cell = make_cell(scene)
+        if cell.at_kink:
+            raise ParameterError(
+                'connector.stiffness_extension', 'connector.stiffness_extension is not '
+                'connector.stiffness_compression, and the connectors are at their natural length: '
+                'waves do not superpose there, so that there are no bands; give one stiffness')
+    for phrase in work.keep:
+        if phrase.word in ('displacement', 'reaction') and phrase.arguments[0] not in scene.groups:
+            raise ValueError(
+                f'keep: {phrase}: there is no such group; known: {", ".join(scene.groups)}; '
+                f'groups.{phrase.arguments[0]} defines it')
+
+
+class Failed(Exception):
+    """The physics of a run says no; the message is the reason."""
+
+
+def carry_out(work: Work, scene: Scene, folder: Path) -> list[Column]:
+    """
+    Do what is to be done, in this thread; a bag goes to `folder`.
+
+    Raises Failed or a ValueError with the reason where the run cannot be had.
+    """
+    columns: list[Column] = []
+    at: Any = None
+    for verb in work.verbs:
+        phrases = work.of(verb)
+        if verb == STATICS:
+            found, at = _statics(phrases, scene)
+        elif verb == MODES:
+            found = _modes(phrases, scene, at)
+        else:
+            found = _VERBS[verb](phrases, scene, folder)
+        columns += [Column(f'{verb}.{name}', unit, value) for name, unit, value in found]
+    return columns
+
+
+def _run(phrases: Sequence[Phrase], scene: Scene, folder: Path) -> list[Column]:
+    from icofabric_sim.running.diagnostics import HealthReport
+    from icofabric_sim.running.recording import BagSink, summarise_run
+    from icofabric_sim.running.run_monitor import RunMonitor
+    from icofabric_sim.running.run_records import errors_of
+    from icofabric_sim.running.runner import Runner
+    from icofabric_sim.simulation.simulation import compile_scene
+
+    simulation = compile_scene(scene)
+    simulation.warm_up()
+    monitor = RunMonitor(simulation)
+    bag = None
+    if any(phrase.word == 'bag' for phrase in phrases):
+        bag = BagSink(folder / BAG, simulation, live=False)
+    runner = Runner(
+        simulation, [monitor] if bag is None else [monitor, bag],
+        report=None if bag is None else HealthReport('/icofabric').bytes)
+    try:
+        runner.run(until_finished=True)
+    finally:
+        if bag is not None:
+            status = runner.status()._replace(errors=errors_of(simulation))
+            bag.close(summary={**summarise_run(status), 'interrupted': 'false'})
+    if bag is not None and bag.error is not None:
+        raise OSError(str(bag.error))
+    if runner.failure:
+        raise Failed(runner.failure)
+    last = simulation.snapshot()
+    columns = [
+        Column('error_estimate', '', float(simulation.error_estimate)),
+        Column('balance_worst', '', float(simulation.balance.worst)),
+        Column('breaks', '', int(simulation.status.broken_count))]
+    for phrase in phrases:
+        if phrase.word == 'energies':
+            columns += _energies(last)
+        elif phrase.word == 'displacement':
+            columns += _displacement(scene, last, phrase.arguments[0])
+        elif phrase.word == 'extremes':
+            columns += [
+                Column('stretch', '', monitor.stretch.value),
+                Column('compression', '', monitor.compression.value),
+                Column('farthest', 'm', monitor.displacement.value)]
+    return columns
+
+
+def _statics(phrases: Sequence[Phrase], scene: Scene) -> tuple[list[Column], Any]:
+    from icofabric_sim.statics.equilibrium import solve_equilibrium
+    found = solve_equilibrium(scene)
+    if not found.converged:
+        raise Failed(f'{found.verdict}: {found.reason}' if found.reason else found.verdict)
+    columns = [
+        Column('verdict', '', found.verdict), Column('residual', '', float(found.residual)),
+        Column('mechanisms', '', int(found.mechanism_count))]
+    for phrase in phrases:
+        if phrase.word == 'energies':
+            columns += [one for one in _energies(found.snapshot)
+                        if one.name.removeprefix('energy.') in _AT_REST]
+        elif phrase.word == 'displacement':
+            columns += _displacement(scene, found.snapshot, phrase.arguments[0])
+        elif phrase.word == 'tension':
+            columns += [
+                Column('pull', 'N', float(np.max(found.tension, initial=0.0))),
+                Column('push', 'N', float(np.min(found.tension, initial=0.0)))]
+        else:
+            name = phrase.arguments[0]
+            force = found.reaction[scene.groups[name], :3].sum(axis=0).tolist()
+            columns += [
+                Column(f'reaction.{name}.{axis}', 'N', value)
+                for axis, value in zip('xyz', force)]
+    return columns, found.snapshot
+
+
+def _modes(phrases: Sequence[Phrase], scene: Scene, at: Any) -> list[Column]:
+    from icofabric_sim.statics.modes import solve_modes
+    count = max(map(frequency_count, phrases))
+    found = solve_modes(scene, at=at, count=count)
+    columns = [
+        Column('mechanisms', '', int(found.mechanism_count)),
+        Column('unstable', '', int(found.unstable_count))]
+    values = found.frequencies.tolist()
+    return columns + [
+        Column(f'frequency.{number}', 'rad/s', values[number] if number < len(values) else np.nan)
+        for number in range(count)]
+
+
+def _elasticity(phrases: Sequence[Phrase], scene: Scene, folder: Path) -> list[Column]:
+    from icofabric_sim.statics.periodic import homogenise
+    found = homogenise(scene)
+    columns = [
+        Column('density', 'kg/m^3', float(found.density)),
+        Column('soft_strains', '', len(found.soft_strains)),
+        Column('at_kink', '', int(found.at_kink))]
+    for row, first in enumerate(_VOIGT):
+        for column in range(row, 6):
+            columns.append(Column(
+                f'stiffness.{first}.{_VOIGT[column]}', 'Pa', float(found.stiffness[row, column])))
+    for name, direction in _DIRECTIONS.items():
+        axis = np.array(direction, float)
+        columns += [
+            Column(f'young.{name}.pulled', 'Pa', float(found.pulled(axis).modulus)),
+            Column(f'young.{name}.pushed', 'Pa', float(found.pulled(axis, -1.0).modulus))]
+    return columns
+
+
+def _bands(phrases: Sequence[Phrase], scene: Scene, folder: Path) -> list[Column]:
+    from icofabric_sim.statics.periodic import band_path, sample_zone, solve_bands
+    # The path finds extremes on lines of symmetry, the grid those elsewhere.
+    vectors = np.concatenate([band_path(scene, _BAND_POINTS)[0], sample_zone(scene, 6)])
+    frequencies = solve_bands(scene, vectors)
+    lowest, highest = frequencies.min(axis=0), frequencies.max(axis=0)
+    gaps = lowest[1:] - highest[:-1]
+    widest = int(np.argmax(gaps))
+    there = bool(gaps[widest] > 0.0)
+    return [
+        Column('lowest', 'rad/s', float(lowest[0])),
+        Column('highest', 'rad/s', float(highest[-1])),
+        Column('gap', 'rad/s', float(gaps[widest]) if there else 0.0),
+        Column('gap.above_band', '', widest if there else -1),
+        Column('gap.from', 'rad/s', float(highest[widest]) if there else np.nan),
+        Column('gap.to', 'rad/s', float(lowest[widest + 1]) if there else np.nan)]
+
+
+def _curve(phrases: Sequence[Phrase], scene: Scene, folder: Path) -> list[Column]:
+    from icofabric_sim.statics.stretching import measure_curve
+    columns: list[Column] = []
+    for phrase in phrases:
+        kind, strains, axis = curve_arguments(phrase)
+        points = measure_curve(scene, kind, strains, axis=axis)
+        name = f'{kind}.{"xyz"[axis]}'
+        if not points or points[0].verdict.startswith('not'):
+            raise Failed(f'{phrase}: no equilibrium at a strain of {strains[0]:g}')
+        whole = [point for point in points if not point.verdict.startswith('not')]
+        columns += [
+            Column(f'{name}.reached', '', whole[-1].strain),
+            Column(f'{name}.broken', '', whole[-1].broken),
+            Column(f'{name}.strongest', 'Pa', max(point.stress for point in whole))]
+        columns += [
+            Column(f'{name}.stress.{strain:.6g}', 'Pa',
+                   whole[number].stress if number < len(whole) else np.nan)
+            for number, strain in enumerate(strains)]
+    return columns
+
+
+_VERBS: Final[dict[str, Callable[[Sequence[Phrase], Scene, Path], list[Column]]]] = {
+    RUN: _run, ELASTICITY: _elasticity, BANDS: _bands, CURVE: _curve}
+
+
+def _energies(snapshot: Any) -> list[Column]:
+    return [Column(f'energy.{name}', 'J', float(value))
+            for name, value in snapshot.energy.items()]
+
+
+def _displacement(scene: Scene, snapshot: Any, group: str) -> list[Column]:
+    members = scene.groups[group]
+    moved = snapshot.position[members] - scene.initial.position[members]
+    middle = moved.mean(axis=0).tolist() if len(members) else [np.nan] * 3
+    most = float(np.linalg.norm(moved, axis=1).max(initial=0.0))
+    return [
+        *(Column(f'displacement.{group}.{axis}', 'm', value)
+          for axis, value in zip('xyz', middle)),
+        Column(f'displacement.{group}.most', 'm', most)]

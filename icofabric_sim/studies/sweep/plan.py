@@ -1,0 +1,211 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+Which runs a study has: a grid, lists, and samples of SciPy's qmc, in one fixed order.
+
+The order is that of the names: the first varies slowest. Cases (dictionaries of values that go
+together) come before all, samples behind.
+"""
+
+from collections.abc import Mapping, Sequence
+from itertools import product
+import math
+from typing import Any, NamedTuple
+
+from icofabric_sim import checks
+from icofabric_sim.checks import shown
+from icofabric_sim.parameters.validation import (
+    find_specification,
+    make_parameters,
+    ParameterError,
+    Parameters,
+)
+from icofabric_sim.studies.sweep.values import (
+    judge_value,
+    Name,
+    parse_name,
+    parse_values,
+    Range,
+)
+import numpy as np
+
+SAMPLERS = ('sobol', 'halton', 'latin', 'random')
+MOST_RUNS = 1_000_000
+# A run uses one core; what is not part of the physics would give one run several names.
+ALONE: dict[str, Any] = {
+    'solver.threads': 1, 'real_time_factor': 0.0, 'start_paused': False, 'record.path': '',
+    'checkpoint.path': ''}
+
+
+class Sample(NamedTuple):
+    """How ranges without a count are drawn from."""
+
+    method: str
+    points: int
+    seed: int
+
+
+class Plan(NamedTuple):
+    """The runs of a study."""
+
+    base: Parameters
+    names: tuple[str, ...]  # that vary, as columns of the table
+    points: tuple[tuple[Any, ...], ...]  # values of each run, None: as in the base
+
+    def changes(self, number: int) -> dict[str, Any]:
+        """Parameters in which a run differs from the base."""
+        found: dict[str, Any] = {}
+        for text, value in zip(self.names, self.points[number]):
+            if value is None:
+                continue
+            name = parse_name(text)
+            if name.element is None:
+                found[name.parameter] = value
+            else:
+                whole = list(found.get(name.parameter, _whole(self.base, name)))
+                whole[name.element] = value
+                found[name.parameter] = whole
+        return found
+
+    def parameters(self, number: int) -> Parameters:
+        """All parameters of a run; ParameterError names the one that cannot be taken."""
+        return make_parameters({**self.base.given(), **self.changes(number), **ALONE})
+
+    def describe(self, number: int) -> str:
+        """The values of a run, for a message."""
+        words = ', '.join(
+            f'{name} {value:.9g}' if isinstance(value, float) else f'{name} {shown(value)}'
+            for name, value in zip(self.names, self.points[number]) if value is not None)
+        return f'run {number} ({words})' if words else f'run {number}'
+
+
+def make_plan(
+    base: Parameters, *, vary: Mapping[str, Any] | None = None,
+    cases: Sequence[Mapping[str, Any]] | None = None, sample: Any = None
+) -> Plan:
+    """Judge what is to be varied; ValueError names what cannot be."""
+    given = {} if vary is None else dict(checks.mapping(
+        'vary', vary, 'a dictionary of parameters and their values'))
+    values = {name: parse_values(name, found) for name, found in given.items()}
+    drawn = {name: found for name, found in values.items()
+             if isinstance(found, Range) and found.parts is None}
+    wanted = _sample(sample, drawn)
+    listed = {
+        name: found.values(is_integer=parse_name(name).is_integer)
+        if isinstance(found, Range) else found
+        for name, found in values.items() if name not in drawn}
+    together = _cases(cases)
+    both = {name for case in together for name in case} & values.keys()
+    if both:
+        raise ValueError(f'cases: {min(both)} is in vary, too; give it in one of them')
+    names = [*dict.fromkeys(name for case in together for name in case), *listed, *drawn]
+    _refuse_overlap(names)
+    draws = [()] if wanted is None else draw(drawn, wanted)
+    size = math.prod([max(len(together), 1), *map(len, listed.values()), len(draws)])
+    if size > MOST_RUNS:
+        raise ValueError(
+            f'vary: this means {size:,} runs, and a study has at most {MOST_RUNS:,}; take fewer '
+            'values')
+    heads = [tuple(case.get(name) for name in names[:len(names) - len(values)])
+             for case in together] or [()]
+    points = tuple(
+        (*head, *grid, *row) for head, grid, row in product(
+            heads, product(*listed.values()), draws))
+    return Plan(base, tuple(names), points)
+
+
+def draw(ranges: Mapping[str, Range], sample: Sample) -> list[tuple[Any, ...]]:
+    """Points of SciPy's qmc; of sobol, halton and random fewer points are the first of more."""
+    size = len(ranges)
+    generator = np.random.default_rng(sample.seed)
+    if sample.method == 'random':
+        places = generator.random((sample.points, size))
+    else:
+        places = _points(sample, size)
+    kinds = [parse_name(name).is_integer for name in ranges]
+    return [
+        tuple(one.at(float(place), is_integer=kind)
+              for one, place, kind in zip(ranges.values(), row, kinds))
+        for row in places.tolist()]
+
+
+def _points(sample: Sample, size: int) -> np.ndarray:
+    from scipy.stats import qmc
+    kind = {'sobol': qmc.Sobol, 'halton': qmc.Halton, 'latin': qmc.LatinHypercube}[sample.method]
+    generator = np.random.default_rng(sample.seed)
+    try:
+        engine = kind(d=size, rng=generator)
+    except TypeError:
+        # SciPy before 1.15.
+        engine = kind(d=size, seed=generator)
+    if sample.method == 'sobol':
+        # Its points are balanced in powers of two only, and it warns of other counts.
+        return np.asarray(engine.random_base2(math.ceil(math.log2(sample.points))))[:sample.points]
+    return np.asarray(engine.random(sample.points))
+
+
+def _sample(given: Any, drawn: Mapping[str, Range]) -> Sample | None:
+    if given is None:
+        if drawn:
+            raise ValueError(
+                f'vary: {next(iter(drawn))} has a range without a count: give one (0.1..0.7/13), '
+                "or sample it: sample={'method': 'sobol', 'count': 64}")
+        return None
+    checks.mapping('sample', given, "a dictionary such as {'method': 'sobol', 'count': 64}")
+    unknown = sorted(given.keys() - {'method', 'count', 'seed'})
+    if unknown:
+        raise ValueError(f'sample: {unknown[0]} is not known; there are method, count and seed')
+    if not drawn:
+        raise ValueError('sample: no range in vary is without a count, so nothing can be sampled')
+    method = checks.choice('sample: method', given.get('method', 'sobol'), SAMPLERS)
+    if 'count' not in given:
+        raise ValueError('sample: count is missing: how many points are drawn')
+    count = checks.count('sample: count', given['count'], 1, MOST_RUNS)
+    return Sample(method, count, checks.count('sample: seed', given.get('seed', 0), 0, 2**63 - 1))
+
+
+def _cases(given: Any) -> list[dict[str, Any]]:
+    if given is None:
+        return []
+    found = checks.items('cases', given, 'dictionaries of parameters and values')
+    if not found:
+        raise ValueError('cases must hold at least one dictionary of parameters and values')
+    for number, case in enumerate(found):
+        if not isinstance(case, Mapping) or not case:
+            raise ValueError(
+                f'cases: case {number} must be a dictionary of parameters and values, got '
+                f'{shown(case)}')
+    return [{name: judge_value(parse_name(name), value) for name, value in case.items()}
+            for case in found]
+
+
+def _refuse_overlap(names: Sequence[str]) -> None:
+    """A whole list and one of its elements cannot both vary."""
+    parsed = [parse_name(name) for name in names]
+    whole = {name.parameter for name in parsed if name.element is None}
+    for name in parsed:
+        if name.element is not None and name.parameter in whole:
+            raise ValueError(
+                f'vary: {name.parameter} and {name.parameter}[{name.element}] cannot both vary')
+        if name.parameter in ALONE:
+            raise ParameterError(
+                name.parameter,
+                f'vary: {name.parameter} cannot vary: every run of a study has '
+                f'{ALONE[name.parameter]!r}, which does not change its result')
+
+
+def _whole(base: Parameters, name: Name) -> list[Any]:
+    """The list of which one element varies, as it is in the base, or by default."""
+    found = base.get(name.parameter, find_specification(name.parameter).default)
+    return list(found)  # type: ignore[arg-type]

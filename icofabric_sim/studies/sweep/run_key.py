@@ -1,0 +1,76 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+The name of a run: a hash of all that its result depends on.
+
+These are the resolved parameters, the contents of the files that they name, what is done and kept,
+the source of the rooms that a run passes through, the libraries and what kernels are compiled for.
+The source of rooms below (`pictures`, `commands`, ...) does not count: imports point away from
+them, so they cannot change a result.
+"""
+
+from collections.abc import Mapping
+import functools
+import hashlib
+import json
+from pathlib import Path
+from typing import Any, Final
+
+from icofabric_sim.parameters.validation import Parameters
+from icofabric_sim.studies.sweep.outcomes import Work
+
+_ROOMS: Final = (
+    'geometry', 'parameters', 'kernels', 'scene', 'simulation', 'statics', 'messages', 'bag',
+    'running', 'studies/sweep')
+_MODULES: Final = ('version.py', 'checks.py')
+_PACKAGE = Path(__file__).resolve().parents[2]
+# Characters of a name: 2^128 names.
+_LENGTH = 32
+
+
+@functools.cache
+def source_digest() -> str:
+    """SHA-256 of the source that runs pass through."""
+    digest = hashlib.sha256()
+    paths = [_PACKAGE / name for name in _MODULES]
+    for room in _ROOMS:
+        paths += sorted((_PACKAGE / room).rglob('*.py'))
+    for path in paths:
+        text = path.read_bytes()
+        digest.update(f'{path.relative_to(_PACKAGE).as_posix()} {len(text)}\n'.encode() + text)
+    return digest.hexdigest()
+
+
+@functools.cache
+def surroundings() -> dict[str, str]:
+    """What a result depends on beside its run: source, libraries, what kernels are made for."""
+    from icofabric_sim.kernels.runtime.target import kernel_target
+    from icofabric_sim.running.recording import library_versions
+    return {
+        'source': source_digest(), 'libraries': library_versions(), 'kernels': kernel_target()}
+
+
+def key_of(
+    parameters: Parameters, files: Mapping[str, str], work: Work, around: Mapping[str, str]
+) -> str:
+    """
+    The name of a run.
+
+    `files`: SHA-256 of those that were read, by their names; `around`: `surroundings()`.
+    """
+    facts: dict[str, Any] = {
+        'parameters': dict(parameters.table), 'files': dict(files), 'verbs': work.verbs,
+        'keep': sorted(map(str, work.keep)), **around}
+    text = json.dumps(facts, sort_keys=True, separators=(',', ':'))
+    return hashlib.sha256(text.encode()).hexdigest()[:_LENGTH]

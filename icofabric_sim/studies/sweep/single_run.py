@@ -1,0 +1,170 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""One run of a study, in whatever process: from its order to its folder in the store."""
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import replace
+from enum import Enum
+import logging
+import threading
+import time
+from typing import Any, NamedTuple
+
+from icofabric_sim.kernels.runtime.compile_notice import compile_notice
+from icofabric_sim.kernels.runtime.target import host_processor
+from icofabric_sim.parameters.named_files import NamedFile
+from icofabric_sim.parameters.text import dump_parameters
+from icofabric_sim.parameters.validation import make_parameters
+from icofabric_sim.scene.scene import Scene
+from icofabric_sim.simulation.errors import SimulationError
+from icofabric_sim.statics.one_thread import one_thread
+from icofabric_sim.studies.sweep.outcomes import carry_out, Column, Failed, Work
+from icofabric_sim.studies.sweep.run_key import surroundings
+from icofabric_sim.studies.sweep.store import Finished, Store
+
+_LOGGER = logging.getLogger('icofabric_sim')
+# Warnings of a run that are kept.
+_WARNINGS = 20
+
+
+class Order(NamedTuple):
+    """What a worker has to know."""
+
+    number: int
+    key: str
+    given: Mapping[str, Any]  # parameters
+    files: Mapping[str, str]  # SHA-256 of the files that are read, by their names
+    work: Work
+    around: Mapping[str, str]  # see `surroundings`
+    store: str
+
+
+class State(Enum):
+    """What became of an order."""
+
+    DONE = 'done'
+    FAILED = 'failed'  # kept in the store, with the reason
+    BUSY = 'busy'  # another study is at it
+    LOST = 'lost'  # not kept: the machine is to blame, so the next study tries it again
+
+
+class Outcome(NamedTuple):
+    """What became of a run."""
+
+    number: int
+    key: str
+    state: State
+    columns: tuple[Column, ...] = ()
+    reason: str = ''
+    reused: bool = False
+
+
+class WorkersDiffer(RuntimeError):
+    """A worker has other source, libraries or kernels than the study was begun with."""
+
+
+def perform(order: Order) -> Outcome:
+    """
+    Do a run, unless the store has it.
+
+    Raises WorkersDiffer where this process would give other results than the key stands for.
+    """
+    require_same(order.around, surroundings())
+    store = Store(order.store)
+    with store.claim(order.key) as mine:
+        there = store.read(order.key)
+        if there is not None:
+            return outcome_of(order.number, order.key, there, reused=True)
+        if not mine:
+            return Outcome(order.number, order.key, State.BUSY)
+        try:
+            return _do(order, store)
+        except MemoryError:
+            reason = 'there was not enough memory for it'
+        except OSError as error:
+            reason = f'{error.filename}: {error.strerror}' if error.filename else str(error)
+        return Outcome(order.number, order.key, State.LOST, reason=reason)
+
+
+def outcome_of(number: int, key: str, found: Finished, *, reused: bool) -> Outcome:
+    """What a store holds of a run, as an outcome."""
+    return Outcome(
+        number, key, State.FAILED if found.reason else State.DONE, found.columns, found.reason,
+        reused)
+
+
+def require_same(wanted: Mapping[str, str], found: Mapping[str, str], where: str = '') -> None:
+    """Refuse other source, libraries or kernels; WorkersDiffer names what differs."""
+    for name, said, way in (
+            ('source', 'source of icofabric_sim', 'install the same version there'),
+            ('libraries', 'versions of libraries', 'install the same there'),
+            ('kernels', 'target of kernels', 'set NUMBA_CPU_NAME to one level, such as x86-64-v3, '
+             'for the study and all workers')):
+        if wanted[name] != found[name]:
+            raise WorkersDiffer(
+                f'{where or "a worker"} has another {said} than the study: {_short(found[name])}, '
+                f'not {_short(wanted[name])}; {way}')
+
+
+def _short(text: str) -> str:
+    return text if len(text) < 120 else f'{text[:12]}...'
+
+
+def _do(order: Order, store: Store) -> Outcome:
+    began, compiled = time.monotonic(), compile_notice.seconds
+    with store.place_for(order.key) as folder, _warnings() as warnings:
+        (folder / 'scene.yaml').write_text(dump_parameters(order.given), 'utf-8')
+        columns: tuple[Column, ...] = ()
+        reason = ''
+        try:
+            parameters = replace(make_parameters(order.given), files={
+                name: NamedFile(total, store.file(total)) for name, total in order.files.items()})
+            scene = Scene.from_parameters(parameters)
+            # The result of dense algebra depends on the number of its threads.
+            with one_thread():
+                columns = tuple(carry_out(order.work, scene, folder))
+        except (Failed, SimulationError, ValueError, ArithmeticError) as error:
+            reason = ' '.join(str(error).split()) or type(error).__name__
+        compiling = compile_notice.seconds - compiled
+        finished = Finished(columns, reason)
+        store.finish(order.key, folder, finished, {
+            'verbs': order.work.verbs, 'keep': [str(phrase) for phrase in order.work.keep],
+            'files': dict(order.files), **order.around, 'processor': host_processor(),
+            'seconds': round(time.monotonic() - began - compiling, 6),
+            'compiling': round(compiling, 6), 'warnings': warnings})
+    return outcome_of(order.number, order.key, finished, reused=False)
+
+
+class _Kept(logging.Handler):
+    """Keeps the warnings of one thread."""
+
+    def __init__(self) -> None:
+        super().__init__(logging.WARNING)
+        self.said: list[str] = []
+        self._thread = threading.get_ident()
+
+    def emit(self, record: logging.LogRecord) -> None:
+        if threading.get_ident() == self._thread and len(self.said) < _WARNINGS:
+            self.said.append(record.getMessage())
+
+
+@contextmanager
+def _warnings() -> Iterator[list[str]]:
+    kept = _Kept()
+    _LOGGER.addHandler(kept)
+    try:
+        yield kept.said
+    finally:
+        _LOGGER.removeHandler(kept)

@@ -1,0 +1,185 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+The folder that holds finished runs, each in a folder of its own under the name of its key.
+
+A run is written under another name and renamed when it is whole, so a folder with a key for a name
+is finished, whatever was killed. Several studies share a store: what one has finished the others
+take, and what one is at they leave to it. It lies on a file system that all workers see.
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+import errno
+import fcntl
+import json
+import math
+import os
+from pathlib import Path
+import shutil
+import socket
+from typing import Any, NamedTuple
+import uuid
+
+from icofabric_sim.studies.sweep.outcomes import Column
+
+_RESULT, _FAILURE = 'result.json', 'failure.json'
+_WORK, _LOCKS, _FILES = '.work', '.locks', '.files'
+_LENGTH = 32
+# Locks of file systems that have none, and renames onto what is there already.
+_NO_LOCKS = (errno.ENOLCK, errno.ENOTSUP, errno.ENOSYS, errno.EINVAL)
+_THERE_ALREADY = (errno.EEXIST, errno.ENOTEMPTY)
+
+
+class Finished(NamedTuple):
+    """What a store holds of a run."""
+
+    columns: tuple[Column, ...]
+    reason: str  # why it failed; '': it did not
+
+
+class Store:
+    """Finished runs by their keys."""
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        """Name the folder; nothing is made before `prepare`."""
+        self.path = Path(path).expanduser().absolute()
+
+    def prepare(self) -> None:
+        """Make the folder, and throw away what killed workers of this machine have left."""
+        for name in (_WORK, _LOCKS, _FILES):
+            (self.path / name).mkdir(parents=True, exist_ok=True)
+        for left in (self.path / _WORK).iterdir():
+            host, process = left.name.split('@')[1:3] if left.name.count('@') == 3 else ('', '')
+            if host == socket.gethostname() and not Path(f'/proc/{process}').exists():
+                shutil.rmtree(left, ignore_errors=True)
+
+    def folder(self, key: str) -> Path:
+        """Where a run is, once it is finished."""
+        return self.path / key
+
+    def keys(self) -> set[str]:
+        """The names of all runs that are finished."""
+        with suppress(FileNotFoundError):
+            return {entry.name for entry in os.scandir(self.path)
+                    if len(entry.name) == _LENGTH and not entry.name.startswith('.')}
+        return set()
+
+    def read(self, key: str) -> Finished | None:
+        """A finished run; None where there is none, or a power failure has cut it short."""
+        folder = self.folder(key)
+        for name in (_RESULT, _FAILURE):
+            try:
+                said = json.loads((folder / name).read_text('utf-8'))
+                return Finished(
+                    tuple(Column(column, unit, math.nan if value is None else value)
+                          for column, unit, value in said['columns']),
+                    str(said.get('reason', '')))
+            except FileNotFoundError:
+                continue
+            except (ValueError, KeyError, TypeError):
+                return None
+        return None
+
+    def forget(self, key: str) -> None:
+        """Remove a run; at no moment is half of it there."""
+        aside = self._aside(key)
+        with suppress(FileNotFoundError):
+            self.folder(key).rename(aside)
+        shutil.rmtree(aside, ignore_errors=True)
+
+    @contextmanager
+    def place_for(self, key: str) -> Iterator[Path]:
+        """A folder to write a run in; it goes again unless `finish` took it."""
+        aside = self._aside(key)
+        aside.mkdir(parents=True)
+        try:
+            yield aside
+        finally:
+            shutil.rmtree(aside, ignore_errors=True)
+
+    def finish(self, key: str, aside: Path, finished: Finished, facts: dict[str, Any]) -> None:
+        """Write what was found, and give the folder its name; a run that is there is kept."""
+        said = {'columns': [[column.name, column.unit, _plain(column.value)]
+                            for column in finished.columns], **facts}
+        if finished.reason:
+            said['reason'] = finished.reason
+        with open(aside / (_FAILURE if finished.reason else _RESULT), 'w',
+                  encoding='utf-8') as stream:
+            json.dump(said, stream, allow_nan=False)
+            stream.flush()
+            os.fsync(stream.fileno())
+        for _ in range(2):
+            try:
+                aside.rename(self.folder(key))
+                return
+            except OSError as error:
+                if error.errno not in _THERE_ALREADY:
+                    raise
+            if self.read(key) is not None:
+                return
+            # Damaged.
+            self.forget(key)
+
+    @contextmanager
+    def claim(self, key: str) -> Iterator[bool]:
+        """Whether this process may do a run; another one is at it, or was quicker, where not."""
+        path = self.path / _LOCKS / key
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with open(path, 'ab') as file:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                yield False
+                return
+            except OSError as error:
+                # Then both may do it, and the first to finish wins.
+                if error.errno not in _NO_LOCKS:
+                    raise
+            # A file that its last owner has removed holds nobody off.
+            if not _is_at(file.fileno(), path):
+                yield False
+                return
+            try:
+                yield True
+            finally:
+                path.unlink(missing_ok=True)
+
+    def keep_file(self, total: str, content: bytes) -> None:
+        """Keep what a scene reads, under its SHA-256."""
+        path = self.path / _FILES / total
+        if path.exists():
+            return
+        aside = path.with_name(f'{total}.{uuid.uuid4().hex}')
+        aside.write_bytes(content)
+        aside.rename(path)
+
+    def file(self, total: str) -> bytes:
+        """What was kept under a SHA-256."""
+        return (self.path / _FILES / total).read_bytes()
+
+    def _aside(self, key: str) -> Path:
+        name = f'{key}@{socket.gethostname()}@{os.getpid()}@{uuid.uuid4().hex[:8]}'
+        return self.path / _WORK / name
+
+
+def _plain(value: float | int | str) -> float | int | str | None:
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _is_at(descriptor: int, path: Path) -> bool:
+    try:
+        return os.path.samestat(os.fstat(descriptor), path.stat())
+    except FileNotFoundError:
+        return False

@@ -1,0 +1,125 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+Studies in YAML: a scene, what varies, what is done, what is kept.
+
+    scene: stiff_cantilever
+    parameters: {gravity: [0.0, 0.0, 0.0]}
+    vary:
+      weave.connector_angle: 0.1..0.7/13
+      connector.stiffness: [300.0, 500.0]
+    verbs: [elasticity]
+"""
+
+from collections.abc import Mapping
+from pathlib import Path
+import re
+from typing import Any, NamedTuple
+
+from icofabric_sim.checks import shown
+from icofabric_sim.parameters.file import load_parameter_file
+from icofabric_sim.parameters.ready_scenes import find_scene, ready_scenes
+from icofabric_sim.parameters.text import flatten_parameters
+import yaml
+
+KEYS = ('scene', 'parameters', 'vary', 'cases', 'sample', 'verbs', 'keep')
+_LARGEST = 16 * 2**20
+
+
+class StudyText(NamedTuple):
+    """What a study file says; parameters are not judged yet."""
+
+    path: Path
+    scene: Path
+    given: dict[str, Any]  # parameters of the scene with those of the study
+    vary: Any
+    cases: Any
+    sample: Any
+    verbs: Any
+    keep: Any
+
+
+class _Loader(yaml.SafeLoader):
+    """As SafeLoader, but 1e-3 is a number, and a name that is given twice an error."""
+
+
+_Loader.add_implicit_resolver(
+    'tag:yaml.org,2002:float',
+    re.compile(r'[-+]?(?:\d+\.?\d*|\.\d+)[eE][-+]?\d+$'), list('-+0123456789.'))
+
+
+def _mapping(loader: Any, node: Any) -> dict[Any, Any]:
+    found: dict[Any, Any] = {}
+    for key_node, value_node in node.value:
+        key = loader.construct_object(key_node, deep=True)
+        if not isinstance(key, str):
+            raise ValueError(
+                f'line {key_node.start_mark.line + 1}: {shown(key)} is not a name; use a text')
+        if key in found:
+            raise ValueError(f'line {key_node.start_mark.line + 1}: {key} is given twice')
+        found[key] = loader.construct_object(value_node, deep=True)
+    return found
+
+
+_Loader.add_constructor('tag:yaml.org,2002:map', _mapping)
+
+
+def is_study(path: Path) -> bool:
+    """Whether a file describes a study; a parameter file of ROS has nodes at its top."""
+    if path.suffix not in ('.yaml', '.yml') or not path.is_file():
+        return False
+    try:
+        return re.search(
+            rf'^(?:{"|".join(KEYS)})\s*:', path.read_text('utf-8'), re.MULTILINE) is not None
+    except (OSError, UnicodeDecodeError):
+        return False
+
+
+def parse_yaml(text: str) -> Any:
+    """What a text of YAML says, as in a study."""
+    return yaml.load(text, _Loader)
+
+
+def read_study(path: Path) -> StudyText:
+    """Read a study; ValueError names the file and what is wrong."""
+    try:
+        return _read(path)
+    except ValueError as error:
+        raise ValueError(f'{path}: {error}') from error
+
+
+def _read(path: Path) -> StudyText:
+    if path.stat().st_size > _LARGEST:
+        raise ValueError(f'a study has at most {_LARGEST:,} bytes; give the right file')
+    try:
+        said = parse_yaml(path.read_text('utf-8'))
+    except yaml.YAMLError as error:
+        raise ValueError(f'this is not YAML: {" ".join(str(error).split())}') from error
+    if not isinstance(said, Mapping):
+        raise ValueError(f'a study has {", ".join(KEYS)} at its top, got {shown(said)}')
+    unknown = [name for name in said if name not in KEYS]
+    if unknown:
+        raise ValueError(
+            f'{unknown[0]} is not known; a study has {", ".join(KEYS)} at its top')
+    if not isinstance(said.get('scene'), str):
+        raise ValueError(
+            'scene is missing: the name of a ready scene, or a parameter file beside this one')
+    name = said['scene']
+    scene = find_scene(name if name in ready_scenes() else str(path.parent / name))
+    given = dict(load_parameter_file(scene))
+    if said.get('parameters') is not None:
+        given.update(flatten_parameters(said['parameters']))
+    return StudyText(
+        path, scene, given, said.get('vary'), said.get('cases'), said.get('sample'),
+        said.get('verbs', ['run']), said.get('keep'))

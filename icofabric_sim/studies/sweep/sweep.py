@@ -1,0 +1,256 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""Many runs of one scene: what is not in the store is handed out, all of it becomes a table."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+import os
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from icofabric_sim import checks
+from icofabric_sim.parameters.validation import ParameterError, Parameters
+from icofabric_sim.scene.scene import check_parameters, estimate_bodies, require_scene, Scene
+from icofabric_sim.studies.sweep.dask_runs import pool
+from icofabric_sim.studies.sweep.outcomes import check_work, make_work, Work
+from icofabric_sim.studies.sweep.plan import make_plan, Plan
+from icofabric_sim.studies.sweep.run_key import key_of, surroundings
+from icofabric_sim.studies.sweep.single_run import Order, Outcome, outcome_of, perform, State
+from icofabric_sim.studies.sweep.store import Store
+from icofabric_sim.studies.sweep.table import SweepTable
+
+# Of fabrics up to this size every one is built before anything starts, to be sure of it.
+_BUILT = 5_000
+_PLACE = Path('runs/sweep')
+# A study asks for at most so many workers.
+_MOST_WORKERS = 4096
+Heard = Callable[[Outcome], None]
+
+
+def sweep(
+    scene: Scene, vary: Mapping[str, Any] | None = None, *,
+    verbs: str | Sequence[str] = ('run',), keep: str | Sequence[str] | None = None,
+    cases: Sequence[Mapping[str, Any]] | None = None, sample: Mapping[str, Any] | None = None,
+    workers: int | None = None, scheduler: str = '',
+    store: str | os.PathLike[str] = _PLACE, retry: bool = False,
+    progress: Callable[[int, int], None] | None = None
+) -> SweepTable:
+    """
+    Run a scene for many values of its parameters; returns a table with a row a run.
+
+    `vary`: values of each parameter, `{'connector.stiffness': [300.0, 500.0]}`, or a range,
+    `{'weave.connector_angle': '0.1..0.7/13'}`; together they are a grid. Ranges without a count
+    are sampled: `sample={'method': 'sobol', 'count': 64, 'seed': 0}`. `cases`: dictionaries of
+    values that go together. `verbs`: run, statics, modes, elasticity, bands, curve; `keep`: what
+    is kept of them, such as 'energies', 'displacement tip', 'frequencies 6', 'bag'.
+
+    Runs are shared out among `workers` processes by Dask (extra `sweep`; None: one a core), or
+    the workers of a `scheduler`; 0: this process does them all. What is in the `store` is not done
+    again, but for what has failed with `retry`. `progress` hears how many of how many are done.
+    Results are the same bits for any number of workers. Raises ValueError before anything starts
+    where a run cannot be had as described.
+    """
+    if progress is not None:
+        checks.function('progress', progress)
+    checks.flag('retry', retry)
+    how = how_to_run(workers, scheduler)
+    study = Study(
+        scene, vary, verbs=verbs, keep=keep, cases=cases, sample=sample, store=store)
+    outcomes: list[Outcome] = []
+    for outcome in study.outcomes(how, retry=retry):
+        outcomes.append(outcome)
+        if progress is not None:
+            progress(len(outcomes), len(study.orders))
+    return study.table(outcomes)
+
+
+class How(NamedTuple):
+    """Who does the runs."""
+
+    workers: int
+    scheduler: str
+
+
+def how_to_run(workers: int | None, scheduler: str) -> How:
+    """Judge who does the runs; by default a process for each core."""
+    checks.text('scheduler', scheduler, "the address of a scheduler of Dask, or '' for none")
+    if workers is None:
+        return How(len(os.sched_getaffinity(0)), scheduler)
+    if scheduler:
+        raise ValueError('workers: those of the scheduler are taken; leave workers out')
+    return How(checks.count('workers', workers, 0, _MOST_WORKERS), '')
+
+
+class Study:
+    """A plan that has been judged: every run is known, with its key."""
+
+    def __init__(
+        self, scene: Scene, vary: Mapping[str, Any] | None = None, *, verbs: Any = ('run',),
+        keep: Any = None, cases: Any = None, sample: Any = None,
+        store: str | os.PathLike[str] = _PLACE
+    ) -> None:
+        """Judge it all; ValueError (mostly ParameterError) names the run and the parameter."""
+        require_scene(scene)
+        own, _ = check_parameters(scene.parameters)
+        if own != scene.shell:
+            raise ValueError(
+                'scene: one with a shell of its own cannot be swept, because a shell is no '
+                'parameter; describe it by shell.thickness, shell.density, shell.mass, '
+                'shell.inertia')
+        self._prepare(scene.parameters, scene.files, vary, verbs, keep, cases, sample, store)
+
+    @classmethod
+    def from_parameters(
+        cls, parameters: Parameters, vary: Mapping[str, Any] | None = None, *,
+        verbs: Any = ('run',), keep: Any = None, cases: Any = None, sample: Any = None,
+        store: str | os.PathLike[str] = _PLACE
+    ) -> 'Study':
+        """The same of parameters that need not be a scene without what varies."""
+        study = cls.__new__(cls)
+        study._prepare(parameters, {}, vary, verbs, keep, cases, sample, store)
+        return study
+
+    def _prepare(
+        self, base: Parameters, files: Mapping[str, Any], vary: Any, verbs: Any, keep: Any,
+        cases: Any, sample: Any, store: str | os.PathLike[str]
+    ) -> None:
+        self.store = Store(checks.path('store', store, 'the path of a folder'))
+        if self.store.path.exists() and not self.store.path.is_dir():
+            raise ValueError(f'store {self.store.path} is not a folder; choose another place')
+        self.work: Work = make_work(verbs, keep)
+        self.plan: Plan = make_plan(base, vary=vary, cases=cases, sample=sample)
+        self._contents: dict[str, bytes] = {}
+        self._kinds: dict[str, int] = {}
+        self._files_of: dict[tuple[Any, ...], dict[str, str]] = {}
+        around = surroundings()
+        self.orders: list[Order] = []
+        for number in range(len(self.plan.points)):
+            try:
+                self.orders.append(self._order(number, files, around))
+            except ParameterError as error:
+                raise ParameterError(
+                    error.name, f'{self.plan.describe(number)}: {error}') from error
+            except ValueError as error:
+                raise ValueError(f'{self.plan.describe(number)}: {error}') from error
+        self.kinds = len(set(self._kinds.values()))
+
+    def _order(
+        self, number: int, files: Mapping[str, Any], around: Mapping[str, str]
+    ) -> Order:
+        parameters = replace(self.plan.parameters(number), files=files)
+        texts = tuple(value for value in parameters.values() if isinstance(value, str))
+        known = self._files_of.get(texts)
+        if known is None or estimate_bodies(parameters) <= _BUILT:
+            built = Scene.from_parameters(parameters)
+            check_work(self.work, built)
+            known = {name: file.total for name, file in built.files.items()}
+            self._files_of[texts] = known
+            for file in built.files.values():
+                if file.content is None:
+                    raise ValueError('a file that was recorded without its contents is needed')
+                self._contents[file.total] = file.content
+        else:
+            check_parameters(parameters)
+        key = key_of(parameters, known, self.work, around)
+        self._kinds[key] = hash(_kind(parameters))
+        return Order(
+            number, key, parameters.given(), known, self.work, around, str(self.store.path))
+
+    def finished(self) -> dict[int, Outcome]:
+        """What the store has of this study."""
+        keys = self.store.keys()
+        found: dict[int, Outcome] = {}
+        for order in self.orders:
+            if order.key in keys and (there := self.store.read(order.key)) is not None:
+                found[order.number] = outcome_of(order.number, order.key, there, reused=True)
+        return found
+
+    def outcomes(self, how: How, *, retry: bool = False) -> Iterator[Outcome]:
+        """Do what is not done yet; yields every run of the study once."""
+        self.store.prepare()
+        for total, content in self._contents.items():
+            self.store.keep_file(total, content)
+        done = self.finished()
+        if retry:
+            for outcome in [one for one in done.values() if one.state is State.FAILED]:
+                self.store.forget(outcome.key)
+                del done[outcome.number]
+        yield from done.values()
+        # Points that are alike are one run.
+        same: dict[str, list[Order]] = {}
+        for order in self.orders:
+            if order.number not in done:
+                same.setdefault(order.key, []).append(order)
+        todo = [orders[0] for orders in same.values()]
+        if not todo:
+            return
+        for outcome in self._do(todo, how):
+            for order in same[outcome.key]:
+                yield outcome._replace(number=order.number)
+
+    def _do(self, todo: Sequence[Order], how: How) -> Iterator[Outcome]:
+        if not how.workers and not how.scheduler:
+            for order in todo:
+                outcome = perform(order)
+                while outcome.state is State.BUSY:
+                    time_to_wait()
+                    outcome = perform(order)
+                yield outcome
+            return
+        with pool(workers=min(how.workers, len(todo)), scheduler=how.scheduler) as workers:
+            workers.check(self.store.path)
+            yield from workers.perform(*self._by_kind(todo))
+
+    def _by_kind(
+        self, todo: Sequence[Order]
+    ) -> tuple[list[Order], dict[int, list[Order]]]:
+        """The first run of each kind of scene, which compiles, and those that wait for it."""
+        places: dict[int, int] = {}
+        leaders: list[Order] = []
+        followers: dict[int, list[Order]] = {}
+        for order in todo:
+            kind = self._kinds[order.key]
+            if kind in places:
+                followers[places[kind]].append(order)
+            else:
+                places[kind] = len(leaders)
+                followers[len(leaders)] = []
+                leaders.append(order)
+        return leaders, followers
+
+    def table(self, outcomes: Sequence[Outcome]) -> SweepTable:
+        """The outcomes so far."""
+        return SweepTable(self.plan, outcomes, store=self.store.path)
+
+
+def _kind(parameters: Parameters) -> tuple[Any, ...]:
+    """
+    What kernels depend on: words, and which terms are there at all.
+
+    Of what is counted (`weave.size`, seeds) none compiles anything.
+    """
+    found: list[Any] = []
+    for name, value in sorted(parameters.items()):
+        for element in value if isinstance(value, list) else [value]:
+            if isinstance(element, (str, bool)):
+                found.append((name, element))
+            elif isinstance(element, float):
+                found.append((name, element != 0.0))
+    return tuple(found)
+
+
+def time_to_wait() -> None:
+    """Wait a little for a run that another study is at."""
+    import time
+    time.sleep(0.2)

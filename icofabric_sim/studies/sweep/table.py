@@ -1,0 +1,194 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""The results of a study: a row a run, in the order of the plan."""
+
+from collections.abc import Iterable, Sequence
+from importlib import import_module
+import json
+import math
+import os
+from pathlib import Path
+from typing import Any, Final
+
+from icofabric_sim import checks
+from icofabric_sim.simulation.model.as_table import AsTable
+from icofabric_sim.studies.sweep.plan import Plan
+from icofabric_sim.studies.sweep.single_run import Outcome, State
+from icofabric_sim.studies.sweep.values import parse_name
+import numpy as np
+
+SUFFIXES: Final = ('.csv', '.parquet')
+_RUN, _STATE, _REASON, _KEY = 'run', 'state', 'reason', 'key'
+
+
+class SweepTable(AsTable):
+    """
+    What a study found: columns by their names, with units.
+
+    `table['elasticity.density']` is an array, NaN where a run has failed; `units` says what in.
+    `to_csv`, `to_parquet` and `to_pandas` name columns with their units, as in
+    'elasticity.density [kg/m^3]'.
+    """
+
+    def __init__(self, plan: Plan, outcomes: Iterable[Outcome], *, store: Path) -> None:
+        """Put finished runs in the order of the plan; those that are not are left out."""
+        self.varied = plan.names
+        self.store = store
+        self.outcomes: tuple[Outcome, ...] = tuple(sorted(outcomes))
+        self.units: dict[str, str] = {name: parse_name(name).unit for name in plan.names}
+        numbers = [outcome.number for outcome in self.outcomes]
+        self._columns: dict[str, list[Any]] = {_RUN: numbers}
+        for place, name in enumerate(plan.names):
+            parsed = parse_name(name)
+            values = [plan.points[number][place] for number in numbers]
+            if None in values:
+                default = plan.base[parsed.parameter] if parsed.parameter in plan.base else None
+                if parsed.element is not None and default is not None:
+                    default = default[parsed.element]
+                values = [default if value is None else value for value in values]
+            self._columns[name] = values
+        found: dict[str, dict[int, Any]] = {}
+        for row, outcome in enumerate(self.outcomes):
+            for column in outcome.columns:
+                found.setdefault(column.name, {})[row] = column.value
+                self.units.setdefault(column.name, column.unit)
+        self.kept = tuple(found)
+        for name, values_of in found.items():
+            missing = '' if isinstance(next(iter(values_of.values())), str) else math.nan
+            self._columns[name] = [
+                values_of.get(row, missing) for row in range(len(self.outcomes))]
+        self._columns[_STATE] = [outcome.state.value for outcome in self.outcomes]
+        self._columns[_REASON] = [outcome.reason for outcome in self.outcomes]
+        self._columns[_KEY] = [outcome.key for outcome in self.outcomes]
+
+    def __repr__(self) -> str:
+        """Say how many runs there are."""
+        failed = len(self.failed)
+        return (f'<SweepTable: {len(self.outcomes):,} runs'
+                f'{f", {failed:,} of them failed" if failed else ""}, '
+                f'{len(self.kept)} columns kept>')
+
+    def __len__(self) -> int:
+        """Count the runs."""
+        return len(self.outcomes)
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        """The column with a name, without its unit."""
+        if name not in self._columns:
+            raise KeyError(f'there is no column {name!r}; there are: {", ".join(self._columns)}')
+        values = self._columns[name]
+        if any(isinstance(value, list) for value in values):
+            return np.array(values, float)
+        return np.array(values)
+
+    def __iter__(self) -> Any:
+        """Iterate over the names of the columns."""
+        return iter(self._columns)
+
+    @property
+    def failed(self) -> tuple[Outcome, ...]:
+        """Runs without a result, with their reasons."""
+        return tuple(one for one in self.outcomes if one.state is not State.DONE)
+
+    def folder(self, number: int) -> Path:
+        """The folder of a run: its scene, its result, its bag where one was kept."""
+        for outcome in self.outcomes:
+            if outcome.number == number:
+                return self.store / outcome.key
+        raise KeyError(f'there is no run {number!r}')
+
+    def table(self) -> dict[str, list[Any]]:
+        """A list for each column, named with its unit; the first one numbers the runs."""
+        return {self._title(name): [_cell(value) for value in values]
+                for name, values in self._columns.items()}
+
+    def to_parquet(self, path: str | os.PathLike[str]) -> None:
+        """
+        Write the table to a Parquet file; needs pyarrow.
+
+        Columns have the names of the CSV file, and their units as metadata `unit`, too.
+        """
+        place = checks.path('path', path)
+        arrow, parquet = parquet_modules()
+        columns = self.table()
+        arrays = {name: arrow.array(values) for name, values in columns.items()}
+        fields = [
+            arrow.field(title, arrays[title].type, metadata={'unit': self.units.get(name, '')})
+            for title, name in zip(columns, self._columns)]
+        parquet.write_table(
+            arrow.table(list(arrays.values()), schema=arrow.schema(fields)), place)
+
+    def save(self, path: Path) -> None:
+        """Write a CSV or a Parquet file, by its suffix; a reader never meets half of it."""
+        require_suffix(path)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        aside = path.with_name(f'.{path.stem}.{os.getpid()}{path.suffix}')
+        try:
+            (self.to_csv if path.suffix == '.csv' else self.to_parquet)(aside)
+            aside.replace(path)
+        finally:
+            aside.unlink(missing_ok=True)
+
+    def lines(self, most: int = 20, columns: Sequence[str] = ()) -> list[str]:
+        """The first rows for a terminal, with the varied and some of the kept columns."""
+        names = [_RUN, *self.varied, *(columns or self.kept[:4])]
+        rows = [[_short(self._columns[name][row]) for name in names]
+                for row in range(min(len(self), most))]
+        for row, outcome in enumerate(self.outcomes[:most]):
+            if outcome.state is not State.DONE:
+                rows[row].append(f'{outcome.state.value}: {outcome.reason}')
+        titles = [self._title(name) for name in names]
+        widths = [max([len(title), *(len(row[place]) for row in rows)])
+                  for place, title in enumerate(titles)]
+        # Behind the last column stands why a run has failed.
+        said = ['  '.join(text.rjust(width) for text, width in zip(titles, widths))]
+        for texts in rows:
+            said.append('  '.join(
+                text.rjust(width) for text, width in zip(texts, [*widths, 0])))
+        if len(self) > most:
+            said.append(f'... and {len(self) - most:,} more')
+        return said
+
+    def _title(self, name: str) -> str:
+        unit = self.units.get(name, '')
+        return f'{name} [{unit}]' if unit else name
+
+
+def require_suffix(path: Path) -> Path:
+    """Refuse a table that is neither a CSV nor a Parquet file, or one that cannot be written."""
+    if path.suffix not in SUFFIXES:
+        raise ValueError(f'{path}: a table is a file that ends in {" or ".join(SUFFIXES)}')
+    if path.suffix == '.parquet':
+        parquet_modules()
+    return path
+
+
+def parquet_modules() -> tuple[Any, Any]:
+    """The modules of pyarrow; ValueError where it is not installed."""
+    try:
+        return import_module('pyarrow'), import_module('pyarrow.parquet')
+    except ImportError as error:
+        raise ValueError(
+            "Parquet files need pyarrow: pip install 'icofabric_sim[sweep]', or pip install "
+            'pyarrow; CSV files do not') from error
+
+
+def _cell(value: Any) -> Any:
+    return json.dumps(value) if isinstance(value, list) else value
+
+
+def _short(value: Any) -> str:
+    if isinstance(value, float):
+        return f'{value:.6g}'
+    return str(_cell(value))
