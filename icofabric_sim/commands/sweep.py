@@ -271,8 +271,8 @@ def _report(
                     'store': os.fspath(study.store.path)})
     else:
         print('\n'.join(table.lines(_ROWS, arguments.columns)))
-        print(f'{_counted(len(table), "run")}, {reused:,} of them from the store, {failed:,} failed, in '
-              f'{duration_text(wall)}; table: {output}')
+        print(f'{_counted(len(table), "run")}, {reused:,} of them from the store, {failed:,} '
+              f'failed, in {duration_text(wall)}; table: {output}')
 
 
 def _counted(count: int, word: str) -> str:
