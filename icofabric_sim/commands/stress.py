@@ -11,13 +11,16 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""`icofabric stress`: random scenes, judged, and what was found of them."""
+"""
+`icofabric stress`: random scenes, judged, and what was found of them; problems of known answers.
+"""
 
 import argparse
 import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from icofabric_sim.commands.named_problems import add_named_arguments, main_named
 from icofabric_sim.commands.report import print_json_line
 from icofabric_sim.terminal import InputError, Progress, require_place
 
@@ -56,12 +59,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--coverage', action='store_true',
         help='say, too, in how many scenes each parameter was not at its default')
+    add_named_arguments(parser)
 
 
 def main(arguments: argparse.Namespace) -> int:
     """Judge; returns 1 where a scene is of a class that must not occur."""
     from icofabric_sim.studies.stress.kinds import KINDS
     from icofabric_sim.studies.stress.scenes import LARGEST_SEED, seeds_of
+    if arguments.named:
+        return main_named(arguments)
+    for name in ('problem', 'long'):
+        if getattr(arguments, name):
+            raise InputError(f'--{name} needs --named: random scenes have none')
     if not 1 <= arguments.processes <= 256:
         raise InputError(f'--processes must be from 1 to 256, got {arguments.processes}')
     if arguments.scenes is not None and not 1 <= arguments.scenes <= 10**6:

@@ -1,0 +1,59 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""The problems by number, and running them one after the other."""
+
+from collections.abc import Iterator, Sequence
+import time
+from typing import Final
+
+from icofabric_sim.simulation.errors import Interrupted, SimulationError
+from icofabric_sim.studies.named import (
+    arenstorf,
+    bouncing,
+    fermi_pasta_ulam,
+    incline,
+    pleiades,
+    toda,
+)
+from icofabric_sim.studies.named.problem import Answer, Curve, Problem
+
+# Numbers are those of this list, from 1: new problems go to its end.
+PROBLEMS: Final[tuple[Problem, ...]] = (
+    pleiades.PROBLEM,
+    arenstorf.PROBLEM,
+    fermi_pasta_ulam.PROBLEM,
+    toda.PROBLEM,
+    bouncing.PROBLEM,
+    incline.SLIDES,
+    incline.TIPS,
+)
+
+
+def solve_all(numbers: Sequence[int], *, long: bool = False) -> Iterator[Answer]:
+    """
+    Run problems by their numbers, and say what was found of each as soon as it is.
+
+    A run that stops for what it met is an answer too: one with a fault.
+    """
+    for number in numbers:
+        problem = PROBLEMS[number - 1]
+        curves: list[Curve] = []
+        failure, began = '', time.process_time()
+        try:
+            curves.extend(problem.solve(long))
+        except Interrupted:
+            raise
+        except SimulationError as error:
+            failure = f'the run stopped: {error}'
+        yield Answer(number, problem, tuple(curves), time.process_time() - began, failure)

@@ -1,0 +1,101 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+A chain of masses on a line: the middle diagonal row of a turned slab, cut out by a region.
+
+Attachment points lie on the line and supports leave each body only its way along it, so places
+along the line obey m x_i'' = T(x_i+1 - x_i) - T(x_i - x_i-1) with the law T of the connectors, and
+nothing else. Masses are 1 kg.
+"""
+
+from collections.abc import Callable
+import math
+from pathlib import Path
+from typing import Any, Final
+
+from icofabric_sim.scene.scene import Scene
+from icofabric_sim.simulation.simulation import Simulation
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+# Shells are this large [m], so that no extension of these problems brings two points together.
+_HALF_EDGE: Final = 1.0
+_REACH: Final = 0.5  # from a centre to its attachment points [m]
+_CONNECTOR: Final = 10.0  # weave.connector_length [m]
+
+
+def chain_parameters(count: int, fixed: str, parameters: dict[str, Any]) -> dict[str, Any]:
+    """
+    Parameters of a chain of an odd number of bodies; those that `fixed` selects stand still.
+    """
+    if count % 2 == 0:
+        raise ValueError(f'count must be odd, got {count}: the middle row of a slab has so many')
+    values: dict[str, Any] = {
+        'weave.kind': 'bias', 'weave.boundary': 'fabric', 'weave.size': [count, count, 1],
+        # The middle row lies along x, and no other body is as near to the middle plane and height.
+        'weave.azimuth': 0.25 * math.pi, 'weave.region': f'box {40.0 * count} 1 1',
+        'weave.connector_length': _CONNECTOR, 'shell.edge_length': 2.0 * _HALF_EDGE,
+        'shell.thickness': 0.5, 'shell.mass': 1.0, 'contact.mode': 'never', 'solver.threads': 1,
+        'groups.row': 'all', 'supports.line.group': 'row', 'supports.line.fix': 'ty tz rotation',
+        'groups.ends': fixed, 'supports.ends.group': 'ends', 'supports.ends.fix': 'all'}
+    woven = Scene.from_parameters(values)
+    along = Rotation.from_quat(woven.initial.orientation[0]).inv().apply(_direction(woven))
+    for edge, sign in (('south', 1.0), ('north', -1.0)):
+        values[f'connector.attachment.{edge}'] = [float(sign * _REACH * x) for x in along]
+    return {**values, **parameters}
+
+
+def natural_length() -> float:
+    """Woven length of the connectors [m], at which laws have extension 0."""
+    scene = Scene.from_parameters(chain_parameters(3, 'ids 0 2', {}))
+    return float(np.linalg.norm(scene.position[1] - scene.position[0])) - 2.0 * _REACH
+
+
+def write_law(
+    path: Path, tension: Callable[[np.ndarray], np.ndarray], low: float, high: float, lines: int
+) -> float:
+    """
+    Write a law of extensions `low` to `high` [m] as a table; returns its spacing [m].
+
+    A line is at extension 0, where the law is 0, so the natural length is the woven one.
+    """
+    spacing = (high - low) / lines
+    extension = spacing * np.arange(round(low / spacing), round(high / spacing) + 1)
+    rows = zip((natural_length() + extension).tolist(), tension(extension).tolist())
+    path.write_text(''.join(f'{length!r},{force!r}\n' for length, force in rows), encoding='utf-8')
+    return spacing
+
+
+def start(
+    simulation: Simulation, displacement: np.ndarray, velocity: np.ndarray
+) -> None:
+    """Set displacements [m] from the woven places and velocities [m/s] along the line, (n,)."""
+    scene = simulation.scene
+    along = _direction(scene)
+    simulation.set_state(
+        position=scene.position + displacement[:, None] * along,
+        linear_velocity=velocity[:, None] * along)
+
+
+def motion(simulation: Simulation) -> tuple[np.ndarray, np.ndarray]:
+    """Displacements [m] and velocities [m/s] along the line, (n,)."""
+    snapshot, along = simulation.snapshot(), _direction(simulation.scene)
+    return (snapshot.position - simulation.scene.position) @ along, (
+        snapshot.linear_velocity @ along)
+
+
+def _direction(scene: Scene) -> np.ndarray:
+    """Unit vector (3,) from each body to the next."""
+    step: np.ndarray = scene.position[1] - scene.position[0]
+    return step / np.linalg.norm(step)

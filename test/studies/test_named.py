@@ -1,0 +1,149 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""Problems with known answers in their short form, how curves are judged, and the table."""
+
+import csv
+import json
+import math
+
+from icofabric_sim.commands.main import main
+from icofabric_sim.kernels.integrators.embedded import DOP8
+from icofabric_sim.simulation.errors import SimulationError
+from icofabric_sim.simulation.stepping import embedded_stepping
+from icofabric_sim.studies.named import (
+    arenstorf,
+    bouncing,
+    catalogue,
+    fermi_pasta_ulam,
+    incline,
+    pleiades,
+    toda,
+)
+from icofabric_sim.studies.named.catalogue import PROBLEMS, solve_all
+from icofabric_sim.studies.named.problem import Curve, Point, Problem
+import numpy as np
+import pytest
+
+
+def falling(order, *, factor=1.0, last=None):
+    """Errors of an order at four steps."""
+    points = [Point(h, factor * h**order, 10) for h in (0.1, 0.05, 0.025, 0.0125)]
+    if last is not None:
+        points[-1] = points[-1]._replace(error=last)
+    return tuple(points)
+
+
+def test_curves_are_judged_by_their_last_error_and_their_slope():
+    curve = Curve('x', 'step [s]', falling(4.0), allowed=1e-6, order=4.0)
+    assert curve.fault == '' and curve.observed_order == pytest.approx(4.0)
+    assert curve.order_before(0) is None and curve.order_before(2) == pytest.approx(4.0)
+    assert 'allowed' in Curve('x', 'step [s]', falling(4.0), allowed=1e-9).fault
+    assert 'order' in Curve('x', 'step [s]', falling(3.4), allowed=1.0, order=4.0).fault
+    # Rounding at the end hides no order.
+    stalled = falling(4.0, factor=100.0, last=3e-5)
+    assert Curve('x', 'step [s]', stalled, order=4.0).fault != ''
+    assert Curve('x', 'step [s]', stalled, order=4.0, floor=4e-5).fault == ''
+    assert 'no two errors' in Curve('x', 'step [s]', falling(4.0), order=4.0, floor=1.0).fault
+    for wrong in (math.nan, math.inf):
+        assert Curve('x', 'step [s]', falling(4.0, last=wrong), allowed=1.0).fault
+        cases = (Point(1.0, wrong), Point(2.0, 0.0))
+        assert Curve('x', 'case', cases, allowed=1.0, is_refined=False).fault
+        assert not Curve('x', 'case', cases, is_beside=True).fault
+    # Cases are judged one by one.
+    assert Curve('x', 'case', (Point(1.0, 2.0), Point(2.0, 0.0)), 1.0, is_refined=False).fault
+
+
+def test_problems_are_numbered_and_named_once():
+    assert len({problem.name for problem in PROBLEMS}) == len(PROBLEMS)
+    for problem in PROBLEMS:
+        assert problem.source and problem.compared and problem.title
+
+
+def check(problem):
+    """Solve the short form; returns its curves, none of which has a fault."""
+    curves = tuple(problem.solve(False))
+    for curve in curves:
+        print(problem.name, curve.of, curve.observed_order, *curve.points, sep='\n  ')
+        assert curve.fault == '', (problem.name, curve.of, curve.fault)
+        assert all(point.error >= 0.0 for point in curve.points)
+    assert curves
+    return curves
+
+
+@pytest.mark.parametrize('problem', [pleiades.PROBLEM, arenstorf.PROBLEM])
+def test_orbits_by_the_kernel_and_the_controller_of_dop8(problem):
+    chosen, given = check(problem)
+    # The controller takes steps of very different lengths: far fewer than equal ones.
+    assert chosen.points[-2].steps < 0.2 * given.points[-1].steps
+    assert chosen.points[-1].error < given.points[-1].error
+
+
+@pytest.mark.parametrize('problem', [
+    bouncing.PROBLEM, fermi_pasta_ulam.PROBLEM, incline.SLIDES, toda.PROBLEM])
+def test_other_answers_are_found(problem):
+    curves = check(problem)
+    assert all(point.steps > 0 for curve in curves for point in curve.points)
+
+
+def test_a_fault_in_the_tableau_is_found(monkeypatch):
+    weights = np.array(DOP8.step)
+    weights[5] += 1e-3
+    weights[6] -= 1e-3
+    monkeypatch.setattr(embedded_stepping, 'DOP8', DOP8._replace(step=weights))
+    curve = next(arenstorf.PROBLEM.solve(False))
+    assert 'allowed' in curve.fault and curve.observed_order < 4.0
+
+
+def made_up(error, name='made_up'):
+    """A problem that needs no run."""
+    def solve(long):
+        yield Curve('short', 'step [s]', (Point(1.0, error, 7),), allowed=1e-3)
+        if long:
+            yield Curve('long', 'step [s]', (Point(0.5, error),), is_beside=True)
+    return Problem(name, 'made up', 'nobody', 'nothing', solve, has_long_form=True)
+
+
+def test_the_command_prints_one_numbered_table(monkeypatch, tmp_path, capsys):
+    def stops(long):
+        raise SimulationError('it stops')
+        yield
+    monkeypatch.setattr(catalogue, 'PROBLEMS', (
+        made_up(1e-4), made_up(1.0, 'off'), Problem('ends', 'ends', 'nobody', 'none', stops)))
+    table = tmp_path / 'named.csv'
+    for words, status in ((['--problem', '1'], 0), (['--problem', '1,2'], 1),
+                          (['--problem', '3'], 1)):
+        assert main(['stress', '--named', *words, '--output', str(table)]) == status
+        assert ('not ' in capsys.readouterr().out) == bool(status)
+    assert main(['stress', '--named', '--problem', '2,1', '--json']) == 1
+    wrong, right = map(json.loads, capsys.readouterr().out.splitlines())
+    assert (wrong['problem'], right['problem']) == (2, 1)
+    assert wrong['faults'] and not right['faults']
+    assert right['curves'][0]['points'] == [{'refined': 1.0, 'error': 1e-4, 'steps': 7}]
+    assert main(['stress', '--named', '--problem', '1', '--long', '--output', str(table)]) == 0
+    with table.open() as file:
+        rows = [*csv.DictReader(file)]
+    assert [row['of'] for row in rows] == ['short', 'long']
+    assert float(rows[0]['error']) == 1e-4
+
+
+def test_what_does_not_fit_is_refused(capsys):
+    for words, part in ((['--named', '--seed', '1'], '--seed'), (['--problem', '1'], '--named'),
+                        (['--named', '--problem', '0'], 'from 1'), (['--long'], '--named'),
+                        (['--named', '--problem', 'x'], "'x'")):
+        assert main(['stress', *words]) == 2
+        assert part in capsys.readouterr().err
+    assert main(['stress', '--named', '--list']) == 0
+    listed = capsys.readouterr().out
+    assert all(problem.name in listed for problem in PROBLEMS)
+    assert [answer.number for answer in solve_all([])] == []
