@@ -111,9 +111,7 @@ def main(arguments: argparse.Namespace) -> int:
     try:
         _gather(arguments, study, how, outcomes, output)
     except KeyboardInterrupt:
-        _save(study, outcomes, output)
-        say(f'{_NAME}: {len(outcomes):,} of {len(study.orders):,} runs are finished and kept in '
-            f'{study.store.path}; the same command goes on')
+        say(f'{_NAME}: {_save_finished(study, output)}')
         raise
     _report(arguments, name, study, outcomes, output, time.monotonic() - began)
     if picture is not None:
@@ -243,15 +241,20 @@ def _gather(
         except WorkersDiffer as error:
             raise InputError(str(error)) from error
         except SchedulerLost as error:
-            _save(study, outcomes, output)
-            raise FileSaysNo(
-                f'{error}; {len(outcomes):,} of {total:,} runs are finished and kept in '
-                f'{study.store.path}; the same command goes on') from error
+            raise FileSaysNo(f'{error}; {_save_finished(study, output)}') from error
     _save(study, outcomes, output)
 
 
 def _save(study: 'Study', outcomes: Sequence['Outcome'], output: Path) -> None:
     study.table(outcomes).save(output)
+
+
+def _save_finished(study: 'Study', output: Path) -> str:
+    """Write what the store has, which may be more than was heard of; says how much it is."""
+    found = study.finished()
+    _save(study, list(found.values()), output)
+    return (f'{len(found):,} of {_counted(len(study.orders), "run")} are finished and kept in '
+            f'{study.store.path}; the same command goes on')
 
 
 def _report(

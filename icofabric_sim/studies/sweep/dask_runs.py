@@ -194,8 +194,10 @@ def pool(*, workers: int, scheduler: str) -> Iterator[Pool]:
             'distributed.scheduler.events-cleanup-delay': '1m'}))
         if not scheduler:
             cluster = stack.enter_context(distributed.LocalCluster(
-                n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=None,
-                memory_limit=0, host='127.0.0.1', silence_logs=logging.CRITICAL))
+                n_workers=workers, threads_per_worker=1, processes=True,
+                # Any free port: on the default one the second of two studies would be warned.
+                dashboard_address='127.0.0.1:0', memory_limit=0, host='127.0.0.1',
+                silence_logs=logging.CRITICAL))
             client = stack.enter_context(distributed.Client(cluster, set_as_default=False))
             client.run(_work_alone)
         else:

@@ -1,0 +1,238 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""Parameter studies on several workers of Dask: same bits, and no finished run is lost."""
+
+import json
+import os
+from pathlib import Path
+import runpy
+import signal
+import subprocess
+import sys
+import time
+
+import icofabric_sim as ico
+from icofabric_sim.commands.main import main
+from icofabric_sim.studies.sweep.dask_runs import pool
+from icofabric_sim.studies.sweep.single_run import State
+from icofabric_sim.studies.sweep.store import Store
+from icofabric_sim.studies.sweep.sweep import Study
+import pytest
+from test_sweep import SWING, WOVEN
+
+distributed = pytest.importorskip('distributed')
+
+ROOT = Path(__file__).resolve().parents[2]
+COMMAND = [sys.executable, '-m', 'icofabric_sim.commands.main', 'sweep']
+# Steps so short that a run takes some tenths of a second.
+SLOW = {**SWING, 'solver.step': 4e-7}
+STUDY = ['slow.yaml', '--vary', 'connector.stiffness:=500..600/12', '--keep', 'energies',
+         '--store', 'store']
+# Sockets of workers that were killed.
+pytestmark = [
+    pytest.mark.filterwarnings('ignore:unclosed:ResourceWarning'),
+    pytest.mark.filterwarnings('ignore::pytest.PytestUnraisableExceptionWarning')]
+
+
+def start(*words, folder):
+    """Start a program whose processes can be killed together."""
+    return subprocess.Popen(
+        words, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        start_new_session=True, env={**os.environ, 'PYTHONPATH': str(ROOT)})
+
+
+def wait_until(condition, seconds=120.0):
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, 'waited in vain'
+        time.sleep(0.02)
+
+
+def finished(folder):
+    return Store(folder / 'store').keys()
+
+
+@pytest.fixture
+def folder(tmp_path):
+    (tmp_path / 'slow.yaml').write_text(
+        '/**:\n  ros__parameters:\n' + ''.join(
+            f'    {name}: {json.dumps(value)}\n' for name, value in SLOW.items()))
+    return tmp_path
+
+
+@pytest.fixture(scope='module')
+def single(tmp_path_factory):
+    """The same study in one process."""
+    return ico.sweep(
+        ico.Scene.from_parameters(SLOW), {'connector.stiffness': '500..600/12'}, keep='energies',
+        workers=0, store=tmp_path_factory.mktemp('single'))
+
+
+@pytest.fixture(scope='module')
+def scheduler():
+    """Address of a scheduler with two workers."""
+    with distributed.LocalCluster(
+            n_workers=2, threads_per_worker=1, dashboard_address='127.0.0.1:0', memory_limit=0,
+            host='127.0.0.1', silence_logs=50) as cluster:
+        yield cluster.scheduler_address
+
+
+def same_bits(folder, single):
+    """A table of the folder says what one process has found."""
+    single.save(folder / 'single.csv')
+    return (folder / 'slow.csv').read_bytes() == (folder / 'single.csv').read_bytes()
+
+
+def test_two_workers_give_the_bits_of_one(tmp_path, scheduler):
+    scene = ico.Scene.from_parameters(WOVEN)
+    vary = {'weave.connector_angle': '0.1..0.7/5', 'weave.variant': [0, 1]}
+    words = {'verbs': ['elasticity', 'bands']}
+    tables = [ico.sweep(scene, vary, store=tmp_path / name, **who, **words)
+              for name, who in (('one', {'workers': 0}), ('two', {'scheduler': scheduler}))]
+    for number, table in enumerate(tables):
+        assert not table.failed, table.failed
+        table.save(tmp_path / f'{number}.csv')
+    assert (tmp_path / '0.csv').read_bytes() == (tmp_path / '1.csv').read_bytes()
+    assert not any(outcome.reused for outcome in tables[1].outcomes)
+
+
+def test_a_worker_that_is_killed_costs_its_run_only(folder, single):
+    study = Study(
+        ico.Scene.from_parameters(SLOW), {'connector.stiffness': '500..600/12'}, keep='energies',
+        store=folder / 'store')
+    study.store.prepare()
+    outcomes, killed = [], []
+    with pool(workers=2, scheduler='') as workers:
+        workers.check(study.store.path)
+        before = workers._client.run(os.getpid)
+        for outcome in workers.perform(*study._by_kind(study.orders)):
+            outcomes.append(outcome)
+            if len(outcomes) == 3:
+                killed = list(before.values())[:1]
+                os.kill(killed[0], signal.SIGKILL)
+        after = workers._client.run(os.getpid)
+    assert len(after) == 2 and killed[0] not in after.values()
+    assert [one.state for one in outcomes] == [State.DONE] * 12
+    study.table(outcomes).save(folder / 'slow.csv')
+    assert same_bits(folder, single)
+
+
+def test_a_study_that_is_killed_goes_on_beside_another_one(folder, single):
+    """Kill -9 of the command; its workers end with it. Then two at once share the rest."""
+    client = start(*COMMAND, *STUDY, '--workers', '2', folder=folder)
+    wait_until(lambda: len(finished(folder)) >= 3)
+    os.kill(client.pid, signal.SIGKILL)
+    client.communicate(timeout=60)
+    before = finished(folder)
+    # Workers see that their parent is gone, and end within a moment.
+    wait_until(lambda: not subprocess.run(
+        ['pgrep', '-s', str(client.pid)], capture_output=True, check=False).stdout, 60.0)
+    assert 3 <= len(before) < 12
+    both = [start(*COMMAND, *STUDY, '--workers', '1', '--json', '--output', f'{number}.csv',
+                  folder=folder) for number in range(2)]
+    reports = []
+    for one in both:
+        said, error = one.communicate(timeout=200)
+        assert one.returncode == 0, error
+        reports.append(json.loads(said))
+    assert len(finished(folder)) == 12 and not list((folder / 'store' / '.work').iterdir())
+    # Each run was done by one of them; both have the whole table.
+    done = [12 - report['reused'] for report in reports]
+    assert sum(done) == 12 - len(before) and (folder / '0.csv').read_bytes() == (
+        folder / '1.csv').read_bytes()
+    (folder / '0.csv').rename(folder / 'slow.csv')
+    assert same_bits(folder, single)
+
+
+def test_a_scheduler_that_is_killed_loses_no_finished_run(folder, single):
+    """Scheduler and workers are separate processes, as on a cluster."""
+    dask = [sys.executable, '-m', 'dask']
+    where = ['--scheduler-file', 'scheduler.json', '--no-dashboard']
+    programs = [start(*dask, 'scheduler', *where, '--host', '127.0.0.1', '--port', '0',
+                      folder=folder)]
+    try:
+        wait_until((folder / 'scheduler.json').exists)
+        programs += [start(*dask, 'worker', *where, '--nthreads', '1', '--death-timeout', '5',
+                           folder=folder) for _ in range(2)]
+        client = start(*COMMAND, *STUDY, '--scheduler', 'scheduler.json', folder=folder)
+        programs.append(client)
+        wait_until(lambda: len(finished(folder)) >= 3)
+        os.kill(programs[0].pid, signal.SIGKILL)
+        _, error = client.communicate(timeout=120)
+        assert client.returncode == 1 and 'is gone' in error and 'goes on' in error, error
+    finally:
+        for program in programs:
+            if program.poll() is None:
+                os.killpg(program.pid, signal.SIGKILL)
+            program.communicate(timeout=60)
+    before = finished(folder)
+    assert 3 <= len(before) < 12
+    again = start(*COMMAND, *STUDY, '--workers', '0', '--json', '--output', 'slow.csv',
+                  folder=folder)
+    said, error = again.communicate(timeout=200)
+    assert again.returncode == 0, error
+    assert json.loads(said)['reused'] == len(before)
+    assert same_bits(folder, single)
+
+
+def test_an_interrupt_of_a_sweep_says_what_is_kept(folder):
+    client = start(*COMMAND, *STUDY, '--workers', '2', folder=folder)
+    wait_until(lambda: len(finished(folder)) >= 2)
+    # As Ctrl-C on a terminal: to the whole group.
+    os.killpg(client.pid, signal.SIGINT)
+    _, error = client.communicate(timeout=60)
+    assert client.returncode == 130 and 'the same command goes on' in error
+    assert 'Traceback' not in error
+    rows = (folder / 'store' / 'slow.csv').read_text().splitlines()
+    assert len(rows) >= 3
+
+
+@pytest.mark.parametrize('name, fewer, column', [
+    ('moduli', ['connector.stiffness_compression:=[50.0, 500.0]',
+                'weave.connector_angle:=0.2..0.4/2'], 'elasticity.young.x.pushed [Pa]'),
+    ('band_gap', ['connector.bending_stiffness:=[0.01, 1.0]',
+                  'weave.connector_angle:=[0.3]'], 'bands.gap [rad/s]'),
+    ('fall', ['connector.damping:=[0.05, 0.2]'], 'run.energy.dissipated [J]')])
+def test_a_ready_study_runs_on_two_workers(tmp_path, name, fewer, column, scheduler, capsys):
+    words = [word for rule in fewer for word in ('--vary', rule)]
+    if name == 'fall':
+        # Before anything touches.
+        words += ['--duration', '0.02']
+    before = signal.getsignal(signal.SIGTERM)
+    status = main(['sweep', str(ROOT / 'examples' / f'{name}.yaml'), *words,
+                   '--scheduler', scheduler, '--store', str(tmp_path / 'store'), '--json'])
+    signal.signal(signal.SIGTERM, before)
+    said = json.loads(capsys.readouterr().out)
+    assert status == 0 and said['failed'] == 0
+    values = said['table'][column]
+    # Each grows with what varies first.
+    assert len(values) == 2 ** len([rule for rule in fewer if '/2' in rule or ', ' in rule])
+    assert values[0] < values[-1]
+
+
+def test_a_search_finds_the_lightest_weave_that_is_stiff_enough(tmp_path):
+    search = runpy.run_path(str(ROOT / 'examples' / 'weave_search.py'))['search']
+    words = {'population': 4, 'generations': 8, 'workers': 0, 'store': tmp_path / 'store'}
+    (angle, scale), stiffness, density, tried = search(500.0, **words)
+    assert tried == 9 * 8 and 500.0 <= stiffness < 700.0
+    scene = ico.Scene.from_parameters({**WOVEN, 'weave.connector_angle': float(angle),
+                                       'connector.attachment_scale': float(scale)})
+    assert ico.homogenise(scene).stiffness[3, 3] == pytest.approx(stiffness, rel=1e-12)
+    # A closer weave is stiffer, and weighs more than it gains.
+    closer = ico.homogenise(scene.with_changes({'weave.connector_angle': 0.6 * float(angle)}))
+    assert closer.stiffness[3, 3] / closer.density < stiffness / density
+    # The same search again takes all of it from the store.
+    keys = Store(tmp_path / 'store').keys()
+    assert search(500.0, **words)[1] == stiffness
+    assert Store(tmp_path / 'store').keys() == keys and 50 < len(keys) <= tried
