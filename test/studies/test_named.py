@@ -17,6 +17,7 @@ import csv
 import json
 import math
 
+from icofabric_sim import contact
 from icofabric_sim.commands.main import main
 from icofabric_sim.kernels.integrators.embedded import DOP8
 from icofabric_sim.simulation.errors import SimulationError
@@ -25,12 +26,21 @@ from icofabric_sim.studies.named import (
     arenstorf,
     bouncing,
     catalogue,
+    chain,
+    falling_grid,
     fermi_pasta_ulam,
+    granular_gas,
+    heap,
+    impacts,
     incline,
     pleiades,
+    restitution,
+    time_reversal,
     toda,
+    wave_packet,
 )
 from icofabric_sim.studies.named.catalogue import PROBLEMS, solve_all
+from icofabric_sim.studies.named.mujoco_incline import slide
 from icofabric_sim.studies.named.problem import Curve, Point, Problem
 import numpy as np
 import pytest
@@ -89,11 +99,56 @@ def test_orbits_by_the_kernel_and_the_controller_of_dop8(problem):
     assert chosen.points[-1].error < given.points[-1].error
 
 
+QUICK = (
+    toda.PROBLEM, wave_packet.PROBLEM, time_reversal.PROBLEM, impacts.NORMAL, impacts.OBLIQUE,
+    bouncing.PROBLEM, incline.SLIDES, falling_grid.FALLING, falling_grid.ELASTIC)
+SLOW = (fermi_pasta_ulam.PROBLEM, incline.TIPS, granular_gas.PROBLEM, heap.PROBLEM)
+
+
 @pytest.mark.parametrize('problem', [
-    bouncing.PROBLEM, fermi_pasta_ulam.PROBLEM, incline.SLIDES, toda.PROBLEM])
+    *(pytest.param(problem, id=problem.name) for problem in QUICK),
+    *(pytest.param(problem, id=problem.name, marks=pytest.mark.long) for problem in SLOW)])
 def test_other_answers_are_found(problem):
     curves = check(problem)
-    assert all(point.steps > 0 for curve in curves for point in curve.points)
+    if problem is not incline.TIPS:
+        assert all(point.steps > 0 for curve in curves for point in curve.points)
+
+
+def test_every_problem_is_tested():
+    assert {pleiades.PROBLEM.name, arenstorf.PROBLEM.name, *(
+        problem.name for problem in (*QUICK, *SLOW))} == {problem.name for problem in PROBLEMS}
+
+
+def test_restitution_is_that_of_the_library():
+    for damping, speed in ((0.0, 1.0), (1e-3, 0.1), (0.3, 1.0), (5.0, 2.0), (100.0, 3.0)):
+        assert restitution.restitution(damping, speed) == pytest.approx(
+            contact.restitution(damping, speed), rel=1e-8), (damping, speed)
+    assert restitution.damping_for(0.7, 2.0) == pytest.approx(contact.damping_for(0.7, 2.0))
+
+
+def test_the_table_of_a_law_is_refined_about_its_zero(tmp_path):
+    path = tmp_path / 'law.csv'
+    spacing = chain.write_law(path, lambda r: 2.0 * r, -1.0, 0.5, 15)
+    rows = np.loadtxt(path, delimiter=',')
+    assert spacing == pytest.approx(0.1) and len(rows) == 16
+    here = np.flatnonzero(rows[:, 1] == 0.0)
+    assert rows[here, 0] == [chain.natural_length()]
+    with pytest.raises(ValueError, match='odd'):
+        chain.chain_parameters(4, 'ids 0', {})
+
+
+def test_the_shell_on_an_incline_in_mujoco_creeps_less_with_shorter_steps():
+    pytest.importorskip('mujoco')
+    ways = [
+        slide(np.arctan(0.27), 0.3, 1e-2, 1e-6, 0.0, step, 0.2, 0.1)[0] for step in (2e-3, 1e-3)]
+    assert 0.0 < ways[1] < ways[0] < 1.0
+
+
+def test_a_premise_that_does_not_hold_is_a_fault(monkeypatch):
+    monkeypatch.setattr(time_reversal, '_END', 1e-3)
+    monkeypatch.setattr(catalogue, 'PROBLEMS', (time_reversal.PROBLEM,))
+    (answer,) = solve_all([1])
+    assert answer.curves == () and 'nothing moved' in answer.faults[0]
 
 
 def test_a_fault_in_the_tableau_is_found(monkeypatch):

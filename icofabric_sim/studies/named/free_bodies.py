@@ -18,7 +18,7 @@ The forces come from outside (kernels/external.py), so that steps, error estimat
 are those of every run with `dop8`. The half edge is 1 m: errors over a are those of the places.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.model.body_force import BodyForce
@@ -61,9 +61,8 @@ def refine(
     acceleration: Acceleration, position: np.ndarray, velocity: np.ndarray, duration: float,
     answer: np.ndarray, *, tolerances: tuple[float, ...], steps: tuple[float, ...],
     allowed: float, allowed_given: float, floor: float
-) -> tuple[Curve, ...]:
+) -> Iterator[Curve]:
     """Curves with steps that are chosen by tolerances, and with given steps."""
-    curves = []
     for of, values, limit in (('dop8, its own steps', tolerances, allowed),
                               ('dop8, given steps', steps, allowed_given)):
         points = []
@@ -72,7 +71,6 @@ def refine(
             place, taken = places_after(acceleration, position, velocity, duration, **given)
             error = float(np.abs(place - answer).max())
             points.append(Point(duration / taken, error, taken))
-        curves.append(Curve(
+        yield Curve(
             of, 'mean step [s]' if values is tolerances else 'step [s]', tuple(points), limit,
-            order=8.0, floor=floor))
-    return tuple(curves)
+            order=8.0, floor=floor)

@@ -28,6 +28,7 @@ from icofabric_sim.studies.named.loose_bodies import (
     standing,
     VERTICES,
 )
+from icofabric_sim.studies.named.mujoco_incline import is_installed, slide
 from icofabric_sim.studies.named.problem import Curve, Point, Problem
 import numpy as np
 
@@ -39,15 +40,19 @@ TIPS_OVER_EDGE = math.atan(1.0 / TAU**2)
 TIPS_OVER_VERTEX = math.atan(2.0 / TAU**2)
 
 
+def _azimuth(over_vertex: bool) -> float:
+    """Turn about the vertical [rad] that brings a vertex of the face towards x, or an edge."""
+    vertex = standing(NORMALS[0]).apply(VERTICES[FACES[0, 0]])
+    # Opposite to a vertex there is an edge.
+    return -math.atan2(vertex[1], vertex[0]) + (0.0 if over_vertex else math.pi)
+
+
 def on_face(
     tilt: float, *, friction: float, stiffness: float = 1e4, damping: float = 100.0,
     over_vertex: bool = False
 ) -> Simulation:
     """A shell on a face, which weight draws towards x: across an edge, or over a vertex."""
-    rotation = standing(NORMALS[0])
-    vertex = rotation.apply(VERTICES[FACES[0, 0]])
-    # Opposite to a vertex there is an edge.
-    azimuth = -math.atan2(vertex[1], vertex[0]) + (0.0 if over_vertex else math.pi)
+    azimuth = _azimuth(over_vertex)
     sunk = _MASS * GRAVITY * math.cos(tilt) / stiffness
     return simulate(
         [Body((0.0, 0.0, inscribed_radius(A) - sunk), rotation=standing(NORMALS[0], azimuth))],
@@ -81,6 +86,21 @@ def _sticks(long: bool) -> Iterator[Curve]:
         'stays: way over a', 'tan(tilt) over mu', tuple(stays), 1e-8, is_refined=False)
     yield Curve(
         'slides: acceleration over g', 'tan(tilt) over mu', tuple(slides), 1e-6, is_refined=False)
+    if is_installed():
+        yield from _beside(simulation.scene.shell.inertia, 10.0 if long else 0.5)
+
+
+def _beside(inertia: float, last: float) -> Iterator[Curve]:
+    """The same in MuJoCo, at 0.9 and at 1.1 of the limit."""
+    for part, of in ((0.9, 'stays: way over a'), (1.1, 'slides: acceleration over g')):
+        tilt, points = math.atan(part * _FRICTION), []
+        known = GRAVITY * (math.sin(tilt) - _FRICTION * math.cos(tilt))
+        for step in (2e-3, 1e-3, 5e-4, 2.5e-4):
+            way, rate, steps = slide(
+                tilt, _FRICTION, _MASS, inertia, _azimuth(True), step, 0.5, last)
+            points.append(Point(
+                step, way if part < 1.0 else abs(rate - known) / GRAVITY, steps))
+        yield Curve(f'MuJoCo, {of}', f'step [s], at {part:g}', tuple(points), is_beside=True)
 
 
 def _tilt_at_which_it_tips(limit: float, stiffness: float, over_vertex: bool) -> float:

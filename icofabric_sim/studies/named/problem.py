@@ -24,6 +24,10 @@ import numpy as np
 _SLACK = 0.5
 
 
+class PremiseError(Exception):
+    """A run did not come to where its answer is known: nothing moved, parted or came to rest."""
+
+
 class Point(NamedTuple):
     """What was found with one step, tolerance or stiffness."""
 

@@ -23,7 +23,7 @@ from icofabric_sim.studies.named.problem import Answer, Curve, Problem
 COLUMNS: Final = (
     'problem', 'name', 'of', 'refined', 'value', 'error', 'steps', 'order', 'expected', 'allowed',
     'fault')
-_HEAD = f'{"no":>2} {"of":34}{"made finer":22}{"value":>10}{"error":>10}{"steps":>9}{"order":>7}'
+_HEAD = f'{"no":>2} {"of":36}{"made finer":22}{"value":>10}{"error":>10}{"steps":>9}{"order":>7}'
 
 
 def catalogue_lines(problems: Iterable[Problem]) -> list[str]:
@@ -48,10 +48,10 @@ def answer_lines(answer: Answer) -> list[str]:
         for index, point in enumerate(curve.points):
             order = curve.order_before(index)
             lines.append(
-                f'   {curve.of if index == 0 else "":34}'
+                f'   {curve.of if index == 0 else "":36}'
                 f'{curve.refined if index == 0 else "":22}{point.refined:10.4g}{point.error:10.2g}'
                 f'{point.steps or "":>9}' + ('' if order is None else f'{order:7.2f}'))
-        lines.append(f'   {"":34}{_judgement(curve)}')
+        lines.append(f'   {"":36}{_judgement(curve)}')
     if answer.failure:
         lines.append(f'   {answer.failure}')
     return lines
@@ -66,7 +66,7 @@ def _judgement(curve: Curve) -> str:
         slope = curve.observed_order
         words += f', order {curve.order:g}'
         words += '' if slope is None else f' (slope {slope:.2f})'
-    return f'{words}: {curve.fault or "so it is"}'
+    return f'{words}: {curve.fault or "as expected"}'
 
 
 def last_line(answers: Iterable[Answer]) -> str:
