@@ -122,6 +122,12 @@ class SimulationStatus:
             found.append(
                 'where connectors around shells change to another geodesic the force jumps, the '
                 'tolerance is not kept, and the estimate was up to 40 times too small in tests')
+        if (self._packed.external is not None and self._driver.is_given and self.step_count > 0
+                and not self.error_estimate > 0.0):
+            found.append(
+                'a body force alone moves the bodies, and nothing turns or vibrates by whose '
+                'period the error of a given solver.step is measured, so the estimate stays 0: '
+                'without solver.step every step is judged')
         if self.deepest_overlap > 0.0 or self.contact_count:
             found.append(
                 'a contact that begins and ends between two evaluations of the forces within a '

@@ -77,6 +77,19 @@ def test_a_spring_to_a_point(compiled):
         assert abs(s.energy['balance_error']) < 1e-7 * energy
 
 
+def test_steps_that_nothing_can_measure_say_so():
+    lacks = []
+    for step, spin in ((0.0, 0.0), (2e-3, 0.0), (2e-3, 30.0)):
+        simulation = ico.compile_scene(make_scene((2, 2, 2), {
+            **LOOSE, 'solver.step': step, 'initial_random.velocity_sigma': 0.5,
+            'initial_random.spin_sigma': spin}), body_force=spring)
+        assert simulation.status.error_estimate_lacks == ''
+        simulation.advance_to(0.05)
+        lacks.append(simulation.status.error_estimate_lacks)
+    assert [*map(bool, lacks)] == [False, True, False]
+    assert 'body force' in lacks[1] and 'solver.step' in lacks[1]
+
+
 def test_compiled_and_called_are_the_same_force():
     scene = make_scene((3, 3, 3), **SUPPORTED, **RANDOM)
     ends, started = [], []

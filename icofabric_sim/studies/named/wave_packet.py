@@ -112,7 +112,7 @@ def _solve(long: bool) -> Iterator[Curve]:
     for of, which, allowed, order in (('phase velocity', 0, 1e-2, None),
                                       ('group velocity', 1, 5e-2, 2.0)):
         yield Curve(
-            f'srkn6, {of}', 'wave number times width', tuple(
+            f'srkn6, {of}', '1 over (k x width)', tuple(
                 Point(1.0 / (_PART * math.pi * width), errors[which], errors[2])
                 for width, errors in found.items()), allowed, order=order)
 
