@@ -105,7 +105,8 @@ def main(arguments: argparse.Namespace) -> int:
     if arguments.list:
         return _list(name, study)
     say(f'{name}: {_counted(len(study.orders), "run")} of {", ".join(study.work.verbs)}, '
-        f'{_counted(study.kinds, "kind")} of scenes')
+        f'{_counted(study.kinds, "kind")} of scenes; the first run of a kind compiles its kernels '
+        'where they are not on disk, and the others wait for it')
     began = time.monotonic()
     outcomes: list[Outcome] = []
     try:
@@ -228,6 +229,9 @@ def _gather(
         try:
             with bad_input():
                 for outcome in study.outcomes(how, retry=arguments.retry):
+                    if outcome.state is State.DONE and not any(
+                            one.state is State.DONE for one in outcomes):
+                        _require_columns(arguments, outcome)
                     outcomes.append(outcome)
                     if outcome.state is not State.DONE and not outcome.reused:
                         progress.note(
@@ -243,6 +247,15 @@ def _gather(
         except SchedulerLost as error:
             raise FileSaysNo(f'{error}; {_save_finished(study, output)}') from error
     _save(study, outcomes, output)
+
+
+def _require_columns(arguments: argparse.Namespace, outcome: 'Outcome') -> None:
+    """Refuse columns that nothing fills; the first run says which there are."""
+    known = [column.name for column in outcome.columns]
+    for name in arguments.columns:
+        if name not in known:
+            raise InputError(
+                f'--columns {name}: there is no such column; there are: {", ".join(known)}')
 
 
 def _save(study: 'Study', outcomes: Sequence['Outcome'], output: Path) -> None:
@@ -264,11 +277,6 @@ def _report(
     table = study.table(outcomes)
     reused = sum(outcome.reused for outcome in outcomes)
     failed = len(table.failed)
-    unknown = [column for column in arguments.columns if column not in table.kept]
-    if unknown:
-        raise InputError(
-            f'--columns {unknown[0]}: there is no such column; there are: '
-            f'{", ".join(table.kept)}')
     if arguments.json:
         print_json({'study': name, 'table': table.table(), 'failed': failed, 'reused': reused,
                     'store': os.fspath(study.store.path)})

@@ -442,8 +442,8 @@ def test_a_study_of_a_file_writes_table_and_picture(verb, tmp_path):
     table = json.loads(said)
     assert status == 0 and table['reused'] == 6
     assert table['table']['connector.stiffness [N/m]'] == [1e3] * 3 + [2e3] * 3
-    status, said, _ = verb('weaves.yaml', '--workers', '0', '--columns', 'elasticity.mass')
-    assert status == 2
+    status, _, error = verb('weaves.yaml', '--workers', '0', '--columns', 'elasticity.mass')
+    assert status == 2 and '--columns elasticity.mass: there is no such column' in error
 
 
 def test_a_study_of_flags_ends_with_1_where_a_run_fails(verb):

@@ -128,6 +128,17 @@ def test_a_worker_that_is_killed_costs_its_run_only(folder, single):
     assert same_bits(folder, single)
 
 
+def test_a_script_without_a_main_is_told_so(tmp_path):
+    (tmp_path / 'script.py').write_text(
+        'import icofabric_sim as ico\n'
+        "ico.sweep(ico.load_scene('free_slab'), {'connector.damping': [1.0]}, workers=1,\n"
+        "          verbs='elasticity', store='store')\n")
+    script = start(sys.executable, 'script.py', folder=tmp_path)
+    _, error = script.communicate(timeout=120)
+    assert script.returncode == 1 and "below if __name__ == '__main__'" in error
+    assert finished(tmp_path) == set()
+
+
 def test_a_study_that_is_killed_goes_on_beside_another_one(folder, single):
     """Kill -9 of the command; its workers end with it. Then two at once share the rest."""
     client = start(*COMMAND, *STUDY, '--workers', '2', folder=folder)

@@ -193,11 +193,7 @@ def pool(*, workers: int, scheduler: str) -> Iterator[Pool]:
             'distributed.admin.tick.limit': '1h',
             'distributed.scheduler.events-cleanup-delay': '1m'}))
         if not scheduler:
-            cluster = stack.enter_context(distributed.LocalCluster(
-                n_workers=workers, threads_per_worker=1, processes=True,
-                # Any free port: on the default one the second of two studies would be warned.
-                dashboard_address='127.0.0.1:0', memory_limit=0, host='127.0.0.1',
-                silence_logs=logging.CRITICAL))
+            cluster = stack.enter_context(_local_cluster(distributed, workers))
             client = stack.enter_context(distributed.Client(cluster, set_as_default=False))
             client.run(_work_alone)
         else:
@@ -213,6 +209,20 @@ def pool(*, workers: int, scheduler: str) -> Iterator[Pool]:
                     f'scheduler: nobody answers at {scheduler}: {error}; start one with dask '
                     'scheduler, and give the address that it prints') from error
         yield Pool(client, is_local=not scheduler)
+
+
+def _local_cluster(distributed: Any, workers: int) -> Any:
+    try:
+        return distributed.LocalCluster(
+            n_workers=workers, threads_per_worker=1, processes=True,
+            # Any free port: on the default one the second of two studies would be warned.
+            dashboard_address='127.0.0.1:0', memory_limit=0, host='127.0.0.1',
+            silence_logs=logging.CRITICAL)
+    except RuntimeError as error:
+        raise RuntimeError(
+            f'the workers could not be started ({error}): they import the program that starts '
+            "them, so a script calls sweep below if __name__ == '__main__': only; with workers=0 "
+            'it does all runs itself') from error
 
 
 def _work_alone() -> None:
