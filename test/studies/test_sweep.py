@@ -345,6 +345,24 @@ def test_a_worker_of_another_version_is_refused(swing, tmp_path):
             perform(order._replace(around={**order.around, name: 'other'}))
 
 
+def test_large_fabrics_and_many_runs_are_judged_without_building_each(tmp_path, monkeypatch):
+    built = []
+    make = ico.Scene.from_parameters
+    monkeypatch.setattr(
+        sweeps.Scene, 'from_parameters',
+        lambda *words: built.append(1) or make(*words))
+    words = {'verbs': 'elasticity', 'store': tmp_path}
+    Study.from_parameters(BASE, {'connector.stiffness': '1..2/4'}, **words)
+    each = len(built)
+    monkeypatch.setattr(sweeps, '_BUILT_RUNS', 3)
+    Study.from_parameters(BASE, {'connector.stiffness': '1..2/4'}, **words)
+    assert len(built) - each == each // 4
+    # What is wrong is found all the same, in a run that is not built.
+    with pytest.raises(ValueError, match='run 3 .*weave.connector_length'):
+        Study.from_parameters(
+            BASE, {'weave.connector_length': [0.0, 0.0, 0.0, 1e3]}, **words)
+
+
 def test_points_that_are_alike_are_one_run(woven, tmp_path, monkeypatch):
     done = []
     monkeypatch.setattr(sweeps, 'perform', lambda order: done.append(order) or perform(order))

@@ -128,7 +128,7 @@ class Pool:
                 while waiting and len(running) < ahead:
                     order = waiting.popleft()
                     future = self._client.submit(
-                        perform, order, pure=False,
+                        _perform, order, pure=False,
                         key=f'icofabric-{order.key}-{uuid.uuid4().hex[:8]}')
                     running[future] = order
                     future.add_done_callback(came.put)
@@ -229,8 +229,15 @@ def _work_alone() -> None:
     """In a worker of a local cluster: an interrupt is for the process that began it."""
     with suppress(ValueError):
         signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def _perform(order: Order) -> Outcome:
+    """In a worker: it has one core, so nothing is compiled beside a run, and it is quiet."""
     os.environ['ICOFABRIC_COMPILE_AHEAD'] = '0'
-    logging.getLogger('icofabric_sim').addHandler(logging.NullHandler())
+    logger = logging.getLogger('icofabric_sim')
+    if not logger.handlers:
+        logger.addHandler(logging.NullHandler())
+    return perform(order)
 
 
 def _about(token: str) -> tuple[dict[str, str], bool]:

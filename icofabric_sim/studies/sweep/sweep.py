@@ -30,8 +30,9 @@ from icofabric_sim.studies.sweep.single_run import Order, Outcome, outcome_of, p
 from icofabric_sim.studies.sweep.store import Store
 from icofabric_sim.studies.sweep.table import SweepTable
 
-# Of fabrics up to this size every one is built before anything starts, to be sure of it.
-_BUILT = 5_000
+# Fabrics up to this size are all built before anything starts, to be sure of them: some
+# milliseconds each. Of larger ones, and of more runs, parameters are judged alone.
+_BUILT, _BUILT_RUNS = 5_000, 20_000
 _PLACE = Path('runs/sweep')
 # A study asks for at most so many workers.
 _MOST_WORKERS = 4096
@@ -151,7 +152,9 @@ class Study:
         parameters = replace(self.plan.parameters(number), files=files)
         texts = tuple(value for value in parameters.values() if isinstance(value, str))
         known = self._files_of.get(texts)
-        if known is None or estimate_bodies(parameters) <= _BUILT:
+        is_small = len(self.plan.points) <= _BUILT_RUNS and (
+            estimate_bodies(parameters) <= _BUILT)
+        if known is None or is_small:
             built = Scene.from_parameters(parameters)
             check_work(self.work, built)
             known = {name: file.total for name, file in built.files.items()}
