@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from icofabric_sim.studies.named.problem import Answer
 
 # Options of `icofabric stress` that random scenes alone have.
-_OF_RANDOM_SCENES = ('scenes', 'seed', 'kinds', 'shrink', 'coverage')
+OF_RANDOM_SCENES = ('scenes', 'seed', 'kinds', 'shrink', 'coverage')
 
 
 def add_named_arguments(parser: argparse.ArgumentParser) -> None:
@@ -44,7 +44,7 @@ def main_named(arguments: argparse.Namespace) -> int:
     """Solve them; returns 1 where an answer is not the known one."""
     from icofabric_sim.studies.named import report
     from icofabric_sim.studies.named.catalogue import PROBLEMS, solve_all
-    for name in _OF_RANDOM_SCENES:
+    for name in OF_RANDOM_SCENES:
         if getattr(arguments, name) not in (None, False):
             raise InputError(f'--{name} is of random scenes; leave it out beside --named')
     numbers = _numbers(arguments.problem, len(PROBLEMS))

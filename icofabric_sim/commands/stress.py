@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-`icofabric stress`: random scenes, judged, and what was found of them; problems of known answers.
+`icofabric stress`: random scenes, judged; problems with known answers; a map of stability.
 """
 
 import argparse
@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING
 
 from icofabric_sim.commands.named_problems import add_named_arguments, main_named
 from icofabric_sim.commands.report import print_json_line
+from icofabric_sim.commands.stability_map import add_map_arguments, main_map
 from icofabric_sim.terminal import InputError, Progress, require_place
 
 if TYPE_CHECKING:
@@ -60,12 +61,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--coverage', action='store_true',
         help='say, too, in how many scenes each parameter was not at its default')
     add_named_arguments(parser)
+    add_map_arguments(parser)
 
 
 def main(arguments: argparse.Namespace) -> int:
     """Judge; returns 1 where a scene is of a class that must not occur."""
     from icofabric_sim.studies.stress.kinds import KINDS
     from icofabric_sim.studies.stress.scenes import LARGEST_SEED, seeds_of
+    if arguments.map:
+        return main_map(arguments)
+    for name in ('steps', 'picture'):
+        if getattr(arguments, name) is not None:
+            raise InputError(f'--{name} needs --map')
     if arguments.named:
         return main_named(arguments)
     for name in ('problem', 'long'):

@@ -1,0 +1,87 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""`icofabric stress --map`: every method with steps up to and beyond its stability limit."""
+
+import argparse
+import csv
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from icofabric_sim.commands.named_problems import OF_RANDOM_SCENES
+from icofabric_sim.commands.report import print_json_line
+from icofabric_sim.terminal import InputError, Progress, require_place
+
+if TYPE_CHECKING:
+    from icofabric_sim.studies.stability_map import Cell
+
+_MOST = 10**9
+
+
+def add_map_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument(
+        '--map', action='store_true',
+        help='a map of stability instead of random scenes: all methods, steps up to and beyond '
+        'the limit, drifts of energy, momentum and norms')
+    parser.add_argument(
+        '--steps', type=int, metavar='N',
+        help='with --map: steps of each run (default 10000; 10000000 take hours)')
+    parser.add_argument(
+        '--picture', metavar='FILE', help='with --map: draw it (PNG)')
+
+
+def main_map(arguments: argparse.Namespace) -> int:
+    """Run the map; returns 1 where a step is refused or runs against the theory."""
+    from icofabric_sim.studies.stability_map import (
+        cell_line,
+        FABRICS,
+        HEAD,
+        map_stability,
+        METHODS,
+        PRODUCTS,
+        STEPS,
+    )
+    for name in (*OF_RANDOM_SCENES, 'named', 'problem', 'long', 'list'):
+        if getattr(arguments, name) not in (None, False):
+            raise InputError(f'--{name} does not go with --map; leave it out')
+    steps = STEPS if arguments.steps is None else arguments.steps
+    if not 100 <= steps <= _MOST:
+        raise InputError(f'--steps must be from 100 to {_MOST}, got {steps}')
+    for option in ('output', 'picture'):
+        if getattr(arguments, option) is not None:
+            require_place(f'--{option}', Path(getattr(arguments, option)).expanduser())
+    cells: list[Cell] = []
+    if not arguments.json:
+        print(HEAD)
+    with Progress(len(FABRICS) * len(METHODS) * len(PRODUCTS), 'runs') as progress:
+        for cell in map_stability(steps=steps):
+            cells.append(cell)
+            progress.clear()
+            if arguments.json:
+                print_json_line(cell._asdict())
+            else:
+                print(cell_line(cell), flush=True)
+            progress.update(len(cells))
+    if arguments.output is not None:
+        with Path(arguments.output).expanduser().open('w', newline='', encoding='utf-8') as file:
+            writer = csv.writer(file)
+            writer.writerow(cells[0]._fields)
+            writer.writerows(cells)
+    if arguments.picture is not None:
+        from icofabric_sim.pictures.stability_picture import draw_map
+        draw_map(Path(arguments.picture).expanduser(), cells)
+    faults = sum(bool(cell.fault) for cell in cells)
+    if not arguments.json:
+        print(f'{len(cells)} runs of {steps} steps, {faults} against the theory')
+    return int(faults > 0)

@@ -1,0 +1,155 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+Every method with steps up to and beyond the stability limit: what drifts, and what is refused.
+
+Small fabrics in small motion, for which the limit is that of the largest frequency, computed from
+the second derivatives of all energies (statics/modes), not from what the run itself takes for it.
+"""
+
+from collections.abc import Iterator, Sequence
+import logging
+import math
+from typing import Any, Final, NamedTuple
+
+from icofabric_sim.scene.scene import Scene
+from icofabric_sim.simulation.errors import SimulationError
+from icofabric_sim.simulation.simulation import compile_scene, Simulation
+from icofabric_sim.simulation.stepping.methods import METHODS
+from icofabric_sim.statics.modes import solve_modes
+import numpy as np
+
+_LOGGER = logging.getLogger('icofabric_sim')
+_PLAIN: Final[dict[str, Any]] = {
+    'weave.size': [3, 3, 3], 'weave.connector_angle': 0.4, 'contact.mode': 'never',
+    'solver.threads': 1, 'initial_random.velocity_sigma': 1e-5, 'initial_random.spin_sigma': 1e-3,
+    'initial_random.seed': 1}
+_HELD: Final[dict[str, Any]] = {'groups.top': 'z_max', 'supports.top.group': 'top'}
+FABRICS: Final[dict[str, dict[str, Any]]] = {
+    'free': _PLAIN,
+    'hanging': {**_PLAIN, **_HELD, 'gravity': [0.0, 0.0, -1e-4]},
+    'kinked': {**_PLAIN, 'connector.stiffness_extension': 600.0,
+               'connector.stiffness_compression': 300.0},
+}
+# Steps times the largest frequency; the limits of the methods lie between the last of these.
+PRODUCTS: Final = (0.05, 0.1, 0.2, 0.5, 1.0, 1.5, 1.9, 2.1, 2.5, 3.0, 3.3, 4.0, 6.0)
+STEPS: Final = 10_000
+_LOOKS = 20
+# Of the limit within which a step may be refused or not: the run knows its frequency by bounds.
+_UNSURE = 0.05
+# Below this part of the limit the energy of a symplectic method swings by less than half of
+# itself, where forces have no kinks. Others may lose or gain: that is what the map shows.
+_SOUND, _SWING = 0.8, 0.5
+
+
+class Cell(NamedTuple):
+    """One run: a fabric, a method and a step."""
+
+    fabric: str
+    method: str
+    product: float  # step times largest frequency
+    outcome: str  # 'ran', 'refused' or 'stopped'
+    steps: int
+    energy: float  # largest error of the balance over the largest kinetic energy
+    momentum: float  # change over mass times the root mean square speed of all; NaN if held
+    norm: float  # largest deviation of a quaternion from 1
+    fault: str  # '': as the theory says
+
+
+def map_stability(
+    fabrics: Sequence[str] = tuple(FABRICS), methods: Sequence[str] = tuple(METHODS), *,
+    products: Sequence[float] = PRODUCTS, steps: int = STEPS
+) -> Iterator[Cell]:
+    """Run all cells, each for so many steps."""
+    for fabric in fabrics:
+        values = FABRICS[fabric]
+        largest = _largest_frequency(values)
+        for method in methods:
+            for product in products:
+                yield _judge(fabric, values, method, product, largest, steps)
+
+
+def cell_line(cell: Cell) -> str:
+    """A row of the table."""
+    figures = ''.join(
+        f'{value:10.1e}' if math.isfinite(value) else f'{"":10}'
+        for value in (cell.energy, cell.momentum, cell.norm))
+    return (f'{cell.fabric:10}{cell.method:10}{cell.product:8.4g}  {cell.outcome:8}'
+            f'{cell.steps:9d}{figures}  {cell.fault}').rstrip()
+
+
+HEAD: Final = (f'{"fabric":10}{"method":10}{"h omega":>8}  {"outcome":8}{"steps":>9}'
+               f'{"energy":>10}{"momentum":>10}{"norm":>10}')
+
+
+def _largest_frequency(values: dict[str, Any]) -> float:
+    """Largest frequency [rad/s], of connectors on their stiffer side where there are two."""
+    stiffest = {name: value for name, value in values.items()
+                if not name.startswith('connector.stiffness_')}
+    stiffest['connector.stiffness'] = values.get('connector.stiffness_extension', 500.0)
+    return float(solve_modes(Scene.from_parameters(stiffest)).frequencies[-1])
+
+
+def _judge(
+    fabric: str, values: dict[str, Any], method: str, product: float, largest: float, steps: int
+) -> Cell:
+    step, limit = product / largest, METHODS[method].stability
+    energy = momentum = norm = math.nan
+    taken = 0
+    level = _LOGGER.level
+    _LOGGER.setLevel(logging.ERROR)
+    try:
+        simulation = compile_scene(Scene.from_parameters({
+            **values, 'solver.method': method, 'solver.step': step, 'solver.energy_limit': 1.0}))
+        outcome = 'ran'
+        try:
+            energy, momentum, norm = _drifts(simulation, step, steps)
+        except SimulationError:
+            outcome = 'stopped'
+        taken = simulation.status.step_count
+    except ValueError as error:
+        if 'stability limit' not in str(error):
+            raise
+        outcome = 'refused'
+    finally:
+        _LOGGER.setLevel(level)
+    fault = ''
+    if product > (1.0 + _UNSURE) * limit and outcome == 'ran':
+        fault = f'ran beyond the limit of {limit:g}'
+    elif product < (1.0 - _UNSURE) * limit and outcome == 'refused':
+        fault = f'refused below the limit of {limit:g}'
+    elif product < _SOUND * limit and METHODS[method].symplectic and fabric != 'kinked' and (
+            outcome == 'stopped' or not energy < _SWING):
+        fault = f'unsound at {product / limit:.2f} of the limit'
+    return Cell(fabric, method, product, outcome, taken, energy, momentum, norm, fault)
+
+
+def _drifts(simulation: Simulation, step: float, steps: int) -> tuple[float, float, float]:
+    """Largest errors of energy, momentum and norms over the run."""
+    first = simulation.snapshot()
+    speed = math.sqrt(float((first.linear_velocity**2).sum(axis=1).mean()))
+    free = simulation.scene.supports is None
+    momentum = first.linear_velocity.sum(axis=0)
+    balance = moving = pushed = norm = 0.0
+    for look in range(1, _LOOKS + 1):
+        simulation.advance_to(steps * step * look / _LOOKS)
+        snapshot = simulation.snapshot()
+        energy = snapshot.energy
+        balance = max(balance, abs(energy['balance_error']))
+        moving = max(moving, energy['kinetic'])
+        change = snapshot.linear_velocity.sum(axis=0) - momentum
+        pushed = max(pushed, float(np.abs(change).max()) / (speed * simulation.scene.body_count))
+        norm = max(norm, float(np.abs(
+            np.linalg.norm(snapshot.orientation, axis=1) - 1.0).max()))
+    return balance / moving, pushed if free else math.nan, norm

@@ -1,0 +1,87 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""The map of stability: what runs, what is refused, what is against the theory; its command."""
+
+import csv
+import json
+import math
+
+from icofabric_sim.commands.main import main
+from icofabric_sim.simulation.stepping.methods import METHODS
+from icofabric_sim.studies import stability_map
+from icofabric_sim.studies.stability_map import Cell, map_stability
+import pytest
+
+
+def test_steps_are_refused_where_the_theory_says():
+    cells = [*map_stability(('free',), products=(0.2, 1.9, 2.1, 3.0, 3.3, 5.0, 6.5), steps=200)]
+    assert len(cells) == 7 * len(METHODS) and not any(cell.fault for cell in cells)
+    for cell in cells:
+        assert (cell.outcome == 'refused') == (cell.product > METHODS[cell.method].stability)
+        if cell.outcome == 'ran':
+            assert cell.steps == 200 and cell.norm < 1e-14 and cell.momentum < 1e-13
+            assert 0.0 < cell.energy < 1.0
+    # Of order 2 the energy swings by the square of the step.
+    swings = [next(map_stability(('free',), ('leapfrog',), products=(product,), steps=400)).energy
+              for product in (0.1, 0.4)]
+    assert swings[1] / swings[0] == pytest.approx(16.0, rel=0.2)
+
+
+def test_a_limit_that_is_too_high_is_found(monkeypatch):
+    monkeypatch.setitem(METHODS, 'leapfrog', METHODS['leapfrog']._replace(stability=3.0))
+    (cell,) = map_stability(('free',), ('leapfrog',), products=(2.2,), steps=400)
+    assert 'unsound' in cell.fault
+
+
+def test_what_is_against_the_theory_is_a_fault(monkeypatch):
+    # The largest frequency is taken for ten times, or a tenth, of what it is.
+    real = stability_map._largest_frequency
+    for factor, product, words in ((10.0, 4.0, 'ran beyond'), (0.1, 0.5, 'refused below')):
+        monkeypatch.setattr(
+            stability_map, '_largest_frequency', lambda values, f=factor: f * real(values))
+        (cell,) = map_stability(('free',), ('leapfrog',), products=(product,), steps=100)
+        assert words in cell.fault
+
+
+def made_up(fault):
+    """Three cells that need no run."""
+    def cells(*, steps):
+        yield Cell('free', 'leapfrog', 0.1, 'ran', steps, 1e-3, 1e-16, 1e-16, '')
+        yield Cell('free', 'leapfrog', 1.9, 'stopped', 7, math.nan, math.nan, math.nan, '')
+        yield Cell('free', 'leapfrog', 2.1, 'refused', 0, math.nan, math.nan, math.nan, fault)
+    return cells
+
+
+def test_the_command_prints_writes_and_draws(monkeypatch, tmp_path, capsys):
+    table, picture = tmp_path / 'map.csv', tmp_path / 'map.png'
+    monkeypatch.setattr(stability_map, 'map_stability', made_up(''))
+    words = ['stress', '--map', '--steps', '500', '--output', str(table), '--picture',
+             str(picture)]
+    assert main(words) == 0
+    assert '3 runs of 500 steps, 0 against the theory' in capsys.readouterr().out
+    with table.open() as file:
+        assert [row['outcome'] for row in csv.DictReader(file)] == ['ran', 'stopped', 'refused']
+    assert picture.read_bytes().startswith(b'\x89PNG')
+    monkeypatch.setattr(stability_map, 'map_stability', made_up('ran'))
+    assert main(['stress', '--map', '--json']) == 1
+    rows = [*map(json.loads, capsys.readouterr().out.splitlines())]
+    assert rows[0]['steps'] == stability_map.STEPS and rows[1]['energy'] is None
+
+
+def test_what_does_not_go_with_it_is_refused(capsys):
+    for words, part in ((['--map', '--seed', '1'], '--seed'), (['--steps', '500'], '--map'),
+                        (['--map', '--named'], '--named'), (['--picture', 'x.png'], '--map'),
+                        (['--map', '--steps', '5'], '--steps')):
+        assert main(['stress', *words]) == 2
+        assert part in capsys.readouterr().err
