@@ -127,6 +127,31 @@ def test_estimate_of_steps_whose_two_error_estimates_mislead(kind, seed):
     assert 1.0 / 3.0 < judged.ratio < 3.0
 
 
+@pytest.mark.parametrize('seed, given', [(0, 0.0), (8, 0.37)])
+def test_estimate_counts_forces_that_jump_where_bands_change_to_another_geodesic(seed, given):
+    # The two error estimates, and probes, said 1/31 and 1/40 of what was added.
+    changes, periods, _ = draw_scene('wrapped', seed)
+    judged = judge(changes, 'dop8', given, min(periods, 8.0))
+    assert judged.tells and not judged.ended and not judged.falls
+    assert 1.0 / 3.0 < judged.ratio < 3.0
+
+
+def test_chosen_steps_keep_the_tolerance_at_kinks():
+    # Most is added in two steps, in which estimates are too small: 1.9 times the tolerance.
+    changes, periods, _ = draw_scene('kinked', 28)
+    judged = judge(changes, 'dop8', 0.0, periods)
+    assert len(judged.times) > 10 and not judged.ended
+    assert judged.added[-1] < changes['solver.tolerance'] * judged.times[-1]
+
+
+def test_near_rounding_steps_at_kinks_go_on():
+    changes, _, _ = draw_scene('kinked', 2)
+    run = ico.compile_scene(ico.Scene.from_parameters(changes | {
+        'solver.method': 'dop8', 'connector.obstruction': 'warn'}))
+    run.advance_to(6e-4)
+    assert 0.0 < run.error_estimate < changes['solver.tolerance'] * run.time
+
+
 @pytest.mark.parametrize('method, step', [('leapfrog', 0.0), ('leapfrog', 2e-4), ('dop8', 0.0)])
 def test_estimate_is_the_same_in_pieces_and_from_a_checkpoint(method, step):
     scene = make_scene(changes={

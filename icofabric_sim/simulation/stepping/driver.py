@@ -114,8 +114,9 @@ class Driver:
         self.trials = TrialSteps(self.trajectory, self.contact, self.calls)
         self.shown = ShownEnergies(self.trajectory, self.contact)
         probe = AccuracyProbe(self.trajectory, self.trials, self.rates, tolerance)
+        has_jumps = broad_phase is not None or packed.model.wrapping is not None
         self.errors = StepErrors(
-            probe, None if broad_phase is None or is_adaptive else TouchingErrors(
+            probe, None if is_adaptive or not has_jumps else TouchingErrors(
                 self.trajectory, self.contact, self.rates, self.trials, probe.distance))
         self.monitor = StepMonitor(
             self.trajectory, self.rates, obstruction, given=self._is_given, tolerance=tolerance,

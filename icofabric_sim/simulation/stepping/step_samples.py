@@ -16,9 +16,9 @@ Errors of some steps of the embedded pair, measured, by which those of the other
 
 What a step probably errs by follows from its two error estimates, with the constants of an
 oscillation (kernels/probable_error.py). Motion that is damped beyond oscillation has other
-constants, and small kinks of the forces hide in the smooth part of the estimates. There windows of
-one shortest period are followed by a companion with steps of half the length, or of a quarter of
-it where forces have kinks. The steps between windows count like those of the last windows: what
+constants, and small kinks of the forces, or jumps where bands change to another geodesic, hide in
+the smooth part of the estimates. There windows of one shortest period are followed by a companion
+with steps of half the length, or of a quarter of it where forces have kinks. The steps between windows count like those of the last windows: what
 these erred by below what they probably did as a part of that, what they erred by beyond it as a
 rate in time, as that was hidden.
 """
@@ -58,9 +58,11 @@ def needs_samples(pieces: Pieces) -> bool:
 
 
 def _is_kinked(pieces: Pieces) -> bool:
-    """Whether tensions have kinks."""
-    links = pieces.trajectory.model.links
-    return has_jumps(links) or (links is not None and links.tables is not None)
+    """Whether tensions have kinks, or jump where bands change to another geodesic."""
+    model = pieces.trajectory.model
+    links = model.links
+    return has_jumps(links) or model.wrapping is not None or (
+        links is not None and links.tables is not None)
 
 
 class StepSamples:

@@ -18,6 +18,7 @@ A contact may begin and end between two accuracy probes, and adds more error tha
 many periods. So a stretch of steps between two health checks in which shells touched is repeated
 with twice as many of half the length, and the difference of the ends counted (Richardson). All of
 the first such stretches are repeated, later one of several, which then stands for those before it.
+So are stretches in which bands around shells may change to another geodesic.
 """
 
 from collections.abc import Callable
@@ -52,8 +53,11 @@ class TouchingErrors:
         """
         Measure on the `trajectory` by `trials`, and the `distance` of two states.
 
-        Its third argument is a frequency [rad/s]: of what errors of velocities make later.
+        Its third argument is a frequency [rad/s]: of what errors of velocities make later. Where
+        connectors lie around shells forces jump at any time: every stretch counts as one in which
+        shells touch.
         """
+        self._always = trajectory.model.wrapping is not None
         self._trajectory, self._contact, self._rates = trajectory, contact, rates
         self._trials, self._distance = trials, distance
         self.total = 0.0
@@ -69,7 +73,7 @@ class TouchingErrors:
 
     def begin(self, time: float) -> None:
         """Begin a stretch at `time` [s], whose state is saved; inf: it cannot be judged."""
-        self._start, self._touched = time, False
+        self._start, self._touched = time, self._always
 
     def spoil(self) -> None:
         """Something else than steps of one length is part of this stretch."""

@@ -30,6 +30,10 @@ import numpy as np
 # Where a tolerance leaves more than this for each radian of the fastest motion, steps are so long
 # that the estimate of their error may be too small by three times; it is then kept smaller.
 _LOOSE, _LOOSE_AIM = 1e-6, 0.3
+# In a step in which a tension has a kink the estimate may be too small likewise: errors were up to
+# 1.9 times what the tolerance allows over whole runs. It is not kept so small that rounding, times
+# the second number, would be asked for: near it no step is short enough.
+_KINKED_AIM, _ABOVE_ROUNDING = 0.4, 10.0
 # The first step after a jump, in radians of the fastest motion; the error then decides.
 _FIRST_STEP = 0.5
 # The shortest, in parts of that.
@@ -100,8 +104,11 @@ class EmbeddedError:
         if control.next == 0.0:
             control.next = first
         tolerance = pieces.errors.probe.tolerance
-        control.tolerance = tolerance * (
-            _LOOSE_AIM if tolerance > _LOOSE * rate else 1.0)
+        control.tolerance = tolerance * (_LOOSE_AIM if tolerance > _LOOSE * rate else 1.0)
+        if self._has_kinks:
+            least = _ABOVE_ROUNDING * pieces.errors.probe.floor(rate)
+            control.tolerance = min(
+                control.tolerance, max(_KINKED_AIM * tolerance, least))
         control.shortest = first * _SHORTEST_PART
         # Whether anything is near must not matter: steps do not depend on searches.
         control.longest = _LONGEST_STEP / rate if contact.is_possible and rate > 0.0 else _ANY
@@ -173,12 +180,16 @@ class EmbeddedError:
             self._pieces.trajectory.fail(too_fast(time, rates.fastest_term()))
         return _FIRST_STEP / rate if rate > 0.0 else self._output_period
 
+    @property
+    def _has_kinks(self) -> bool:
+        """Whether tensions of connectors have kinks."""
+        links = self._pieces.trajectory.model.links
+        return has_jumps(links) or (links is not None and links.tables is not None)
+
     def _kinked_rate(self, rate: float) -> float:
         """Square [1/s^2] of the fastest motion where forces may have kinks; 0: they have none."""
         model, contact = self._pieces.trajectory.model, self._pieces.contact
-        links = model.links
-        varied = has_jumps(links) or (links is not None and links.tables is not None)
-        if not contact.is_possible and model.wrapping is None and not varied:
+        if not contact.is_possible and model.wrapping is None and not self._has_kinks:
             return 0.0
         # With whatever may touch: estimates must not depend on searches either.
         return rate * rate + contact.least_rate
