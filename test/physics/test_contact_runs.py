@@ -284,6 +284,28 @@ def test_no_state_beyond_a_contact_is_shown_where_bodies_become_fast_between_che
     assert not caplog.records
 
 
+def test_no_state_beyond_a_contact_is_shown_where_steps_are_chosen(caplog):
+    # At rest at the last search, then pulled through the other one within steps that splitting
+    # methods check after several.
+    scene = changed(loose(
+        ((0.5, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)), contact__stiffness=20.0,
+        solver__method='srkn4', solver__tolerance=1.0), {
+            'groups.pulled': 'ids 1', 'loads.pull.group': 'pulled',
+            'loads.pull.force': [-400.0, 0.0, 0.0]})
+    kept = []
+    for times in ((0.02,), np.arange(1, 41) * 5e-4, np.arange(1, 401) * 5e-5):
+        simulation = ico.compile_scene(scene)
+        with pytest.raises(ico.SimulationError, match='body 0 and body 1 may pass') as caught:
+            for time in times:
+                simulation.advance_to(time)
+                assert simulation.snapshot().position[1, 0] > 0.02
+        assert 'solver.method dop8, which refuses such steps' in str(caught.value)
+        kept.append(simulation.snapshot())
+        assert kept[-1].time == simulation.time and kept[-1].position[1, 0] > 0.02
+    assert same_state(kept[0], kept[1]) and same_state(kept[0], kept[2])
+    assert not caplog.records
+
+
 def imprecise():
     """A small fabric far from a loose body; steps swing the energy by a good part of it."""
     scene = loose(

@@ -265,22 +265,24 @@ class ContactScheduler:
         if found:
             if before is self._trajectory.state:
                 self._trajectory.save()
-            self.stop_passing(found)
+            self.stop_passing(found, given=True)
 
     def passing(self, before: State, after: State, start: float, end: float) -> str:
         """Name what may pass through each other in a step between two times [s]; '': nothing."""
         phase = self.broad_phase
         return '' if phase is None else phase.passing_by(before, after, start, end)
 
-    def stop_passing(self, found: str) -> NoReturn:
-        """Stop at the saved state, because of what was `found`."""
+    def stop_passing(self, found: str, *, given: bool) -> NoReturn:
+        """Stop at the saved state, because of what was `found`; `given`: the step is."""
         trajectory = self._trajectory
+        way_out = (
+            f'a smaller solver.step than {trajectory.step!r} s, or 0 to have it chosen' if given
+            else 'solver.method dop8, which refuses such steps and takes shorter ones')
         trajectory.return_to_saved()
         trajectory.return_work()
         trajectory.fail(
-            f'{found}. Start again with a smaller solver.step than {trajectory.step!r} s, or '
-            '0 to have it chosen; contact.mode never lets shells pass through each other. '
-            f'The last good state, of t = {trajectory.saved_time:.9g} s, is kept')
+            f'{found}. Start again with {way_out}; contact.mode never lets shells pass '
+            f'through each other. The last good state, of t = {trajectory.saved_time:.9g} s, is kept')
 
     def state_tree(self) -> dict[str, Any]:
         """The last search, and what was reported, as an entry; none where nothing can touch."""

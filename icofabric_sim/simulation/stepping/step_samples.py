@@ -18,9 +18,9 @@ What a step probably errs by follows from its two error estimates, with the cons
 oscillation (kernels/probable_error.py). Motion that is damped beyond oscillation has other
 constants, and small kinks of the forces, or jumps where bands change to another geodesic, hide in
 the smooth part of the estimates. There windows of one shortest period are followed by a companion
-with steps of half the length, or of a quarter of it where forces have kinks. The steps between windows count like those of the last windows: what
-these erred by below what they probably did as a part of that, what they erred by beyond it as a
-rate in time, as that was hidden.
+with steps of half the length, or of a quarter of it where forces have kinks. The steps between
+windows count like those of the last windows: what these erred by below what they probably did as
+a part of that, what they erred by beyond it as a rate in time, as that was hidden.
 """
 
 import math

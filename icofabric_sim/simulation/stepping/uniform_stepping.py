@@ -123,10 +123,8 @@ class UniformStepping:
 
     @property
     def _is_judged(self) -> bool:
-        """Whether steps may lead beyond a contact: given ones, which no kernel refuses."""
-        pieces = self._pieces
-        return pieces.is_given and pieces.contact.is_possible and (
-            pieces.trajectory.control is None)
+        """Whether steps may lead beyond a contact: those that no kernel refuses."""
+        return self._pieces.contact.is_possible and self._pieces.trajectory.control is None
 
     def _save_where_judged(self) -> None:
         """Save a state from which steps of one length under the same loads can be repeated."""
@@ -164,7 +162,7 @@ class UniformStepping:
         span = trajectory.time - trajectory.saved_time
         pieces.trials.retrace(round(span / trajectory.step), max(rest, 0.0), visit)
         if found:
-            pieces.contact.stop_passing(found)
+            pieces.contact.stop_passing(found, given=pieces.is_given)
 
     def state_at(self, time: float) -> State:
         """Return the state at a `time` [s] up to the end of the next step, by a trial step."""
@@ -219,7 +217,8 @@ class UniformStepping:
         """Take up to `count` steps of `step` [s], and act on what they met; returns how many."""
         pieces, trajectory = self._pieces, self._pieces.trajectory
         checks, errors, ledger = pieces.monitor, pieces.errors, trajectory.ledger
-        touching, is_whole = errors.touching, step == trajectory.step
+        touching, whole = errors.touching, trajectory.step
+        is_whole = step == whole
         first, before, ledger.saved_at = trajectory.index, checks.since_check, -1.0
         far = self._is_far(step)
         if far:
@@ -275,6 +274,9 @@ class UniformStepping:
             pieces.contact.count_touching())
         if status:
             pieces.respond(status, time)
+        if checks.since_check and trajectory.step != whole:
+            # Steps of two lengths cannot be repeated from one state.
+            self._save_where_judged()
         if checks.since_check == 0:
             self._follow_touching(time, recounted=recounted)
         if checks.since_check == 0 and (
