@@ -274,9 +274,13 @@ class BroadPhase:
             way += self._radius * turned_at_most(looked.orientation, now, now, 0.0)
         return not way.max(initial=0.0) <= math.sqrt(self.limits[LATE])
 
-    def passing_by(self, before: State, after: State, start: float, end: float) -> str:
+    def passing_by(
+        self, before: State, after: State, start: float, end: float, *, long: bool
+    ) -> str:
         """
         Name what may have passed through each other in one step between two times [s]; '': none.
+
+        `long`: steps may be so long that also what is listed passes between two evaluations.
         """
         unpack, watch = self._layout.unpack, self._watch
         looked = unpack(State(watch.reference, watch.turned, watch.reference, watch.reference))
@@ -295,7 +299,7 @@ class BroadPhase:
                 turned_at_most(looked.orientation, first, last, length))
             found = first_passing(
                 course, looked.position, self.setup.planes, shift, reach=reach,
-                radius=self._radius)
+                radius=self._radius, seen=None if long else self._bodies)
         if found is None:
             return ''
         other = (

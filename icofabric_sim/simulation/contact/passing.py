@@ -69,7 +69,7 @@ def turned_at_most(
 
 def first_passing(
     course: Course, look: np.ndarray, planes: np.ndarray, shift: np.ndarray, *, reach: float,
-    radius: float
+    radius: float, seen: np.ndarray | None = None
 ) -> Passing | None:
     """
     Return the first bodies that may have met unseen since the search at `look` (n, 3); or None.
@@ -77,15 +77,19 @@ def first_passing(
     Of a pair that was not listed then the gap was at least twice the `reach` [m], so it is closed
     only where the two move by more than that beside each other; and they touch only where the
     spheres of `radius` [m] around them do. What is listed is computed, and seen. `planes` are
-    (k, 4) normals and offsets [m]; `shift` (4, 3) [m] is what was taken off the points.
+    (k, 4) normals and offsets [m]; `shift` (4, 3) [m] is what was taken off the points. `seen`:
+    pairs (m, 2) that are listed and meet in many steps, which evaluate their contact; a second one
+    of -1 - k is plane k.
     """
+    seen = np.zeros((0, 2), np.int32) if seen is None else seen
     points, turned = course.points, radius * course.turned
     own = np.linalg.norm(points - look, axis=2).max(axis=0) + turned
     movers = np.flatnonzero(~(own <= reach))
     for plane, (*normal, offset) in enumerate(planes):
-        height = ((points[:, movers] + shift[:, None]) @ np.array(normal)).min(axis=0) - radius
+        fallers = np.setdiff1d(movers, seen[seen[:, 1] == -1 - plane, 0])
+        height = ((points[:, fallers] + shift[:, None]) @ np.array(normal)).min(axis=0) - radius
         if (height < offset).any():
-            body = int(movers[np.argmin(height)])
+            body = int(fallers[np.argmin(height)])
             return Passing(body, -1 - plane, float(own[body]))
     piece = max(1, _PIECE // max(len(own), 1))
     for start in range(0, len(movers), piece):
@@ -95,6 +99,9 @@ def first_passing(
         way += turned + turned[some, None]
         meet = (way > 2.0 * reach) & (_least_distance(apart) < 2.0 * radius)
         meet[np.arange(len(some)), some] = False
+        for one, other in ((0, 1), (1, 0)):
+            listed = seen[(seen[:, 1] >= 0) & np.isin(seen[:, one], some)]
+            meet[np.searchsorted(some, listed[:, one]), listed[:, other]] = False
         if meet.any():
             row, other = (int(number[0]) for number in np.nonzero(meet))
             body = int(some[row])

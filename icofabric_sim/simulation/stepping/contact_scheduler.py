@@ -261,16 +261,22 @@ class ContactScheduler:
 
         It is the present one, or it was saved.
         """
-        found = self.passing(before, after, start, end)
+        found = self.passing(before, after, start, end, long=True)
         if found:
             if before is self._trajectory.state:
                 self._trajectory.save()
             self.stop_passing(found, given=True)
 
-    def passing(self, before: State, after: State, start: float, end: float) -> str:
-        """Name what may pass through each other in a step between two times [s]; '': nothing."""
+    def passing(
+        self, before: State, after: State, start: float, end: float, *, long: bool
+    ) -> str:
+        """
+        Name what may pass through each other in a step between two times [s]; '': nothing.
+
+        `long`: steps may be so long that also what is listed passes between two evaluations.
+        """
         phase = self.broad_phase
-        return '' if phase is None else phase.passing_by(before, after, start, end)
+        return '' if phase is None else phase.passing_by(before, after, start, end, long=long)
 
     def stop_passing(self, found: str, *, given: bool) -> NoReturn:
         """Stop at the saved state, because of what was `found`; `given`: the step is."""
@@ -282,7 +288,8 @@ class ContactScheduler:
         trajectory.return_work()
         trajectory.fail(
             f'{found}. Start again with {way_out}; contact.mode never lets shells pass '
-            f'through each other. The last good state, of t = {trajectory.saved_time:.9g} s, is kept')
+            f'through each other. The last good state, of t = {trajectory.saved_time:.9g} s, '
+            'is kept')
 
     def state_tree(self) -> dict[str, Any]:
         """The last search, and what was reported, as an entry; none where nothing can touch."""

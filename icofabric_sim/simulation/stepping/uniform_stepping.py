@@ -123,8 +123,15 @@ class UniformStepping:
 
     @property
     def _is_judged(self) -> bool:
-        """Whether steps may lead beyond a contact: those that no kernel refuses."""
-        return self._pieces.contact.is_possible and self._pieces.trajectory.control is None
+        """
+        Whether steps may lead beyond a contact: those that no kernel refuses.
+
+        Chosen ones that run through contacts are short enough for what they meet.
+        """
+        pieces = self._pieces
+        trajectory = pieces.trajectory
+        return pieces.contact.is_possible and trajectory.control is None and (
+            pieces.is_given or not trajectory.method.runs_through_contacts)
 
     def _save_where_judged(self) -> None:
         """Save a state from which steps of one length under the same loads can be repeated."""
@@ -157,7 +164,8 @@ class UniformStepping:
             nonlocal found
             # What was before the last search was judged by the one before that.
             if not found and 0.5 * (start + end) > pieces.contact.search_time:
-                found = pieces.contact.passing(before, after, start, end)
+                found = pieces.contact.passing(
+                    before, after, start, end, long=pieces.is_given)
 
         span = trajectory.time - trajectory.saved_time
         pieces.trials.retrace(round(span / trajectory.step), max(rest, 0.0), visit)
