@@ -125,7 +125,7 @@ def record(folder: Path, variant: int, seed: int) -> None:
     scene = ico.Scene.from_parameters(parameters.with_changes({
         **recording, 'contact.mode': 'never', 'real_time_factor': 1.0, 'clock_rate': 200.0,
         'duration': 0.0}))
-    simulation = compile_scene(scene, body_wrenches=True)
+    simulation = compile_scene(scene)
     simulation.warm_up()
     bag = BagSink(
         folder / 'bag', simulation, live=True,

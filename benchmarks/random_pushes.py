@@ -76,7 +76,7 @@ def push_at_random(name: str, pushes: int, seed: int) -> Row:
         scene = scene.with_changes({f'loads.{CHANNEL}': {'group': 'all', 'share': 'total'}})
     weight = scene.body_count * scene.shell.mass * STANDARD_GRAVITY
     shares = 1.0 if scene.loads[channel].total else float(len(scene.loads[channel].bodies))
-    simulation, outputs = ico.compile_scene(scene, body_wrenches=True), Outputs(scene)
+    simulation, outputs = ico.compile_scene(scene), Outputs(scene)
     simulation.warm_up()
     # All kernels are there before the first push, those of the first contact too.
     kernels = simulation.prepare_contacts()

@@ -37,7 +37,7 @@ class Drive:
 
     def __init__(self, path: Path, scene: Scene, script: list[tuple[int, Act]], **options: Any):
         """Record to `path`; the script names times [ms] on /clock, ascending."""
-        simulation = compile_scene(scene, body_wrenches=True)
+        simulation = compile_scene(scene)
         simulation.warm_up()
         self.folder = path.parent
         self.bag = BagSink(path, simulation, live=False, **options)

@@ -66,7 +66,7 @@ def make_runner(*sinks, **changes):
     dotted = {name.replace('__', '.'): value for name, value in changes.items()}
     scene = ico.Scene.from_parameters(SCENE)
     scene = ico.Scene.from_parameters(scene.parameters.with_changes(dotted))
-    return Runner(ico.compile_scene(scene, body_wrenches=True), list(sinks))
+    return Runner(ico.compile_scene(scene), list(sinks))
 
 
 def push(runner, key='tip', *, stamp=0, force=FORCE, judged=True):

@@ -132,7 +132,7 @@ def things(tmp_path_factory):
     """One small scene, compiled once, and what comes of it."""
     folder = tmp_path_factory.mktemp('things')
     scene = make_scene((3, 2, 2), **SECTIONS)
-    simulation = ico.compile_scene(scene, body_wrenches=True)
+    simulation = ico.compile_scene(scene)
     simulation.apply_wrench('tip', force=(0, 0, 1), torque=[0, 0, np.float32(1e-3)])
     simulation.advance_to(1e-3)
     (folder / 'scene.yaml').write_text('/**: {ros__parameters: {weave.size: [2, 2, 2]}}\n')
@@ -144,7 +144,7 @@ def things(tmp_path_factory):
         marker=messages.MarkerBytes(WORLD, 'a', 1, messages.MarkerType.LINE_LIST),
         external=force.prepare(simulation.packed.layout, np.ones((scene.body_count, 13))),
         folder=folder, scene=scene, simulation=simulation,
-        other=ico.compile_scene(scene, body_wrenches=True), checkpoint=simulation.checkpoint(),
+        other=ico.compile_scene(scene), checkpoint=simulation.checkpoint(),
         snapshot=simulation.snapshot(), elasticity=ico.homogenise(scene),
         rest=ico.solve_equilibrium(scene), spectrum=ico.solve_modes(scene), force=force,
         growth=ico.Growth(np.array([0.0, 1.0]), np.ones(2), np.zeros(2), False, ''))
@@ -464,7 +464,6 @@ def table(t):
 def compile_words(scene):
     return {
         'scene': scene, 'rotation': text('quaternion', bad=['', 'euler']),
-        'body_wrenches': flag(True, np.True_),
         'body_force': function(None, optional=True)}
 
 

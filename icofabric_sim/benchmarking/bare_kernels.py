@@ -24,7 +24,7 @@ from icofabric_sim.benchmarking.step_speed import STEP
 from icofabric_sim.kernels import flows, monitor
 from icofabric_sim.kernels.records import State, Work
 from icofabric_sim.scene.scene import Scene
-from icofabric_sim.simulation.model.packing import PackedScene
+from icofabric_sim.simulation.model.packing import pack_loads, PackedScene
 from icofabric_sim.simulation.simulation import Simulation
 from icofabric_sim.simulation.stepping.methods import METHODS
 from icofabric_sim.simulation.stepping.thread_team import ThreadTeam
@@ -67,12 +67,12 @@ def count_instructions(packed: PackedScene, scene: Scene, other: Any) -> list[In
     slot, last = model.blocks.slot, len(model.blocks.slot)
     masses = model.inverse_mass, model.inverse_inertia
     assert model.links is not None
-    order = np.arange(last, dtype=np.uint32)
+    order, loads = np.arange(last, dtype=np.uint32), pack_loads((), packed.layout)
     return [
         Instructions(
             'push',
             loop_instructions(
-                flows.push, model, None, state, work, None, 0.0, 0.0, 0.0, 0.0, False, order, 0,
+                flows.push, model, loads, state, work, None, 0.0, 0.0, 0.0, 0.0, False, order, 0,
                 last),
             loop_instructions(
                 other.push, model.links, slot, *masses, state, work.points, work.acceleration,
@@ -81,7 +81,7 @@ def count_instructions(packed: PackedScene, scene: Scene, other: Any) -> list[In
                 other.push_once, model.links, slot, *masses, state, work.points, 0.0, 0, last)),
         Instructions(
             'drift',
-            loop_instructions(flows.drift, model, None, state, work, 0.0, 0.0, order, 0, last),
+            loop_instructions(flows.drift, model, loads, state, work, 0.0, 0.0, order, 0, last),
             *[loop_instructions(
                 other.drift, model.links.half_width, slot, state, work.points, 0.0, 0,
                 last)] * 2),

@@ -72,7 +72,7 @@ def _show_scene(arguments: argparse.Namespace) -> int:
     _, parameters = read_parameters(arguments)
     with bad_input():
         scene = Scene.from_parameters(parameters)
-        simulation = compile_scene(scene, body_wrenches=True)
+        simulation = compile_scene(scene)
         simulation.warm_up()
         bag = BagSink(parameters['record.path'], simulation, live=True, parameters=parameters)
     sight, report = Sight(), HealthReport('/icofabric')

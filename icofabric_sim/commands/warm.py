@@ -192,15 +192,14 @@ def _run(kind: Kind) -> None:
 
     given = {**load_parameter_file(find_scene(kind.scene)), **dict(kind.changes)}
     scene = Scene.from_parameters(make_parameters(given))
-    simulation = _ready(compile_scene(scene, body_wrenches=kind.node), pushed=kind.node)
+    simulation = _ready(compile_scene(scene), pushed=kind.node)
     if scene.parameters['contact.mode'] == 'auto':
         # As from the first contact on, by the method that the scene takes before anything touches.
         touching = {
             **scene.parameters.given(), 'contact.mode': 'always',
             'solver.method': simulation.status.method_name}
-        _ready(compile_scene(
-            Scene.from_parameters(make_parameters(touching)), body_wrenches=kind.node),
-            pushed=kind.node)
+        _ready(
+            compile_scene(Scene.from_parameters(make_parameters(touching))), pushed=kind.node)
 
 
 def _ready(simulation: 'Simulation', *, pushed: bool) -> 'Simulation':

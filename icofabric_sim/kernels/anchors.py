@@ -203,20 +203,17 @@ def anchor_look(
 
 @compiled
 def look_at_anchors(
-    model: Model, loads: Loads | None, state: State, time: float
+    model: Model, loads: Loads, state: State, time: float
 ) -> tuple[float, float]:
     """The largest bound of a body [1/s^2] and the energy [J] of all anchors."""
     largest, total = 0.0, 0.0
-    if loads is None:
-        return largest, total
-    else:
-        for block in range(model.blocks.slot.shape[0]):
-            s = model.blocks.slot[block]
-            bound, energy = splat(0.0), splat(0.0)
-            for m in range(loads.start[block], loads.start[block + 1]):
-                more, part = anchor_look(loads.anchors, model, loads, state, m, s, time)
-                bound, energy = bound + more, energy + part
-            for i in range(LANES):
-                largest = max(largest, lane(bound, i))
-                total += lane(energy, i)
-        return largest, total
+    for block in range(model.blocks.slot.shape[0]):
+        s = model.blocks.slot[block]
+        bound, energy = splat(0.0), splat(0.0)
+        for m in range(loads.start[block], loads.start[block + 1]):
+            more, part = anchor_look(loads.anchors, model, loads, state, m, s, time)
+            bound, energy = bound + more, energy + part
+        for i in range(LANES):
+            largest = max(largest, lane(bound, i))
+            total += lane(energy, i)
+    return largest, total

@@ -19,9 +19,9 @@ there and is on its way back, so that it may have been there in between. `event_
 says whether, and when.
 """
 
+from icofabric_sim.kernels.flows import place_all
 from icofabric_sim.kernels.hessian import move_links
 from icofabric_sim.kernels.records import Breakage, Links, Model, State, Trail, Work, Wrapping
-from icofabric_sim.kernels.rhs import place_blocks
 from icofabric_sim.kernels.runtime.compiled import compiled
 from icofabric_sim.kernels.runtime.lanes import (
     any_lane,
@@ -57,7 +57,7 @@ def note_lengths(
     """Lengths and their rates where a step begins; for blocks first to last."""
     if breakage is None:
         return
-    place_blocks(model, None, state, work, 0.0, first, last)
+    place_all(model, state, work, first, last)
     move_blocks(model, breakage, state, work.points, first, last)
     wait_for_all(team)
     for block in range(first, last):

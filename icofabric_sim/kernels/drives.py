@@ -262,21 +262,15 @@ def moving_energy(drives: Drives | None, model: Model, loads: Loads, state: Stat
 
 
 @compiled
-def energy_of_drives(model: Model, loads: Loads | None, state: State) -> float:
+def energy_of_drives(model: Model, loads: Loads, state: State) -> float:
     """The same where there may be no loads at all."""
-    if loads is None:
-        return 0.0
-    else:
-        return moving_energy(loads.drives, model, loads, state)
+    return moving_energy(loads.drives, model, loads, state)
 
 
 @compiled
-def place_driven(model: Model, loads: Loads | None, state: State, time: float) -> None:
+def place_driven(model: Model, loads: Loads, state: State, time: float) -> None:
     """Put all driven bodies where their paths are at `time` [s]."""
-    if loads is None:
-        return
-    else:
-        for block in range(model.blocks.slot.shape[0]):
-            s = model.blocks.slot[block]
-            for m in range(loads.start[block], loads.start[block + 1]):
-                place_row(loads.drives, loads, state, m, s, time)
+    for block in range(model.blocks.slot.shape[0]):
+        s = model.blocks.slot[block]
+        for m in range(loads.start[block], loads.start[block + 1]):
+            place_row(loads.drives, loads, state, m, s, time)

@@ -28,7 +28,16 @@ from icofabric_sim.kernels.drives import is_wrench, place_row, resist
 from icofabric_sim.kernels.fields import add_coulomb, add_dipole
 from icofabric_sim.kernels.loads import kick_load, work_load
 from icofabric_sim.kernels.moments import add_bending, add_twisting
-from icofabric_sim.kernels.records import Kinks, Links, Loads, Model, State, Supports, Work
+from icofabric_sim.kernels.records import (
+    Gravity,
+    Kinks,
+    Links,
+    Loads,
+    Model,
+    State,
+    Supports,
+    Work,
+)
 from icofabric_sim.kernels.rotations import place_anywhere, place_points, rotate
 from icofabric_sim.kernels.runtime.compiled import compiled, inlined
 from icofabric_sim.kernels.runtime.lanes import bits, fma, load, splat, store, where
@@ -233,7 +242,7 @@ def accelerate(
 
 @inlined
 def add_gravity(
-    gravity: np.ndarray | None, supports: Supports | None, alive: int, s: int, a: Six
+    gravity: Gravity | None, supports: Supports | None, alive: int, s: int, a: Six
 ) -> Six:
     """Add gravity where there is a body that is free to fall."""
     if gravity is None:
@@ -241,7 +250,8 @@ def add_gravity(
     else:
         ax, ay, az, bx, by, bz = a
         zero = splat(0.0)
-        gx, gy, gz = splat(gravity[0]), splat(gravity[1]), splat(gravity[2])
+        g = gravity.acceleration
+        gx, gy, gz = splat(g[0]), splat(g[1]), splat(g[2])
         if supports is None:
             there = bits(alive)
             gx, gy, gz = where(there, gx, zero), where(there, gy, zero), where(there, gz, zero)

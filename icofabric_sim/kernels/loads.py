@@ -35,7 +35,7 @@ from icofabric_sim.kernels.rotations import (
     Three,
     turn_to_world,
 )
-from icofabric_sim.kernels.runtime.compiled import compiled
+from icofabric_sim.kernels.runtime.compiled import compiled, inlined
 from icofabric_sim.kernels.runtime.lanes import (
     bits,
     fma,
@@ -239,10 +239,14 @@ def mean_power_steady(loads: Loads, state: State, w: int, s: int, h: float) -> V
     return where(turning, with_body, fixed)
 
 
+@inlined
+def has_rows(loads: Loads) -> bool:
+    """Whether anything acts."""
+    return loads.wrench.shape[0] != 0
+
+
 @compiled
-def keep_work(loads: Loads | None, first: int, last: int) -> None:
+def keep_work(loads: Loads, first: int, last: int) -> None:
     """Note the work so far, to come back to."""
-    if loads is None:
-        return
     for m in range(loads.start[first], loads.start[last]):
         store_at(loads.earlier_work, LANES * m, load_at(loads.work, LANES * m))

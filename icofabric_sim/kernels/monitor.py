@@ -31,6 +31,7 @@ from icofabric_sim.kernels.moment_bounds import bending_look, twisting_look
 from icofabric_sim.kernels.obstruction import obstructed_lanes
 from icofabric_sim.kernels.records import (
     Dipole,
+    Gravity,
     LawTables,
     Links,
     Loads,
@@ -312,7 +313,7 @@ def field_bound(model: Model, state: State) -> float:
 
 @compiled
 def examine(
-    model: Model, loads: Loads | None, state: State, work: Work, time: float, ledger: np.ndarray
+    model: Model, loads: Loads, state: State, work: Work, time: float, ledger: np.ndarray
 ) -> int:
     """
     Status bits of the state at `time` [s], and its figures into `ledger`.
@@ -328,10 +329,9 @@ def examine(
             model, state, work, block, s)
         linked, bent, field = linked + straight, bent + around, field + potential
         tensions = tensions + pulls
-        if loads is not None:
-            for m in range(loads.start[block], loads.start[block + 1]):
-                more, part = anchor_look(loads.anchors, model, loads, state, m, s, time)
-                bound, anchored = bound + more, anchored + part
+        for m in range(loads.start[block], loads.start[block + 1]):
+            more, part = anchor_look(loads.anchors, model, loads, state, m, s, time)
+            bound, anchored = bound + more, anchored + part
         largest = maximum(bound, largest)
         square = zero
         for k in range(3):
@@ -478,41 +478,38 @@ def judge_roughness(work: Work, ledger: np.ndarray, interval: int) -> int:
 
 
 @compiled
-def gravity_along(gravity: np.ndarray | None, k: int) -> float:
+def gravity_along(gravity: Gravity | None, k: int) -> float:
     """Gravity [m/s^2] along an axis."""
     if gravity is None:
         return 0.0
-    return gravity[k]
+    return float(gravity.acceleration[k])
 
 
 @compiled
-def work_done(loads: Loads | None) -> float:
+def work_done(loads: Loads) -> float:
     """Work [J] of the present loads."""
     total = 0.0
-    if loads is None:
-        return total
     for m in range(loads.work.shape[0]):
         total += loads.work[m]
     return total
 
 
 @compiled
-def work_size(loads: Loads | None) -> float:
+def work_size(loads: Loads) -> float:
     """Sum of the magnitudes of the work [J] of the present loads, each on each body."""
     total = 0.0
-    if loads is None:
-        return total
     for m in range(loads.work.shape[0]):
         total += abs(loads.work[m])
     return total
 
 
 @compiled
-def gravity_size(gravity: np.ndarray | None) -> float:
+def gravity_size(gravity: Gravity | None) -> float:
     """Magnitude of gravity [m/s^2]."""
     if gravity is None:
         return 0.0
-    return math.sqrt(gravity[0] ** 2 + gravity[1] ** 2 + gravity[2] ** 2)
+    g = gravity.acceleration
+    return math.sqrt(g[0] ** 2 + g[1] ** 2 + g[2] ** 2)
 
 
 @compiled

@@ -15,7 +15,8 @@
 What kernels take: packed constants, the evolving state, the inputs.
 
 Arrays have their slots last: slot s of a body is its place in them, the same for all (layout.py),
-so that bodies which are computed together lie side by side. A term that a scene lacks is None.
+so that bodies which are computed together lie side by side. A term that a scene lacks is None: not
+compiled, or, where its class says what stands for it when `absent`, compiled and passed by.
 """
 
 from typing import Any
@@ -87,6 +88,13 @@ class Links(Record):
     attachment: np.ndarray | None  # (6, 3) the points in body axes [m]; None: on the axes
     variety: Variety | None  # laws of their own; of tables the largest slopes
     tables: LawTables | None
+
+    @classmethod
+    def absent(cls) -> 'Links':
+        """Stand for none."""
+        return cls(
+            np.zeros((0, 12), np.int32), np.zeros((0, 12), np.uint8), 0.0, 0.0, 0.0, None, None,
+            None)
 
 
 class Shells(Record):
@@ -163,11 +171,27 @@ class Breakage(Record):
     moving: np.ndarray  # (18 s,) velocities [m/s] of the attachment points
 
 
+class Gravity(Record):
+    """An acceleration that all bodies have which are free to fall."""
+
+    acceleration: np.ndarray  # (3,) [m/s^2], with what a uniform electric field does to charges
+
+    @classmethod
+    def absent(cls) -> 'Gravity':
+        """Stand for none."""
+        return cls(np.zeros(3))
+
+
 class Supports(Record):
     """Inverse masses with held freedoms set to zero."""
 
     inverse_mass: np.ndarray  # (3, s) [1/kg], world axes
     inverse_inertia: np.ndarray  # (1, s) [1/(kg m^2)]
+
+    @classmethod
+    def absent(cls) -> 'Supports':
+        """Stand for none."""
+        return cls(np.zeros((3, 0)), np.zeros((1, 0)))
 
 
 class Varying(Record):
@@ -183,6 +207,11 @@ class Varying(Record):
     height: np.ndarray  # (w,)
     rate: np.ndarray  # (w,) [rad/s]
     peak: np.ndarray  # (w,) the largest |s|; not for kernels
+
+    @classmethod
+    def absent(cls) -> 'Varying':
+        """Stand for none."""
+        return cls(*(np.zeros(0) for _ in range(6)))
 
 
 class Tractions(Record):
@@ -240,7 +269,9 @@ class Anchors(Record):
 
 
 class Loads(Record):
-    """Wrenches, each on any number of bodies: a row for every block that it acts on."""
+    """
+    Wrenches, each on any number of bodies: a row for every block that it acts on, or no rows.
+    """
 
     start: np.ndarray  # (b + 1,) int32: rows start[b] to start[b + 1] act on block b
     wrench: np.ndarray  # (m,) int32, which of the w wrenches; -1 - p: bodies are on path p,
@@ -303,6 +334,11 @@ class Meter(Record):
 
     power: np.ndarray  # (16, s) [W] at the stages
     done: np.ndarray  # (2, s) [J] so far, and when the step in progress began
+
+    @classmethod
+    def absent(cls) -> 'Meter':
+        """Stand for none."""
+        return cls(np.zeros((16, 0)), np.zeros((2, 0)))
 
 
 class External(Record):
@@ -380,7 +416,7 @@ class Model(Record):
 
     inverse_mass: float  # [1/kg]
     inverse_inertia: float  # [1/(kg m^2)]
-    gravity: np.ndarray | None  # (3,) [m/s^2], with what a uniform electric field does to charges
+    gravity: Gravity | None
     blocks: Blocks
     links: Links | None
     bending: Bending | None

@@ -52,7 +52,7 @@ import numpy as np
 
 @compiled
 def place_blocks(
-    model: Model, loads: Loads | None, state: State, work: Work, time: float, first: int,
+    model: Model, loads: Loads, state: State, work: Work, time: float, first: int,
     last: int
 ) -> None:
     """
@@ -62,16 +62,15 @@ def place_blocks(
     """
     for block in range(first, last):
         s = model.blocks.slot[block]
-        if loads is not None:
-            for m in range(loads.start[block], loads.start[block + 1]):
-                place_row(loads.drives, loads, state, m, s, time)
+        for m in range(loads.start[block], loads.start[block + 1]):
+            place_row(loads.drives, loads, state, m, s, time)
         place_links(model.links, state, work, s)
         place_speeds(model.damping, state, work.points, work.speeds, s)
 
 
 @compiled
 def find_slopes(
-    model: Model, loads: Loads | None, state: State, work: Work, time: float, slope: np.ndarray,
+    model: Model, loads: Loads, state: State, work: Work, time: float, slope: np.ndarray,
     index: int, first: int, last: int
 ) -> None:
     """
@@ -103,18 +102,16 @@ def find_slopes(
         note_flow(work.spent, index, s, spent)
         given = add_external(work.external, model, state, linear, angular, s)
         note_flow(work.given, index, s, given)
-        if loads is not None:
-            for m in range(loads.start[block], loads.start[block + 1]):
-                if is_wrench(loads.drives, loads.anchors, loads.wrench[m]):
-                    kick_load(
-                        model, loads, state.orientation, linear, angular, m, s, time, 1.0)
-                    note_power(loads, state, m, s, time, index)
-                anchor_slope(
-                    loads.anchors, model, loads, state, linear, angular, m, s, time, index)
-        if loads is not None:
-            # Last: a path bears whatever acts.
-            for m in range(loads.start[block], loads.start[block + 1]):
-                resist_slopes(loads.drives, model, loads, state, linear, angular, m, s, index)
+        for m in range(loads.start[block], loads.start[block + 1]):
+            if is_wrench(loads.drives, loads.anchors, loads.wrench[m]):
+                kick_load(
+                    model, loads, state.orientation, linear, angular, m, s, time, 1.0)
+                note_power(loads, state, m, s, time, index)
+            anchor_slope(
+                loads.anchors, model, loads, state, linear, angular, m, s, time, index)
+        # Last: a path bears whatever acts.
+        for m in range(loads.start[block], loads.start[block + 1]):
+            resist_slopes(loads.drives, model, loads, state, linear, angular, m, s, index)
 
 
 @compiled
@@ -159,12 +156,10 @@ def note_power(
 
 
 @compiled
-def add_work(loads: Loads | None, h: float, weights: np.ndarray, first: int, last: int) -> None:
+def add_work(loads: Loads, h: float, weights: np.ndarray, first: int, last: int) -> None:
     """
     Work [J] of the loads on blocks first to last over a step: the weighted sum of their powers.
     """
-    if loads is None:
-        return
     for m in range(LANES * loads.start[first], LANES * loads.start[last], LANES):
         total = splat(0.0)
         for j in range(weights.shape[0]):
@@ -310,14 +305,14 @@ def interpolate_rows(
 
 @compiled
 def rates_of_rows(
-    model: Model, state: State, work: Work, slope: np.ndarray, slot: np.ndarray, y: np.ndarray,
-    result: np.ndarray
+    model: Model, loads: Loads, state: State, work: Work, slope: np.ndarray, slot: np.ndarray,
+    y: np.ndarray, result: np.ndarray
 ) -> None:
-    """Slopes at time 0 without loads, body by body, (13 n,), of numbers body by body."""
+    """Slopes at time 0, body by body, (13 n,), of numbers body by body."""
     last = model.blocks.slot.shape[0]
     read_rows(y, slot, state)
-    place_blocks(model, None, state, work, 0.0, 0, last)
-    find_slopes(model, None, state, work, 0.0, slope, 0, 0, last)
+    place_blocks(model, loads, state, work, 0.0, 0, last)
+    find_slopes(model, loads, state, work, 0.0, slope, 0, 0, last)
     copy_rows(slope, slot, result)
 
 

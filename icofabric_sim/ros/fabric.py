@@ -90,7 +90,7 @@ class FabricNode(Node):
             if parameters['record.path']:
                 # Before a wait for the compiler.
                 require_new(Path(parameters['record.path']))
-            simulation = compile_scene(Scene.from_parameters(parameters), body_wrenches=True)
+            simulation = compile_scene(Scene.from_parameters(parameters))
             simulation.warm_up()
             self._name_watch.require_first()
         on_built()

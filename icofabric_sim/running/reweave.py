@@ -131,7 +131,7 @@ class Reweaver:
         In this one the run could load no kernel for as long as that takes.
         """
         def make() -> Simulation:
-            simulation = compile_scene(scene, body_wrenches=True, body_force=self._body_force)
+            simulation = compile_scene(scene, body_force=self._body_force)
             simulation.warm_up()
             return simulation
 
@@ -140,7 +140,7 @@ class Reweaver:
                 with no_compiling(loading=True):
                     return make()
             except KernelsMissing:
-                compile_elsewhere(scene, body_wrenches=True)
+                compile_elsewhere(scene)
         return make()
 
     def _finish(self, built: Parameters, simulation: Simulation | None, reason: str) -> None:

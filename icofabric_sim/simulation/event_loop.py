@@ -52,11 +52,11 @@ class EventLoop:
     """Where a run stands, what acts on it, and what will."""
 
     def __init__(
-        self, scene: Scene, packed: PackedScene, *, body_wrenches: bool,
+        self, scene: Scene, packed: PackedScene, *,
         on_pause: Callable[[], None]
     ) -> None:
         """Stand at the start of the `scene`; see `compile_scene` and `Driver`."""
-        self._scene, self._packed, self._body_wrenches = scene, packed, body_wrenches
+        self._scene, self._packed = scene, packed
         self.time = 0.0  # [s] that was asked for last
         self.inputs = Inputs(scene)
         # Grows with whatever changes the state that is seen.
@@ -205,8 +205,6 @@ class EventLoop:
         """
         self.changes += 1
         self.inputs.load_state(tree.part('inputs'), time)
-        # A wrench on a body has loads prepared for all that follows, here or there.
-        self._body_wrenches = self._body_wrenches or self.inputs.concern_bodies
         self._stale_loads = tree.flag('stale_loads')
         self._cut_due = tree.number('cut_due', finite=False)
         if self._cut_due not in (time, math.inf):
@@ -297,17 +295,11 @@ class EventLoop:
         if time > self.driver.time:
             self.settle_loads()
 
-    def _load_rate(self, loads: Loads | None) -> float:
+    def _load_rate(self, loads: Loads) -> float:
         return load_rate(loads, self._packed.model, self._scene.geometry.cube_width)
 
-    def _loads(self, *, again: bool = False) -> Loads | None:
+    def _loads(self, *, again: bool = False) -> Loads:
         """What acts now, for the kernels; `again`: what they had last."""
-        scene = self._scene
-        # Once a body was pushed alone, loads stay prepared for that.
-        self._body_wrenches = self._body_wrenches or self.inputs.queue.has_body_targets
-        if not (scene.loads or scene.tractions or scene.drives or scene.anchors
-                or self._body_wrenches):
-            return None
         # While the method is being chosen: rows without room for Runge-Kutta stages.
         symplectic = self.method.name == 'auto' or METHODS[self.method.name].symplectic
         pack = self.inputs.pack_again if again else self.inputs.pack

@@ -82,7 +82,6 @@ class InputQueue:
         self._heap: list[Event] = []
         self._sequence = 0
         self.message_count = 0  # of the events that are messages
-        self.has_body_targets = False  # whether an event was ever for a single body
 
     def __len__(self) -> int:
         """Count the events."""
@@ -105,7 +104,6 @@ class InputQueue:
         heapq.heappush(self._heap, Event(time, rank, self._sequence, target, value, message))
         self._sequence += 1
         self.message_count += message is not None
-        self.has_body_targets |= isinstance(target, (BodyTarget, PullTarget))
 
     def take(self) -> Event:
         """Remove and return the next event."""
@@ -240,8 +238,6 @@ class Inputs:
                 self.active.pop(target, None)
         self.expiry = {target: time for target, time in other.expiry.items() if known(target)}
         self.queue.refill(event for event in other.queue if known(event.target))
-        # What acts already needs loads that are prepared for single bodies, too.
-        self.queue.has_body_targets |= self.concern_bodies
 
     def _apply(self, event: Event) -> bool:
         """Let an event act; returns whether anything changed for the bodies."""
@@ -410,13 +406,6 @@ class Inputs:
         self.queue.refill(queue)
         self.active, self.packed, self.expiry = active, packed, expiry
         self._packed_pieces, self.received = pieces, received
-
-    @property
-    def concern_bodies(self) -> bool:
-        """Whether any of them is for a single body."""
-        targets = (
-            *self.active, *self.packed, *self.received, *(event.target for event in self.queue))
-        return bool(self.pulls) or any(isinstance(target, BodyTarget) for target in targets)
 
     def _wrenches(self, entries: list[Any]) -> dict[LoadTarget, Wrench]:
         wrenches = {}

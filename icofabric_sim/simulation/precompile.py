@@ -54,7 +54,7 @@ _ending = threading.Event()
 
 
 def compile_contact_ahead(
-    scene: Scene, *, method: str, rotation: str, body_wrenches: bool
+    scene: Scene, *, method: str, rotation: str
 ) -> subprocess.Popen[bytes] | None:
     """
     Begin to compile the kernels with contact of a scene, in another process.
@@ -64,12 +64,12 @@ def compile_contact_ahead(
     if os.environ.get('ICOFABRIC_COMPILE_AHEAD', '1') == '0' or scene.body_count > LARGEST:
         return None
     given = {**scene.parameters.given(), **touching(method)}
-    task = pickle.dumps((given, rotation, body_wrenches, _LOWEST))
+    task = pickle.dumps((given, rotation, _LOWEST))
     # Those that have ended are taken note of, so that none of them stays behind.
     for key in [key for key, process in _processes.items() if process.poll() is not None]:
         del _processes[key]
     # Which terms there are makes a kind, and words; how large numbers are does not.
-    kind = (rotation, body_wrenches, *sorted(
+    kind = (rotation, *sorted(
         (name, value if isinstance(value, (str, bool)) else bool(np.any(value)))
         for name, value in given.items()))
     if kind in _processes:
@@ -84,7 +84,7 @@ def compile_contact_ahead(
     return process
 
 
-def compile_elsewhere(scene: Scene, *, body_wrenches: bool) -> None:
+def compile_elsewhere(scene: Scene) -> None:
     """
     Have another process compile what a scene needs, and wait for it.
 
@@ -93,7 +93,7 @@ def compile_elsewhere(scene: Scene, *, body_wrenches: bool) -> None:
     if os.environ.get('ICOFABRIC_COMPILE_AHEAD', '1') == '0' or scene.body_count > LARGEST:
         return
     given = scene.parameters.given()
-    process = _begin(pickle.dumps((given, 'quaternion', body_wrenches, 0)))
+    process = _begin(pickle.dumps((given, 'quaternion', 0)))
     if process is None:
         return
     _awaited.add(process)

@@ -25,11 +25,10 @@ from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.simulation import compile_scene
 
 
-def _compile(task: tuple[dict[str, Any], str, bool, int]) -> None:
-    given, rotation, body_wrenches, _ = task
+def _compile(task: tuple[dict[str, Any], str, int]) -> None:
+    given, rotation, _ = task
     simulation = compile_scene(
-        Scene.from_parameters(make_parameters(given)), rotation=rotation,
-        body_wrenches=body_wrenches)
+        Scene.from_parameters(make_parameters(given)), rotation=rotation)
     simulation.warm_up()
     simulation.status.fastest_place()
     snapshot = simulation.snapshot()

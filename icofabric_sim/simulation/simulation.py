@@ -59,45 +59,40 @@ _WAY = 'compile_scene(scene) makes one'
 
 
 def compile_scene(
-    scene: Scene, *, rotation: str = 'quaternion', body_wrenches: bool = False,
+    scene: Scene, *, rotation: str = 'quaternion',
     body_force: BodyForce | Force | None = None
 ) -> 'Simulation':
     """
     Turn a scene into something fast, once.
 
     `rotation` chooses the formulation: 'quaternion' (eqs 21-27, 10 N) or 'direction_cosines'
-    (eqs 16-20, 15 N). `body_wrenches` prepares for wrenches on single bodies, so that the first
-    one need not wait for a kernel. `body_force`: a Python function, or a BodyForce, that acts on
-    all bodies beside what the scene says.
+    (eqs 16-20, 15 N). `body_force`: a Python function, or a BodyForce, that acts on all bodies
+    beside what the scene says.
     Raises ValueError where `solver.step` is beyond the stability limit.
     """
-    return Simulation(
-        scene, rotation=rotation, body_wrenches=body_wrenches, body_force=body_force)
+    return Simulation(scene, rotation=rotation, body_force=body_force)
 
 
 class Simulation:
     """Motion of one scene from its initial state on; not for use by several threads at once."""
 
     def __init__(
-        self, scene: Scene, *, rotation: str = 'quaternion', body_wrenches: bool = False,
+        self, scene: Scene, *, rotation: str = 'quaternion',
         body_force: BodyForce | Force | None = None
     ) -> None:
         """See `compile_scene`."""
         require_scene(scene)
         checks.choice('rotation', rotation, ('quaternion', 'direction_cosines'))
-        body_wrenches = checks.flag('body_wrenches', body_wrenches)
         cosines = rotation == 'direction_cosines'
         if cosines and body_force is not None:
             raise ValueError("a body_force is given quaternions: rotation must be 'quaternion'")
         self.scene, self.rotation = scene, rotation
-        self._body_wrenches = body_wrenches
         self.body_force = as_body_force(body_force)
         self.packed = pack_scene(scene, cosines=cosines, body_force=self.body_force)
         self._deferred = DeferredInterrupt()
         # Asked every 25 to 50 ms of computing; True ends the advance with Interrupted.
         self.should_stop: Callable[[], bool] | None = None
-        self._event_loop = EventLoop(
-            scene, self.packed, body_wrenches=body_wrenches, on_pause=self._pause)
+        self._event_loop = EventLoop(scene, self.packed, on_pause=self._pause)
         self._driver = self._event_loop.driver
         # What acts and what is to come. Whoever puts a judged input into `inputs.queue` advances
         # to its time, or to the present one, to have it act.
@@ -342,8 +337,7 @@ class Simulation:
 
     def _compile_ahead(self) -> subprocess.Popen[bytes] | None:
         return compile_contact_ahead(
-            self.scene, method=self._status.method_name, rotation=self.rotation,
-            body_wrenches=self._body_wrenches)
+            self.scene, method=self._status.method_name, rotation=self.rotation)
 
     def _load_kernels(self) -> None:
         """Have the same done by another simulation of the same kind, as from first contact on."""
@@ -351,7 +345,7 @@ class Simulation:
             changes = touching(self._status.method_name)
             twin = Simulation(
                 self.scene.with_changes(changes) if self._driver.awaits_kernels else self.scene,
-                rotation=self.rotation, body_wrenches=self._body_wrenches)
+                rotation=self.rotation)
             twin.warm_up()
             twin.status.fastest_place()
             snapshot = twin.snapshot()

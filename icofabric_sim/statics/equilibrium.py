@@ -217,7 +217,8 @@ def refuse_free_fall(fabric: StaticFabric) -> None:
         return
     acting = fabric.start.acting.wrench[:, :3].sum(axis=0)
     if fabric.model.gravity is not None:
-        acting = acting + fabric.model.gravity * scene.body_count / fabric.model.inverse_mass
+        weight = fabric.model.gravity.acceleration / fabric.model.inverse_mass
+        acting = acting + scene.body_count * weight
     size = float(np.linalg.norm(acting))
     scale = float(np.abs(fabric.start.acting.wrench[:, :3]).sum())
     if size > 1e-12 * scale and size > 0.0:

@@ -30,6 +30,7 @@ from icofabric_sim.kernels.conjugate import add_own_blocks, add_pair_blocks
 from icofabric_sim.kernels.drives import place_driven
 from icofabric_sim.kernels.flows import keep_accelerations, place_all
 from icofabric_sim.kernels.hessian import hessian_times
+from icofabric_sim.kernels.records import Gravity
 from icofabric_sim.scene.initial import InitialState
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.contact.setup import pack_contact
@@ -155,7 +156,7 @@ def _with_factor(packed: PackedScene, factor: float) -> PackedScene:
     """Weight, and what electric fields do, times a factor."""
     model = packed.model
     if model.gravity is not None:
-        model = model._replace(gravity=factor * model.gravity)
+        model = model._replace(gravity=Gravity(factor * model.gravity.acceleration))
     if model.dipole is not None:
         model = model._replace(dipole=model.dipole._replace(field=factor * model.dipole.field))
     gravity, force = (
@@ -320,7 +321,8 @@ class Configuration:
         fabric = self.fabric
         weight = 0.0
         if fabric.model.gravity is not None:
-            weight = float(np.linalg.norm(fabric.model.gravity)) / fabric.model.inverse_mass
+            size = float(np.linalg.norm(fabric.model.gravity.acceleration))
+            weight = size / fabric.model.inverse_mass
         pulls = [*np.abs(self.tension), *np.abs(self.pulled.tension)]
         if self.touching is not None:
             pulls.append(self.touching.largest_force)

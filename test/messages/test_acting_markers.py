@@ -41,7 +41,7 @@ def points(marker):
 
 def test_forces_supports_and_planes_are_where_they_act():
     scene = ico.Scene.from_parameters(SCENE)
-    simulation = ico.compile_scene(scene, body_wrenches=True)
+    simulation = ico.compile_scene(scene)
     simulation.apply_wrench('tip', force=(0.0, 3.0, 0.0))
     simulation.apply_body_wrench(2, torque=(0.0, 0.0, 1.0))
     simulation.advance_to(0.0)

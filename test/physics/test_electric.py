@@ -23,7 +23,7 @@ from icofabric_sim.kernels.rhs import find_slopes, place_blocks
 from icofabric_sim.parameters.validation import ParameterError
 from icofabric_sim.scene.electric import MOST_MUTUAL
 from icofabric_sim.simulation.model.electric import COULOMB_CONSTANT
-from icofabric_sim.simulation.model.packing import pack_scene
+from icofabric_sim.simulation.model.packing import pack_loads, pack_scene
 from icofabric_sim.simulation.model.stability import largest_frequency
 from icofabric_sim.simulation.stepping import thread_team
 import numpy as np
@@ -101,8 +101,9 @@ def test_magnetic_force_and_torque_are_those_of_moving_charges(cosines):
     packed = pack_scene(scene, cosines=cosines)
     state = packed_state(packed, scene.position, q, v, w)
     work, last = packed.layout.room(None, state), len(packed.model.blocks.slot)
-    place_blocks(packed.model, None, state, work, 0.0, 0, last)
-    find_slopes(packed.model, None, state, work, 0.0, work.trail.slopes[0], 0, 0, last)
+    loads = pack_loads((), packed.layout, stages=1)
+    place_blocks(packed.model, loads, state, work, 0.0, 0, last)
+    find_slopes(packed.model, loads, state, work, 0.0, work.trail.slopes[0], 0, 0, last)
     rates = packed.layout.gather(work.trail.slopes[0])
     force, torque = MASS * rates[:, -6:-3], INERTIA * rates[:, -3:]
     second = 0.5 * charge * INERTIA / MASS

@@ -20,7 +20,7 @@ from icofabric_sim.kernels import monitor
 from icofabric_sim.kernels.flows import place_all
 from icofabric_sim.parameters.validation import ParameterError
 from icofabric_sim.scene.law_tables import make_law
-from icofabric_sim.simulation.model.packing import pack_scene
+from icofabric_sim.simulation.model.packing import pack_loads, pack_scene
 from icofabric_sim.simulation.model.snapshot import Snapshot
 from icofabric_sim.simulation.model.stability import largest_frequency
 import numpy as np
@@ -92,7 +92,7 @@ def looked_at(scene, position, orientation):
         packed.model.links)
     place_all(packed.model, state, work, 0, len(packed.model.blocks.slot))
     ledger = np.zeros(monitor.LEDGER_COUNT)
-    monitor.examine(packed.model, None, state, work, 0.0, ledger)
+    monitor.examine(packed.model, pack_loads((), packed.layout), state, work, 0.0, ledger)
     return reported, ledger[monitor.STORED], ledger[monitor.RATE], largest_frequency(
         packed, state).rate
 

@@ -26,7 +26,7 @@ from fabrics import (
 import icofabric_sim as ico
 from icofabric_sim.kernels.rhs import find_slopes, place_blocks
 from icofabric_sim.parameters.validation import ParameterError
-from icofabric_sim.simulation.model.packing import pack_scene
+from icofabric_sim.simulation.model.packing import pack_loads, pack_scene
 from icofabric_sim.simulation.stepping import thread_team
 import numpy as np
 import pytest
@@ -108,8 +108,9 @@ def slopes(scene, position, orientation, velocity, spin, *, cosines=False):
     work = layout.room(
         model.links, state, damped=model.damping is not None, metered=packed.spends)
     last, slope = len(model.blocks.slot), work.trail.slopes[0]
-    place_blocks(model, None, state, work, 0.0, 0, last)
-    find_slopes(model, None, state, work, 0.0, slope, 0, 0, last)
+    loads = pack_loads((), layout, stages=1)
+    place_blocks(model, loads, state, work, 0.0, 0, last)
+    find_slopes(model, loads, state, work, 0.0, slope, 0, 0, last)
     rates = layout.gather(slope)
     spent = 0.0 if work.spent is None else float(work.spent.power[0].sum())
     return MASS * rates[:, -6:-3], INERTIA * rates[:, -3:], spent

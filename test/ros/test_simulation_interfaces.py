@@ -69,7 +69,7 @@ def scene():
 
 @pytest.fixture(scope='module')
 def running(scene):
-    with Beside(Runner(ico.compile_scene(scene, body_wrenches=True), [])) as beside:
+    with Beside(Runner(ico.compile_scene(scene), [])) as beside:
         yield beside
 
 

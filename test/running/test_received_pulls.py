@@ -120,7 +120,7 @@ def test_pull_goes_on_in_a_changed_fabric_with_the_new_strength():
 def test_recorded_pull_verifies_identical(tmp_path, monkeypatch, end):
     monkeypatch.setattr(received_inputs, 'PULL_SILENCE', 0.05 if end == 'silence' else 60.0)
     scene = ico.Scene.from_parameters({**SCENE, 'duration': 0.0, 'real_time_factor': 1.0})
-    simulation = ico.compile_scene(scene, body_wrenches=True)
+    simulation = ico.compile_scene(scene)
     simulation.warm_up()
     bag = BagSink(tmp_path / 'bag', simulation, live=True, storage='mcap')
     runner = Runner(simulation, [bag])

@@ -163,7 +163,7 @@ def test_bag_of_advances_is_identical(tmp_path):
         'start_paused': True, 'advance_duration': 0.0035, 'publish_rate': 400.0,
         'duration': 0.0, 'loads.tip.force': [0.0, 0.1, 0.0],
         'initial_random.velocity_sigma': 0.1})
-    simulation = compile_scene(scene, body_wrenches=True)
+    simulation = compile_scene(scene)
     bag = BagSink(tmp_path / 'bag', simulation, live=True, storage='mcap')
     runner = Runner(simulation, [bag])
     with Beside(runner) as beside:

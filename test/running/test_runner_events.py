@@ -104,7 +104,7 @@ def test_failure_is_told_with_what_the_run_was_on_its_way_to():
         sink := ListSink(EVENTS), solver__step=float(step), duration=1.0, **settings))
     [(time, facts)] = events(sink, 'failed')
     assert time == runner.now <= facts['target'] and facts['reason'] == runner.failure
-    again = ico.compile_scene(runner.simulation.scene, body_wrenches=True)
+    again = ico.compile_scene(runner.simulation.scene)
     with pytest.raises(ico.SimulationError, match='solver.step'):
         again.advance_to(facts['target'] / 1e9)
 

@@ -122,7 +122,7 @@ def random_scene(folder: Path, method: str, seed: int) -> ico.Scene:
 def prepared(scene: ico.Scene, seed: int) -> ico.Simulation:
     """A run at its start that inputs wait for."""
     g = np.random.default_rng(seed + 100)
-    simulation = ico.compile_scene(scene, body_wrenches=True)
+    simulation = ico.compile_scene(scene)
     for time in g.uniform(0.0, END, 3):
         simulation.apply_wrench('m', 0.3 * g.standard_normal(3), time=float(time))
     simulation.apply_body_wrench(2, 0.1 * g.standard_normal(3), time=float(g.uniform(0.0, END)))
@@ -164,7 +164,7 @@ def test_all_figures_are_the_same_in_one_go_in_pieces_and_restored(
     pieces, checkpoints = other_runs(scene, seed)
     pieces.advance_to(END)
     assert unlike(expected, figures(pieces)) == []
-    again = ico.compile_scene(scene, body_wrenches=True)
+    again = ico.compile_scene(scene)
     for checkpoint in checkpoints:
         again.restore(checkpoint)
         assert again.checkpoint().difference(checkpoint) == ''

@@ -94,7 +94,7 @@ def test_a_parameter_that_is_moved_compiles_once_and_other_kinds_replace_the_old
     def ask(**changes):
         scene = make_scene((2, 2, 2), {**CHANGES, **changes})
         precompile.compile_contact_ahead(
-            scene, method='leapfrog', rotation='quaternion', body_wrenches=True)
+            scene, method='leapfrog', rotation='quaternion')
 
     for stiffness in (100.0, 110.0, 120.0):
         ask(**{'connector.stiffness': stiffness})
@@ -116,15 +116,15 @@ def test_a_scene_is_compiled_elsewhere_at_normal_priority_unless_that_is_forbidd
     monkeypatch.setattr(FakeProcess, 'wait', lambda self: setattr(self, 'waited', True))
     scene = make_scene((2, 2, 2), CHANGES)
     compiled = compile_notice.seconds
-    precompile.compile_elsewhere(scene, body_wrenches=True)
+    precompile.compile_elsewhere(scene)
     process, = begun
-    given, rotation, body_wrenches, niceness = pickle.loads(process.task)
+    given, rotation, niceness = pickle.loads(process.task)
     assert given == scene.parameters.given() and niceness == 0
-    assert rotation == 'quaternion' and body_wrenches and process.waited
+    assert rotation == 'quaternion' and process.waited
     assert not compile_notice.is_compiling and compile_notice.seconds >= compiled
     monkeypatch.setattr(precompile, 'LARGEST', 1)
-    precompile.compile_elsewhere(scene, body_wrenches=True)
+    precompile.compile_elsewhere(scene)
     monkeypatch.setattr(precompile, 'LARGEST', 100)
     monkeypatch.setenv('ICOFABRIC_COMPILE_AHEAD', '0')
-    precompile.compile_elsewhere(scene, body_wrenches=True)
+    precompile.compile_elsewhere(scene)
     assert len(begun) == 1

@@ -26,7 +26,7 @@ BODY, MASS_RATIO = 1, 2.0  # sqrt(4 bodies)
 
 @pytest.fixture
 def simulation():
-    return ico.compile_scene(ico.Scene.from_parameters(SCENE), body_wrenches=True)
+    return ico.compile_scene(ico.Scene.from_parameters(SCENE))
 
 
 def bits(simulation):
@@ -70,7 +70,7 @@ def test_pull_takes_energy_out_of_what_swings(simulation):
 @pytest.mark.parametrize('strength', [1.0, 10.0])
 def test_force_is_capped(strength):
     scene = ico.Scene.from_parameters({**SCENE, 'pull': {'strength': strength}})
-    simulation = ico.compile_scene(scene, body_wrenches=True)
+    simulation = ico.compile_scene(scene)
     simulation.pull(BODY, (1000.0, 0.0, 0.0))
     largest = strength * LARGEST_ACCELERATION * MASS_RATIO * scene.shell.mass
     for time in (0.0, 0.01, 0.1):
@@ -81,7 +81,7 @@ def test_force_is_capped(strength):
 @pytest.mark.parametrize('point', [(1.7e308, -1.7e308, 0.0), (1e307, 1e307, 1e307)])
 def test_points_beyond_all_numbers_pull_with_what_the_cap_allows(point):
     scene = ico.Scene.from_parameters({**SCENE, 'pull': {'strength': 1000.0}})
-    simulation = ico.compile_scene(scene, body_wrenches=True)
+    simulation = ico.compile_scene(scene)
     simulation.pull(BODY, point)
     simulation.advance_to(1e-3)
     largest = 1000.0 * LARGEST_ACCELERATION * MASS_RATIO * scene.shell.mass
@@ -129,7 +129,7 @@ def test_broken_off_part_is_pulled_by_its_own_mass(simulation):
 def test_same_bits_in_pieces_and_from_a_checkpoint(method):
     scene = ico.Scene.from_parameters({**SCENE, 'solver': {'method': method}})
     whole, pieces, restored = (
-        ico.compile_scene(scene, body_wrenches=True) for _ in range(3))
+        ico.compile_scene(scene) for _ in range(3))
     for simulation in (whole, pieces):
         simulation.advance_to(0.001)
         simulation.pull(BODY, (0.1, 0.02, 0.0))
@@ -144,7 +144,7 @@ def test_same_bits_in_pieces_and_from_a_checkpoint(method):
         simulation.release(2)
         simulation.advance_to(0.03)
     assert bits(whole) == bits(pieces) == bits(restored)
-    untouched = ico.compile_scene(scene, body_wrenches=True)
+    untouched = ico.compile_scene(scene)
     untouched.advance_to(0.03)
     assert bits(untouched) != bits(whole)
 

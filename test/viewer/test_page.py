@@ -43,7 +43,7 @@ class Shown:
     def __init__(self, *, read_only=False, **changes):
         scene = ico.Scene.from_parameters({
             **SCENE, 'duration': 0.0, 'real_time_factor': 1.0, **changes})
-        simulation = ico.compile_scene(scene, body_wrenches=True)
+        simulation = ico.compile_scene(scene)
         simulation.warm_up()
         self.sight, self.inputs = Sight(), ListSink()
         self.runner = Runner(simulation, [self.inputs, SightSink(self.sight)])

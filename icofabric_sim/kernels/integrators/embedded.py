@@ -121,7 +121,7 @@ def some(trail: Trail | None) -> Trail:
 
 @compiled
 def slope_at(
-    model: Model, loads: Loads | None, state: State, work: Work, trail: Trail, index: int,
+    model: Model, loads: Loads, state: State, work: Work, trail: Trail, index: int,
     team: Team, watch: Watch | None, time: float, first: int, last: int
 ) -> None:
     """Slope number `index` at a state and a `time` [s], all bodies."""
@@ -136,7 +136,7 @@ def slope_at(
 
 @compiled
 def try_step(
-    pair: Pair, model: Model, loads: Loads | None, state: State, work: Work, trail: Trail,
+    pair: Pair, model: Model, loads: Loads, state: State, work: Work, trail: Trail,
     team: Team, watch: Watch | None, time: float, h: float, first: int, last: int
 ) -> None:
     """
@@ -164,7 +164,7 @@ def try_step(
 
 @compiled
 def fixed_pair(
-    pair: Pair, model: Model, loads: Loads | None, state: State, saved: State, work: Work,
+    pair: Pair, model: Model, loads: Loads, state: State, saved: State, work: Work,
     team: Team, origin: float, index: int, h: float, count: int, since_check: int,
     check_interval: int, watch: Watch | None, ledger: np.ndarray
 ) -> tuple[int, int, int]:
@@ -200,7 +200,7 @@ def fixed_pair(
 
 @compiled
 def look(
-    model: Model, loads: Loads | None, state: State, saved: State, work: Work, team: Team,
+    model: Model, loads: Loads, state: State, saved: State, work: Work, team: Team,
     since_check: int, check_interval: int, watch: Watch | None, ledger: np.ndarray, done: int,
     time: float, step: float, first: int, last: int
 ) -> tuple[int, int]:
@@ -269,7 +269,7 @@ def largest_error(
 
 @compiled
 def adaptive_pair(
-    pair: Pair, model: Model, loads: Loads | None, state: State, saved: State, work: Work,
+    pair: Pair, model: Model, loads: Loads, state: State, saved: State, work: Work,
     team: Team, control: np.ndarray, count: int, since_check: int, check_interval: int,
     watch: Watch | None, ledger: np.ndarray
 ) -> tuple[int, int, int]:
@@ -380,7 +380,7 @@ def adaptive_pair(
 
 @compiled
 def repeat_slope(
-    model: Model, loads: Loads | None, work: Work, trail: Trail, first: int, last: int
+    model: Model, loads: Loads, work: Work, trail: Trail, first: int, last: int
 ) -> None:
     """The last slope of a step is the first of the next."""
     for block in range(first, last):
@@ -393,17 +393,15 @@ def repeat_slope(
 
 
 @compiled
-def repeat_power(loads: Loads | None, first: int, last: int) -> None:
+def repeat_power(loads: Loads, first: int, last: int) -> None:
     """The same for the powers of loads."""
-    if loads is None:
-        return
     for m in range(LANES * loads.start[first], LANES * loads.start[last], LANES):
         store(loads.power, 0, m, load(loads.power, 12, m))
 
 
 @compiled
 def prepare_dense(
-    pair: Pair, model: Model, loads: Loads | None, work: Work, team: Team, trail: Trail,
+    pair: Pair, model: Model, loads: Loads, work: Work, team: Team, trail: Trail,
     watch: Watch | None, time: float, h: float
 ) -> None:
     """Three more slopes of the step in progress, which begins at `time` [s], for `dense_state`."""
@@ -421,7 +419,7 @@ def prepare_dense(
 
 @compiled
 def dense_state(
-    pair: Pair, model: Model, loads: Loads | None, state: State, team: Team, trail: Trail,
+    pair: Pair, model: Model, loads: Loads, state: State, team: Team, trail: Trail,
     time: float, h: float, x: float, target: State
 ) -> None:
     """State at the part `x` of the step in progress, which begins at `time` [s]."""
@@ -430,9 +428,8 @@ def dense_state(
         s = model.blocks.slot[block]
         interpolate(trail.start, state, trail.slopes, pair.dense, h, x, target, s)
         normalise(target.orientation, s)
-        if loads is not None:
-            for m in range(loads.start[block], loads.start[block + 1]):
-                place_row(loads.drives, loads, target, m, s, time + x * h)
+        for m in range(loads.start[block], loads.start[block + 1]):
+            place_row(loads.drives, loads, target, m, s, time + x * h)
 
 
 def dense_sum(

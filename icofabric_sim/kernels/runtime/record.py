@@ -20,13 +20,27 @@ Records that kernels take: immutable, their fields packed for compiled code when
 
 A field is an array, a number, a truth value, another record, or None: the type of a kernel's
 argument says which fields are None, and Numba leaves out what they would need.
+
+A class with a method `absent` is asked for while kernels run instead:
+
+    class Fuel(Record):
+        mass: np.ndarray
+
+        @classmethod
+        def absent(cls) -> 'Fuel':
+            return cls(np.zeros(0))
+
+A field that may hold such a record or None has one type, whichever it holds, so kernels compiled
+for one serve the other. `is None` reads a word of the record then. For what costs a kernel less
+than a branch for each block, and for which another compilation would take seconds.
 """
 
 from collections.abc import Iterator
 import ctypes
+from functools import cache
 import inspect
 import struct
-from typing import Any, ClassVar, dataclass_transform, Self
+from typing import Any, ClassVar, dataclass_transform, get_args, Self
 
 from icofabric_sim.kernels.runtime.record_types import RecordType, register
 import numba
@@ -54,6 +68,9 @@ class Record(_Address):
     _fields: ClassVar[tuple[str, ...]] = ()
     _defaults: ClassVar[dict[str, Any]] = {}
     _kinds: ClassVar[dict[Any, type]] = {}
+    # What stands for None in a field, of the classes that kernels ask at run time.
+    _absent: ClassVar[dict[str, 'type[Record]']] = {}
+    _is_optional: ClassVar[bool] = False
     # Of a class that belongs to one type of the fields: made when first asked for.
     _numba_type: ClassVar[RecordType | None] = None
 
@@ -68,6 +85,10 @@ class Record(_Address):
         for name in cls._defaults:
             delattr(cls, name)
         cls._kinds = {}
+        cls._is_optional = 'absent' in cls.__dict__
+        cls._absent = {
+            name: part for name, hint in own.items() for part in get_args(hint)
+            if isinstance(part, type) and issubclass(part, Record) and part._is_optional}
         register(cls)
 
     def __new__(cls, *values: Any, **named: Any) -> Self:
@@ -83,14 +104,20 @@ class Record(_Address):
             if wrong or len(values) + len(named) > len(fields):
                 raise TypeError(f'{base.__name__}: wrong or missing fields {sorted(wrong)}')
         ordered = {name: fields[name] for name in base._fields}
-        key = tuple(_kind_of(value) for value in ordered.values())
+        packed = ordered
+        if base._absent:
+            packed = {
+                name: _absent(base._absent[name])
+                if value is None and name in base._absent else value
+                for name, value in ordered.items()}
+        key = tuple(_kind_of(value) for value in packed.values())
         try:
             kind = base._kinds[key]
         except KeyError:
-            kind = base._kinds[key] = _kind(base, ordered)
+            kind = base._kinds[key] = _kind(base, packed)
         record: Any = super().__new__(kind)
-        words: list[int] = []
-        for value in ordered.values():
+        words = [1] if base._is_optional else []
+        for value in packed.values():
             _pack(value, words)
         buffer = np.array(words, dtype=np.int64)
         vars(record).update(ordered, _buffer=buffer)
@@ -150,6 +177,15 @@ class Record(_Address):
         return cls if cls._numba_type is None else cls.__mro__[1]
 
 
+@cache
+def _absent(kind: type[Record]) -> Any:
+    """Make the record that stands for None in fields of this class; kept for good."""
+    make: Any = kind
+    record = make.absent()
+    record._buffer[0] = 0
+    return record
+
+
 def _kind_of(value: Any) -> Any:
     """What the type of a field depends on, quickly."""
     kind = type(value)
@@ -162,7 +198,8 @@ def _kind_of(value: Any) -> Any:
 def _kind(base: type[Record], fields: dict[str, Any]) -> type:
     """Make the class of records with fields of such types."""
     kinds = tuple((name, _field_type(base, name, value)) for name, value in fields.items())
-    return type(base.__name__, (base,), {'_numba_type': RecordType(base.__name__, kinds)})
+    return type(base.__name__, (base,), {
+        '_numba_type': RecordType(base.__name__, kinds, optional=base._is_optional)})
 
 
 def _field_type(base: type[Record], name: str, value: Any) -> types.Type:

@@ -21,6 +21,7 @@ the optimiser may take what it has read as constant.
 """
 
 import hashlib
+import operator
 from typing import Any
 
 from icofabric_sim.kernels.runtime import numba_target  # noqa: F401
@@ -30,6 +31,7 @@ from numba.core.registry import cpu_target
 from numba.core.typing.templates import AttributeTemplate
 from numba.extending import (
     infer_getattr,
+    lower_builtin,
     lower_getattr_generic,
     models,
     NativeValue,
@@ -46,17 +48,21 @@ class RecordType(types.Type):
     A record whose fields have these types; fields that are None have Numba's type of None.
 
     Words of 8 bytes: a number or the address of a record takes one, an array its address, the
-    number of its elements, the size of one, its shape and its strides; None takes none.
+    number of its elements, the size of one, its shape and its strides; None takes none. Where
+    `optional`, a word before the fields is 0 in the record that stands for None, else 1.
     """
 
-    def __init__(self, record: str, fields: tuple[tuple[str, types.Type], ...]) -> None:
+    def __init__(
+        self, record: str, fields: tuple[tuple[str, types.Type], ...], *, optional: bool = False
+    ) -> None:
         """Take the name of the record and its fields in their order."""
         digest = hashlib.sha256(
             ' '.join(f'{name} {kind}' for name, kind in fields).encode()).hexdigest()[:16]
         super().__init__(name=f'{record}.{digest}')
         self.fields = dict(fields)
+        self.optional = optional
         self.places: dict[str, int] = {}
-        place = 0
+        place = int(optional)
         for name, kind in fields:
             self.places[name] = place
             place += words_of(kind)
@@ -121,6 +127,15 @@ def _read_field(context: Any, builder: Any, record: RecordType, pointer: Any, na
         return _load(builder, pointer, place, wanted)
     value = _load(builder, pointer, place, _WORD)
     return builder.trunc(value, wanted) if wanted.width < _WORD.width else value
+
+
+@lower_builtin(operator.is_, RecordType, types.NoneType)
+def _is_absent(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+    """Lower `record is None`: what a word says, or never."""
+    if not signature.args[0].optional:
+        return cgutils.false_bit
+    present = _load(builder, values[0], 0, _WORD)
+    return builder.icmp_unsigned('==', present, ir.Constant(_WORD, 0))
 
 
 def _load(builder: Any, pointer: Any, place: int, kind: Any) -> Any:

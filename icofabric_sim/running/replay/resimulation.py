@@ -194,7 +194,7 @@ class Resimulation:
             parameters = parameters.with_changes({'solver.threads': self._threads})
         scene = self.run.build(parameters)
         try:
-            return compile_scene(scene, body_wrenches=True)
+            return compile_scene(scene)
         except ValueError as error:
             raise NotRepeatable(
                 f'{self.run.path} holds a scene that this version cannot compile: {error}'

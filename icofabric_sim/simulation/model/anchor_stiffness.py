@@ -43,7 +43,7 @@ def anchors_eigenvalue(model: Model, loads: Loads, state: State, time: float) ->
 
 
 def anchor_accelerations(
-    model: Model, loads: Loads | None, state: State, time: float
+    model: Model, loads: Loads, state: State, time: float
 ) -> np.ndarray:
     """
     What anchors add to accelerations at `time` [s], (6, s) [m/s^2, rad/s^2].
@@ -51,7 +51,7 @@ def anchor_accelerations(
     0 of held freedoms.
     """
     found = np.zeros((6, state.position.shape[1]))
-    if loads is None or loads.anchors is None:
+    if loads.anchors is None:
         return found
     with np.errstate(over='ignore', invalid='ignore', divide='ignore'):
         for slot, a in _anchored(model, loads, loads.anchors):

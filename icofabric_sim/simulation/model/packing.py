@@ -24,6 +24,7 @@ from icofabric_sim.kernels.records import (
     Drag,
     Drives,
     External,
+    Gravity,
     LINK_COUNT,
     Loads,
     Model,
@@ -139,7 +140,7 @@ def pack_scene(
     model = Model(
         inverse_mass=1.0 / mass,
         inverse_inertia=1.0 / inertia,
-        gravity=fall if fall.any() else None,
+        gravity=Gravity(fall) if fall.any() else None,
         blocks=layout.blocks,
         links=links,
         bending=resisting.bending,
@@ -316,14 +317,12 @@ def acting_lanes(loads: Loads) -> tuple[np.ndarray, np.ndarray]:
     return row, lane
 
 
-def load_rate(loads: Loads | None, model: Model, size: float) -> float:
+def load_rate(loads: Loads, model: Model, size: float) -> float:
     """
     Rate [rad/s] at which the loads alone would move a free body by `size` [m], or turn it.
 
     Infinite where the loads are too large for numbers.
     """
-    if loads is None:
-        return 0.0
     # A step must also follow the factors and the paths themselves.
     own = 0.0 if loads.varying is None else float(loads.varying.rate.max(initial=0.0))
     if loads.drives is not None:
@@ -359,7 +358,7 @@ def load_rate(loads: Loads | None, model: Model, size: float) -> float:
 
 
 def expected_liveliness(
-    scene: Scene, model: Model, loads: Loads | None, frequency: float
+    scene: Scene, model: Model, loads: Loads, frequency: float
 ) -> float:
     """
     Speeds over a, or spins [1/s], that a run will reach.
@@ -379,7 +378,7 @@ def expected_liveliness(
     rate = load_rate(loads, model, half_edge)
     acceleration = rate * rate if rate < 1e150 else 0.0
     if model.gravity is not None and model.supports is not None:
-        acceleration += float(np.linalg.norm(model.gravity)) / half_edge
+        acceleration += float(np.linalg.norm(model.gravity.acceleration)) / half_edge
     growth = acceleration * duration if duration < np.inf else 0.0
     # Connectors and anchors that do not balance as woven let go of energy within a radian, a
     # displaced start within a period; neither gives more than motion through a body's own size in

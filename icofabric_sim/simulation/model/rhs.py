@@ -17,7 +17,7 @@ from collections.abc import Callable
 
 from icofabric_sim.kernels.rhs import rates_of_rows
 from icofabric_sim.scene.scene import Scene
-from icofabric_sim.simulation.model.packing import pack_scene
+from icofabric_sim.simulation.model.packing import pack_loads, pack_scene
 import numpy as np
 
 Rates = Callable[[float, np.ndarray], np.ndarray]
@@ -35,6 +35,7 @@ def compile_rates(scene: Scene) -> Rates:
     state = layout.pack(scene.initial)
     work = layout.room(model.links, damped=model.damping is not None)
     slope = np.zeros((13, layout.slot_count))
+    loads = pack_loads((), layout, stages=1)
 
     def rates(time: float, y: np.ndarray) -> np.ndarray:
         if y.shape != (13 * layout.body_count,):
@@ -42,7 +43,7 @@ def compile_rates(scene: Scene) -> Rates:
                 f'y must have the shape ({13 * layout.body_count},), 13 numbers for each of '
                 f'{layout.body_count} bodies, got {y.shape}')
         result = np.empty_like(y)
-        rates_of_rows(model, state, work, slope, layout.slot, y, result)
+        rates_of_rows(model, loads, state, work, slope, layout.slot, y, result)
         return result
 
     return rates

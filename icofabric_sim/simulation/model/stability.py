@@ -97,7 +97,7 @@ def largest_frequency(
 
 
 def with_anchors(
-    frequency: Frequency, packed: PackedScene, loads: Loads | None, state: State, time: float
+    frequency: Frequency, packed: PackedScene, loads: Loads, state: State, time: float
 ) -> Frequency:
     """
     Add what anchors can make of it at `time` [s], which is never too low.
@@ -105,7 +105,7 @@ def with_anchors(
     Their second derivatives are a block for each body, whose eigenvalues are exact; the largest
     eigenvalue of a sum is at most the sum of the largest (Weyl).
     """
-    if loads is None or loads.anchors is None or not frequency.rate < math.inf:
+    if loads.anchors is None or not frequency.rate < math.inf:
         return frequency
     most = anchors_eigenvalue(packed.model, loads, state, time)
     return frequency._replace(rate=math.sqrt(frequency.rate**2 + most))
@@ -156,5 +156,5 @@ def fastest_motion(
     weight = 0.0
     if model.gravity is not None and model.supports is not None:
         # Gravity moves a body by its own size past one that is held.
-        weight = math.sqrt(float(np.linalg.norm(model.gravity)) / size)
+        weight = math.sqrt(float(np.linalg.norm(model.gravity.acceleration)) / size)
     return max(rate, load_rate + weight, spread / size)

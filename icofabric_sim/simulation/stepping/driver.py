@@ -72,7 +72,7 @@ class Driver:
         packed: PackedScene,
         method: Method,
         state: State,
-        loads: Loads | None,
+        loads: Loads,
         frequency: Frequency,
         *,
         origin: float,
@@ -184,7 +184,7 @@ class Driver:
             self.advance(time)
         return self._stepping.state_at(time)
 
-    def jump(self, time: float, state: State, loads: Loads | None, load_rate: float) -> None:
+    def jump(self, time: float, state: State, loads: Loads, load_rate: float) -> None:
         """
         Go on from another `state` at `time`, as a run that starts there; a failure is forgotten.
         """
@@ -201,7 +201,7 @@ class Driver:
         self._start()
         self._require_stable(time)
 
-    def set_loads(self, loads: Loads | None, load_rate: float) -> None:
+    def set_loads(self, loads: Loads, load_rate: float) -> None:
         """Replace the loads at the current state."""
         trajectory = self.trajectory
         trajectory.ledger.keep_work(trajectory.loads)
@@ -214,7 +214,6 @@ class Driver:
         Replace the forces (p, 3) [N] of the last p wrenches, where a step begins; steps stay.
         """
         trajectory = self.trajectory
-        assert trajectory.loads is not None
         trajectory.loads.force[len(trajectory.loads.force) - len(forces):] = forces
         # Differences of the motion across a jump of the forces say nothing of the step.
         trajectory.ledger.regular = 0.0
@@ -306,7 +305,7 @@ class Driver:
         self._stepping.state_tree(tree)
         return tree
 
-    def load_state(self, tree: StateTree, loads: Loads | None) -> None:
+    def load_state(self, tree: StateTree, loads: Loads) -> None:
         """Go on from there, with the `loads` that acted then."""
         step = tree.number('step', 0.0)
         if self._is_given and step != self.trajectory.step:

@@ -141,7 +141,7 @@ class Ledger:
         # What the forces at the start can set free, at least: health checks may find the fabric
         # back where it began. What falls freely does not come back.
         if model.gravity is not None and model.supports is None:
-            acceleration = acceleration - np.append(model.gravity, np.zeros(3))
+            acceleration = acceleration - np.append(model.gravity.acceleration, np.zeros(3))
         # Forces without bounds end the run where the step is chosen.
         with np.errstate(over='ignore', invalid='ignore'):
             squares = (acceleration**2).reshape(-1, 2, 3).sum(axis=(0, 2))
@@ -172,10 +172,9 @@ class Ledger:
         self.floor = max(self.floor, _ROOM * error)
         return True
 
-    def keep_work(self, loads: Loads | None) -> None:
+    def keep_work(self, loads: Loads) -> None:
         """Add what loads have done that are about to be replaced."""
-        if loads is not None:
-            self.earlier_work += math.fsum(loads.work)
+        self.earlier_work += math.fsum(loads.work)
 
     def state_tree(self) -> dict[str, Any]:
         """All numbers, but for what a call of kernels says of itself."""

@@ -60,7 +60,7 @@ class MethodCalls:
             arguments))
 
     def take_trial(
-        self, model: Model, loads: Loads | None, state: State, work: Work, start: float,
+        self, model: Model, loads: Loads, state: State, work: Work, start: float,
         step: float, count: int
     ) -> None:
         """Take `count` steps from `start` [s] on, on a trial `state`, without health checks."""
@@ -76,7 +76,7 @@ class MethodCalls:
             leaving.check()
 
     def _advance(
-        self, model: Model, loads: Loads | None, state: State, work: Work,
+        self, model: Model, loads: Loads, state: State, work: Work,
         arguments: tuple[Any, ...], team: Team
     ) -> tuple[int, int, int]:
         trajectory = self._trajectory

@@ -158,5 +158,5 @@ class MotionRates:
         trajectory.fail(unsafe_step(step, self.limit, self._largest(locate=True), time))
 
 
-def _is_anchored(loads: Loads | None) -> bool:
-    return loads is not None and loads.anchors is not None
+def _is_anchored(loads: Loads) -> bool:
+    return loads.anchors is not None

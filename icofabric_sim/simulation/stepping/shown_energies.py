@@ -71,14 +71,14 @@ class ShownEnergies:
         self._work, self._spent, self.given = work + self.moving(state), spent, given
         energy, self._friction = self._contact.energies(state, stretches)
         self.contact = energy + self._friction
-        if trajectory.loads is not None and trajectory.loads.anchors is not None:
+        if trajectory.loads.anchors is not None:
             _, energy = look_at_anchors(trajectory.model, trajectory.loads, state, time)
             self.anchors = float(energy)
 
     def moving(self, state: State) -> float:
         """Kinetic energy [J] of driven bodies."""
         trajectory = self._trajectory
-        if trajectory.loads is None or trajectory.loads.drives is None:
+        if trajectory.loads.drives is None:
             return 0.0
         return float(energy_of_drives(trajectory.model, trajectory.loads, state))
 
@@ -94,6 +94,6 @@ class ShownEnergies:
             self.potential_start = tree.number('potential_start')
 
 
-def work_of(*loads: Loads | None) -> float:
+def work_of(*loads: Loads) -> float:
     """Return the work [J] of all of the `loads` that are there."""
     return sum(math.fsum(part.work) for part in loads if part is not None)

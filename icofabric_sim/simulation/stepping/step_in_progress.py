@@ -153,8 +153,6 @@ class StepInProgress:
     def work_within(self, rest: float) -> float:
         """Work [J] of the present loads until then."""
         loads = self._trajectory.loads
-        if loads is None:
-            return 0.0
         return self._flow_within(loads.power, loads.earlier_work, loads.work, rest)
 
     def flow_within(self, meter: Meter | None, rest: float) -> float:
@@ -192,7 +190,7 @@ class StepInProgress:
             return
         tree['start'] = trajectory.by_body(self.start)
         tree['slopes'] = gather(self.trail.slopes[_SLOPES])
-        if 'loads' in tree and trajectory.loads is not None:
+        if 'loads' in tree:
             rows = trajectory.rows_by_body(trajectory.loads)
             tree['loads']['power'] = trajectory.loads.power[:, rows][_SLOPES]
         for name, meter in trajectory.meters().items():
@@ -225,8 +223,8 @@ class StepInProgress:
             for number, values in zip(_SLOPES, power.T):
                 meter.power[number, layout.slot] = values
 
-    def _load_power(self, loads: Loads | None, tree: StateTree) -> None:
-        if loads is None or not len(loads.wrench):
+    def _load_power(self, loads: Loads, tree: StateTree) -> None:
+        if not len(loads.wrench):
             return
         rows = self._trajectory.rows_by_body(loads)
         power = tree.part('loads').array('power', (len(_SLOPES), len(rows)))

@@ -206,8 +206,7 @@ class StepSamples:
         assert self._companion is not None
         trials, control = self._pieces.trials, self._control
         loads = trials.copy_loads()
-        if loads is not None:
-            loads = loads._replace(power=np.zeros_like(loads.power))
+        loads = loads._replace(power=np.zeros_like(loads.power))
         state = trials.take(
             control.length / self._parts, self._parts, loads, start=control.start,
             source=self._companion, trail=self._trail)

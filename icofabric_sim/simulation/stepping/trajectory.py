@@ -49,7 +49,7 @@ class Trajectory:
         packed: PackedScene,
         method: Method,
         state: State,
-        loads: Loads | None,
+        loads: Loads,
         *,
         origin: float,
         step: float,
@@ -125,7 +125,7 @@ class Trajectory:
         for target, source in zip(self.saved, self.state):
             np.copyto(target, source)
         # Under an embedded control each step keeps the work of loads where it begins.
-        if self.loads is not None and self.control is None:
+        if self.control is None:
             np.copyto(self.loads.earlier_work, self.loads.work)
         self._save_stretches()
         self.note_saved(self.time if time is None else time)
@@ -166,15 +166,12 @@ class Trajectory:
 
     def _flowing(self) -> dict[str, np.ndarray]:
         """Work of the loads, and what meters show, as they are."""
-        found = {name: meter.done for name, meter in self.meters().items()}
-        if self.loads is not None:
-            found['work'] = self.loads.work
-        return found
+        return {'work': self.loads.work} | {
+            name: meter.done for name, meter in self.meters().items()}
 
     def return_work(self) -> None:
         """Set the work of loads back to what it was at the saved state."""
-        if self.loads is not None:
-            np.copyto(self.loads.work, self.loads.earlier_work)
+        np.copyto(self.loads.work, self.loads.earlier_work)
 
     def refresh(
         self, time: float | None = None, model: Model | None = None, step: float | None = None
@@ -282,7 +279,7 @@ class Trajectory:
             tree['acceleration'] = self.packed.layout.gather(self.work.acceleration)
         if self.losses is not None and self._loses(self.model):
             tree['contact_losses'] = self.packed.layout.gather(self.losses.lost)
-        if self.loads is not None and len(self.loads.wrench):
+        if len(self.loads.wrench):
             rows = self.rows_by_body(self.loads)
             tree['loads'] = {
                 'work': self.loads.work[rows], 'earlier_work': self.loads.earlier_work[rows]}
@@ -292,7 +289,7 @@ class Trajectory:
             tree['broken'] = self.broken.state_tree()
         return tree
 
-    def load_state(self, tree: StateTree, loads: Loads | None) -> None:
+    def load_state(self, tree: StateTree, loads: Loads) -> None:
         """Go on from there, with the `loads` that acted then; accelerations come later."""
         layout = self.packed.layout
         self.origin = tree.number('origin', 0.0)
@@ -309,7 +306,7 @@ class Trajectory:
             self.take_back(state, tree.part(name))
         self.ledger.load_state(tree.part('ledger'))
         self.loads = loads
-        if loads is not None and len(loads.wrench):
+        if len(loads.wrench):
             part, rows = tree.part('loads'), self.rows_by_body(loads)
             loads.work[rows] = part.array('work', rows.shape)
             loads.earlier_work[rows] = part.array('earlier_work', rows.shape)

@@ -182,10 +182,10 @@ class TrialSteps:
             trajectory.refresh_places()
         return None if failed else compare(trajectory.state, half)
 
-    def copy_loads(self) -> Loads | None:
+    def copy_loads(self) -> Loads:
         """Return the same loads, with room of their own for what they do."""
         loads = self._trajectory.loads
-        return None if loads is None else loads._replace(work=np.zeros_like(loads.work))
+        return loads._replace(work=np.zeros_like(loads.work)) if len(loads.wrench) else loads
 
     def _copy_model(self, model: Model | None = None) -> Model:
         """The same constants, with room of their own for what contacts remember."""
