@@ -38,6 +38,38 @@ class Outer(Record):
     code: np.ndarray | None = None
 
 
+class Fuel(Record):
+    mass: np.ndarray
+    spare: Inner | None = None
+
+    @classmethod
+    def absent(cls) -> 'Fuel':
+        return cls(np.zeros(0))
+
+
+class Tank(Record):
+    size: float
+    fuel: Fuel | None
+
+
+@compiled
+def filled(tank):
+    """What a tank and its fuel weigh; the fuel's 1,000 times."""
+    return tank.size + weight_of(tank.fuel)
+
+
+@compiled
+def weight_of(fuel):
+    """Masses added up."""
+    result = 0.0
+    if fuel is None:
+        return result
+    else:
+        for mass in fuel.mass:
+            result += 1000.0 * mass
+        return result + (-1.0 if fuel is None else 0.0)
+
+
 @compiled
 def total(outer):
     """Sum over everything that the record holds."""
@@ -103,6 +135,22 @@ def test_compiled_code_reads_every_kind_of_field():
     assert not turned.flags.c_contiguous
     assert total(whole._replace(grid=turned)) == total(whole)
     assert total(whole._replace(grid=np.zeros((0, 3)))) == total(whole) - GRID_SUM
+
+
+def test_what_may_be_absent_at_run_time_needs_no_other_code():
+    full, empty = Tank(0.5, Fuel(np.array([1.0, 2.0]))), Tank(0.25, None)
+    assert filled(full) == 3000.5 and filled(empty) == 0.25
+    assert type(full) is type(empty) and len(filled.overloads) == 1
+    # To Python it is None as any other, also in copies.
+    assert empty.fuel is None and full.fuel is not None
+    assert filled(full._replace(fuel=None)) == 0.5
+    assert filled(empty._replace(fuel=full.fuel)) == 3000.25
+    for other in (copy.deepcopy(empty), pickle.loads(pickle.dumps(empty))):
+        assert other.fuel is None and filled(other) == 0.25
+    # Nothing of it, and none of it, are two things.
+    assert filled(Tank(0.0, Fuel(np.zeros(0)))) == 0.0
+    # What the record itself leaves out by its type makes another kind, as everywhere.
+    assert type(Tank(0.0, Fuel(np.zeros(1), Inner(np.ones(1), 1)))) is not type(full)
 
 
 def test_arrays_are_shared_and_numbers_are_not():

@@ -51,7 +51,7 @@ def touch_all(
         count * team.member // team.size, count * (team.member + 1) // team.size)
     wait_for_all(team)
     first, last = own_blocks(team, contacts.start.shape[0] - 1)
-    add_up(contacts, first, last)
+    add_up(contacts, contacts.result, contacts.rows, first, last)
 
 
 @compiled
@@ -121,9 +121,15 @@ def set_place(
 
 
 @compiled
-def add_up(contacts: Contacts, first: int, last: int) -> None:
-    """What acts on the bodies of blocks first to last."""
-    rows, result, stiffness = contacts.rows, contacts.result, contacts.stiffness
+def add_up(
+    contacts: Contacts, pushes: np.ndarray, rows: np.ndarray, first: int, last: int
+) -> None:
+    """
+    Rows, (6, s) [N], [N m], of the bodies of blocks first to last from the pushes of their pairs.
+
+    `pushes`: (p, 9) or longer, for a contact stiffness of 1 N/m, as `contacts.result`.
+    """
+    stiffness = contacts.stiffness
     before = -1
     for e in range(contacts.start[first], contacts.start[last]):
         s, p, side = contacts.slot[e], contacts.entry[e] >> 1, contacts.entry[e] & 1
@@ -133,8 +139,8 @@ def add_up(contacts: Contacts, first: int, last: int) -> None:
         before = s
         push = stiffness if side == 0 else -stiffness
         for k in range(3):
-            rows[k, s] += push * result[p, k]
-            rows[k + 3, s] += stiffness * result[p, 3 + 3 * side + k]
+            rows[k, s] += push * pushes[p, k]
+            rows[k + 3, s] += stiffness * pushes[p, 3 + 3 * side + k]
 
 
 @compiled

@@ -97,7 +97,7 @@ def touch_and_lose(
     lose_some(losses, contacts, state, index, first, last)
     wait_for_all(team)
     first, last = own_blocks(team, contacts.start.shape[0] - 1)
-    add_up(contacts, first, last)
+    add_up(contacts, contacts.result, contacts.rows, first, last)
     add_up_taken(losses, contacts, first, last)
 
 
@@ -195,8 +195,8 @@ def touch_ahead(
             losses, contacts, state, inverse_mass, inverse_inertia, h, step, first, last)
         wait_for_all(team)
         first, last = own_blocks(team, contacts.start.shape[0] - 1)
-        add_up(contacts, first, last)
-        add_up_lost(losses, contacts, first, last)
+        add_up(contacts, contacts.result, contacts.rows, first, last)
+        add_up(contacts, losses.changes, losses.lost, first, last)
 
 
 @compiled
@@ -260,23 +260,6 @@ def lose_ahead(
                 stretches[p, k], slopes[p, k] = left[k], rate[k]
         for k in range(9):
             changes[p, k] += out[k]
-
-
-@compiled
-def add_up_lost(losses: ContactLosses, contacts: Contacts, first: int, last: int) -> None:
-    """What losses do to the bodies of blocks first to last, as `add_up` of all that acts."""
-    rows, changes, stiffness = losses.lost, losses.changes, contacts.stiffness
-    before = -1
-    for e in range(contacts.start[first], contacts.start[last]):
-        s, p, side = contacts.slot[e], contacts.entry[e] >> 1, contacts.entry[e] & 1
-        if s != before:
-            for k in range(6):
-                rows[k, s] = 0.0
-        before = s
-        push = stiffness if side == 0 else -stiffness
-        for k in range(3):
-            rows[k, s] += push * changes[p, k]
-            rows[k + 3, s] += stiffness * changes[p, 3 + 3 * side + k]
 
 
 @compiled

@@ -87,6 +87,11 @@ TOO_SHORT, BREAKING, TOO_FAR = 64, 256, 8192
 # Sentinel: a body left the region that the neighbour list covers.
 _MISSED = 1e300
 
+# Numbers of slopes: the first, that of the first stage, that of the end, the first of the dense
+# output. Integers of the source would be types of their own, and all of the right-hand side
+# compiled once more for each.
+FIRST, SECOND, LAST, DENSE = (np.int64(number) for number in (0, 1, 12, 13))
+
 
 class Pair(NamedTuple):
     """Weights of a pair, see dop853.py."""
@@ -144,7 +149,7 @@ def try_step(
 
     Its end goes into trail.stage.
     """
-    index = 1
+    index = SECOND
     for weights in pair.stages:
         for block in range(first, last):
             combine(state, trail.slopes, weights, h, trail.stage, model.blocks.slot[block])
@@ -173,7 +178,7 @@ def fixed_pair(
     trail = some(work.trail)
     # The call before has ended with the same evaluation, which counts once.
     tests = tests_of(model.contacts, team.member)
-    slope_at(model, loads, state, work, trail, 0, team, watch, origin + index * h, first, last)
+    slope_at(model, loads, state, work, trail, FIRST, team, watch, origin + index * h, first, last)
     set_tests(model.contacts, team.member, tests)
     done = 0
     while done < count:
@@ -187,8 +192,8 @@ def fixed_pair(
         add_flow(work.given, model.blocks.slot, h, pair.step, first, last)
         done += 1
         slope_at(
-            model, loads, state, work, trail, 0, team, watch, origin + (index + done) * h, first,
-            last)
+            model, loads, state, work, trail, FIRST, team, watch, origin + (index + done) * h,
+            first, last)
         since_check += 1
         status, since_check = look(
             model, loads, state, saved, work, team, since_check, check_interval, watch, ledger,
@@ -302,7 +307,7 @@ def adaptive_pair(
             repeat_stretches(losses_of(model.contacts), team)
         else:
             slope_at(
-                model, loads, state, work, trail, 0, team, watch, start + length, first, last)
+                model, loads, state, work, trail, FIRST, team, watch, start + length, first, last)
         accepted = landing = False
         while not accepted:
             forget_ways(watch, team.member)
@@ -358,7 +363,7 @@ def adaptive_pair(
             h = min(max(h, resume), longest)
         if status == 0:
             slope_at(
-                model, loads, state, work, trail, 12, team, watch, start + length, first, last)
+                model, loads, state, work, trail, LAST, team, watch, start + length, first, last)
             has_last = True
             done += 1
             since_check += 1
@@ -406,7 +411,7 @@ def prepare_dense(
 ) -> None:
     """Three more slopes of the step in progress, which begins at `time` [s], for `dense_state`."""
     first, last = own_blocks(team, model.blocks.slot.shape[0])
-    index = 13
+    index = DENSE
     for weights in pair.dense_stages:
         for block in range(first, last):
             combine(trail.start, trail.slopes, weights, h, trail.stage, model.blocks.slot[block])
