@@ -64,7 +64,11 @@ class GraphHands:
             message_class(PointStampedBytes.TYPE), f'{fabric}/pull', QoSProfile(depth=10))
 
     def finds_replay(self) -> bool | None:
-        """Whether a replay answers; None: nobody. The names alone would show these clients."""
+        """
+        Return whether a replay answers; None where nothing does.
+
+        Names of services say nothing: they are on the graph as soon as a client asks for them.
+        """
         if self._clients['advance'].service_is_ready():
             return False
         return True if self._clients['continue'].service_is_ready() else None

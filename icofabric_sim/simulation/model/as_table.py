@@ -13,6 +13,7 @@
 # limitations under the License.
 """Results as plain numbers: CSV files, and tables of pandas."""
 
+from abc import ABC, abstractmethod
 import csv
 from importlib import import_module
 import os
@@ -21,12 +22,12 @@ from typing import Any
 from icofabric_sim import checks
 
 
-class AsTable:
+class AsTable(ABC):
     """What has a `table()`; writes it to files and hands it to pandas."""
 
+    @abstractmethod
     def table(self) -> dict[str, list[Any]]:
         """A list for each column, named with its unit; the first one numbers the rows."""
-        raise NotImplementedError
 
     def to_csv(self, path: str | os.PathLike[str]) -> None:
         """Write the table to a CSV file, numbers in full."""

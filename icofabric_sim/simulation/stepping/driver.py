@@ -223,7 +223,7 @@ class Driver:
         """
         Return the time [s] of the most whole steps within a `duration` [s], of one up to twice it.
 
-        Else the duration: where steps are longer, or have no one length.
+        The duration itself where steps are longer, or are not all of one length.
         """
         step = self.trajectory.step
         if self.trajectory.control is not None or not 0.0 < step <= 2.0 * duration:
