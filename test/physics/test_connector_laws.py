@@ -22,6 +22,7 @@ from icofabric_sim.parameters.validation import ParameterError
 from icofabric_sim.simulation.model.packing import pack_scene
 from icofabric_sim.simulation.model.stability import largest_frequency
 from icofabric_sim.simulation.stepping.method_selection import choose_method
+from icofabric_sim.simulation.stepping.methods import METHODS
 import numpy as np
 import pytest
 
@@ -309,3 +310,27 @@ def test_chosen_steps_keep_the_tolerance_on_a_kinked_fabric(tolerance):
     print(status.method_name, error / scene.geometry.half_edge, status.error_rate)
     # Growth of small differences is below 100 in so short a run.
     assert error / scene.geometry.half_edge < 100.0 * tolerance
+
+
+@pytest.mark.parametrize('method, limit', [('auto', 1e-2), ('srkn6', 1e-3), ('srkn8', 1e-2)])
+def test_chosen_steps_of_small_kinked_motion_drift_less_than_the_limit(method, limit):
+    # The tolerance asks for nothing here: with the longest steps of the methods a run stops.
+    scene = make_scene((3, 2, 2), {
+        **KINKED, 'solver.method': method, 'solver.tolerance': 1.0, 'solver.energy_limit': limit,
+        'initial_random.velocity_sigma': 1e-5, 'initial_random.spin_sigma': 1e-3})
+    ends = []
+    for pieces in (1, 5):
+        simulation = ico.compile_scene(scene)
+        rate, seen = simulation.status.largest_frequency, []
+        for start, end in ((0.0, 5e3), (5e3, 2e4)):
+            for piece in range(1, pieces + 1):
+                simulation.advance_to((start + (end - start) * piece / pieces) / rate)
+                simulation.snapshot()
+            status = simulation.status
+            seen.append((status.step * status.largest_frequency, simulation.balance.worst))
+        ends.append(simulation.snapshot())
+    (first, _), (last, worst) = seen
+    # The energy drifts; the more of it is lost the shorter are the steps.
+    assert 1e-3 * limit < worst < 0.4 * limit, seen
+    assert last < first < METHODS[status.method_name].chosen, seen
+    assert same_state(*ends)

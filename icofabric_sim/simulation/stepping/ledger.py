@@ -44,6 +44,11 @@ class EnergyBalance(NamedTuple):
     work: float  # [J] done by loads
     limit: float  # part of the scale that stops a run
 
+    @property
+    def error_in_parts(self) -> float:
+        """Size of the error in parts of the scale; 0 where nothing has moved."""
+        return abs(self.error) / self.scale if self.scale > 0.0 else 0.0
+
 
 class Ledger:
     """

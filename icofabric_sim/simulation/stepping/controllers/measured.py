@@ -52,6 +52,14 @@ _CONTACT, _LOOSE, _STABLE_CONTACTS = 0.7, 0.1, 6.0
 # 0.01 of the largest at so many times the step at which that of a vibration at the bound swings
 # by half of that (measured over phases of drops at 3 m/s).
 _FACES = 2.5
+# Where slopes of connectors jump, methods that mend kinks add up to _DRIFT * ratio^_DRIFT_ORDER
+# of the energy for each radian of the fastest vibration: measured for stiffness ratios from 1.25
+# to 50, whatever the size and the amplitude (docs/decisions/kinks.md). With srkn8 it strays at
+# random, by up to _STRAY * ratio^2 times the square root of the radians.
+_DRIFT, _DRIFT_ORDER, _STRAY = 1.5e-6, 5.5, 1.4e-4
+# Radians in which the first steps may use up half of the limit; the least part of these steps
+# that is left as that comes near.
+_RADIANS, _LEAST_PART = 1e4, 0.2
 
 RANK = 0
 
@@ -66,6 +74,24 @@ def _largest_ratio(method: Method, energy_limit: float) -> float:
     if method.order > 2 or not energy_limit > 0.0:
         return math.inf
     return math.sqrt(2.0 * energy_limit)
+
+
+def _largest_ratio_at_kinks(method: Method, energy_limit: float, error: float) -> float:
+    """
+    Step times frequency with which the energy of a kinked fabric stays within half of its limit.
+
+    Of small motion the tolerance may ask for nothing, but what drifts does not depend on its size.
+    `error`: of the balance by now, in parts of its scale. Steps become shorter as it grows, so
+    that long runs go on.
+    """
+    if method.order <= 2 or not energy_limit > 0.0:
+        return math.inf
+    half = 0.5 * energy_limit
+    if method.mends_kinks:
+        ratio = (half / (_DRIFT * _RADIANS)) ** (1.0 / _DRIFT_ORDER)
+    else:
+        ratio = math.sqrt(half / (_STRAY * math.sqrt(_RADIANS)))
+    return ratio * max(1.0 - error / half, _LEAST_PART)
 
 
 def suits(choice: StepChoice) -> bool:
@@ -107,6 +133,9 @@ class MeasuredStep:
             trajectory.fail(too_fast(trajectory.time, rates.fastest_term()))
         method, ledger = trajectory.method, trajectory.ledger
         chosen = min(method.chosen, _largest_ratio(method, ledger.limit))
+        if has_jumps(trajectory.packed.model.links):
+            chosen = min(chosen, _largest_ratio_at_kinks(
+                method, ledger.limit, ledger.balance.error_in_parts))
         step = trajectory.step * shorter ** (-1.0 / trajectory.order)
         if not rate > 0.0:
             # Every step is exact.
