@@ -126,6 +126,8 @@ class BroadPhase:
         self._bodies = np.zeros((0, 2), np.int32)
         self._caution = 1.0
         self._listed, self._missed = 0.0, False
+        # Longest step [s] up to a time [s]: bodies became faster there than a search had seen.
+        self._wary_step, self._wary_until = math.inf, -math.inf
         # Whether all that is listed counts for the frequency, or only what touches; the most
         # pairs of a body that touched at the last health check.
         self.counts_listed, self._touching = True, 1
@@ -208,7 +210,39 @@ class BroadPhase:
         """
         self.limits[MOST_STRIDE] = max(LOOK_AFTER // stages, 1)
         pace(self.limits, step)
-        self.limits[OWN] = float(alone and self.contacts is None and self._lists.is_small)
+        self.limits[OWN] = float(
+            alone and not self.is_wary and self.contacts is None and self._lists.is_small)
+
+    @property
+    def is_wary(self) -> bool:
+        """Whether steps are kept short, as bodies became faster than a search had seen."""
+        return self._wary_until > -math.inf
+
+    @property
+    def wary_until(self) -> float:
+        """Time [s] up to which that is so; -inf: it is not."""
+        return self._wary_until
+
+    @property
+    def stride(self) -> int:
+        """Steps after which displacements are checked."""
+        return int(self.limits[STRIDE])
+
+    def be_wary(self, step: float, until: float) -> None:
+        """
+        Ask after each step how far bodies have moved, until a time `until` [s].
+
+        They became faster than a search had seen, in steps of `step` [s]. Where these were asked
+        about one by one already they become a quarter as long.
+        """
+        if not self.limits[STRIDE] > 1.0:
+            step *= 0.25
+        self._wary_step = min(step, 0.25 * self._wary_step) if self.is_wary else step
+        self._wary_until = max(until, self._wary_until)
+
+    def calm(self) -> None:
+        """Let steps be as long again as the speeds of a search allow."""
+        self._wary_step, self._wary_until = math.inf, -math.inf
 
     @property
     def displacement(self) -> float:
@@ -233,12 +267,18 @@ class BroadPhase:
         watch = self._watch
         limits[SPEED] = speed
         watch.frame[0], watch.frame[1:4] = time, velocity
+        if time < self._wary_until:
+            displacement = math.inf
         watch.frame[4:7] = 0.5 * self.setup.fall if self.setup.free else 0.0
         limits[HORIZON] = self._caution * step * max(2.0 * steps, 1.1 * ROOM)
         least = min(max(float(least_reach(limits, speed)), displacement), float(limits[MOST]))
         np.copyto(watch.reference, state.position)
         np.copyto(watch.turned, state.orientation)
         self._take(self._lists.find(state, least, limits[MOST]), least)
+        if time < self._wary_until:
+            # Bodies may become so fast before the next search that a step leads to its reach.
+            reach = math.sqrt(limits[LATE])
+            limits[SPEED] = max(speed, reach / (ROOM * self._wary_step))
 
     def _take(self, near: Near, least: float) -> None:
         set_reach(self.limits, near.reach)
@@ -280,7 +320,8 @@ class BroadPhase:
         """
         Name what may have passed through each other in one step between two times [s]; '': none.
 
-        `long`: steps may be so long that also what is listed passes between two evaluations.
+        `long`: also what is listed may pass between two evaluations; where bodies move against
+        each other by more than a in this step that is so anyway.
         """
         unpack, watch = self._layout.unpack, self._watch
         looked = unpack(State(watch.reference, watch.turned, watch.reference, watch.reference))
@@ -297,6 +338,8 @@ class BroadPhase:
             course = Course(
                 bezier_points(first, last, length) - shift[:, None],
                 turned_at_most(looked.orientation, first, last, length))
+            moved = np.linalg.norm(course.points - course.points[0], axis=2).max(initial=0.0)
+            long = long or not 2.0 * moved <= self.setup.half_edge
             found = first_passing(
                 course, looked.position, self.setup.planes, shift, reach=reach,
                 radius=self._radius, seen=None if long else self._bodies)
@@ -388,6 +431,7 @@ class BroadPhase:
         """Search as if nothing had come close yet."""
         self.found, self._announced = None, False
         self._caution, self._missed = 1.0, False
+        self.calm()
         self.tests, self._touching = 0, 1
 
     def announce(self) -> None:
@@ -421,6 +465,8 @@ class BroadPhase:
             'missed': self._missed, 'announced': self._announced, 'tests': self.tests}
         if not self.counts_listed:
             tree['touching'] = self._touching
+        if self.is_wary:
+            tree['wary_step'], tree['wary_until'] = self._wary_step, self._wary_until
         if self.found is not None:
             tree['found'] = [*self.found]
         if self.setup.friction > 0.0:
@@ -439,6 +485,10 @@ class BroadPhase:
         limits[SPEED], limits[HORIZON] = (
             tree.number('speed', 0.0), tree.number('horizon', 0.0))
         self._caution, self._missed = tree.number('caution', 1.0), tree.flag('missed')
+        self.calm()
+        if 'wary_until' in tree:
+            self._wary_step = tree.number('wary_step', 0.0)
+            self._wary_until = tree.number('wary_until')
         self._announced, self.tests = tree.flag('announced'), tree.count('tests')
         self.found = self._judged(tree.entries('found')) if 'found' in tree else None
         if not self.counts_listed:

@@ -195,6 +195,24 @@ class ContactScheduler:
         if self.broad_phase is not None:
             self.broad_phase.pace(step, self._trajectory.method.stages, alone=alone)
 
+    @property
+    def stride(self) -> int:
+        """Steps after which kernels ask how far bodies have moved."""
+        return 1 if self.broad_phase is None else self.broad_phase.stride
+
+    def follow_speeds(self, step: float, until: float) -> None:
+        """Search as for bodies that gain speed in steps of `step` [s], up to a time [s]."""
+        if self.broad_phase is not None:
+            self.broad_phase.be_wary(step, until)
+
+    def calm(self, time: float = math.inf) -> bool:
+        """Search again as they move where that ended by `time` [s]; whether it ended now."""
+        phase = self.broad_phase
+        if phase is None or not phase.is_wary or time < phase.wary_until:
+            return False
+        phase.calm()
+        return True
+
     def forget_displacements(self) -> None:
         """Judge none that were noted before the last search."""
         if self.broad_phase is not None:
@@ -265,7 +283,7 @@ class ContactScheduler:
         if found:
             if before is self._trajectory.state:
                 self._trajectory.save()
-            self.stop_passing(found, given=True)
+            self.stop_passing(found)
 
     def passing(
         self, before: State, after: State, start: float, end: float, *, long: bool
@@ -278,18 +296,15 @@ class ContactScheduler:
         phase = self.broad_phase
         return '' if phase is None else phase.passing_by(before, after, start, end, long=long)
 
-    def stop_passing(self, found: str, *, given: bool) -> NoReturn:
-        """Stop at the saved state, because of what was `found`; `given`: the step is."""
+    def stop_passing(self, found: str) -> NoReturn:
+        """Stop a run with a given step at the saved state, because of what was `found`."""
         trajectory = self._trajectory
-        way_out = (
-            f'a smaller solver.step than {trajectory.step!r} s, or 0 to have it chosen' if given
-            else 'solver.method dop8, which refuses such steps and takes shorter ones')
         trajectory.return_to_saved()
         trajectory.return_work()
         trajectory.fail(
-            f'{found}. Start again with {way_out}; contact.mode never lets shells pass '
-            f'through each other. The last good state, of t = {trajectory.saved_time:.9g} s, '
-            'is kept')
+            f'{found}. Start again with a smaller solver.step than {trajectory.step!r} s, or 0 to '
+            'have it chosen; contact.mode never lets shells pass through each other. The last '
+            f'good state, of t = {trajectory.saved_time:.9g} s, is kept')
 
     def state_tree(self) -> dict[str, Any]:
         """The last search, and what was reported, as an entry; none where nothing can touch."""

@@ -153,12 +153,15 @@ class Driver:
     def advance(self, time: float) -> None:
         """Take steps as far as `time` [s] asks for: a state up to there can be shown then."""
         self.trajectory.require_sound()
-        while (count := self._stepping.count_until(time)) > 0:
-            # What overlaps from the start is reported when the motion begins.
-            self.contact.announce()
-            self._or_back(partial(self._stepping.run, time, count))
-            self._on_pause()
-        self._stepping.check_within(time)
+        while True:
+            while (count := self._stepping.count_until(time)) > 0:
+                # What overlaps from the start is reported when the motion begins.
+                self.contact.announce()
+                self._or_back(partial(self._stepping.run, time, count))
+                self._on_pause()
+            if self._stepping.check_within(time):
+                return
+            self._or_back(self._stepping.go_back)
 
     def advance_steps(self, count: int, *, until: float = math.inf) -> int:
         """
@@ -171,8 +174,10 @@ class Driver:
 
     def cut(self, time: float) -> None:
         """Advance to `time` and end the step in progress there; the next step starts there."""
-        self.advance(time)
-        self._or_back(partial(self._stepping.cut, time))
+        while True:
+            self.advance(time)
+            if self._or_back(partial(self._stepping.cut, time)):
+                return
 
     def state_at(self, time: float) -> State:
         """
@@ -414,6 +419,7 @@ class Driver:
         self._stepping.restart()
         place_driven(trajectory.model, trajectory.loads, trajectory.state, trajectory.time)
         self.contact.forget_friction()
+        self.contact.calm()
         self._search_contacts(trajectory.time)
         trajectory.refresh()
         for meter in trajectory.meters().values():

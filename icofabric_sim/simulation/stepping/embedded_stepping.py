@@ -104,8 +104,8 @@ class EmbeddedStepping:
         self._take(self._step.end, 1)
         return 1
 
-    def cut(self, time: float) -> None:
-        """End a step at `time` [s]; the next one starts there."""
+    def cut(self, time: float) -> bool:
+        """End a step at `time` [s], where the next one starts; always True."""
         control = self._step.control
         rest = time - control.start
         # The part of the step in progress up to there stays counted.
@@ -115,9 +115,14 @@ class EmbeddedStepping:
         if rest > 0.0:
             self._uniform.take(rest, 1)
         control.start = time
+        return True
 
-    def check_within(self, time: float) -> None:
-        """States within a step are as good as its end."""
+    def check_within(self, time: float) -> bool:
+        """Return True: states within a step are as good as its end."""
+        return True
+
+    def go_back(self) -> None:
+        """Do nothing: kernels refuse a step that leads too far."""
 
     def state_at(self, time: float) -> State:
         """Return the state at a `time` [s] within the step in progress, by dense output."""

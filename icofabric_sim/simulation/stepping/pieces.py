@@ -155,11 +155,22 @@ class Stepping(Protocol):
     def run_steps(self, count: int, until: float) -> int:
         """Take up to `count` steps that end by `until` [s]; returns how many."""
 
-    def check_within(self, time: float) -> None:
-        """Judge the state at `time` [s] within a step as the end of a step."""
+    def check_within(self, time: float) -> bool:
+        """
+        Judge the state at `time` [s] within a step as the end of a step.
 
-    def cut(self, time: float) -> None:
-        """End the step in progress at `time` [s]; the next one starts there."""
+        False: steps have to be taken anew, by `go_back`.
+        """
+
+    def go_back(self) -> None:
+        """Return to the saved state; the next steps are shorter, or checked more often."""
+
+    def cut(self, time: float) -> bool:
+        """
+        End the step in progress at `time` [s]; the next one starts there.
+
+        False: the step led too far, and the run is back at the saved state.
+        """
 
     def state_at(self, time: float) -> State:
         """Return the state at a `time` [s] up to the end of the next step, and note energies."""

@@ -40,6 +40,8 @@ class UniformStepping:
     def __init__(self, pieces: Pieces) -> None:
         """Advance the trajectory of these `pieces`."""
         self._pieces = pieces
+        # Whether the last call of kernels led too far, so that the run went back.
+        self._is_back = False
 
     @property
     def next_step_time(self) -> float:
@@ -90,48 +92,88 @@ class UniformStepping:
             count = min(count, self.count_until(until))
         return self._run(count) if count > 0 else 0
 
-    def cut(self, time: float) -> None:
-        """Take a shorter step to `time` [s]; the next one starts there."""
+    def cut(self, time: float) -> bool:
+        """
+        Take a shorter step to `time` [s]; the next one starts there.
+
+        False: the step led too far, and the run is back at the saved state.
+        """
         trajectory = self._pieces.trajectory
         rest = time - trajectory.time
+        self._is_back = False
         try:
             if rest > 0.0:
                 self.take(rest, 1)
         finally:
-            if trajectory.failure is None:
+            if trajectory.failure is None and not self._is_back:
                 trajectory.begin_at(time)
+        if self._is_back:
+            return False
         self._save_where_judged()
+        return True
 
-    def check_within(self, time: float) -> None:
+    def check_within(self, time: float) -> bool:
         """
-        Refuse a state at `time` [s] within a step in which shells may pass through each other.
+        Judge a state at `time` [s] within a step in which shells may pass through each other.
 
-        So states within a step are judged as its end will be.
+        So states within a step are judged as its end will be: a given step stops the run. False:
+        chosen ones have to be taken anew, by `go_back`.
         """
         pieces, trajectory = self._pieces, self._pieces.trajectory
         if not self._is_judged:
-            return
+            return True
         rest = time - trajectory.time
         state = pieces.trials.take(rest, 1) if rest > 0.0 else trajectory.state
         if trajectory.take_force_failure() is not None:
             # There is no state to judge; whether the run comes there is not known.
-            return
+            return True
         if rest > 0.0 and self._is_far(rest):
             pieces.contact.refuse_passing(trajectory.state, state, trajectory.time, time)
         elif pieces.contact.has_left(state, time):
-            self._judge_steps(rest)
+            # Of a chosen step the whole: the run must not depend on what is shown.
+            return self._judge_steps(
+                trajectory.step if rest > 0.0 and not pieces.is_given else rest)
+        return True
+
+    def go_back(self) -> None:
+        """
+        Go on to where kernels ask how far bodies have moved, and back from there.
+
+        A run of which no state is shown on the way does the same, so all that follows is the same.
+        """
+        pieces, trajectory, self._is_back = self._pieces, self._pieces.trajectory, False
+        since, stride = pieces.monitor.since_check, pieces.contact.stride
+        self.take(trajectory.step, min(pieces.monitor.interval - since, stride - since % stride))
+        if not self._is_back:
+            # Bodies were far away in between only.
+            self._return()
+
+    def _return(self) -> None:
+        """
+        Return to the saved state, and ask more often how far bodies have moved.
+
+        They became so fast in chosen steps that a contact may have been passed.
+        """
+        pieces, trajectory, errors = self._pieces, self._pieces.trajectory, self._pieces.errors
+        contact, step = pieces.contact, trajectory.step
+        # The errors of what was shown up to there stay counted.
+        errors.probe.close(trajectory.time)
+        trajectory.return_to_saved()
+        trajectory.return_work()
+        trajectory.ledger.regular = 0.0
+        errors.begin(trajectory.saved_time)
+        pieces.monitor.since_check = 0
+        contact.follow_speeds(step, trajectory.saved_time + pieces.monitor.interval * step)
+        contact.search(trajectory.saved_time, *pieces.controller.outlook())
+        contact.forget_displacements()
+        pieces.choose_step(probe=True)
+        self._is_back = True
 
     @property
     def _is_judged(self) -> bool:
-        """
-        Whether steps may lead beyond a contact: those that no kernel refuses.
-
-        Chosen ones that run through contacts are short enough for what they meet.
-        """
+        """Whether steps may lead beyond a contact: those that no kernel refuses."""
         pieces = self._pieces
-        trajectory = pieces.trajectory
-        return pieces.contact.is_possible and trajectory.control is None and (
-            pieces.is_given or not trajectory.method.runs_through_contacts)
+        return pieces.contact.is_possible and pieces.trajectory.control is None
 
     def _save_where_judged(self) -> None:
         """Save a state from which steps of one length under the same loads can be repeated."""
@@ -151,9 +193,11 @@ class UniformStepping:
                 pieces.respond(status, trajectory.time)
         trajectory.save()
 
-    def _judge_steps(self, rest: float) -> None:
+    def _judge_steps(self, rest: float) -> bool:
         """
-        Stop where shells may have passed through each other since the saved state.
+        Whether no shells can have passed through each other since the saved state.
+
+        Where they may have, a run with a given step stops.
 
         Kernels ask only after several steps how far bodies have moved, which may have become
         faster. So these, and a part of the next one of `rest` [s], are repeated one by one.
@@ -169,8 +213,9 @@ class UniformStepping:
 
         span = trajectory.time - trajectory.saved_time
         pieces.trials.retrace(round(span / trajectory.step), max(rest, 0.0), visit)
-        if found:
-            pieces.contact.stop_passing(found, given=pieces.is_given)
+        if found and pieces.is_given:
+            pieces.contact.stop_passing(found)
+        return not found
 
     def state_at(self, time: float) -> State:
         """Return the state at a `time` [s] up to the end of the next step, by a trial step."""
@@ -259,7 +304,9 @@ class UniformStepping:
             pieces.contact.refuse_passing(
                 trajectory.saved, trajectory.state, trajectory.saved_time, time)
         elif self._is_judged and status & MISSED and not status & monitor.NOT_FINITE:
-            self._judge_steps(0.0 if is_whole else step)
+            if not self._judge_steps(0.0 if is_whole else step):
+                self._return()
+                return int(done)
         if (far or self._is_judged) and not status & monitor.NOT_FINITE:
             if status & MISSED and checks.since_check == 0 and not status & monitor.UNSOUND:
                 trajectory.save(time)
@@ -285,6 +332,10 @@ class UniformStepping:
         if checks.since_check and trajectory.step != whole:
             # Steps of two lengths cannot be repeated from one state.
             self._save_where_judged()
+        if checks.since_check == 0 and time == trajectory.time and pieces.contact.calm(time):
+            pieces.contact.search(time, *pieces.controller.outlook())
+            pieces.contact.forget_displacements()
+            pieces.choose_step()
         if checks.since_check == 0:
             self._follow_touching(time, recounted=recounted)
         if checks.since_check == 0 and (
@@ -346,6 +397,7 @@ class UniformStepping:
             trajectory.return_work()
             trajectory.ledger.regular = 0.0
             pieces.choose_step(probe=True, shorter=excess)
+            self._is_back = True
             return False
         trajectory.save(time)
         if time == trajectory.time:
