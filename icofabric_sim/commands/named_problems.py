@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from icofabric_sim.studies.named.problem import Answer
 
 # Options of `icofabric stress` that random scenes alone have.
-OF_RANDOM_SCENES = ('scenes', 'seed', 'kinds', 'shrink', 'coverage')
+OF_RANDOM_SCENES = ('scenes', 'seed', 'kinds', 'shrink', 'coverage', 'processes')
 
 
 def add_named_arguments(parser: argparse.ArgumentParser) -> None:
@@ -40,19 +40,26 @@ def add_named_arguments(parser: argparse.ArgumentParser) -> None:
         help='with --named: as long as the sources ask for, which takes many minutes')
 
 
+def is_given(arguments: argparse.Namespace, name: str) -> bool:
+    """Whether an option, or a switch, is on the command line; 0 is a value."""
+    value = getattr(arguments, name)
+    return value is not None and value is not False
+
+
 def main_named(arguments: argparse.Namespace) -> int:
     """Solve them; returns 1 where an answer is not the known one."""
     from icofabric_sim.studies.named import report
     from icofabric_sim.studies.named.catalogue import PROBLEMS, solve_all
     for name in OF_RANDOM_SCENES:
-        if getattr(arguments, name) not in (None, False):
+        if is_given(arguments, name):
             raise InputError(f'--{name} is of random scenes; leave it out beside --named')
     numbers = _numbers(arguments.problem, len(PROBLEMS))
     if arguments.list:
         print('\n'.join(report.catalogue_lines(PROBLEMS)))
         return 0
     if arguments.output is not None:
-        require_place('--output', Path(arguments.output).expanduser())
+        table = require_place('--output', Path(arguments.output).expanduser())
+        table.parent.mkdir(parents=True, exist_ok=True)
     if not arguments.json:
         print('\n'.join(report.head_lines()), flush=True)
     answers: list[Answer] = []
@@ -65,7 +72,7 @@ def main_named(arguments: argparse.Namespace) -> int:
             else:
                 print('\n'.join(report.answer_lines(answer)), flush=True)
             if arguments.output is not None:
-                report.write_table(Path(arguments.output).expanduser(), answers)
+                report.write_table(table, answers)
             progress.update(len(answers))
     if not arguments.json:
         print(report.last_line(answers))

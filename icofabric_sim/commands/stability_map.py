@@ -14,16 +14,14 @@
 """`icofabric stress --map`: every method with steps up to and beyond its stability limit."""
 
 import argparse
+from contextlib import ExitStack
 import csv
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from icofabric_sim.commands.named_problems import OF_RANDOM_SCENES
+from icofabric_sim.commands.named_problems import is_given, OF_RANDOM_SCENES
 from icofabric_sim.commands.report import print_json_line
+from icofabric_sim.commands.rest_outputs import picture_path
 from icofabric_sim.terminal import InputError, Progress, require_place
-
-if TYPE_CHECKING:
-    from icofabric_sim.studies.stability_map import Cell
 
 _MOST = 10**9
 
@@ -44,6 +42,7 @@ def add_map_arguments(parser: argparse.ArgumentParser) -> None:
 def main_map(arguments: argparse.Namespace) -> int:
     """Run the map; returns 1 where a step is refused or runs against the theory."""
     from icofabric_sim.studies.stability_map import (
+        Cell,
         cell_line,
         FABRICS,
         HEAD,
@@ -53,34 +52,43 @@ def main_map(arguments: argparse.Namespace) -> int:
         STEPS,
     )
     for name in (*OF_RANDOM_SCENES, 'named', 'problem', 'long', 'list'):
-        if getattr(arguments, name) not in (None, False):
+        if is_given(arguments, name):
             raise InputError(f'--{name} does not go with --map; leave it out')
     steps = STEPS if arguments.steps is None else arguments.steps
     if not 100 <= steps <= _MOST:
         raise InputError(f'--steps must be from 100 to {_MOST}, got {steps}')
-    for option in ('output', 'picture'):
-        if getattr(arguments, option) is not None:
-            require_place(f'--{option}', Path(getattr(arguments, option)).expanduser())
+    table, picture = None, picture_path(arguments, 'picture')
+    if arguments.output is not None:
+        table = require_place('--output', Path(arguments.output).expanduser())
     cells: list[Cell] = []
     if not arguments.json:
         print(HEAD)
-    with Progress(len(FABRICS) * len(METHODS) * len(PRODUCTS), 'runs') as progress:
+    with ExitStack() as stack:
+        file = None
+        if table is not None:
+            table.parent.mkdir(parents=True, exist_ok=True)
+            # Each row is written when it is known: what an interrupt ends has lasted for hours.
+            file = stack.enter_context(table.open('w', newline='', encoding='utf-8'))
+            writer = csv.writer(file)
+            writer.writerow(Cell._fields)
+            file.flush()
+        progress = stack.enter_context(
+            Progress(len(FABRICS) * len(METHODS) * len(PRODUCTS), 'runs'))
         for cell in map_stability(steps=steps):
             cells.append(cell)
+            if file is not None:
+                writer.writerow(cell)
+                file.flush()
             progress.clear()
             if arguments.json:
                 print_json_line(cell._asdict())
             else:
                 print(cell_line(cell), flush=True)
             progress.update(len(cells))
-    if arguments.output is not None:
-        with Path(arguments.output).expanduser().open('w', newline='', encoding='utf-8') as file:
-            writer = csv.writer(file)
-            writer.writerow(cells[0]._fields)
-            writer.writerows(cells)
-    if arguments.picture is not None:
+    if picture is not None:
         from icofabric_sim.pictures.stability_picture import draw_map
-        draw_map(Path(arguments.picture).expanduser(), cells)
+        picture.parent.mkdir(parents=True, exist_ok=True)
+        draw_map(picture, cells)
     faults = sum(bool(cell.fault) for cell in cells)
     if not arguments.json:
         print(f'{len(cells)} runs of {steps} steps, {faults} against the theory')

@@ -47,7 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--list', action='store_true', help='list the kinds of scenes by number, and run nothing')
     parser.add_argument(
-        '--processes', type=int, metavar='P', default=len(os.sched_getaffinity(0)),
+        '--processes', type=int, metavar='P',
         help='judge in P processes (default: one for each core)')
     parser.add_argument(
         '--output', metavar='FILE',
@@ -78,6 +78,8 @@ def main(arguments: argparse.Namespace) -> int:
     for name in ('problem', 'long'):
         if getattr(arguments, name):
             raise InputError(f'--{name} needs --named: random scenes have none')
+    if arguments.processes is None:
+        arguments.processes = len(os.sched_getaffinity(0))
     if not 1 <= arguments.processes <= 256:
         raise InputError(f'--processes must be from 1 to 256, got {arguments.processes}')
     if arguments.scenes is not None and not 1 <= arguments.scenes <= 10**6:

@@ -43,11 +43,11 @@ FABRICS: Final[dict[str, dict[str, Any]]] = {
                'connector.stiffness_compression': 300.0},
 }
 # Steps times the largest frequency; the limits of the methods lie between the last of these.
-PRODUCTS: Final = (0.05, 0.1, 0.2, 0.5, 1.0, 1.5, 1.9, 2.1, 2.5, 3.0, 3.3, 4.0, 6.0)
+PRODUCTS: Final = (0.05, 0.1, 0.2, 0.5, 1.0, 1.5, 1.9, 2.1, 2.5, 3.0, 3.3, 4.0, 6.0, 6.5)
 STEPS: Final = 10_000
 _LOOKS = 20
 # Of the limit within which a step may be refused or not: the run knows its frequency by bounds.
-_UNSURE = 0.05
+_UNSURE = 0.02
 # Below this part of the limit the energy of a symplectic method swings by less than half of
 # itself, where forces have no kinks. Others may lose or gain: that is what the map shows.
 _SOUND, _SWING = 0.8, 0.5

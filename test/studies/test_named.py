@@ -19,6 +19,8 @@ import math
 
 from icofabric_sim import contact
 from icofabric_sim.commands.main import main
+from icofabric_sim.kernels.contact.many import touch_planes
+from icofabric_sim.kernels.contact.pair import contact_scratch, OUT_SIZE
 from icofabric_sim.kernels.integrators.embedded import DOP8
 from icofabric_sim.simulation.errors import SimulationError
 from icofabric_sim.simulation.stepping import embedded_stepping
@@ -33,6 +35,7 @@ from icofabric_sim.studies.named import (
     heap,
     impacts,
     incline,
+    loose_bodies,
     pleiades,
     restitution,
     time_reversal,
@@ -126,6 +129,18 @@ def test_restitution_is_that_of_the_library():
     assert restitution.damping_for(0.7, 2.0) == pytest.approx(contact.damping_for(0.7, 2.0))
 
 
+def test_the_share_of_a_vertex_is_that_of_the_contact_kernel():
+    a, up, tip = loose_bodies.A, loose_bodies.UP, restitution.TIP
+    depth = 1e-4 * a
+    rotation = loose_bodies.standing(loose_bodies.VERTICES[0]).as_matrix()
+    touching, out = np.zeros(1, bool), np.zeros((1, OUT_SIZE))
+    touch_planes(
+        a, up, 0.0, ((tip - depth) * up)[None], np.ascontiguousarray(rotation)[None],
+        contact_scratch(), touching, out)
+    assert touching[0]
+    assert out[0, 10] / depth == pytest.approx(restitution.VERTEX_SHARE, rel=1e-10)
+
+
 def test_the_table_of_a_law_is_refined_about_its_zero(tmp_path):
     path = tmp_path / 'law.csv'
     spacing = chain.write_law(path, lambda r: 2.0 * r, -1.0, 0.5, 15)
@@ -149,6 +164,63 @@ def test_a_premise_that_does_not_hold_is_a_fault(monkeypatch):
     monkeypatch.setattr(catalogue, 'PROBLEMS', (time_reversal.PROBLEM,))
     (answer,) = solve_all([1])
     assert answer.curves == () and 'nothing moved' in answer.faults[0]
+
+
+def test_a_shell_that_does_not_bounce_is_a_fault(monkeypatch):
+    monkeypatch.setattr(bouncing, 'FLOOR', {})
+    monkeypatch.setattr(catalogue, 'PROBLEMS', (bouncing.PROBLEM,))
+    (answer,) = solve_all([1])
+    assert answer.curves == () and 'after 4 bounces' in answer.faults[0]
+
+
+def test_a_method_that_is_not_reversible_is_found(monkeypatch):
+    real = time_reversal._error
+    monkeypatch.setattr(time_reversal, '_error', lambda method, step: real(
+        'dop8' if method.startswith('srkn') else method, step))
+    *reversible, beside = time_reversal.PROBLEM.solve(False)
+    assert [curve.of.split(':')[0] for curve in reversible if curve.fault] == [
+        'srkn4', 'srkn6', 'srkn8']
+    assert not beside.fault
+
+
+def test_a_fault_in_the_law_of_a_chain_is_found(monkeypatch):
+    real = chain.write_law
+    monkeypatch.setattr(toda, 'write_law', lambda path, tension, *places: real(
+        path, lambda r: (1.0 + 1e-6) * tension(r), *places))
+    (curve,) = toda.PROBLEM.solve(False)
+    assert 'allowed' in curve.fault and curve.points[-1].error < 1e-4
+
+
+def with_changes(name, factor):
+    """`simulate` of loose bodies with a parameter that is not the one of the formula."""
+    def simulate(bodies, parameters):
+        return loose_bodies.simulate(bodies, {**parameters, name: factor * parameters[name]})
+    return simulate
+
+
+def test_a_fault_in_the_friction_is_found(monkeypatch):
+    monkeypatch.setattr(incline, 'simulate', with_changes('contact.friction', 1.0 + 1e-9))
+    monkeypatch.setattr(incline, 'is_installed', lambda: False)
+    stays, slides = incline.SLIDES.solve(False)
+    assert 'allowed' in slides.fault and not stays.fault
+
+
+def test_a_fault_in_the_restitution_is_found(monkeypatch):
+    monkeypatch.setattr(impacts, 'simulate', with_changes('contact.damping', 1.0 + 1e-4))
+    *others, damped = impacts.NORMAL.solve(False)
+    assert 'allowed' in damped.fault and not any(curve.fault for curve in others)
+
+
+def test_a_scene_that_is_refused_is_a_fault_of_its_problem_alone(monkeypatch, capsys):
+    def refused(long):
+        raise ValueError('solver.tolerance 1e-30 1/s is below what doubles can give here')
+        yield
+    monkeypatch.setattr(catalogue, 'PROBLEMS', (
+        Problem('refused', 'refused', 'nobody', 'none', refused), made_up(1e-4)))
+    first, second = solve_all([1, 2])
+    assert 'refused: solver.tolerance' in first.faults[0] and not second.faults
+    assert main(['stress', '--named']) == 1
+    assert '1 of 2 problems answered as expected; not 1' in capsys.readouterr().out
 
 
 def test_a_fault_in_the_tableau_is_found(monkeypatch):
@@ -175,7 +247,7 @@ def test_the_command_prints_one_numbered_table(monkeypatch, tmp_path, capsys):
         yield
     monkeypatch.setattr(catalogue, 'PROBLEMS', (
         made_up(1e-4), made_up(1.0, 'off'), Problem('ends', 'ends', 'nobody', 'none', stops)))
-    table = tmp_path / 'named.csv'
+    table = tmp_path / 'new' / 'named.csv'
     for words, status in ((['--problem', '1'], 0), (['--problem', '1,2'], 1),
                           (['--problem', '3'], 1)):
         assert main(['stress', '--named', *words, '--output', str(table)]) == status
@@ -194,6 +266,8 @@ def test_the_command_prints_one_numbered_table(monkeypatch, tmp_path, capsys):
 
 def test_what_does_not_fit_is_refused(capsys):
     for words, part in ((['--named', '--seed', '1'], '--seed'), (['--problem', '1'], '--named'),
+                        (['--named', '--seed', '0'], '--seed'),
+                        (['--named', '--processes', '1'], '--processes'),
                         (['--named', '--problem', '0'], 'from 1'), (['--long'], '--named'),
                         (['--named', '--problem', 'x'], "'x'")):
         assert main(['stress', *words]) == 2

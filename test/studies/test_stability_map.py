@@ -64,7 +64,7 @@ def made_up(fault):
 
 
 def test_the_command_prints_writes_and_draws(monkeypatch, tmp_path, capsys):
-    table, picture = tmp_path / 'map.csv', tmp_path / 'map.png'
+    table, picture = tmp_path / 'new' / 'map.csv', tmp_path / 'newer' / 'map.png'
     monkeypatch.setattr(stability_map, 'map_stability', made_up(''))
     words = ['stress', '--map', '--steps', '500', '--output', str(table), '--picture',
              str(picture)]
@@ -79,9 +79,36 @@ def test_the_command_prints_writes_and_draws(monkeypatch, tmp_path, capsys):
     assert rows[0]['steps'] == stability_map.STEPS and rows[1]['energy'] is None
 
 
-def test_what_does_not_go_with_it_is_refused(capsys):
+def test_an_interrupt_loses_no_row(monkeypatch, tmp_path):
+    def ends(*, steps):
+        yield from made_up('')(steps=steps)
+        # What is known is on the disk before anything else begins.
+        with table.open() as file:
+            assert [row['outcome'] for row in csv.DictReader(file)] == [
+                'ran', 'stopped', 'refused']
+        raise KeyboardInterrupt
+    table = tmp_path / 'map.csv'
+    monkeypatch.setattr(stability_map, 'map_stability', ends)
+    assert main(['stress', '--map', '--output', str(table)]) == 130
+    assert len(table.read_text().splitlines()) == 4
+
+
+def test_all_but_what_is_closest_to_a_limit_is_judged():
+    for name, method in METHODS.items():
+        parts = [product / method.stability for product in stability_map.PRODUCTS]
+        below = [part for part in parts if part < 1.0 - stability_map._UNSURE]
+        above = [part for part in parts if part > 1.0 + stability_map._UNSURE]
+        assert max(below) >= 0.65 and min(above) <= 1.1, name
+        assert len(below) + len(above) >= len(parts) - 1
+
+
+def test_what_does_not_go_with_it_is_refused(capsys, monkeypatch, tmp_path):
+    monkeypatch.setattr(stability_map, 'map_stability', None)
     for words, part in ((['--map', '--seed', '1'], '--seed'), (['--steps', '500'], '--map'),
                         (['--map', '--named'], '--named'), (['--picture', 'x.png'], '--map'),
+                        (['--map', '--seed', '0'], '--seed'),
+                        (['--map', '--processes', '1'], '--processes'),
+                        (['--map', '--picture', str(tmp_path / 'map.svg')], '.png'),
                         (['--map', '--steps', '5'], '--steps')):
         assert main(['stress', *words]) == 2
         assert part in capsys.readouterr().err

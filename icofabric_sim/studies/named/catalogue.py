@@ -60,7 +60,8 @@ def solve_all(numbers: Sequence[int], *, long: bool = False) -> Iterator[Answer]
     """
     Run problems by their numbers, and say what was found of each as soon as it is.
 
-    A run that stops for what it met is an answer too: one with a fault.
+    A scene that is refused, or a run that stops for what it met, is an answer too: one with a
+    fault.
     """
     for number in numbers:
         problem = PROBLEMS[number - 1]
@@ -75,6 +76,8 @@ def solve_all(numbers: Sequence[int], *, long: bool = False) -> Iterator[Answer]
             raise
         except SimulationError as error:
             failure = f'the run stopped: {error}'
+        except ValueError as error:
+            failure = f'the scene was refused: {error}'
         except PremiseError as error:
             failure = str(error)
         finally:

@@ -34,7 +34,7 @@ from icofabric_sim.studies.named.loose_bodies import (
     VERTICES,
 )
 from icofabric_sim.studies.named.problem import Curve, Point, PremiseError, Problem
-from icofabric_sim.studies.named.restitution import damping_for, depth_share, TIP
+from icofabric_sim.studies.named.restitution import damping_for, TIP, VERTEX_SHARE
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -72,7 +72,7 @@ def _normal(long: bool) -> Iterator[Curve]:
         velocity, spin, _, _, steps = _after(pair, 1e6, floor=False)
         known = np.array([pair[1].velocity, pair[0].velocity])
         points.append(Point(speed, _apart(velocity, known, spin, np.zeros((2, 3))), steps))
-    yield Curve('1: two shells on faces', 'speed of one [m/s]', tuple(points), 1e-6,
+    yield Curve('1: two shells on faces', 'speed of one [m/s]', tuple(points), 3e-7,
                 is_refined=False)
     points = []
     for number, (rotation, radius) in enumerate(
@@ -81,22 +81,20 @@ def _normal(long: bool) -> Iterator[Curve]:
             [Body((radius + _GAP) * UP, -_SPEED * UP, rotation)], 1e6, floor=True)
         points.append(Point(
             float(number), _apart(velocity, _SPEED * UP, spin, np.zeros(3)), steps))
-    yield Curve('2: floor, on face (1), vertex (2)', 'case', tuple(points), 1e-6, is_refined=False)
+    yield Curve('2: floor, on face (1), vertex (2)', 'case', tuple(points), 3e-7, is_refined=False)
     points = []
-    share = depth_share(_ON_VERTEX)
     for wanted in (0.9, 0.7, 0.5, 0.3):
-        damping = damping_for(wanted, share * _SPEED)
+        damping = damping_for(wanted, VERTEX_SHARE * _SPEED)
         velocity, spin, _, _, steps = _after(
             [Body((TIP + _GAP) * UP, -_SPEED * UP, _ON_VERTEX)], 1e6, floor=True, damping=damping)
         points.append(Point(
             wanted, _apart(velocity, wanted * _SPEED * UP, spin, np.zeros(3)), steps))
-    yield Curve('3: floor, damped', 'restitution', tuple(points), 1e-6, is_refined=False)
+    yield Curve('3: floor, damped', 'restitution', tuple(points), 3e-7, is_refined=False)
 
 
 def _oblique(long: bool) -> Iterator[Curve]:
     """Impacts 4 to 7: with slip along the floor or another shell, and off the centre."""
-    share = depth_share(_ON_VERTEX)
-    damping = damping_for(_KEPT, share * _SPEED)
+    damping = damping_for(_KEPT, VERTEX_SHARE * _SPEED)
     stiffnesses = (1e6, 1e7, 1e8) + ((1e9, 1e10) if long else ())
     for of, way, spin in (
             ('4, 5: floor, flat angle', 2.0, 0.0), ('4, 5: floor, flatter', 6.0, 0.0),
@@ -123,7 +121,7 @@ def _oblique(long: bool) -> Iterator[Curve]:
             Body((0.0, 0.0, 0.1 + inscribed_radius(A) + TIP + _GAP), -_SPEED * UP,
                  _with_spin(_ON_VERTEX, _SPIN), (0.0, _SPIN, 0.0))]
         velocity, turned, mass, inertia, steps = _after(
-            pair, stiffness, floor=False, damping=damping_for(_KEPT, share * _SPEED),
+            pair, stiffness, floor=False, damping=damping_for(_KEPT, VERTEX_SHARE * _SPEED),
             friction=_FRICTION)
         # The upper one slips by -(R + rho) w over the lower one; each is pushed by half.
         push = 0.5 * (1.0 + _KEPT) * _SPEED

@@ -85,7 +85,7 @@ def _sticks(long: bool) -> Iterator[Curve]:
     yield Curve(
         'stays: way over a', 'tan(tilt) over mu', tuple(stays), 1e-8, is_refined=False)
     yield Curve(
-        'slides: acceleration over g', 'tan(tilt) over mu', tuple(slides), 1e-6, is_refined=False)
+        'slides: acceleration over g', 'tan(tilt) over mu', tuple(slides), 2e-13, is_refined=False)
     if is_installed():
         yield from _beside(simulation.scene.shell.inertia, 10.0 if long else 0.5)
 

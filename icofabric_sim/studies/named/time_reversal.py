@@ -54,7 +54,7 @@ def _solve(long: bool) -> Iterator[Curve]:
             error, taken = _error(method, step)
             points.append(Point(step, error, taken))
         yield Curve(
-            f'{method}: reversible', 'step [s]', tuple(points), 1e-9, is_refined=False)
+            f'{method}: reversible', 'step [s]', tuple(points), 1e-11, is_refined=False)
     points = []
     for step in (1.6e-3, 8e-4, 4e-4):
         error, taken = _error('dop8', step)

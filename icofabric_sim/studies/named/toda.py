@@ -63,7 +63,7 @@ def _solve(long: bool) -> Iterator[Curve]:
     for lines in (24, 48, 96, 192) + ((384, 768, 1536, 3072) if long else ()):
         spacing, error, steps = _error(lines, 1e-9)
         points.append(Point(spacing, error, steps))
-    yield Curve('dop8, law by table', 'spacing of table [m]', tuple(points), 1e-4, order=2.0,
+    yield Curve('dop8, law by table', 'spacing of table [m]', tuple(points), 1.5e-7, order=2.0,
                 floor=1e-8)
 
 
