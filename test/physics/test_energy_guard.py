@@ -342,5 +342,21 @@ def test_chosen_steps_of_leapfrog_swing_less_than_the_limit(limit):
     assert 1e-3 * limit < abs(simulation.balance.worst) < limit
 
 
+@pytest.mark.parametrize(('method', 'limit'), [('leapfrog', 1e-15), ('srkn6', 1e-8)])
+def test_a_stop_for_rounding_names_the_limit_and_not_the_step(method, limit):
+    # Not found where this file is a script.
+    from fabrics import make_scene
+    simulation = ico.compile_scene(make_scene((2, 2, 2), {
+        'solver.method': method, 'solver.tolerance': 1e3, 'solver.energy_limit': limit,
+        'initial_random.velocity_sigma': 0.1, 'initial_random.spin_sigma': 10.0}))
+    with pytest.raises(ico.SimulationError, match='energy does not balance') as caught:
+        simulation.advance_to(1.0)
+    balance, text = simulation.balance, str(caught.value)
+    is_rounding = abs(balance.error) < 1e-11 * balance.scale
+    assert is_rounding == (method == 'leapfrog')
+    assert ('a solver.energy_limit of 1e-11 or more' in text) == is_rounding
+    assert ('a smaller solver.tolerance makes steps shorter' in text) != is_rounding
+
+
 if __name__ == '__main__':
     print(json.dumps(results()))

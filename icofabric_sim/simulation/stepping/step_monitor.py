@@ -32,6 +32,8 @@ import numpy as np
 CHECK_INTERVAL = 64
 # A given step near the limit is checked more often, at most every so many steps.
 SHORTEST_INTERVAL = 8
+# An energy that does not balance by less of the largest one is due to rounding, not to steps.
+_ROUNDING = 1e-11
 # Order of the differences by which the roughness of the motion is judged: that of the method,
 # but no more steps than this between two health checks.
 LARGEST_DIFFERENCE = 6
@@ -144,7 +146,12 @@ class StepMonitor:
         """Stop because the energy does not balance, and go back to the last good state."""
         trajectory = self._trajectory
         fault = find_fault(trajectory.packed, trajectory.state)
+        balance = trajectory.ledger.balance
         imbalance, way_out = trajectory.ledger.describe_imbalance(time), self.way_out()
+        if not self._is_given and abs(balance.error) < _ROUNDING * balance.scale:
+            way_out = (
+                f'a solver.energy_limit of {_ROUNDING:g} or more, as this is the rounding of many '
+                'steps, which shorter ones only make more of')
         trajectory.return_to_saved()
         trajectory.fail(
             f'{imbalance}; the fastest is {fault}, and steps are {trajectory.step:.6g} s (limit '
