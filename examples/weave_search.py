@@ -33,6 +33,8 @@ BASE = {'weave.size': [3, 3, 3], 'connector.stiffness': 500.0,
 # Connector angle [rad], and attachment points over the middles of edges.
 NAMES = ('weave.connector_angle', 'connector.attachment_scale')
 BOUNDS = [(0.1, 0.75), (0.8, 1.2)]
+# Cost of a weave without a result.
+_WORST = 1e12
 
 
 def shear_stiffness(points, **where):
@@ -57,7 +59,9 @@ def search(least, *, population=8, generations=20, **where):
         tried.append(len(density))
         # What is too soft costs the more the softer it is.
         lacking = np.maximum(1.0 - stiffness / least, 0.0)
-        return -stiffness / density + 1e6 * lacking
+        value = -stiffness / density + 1e6 * lacking
+        # Nothing is known of a run that has failed.
+        return np.where(np.isfinite(value), value, _WORST)
 
     found = differential_evolution(
         cost, BOUNDS, popsize=population, maxiter=generations, tol=1e-8, rng=1, polish=False,

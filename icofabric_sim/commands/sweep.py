@@ -87,7 +87,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--picture', metavar='FILE', help='plot the outcome: .png or .svg')
     parser.add_argument(
         '--columns', nargs='+', default=[], metavar='COLUMN',
-        help='columns to print and to plot (default: the first ones)')
+        help='columns to print and to plot (default: the first ones); a varied parameter among '
+             'them is what is plotted over')
     parser.add_argument(
         '--list', action='store_true',
         help='say what would be run, and what is finished already, and run nothing')
@@ -154,10 +155,15 @@ def _study(arguments: argparse.Namespace) -> tuple[str, 'Study']:
             parameters = parameters.with_changes({'duration': arguments.duration})
         if not isinstance(vary, dict):
             raise ValueError(f'vary must be a dictionary of parameters and values, got {vary!r}')
-        study = Study.from_parameters(
-            parameters, {**vary, **dict(map(_varied, arguments.vary))}, cases=cases,
-            sample=sample if arguments.sample is None else _sample(arguments.sample),
-            verbs=arguments.verbs or verbs, keep=arguments.keep or keep, store=arguments.store)
+        try:
+            study = Study.from_parameters(
+                parameters, {**vary, **dict(map(_varied, arguments.vary))}, cases=cases,
+                sample=sample if arguments.sample is None else _sample(arguments.sample),
+                verbs=arguments.verbs or verbs, keep=arguments.keep or keep,
+                store=arguments.store)
+        except TypeError as error:
+            # A study file may give a number where a list is due.
+            raise InputError(str(error)) from error
     return name, study
 
 
@@ -231,7 +237,7 @@ def _gather(
                 for outcome in study.outcomes(how, retry=arguments.retry):
                     if outcome.state is State.DONE and not any(
                             one.state is State.DONE for one in outcomes):
-                        _require_columns(arguments, outcome)
+                        _require_columns(arguments, study, outcome)
                     outcomes.append(outcome)
                     if outcome.state is not State.DONE and not outcome.reused:
                         progress.note(
@@ -243,15 +249,18 @@ def _gather(
                         pause = max(_WRITE_AFTER, _WRITE_TIMES * (written - began))
                     progress.update(len(outcomes))
         except WorkersDiffer as error:
-            raise InputError(str(error)) from error
+            kept = f'; {_save_finished(study, output)}' if outcomes else ''
+            raise InputError(f'{error}{kept}') from error
         except SchedulerLost as error:
             raise FileSaysNo(f'{error}; {_save_finished(study, output)}') from error
     _save(study, outcomes, output)
 
 
-def _require_columns(arguments: argparse.Namespace, outcome: 'Outcome') -> None:
+def _require_columns(
+    arguments: argparse.Namespace, study: 'Study', outcome: 'Outcome'
+) -> None:
     """Refuse columns that nothing fills; the first run says which there are."""
-    known = [column.name for column in outcome.columns]
+    known = [*study.plan.names, *(column.name for column in outcome.columns)]
     for name in arguments.columns:
         if name not in known:
             raise InputError(

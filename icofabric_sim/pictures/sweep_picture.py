@@ -32,16 +32,23 @@ def draw_sweep(
     """
     Draw columns (default: the first ones that vary) over each varied parameter.
 
+    Of varied parameters among `columns` only those are drawn over.
+
     Runs that differ in the one parameter only are joined by a line, told apart by the others.
     ValueError where there is nothing to draw.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    across = [one for one in table.varied if _is_numeric(table[one])][:_MOST_COLUMNS]
-    up = list(columns) or [
+    if not table.kept:
+        raise ValueError('there is nothing to draw: no run has a result')
+    # Parameters among the columns are those to draw over.
+    over = [one for one in columns if one in table.varied] or table.varied
+    across = [one for one in over if _is_numeric(table[one])][:_MOST_COLUMNS]
+    measures = [one for one in columns if one not in table.varied]
+    up = measures or [
         one for one in table.kept if _is_numeric(table[one]) and _differs(table[one])]
-    for one in columns:
+    for one in measures:
         if one not in table.kept or not _is_numeric(table[one]):
             raise ValueError(
                 f'{one} is not a column of numbers; there are: '

@@ -337,6 +337,10 @@ def _check_together(parameters: Parameters) -> tuple[Shell, WeaveGeometry]:
     return shell, geometry
 
 
+class MemoryShort(ParameterError, MemoryError):
+    """A parameter that asks for more memory than is free on this machine."""
+
+
 def _require_memory(parameters: Parameters, bodies: int) -> None:
     need = bodies * BYTES_PER_BODY
     if need < _SMALL or need <= (left := available_memory()):
@@ -344,7 +348,7 @@ def _require_memory(parameters: Parameters, bodies: int) -> None:
     name = 'weave.box' if any(parameters['weave.box']) else 'weave.size'
     if parameters['weave.region']:
         name = 'weave.region'
-    raise ParameterError(
+    raise MemoryShort(
         name,
         f'{name} {parameters[name]} means {bodies:,} bodies, about {need / 2**30:.3g} GiB of '
         f'memory, but {left / 2**30:.3g} GiB are free here; choose a smaller one',

@@ -242,17 +242,14 @@ def _all_modes(
 def _highest(
     here: Configuration, matrix: sparse.csr_matrix, count: int, curvature: Curvature
 ) -> tuple[np.ndarray, np.ndarray]:
-    from scipy.sparse.linalg import eigsh
-
-    values, vectors = eigsh(matrix, k=count, which='LA', v0=_start(matrix))
-    return values, vectors
+    return _iterate(matrix, k=count, which='LA')
 
 
 def _lowest(
     here: Configuration, matrix: sparse.csr_matrix, count: int, curvature: Curvature
 ) -> tuple[np.ndarray, np.ndarray]:
     """Those above zero: beside a shift below which there are some of them, found by counting."""
-    from scipy.sparse.linalg import eigsh, LinearOperator
+    from scipy.sparse.linalg import LinearOperator
 
     below = curvature.zero + curvature.negative
     size = matrix.shape[0]
@@ -291,13 +288,26 @@ def _lowest(
     sought = 2 * count + 2
     while True:
         sought = min(sought, matrix.shape[0] - 2)
-        values, vectors = eigsh(
-            matrix, k=sought, sigma=shift, which='LM', OPinv=solve, v0=_start(matrix))
+        values, vectors = _iterate(matrix, k=sought, sigma=shift, which='LM', OPinv=solve)
         order = np.argsort(values)
         order = order[values[order] > zero_limit(matrix)][:count]
         if len(order) == count or sought == matrix.shape[0] - 2:
             return values[order], vectors[:, order]
         sought *= 2
+
+
+def _iterate(matrix: sparse.csr_matrix, **words: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Values and vectors by ARPACK; NotFoundError where it does not converge."""
+    from scipy.sparse.linalg import ArpackError, eigsh
+
+    try:
+        values, vectors = eigsh(matrix, v0=_start(matrix), **words)
+    except ArpackError as error:
+        raise NotFoundError(
+            f'the frequencies of this fabric did not come out of the iteration ({error}): they '
+            'lie too close to zero or to each other; ask for fewer, or for the others (which)'
+        ) from error
+    return values, vectors
 
 
 def _start(matrix: sparse.csr_matrix) -> np.ndarray:

@@ -30,6 +30,8 @@ from icofabric_sim.statics.iteration import begin
 from icofabric_sim.statics.spectrum import scaled_hessian
 import numpy as np
 import pytest
+from scipy import sparse
+from scipy.sparse import linalg
 
 CANTILEVER = {
     'groups': {'wall': 'x_min'}, 'supports': {'wall': {'group': 'wall'}},
@@ -375,3 +377,12 @@ def test_a_body_alone_has_its_rigid_motions_only():
     found = ico.solve_modes(make_scene((1, 1, 1)))
     assert found.counts == (6, 0, 0) and found.mechanism_count == found.rigid_count == 6
     assert not len(found.frequencies) and found.self_stress_count == 0
+
+
+def test_an_iteration_that_does_not_converge_says_what_to_do(monkeypatch):
+    def tired(matrix, **words):
+        raise linalg.ArpackNoConvergence('no convergence', np.zeros(0), np.zeros((0, 0)))
+
+    monkeypatch.setattr(linalg, 'eigsh', tired)
+    with pytest.raises(ValueError, match='did not come out of the iteration.*ask for fewer'):
+        modes._iterate(sparse.identity(9, format='csr'), k=2, which='LA')

@@ -14,17 +14,22 @@
 """Parameter studies in one process: plans, keys, the store, tables, the verb."""
 
 import csv
+import hashlib
 import json
 import math
+import shutil
 import signal
 import sys
+import types
 
 import icofabric_sim as ico
 from icofabric_sim.commands.main import main
-from icofabric_sim.parameters.validation import make_parameters
-from icofabric_sim.studies.sweep import single_run
+from icofabric_sim.parameters.validation import make_parameters, ParameterError
+from icofabric_sim.scene import scene as scenes
+from icofabric_sim.studies.sweep import dask_runs, single_run
 from icofabric_sim.studies.sweep import sweep as sweeps
-from icofabric_sim.studies.sweep.outcomes import carry_out, Column, make_work
+from icofabric_sim.studies.sweep.dask_runs import Pool
+from icofabric_sim.studies.sweep.outcomes import carry_out, Column, Failed, make_work
 from icofabric_sim.studies.sweep.plan import make_plan
 from icofabric_sim.studies.sweep.run_key import key_of
 from icofabric_sim.studies.sweep.single_run import perform, State
@@ -233,6 +238,7 @@ def test_a_run_is_there_whole_or_not_at_all(tmp_path):
 
 def test_one_process_at_a_time_does_a_run(tmp_path):
     store, key = Store(tmp_path), 'b' * 32
+    store.prepare()
     with store.claim(key) as mine:
         with store.claim(key) as other:
             assert mine and not other
@@ -252,6 +258,53 @@ def test_what_a_killed_worker_left_is_thrown_away(tmp_path):
     with store.place_for('d' * 32) as alive:
         store.prepare()
         assert alive.exists() and elsewhere.exists() and not gone.exists()
+
+
+def test_a_store_keeps_the_files_that_their_names_promise(tmp_path):
+    store, content = Store(tmp_path / 'store'), b'0.001,-1\n0.02,0\n'
+    total = hashlib.sha256(content).hexdigest()
+    store.prepare()
+    store.keep_file(total, content)
+    assert store.file(total) == content
+    (store.path / '.files' / total).write_bytes(content[:5])
+    with pytest.raises(OSError, match='is damaged'):
+        store.file(total)
+    store.keep_file(total, content)
+    assert store.file(total) == content and len(list((store.path / '.files').iterdir())) == 1
+
+
+def test_a_damaged_file_spoils_no_run(tmp_path):
+    law = tmp_path / 'law.csv'
+    law.write_text('0.001,-1\n0.02,0\n0.04,5\n')
+    study = Study.from_parameters(
+        make_parameters({**WOVEN, 'connector.law': str(law)}), verbs='elasticity',
+        store=tmp_path / 'store')
+    study.store.prepare()
+    [total] = study.orders[0].files.values()
+    (study.store.path / '.files' / total).write_text('0.001,-1\n0.02,0\n0.04,9\n')
+    outcome = perform(study.orders[0])
+    assert outcome.state is State.LOST and 'is damaged' in outcome.reason
+    assert study.finished() == {}
+
+
+def test_results_go_to_the_store_of_the_study_alone(woven, tmp_path):
+    study = Study(woven, {'connector.stiffness': [300.0]}, verbs='elasticity',
+                  store=tmp_path / 'store')
+    [order] = study.orders
+    nowhere = tmp_path / 'nowhere' / 'deep'
+    with pytest.raises(single_run.WorkersDiffer, match='the worker x does not see the store'):
+        perform(order._replace(store=str(nowhere)), 'the worker x')
+    assert not nowhere.parent.exists()
+    study.store.prepare()
+    identity = study.store.identity
+    study.store.prepare()
+    assert identity and study.store.identity == identity
+    other = Store(tmp_path / 'other')
+    other.prepare()
+    with pytest.raises(single_run.WorkersDiffer, match='choose a folder'):
+        perform(order._replace(store=str(other.path), identity=identity))
+    assert other.keys() == set()
+    assert perform(order._replace(identity=identity)).state is State.DONE
 
 
 # Runs.
@@ -335,11 +388,128 @@ def test_what_the_machine_is_to_blame_for_is_not_kept(swing, tmp_path, monkeypat
     assert done.state is State.DONE and not done.reused
 
 
+def test_a_shortage_of_memory_that_is_foreseen_is_not_kept(woven, tmp_path, monkeypatch):
+    study = Study(woven, {'connector.stiffness': [500.0]}, verbs='elasticity', store=tmp_path)
+    study.store.prepare()
+    with monkeypatch.context() as patch:
+        patch.setattr(scenes, '_SMALL', 0)
+        patch.setattr(scenes, 'available_memory', lambda: 10)
+        lost = perform(study.orders[0])
+        # Elsewhere it is a parameter that cannot be taken.
+        with pytest.raises(ParameterError, match='choose a smaller one'):
+            ico.Scene.from_parameters(WOVEN)
+    assert lost.state is State.LOST and 'weave.size' in lost.reason and 'GiB' in lost.reason
+    [done] = study.outcomes(How(0, ''))
+    assert done.state is State.DONE and not done.reused
+
+
+def test_an_error_of_one_run_does_not_end_the_others(woven, tmp_path, monkeypatch):
+    def sometimes(work, scene, folder):
+        if scene.parameters['connector.stiffness'] == 500.0:
+            raise RuntimeError('out of\norder')
+        return carry_out(work, scene, folder)
+
+    monkeypatch.setattr(single_run, 'carry_out', sometimes)
+    table = ico.sweep(woven, {'connector.stiffness': [500.0, 600.0]}, verbs='elasticity',
+                      store=tmp_path / 'store', workers=0)
+    assert [one.state for one in table.outcomes] == [State.LOST, State.DONE]
+    assert table.failed[0].reason == 'RuntimeError: out of order'
+    # Nor does a store in which nothing can be claimed.
+    shutil.rmtree(tmp_path / 'store' / '.locks')
+    order = Study(woven, {'connector.stiffness': [700.0]}, verbs='elasticity',
+                  store=tmp_path / 'store').orders[0]
+    assert perform(order).state is State.LOST
+
+
+def test_what_another_study_has_mended_is_not_tried_again(woven, tmp_path, monkeypatch):
+    study = Study(woven, {'connector.stiffness': [500.0]}, verbs='elasticity', store=tmp_path)
+
+    def fail(*words):
+        raise Failed('it broke')
+
+    with monkeypatch.context() as patch:
+        patch.setattr(single_run, 'carry_out', fail)
+        assert [one.state for one in study.outcomes(How(0, ''))] == [State.FAILED]
+    order = study.orders[0]._replace(retry=True)
+    # While somebody is at it, what is there stays.
+    with study.store.claim(order.key):
+        assert perform(order).state is State.BUSY
+        assert study.store.read(order.key).reason == 'it broke'
+    assert [one.state for one in study.outcomes(How(0, ''), retry=True)] == [State.DONE]
+    assert perform(order).reused
+
+
+class FakeFuture:
+    """Answers as soon as somebody asks for it."""
+
+    status = 'finished'
+
+    def __init__(self, client, order):
+        self.client, self.order = client, order
+
+    def add_done_callback(self, call):
+        if self.client.answers:
+            call(self)
+
+    def result(self):
+        self.client.log.append(('answered', self.order.number))
+        return single_run.Outcome(self.order.number, self.order.key, State.DONE)
+
+
+class FakeClient:
+    """As a client of Dask, with a scheduler that does nothing."""
+
+    status = 'running'
+
+    def __init__(self, answers=True, threads=None):
+        self.answers, self.threads, self.log = answers, threads or {'tcp://w:1': 1}, []
+        self.scheduler = types.SimpleNamespace(address='tcp://s:1')
+
+    def nthreads(self):
+        if isinstance(self.threads, Exception):
+            raise self.threads
+        return {} if self.threads == 'none' else self.threads
+
+    def submit(self, function, order, **words):
+        self.log.append(('sent', order.number))
+        return FakeFuture(self, order)
+
+    def cancel(self, futures, force=False):
+        pass
+
+
+def test_runs_wait_for_the_one_that_compiles_their_kernels(woven, tmp_path):
+    """Two kinds of scenes: bending connectors and others."""
+    study = Study(woven, {'connector.bending_stiffness': [0.02, 0.0],
+                          'connector.stiffness': [300.0, 500.0, 700.0]},
+                  verbs='elasticity', store=tmp_path)
+    leaders, followers = study._by_kind(study.orders)
+    assert [one.number for one in leaders] == [0, 3]
+    assert {place: [one.number for one in orders] for place, orders in followers.items()} == {
+        0: [1, 2], 1: [4, 5]}
+    client = FakeClient()
+    done = [one.number for one in Pool(client).perform(leaders, followers)]
+    assert sorted(done) == [0, 1, 2, 3, 4, 5]
+    for follower, leader in ((1, 0), (2, 0), (3, 0), (4, 3), (5, 3)):
+        assert client.log.index(('sent', follower)) > client.log.index(('answered', leader))
+
+
+@pytest.mark.parametrize('threads, said', [
+    ('none', 'no worker is left at the scheduler tcp://s:1'),
+    (OSError('broken'), 'tcp://s:1 is gone'), (RuntimeError('closed'), 'tcp://s:1 is gone')])
+def test_a_sweep_without_workers_or_scheduler_ends(woven, tmp_path, monkeypatch, threads, said):
+    monkeypatch.setattr(dask_runs, 'WORKERS_WITHIN', 0.1)
+    monkeypatch.setattr(dask_runs, '_LOOK', 0.02)
+    study = Study(woven, {'connector.stiffness': [300.0]}, verbs='elasticity', store=tmp_path)
+    with pytest.raises(dask_runs.SchedulerLost, match=said):
+        list(Pool(FakeClient(False, threads)).perform(study.orders, {}))
+
+
 def test_a_worker_of_another_version_is_refused(swing, tmp_path):
     study = Study(swing, {'connector.stiffness': [500.0]}, store=tmp_path / 'store')
     study.store.prepare()
     for name, said in (('source', 'source of icofabric_sim'), ('kernels', 'NUMBA_CPU_NAME'),
-                       ('libraries', 'versions of libraries')):
+                       ('libraries', 'other versions of libraries')):
         order = study.orders[0]
         with pytest.raises(single_run.WorkersDiffer, match=said):
             perform(order._replace(around={**order.around, name: 'other'}))
@@ -358,6 +528,8 @@ def test_large_fabrics_and_many_runs_are_judged_without_building_each(tmp_path, 
     Study.from_parameters(BASE, {'connector.stiffness': '1..2/4'}, **words)
     assert len(built) - each == each // 4
     # What is wrong is found all the same, in a run that is not built.
+    with pytest.raises(ValueError, match='run 3 .*duration: a run of a study needs an end'):
+        Study.from_parameters(BASE, {'duration': [0.1, 0.2, 0.3, 0.0]}, store=tmp_path)
     with pytest.raises(ValueError, match='run 3 .*weave.connector_length'):
         Study.from_parameters(
             BASE, {'weave.connector_length': [0.0, 0.0, 0.0, 1e3]}, **words)
@@ -374,6 +546,25 @@ def test_points_that_are_alike_are_one_run(woven, tmp_path, monkeypatch):
 
 
 # Tables.
+
+def test_what_a_case_does_not_say_is_a_hole_in_its_column(woven, tmp_path):
+    study = Study(woven, cases=[
+        {'loads.x.group': 'all', 'loads.x.force': [0.0, 0.0, 1.0], 'loads.x.hold': 1.0},
+        {'gravity': [0.0, 0.0, -1.0]}], verbs='elasticity', store=tmp_path)
+    table = study.table([single_run.Outcome(number, 'k', State.LOST, reason='no')
+                         for number in range(2)])
+    assert table['gravity'].tolist() == [[0.0, 0.0, 0.0], [0.0, 0.0, -1.0]]
+    assert table['loads.x.force'][0].tolist() == [0.0, 0.0, 1.0]
+    assert table['loads.x.force'].shape == (2, 3) and np.isnan(table['loads.x.force'][1]).all()
+    assert table['loads.x.group'].tolist() == ['all', '']
+    assert table['loads.x.hold'][0] == 1.0 and math.isnan(table['loads.x.hold'][1])
+    table.save(tmp_path / 'x.csv')
+    with open(tmp_path / 'x.csv', newline='') as stream:
+        assert [row['loads.x.force [N]'] for row in csv.DictReader(stream)] == [
+            '[0.0, 0.0, 1.0]', '']
+    # No run is finished, so no column of results is there.
+    assert len(table.lines(columns=['elasticity.density', 'gravity'])) == 3
+
 
 def test_files_have_units_and_all_digits(woven, tmp_path):
     table = ico.sweep(
@@ -460,6 +651,10 @@ def test_a_study_of_a_file_writes_table_and_picture(verb, tmp_path):
     table = json.loads(said)
     assert status == 0 and table['reused'] == 6
     assert table['table']['connector.stiffness [N/m]'] == [1e3] * 3 + [2e3] * 3
+    status, said, error = verb(
+        'weaves.yaml', '--workers', '0', '--columns', 'connector.stiffness',
+        'elasticity.density', '--picture', 'runs/one.png')
+    assert status == 0 and said.count('connector.stiffness') == 1, error
     status, _, error = verb('weaves.yaml', '--workers', '0', '--columns', 'elasticity.mass')
     assert status == 2 and '--columns elasticity.mass: there is no such column' in error
 
@@ -470,6 +665,12 @@ def test_a_study_of_flags_ends_with_1_where_a_run_fails(verb):
         '--duration', '0.01', '--workers', '0', '--keep', 'energies')
     assert status == 1 and 'failed: ' in said and '1 run, 0 of them from the store' in said
     assert 'run 0 (solver.step 0.5): failed: ' in notes
+    # No run is finished: nothing is known of columns.
+    status, _, error = verb(
+        'stiff_cantilever', '-p', 'weave.size:=[3, 3, 3]', '--vary', 'solver.step:=[0.5]',
+        '--duration', '0.01', '--workers', '0', '--keep', 'energies', '--columns',
+        'run.energy.kinetic', '--picture', 'x.png')
+    assert status == 1 and 'no run has a result' in error
 
 
 @pytest.mark.parametrize('text, said', [
@@ -480,6 +681,13 @@ def test_a_study_of_flags_ends_with_1_where_a_run_fails(verb):
     ('scene: free_slab\nscene: free_slab\n', 'line 2: scene is given twice'),
     ('scene: free_slab\nvary: {1: [2]}\n', 'line 2: 1 is not a name'),
     ('scene: [\n', 'not YAML'),
+    ('scene: free_slab\nparameters: 3\n', 'parameters must be a dictionary'),
+    ('scene: free_slab\ncases: 3\n', 'cases must be a list'),
+    ('scene: free_slab\nverbs: 3\n', 'verbs must be a list'),
+    ('scene: free_slab\nkeep: [3]\n', 'keep must be phrases, got 3'),
+    ('scene: free_slab\nvary: {drag.linear: 0..1}\nsample: 3\n', 'sample must be a dictionary'),
+    ('scene: free_slab\nvary: {drag.linear: 0..1}\nsample: {count: 64.0}\n',
+     'sample: count must be an integer'),
     ('scene: free_slab\nparameters: {weave.sise: 3}\n', 'weave.sise is not a parameter')])
 def test_a_study_file_that_makes_no_sense_is_refused(verb, tmp_path, text, said):
     (tmp_path / 'study.yaml').write_text(text)

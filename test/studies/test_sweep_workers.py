@@ -24,8 +24,8 @@ import time
 
 import icofabric_sim as ico
 from icofabric_sim.commands.main import main
-from icofabric_sim.studies.sweep.dask_runs import pool
-from icofabric_sim.studies.sweep.single_run import State
+from icofabric_sim.studies.sweep.dask_runs import pool, SchedulerLost
+from icofabric_sim.studies.sweep.single_run import State, WorkersDiffer
 from icofabric_sim.studies.sweep.store import Store
 from icofabric_sim.studies.sweep.sweep import Study
 import pytest
@@ -39,6 +39,9 @@ COMMAND = [sys.executable, '-m', 'icofabric_sim.commands.main', 'sweep']
 SLOW = {**SWING, 'solver.step': 4e-7}
 STUDY = ['slow.yaml', '--vary', 'connector.stiffness:=500..600/12', '--keep', 'energies',
          '--store', 'store']
+# So many that a busy machine has not done them all before something is killed.
+RUNS = 40
+MANY = [word.replace('/12', f'/{RUNS}') for word in STUDY]
 # Sockets of workers that were killed.
 pytestmark = [
     pytest.mark.filterwarnings('ignore:unclosed:ResourceWarning'),
@@ -77,6 +80,14 @@ def single(tmp_path_factory):
     return ico.sweep(
         ico.Scene.from_parameters(SLOW), {'connector.stiffness': '500..600/12'}, keep='energies',
         workers=0, store=tmp_path_factory.mktemp('single'))
+
+
+@pytest.fixture(scope='module')
+def many(tmp_path_factory):
+    """The larger study in one process."""
+    return ico.sweep(
+        ico.Scene.from_parameters(SLOW), {'connector.stiffness': f'500..600/{RUNS}'},
+        keep='energies', workers=0, store=tmp_path_factory.mktemp('many'))
 
 
 @pytest.fixture(scope='module')
@@ -139,9 +150,9 @@ def test_a_script_without_a_main_is_told_so(tmp_path):
     assert finished(tmp_path) == set()
 
 
-def test_a_study_that_is_killed_goes_on_beside_another_one(folder, single):
+def test_a_study_that_is_killed_goes_on_beside_another_one(folder, many):
     """Kill -9 of the command; its workers end with it. Then two at once share the rest."""
-    client = start(*COMMAND, *STUDY, '--workers', '2', folder=folder)
+    client = start(*COMMAND, *MANY, '--workers', '2', folder=folder)
     wait_until(lambda: len(finished(folder)) >= 3)
     os.kill(client.pid, signal.SIGKILL)
     client.communicate(timeout=60)
@@ -149,24 +160,24 @@ def test_a_study_that_is_killed_goes_on_beside_another_one(folder, single):
     # Workers see that their parent is gone, and end within a moment.
     wait_until(lambda: not subprocess.run(
         ['pgrep', '-s', str(client.pid)], capture_output=True, check=False).stdout, 60.0)
-    assert 3 <= len(before) < 12
-    both = [start(*COMMAND, *STUDY, '--workers', '1', '--json', '--output', f'{number}.csv',
+    assert 3 <= len(before) < RUNS
+    both = [start(*COMMAND, *MANY, '--workers', '1', '--json', '--output', f'{number}.csv',
                   folder=folder) for number in range(2)]
     reports = []
     for one in both:
         said, error = one.communicate(timeout=200)
         assert one.returncode == 0, error
         reports.append(json.loads(said))
-    assert len(finished(folder)) == 12 and not list((folder / 'store' / '.work').iterdir())
+    assert len(finished(folder)) == RUNS and not list((folder / 'store' / '.work').iterdir())
     # Each run was done by one of them; both have the whole table.
-    done = [12 - report['reused'] for report in reports]
-    assert sum(done) == 12 - len(before) and (folder / '0.csv').read_bytes() == (
+    done = [RUNS - report['reused'] for report in reports]
+    assert sum(done) == RUNS - len(before) and (folder / '0.csv').read_bytes() == (
         folder / '1.csv').read_bytes()
     (folder / '0.csv').rename(folder / 'slow.csv')
-    assert same_bits(folder, single)
+    assert same_bits(folder, many)
 
 
-def test_a_scheduler_that_is_killed_loses_no_finished_run(folder, single):
+def test_a_scheduler_that_is_killed_loses_no_finished_run(folder, many):
     """Scheduler and workers are separate processes, as on a cluster."""
     dask = [sys.executable, '-m', 'dask']
     where = ['--scheduler-file', 'scheduler.json', '--no-dashboard']
@@ -176,7 +187,7 @@ def test_a_scheduler_that_is_killed_loses_no_finished_run(folder, single):
         wait_until((folder / 'scheduler.json').exists)
         programs += [start(*dask, 'worker', *where, '--nthreads', '1', '--death-timeout', '5',
                            folder=folder) for _ in range(2)]
-        client = start(*COMMAND, *STUDY, '--scheduler', 'scheduler.json', folder=folder)
+        client = start(*COMMAND, *MANY, '--scheduler', 'scheduler.json', folder=folder)
         programs.append(client)
         wait_until(lambda: len(finished(folder)) >= 3)
         os.kill(programs[0].pid, signal.SIGKILL)
@@ -188,13 +199,13 @@ def test_a_scheduler_that_is_killed_loses_no_finished_run(folder, single):
                 os.killpg(program.pid, signal.SIGKILL)
             program.communicate(timeout=60)
     before = finished(folder)
-    assert 3 <= len(before) < 12
-    again = start(*COMMAND, *STUDY, '--workers', '0', '--json', '--output', 'slow.csv',
+    assert 3 <= len(before) < RUNS
+    again = start(*COMMAND, *MANY, '--workers', '0', '--json', '--output', 'slow.csv',
                   folder=folder)
     said, error = again.communicate(timeout=200)
     assert again.returncode == 0, error
     assert json.loads(said)['reused'] == len(before)
-    assert same_bits(folder, single)
+    assert same_bits(folder, many)
 
 
 def test_an_interrupt_of_a_sweep_says_what_is_kept(folder):
@@ -207,6 +218,44 @@ def test_an_interrupt_of_a_sweep_says_what_is_kept(folder):
     assert 'Traceback' not in error
     rows = (folder / 'store' / 'slow.csv').read_text().splitlines()
     assert len(rows) >= 3
+
+
+@pytest.mark.parametrize('address, said', [
+    ('http://x:1', "'http://x:1' is not an address: unknown address scheme"),
+    ('tcp://127.0.0.1:x', 'is not an address'),
+    ('host', 'missing port number'),
+    ('empty.json', 'empty.json has no address'),
+    ('broken.json', 'broken.json cannot be read as JSON'),
+    ('nothing.json', 'there is no file nothing.json')])
+def test_what_is_not_an_address_is_refused_at_once(tmp_path, monkeypatch, address, said):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / 'empty.json').write_text('{}')
+    (tmp_path / 'broken.json').write_text('{')
+    monkeypatch.setattr(distributed, 'Client', None)
+    with pytest.raises(ValueError, match=said), pool(workers=1, scheduler=address):
+        pass
+
+
+def test_a_cluster_that_does_not_start_says_so(monkeypatch):
+    def full(**words):
+        raise OSError('Too many\nopen files')
+
+    monkeypatch.setattr(distributed, 'LocalCluster', full)
+    with pytest.raises(SchedulerLost, match='could not be started .Too many open files'):
+        with pool(workers=1, scheduler=''):
+            pass
+
+
+def test_a_worker_that_comes_late_and_differs_is_named(tmp_path, scheduler):
+    study = Study(ico.Scene.from_parameters(WOVEN), {'connector.stiffness': [300.0]},
+                  verbs='elasticity', store=tmp_path)
+    study.store.prepare()
+    order = study.orders[0]
+    order = order._replace(around={**order.around, 'libraries': 'numpy 0.1'})
+    with pytest.raises(WorkersDiffer, match='the worker tcp://.* has other versions of libraries'):
+        with pool(workers=0, scheduler=scheduler) as workers:
+            list(workers.perform([order], {}))
+    assert study.store.keys() == set()
 
 
 @pytest.mark.parametrize('name, fewer, column', [

@@ -23,6 +23,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError
 from contextlib import contextmanager, ExitStack, suppress
 from importlib import import_module
+import json
 import logging
 import os
 from pathlib import Path
@@ -34,18 +35,21 @@ import uuid
 
 from icofabric_sim.studies.sweep.run_key import surroundings
 from icofabric_sim.studies.sweep.single_run import (
+    lost,
     Order,
     Outcome,
     perform,
     require_same,
     State,
+    store_unseen,
     WorkersDiffer,
 )
+from icofabric_sim.studies.sweep.store import Store
 
 # Orders at the scheduler for each thread of a worker, and at least.
 _AHEAD, _LEAST_AHEAD = 8, 32
-# Wall time [s] between looks at the scheduler; until the first worker has to be there; before a
-# run that another study is at is asked for again.
+# Wall time [s] between looks at the scheduler; before a run that another study is at is asked for
+# again; for which there may be no worker, at the start and after the last one has left.
 _LOOK, _BUSY = 0.5, 0.2
 WORKERS_WITHIN: Final = 120.0
 _CONNECT = '10s'
@@ -55,17 +59,15 @@ NEEDS_DASK = (
 
 
 class SchedulerLost(RuntimeError):
-    """The scheduler is gone; what is finished is in the store."""
-
-
+    """The scheduler or all workers are gone, or never came; what is finished is in the store."""
 
 
 class Pool:
     """Workers of one scheduler."""
 
-    def __init__(self, client: Any, *, is_local: bool) -> None:
+    def __init__(self, client: Any) -> None:
         """Wrap a client of Dask."""
-        self._client, self._is_local = client, is_local
+        self._client = client
 
     def check(self, store: Path, within: float = WORKERS_WITHIN) -> None:
         """
@@ -73,19 +75,15 @@ class Pool:
 
         Raises WorkersDiffer, or SchedulerLost where none comes.
         """
-        try:
-            self._client.wait_for_workers(1, timeout=within)
-        except TimeoutError as error:
-            raise SchedulerLost(
-                f'no worker came to the scheduler {self._address} within {within:g} s; start '
-                f'some: dask worker {self._address} --nthreads 1') from error
-        token = store / f'.seen.{uuid.uuid4().hex}'
-        token.touch()
-        try:
+        with self._scheduler_needed():
+            try:
+                self._client.wait_for_workers(1, timeout=within)
+            except TimeoutError as error:
+                raise SchedulerLost(
+                    f'no worker came to the scheduler {self._address} within {within:g} s; start '
+                    f'some: dask worker {self._address} --nthreads 1') from error
             answers: Mapping[str, Any] = self._client.run(
-                _about, str(token), on_error='return')
-        finally:
-            token.unlink(missing_ok=True)
+                _about, str(store), Store(store).identity, on_error='return')
         for address, answer in answers.items():
             if isinstance(answer, BaseException):
                 raise WorkersDiffer(
@@ -93,13 +91,10 @@ class Pool:
             around, sees_store = answer
             require_same(surroundings(), around, f'the worker {address}')
             if not sees_store:
-                raise WorkersDiffer(
-                    f'the worker {address} does not see the store {store}; choose a folder on a '
-                    'file system that all workers share')
+                raise store_unseen(f'the worker {address}', Store(store))
 
     def perform(
-        self, leaders: Sequence[Order], followers: Mapping[int, Sequence[Order]],
-        started: Any = None
+        self, leaders: Sequence[Order], followers: Mapping[int, Sequence[Order]]
     ) -> Iterator[Outcome]:
         """
         Yield outcomes as they come.
@@ -115,21 +110,30 @@ class Pool:
         busy: deque[tuple[float, Order]] = deque()
         came: queue.SimpleQueue[Any] = queue.SimpleQueue()
         running: dict[Any, Order] = {}
-        ahead, looked = _LEAST_AHEAD, 0.0
+        ahead, looked, manned = _LEAST_AHEAD, 0.0, time.monotonic()
         try:
             while waiting or busy or running or any(later.values()):
                 now = time.monotonic()
                 if now - looked >= _LOOK:
                     looked = now
-                    self._require_alive()
-                    ahead = max(_LEAST_AHEAD, _AHEAD * sum(self._client.nthreads().values()))
+                    threads = self._threads()
+                    ahead = max(_LEAST_AHEAD, _AHEAD * threads)
+                    # Between the death of a worker and the start of the next there may be none.
+                    if threads:
+                        manned = now
+                    elif now - manned >= WORKERS_WITHIN:
+                        raise SchedulerLost(
+                            f'no worker is left at the scheduler {self._address}, for '
+                            f'{now - manned:.0f} s; start some: dask worker {self._address} '
+                            '--nthreads 1')
                 while busy and busy[0][0] <= now:
                     waiting.append(busy.popleft()[1])
                 while waiting and len(running) < ahead:
                     order = waiting.popleft()
-                    future = self._client.submit(
-                        _perform, order, pure=False,
-                        key=f'icofabric-{order.key}-{uuid.uuid4().hex[:8]}')
+                    with self._scheduler_needed():
+                        future = self._client.submit(
+                            _perform, order, pure=False,
+                            key=f'icofabric-{order.key}-{uuid.uuid4().hex[:8]}')
                     running[future] = order
                     future.add_done_callback(came.put)
                 for future in _drain(came, _LOOK if running else _BUSY):
@@ -149,27 +153,50 @@ class Pool:
     def _address(self) -> str:
         return str(self._client.scheduler.address)
 
-    def _require_alive(self) -> None:
-        if self._client.status not in ('running', 'newly-created'):
-            raise SchedulerLost(f'the scheduler {self._address} is gone')
+    @property
+    def _is_alive(self) -> bool:
+        return self._client.status in ('running', 'newly-created')
+
+    def _gone(self) -> SchedulerLost:
+        return SchedulerLost(f'the scheduler {self._address} is gone')
+
+    @contextmanager
+    def _scheduler_needed(self) -> Iterator[None]:
+        """What Dask raises while a scheduler dies becomes one error."""
+        try:
+            yield
+        except SchedulerLost:
+            raise
+        # OSError: a broken connection; RuntimeError: a client that has closed itself.
+        except (OSError, RuntimeError, CancelledError) as error:
+            raise self._gone() from error
+
+    def _threads(self) -> int:
+        """Count the threads of all workers; SchedulerLost where nobody answers."""
+        if not self._is_alive:
+            raise self._gone()
+        with self._scheduler_needed():
+            return sum(self._client.nthreads().values())
 
     def _outcome(self, order: Order, future: Any) -> Outcome:
         """What a future holds; what a worker cannot be blamed for is raised."""
         if future.status in ('cancelled', 'lost'):
-            raise SchedulerLost(f'the scheduler {self._address} is gone')
+            raise self._gone()
         try:
             return future.result()  # type: ignore[no-any-return]
         except WorkersDiffer:
             raise
         except CancelledError as error:
-            raise SchedulerLost(f'the scheduler {self._address} is gone') from error
+            raise self._gone() from error
         except Exception as error:  # noqa: BLE001 - a fault of one run; the others go on
-            reason = f'{type(error).__name__}: {error}'
+            if not self._is_alive:
+                raise self._gone() from error
+            outcome = lost(order, error)
             if type(error).__name__ == 'KilledWorker':
-                reason = (
+                outcome = outcome._replace(reason=(
                     'its workers died, one after the other: of too little memory, or by a fault '
-                    'that takes the process along')
-        return Outcome(order.number, order.key, State.LOST, reason=' '.join(reason.split()))
+                    'that takes the process along'))
+            return outcome
 
 
 @contextmanager
@@ -178,7 +205,8 @@ def pool(*, workers: int, scheduler: str) -> Iterator[Pool]:
     A local cluster of so many processes, or the workers of a scheduler.
 
     `scheduler`: an address (tcp://host:8786), or the scheduler file of Dask (.json). ValueError
-    where Dask is not installed, or nobody answers there.
+    where Dask is not installed, or nobody answers there; SchedulerLost where no processes can be
+    started.
     """
     try:
         dask, distributed = import_module('dask'), import_module('distributed')
@@ -193,36 +221,76 @@ def pool(*, workers: int, scheduler: str) -> Iterator[Pool]:
             'distributed.admin.tick.limit': '1h',
             'distributed.scheduler.events-cleanup-delay': '1m'}))
         if not scheduler:
-            cluster = stack.enter_context(_local_cluster(distributed, workers))
-            client = stack.enter_context(distributed.Client(cluster, set_as_default=False))
-            client.run(_work_alone)
+            client = _local_client(distributed, workers, stack)
         else:
-            is_file = scheduler.endswith('.json')
-            if is_file and not Path(scheduler).is_file():
-                raise ValueError(f'scheduler: there is no file {scheduler}')
+            address = _address_of(scheduler)
             try:
-                client = stack.enter_context(distributed.Client(
-                    None if is_file else scheduler, set_as_default=False, timeout=_CONNECT,
-                    scheduler_file=scheduler if is_file else None))
+                client = stack.enter_context(_closed_quietly(distributed.Client(
+                    address, set_as_default=False, timeout=_CONNECT)))
             except (OSError, TimeoutError, ValueError) as error:
                 raise ValueError(
-                    f'scheduler: nobody answers at {scheduler}: {error}; start one with dask '
-                    'scheduler, and give the address that it prints') from error
-        yield Pool(client, is_local=not scheduler)
+                    f'scheduler: nobody answers at {address}: {" ".join(str(error).split())}; '
+                    'start one with dask scheduler, and give the address that it prints'
+                ) from error
+        yield Pool(client)
 
 
-def _local_cluster(distributed: Any, workers: int) -> Any:
+def _local_client(distributed: Any, workers: int, stack: ExitStack) -> Any:
     try:
-        return distributed.LocalCluster(
+        cluster = stack.enter_context(_closed_quietly(distributed.LocalCluster(
             n_workers=workers, threads_per_worker=1, processes=True,
             # Any free port: on the default one the second of two studies would be warned.
             dashboard_address='127.0.0.1:0', memory_limit=0, host='127.0.0.1',
-            silence_logs=logging.CRITICAL)
-    except RuntimeError as error:
-        raise RuntimeError(
-            f'the workers could not be started ({error}): they import the program that starts '
-            "them, so a script calls sweep below if __name__ == '__main__': only; with workers=0 "
-            'it does all runs itself') from error
+            silence_logs=logging.CRITICAL)))
+        client = stack.enter_context(_closed_quietly(
+            distributed.Client(cluster, set_as_default=False)))
+        client.run(_work_alone)
+    except (RuntimeError, OSError, TimeoutError) as error:
+        raise SchedulerLost(
+            f'the workers could not be started ({" ".join(str(error).split())}): they import the '
+            "program that starts them, so a script calls sweep below if __name__ == '__main__': "
+            'only; with workers 0 (--workers 0) all runs are done in this process') from error
+    return client
+
+
+def _address_of(scheduler: str) -> str:
+    """The address that was given, or stands in a file of Dask; ValueError where it is none."""
+    from distributed.comm.addressing import parse_address, parse_host_port
+    from distributed.comm.registry import get_backend
+    address, where = scheduler, 'scheduler'
+    if scheduler.endswith('.json'):
+        where = f'scheduler: {scheduler}'
+        try:
+            said = json.loads(Path(scheduler).expanduser().read_text('utf-8'))
+        except FileNotFoundError:
+            raise ValueError(f'scheduler: there is no file {scheduler}') from None
+        except (OSError, ValueError) as error:
+            raise ValueError(f'{where} cannot be read as JSON: {error}') from error
+        found = said.get('address') if isinstance(said, Mapping) else None
+        if not isinstance(found, str):
+            raise ValueError(
+                f'{where} has no address, so it is not the file that dask scheduler '
+                '--scheduler-file writes')
+        address = found
+    try:
+        scheme, place = parse_address(address)
+        get_backend(scheme)
+        if scheme != 'inproc':
+            parse_host_port(place)
+    except ValueError as error:
+        raise ValueError(
+            f'{where}: {address!r} is not an address: {error}; write tcp://HOST:PORT') from error
+    return address
+
+
+@contextmanager
+def _closed_quietly(thing: Any) -> Iterator[Any]:
+    """Close a client or a cluster; what it says of a scheduler that is gone has been said."""
+    try:
+        yield thing
+    finally:
+        with suppress(Exception):
+            thing.close()
 
 
 def _work_alone() -> None:
@@ -237,11 +305,12 @@ def _perform(order: Order) -> Outcome:
     logger = logging.getLogger('icofabric_sim')
     if not logger.handlers:
         logger.addHandler(logging.NullHandler())
-    return perform(order)
+    from distributed import get_worker
+    return perform(order, f'the worker {get_worker().address}')
 
 
-def _about(token: str) -> tuple[dict[str, str], bool]:
-    return surroundings(), Path(token).exists()
+def _about(store: str, identity: str) -> tuple[dict[str, str], bool]:
+    return surroundings(), Store(store).is_one(identity)
 
 
 def _drain(came: 'queue.SimpleQueue[Any]', patience: float) -> list[Any]:

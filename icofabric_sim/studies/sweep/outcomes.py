@@ -24,7 +24,7 @@ from typing import Any, Final, NamedTuple
 
 from icofabric_sim import checks
 from icofabric_sim.checks import shown
-from icofabric_sim.parameters.validation import ParameterError
+from icofabric_sim.parameters.validation import ParameterError, Parameters
 from icofabric_sim.scene.scene import Scene
 import numpy as np
 
@@ -173,14 +173,18 @@ def curve_arguments(phrase: Phrase) -> tuple[str, list[float], int]:
     return kind, [strain * number / count for number in range(1, count + 1)], 'xyz'.index(axis)
 
 
+def check_end(work: Work, parameters: Parameters) -> None:
+    """Refuse runs without an end."""
+    if RUN in work.verbs and not parameters['duration'] > 0.0:
+        raise ParameterError(
+            'duration', 'duration: a run of a study needs an end; set duration, the simulated '
+            'time [s], above 0')
+
+
 def check_work(work: Work, scene: Scene) -> None:
     """Refuse what a scene cannot give, before any run; ValueError says why."""
     from icofabric_sim.statics.held import held_time, refuse_in_statics
     from icofabric_sim.statics.periodic import make_cell
-    if RUN in work.verbs and not scene.parameters['duration'] > 0.0:
-        raise ParameterError(
-            'duration', 'duration: a run of a study needs an end; set duration, the simulated '
-            'time [s], above 0')
     if STATICS in work.verbs or MODES in work.verbs:
         held_time(scene, None)
     if CURVE in work.verbs:

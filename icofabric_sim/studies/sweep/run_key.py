@@ -37,6 +37,8 @@ _MODULES: Final = ('version.py', 'checks.py')
 _PACKAGE = Path(__file__).resolve().parents[2]
 # Characters of a name: 2^128 names.
 _LENGTH = 32
+# Characters of the hash of features.
+_SHORT = 12
 
 
 @functools.cache
@@ -58,7 +60,20 @@ def surroundings() -> dict[str, str]:
     from icofabric_sim.kernels.runtime.target import kernel_target
     from icofabric_sim.running.recording import library_versions
     return {
-        'source': source_digest(), 'libraries': library_versions(), 'kernels': kernel_target()}
+        'source': source_digest(), 'libraries': library_versions(),
+        'kernels': f'{kernel_target()} with features {features_digest()}'}
+
+
+def features_digest() -> str:
+    """
+    Hash of the features of a processor that kernels are compiled for.
+
+    A name such as NUMBA_CPU_NAME says nothing about them: Numba adds those of the processor at
+    hand unless NUMBA_CPU_FEATURES is given.
+    """
+    from numba.core.registry import cpu_target
+    _, _, features = cpu_target.target_context.codegen().magic_tuple()
+    return hashlib.sha256(str(features).encode()).hexdigest()[:_SHORT]
 
 
 def key_of(

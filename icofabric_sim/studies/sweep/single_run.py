@@ -49,6 +49,8 @@ class Order(NamedTuple):
     work: Work
     around: Mapping[str, str]  # see `surroundings`
     store: str
+    identity: str = ''  # of the store; '': not compared
+    retry: bool = False  # do again what has failed
 
 
 class State(Enum):
@@ -72,30 +74,50 @@ class Outcome(NamedTuple):
 
 
 class WorkersDiffer(RuntimeError):
-    """A worker has other source, libraries or kernels than the study was begun with."""
+    """A worker has other source, libraries, kernels or another store than the study."""
 
 
-def perform(order: Order) -> Outcome:
+def perform(order: Order, who: str = 'this process') -> Outcome:
     """
     Do a run, unless the store has it.
 
-    Raises WorkersDiffer where this process would give other results than the key stands for.
+    Raises WorkersDiffer where this process, which messages call `who`, would give other results
+    than the key stands for, or put them elsewhere.
     """
-    require_same(order.around, surroundings())
+    require_same(order.around, surroundings(), who)
     store = Store(order.store)
-    with store.claim(order.key) as mine:
-        there = store.read(order.key)
-        if there is not None:
-            return outcome_of(order.number, order.key, there, reused=True)
-        if not mine:
-            return Outcome(order.number, order.key, State.BUSY)
-        try:
+    if not store.is_one(order.identity):
+        raise store_unseen(who, store)
+    try:
+        with store.claim(order.key) as mine:
+            there = store.read(order.key)
+            if there is not None and not (order.retry and there.reason):
+                return outcome_of(order.number, order.key, there, reused=True)
+            if not mine:
+                return Outcome(order.number, order.key, State.BUSY)
+            if there is not None:
+                store.forget(order.key)
             return _do(order, store)
-        except MemoryError:
-            reason = 'there was not enough memory for it'
-        except OSError as error:
-            reason = f'{error.filename}: {error.strerror}' if error.filename else str(error)
-        return Outcome(order.number, order.key, State.LOST, reason=reason)
+    except Exception as error:  # noqa: BLE001 - a fault of one run; the others go on
+        return lost(order, error)
+
+
+def lost(order: Order, error: Exception) -> Outcome:
+    """The outcome of a run that an error has ended which says nothing about its physics."""
+    if isinstance(error, MemoryError):
+        reason = str(error) or 'there was not enough memory for it'
+    elif isinstance(error, OSError):
+        reason = f'{error.filename}: {error.strerror}' if error.filename else str(error)
+    else:
+        reason = f'{type(error).__name__}: {error}'
+    return Outcome(order.number, order.key, State.LOST, reason=' '.join(reason.split()))
+
+
+def store_unseen(who: str, store: Store) -> WorkersDiffer:
+    """The error of a process that meets another store under the same path, or none."""
+    return WorkersDiffer(
+        f'{who} does not see the store {store.path} of the study, or one that was made since '
+        'under the same path; choose a folder on a file system that all workers share')
 
 
 def outcome_of(number: int, key: str, found: Finished, *, reused: bool) -> Outcome:
@@ -105,17 +127,17 @@ def outcome_of(number: int, key: str, found: Finished, *, reused: bool) -> Outco
         reused)
 
 
-def require_same(wanted: Mapping[str, str], found: Mapping[str, str], where: str = '') -> None:
+def require_same(wanted: Mapping[str, str], found: Mapping[str, str], who: str) -> None:
     """Refuse other source, libraries or kernels; WorkersDiffer names what differs."""
     for name, said, way in (
-            ('source', 'source of icofabric_sim', 'install the same version there'),
-            ('libraries', 'versions of libraries', 'install the same there'),
-            ('kernels', 'target of kernels', 'set NUMBA_CPU_NAME to one level, such as x86-64-v3, '
-             'for the study and all workers')):
+            ('source', 'another source of icofabric_sim', 'install the same version there'),
+            ('libraries', 'other versions of libraries', 'install the same there'),
+            ('kernels', 'another target of kernels', 'set NUMBA_CPU_NAME to one level, such as '
+             'x86-64-v3, and NUMBA_CPU_FEATURES to +avx2, for the study and all workers')):
         if wanted[name] != found[name]:
             raise WorkersDiffer(
-                f'{where or "a worker"} has another {said} than the study: {_short(found[name])}, '
-                f'not {_short(wanted[name])}; {way}')
+                f'{who} has {said} than the study: {_short(found[name])}, not '
+                f'{_short(wanted[name])}; {way}')
 
 
 def _short(text: str) -> str:
@@ -135,6 +157,9 @@ def _do(order: Order, store: Store) -> Outcome:
             # The result of dense algebra depends on the number of its threads.
             with one_thread():
                 columns = tuple(carry_out(order.work, scene, folder))
+        except MemoryError:
+            # Also a ParameterError where it is foreseen.
+            raise
         except (Failed, SimulationError, ValueError, ArithmeticError) as error:
             reason = ' '.join(str(error).split()) or type(error).__name__
         compiling = compile_notice.seconds - compiled

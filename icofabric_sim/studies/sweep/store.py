@@ -23,6 +23,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 import errno
 import fcntl
+import hashlib
 import json
 import math
 import os
@@ -35,7 +36,7 @@ import uuid
 from icofabric_sim.studies.sweep.outcomes import Column
 
 _RESULT, _FAILURE = 'result.json', 'failure.json'
-_WORK, _LOCKS, _FILES = '.work', '.locks', '.files'
+_WORK, _LOCKS, _FILES, _IDENTITY = '.work', '.locks', '.files', '.identity'
 _LENGTH = 32
 # Locks of file systems that have none, and renames onto what is there already.
 _NO_LOCKS = (errno.ENOLCK, errno.ENOTSUP, errno.ENOSYS, errno.EINVAL)
@@ -60,10 +61,40 @@ class Store:
         """Make the folder, and throw away what killed workers of this machine have left."""
         for name in (_WORK, _LOCKS, _FILES):
             (self.path / name).mkdir(parents=True, exist_ok=True)
+        self._identify()
         for left in (self.path / _WORK).iterdir():
             host, process = left.name.split('@')[1:3] if left.name.count('@') == 3 else ('', '')
             if host == socket.gethostname() and not Path(f'/proc/{process}').exists():
                 shutil.rmtree(left, ignore_errors=True)
+
+    @property
+    def identity(self) -> str:
+        """What tells it from every other store; '' where there is none."""
+        with suppress(FileNotFoundError, NotADirectoryError):
+            return (self.path / _IDENTITY).read_text('ascii')
+        return ''
+
+    def is_one(self, identity: str = '') -> bool:
+        """Whether the folder is a store, and the one with an identity where that is given."""
+        found = self.identity
+        return bool(found) and identity in ('', found)
+
+    def _identify(self) -> None:
+        """Give it an identity for good; of several processes at once one does."""
+        path = self.path / _IDENTITY
+        if path.exists():
+            return
+        aside = path.with_name(f'{_IDENTITY}.{uuid.uuid4().hex}')
+        aside.write_text(uuid.uuid4().hex, 'ascii')
+        try:
+            os.link(aside, path)
+        except FileExistsError:
+            pass
+        except OSError:
+            # A file system without links.
+            aside.replace(path)
+        finally:
+            aside.unlink(missing_ok=True)
 
     def folder(self, key: str) -> Path:
         """Where a run is, once it is finished."""
@@ -136,7 +167,6 @@ class Store:
     def claim(self, key: str) -> Iterator[bool]:
         """Whether this process may do a run; another one is at it, or was quicker, where not."""
         path = self.path / _LOCKS / key
-        path.parent.mkdir(parents=True, exist_ok=True)
         with open(path, 'ab') as file:
             try:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -159,15 +189,25 @@ class Store:
     def keep_file(self, total: str, content: bytes) -> None:
         """Keep what a scene reads, under its SHA-256."""
         path = self.path / _FILES / total
-        if path.exists():
+        with suppress(OSError):
+            self.file(total)
             return
         aside = path.with_name(f'{total}.{uuid.uuid4().hex}')
-        aside.write_bytes(content)
-        aside.rename(path)
+        with open(aside, 'wb') as stream:
+            stream.write(content)
+            stream.flush()
+            os.fsync(stream.fileno())
+        aside.replace(path)
 
     def file(self, total: str) -> bytes:
-        """What was kept under a SHA-256."""
-        return (self.path / _FILES / total).read_bytes()
+        """What was kept under a SHA-256; OSError where it is damaged, or not there."""
+        path = self.path / _FILES / total
+        content = path.read_bytes()
+        if hashlib.sha256(content).hexdigest() != total:
+            raise OSError(
+                f'{path} is damaged: its contents do not have the SHA-256 that is its name; the '
+                'next study that needs it writes it again')
+        return content
 
     def _aside(self, key: str) -> Path:
         name = f'{key}@{socket.gethostname()}@{os.getpid()}@{uuid.uuid4().hex[:8]}'

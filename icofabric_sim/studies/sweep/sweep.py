@@ -23,7 +23,7 @@ from icofabric_sim import checks
 from icofabric_sim.parameters.validation import ParameterError, Parameters
 from icofabric_sim.scene.scene import check_parameters, estimate_bodies, require_scene, Scene
 from icofabric_sim.studies.sweep.dask_runs import pool
-from icofabric_sim.studies.sweep.outcomes import check_work, make_work, Work
+from icofabric_sim.studies.sweep.outcomes import check_end, check_work, make_work, Work
 from icofabric_sim.studies.sweep.plan import make_plan, Plan
 from icofabric_sim.studies.sweep.run_key import key_of, surroundings
 from icofabric_sim.studies.sweep.single_run import Order, Outcome, outcome_of, perform, State
@@ -150,6 +150,7 @@ class Study:
         self, number: int, files: Mapping[str, Any], around: Mapping[str, str]
     ) -> Order:
         parameters = replace(self.plan.parameters(number), files=files)
+        check_end(self.work, parameters)
         texts = tuple(value for value in parameters.values() if isinstance(value, str))
         known = self._files_of.get(texts)
         is_small = len(self.plan.points) <= _BUILT_RUNS and (
@@ -186,16 +187,16 @@ class Study:
             self.store.keep_file(total, content)
         done = self.finished()
         if retry:
-            for outcome in [one for one in done.values() if one.state is State.FAILED]:
-                self.store.forget(outcome.key)
-                del done[outcome.number]
+            # What is there is removed by who does the run again, and holds it.
+            done = {number: one for number, one in done.items() if one.state is not State.FAILED}
         yield from done.values()
         # Points that are alike are one run.
         same: dict[str, list[Order]] = {}
         for order in self.orders:
             if order.number not in done:
                 same.setdefault(order.key, []).append(order)
-        todo = [orders[0] for orders in same.values()]
+        identity = self.store.identity
+        todo = [orders[0]._replace(identity=identity, retry=retry) for orders in same.values()]
         if not todo:
             return
         for outcome in self._do(todo, how):

@@ -57,7 +57,7 @@ class SweepTable(AsTable):
                 if parsed.element is not None and default is not None:
                     default = default[parsed.element]
                 values = [default if value is None else value for value in values]
-            self._columns[name] = values
+            self._columns[name] = _without_holes(values)
         found: dict[str, dict[int, Any]] = {}
         for row, outcome in enumerate(self.outcomes):
             for column in outcome.columns:
@@ -88,8 +88,10 @@ class SweepTable(AsTable):
         if name not in self._columns:
             raise KeyError(f'there is no column {name!r}; there are: {", ".join(self._columns)}')
         values = self._columns[name]
-        if any(isinstance(value, list) for value in values):
-            return np.array(values, float)
+        lists = [value for value in values if isinstance(value, list)]
+        if lists:
+            hole = [math.nan] * len(lists[0])
+            return np.array([hole if value is None else value for value in values], float)
         return np.array(values)
 
     def __iter__(self) -> Any:
@@ -142,7 +144,9 @@ class SweepTable(AsTable):
 
     def lines(self, most: int = 20, columns: Sequence[str] = ()) -> list[str]:
         """The first rows for a terminal, with the varied and some of the kept columns."""
-        names = [_RUN, *self.varied, *(columns or self.kept[:4])]
+        # Columns that only a finished run would fill are left out.
+        names = list(dict.fromkeys([_RUN, *self.varied, *(
+            [name for name in columns if name in self._columns] or self.kept[:4])]))
         rows = [[_short(self._columns[name][row]) for name in names]
                 for row in range(min(len(self), most))]
         for row, outcome in enumerate(self.outcomes[:most]):
@@ -184,6 +188,15 @@ def parquet_modules() -> tuple[Any, Any]:
             'pyarrow; CSV files do not') from error
 
 
+def _without_holes(values: list[Any]) -> list[Any]:
+    """NaN, or '' among texts, where a case says nothing; a list stays None there."""
+    sample = next((value for value in values if value is not None), None)
+    if isinstance(sample, (list, bool)):
+        return values
+    missing = '' if isinstance(sample, str) else math.nan
+    return [missing if value is None else value for value in values]
+
+
 def _cell(value: Any) -> Any:
     return json.dumps(value) if isinstance(value, list) else value
 
@@ -191,4 +204,4 @@ def _cell(value: Any) -> Any:
 def _short(value: Any) -> str:
     if isinstance(value, float):
         return f'{value:.6g}'
-    return str(_cell(value))
+    return '' if value is None else str(_cell(value))
