@@ -30,6 +30,7 @@ _LONG = re.compile(
     r'|test_splittings_of_higher_order_keep_it\[.*direction_cosines.*\]'
     r'|test_energy_is_bounded_without_trend_over_a_million_steps\[.*direction_cosines.*\]'
     r'|test_an_interrupt_of_a_sweep_says_what_is_kept'
+    r'|test_a_study_that_is_killed_goes_on_beside_another_one'
     r'|test_units_by_powers_of_four_give_the_same_bits\[True.*\]')
 
 

@@ -14,7 +14,8 @@
 """`icofabric sweep STUDY|SCENE`."""
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, ExitStack
 import os
 from pathlib import Path
 import time
@@ -156,15 +157,30 @@ def _study(arguments: argparse.Namespace) -> tuple[str, 'Study']:
         if not isinstance(vary, dict):
             raise ValueError(f'vary must be a dictionary of parameters and values, got {vary!r}')
         try:
-            study = Study.from_parameters(
-                parameters, {**vary, **dict(map(_varied, arguments.vary))}, cases=cases,
-                sample=sample if arguments.sample is None else _sample(arguments.sample),
-                verbs=arguments.verbs or verbs, keep=arguments.keep or keep,
-                store=arguments.store)
+            with _planning() as judged:
+                study = Study.from_parameters(
+                    parameters, {**vary, **dict(map(_varied, arguments.vary))}, cases=cases,
+                    sample=sample if arguments.sample is None else _sample(arguments.sample),
+                    verbs=arguments.verbs or verbs, keep=arguments.keep or keep,
+                    store=arguments.store, judged=judged)
         except TypeError as error:
             # A study file may give a number where a list is due.
             raise InputError(str(error)) from error
     return name, study
+
+
+@contextmanager
+def _planning() -> Iterator[Callable[[int, int], None]]:
+    """Show how many runs are judged; how many there are is known with the first."""
+    with ExitStack() as stack:
+        shown: list[Progress] = []
+
+        def judged(done: int, total: int) -> None:
+            if not shown:
+                shown.append(stack.enter_context(Progress(total, 'runs judged')))
+            shown[0].update(done)
+
+        yield judged
 
 
 def _varied(rule: str) -> tuple[str, Any]:

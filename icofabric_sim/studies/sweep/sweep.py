@@ -36,7 +36,7 @@ _BUILT, _BUILT_RUNS = 5_000, 20_000
 _PLACE = Path('runs/sweep')
 # A study asks for at most so many workers.
 _MOST_WORKERS = 4096
-Heard = Callable[[Outcome], None]
+Judged = Callable[[int, int], None]
 
 
 def sweep(
@@ -115,16 +115,20 @@ class Study:
     def from_parameters(
         cls, parameters: Parameters, vary: Mapping[str, Any] | None = None, *,
         verbs: Any = ('run',), keep: Any = None, cases: Any = None, sample: Any = None,
-        store: str | os.PathLike[str] = _PLACE
+        store: str | os.PathLike[str] = _PLACE, judged: Judged | None = None
     ) -> 'Study':
-        """The same of parameters that need not be a scene without what varies."""
+        """
+        The same of parameters that need not be a scene without what varies.
+
+        `judged` hears how many runs of how many are judged.
+        """
         study = cls.__new__(cls)
-        study._prepare(parameters, {}, vary, verbs, keep, cases, sample, store)
+        study._prepare(parameters, {}, vary, verbs, keep, cases, sample, store, judged)
         return study
 
     def _prepare(
         self, base: Parameters, files: Mapping[str, Any], vary: Any, verbs: Any, keep: Any,
-        cases: Any, sample: Any, store: str | os.PathLike[str]
+        cases: Any, sample: Any, store: str | os.PathLike[str], judged: Judged | None = None
     ) -> None:
         self.store = Store(checks.path('store', store, 'the path of a folder'))
         if self.store.path.exists() and not self.store.path.is_dir():
@@ -144,6 +148,8 @@ class Study:
                     error.name, f'{self.plan.describe(number)}: {error}') from error
             except ValueError as error:
                 raise ValueError(f'{self.plan.describe(number)}: {error}') from error
+            if judged is not None:
+                judged(number + 1, len(self.plan.points))
         self.kinds = len(set(self._kinds.values()))
 
     def _order(
