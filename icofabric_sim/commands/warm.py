@@ -70,7 +70,6 @@ class Kind(NamedTuple):
 
     scene: str
     changes: tuple[tuple[str, Any], ...] = ()
-    node: bool = True  # as in a node, where wrenches may come
     verb: tuple[str, ...] = ()
 
     def __str__(self) -> str:
@@ -126,8 +125,6 @@ def kinds_of(scenes: Sequence[str]) -> Iterator[Kind]:
             yield Kind(_CHANGED, tuple(change.items()))
         for verb in VERBS:
             yield Kind(verb[1], verb=verb)
-    for scene in scenes or ready_scenes():
-        yield Kind(scene, node=False)
 
 
 def _compile_all(kinds: Sequence[Kind], processes: int) -> Iterator[tuple[Kind, str]]:
@@ -192,26 +189,24 @@ def _run(kind: Kind) -> None:
 
     given = {**load_parameter_file(find_scene(kind.scene)), **dict(kind.changes)}
     scene = Scene.from_parameters(make_parameters(given))
-    simulation = _ready(compile_scene(scene), pushed=kind.node)
+    simulation = _ready(compile_scene(scene))
     if scene.parameters['contact.mode'] == 'auto':
         # As from the first contact on, by the method that the scene takes before anything touches.
         touching = {
             **scene.parameters.given(), 'contact.mode': 'always',
             'solver.method': simulation.status.method_name}
-        _ready(
-            compile_scene(Scene.from_parameters(make_parameters(touching))), pushed=kind.node)
+        _ready(compile_scene(Scene.from_parameters(make_parameters(touching))))
 
 
-def _ready(simulation: 'Simulation', *, pushed: bool) -> 'Simulation':
-    """Have steps, outputs and looks compiled; `pushed`: and what ends a step at an input."""
+def _ready(simulation: 'Simulation') -> 'Simulation':
+    """Have steps, outputs and looks compiled, and what ends a step at an input."""
     from icofabric_sim.messages.topics import Outputs
     simulation.warm_up()
     simulation.advance_to(_TRIAL)
-    if pushed:
-        # Not of a body that a drive moves.
-        with suppress(ValueError):
-            simulation.apply_body_wrench(simulation.scene.body_count - 1, force=_PUSH)
-            simulation.advance_to(2.0 * _TRIAL)
+    # Not of a body that a drive moves.
+    with suppress(ValueError):
+        simulation.apply_body_wrench(simulation.scene.body_count - 1, force=_PUSH)
+        simulation.advance_to(2.0 * _TRIAL)
     snapshot, outputs = simulation.snapshot(), Outputs(simulation.scene)
     outputs.energy(snapshot)
     for messages in (outputs.connectors(snapshot, 0), outputs.icosahedra(snapshot, 0)):

@@ -69,9 +69,8 @@ def test_a_run_finds_what_was_compiled(tmp_path):
 def test_everything_means_all_ready_scenes_changes_and_verbs():
     kinds = list(warm.kinds_of([]))
     assert {kind.scene for kind in kinds} == set(ready_scenes())
-    for node in (True, False):
-        plain = [kind for kind in kinds if kind.node is node and not kind.changes + kind.verb]
-        assert {kind.scene for kind in plain} == set(ready_scenes())
+    plain = [kind for kind in kinds if not kind.changes + kind.verb]
+    assert {kind.scene for kind in plain} == set(ready_scenes())
     assert len(set(map(str, kinds))) >= len(ready_scenes()) + len(warm.CHANGES) + len(warm.VERBS)
     assert {kind.verb[0] for kind in kinds if kind.verb} <= set(VERBS)
     assert {kind.scene for kind in warm.kinds_of(['woven_ball'])} == {'woven_ball'}
