@@ -114,12 +114,12 @@ def package_kernel(packed: PackedScene) -> Kernel:
     ledger = np.zeros(monitor.LEDGER_COUNT)
     ledger[monitor.OBSTRUCTED_LIMIT] = np.inf
     team = ThreadTeam(1, packed).team(0)
-    advance = METHODS['leapfrog'].advance
+    advance, loads = METHODS['leapfrog'].advance, pack_loads((), packed.layout)
 
     def run(state: State, work: Work, count: int) -> None:
         # Nothing is saved without health checks.
         status, done, _ = advance(
-            packed.model, None, state, state, work, team, 0.0, 0, STEP, count, 0, _NEVER, None,
+            packed.model, loads, state, state, work, team, 0.0, 0, STEP, count, 0, _NEVER, None,
             ledger)
         assert status == 0 and done == count
     return run

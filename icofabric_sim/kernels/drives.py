@@ -263,7 +263,7 @@ def moving_energy(drives: Drives | None, model: Model, loads: Loads, state: Stat
 
 @compiled
 def energy_of_drives(model: Model, loads: Loads, state: State) -> float:
-    """The same where there may be no loads at all."""
+    """The same, of the drives among the loads."""
     return moving_energy(loads.drives, model, loads, state)
 
 

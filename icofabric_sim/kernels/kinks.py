@@ -355,7 +355,7 @@ def account(
 
 @compiled
 def strike(
-    model: Model, loads: Loads, kinks: Kinks, state: State, work: Work, row: int, h: float,
+    model: Model, loads: Loads | None, kinks: Kinks, state: State, work: Work, row: int, h: float,
     block: int, s: int
 ) -> None:
     """
@@ -365,8 +365,9 @@ def strike(
     """
     force = impulses(model.links, kinks, work.points, state.position, row, h, block, s)
     a = accelerate(model.supports, model.inverse_mass, model.inverse_inertia, force, s)
-    for m in range(loads.start[block], loads.start[block + 1]):
-        a = resist(loads.drives, model, loads, state, a, m, s, 1.0, 0.0)
+    if loads is not None:
+        for m in range(loads.start[block], loads.start[block + 1]):
+            a = resist(loads.drives, model, loads, state, a, m, s, 1.0, 0.0)
     kick(state, a, 1.0, s)
 
 

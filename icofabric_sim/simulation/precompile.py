@@ -49,6 +49,8 @@ _MOST = 2
 # Processes that a thread waits for.
 _awaited: set[subprocess.Popen[bytes]] = set()
 _LOWEST = 19  # priority
+# Parameters whose terms are in every kind of kernels.
+_NO_KIND = ('gravity', 'groups.', 'loads.', 'supports.')
 # This process ends: nothing more is compiled.
 _ending = threading.Event()
 
@@ -71,7 +73,7 @@ def compile_contact_ahead(
     # Which terms there are makes a kind, and words; how large numbers are does not.
     kind = (rotation, *sorted(
         (name, value if isinstance(value, (str, bool)) else bool(np.any(value)))
-        for name, value in given.items()))
+        for name, value in given.items() if not name.startswith(_NO_KIND)))
     if kind in _processes:
         return _processes[kind]
     while len(_processes) >= _MOST:

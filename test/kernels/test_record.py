@@ -14,11 +14,15 @@
 """Records of kernels: what Python sees of them, and that compiled code reads the same fields."""
 
 import copy
+import gc
 import pickle
 
+from fabrics import make_scene
 from icofabric_sim.kernels.records import Drag, Loads, Meter, Model, Supports
+from icofabric_sim.kernels.runtime import record
 from icofabric_sim.kernels.runtime.compiled import compiled
 from icofabric_sim.kernels.runtime.record import Record
+from icofabric_sim.simulation.model.packing import pack_loads, pack_scene, WrenchRow
 import numpy as np
 import pytest
 
@@ -151,6 +155,34 @@ def test_what_may_be_absent_at_run_time_needs_no_other_code():
     assert filled(Tank(0.0, Fuel(np.zeros(0)))) == 0.0
     # What the record itself leaves out by its type makes another kind, as everywhere.
     assert type(Tank(0.0, Fuel(np.zeros(1), Inner(np.ones(1), 1)))) is not type(full)
+
+
+def test_a_record_keeps_what_stands_for_none_in_it():
+    # Another thread may make the one that is kept for later records.
+    empty = Tank(0.25, None)
+    record._absent.cache_clear()
+    gc.collect()
+    other = Tank(0.5, None)
+    kept = [part for part in empty._packed if isinstance(part, Fuel)]
+    assert len(kept) == 1 and kept[0] is not other._packed[1]
+    assert empty._buffer[1] == kept[0]._address and filled(empty) == 0.25
+
+
+@pytest.mark.parametrize('terms', [
+    {'gravity': [0.0, 0.0, -9.81]}, {'groups.top': 'z_max', 'supports.top.group': 'top'},
+    {'weave.connected': False}, {'weave.size': [1, 1, 1]}], ids=str)
+def test_scenes_with_and_without_common_terms_are_one_kind(terms):
+    plain, other = (pack_scene(make_scene((2, 2, 2), {
+        'contact.mode': 'never', **changes})) for changes in ({}, terms))
+    kind = plain.model.numba_type()
+    assert other.model.numba_type() == kind
+    damped = pack_scene(make_scene((2, 2, 2), {'contact.mode': 'never', 'drag.linear': 1e-3}))
+    assert damped.model.numba_type() != kind
+    kinds = {
+        pack_loads(rows, plain.layout, stages=stages, varying=varying).numba_type()
+        for rows in ((), [WrenchRow(np.array([1], np.int32), False, np.ones(3), np.zeros(3))])
+        for stages in (0, 16) for varying in (False, True)}
+    assert len(kinds) == 1
 
 
 def test_arrays_are_shared_and_numbers_are_not():

@@ -98,6 +98,8 @@ def test_a_parameter_that_is_moved_compiles_once_and_other_kinds_replace_the_old
 
     for stiffness in (100.0, 110.0, 120.0):
         ask(**{'connector.stiffness': stiffness})
+    ask(**{'connector.stiffness': 100.0, 'gravity': [0.0, 0.0, -9.81]})
+    ask(**{'connector.stiffness': 100.0, 'groups.top': 'z_max', 'supports.top.group': 'top'})
     assert len(begun) == 1
     ask(**{'connector.damping': 1e-3})
     assert len(begun) == 2 and not begun[0].ended

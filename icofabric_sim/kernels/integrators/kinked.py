@@ -46,7 +46,7 @@ import numpy as np
 @compiled
 def kinked_steps(
     kinks: Kinks, kicks: np.ndarray, drifts: np.ndarray, model: Model, contacts: Contacts | None,
-    loads: Loads, state: State, work: Work, team: Team, watch: Watch | None, origin: float,
+    loads: Loads | None, state: State, work: Work, team: Team, watch: Watch | None, origin: float,
     index: int, h: float, count: int
 ) -> None:
     """
@@ -145,7 +145,7 @@ def note_own(
 
 @compiled
 def strike_own(
-    model: Model, loads: Loads, kinks: Kinks, state: State, work: Work, row: int,
+    model: Model, loads: Loads | None, kinks: Kinks, state: State, work: Work, row: int,
     first: int, last: int
 ) -> None:
     """What crossings still lack, for blocks first to last."""

@@ -165,9 +165,13 @@ def take_steps(
             steps(
                 kicks, drifts, model, model.contacts, None, state, work, team, watch, origin,
                 index, h, count)
-    else:
+    elif has_rows(loads):
         kinked_steps(
             kinks, kicks, drifts, model, model.contacts, loads, state, work, team, watch, origin,
+            index, h, count)
+    else:
+        kinked_steps(
+            kinks, kicks, drifts, model, model.contacts, None, state, work, team, watch, origin,
             index, h, count)
 
 

@@ -32,7 +32,8 @@ A class with a method `absent` is asked for while kernels run instead:
 
 A field that may hold such a record or None has one type, whichever it holds, so kernels compiled
 for one serve the other. `is None` reads a word of the record then. For what costs a kernel less
-than a branch for each block, and for which another compilation would take seconds.
+than a branch for each block, and for which another compilation would take seconds. The annotation
+of such a field names the class itself: one in quotes is not looked up.
 """
 
 from collections.abc import Iterator
@@ -120,7 +121,8 @@ class Record(_Address):
         for value in packed.values():
             _pack(value, words)
         buffer = np.array(words, dtype=np.int64)
-        vars(record).update(ordered, _buffer=buffer)
+        # Its words are addresses of what is in `packed`.
+        vars(record).update(ordered, _buffer=buffer, _packed=tuple(packed.values()))
         record._address = buffer.ctypes.data
         return record
 

@@ -95,5 +95,5 @@ class ShownEnergies:
 
 
 def work_of(*loads: Loads) -> float:
-    """Return the work [J] of all of the `loads` that are there."""
-    return sum(math.fsum(part.work) for part in loads if part is not None)
+    """Return the work [J] of all of the `loads`."""
+    return sum(math.fsum(part.work) for part in loads)
