@@ -86,8 +86,10 @@ def test_slack_connectors_do_nothing_when_short():
     np.testing.assert_allclose(end.linear_velocity, speed[::-1], rtol=0, atol=1e-9 * 0.01)
 
 
-@pytest.mark.parametrize(
-    'method', [name for name, method in ico.METHODS.items() if not method.adaptive])
+@pytest.mark.parametrize('method', [
+    # Its steps are of order 2 here, as all are, with 16 evaluations each: 35 s.
+    pytest.param(name, marks=pytest.mark.long if name == 'srkn8' else ())
+    for name, method in ico.METHODS.items() if not method.adaptive])
 def test_steps_are_short_enough_for_slack_connectors_that_pull_later(method):
     """While they are slack any step is exact, so a measurement of the motion allows all steps."""
     tolerance = 1e-7
@@ -192,7 +194,7 @@ def test_threads_and_pieces_give_the_same_bits(monkeypatch, method):
     from icofabric_sim.simulation.stepping import thread_team
     scene = make_scene((5, 4, 3), {
         **KINKED, 'solver.method': method,
-        'solver.tolerance': 1e-8 if method == 'srkn4' else 1e-6}, **RANDOM)
+        'solver.tolerance': 1e-8 if method == 'srkn4' else 1e-5}, **RANDOM)
     monkeypatch.setattr(thread_team, 'BODIES_PER_THREAD', 1)
     ends = []
     for threads, pieces in ((1, 1), (2, 1), (3, 7)):
