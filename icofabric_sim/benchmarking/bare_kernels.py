@@ -67,12 +67,12 @@ def count_instructions(packed: PackedScene, scene: Scene, other: Any) -> list[In
     slot, last = model.blocks.slot, len(model.blocks.slot)
     masses = model.inverse_mass, model.inverse_inertia
     assert model.links is not None
-    order, loads = np.arange(last, dtype=np.uint32), pack_loads((), packed.layout)
+    order = np.arange(last, dtype=np.uint32)
     return [
         Instructions(
             'push',
             loop_instructions(
-                flows.push, model, loads, state, work, None, 0.0, 0.0, 0.0, 0.0, False, order, 0,
+                flows.push, model, None, state, work, None, 0.0, 0.0, 0.0, 0.0, False, order, 0,
                 last),
             loop_instructions(
                 other.push, model.links, slot, *masses, state, work.points, work.acceleration,
@@ -81,7 +81,7 @@ def count_instructions(packed: PackedScene, scene: Scene, other: Any) -> list[In
                 other.push_once, model.links, slot, *masses, state, work.points, 0.0, 0, last)),
         Instructions(
             'drift',
-            loop_instructions(flows.drift, model, loads, state, work, 0.0, 0.0, order, 0, last),
+            loop_instructions(flows.drift, model, None, state, work, 0.0, 0.0, order, 0, last),
             *[loop_instructions(
                 other.drift, model.links.half_width, slot, state, work.points, 0.0, 0,
                 last)] * 2),

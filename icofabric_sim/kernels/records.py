@@ -89,13 +89,6 @@ class Links(Record):
     variety: Variety | None  # laws of their own; of tables the largest slopes
     tables: LawTables | None
 
-    @classmethod
-    def absent(cls) -> 'Links':
-        """Stand for none."""
-        return cls(
-            np.zeros((0, 12), np.int32), np.zeros((0, 12), np.uint8), 0.0, 0.0, 0.0, None, None,
-            None)
-
 
 class Shells(Record):
     """

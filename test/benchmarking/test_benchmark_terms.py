@@ -49,8 +49,12 @@ def test_a_bare_scene_holds_nothing_of_absent_terms(bare):
     slots = bare.packed.layout.slot_count
     assert held['event_loop.driver.trajectory.state.position'] == 24 * slots
     assert held['event_loop.driver.trajectory.state.orientation'] == 32 * slots
-    for word in ('gravity', 'support', 'load', 'watch', 'trail'):
+    for word in ('gravity', 'support', 'watch', 'trail'):
         assert not [name for name in held if word in name]
+    # Loads without rows: where those of each block would begin.
+    starts = 4 * (len(bare.packed.model.blocks.slot) + 1)
+    assert held['event_loop.driver.trajectory.loads.start'] == starts
+    assert sum(size for name, size in held.items() if '.loads.' in name) == starts
 
 
 # Each compiles kernels of its own; the others are seen by `icofabric benchmark terms`.
@@ -106,8 +110,9 @@ def test_bare_scene_has_the_instructions_of_springs_alone(costs):
         difference = entry.difference()
         # None where the listing is another processor's. Far fewer than
         # springs alone would mean that the loop was not found.
-        # With 16 registers in place of 32 the addresses of more arrays wait in memory.
-        most = 0.03 if LANES == 8 else 0.07
+        # With 16 registers in place of 32 the addresses of more arrays wait in memory. In the loop
+        # of `push` the branches of weight and supports are listed too, which a bare scene passes.
+        most = 0.26 if entry.kernel == 'push' else 0.04 if LANES == 8 else 0.07
         assert difference is None or -0.2 < difference <= most, entry
         assert entry.package is None or entry.package > 100
 

@@ -29,6 +29,7 @@ from unittest import mock
 import icofabric_sim as ico
 from icofabric_sim.geometry.icosahedron import inscribed_radius
 from icofabric_sim.kernels import anchors, flows
+from icofabric_sim.kernels.records import Gravity
 from icofabric_sim.simulation.stepping.accuracy_probe import AccuracyProbe
 from icofabric_sim.simulation.stepping.methods import METHODS
 import numpy as np
@@ -147,7 +148,9 @@ def falsify(stack: contextlib.ExitStack) -> None:
         return accelerate(supports, mass, inertia, tuple(more * part for part in force), s)
 
     def heavier(gravity, supports, alive, s, a):
-        return add_gravity(None if gravity is None else more * gravity, supports, alive, s, a)
+        if gravity is not None:
+            gravity = Gravity(more * gravity.acceleration)
+        return add_gravity(gravity, supports, alive, s, a)
 
     def harder(model, loads, velocity, spin, pull, m, s, h):
         return add_pull(model, loads, velocity, spin, pull, m, s, more * h)
