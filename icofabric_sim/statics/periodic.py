@@ -295,7 +295,7 @@ def homogenise(scene: Scene, *, branch: str | None = None) -> Elasticity:
     own = np.flatnonzero((bodies == cell.body).any(axis=1))
     other = bodies[own].sum(axis=1) - cell.body
     offsets = cell.scene.position[other] - cell.scene.position[cell.body]
-    order = np.array([1.0, np.pi, np.e**3])
+    order = np.array([1.0, math.pi, math.e**3])
     chosen = own[offsets @ order > 0.0]
     here = StaticFabric(cell.scene, only=chosen, contact=False).start
     motions = np.zeros((9, cell.scene.body_count, 6))
