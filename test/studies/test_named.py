@@ -44,7 +44,7 @@ from icofabric_sim.studies.named import (
 )
 from icofabric_sim.studies.named.catalogue import PROBLEMS, solve_all
 from icofabric_sim.studies.named.mujoco_incline import slide
-from icofabric_sim.studies.named.problem import Curve, Point, Problem
+from icofabric_sim.studies.named.problem import Curve, Point, PremiseError, Problem
 import numpy as np
 import pytest
 
@@ -164,6 +164,19 @@ def test_a_premise_that_does_not_hold_is_a_fault(monkeypatch):
     monkeypatch.setattr(catalogue, 'PROBLEMS', (time_reversal.PROBLEM,))
     (answer,) = solve_all([1])
     assert answer.curves == () and 'nothing moved' in answer.faults[0]
+
+
+def test_what_planes_bear_counts_friction_and_asks_for_a_heap():
+    tilt = np.arctan(0.27)
+    simulation = incline.on_face(tilt, friction=0.3, over_vertex=True)
+    simulation.advance_to(2.1)
+    touching = simulation.status.touching()
+    weight = simulation.scene.shell.mass * loose_bodies.GRAVITY
+    assert touching.spring == pytest.approx(
+        np.array([[-weight * np.sin(tilt), 0.0, 0.0]]), abs=1e-8 * weight)
+    assert heap.borne(touching, 2) == pytest.approx(weight * np.cos(tilt), rel=1e-8)
+    with pytest.raises(PremiseError, match='nothing lies on anything'):
+        heap.borne(touching, 1)
 
 
 def test_a_shell_that_does_not_bounce_is_a_fault(monkeypatch):

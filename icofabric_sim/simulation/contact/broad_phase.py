@@ -94,6 +94,9 @@ class Touching(NamedTuple):
     force: np.ndarray  # (m, 3) [N] on the first body, along the normal of the contact
     overlap: np.ndarray  # (m,) [m]
     planes: tuple[str, ...]  # names
+    # (m, 3) [N] on the first body, along the surfaces, of the springs of friction as of the last
+    # step: all of it where nothing slips.
+    spring: np.ndarray
 
     def describe(self, number: int) -> str:
         """Name the bodies of one pair."""
@@ -103,7 +106,8 @@ class Touching(NamedTuple):
 
 
 NOTHING_TOUCHES = Touching(
-    np.zeros((0, 2), np.int32), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), ())
+    np.zeros((0, 2), np.int32), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), (),
+    np.zeros((0, 3)))
 
 
 class BroadPhase:
@@ -400,8 +404,8 @@ class BroadPhase:
         energy = float(contact_look(self.contacts, state)[0])
         return energy, self.stretches.energy(self.contacts, stretches)
 
-    def touching(self, state: State) -> Touching:
-        """What touches in a state near the last search."""
+    def touching(self, state: State, stretches: np.ndarray | None = None) -> Touching:
+        """What touches in a state near the last search, with `stretches` of friction springs."""
         if self.contacts is None:
             return NOTHING_TOUCHES
         contact_look(self.contacts, state)
@@ -411,8 +415,12 @@ class BroadPhase:
         # From the middle of both centres, or from that of a body on a plane.
         other = np.where(bodies[:, 1] >= 0, bodies[:, 1], bodies[:, 0])
         point = found[:, 15:18] + 0.5 * (place[bodies[:, 0]] + place[other])
-        return Touching(
-            bodies, point, self.setup.stiffness * found[:, 0:3], found[:, 11], self.setup.names)
+        force, spring = self.setup.stiffness * found[:, 0:3], np.zeros((len(bodies), 3))
+        if stretches is not None and len(stretches):
+            spring = self.stretches.stiffness * stretches[which, :3]
+            along = force / np.linalg.norm(force, axis=1, keepdims=True)
+            spring -= (spring * along).sum(axis=1, keepdims=True) * along
+        return Touching(bodies, point, force, found[:, 11], self.setup.names, spring)
 
     def note(self, time: float, state: State) -> Overlap | None:
         """Describe the deepest overlap in a state."""

@@ -142,7 +142,8 @@ class ContactScheduler:
 
     def touching(self, state: State) -> Touching:
         """What touches in a state near the last search."""
-        return NOTHING_TOUCHES if self.broad_phase is None else self.broad_phase.touching(state)
+        return NOTHING_TOUCHES if self.broad_phase is None else self.broad_phase.touching(
+            state, self._trajectory.stretches())
 
     def announce(self) -> None:
         """Warn of an overlap that was found, once."""

@@ -30,7 +30,7 @@ def _overlaps(long: bool) -> Iterator[Curve]:
     size, end = ((6, 6, 12), 0.5) if long else ((3, 3, 6), 0.2)
     points = []
     for stiffness in (1e5, 1e6, 1e7):
-        scene = crowd(size, walls=False, parameters={
+        scene = crowd(size, within='floor', parameters={
             **_START, 'contact.stiffness': stiffness, 'contact.damping': 2.0,
             'contact.friction': 0.4, 'solver.tolerance': 0.1})
         simulation = compile_scene(scene)
@@ -49,7 +49,7 @@ def _energy(long: bool) -> Iterator[Curve]:
     size, end = ((6, 6, 12), 0.3) if long else ((3, 3, 6), 0.15)
     points = []
     for tolerance in (1e-2, 1e-4, 1e-6, 1e-8):
-        scene = crowd(size, walls=False, parameters={
+        scene = crowd(size, within='floor', parameters={
             **_START, 'contact.stiffness': 1e6, 'solver.method': 'dop8',
             'solver.tolerance': tolerance})
         simulation = compile_scene(scene)

@@ -29,11 +29,13 @@ from icofabric_sim.studies.named.loose_bodies import (
     VERTICES,
 )
 from icofabric_sim.studies.named.mujoco_incline import is_installed, slide
-from icofabric_sim.studies.named.problem import Curve, Point, Problem
+from icofabric_sim.studies.named.problem import Curve, Point, PremiseError, Problem
 import numpy as np
 
 # So small that nothing tips where it slides.
 _FRICTION, _MASS = 0.3, 1e-2
+# A tilt is watched for so long [s], and the tangent at which it tips is known to this part.
+_WATCHED, _KNOWN_TO = 0.5, 1e-4
 # The centre is rho = tau^2 a / sqrt(3) above the face, whose edges are a / sqrt(3) from the foot
 # and whose vertices twice that.
 TIPS_OVER_EDGE = math.atan(1.0 / TAU**2)
@@ -103,29 +105,37 @@ def _beside(inertia: float, last: float) -> Iterator[Curve]:
         yield Curve(f'MuJoCo, {of}', f'step [s], at {part:g}', tuple(points), is_beside=True)
 
 
+def _tips_over(tilt: float, stiffness: float, over_vertex: bool) -> bool:
+    """Whether a shell that cannot slide turns over from rest."""
+    # As much for any stiffness as rocking on so little of the face is damped by.
+    simulation = on_face(
+        tilt, friction=2.0, stiffness=stiffness, damping=3.0 * math.sqrt(stiffness),
+        over_vertex=over_vertex)
+    upright = simulation.snapshot().orientation[0]
+    for time in _WATCHED * np.arange(1, 26) / 25.0:
+        simulation.advance_to(float(time))
+        turned = abs(float(upright @ simulation.snapshot().orientation[0]))
+        # It does not come back from there; later it may lie as it did, turned once about.
+        if 2.0 * math.acos(min(1.0, turned)) > 0.1:
+            return True
+    return False
+
+
 def _tilt_at_which_it_tips(limit: float, stiffness: float, over_vertex: bool) -> float:
     """
-    Tangent over that of the `limit` [rad] at which a shell that cannot slide turns over.
+    Tangent over that of the `limit` [rad] at which it turns over, by bisection.
 
-    The tilt rises by half a percent at a time, each of which goes on where the one before ended.
+    Each tilt begins at rest: what rocks still from the one before turns over early.
     """
-    # As much for any stiffness as rocking on so little of the face is damped by.
-    damping = 3.0 * math.sqrt(stiffness)
-    simulation = None
-    for part in (0.5, 0.8, *np.arange(0.9, 1.1, 0.005)):
-        tilt = math.atan(part * math.tan(limit))
-        steeper = on_face(
-            tilt, friction=2.0, stiffness=stiffness, damping=damping, over_vertex=over_vertex)
-        if simulation is None:
-            upright = steeper.snapshot().orientation[0]
-        else:
-            steeper.take_over(simulation, keep_motion=True)
-        simulation = steeper
-        simulation.advance_to(simulation.time + 0.1)
-        turned = abs(float(upright @ simulation.snapshot().orientation[0]))
-        if 2.0 * math.acos(min(1.0, turned)) > 0.1:
-            return float(part)
-    return math.inf
+    parts = [0.5, 1.2]
+    for part in parts:
+        if _tips_over(math.atan(part * math.tan(limit)), stiffness, over_vertex) == (part < 1.0):
+            raise PremiseError(f'at {part:g} of the limit it must {"not " * (part < 1.0)}tip')
+    while parts[1] - parts[0] > _KNOWN_TO:
+        middle = 0.5 * sum(parts)
+        tilt = math.atan(middle * math.tan(limit))
+        parts[_tips_over(tilt, stiffness, over_vertex)] = middle
+    return 0.5 * sum(parts)
 
 
 def _tips(long: bool) -> Iterator[Curve]:
@@ -133,12 +143,12 @@ def _tips(long: bool) -> Iterator[Curve]:
     for over_vertex, limit, way in (
             (False, TIPS_OVER_EDGE, 'across an edge'), (True, TIPS_OVER_VERTEX, 'over a vertex')):
         points = []
-        for stiffness in (1e4, 1e5) + ((1e6, 1e7) if long else ()):
+        for stiffness in (1e4, 1e5, 1e6) + ((1e7,) if long else ()):
             part = _tilt_at_which_it_tips(limit, stiffness, over_vertex)
             sunk = _MASS * GRAVITY * math.cos(limit) / stiffness
             points.append(Point(sunk / A, abs(part - 1.0)))
         yield Curve(f'{way}, {math.degrees(limit):.1f} degrees', 'sunk by, over a',
-                    tuple(points), 0.1 if over_vertex else 0.05)
+                    tuple(points), 0.015)
 
 
 SLIDES = Problem(
