@@ -59,4 +59,5 @@ def _solve(long: bool) -> Iterator[Curve]:
 PROBLEM = Problem(
     'granular_gas', 'a gas of shells cools by its collisions',
     'Haff, J. Fluid Mech. 134, 401 (1983), with 1 - e linear in the speed of impact',
-    'largest deviation of 1 / T from a straight line of time that is fitted to it, relative', _solve, has_long_form=True)
+    'largest deviation of 1 / T from a straight line of time that is fitted to it, relative',
+    _solve, has_long_form=True)
