@@ -21,42 +21,113 @@ kernels compiled once, which takes up to a few minutes.
 
     .venv/bin/python benchmarks/error_estimate.py [--scenes 17] [--kinds free damped]
     .venv/bin/python benchmarks/error_estimate.py --kinds kinked --methods auto srkn4 --periods 25
+    .venv/bin/python benchmarks/error_estimate.py --in-turn --seconds 10 --minutes 18 --jobs 2
 """
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from concurrent.futures import as_completed, ProcessPoolExecutor
+from contextlib import contextmanager
 import logging
 import math
+import multiprocessing
+import signal
 import sys
+import time
 
 import icofabric_sim as ico
 from icofabric_sim.benchmarking.added_errors import draw_scene, judge, Judged, KINDS
 from icofabric_sim.benchmarking.machine import describe_machine
+from icofabric_sim.kernels.runtime.compile_notice import compile_notice
 import numpy as np
 
 # The range within which an estimate is as good as was asked for.
 _FACTOR = 3.0
 
 
-def judge_kind(
-    kind: str, count: int, methods: Sequence[str], longest: float
+@contextmanager
+def at_most(seconds: float) -> Iterator[None]:
+    """
+    Raise TimeoutError after so many `seconds` [s] of processor time, between two compiled calls.
+
+    Time that the compiler takes does not count.
+    """
+    compiled = compile_notice.seconds
+
+    def give_up(number: int, frame: object) -> None:
+        nonlocal compiled
+        if compile_notice.is_compiling or compile_notice.seconds > compiled:
+            compiled = compile_notice.seconds
+            signal.setitimer(signal.ITIMER_PROF, seconds)
+        else:
+            raise TimeoutError(f'not done after {seconds:g} s')
+
+    before = signal.signal(signal.SIGPROF, give_up)
+    if seconds < math.inf:
+        signal.setitimer(signal.ITIMER_PROF, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_PROF, 0.0)
+        signal.signal(signal.SIGPROF, before)
+
+
+def judge_scene(
+    kind: str, seed: int, methods: Sequence[str], longest: float, seconds: float, deadline: float
 ) -> list[tuple[Judged, float]]:
-    """All runs of so many scenes of a kind, of so many periods at `longest`, and tolerances."""
+    """
+    All runs of a scene, of so many periods at `longest`, and tolerances.
+
+    Runs that take more than `seconds` [s] are left out, and those that would begin after the
+    `deadline` (Unix time) [s].
+    """
+    logging.disable(logging.WARNING)
     found: list[tuple[Judged, float]] = []
-    for seed in range(count):
-        changes, periods, generator = draw_scene(kind, seed)
-        print(f'{kind}: scene {seed + 1} of {count}', file=sys.stderr, flush=True)
-        periods = min(periods, longest)
-        for method in ('dop8',) if kind == 'damped' else methods:
-            for given in (0.0, float(generator.uniform(0.2, 0.8))):
-                try:
+    changes, periods, generator = draw_scene(kind, seed)
+    periods = min(periods, longest)
+    for method in methods:
+        for given in (0.0, float(generator.uniform(0.2, 0.8))):
+            name = f'{kind} {seed} {method} {given:.2f}'
+            if time.time() > deadline:
+                print(f'{name}: left out: no time', flush=True)
+                continue
+            try:
+                with at_most(seconds):
                     judged = judge(changes, method, given, periods, kind=kind, seed=seed)
-                    found.append((judged, float(str(changes['solver.tolerance']))))
-                except ValueError as error:
-                    # A step below the limit at the start may be beyond it with what may touch;
-                    # and some runs would take hours.
-                    print(f'{kind} {seed} {method} {given:.2f}: refused: {error}')
+                found.append((judged, float(str(changes['solver.tolerance']))))
+            except ValueError as error:
+                # A step below the limit at the start may be beyond it with what may touch;
+                # and some runs would take hours.
+                print(f'{name}: refused: {error}', flush=True)
+            except TimeoutError as error:
+                print(f'{name}: left out: {error}', flush=True)
     return found
+
+
+def judge_all(
+    kinds: Sequence[str], count: int, methods: Sequence[str], longest: float, *, in_turn: bool,
+    seconds: float, minutes: float, jobs: int
+) -> list[tuple[Judged, float]]:
+    """
+    Judge so many scenes of each kind in `jobs` processes, kinds in turn; see `judge_scene`.
+
+    `in_turn`: each by one of the methods, the next by the next.
+    """
+    deadline = time.time() + 60.0 * minutes
+    tasks = []
+    for seed in range(count):
+        for number, kind in enumerate(kinds):
+            some = [methods[(seed + number) % len(methods)]] if in_turn else methods
+            if kind == 'damped':
+                some = ['dop8']
+            tasks.append((kind, seed, some, longest, seconds, deadline))
+    found: list[tuple[Judged, float]] = []
+    with ProcessPoolExecutor(jobs, multiprocessing.get_context('spawn')) as pool:
+        futures = [pool.submit(judge_scene, *task) for task in tasks]
+        for done, future in enumerate(as_completed(futures), 1):
+            found += future.result()
+            print(f'scene {done} of {len(tasks)}', file=sys.stderr, flush=True)
+    return sorted(found, key=lambda one: (one[0].kind, one[0].seed, one[0].method, one[0].given))
 
 
 def describe(name: str, found: list[Judged]) -> str:
@@ -82,12 +153,21 @@ def main() -> int:
         help='all but auto; where scenes are damped dop8 alone')
     parser.add_argument(
         '--periods', type=float, default=math.inf, help='shortest periods of a run, at most')
+    parser.add_argument(
+        '--in-turn', action='store_true',
+        help='each scene by one of the methods, the next by the next; else by all')
+    parser.add_argument(
+        '--seconds', type=float, default=math.inf,
+        help='leave out runs that take more processor time than this')
+    parser.add_argument(
+        '--minutes', type=float, default=math.inf, help='begin no run after so long a wall time')
+    parser.add_argument('--jobs', type=int, default=1, help='processes (1)')
     arguments = parser.parse_args()
-    logging.disable(logging.WARNING)
     print('\n'.join(describe_machine(())))
-    runs: list[tuple[Judged, float]] = []
-    for kind in arguments.kinds:
-        runs += judge_kind(kind, arguments.scenes, arguments.methods, arguments.periods)
+    runs = judge_all(
+        arguments.kinds, arguments.scenes, arguments.methods, arguments.periods,
+        in_turn=arguments.in_turn, seconds=arguments.seconds, minutes=arguments.minutes,
+        jobs=arguments.jobs)
     found = [judged for judged, _ in runs]
     told = [judged for judged in found if judged.tells]
     print(
@@ -108,11 +188,18 @@ def main() -> int:
             f'  {judged.kind} {judged.seed}, {judged.method} at {judged.given:.2f} for '
             f'{judged.periods:.1f} periods: {judged.ratio:.3g} of {judged.added[-1]:.2g}'
             + (f', ended: {judged.ended}' if judged.ended else ''))
-    kept = [
-        float(judged.added[-1]) / (tolerance * float(judged.times[-1]))
-        for judged, tolerance in runs if judged.tells and not judged.given > 0.0]
+    kept = sorted((
+        (float(judged.added[-1]) / (tolerance * float(judged.times[-1])), judged)
+        for judged, tolerance in runs if judged.tells and not judged.given > 0.0),
+        key=lambda one: -one[0])
     if kept:
-        print(f'chosen steps added up to {max(kept):.3g} of what the tolerance allows')
+        print(f'chosen steps added up to {kept[0][0]:.3g} of what the tolerance allows')
+    for part, judged in kept:
+        if part > 1.0:
+            print(
+                f'  {judged.kind} {judged.seed}, {judged.method}: {part:.3g}, estimate '
+                f'{judged.ratio:.3g} of {judged.added[-1]:.2g}'
+                + (f', ended: {judged.ended}' if judged.ended else ''))
     print(f'estimates that fell with time: {len(falling)}')
     outside = [judged for judged in told if not 1.0 / _FACTOR < judged.ratio < _FACTOR]
     return 1 if falling or outside else 0

@@ -348,6 +348,16 @@ def test_energy_and_momenta_stay():
     assert np.abs(free.snapshot().position - s.position).max() > 0.01 * scene.geometry.half_edge
 
 
+@pytest.mark.parametrize('mode', ['never', 'auto'])
+def test_a_stop_where_shells_may_pass_through_each_other_names_contact_mode(mode):
+    simulation = ico.compile_scene(lively(**{'contact.mode': mode}))
+    driver = simulation._event_loop.driver
+    driver.trajectory.ledger.error = driver.trajectory.ledger.balance.scale
+    with pytest.raises(ico.SimulationError, match='does not balance') as caught:
+        driver.monitor.fail_unbalanced(0.0)
+    assert ('contact.mode auto keeps shells apart' in str(caught.value)) == (mode == 'never')
+
+
 def test_what_is_left_for_jumps_is_not_used_by_smooth_steps():
     """Window by window against a run at a hundredth: the mean is a few tolerances, not 40."""
     scene = lively(**{'solver.method': 'dop8', 'solver.tolerance': 1e-6})

@@ -152,6 +152,11 @@ class StepMonitor:
             way_out = (
                 f'a solver.energy_limit of {_ROUNDING:g} or more, as this is the rounding of many '
                 'steps, which shorter ones only make more of')
+        elif trajectory.model.wrapping is not None and (
+                trajectory.ledger.deepest_limit == math.inf):
+            way_out += (
+                '; contact.mode auto keeps shells apart: where they pass through each other the '
+                'forces of connectors around them jump')
         trajectory.return_to_saved()
         trajectory.fail(
             f'{imbalance}; the fastest is {fault}, and steps are {trajectory.step:.6g} s (limit '
