@@ -309,6 +309,8 @@ def test_plain_python_gives_what_compiled_code_gives(tmp_path):
     assert not compiled[0][0] and plain[0][0]
     assert len(compiled) == len(plain) == 29
     for one, other in zip(compiled[1:], plain[1:]):
-        np.testing.assert_allclose(one, other, rtol=0, atol=1e-13 * np.abs(one).max())
+        # Frequencies, single numbers, end an iteration.
+        close = 1e-12 if one.size == 1 else 1e-13
+        np.testing.assert_allclose(one, other, rtol=0, atol=close * np.abs(one).max())
     start = make_scene((2, 2, 2), **RANDOM, **LOADED).initial.position
     assert np.abs(compiled[1] - start).max() > 0.0015

@@ -22,7 +22,7 @@ from icofabric_sim.kernels import monitor
 from icofabric_sim.kernels.flows import keep_accelerations, place_all
 from icofabric_sim.kernels.tridiagonal import largest_eigenvalue
 from icofabric_sim.simulation.model import stability
-from icofabric_sim.simulation.model.packing import pack_scene
+from icofabric_sim.simulation.model.packing import pack_loads, pack_scene
 from icofabric_sim.simulation.model.stability import hessian_product, largest_frequency
 from icofabric_sim.simulation.stepping.methods import METHODS
 from icofabric_sim.simulation.stepping.thread_team import ThreadTeam
@@ -221,8 +221,9 @@ def raw_run(scene, step, count, method='leapfrog'):
     work = layout.room(model.links, None if METHODS[method].symplectic else state)
     place_all(model, state, work, 0, len(model.blocks.slot))
     keep_accelerations(model, state, work, 0.0, 0, len(model.blocks.slot))
+    loads = pack_loads((), layout, stages=0 if METHODS[method].symplectic else 16)
     METHODS[method].advance(
-        model, None, state, layout.like(state), work, ThreadTeam(1, packed).team(0), 0.0,
+        model, loads, state, layout.like(state), work, ThreadTeam(1, packed).team(0), 0.0,
         0, step, count, 0, count + 1, None, np.zeros(monitor.LEDGER_COUNT))
     return np.abs(state.linear_velocity).max()
 
