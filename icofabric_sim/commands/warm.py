@@ -104,8 +104,9 @@ def main(arguments: argparse.Namespace) -> int:
             if fault:
                 failed.append(f'{kind}: {fault}')
             progress.update(done)
+    ready = len(kinds) - len(failed)
     print(
-        f'{len(kinds) - len(failed)} kinds of kernels are ready, after '
+        f'{ready} {"kind of kernels is" if ready == 1 else "kinds of kernels are"} ready, after '
         f'{duration_text(time.monotonic() - begun)}')
     if failed:
         raise FileSaysNo('not compiled: ' + '; '.join(failed))

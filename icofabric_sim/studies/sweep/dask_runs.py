@@ -255,8 +255,8 @@ def _local_client(distributed: Any, workers: int, stack: ExitStack) -> Any:
 
 def _address_of(scheduler: str) -> str:
     """The address that was given, or stands in a file of Dask; ValueError where it is none."""
-    from distributed.comm.addressing import parse_address, parse_host_port
-    from distributed.comm.registry import get_backend
+    addressing = import_module('distributed.comm.addressing')
+    get_backend = import_module('distributed.comm.registry').get_backend
     address, where = scheduler, 'scheduler'
     if scheduler.endswith('.json'):
         where = f'scheduler: {scheduler}'
@@ -273,10 +273,10 @@ def _address_of(scheduler: str) -> str:
                 '--scheduler-file writes')
         address = found
     try:
-        scheme, place = parse_address(address)
+        scheme, place = addressing.parse_address(address)
         get_backend(scheme)
         if scheme != 'inproc':
-            parse_host_port(place)
+            addressing.parse_host_port(place)
     except ValueError as error:
         raise ValueError(
             f'{where}: {address!r} is not an address: {error}; write tcp://HOST:PORT') from error
@@ -305,8 +305,8 @@ def _perform(order: Order) -> Outcome:
     logger = logging.getLogger('icofabric_sim')
     if not logger.handlers:
         logger.addHandler(logging.NullHandler())
-    from distributed import get_worker
-    return perform(order, f'the worker {get_worker().address}')
+    worker = import_module('distributed').get_worker()
+    return perform(order, f'the worker {worker.address}')
 
 
 def _about(store: str, identity: str) -> tuple[dict[str, str], bool]:
