@@ -127,7 +127,12 @@ def ros_class(type_name):
 
 
 def wait_for(condition, what, *, node=None, limit=PATIENCE):
-    """First true value of `condition`; fails with `what`, and the node's log, when none comes."""
+    """
+    First true value of `condition`; fails with `what`, and the node's log, when none comes.
+
+    `what` may be a function that tells it then.
+    """
+    told = what if callable(what) else lambda: what
     deadline = time.monotonic() + limit
     while True:
         value = condition()
@@ -141,9 +146,9 @@ def wait_for(condition, what, *, node=None, limit=PATIENCE):
                 if value:
                     return value
                 time.sleep(0.005)
-            pytest.fail(f'the node ended while waiting for {what}:\n{node.log()}')
+            pytest.fail(f'the node ended while waiting for {told()}:\n{node.log()}')
         if time.monotonic() > deadline:
-            pytest.fail(f'no {what} within {limit} s\n{node.log() if node else ""}')
+            pytest.fail(f'no {told()} within {limit} s\n{node.log() if node else ""}')
         time.sleep(0.005)
 
 
@@ -228,13 +233,16 @@ class Client:
         self.received = defaultdict(list)
         self._clients, self._publishers, self._subscriptions = {}, {}, {}
         self._lock = threading.RLock()
-        self._ending = False
+        self._ending, self._fault = False, None
         self._thread = threading.Thread(target=self._spin, daemon=True)
         self._thread.start()
 
     def _spin(self):
-        while not self._ending:
-            self.executor.spin_once(timeout_sec=0.05)
+        try:
+            while not self._ending:
+                self.executor.spin_once(timeout_sec=0.05)
+        except Exception as error:  # noqa: BLE001 - whoever waits for a message raises it
+            self._fault = error
 
     def close(self):
         self._ending = True
@@ -250,7 +258,12 @@ class Client:
         self.close()
 
     def wait_for(self, condition, what, limit=PATIENCE):
-        return wait_for(condition, what, node=self.process, limit=limit)
+        def looked_at():
+            if self._fault is not None:
+                raise AssertionError('this client can hear no more') from self._fault
+            return condition()
+
+        return wait_for(looked_at, what, node=self.process, limit=limit)
 
     # Topics.
 
@@ -281,7 +294,12 @@ class Client:
         def found():
             return next(([item] for item in kept[start:] if condition(item)), None)
 
-        return self.wait_for(found, f'message on {topic}')[0]
+        def what():
+            came = len(kept) - start
+            return f'message on {topic}; {came} others came' + (
+                f', the last of them {kept[-1]}' if came else '')
+
+        return self.wait_for(found, what)[0]
 
     @property
     def clock(self):
