@@ -219,7 +219,7 @@ class Client:
 
     def __init__(self, node=None, *, offset=0):
         """Join the graph of `node`, whose log is shown when something does not come."""
-        self.process = node
+        self.process, self._fault = node, None
         if node is not None:
             # Participants that announce themselves to one that is there find each other at once;
             # otherwise seconds may pass until the next announcement.
@@ -233,7 +233,7 @@ class Client:
         self.received = defaultdict(list)
         self._clients, self._publishers, self._subscriptions = {}, {}, {}
         self._lock = threading.RLock()
-        self._ending, self._fault = False, None
+        self._ending = False
         self._thread = threading.Thread(target=self._spin, daemon=True)
         self._thread.start()
 
