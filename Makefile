@@ -14,16 +14,22 @@ endif
 unexport PYTHONPATH PYTHONHOME AMENT_PREFIX_PATH COLCON_PREFIX_PATH RMW_IMPLEMENTATION
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE PIP_USER PIP_TARGET PIP_PREFIX
 
+# Tests start hundreds of processes; without bytecode each of them would read all sources anew.
+unexport PYTHONDONTWRITEBYTECODE
+
 test test-long check: export ROS_PYTHON_CHECK_FIELDS := 1
 test test-long check: export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 
 # $(call stage,name,command): one headed stage, and a clear line where it stops.
 stage = printf '\n== %s\n' '$(1)'; $(2) || { printf '\nstopped at: %s\n' '$(1)' >&2; exit 1; }
 
-# $(call side_by_side,name,tests): a file for each core at a time, so that none compiles what another
-# one does. In parts, since a process keeps what it has compiled: 80 MB for a kind of scene.
-side_by_side = $(call stage,tests side by side: $(1) (pytest),.venv/bin/python -m pytest -m 'not graph and not long' \
-	-n auto --dist loadfile $(2))
+# $(call side_by_side,name,workers,tests): a file for each worker at a time, so that none compiles
+# what another one does, those that take longest first (test/conftest.py). In parts, since a process
+# keeps what it has compiled: 80 MB for a kind of scene.
+side_by_side = $(call stage,tests side by side: $(1) (pytest),.venv/bin/python -m pytest -m 'not long' \
+	-n $(2) --dist loadfile --no-loadscope-reorder $(3))
+# Nodes wait more than they compute, so the last part has two workers for each core.
+twice := $$(( 2 * $$(nproc) < 8 ? 2 * $$(nproc) : 8 ))
 
 help:
 	echo 'make run     set up .venv, then show a fabric that falls, swings and answers a push'
@@ -54,10 +60,9 @@ test: lint
 ifneq ($(ARGS),)
 	$(call stage,tests (pytest),.venv/bin/python -m pytest $(ARGS))
 else
-	$(call side_by_side,physics 1,test/physics/test_[a-d]*.py)
-	$(call side_by_side,physics 2,test/physics/test_[e-z]*.py)
-	$(call side_by_side,all else,test --ignore test/physics)
-	$(call stage,tests of nodes (pytest),.venv/bin/python -m pytest -m 'graph and not long' -n 2 --dist loadfile)
+	$(call side_by_side,physics 1,auto,test/physics/test_[a-d]*.py)
+	$(call side_by_side,physics 2,auto,test/physics/test_[e-z]*.py)
+	$(call side_by_side,all else and nodes,$(twice),test --ignore test/physics)
 endif
 
 # Rules of the house, descriptions, messages, and the physics of bare fabrics: few kernels.

@@ -21,6 +21,7 @@ from icofabric_sim.kernels.loads import kick_load
 from icofabric_sim.scene.initial import InitialState
 from icofabric_sim.simulation.inputs import Inputs
 from icofabric_sim.simulation.model.packing import pack_scene
+from icofabric_sim.simulation.model.snapshot import Snapshot
 import numpy as np
 
 FORMS = ('quaternion', 'direction_cosines')
@@ -114,6 +115,15 @@ def packed_state(packed, position, orientation, linear_velocity=None, angular_ve
         position, orientation,
         rest if linear_velocity is None else linear_velocity,
         rest if angular_velocity is None else angular_velocity))
+
+
+def snapshot_of(scene, position, orientation, packed=None):
+    """Snapshot of a fabric at rest, without a simulation: no kernels of steps are compiled."""
+    rest = np.zeros_like(position)
+    ledger = {'work_in': 0.0, 'start': 0.0, 'spent': 0.0, 'potential': 0.0}
+    return Snapshot(
+        0.0, position, orientation, rest, rest, scene.connector_count,
+        packed or pack_scene(scene), ledger)
 
 
 def wrenches(scene, position, orientation, *, cosines=False, loaded=False, packed=None):

@@ -14,12 +14,14 @@
 """The manifests agree with each other and with the tree, and only `ros/` knows ROS."""
 import ast
 import configparser
+import importlib.util
 from pathlib import Path
 import re
 import shutil
 import subprocess
 import sys
 import tarfile
+from types import SimpleNamespace
 from xml.etree import ElementTree
 import zipfile
 
@@ -323,3 +325,26 @@ def test_a_wheel_and_a_source_archive_hold_what_they_need(archives):
             'ament_index/resource_index/packages/icofabric_sim'} <= shared
     assert {'LICENSE', 'package.xml', 'setup.py', 'requirements.lock'} <= in_source
     assert [name for name in in_wheel if name.endswith('/LICENSE')]
+
+
+def test_workers_begin_with_the_files_that_take_longest():
+    """Each stands in the list of test/conftest.py once; what is not in it keeps its order."""
+    spec = importlib.util.spec_from_file_location('order_of_files', ROOT / 'test' / 'conftest.py')
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    names = module.LONG_FILES
+    assert len(set(names)) == len(names) > 30
+    assert [name for name in names if not (ROOT / 'test' / f'{name}.py').exists()] == []
+
+    given = ['test_rooms', 'test_package', names[1], 'test_figures', names[0]]
+
+    def order(**config):
+        items = [SimpleNamespace(
+            path=ROOT / 'test' / f'{name}.py', name='test_it', fixturenames=(), module=pytest)
+            for name in given]
+        module.pytest_collection_modifyitems(SimpleNamespace(**config), items)
+        return [item.path.relative_to(ROOT / 'test').with_suffix('').as_posix() for item in items]
+
+    assert order() == given
+    assert order(workerinput={}) == [
+        names[0], names[1], 'test_rooms', 'test_package', 'test_figures']

@@ -253,7 +253,7 @@ def test_anchors_and_moments_with_two_threads_and_from_a_checkpoint(monkeypatch)
     scene = make_scene((5, 5, 5), {
         **QUIET, **HOOKED, 'connector.bending_stiffness': 0.05, 'anchors.one.velocity': [
             0.0, 0.3, 0.0], 'connector.twisting_stiffness': 0.04, 'solver.method': 'leapfrog',
-        'solver.threads': 2, 'initial_random.spin_sigma': 20.0})
+        'solver.threads': 2, 'solver.step': 2e-5, 'initial_random.spin_sigma': 20.0})
     monkeypatch.setattr(thread_team, 'BODIES_PER_THREAD', 20)
     ends = []
     for threads, stop in ((1, 0.0), (2, 0.0), (2, 0.0043)):

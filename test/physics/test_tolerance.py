@@ -30,6 +30,10 @@ import numpy as np
 import pytest
 
 MOMENTS = 20
+# Ready scenes in which shells meet each other, planes, or held bodies: no method keeps a tolerance
+# through impacts. In the ball contacts leave steps far shorter than the tolerance asks for.
+WITHOUT_CONTACT = {
+    'dropped_slab', 'draped_slab', 'folded_slab', 'squeezed_slab', 'woven_ball'}
 # Step times frequency of the reference, srkn8, or dop8 where it must be: for motion of 1000 a/s
 # the error of 4e-9 at 1 is 4e-6 x 0.13^8 = 3e-13 for each second. Nor is it longer than a third of
 # the run's own step.
@@ -119,7 +123,6 @@ def added_in_steps(run, reference, end):
 
 def measured(scene, generator, periods):
     """Follow a run at random moments within so many of its first shortest `periods`."""
-    scene = changed(scene, {'contact.mode': 'never'})
     run = ico.compile_scene(scene)
     rate = run.status.largest_frequency
     ratios, by_accuracy = [], []
@@ -175,6 +178,9 @@ def check(scene, generator, periods, *, passing=0.0):
 @pytest.mark.parametrize('path', ready_scenes().values(), ids=ready_scenes())
 def test_ready_scenes(path, tolerance):
     scene = changed(ico.load_scene(path), {'solver.tolerance': tolerance})
+    if path.stem in WITHOUT_CONTACT:
+        # The others run as they are, with kernels that other tests compile.
+        scene = changed(scene, {'contact.mode': 'never'})
     if scene.parameters['connector.obstruction'] == 'wrap':
         pytest.skip('no method keeps a tolerance where forces jump to the other side of a shell')
     check(scene, np.random.default_rng(1), 250)

@@ -24,6 +24,7 @@ from fabrics import (
     pair_face_to_face,
     RANDOM,
     same_state,
+    snapshot_of,
     wrenches,
 )
 import icofabric_sim as ico
@@ -35,7 +36,6 @@ from icofabric_sim.kernels.wrap.path import apart, leaving, seen_from
 from icofabric_sim.parameters.validation import make_parameters, ParameterError
 from icofabric_sim.simulation.divergence import distance_between
 from icofabric_sim.simulation.model.packing import pack_scene
-from icofabric_sim.simulation.model.snapshot import Snapshot
 from icofabric_sim.simulation.model.stability import largest_frequency
 from icofabric_sim.simulation.model.wrapping import pack_wrapping, ways_from
 from icofabric_sim.simulation.stepping import thread_team
@@ -62,14 +62,6 @@ def turned_about(scene, amplitude, seed=2):
     shift = 0.02 * scene.geometry.cube_width * generator.standard_normal(shape)
     turn = rotation_quaternion(amplitude * generator.standard_normal(shape))
     return scene.position + shift, quaternion_product(turn, scene.orientation)
-
-
-def snapshot_of(scene, position, orientation, packed=None):
-    rest = np.zeros_like(position)
-    ledger = {'work_in': 0.0, 'start': 0.0, 'spent': 0.0, 'potential': 0.0}
-    return Snapshot(
-        0.0, position, orientation, rest, rest, scene.connector_count,
-        packed or pack_scene(scene), ledger)
 
 
 def random_poses(generator, count, distances=(3.9, 6.0)):
@@ -430,8 +422,8 @@ DAMPED = {
 
 def test_damping_follows_the_rate_of_the_whole_way():
     # The power that it takes is c (dl/dt)^2, and the wrench -c dl/dt times the gradient of l.
-    scene = make_scene((3, 3, 3), {
-        **WRAP, **DAMPED, 'solver.tolerance': 1e-9})
+    # Steps of one length: no kernel that chooses them is compiled for this kind of scene.
+    scene = make_scene((3, 3, 3), {**WRAP, **DAMPED, 'solver.step': 2e-7})
     position, orientation = turned_about(scene, 0.8)
     packed = pack_scene(scene)
     generator = np.random.default_rng(4)

@@ -14,7 +14,7 @@
 """The radial weave of docs/radial.md: an orthogonal weave bent round a cylinder."""
 
 from analytical import quaternion_product, rotation_quaternion
-from fabrics import changed, make_scene, RANDOM, wrenches
+from fabrics import changed, make_scene, RANDOM, snapshot_of, wrenches
 import icofabric_sim as ico
 from icofabric_sim.geometry.icosahedron import circumscribed_radius
 from icofabric_sim.parameters.validation import ParameterError
@@ -92,7 +92,7 @@ def test_the_weave_is_an_equilibrium_without_pre_stress(changes):
     unit = 500.0 * scene.geometry.cube_width
     assert np.abs(work.force).max() < 1e-13 * unit
     assert np.abs(work.torque).max() < 1e-13 * unit * scene.geometry.half_edge
-    start = ico.compile_scene(scene).snapshot()
+    start = snapshot_of(scene, scene.position, scene.orientation)
     assert start.energy['connectors'] < 1e-25
     np.testing.assert_allclose(
         start.connector_length, scene.connectors.natural_length, rtol=1e-13)

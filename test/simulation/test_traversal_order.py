@@ -92,7 +92,7 @@ def test_panels_change_no_bit(method, monkeypatch):
         monkeypatch.setattr(thread_team, 'core_count', lambda threads=threads: threads)
         simulation = ico.compile_scene(scene)
         assert simulation.status.thread_count == threads
-        simulation.advance_to(0.01)
+        simulation.advance_to(0.003)
         ends.append(simulation.snapshot())
     for end in ends[1:]:
         assert same_state(end, ends[0])
