@@ -26,8 +26,12 @@ stage = printf '\n== %s\n' '$(1)'; $(2) || { printf '\nstopped at: %s\n' '$(1)' 
 # $(call side_by_side,name,workers,tests): a file for each worker at a time, so that none compiles
 # what another one does, those that take longest first (test/conftest.py). In parts, since a process
 # keeps what it has compiled: 80 MB for a kind of scene.
-side_by_side = $(call stage,tests side by side: $(1) (pytest),.venv/bin/python -m pytest -m 'not long' \
-	-n $(2) --dist loadfile --no-loadscope-reorder $(3))
+side_by_side = $(call stage,tests side by side: $(1) (pytest),$(call workers,$(2),$(3)))
+workers = .venv/bin/python -m pytest -m 'not long' -n $(1) --dist loadfile --no-loadscope-reorder $(2)
+# $(call types_beside,command): mypy, which takes one core, beside it; what it says stands at the end.
+types_beside = { .venv/bin/mypy >.venv/mypy.log 2>&1 & types=$$!; $(1); tests=$$?; \
+	wait $$types; types=$$?; cat .venv/mypy.log; [ $$tests$$types = 00 ]; }
+comma := ,
 # Nodes wait more than they compute, so the last part has two workers for each core.
 twice := $$(( 2 * $$(nproc) < 8 ? 2 * $$(nproc) : 8 ))
 
@@ -56,11 +60,14 @@ lint:
 	$(call stage,lint (ruff),.venv/bin/ruff check .)
 	$(call stage,types (mypy),.venv/bin/mypy)
 
-test: lint
 ifneq ($(ARGS),)
+test: lint
 	$(call stage,tests (pytest),.venv/bin/python -m pytest $(ARGS))
 else
-	$(call side_by_side,physics 1,auto,test/physics/test_[a-d]*.py)
+test:
+	.ci/environment test
+	$(call stage,lint (ruff),.venv/bin/ruff check .)
+	$(call stage,tests side by side: physics 1 (pytest)$(comma) types (mypy),$(call types_beside,$(call workers,auto,test/physics/test_[a-d]*.py)))
 	$(call side_by_side,physics 2,auto,test/physics/test_[e-z]*.py)
 	$(call side_by_side,all else and nodes,$(twice),test --ignore test/physics)
 endif

@@ -356,7 +356,7 @@ def test_what_is_left_for_jumps_is_not_used_by_smooth_steps():
     run, finer = ico.compile_scene(scene), ico.compile_scene(
         changed(scene, {'solver.tolerance': 1e-8}))
     added = 0.0
-    for _ in range(8):
+    for _ in range(6):
         start = run.time
         finer.reset_time()
         finer.take_over(run, keep_motion=True)
