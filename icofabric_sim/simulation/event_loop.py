@@ -14,6 +14,7 @@
 """The event loop of a run: steps, and the wrenches between them, in order of time."""
 
 from collections.abc import Callable
+import logging
 import math
 from typing import Any
 
@@ -46,6 +47,8 @@ from icofabric_sim.simulation.stepping.methods import METHODS
 from icofabric_sim.simulation.stepping.obstruction import Obstruction
 from icofabric_sim.simulation.stepping.thread_team import ThreadTeam
 import numpy as np
+
+_LOGGER = logging.getLogger('icofabric_sim')
 
 
 class EventLoop:
@@ -103,6 +106,12 @@ class EventLoop:
             # With the room that this method needs.
             loads = self._loads()
         method = METHODS[self.method.name]
+        if (packed.contact is not None and packed.contact.expected and not fixed > 0.0
+                and method.symplectic and not method.runs_through_contacts):
+            _LOGGER.warning(
+                'solver.method %s has steps of one length, which may add more than '
+                'solver.tolerance where shells touch, and %s; solver.method dop8 or auto '
+                'shortens steps there', self.method.name, packed.contact.expected)
         # Part of their length that connectors are expected to change by in a radian of the fastest
         # vibration, where steps do not follow it; 0 where they do.
         self.strain = 0.0

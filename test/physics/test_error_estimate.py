@@ -136,6 +136,72 @@ def test_estimate_counts_forces_that_jump_where_bands_change_to_another_geodesic
     assert 1.0 / 3.0 < judged.ratio < 3.0
 
 
+@pytest.mark.parametrize('kind, seed, method, given', [
+    # Errors rise tenfold within a few periods: three probes in twelve of them missed that.
+    ('free', 3, 'srkn8', 0.525), ('free', 13, 'srkn8', 0.321), ('contact', 16, 'leapfrog', 0.0),
+    # Steps of a ten-thousandth of a period: errors within parts of it were summed.
+    ('loaded', 14, 'leapfrog', 0.0), ('contact', 1, 'leapfrog', 0.0),
+    ('wrapped', 0, 'leapfrog', 0.0),
+    # Stretches of three periods, in which errors of jumps grow.
+    ('wrapped', 14, 'dop8', 0.395), ('wrapped', 7, 'srkn6', 0.422)])
+def test_estimate_of_errors_that_vary_or_take_each_other_back(kind, seed, method, given):
+    changes, periods, _ = draw_scene(kind, seed)
+    judged = judge(changes, method, given, min(periods, 12.0))
+    assert judged.tells and not judged.ended and not judged.falls
+    assert 1.0 / 3.0 < judged.ratio < 3.0
+
+
+def test_steps_that_contacts_make_err_more_than_allowed_are_reported_once(caplog):
+    changes, _, _ = draw_scene('contact', 9)
+    run = ico.compile_scene(ico.Scene.from_parameters(changes | {'solver.method': 'srkn8'}))
+    run.advance_to(18.0 * np.pi / run.status.largest_frequency)
+    assert run.error_estimate > 3.0 * changes['solver.tolerance'] * run.time
+    said = [text for text in caplog.messages if 'where solver.tolerance' in text]
+    assert len(said) == 1 and 'solver.method dop8 or auto' in said[0]
+
+
+def test_methods_that_do_not_follow_contacts_are_named_at_the_start(caplog):
+    changes = {
+        'shell.edge_length': 0.02, 'contact.mode': 'auto', 'weave.size': [2, 2, 2],
+        'planes.floor.normal': [0.0, 0.0, 1.0], 'planes.floor.offset': -0.1,
+        'gravity': [0.0, 0.0, -9.81]}
+    for method, step, said in (
+            ('srkn6', 0.0, True), ('dop8', 0.0, False), ('auto', 0.0, False),
+            ('srkn6', 1e-5, False)):
+        caplog.clear()
+        ico.compile_scene(ico.Scene.from_parameters(changes | {
+            'solver.method': method, 'solver.step': step}))
+        found = [text for text in caplog.messages if 'has steps of one length' in text]
+        assert len(found) == said and all('dop8 or auto' in text for text in found)
+
+
+def test_a_step_that_crossings_keep_short_is_not_measured_at_every_check(monkeypatch):
+    # Each measurement is of thousands of steps, each check of six.
+    changes, _, _ = draw_scene('kinked', 0)
+    run = ico.compile_scene(ico.Scene.from_parameters(changes | {'solver.method': 'srkn8'}))
+    probe, counted = run._event_loop.driver.errors.probe, []
+    measured = probe.measured
+    monkeypatch.setattr(probe, 'measured', lambda *words, **more: (
+        counted.append(run.time), measured(*words, **more))[1])
+    run.advance_to(600.0 * run.status.step)
+    assert run.status.step_count >= 600 and len(counted) <= 2
+
+
+def test_estimate_with_bands_is_the_same_from_a_checkpoint_within_a_stretch():
+    changes, _, _ = draw_scene('wrapped', 0)
+    scene = ico.Scene.from_parameters(changes | {'solver.method': 'leapfrog'})
+    whole, pieces, restored = (ico.compile_scene(scene) for _ in range(3))
+    period = 2.0 * np.pi / whole.status.largest_frequency
+    pieces.advance_to(0.4 * period)
+    restored.restore(pieces.checkpoint())
+    touching = restored._event_loop.driver.errors.touching
+    assert touching is not None and 'earlier' in touching.state_tree()
+    for simulation in (whole, pieces, restored):
+        simulation.advance_to(1.3 * period)
+    assert whole.error_estimate == pieces.error_estimate == restored.error_estimate
+    assert touching.total > 0.0 and 'earlier' in touching.state_tree()
+
+
 def test_chosen_steps_keep_the_tolerance_at_kinks():
     # Most is added in two steps, in which estimates are too small: 1.9 times the tolerance.
     changes, periods, _ = draw_scene('kinked', 28)

@@ -19,6 +19,9 @@ shortest period of the fabric with the step in question, and again with half of 
 tells the error (Richardson), which divided by that time is what the method adds for each second.
 The state then goes back to where it was. Whether and when to measure depends on the motion alone,
 never on time that passes outside.
+
+Where a period takes thousands of steps, longer ones are measured over it, and what they add is
+scaled by the order of the method: errors within a part of a period mostly take each other back.
 """
 
 import math
@@ -34,10 +37,13 @@ import numpy as np
 # The measured error rate that is aimed at, in parts of the tolerance. Motion changes between two
 # measurements, so the aim leaves room.
 AIM = 0.15
-# Shortest periods until the next measurement, which costs three, at first.
-FIRST_GAP = 4
+# What a measurement between two may change of the sum of errors, in parts of it: the next comes
+# later below the first, and sooner above the second.
+_SMALL_CHANGE, _LARGE_CHANGE = 0.1, 0.25
 # Steps of a measurement at most, where a step is far below the fastest period.
 _LARGEST_MEASUREMENT = 2048
+# Steps of a period at most, where that is beyond counting.
+_UNCOUNTED = 2**40
 # Bodies above which a quarter of a period is measured: some of so many err at any moment.
 _MANY = 20_000
 # A measurement comes early once the kinetic energy is this many times that of the last.
@@ -56,7 +62,7 @@ class AccuracyProbe:
         self._trajectory, self._trials, self._rates = trajectory, trials, rates
         self._half_edge, self.tolerance = trajectory.half_edge, tolerance
         self.total = 0.0  # errors added until the last measurement
-        self._since = trajectory.time
+        self._since = self._begun = trajectory.time
         self._span = 0.0  # [s] that the last measurement ran over
         self.restart()
 
@@ -70,13 +76,13 @@ class AccuracyProbe:
         self.free_rate = 0.0
         self.load_rate = 0.0
         self.is_new, self.is_measured = True, False
-        self.gap = FIRST_GAP
+        self.gap = 1
         self.checks_left = 1
-        self._since = self._trajectory.time
+        self._since = self._begun = self._trajectory.time
 
     def rebase(self, time: float) -> None:
         """Begin at another `time` [s]: nothing has moved yet."""
-        self._since = time
+        self._since = self._begun = time
 
     def state_tree(self) -> dict[str, Any]:
         """What was measured, and when it will be again."""
@@ -92,6 +98,7 @@ class AccuracyProbe:
             # None are left only where the run has ended.
             'looks_left': max(self.checks_left, 1),
             'since': self._since,
+            'begun': self._begun,
             'window': self._window,
         }
 
@@ -105,7 +112,7 @@ class AccuracyProbe:
         self.is_new, self.is_measured = tree.flag('is_new'), tree.flag('is_measured')
         self.gap = tree.count('gap', 1)
         self.checks_left = tree.count('looks_left', 1)
-        self._since = tree.number('since')
+        self._since, self._begun = tree.number('since'), tree.number('begun')
         self._window = tree.number('window', 0.0, finite=False)
 
     def estimate(self, time: float) -> float:
@@ -140,16 +147,46 @@ class AccuracyProbe:
         self.total = self.estimate(time)
         if not rest > 0.0:
             return 0.0
-        if self._trials.touched:
-            error = self.free_rate
+        error = self._without_jumps(error)
         self.total += 0.5 * error * rest
         return 0.5 * abs(error - self.free_rate) * rest if error < math.inf else math.inf
+
+    def _without_jumps(self, error: float) -> float:
+        """
+        Part of an `error` rate that is counted here: what touches is measured behind the steps.
+
+        Where forces of bands jump now and then, the least that was found: all that any stretch
+        errs by beyond that is measured behind the steps too.
+        """
+        if self._trials.touched:
+            return self.free_rate
+        if self._trajectory.model.wrapping is not None and not self.is_new:
+            return min(error, self.free_rate)
+        return error
+
+    def pace(self, change: float, *, first: int, largest: int, unit: float, part: int) -> None:
+        """
+        Choose the `gap` until the next measurement, in units of `unit` [s].
+
+        `change`: how much of the sum hangs on this one; inf: the motion is new. From the `first`
+        gap to the `largest`, but no longer than one of so many parts of the motion so far: what
+        no measurement has followed must not decide about the sum.
+        """
+        time = self._trajectory.time
+        if self.is_new or change == math.inf:
+            self._begun, self.gap = time, first
+            return
+        if not change <= _LARGE_CHANGE * self.total:
+            self.gap //= 4
+        elif change <= _SMALL_CHANGE * self.total:
+            self.gap = min(2 * self.gap, largest)
+        past = (time - self._begun) / (part * unit) if unit > 0.0 else math.inf
+        self.gap = max(int(min(self.gap, past)), first)
 
     def end(self, error: float) -> None:
         """Keep the `error` rate that was measured."""
         self._since, self.rate, self._window = self._trajectory.time, error, self._span
-        if not self._trials.touched:
-            self.free_rate = error
+        self.free_rate = self._without_jumps(error)
         self.is_measured = True
         self._trajectory.ledger.lively = _LIVELIER * self._trajectory.ledger.kinetic
 
@@ -157,17 +194,21 @@ class AccuracyProbe:
         """
         Error that the method adds for each second with this step; the state must be saved.
 
-        Over one period, or as many as so many steps at `least` take, each of them by itself:
-        errors of different periods must neither cancel nor fade. NaN where not even one can be
-        run.
+        Over one period, or about as many as so many steps at `least` take, each of them by
+        itself: errors of different periods must neither cancel nor fade. NaN where not even one
+        can be run.
         """
         self._span = 0.0
         if not fastest > 0.0:
             return 0.0
-        count = self.steps_of_period(step, fastest)
+        count, scale, power = self.steps_of_period(step, fastest), 1.0, 2.0**self._trajectory.order
+        if count > _LARGEST_MEASUREMENT:
+            longer = 2.0 * math.pi / fastest / _LARGEST_MEASUREMENT
+            step, count, scale = longer, _LARGEST_MEASUREMENT, (
+                step / longer) ** self._trajectory.order
         if self._trajectory.packed.layout.body_count > _MANY:
             count = -(-count // 4)
-        windows = -(-least // count)
+        windows = max(round(least / count), 1)
         found = 0.0
 
         def compare(one: State, other: State) -> None:
@@ -178,15 +219,13 @@ class AccuracyProbe:
         self._span = windows * count * step
         if not windows:
             return math.nan
-        power = 2.0**self._trajectory.order
-        return found * power / (power - 1.0) / self._span
+        return scale * found * power / (power - 1.0) / self._span
 
     def steps_of_period(self, step: float, fastest: float) -> int:
         """Count the steps of `step` [s] in a period of the `fastest` motion [rad/s]."""
         if not fastest > 0.0:
             return 1
-        # Also where the period is beyond counting.
-        return max(1, math.ceil(min(2.0 * math.pi / fastest / step, _LARGEST_MEASUREMENT)))
+        return max(1, math.ceil(min(2.0 * math.pi / fastest / step, _UNCOUNTED)))
 
     def distance(self, first: State, second: State, rate: float = 0.0) -> float:
         """

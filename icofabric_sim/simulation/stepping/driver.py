@@ -341,6 +341,8 @@ class Driver:
             self.trajectory.ledger.regular = 0.0
             if self.monitor.since_check:
                 self.errors.spoil()
+            else:
+                self.errors.follow_step(self.trajectory.time)
         self._pace_contacts()
 
     def respond(self, status: int, time: float) -> None:

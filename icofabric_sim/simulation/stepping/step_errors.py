@@ -13,12 +13,18 @@
 # limitations under the License.
 """What steps of one length have added to the error: in free motion, and while shells touch."""
 
+import logging
 import math
 from typing import Any
 
 from icofabric_sim.simulation.state_tree import StateTree
 from icofabric_sim.simulation.stepping.accuracy_probe import AccuracyProbe
 from icofabric_sim.simulation.stepping.touching_errors import TouchingErrors
+
+_LOGGER = logging.getLogger('icofabric_sim')
+
+# The sum is within so many times of what was added: above it more was, for certain.
+_CERTAIN = 3.0
 
 
 class StepErrors:
@@ -29,6 +35,20 @@ class StepErrors:
         self.probe, self.touching = probe, touching
         # Time [s] of the saved state that the run went back to last, as its error was too large.
         self.returned_to = -math.inf
+        self._is_reported = False
+
+    def report_excess(self, time: float) -> None:
+        """Warn once where contacts added more by `time` [s] than the tolerance allows."""
+        if self.touching is None or self._is_reported:
+            return
+        allowed = self.probe.tolerance * time
+        if allowed > 0.0 and self.touching.total > _CERTAIN * allowed:
+            self._is_reported = True
+            _LOGGER.warning(
+                'steps in which forces begin, end or jump (contacts, connectors around shells) '
+                'have added errors of %.2g by t = %.6g s, where solver.tolerance %g 1/s allows '
+                '%.2g: this method does not shorten its steps there; solver.method dop8 or auto '
+                'does', self.touching.total, time, self.probe.tolerance, allowed)
 
     def estimate(self, time: float) -> float:
         """Errors added from the start to a present `time` [s], as if none had grown or faded."""
@@ -44,6 +64,11 @@ class StepErrors:
         """Something else than steps of one length is part of this stretch."""
         if self.touching is not None:
             self.touching.spoil()
+
+    def follow_step(self, time: float) -> None:
+        """Steps have another length from `time` [s] on, where a health check was."""
+        if self.touching is not None:
+            self.touching.follow_step(time)
 
     def jump(self, time: float) -> None:
         """Count what was added until `time` [s], where the state jumps."""

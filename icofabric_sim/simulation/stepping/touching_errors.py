@@ -18,7 +18,10 @@ A contact may begin and end between two accuracy probes, and adds more error tha
 many periods. So a stretch of steps between two health checks in which shells touched is repeated
 with twice as many of half the length, and the difference of the ends counted (Richardson). All of
 the first such stretches are repeated, later one of several, which then stands for those before it.
-So are stretches in which bands around shells may change to another geodesic.
+So are stretches in which bands around shells may change to another geodesic. Errors of velocities
+take each other back within a period, and those of a state grow: a stretch of several shortest
+periods is repeated period by period, and where bands are and nothing can touch, one that is
+shorter goes on to a later health check.
 """
 
 from collections.abc import Callable
@@ -62,6 +65,7 @@ class TouchingErrors:
         self._trials, self._distance = trials, distance
         self.total = 0.0
         self._runs_through = trajectory.method.runs_through_contacts
+        self._interval = 0  # steps from one health check to the next
         self.restart()
 
     def restart(self) -> None:
@@ -73,11 +77,16 @@ class TouchingErrors:
 
     def begin(self, time: float) -> None:
         """Begin a stretch at `time` [s], whose state is saved; inf: it cannot be judged."""
-        self._start, self._touched = time, self._always
+        self._start, self._touched, self._is_kept = time, self._always, False
 
     def spoil(self) -> None:
         """Something else than steps of one length is part of this stretch."""
         self._start = math.inf
+
+    def follow_step(self, time: float) -> None:
+        """Steps have another length from `time` [s] on, where a health check was."""
+        if time > self._start:
+            self.spoil()
 
     @property
     def is_due(self) -> bool:
@@ -91,16 +100,17 @@ class TouchingErrors:
         Not beyond a health check, one of which is after each `interval` steps: the state of the
         one before is then kept if a measurement is due. Nothing is done where nothing is near.
         """
-        trajectory = self._trajectory
+        trajectory, self._interval = self._trajectory, interval
         if step != trajectory.step:
             self.spoil()
         if self._contact.contacts is None and not self._touched:
             return count
         self._contact.has_touched()
         count = min(count, interval - since_check)
-        if since_check + count == interval and self.is_due:
+        if since_check + count == interval and self.is_due and not self._is_kept:
             if trajectory.saved_time == self._start:
                 self._trials.keep_earlier()
+                self._is_kept = True
             else:
                 self.spoil()
         return count
@@ -116,7 +126,12 @@ class TouchingErrors:
 
         `rate` [1/s]: what is counted for free motion anyway.
         """
-        length, step = time - self._start, self._trajectory.step
+        length, step, rate_now = time - self._start, self._trajectory.step, self._rates.fabric.rate
+        period = 2.0 * math.pi / rate_now if rate_now > 0.0 else 0.0
+        if self._always and not self._contact.is_possible and (
+                0.0 < length and length + 0.5 * self._interval * step < period):
+            # A later health check will judge it.
+            return
         self._waiting += self._touched
         count = round(length / step) if 0.0 < length < math.inf else 0
         whole = count > 0 and abs(length - count * step) < 1e-6 * step
@@ -124,9 +139,10 @@ class TouchingErrors:
             # Pairs must be known from where it began: a search on the way knows others.
             whole = whole and self._contact.searched <= self._start
         if self._touched and whole and self._waiting >= self._every:
+            windows = max(round(length / period), 1) if period > 0.0 else 1
             error = self._trials.compare_behind(
-                self._start, count, lambda one, other: self._distance(
-                    one, other, self._rates.fabric.rate))
+                self._start, count, min(windows, count), lambda one, other: self._distance(
+                    one, other, rate_now))
             if error is not None:
                 added = max(_RICHARDSON * error - rate * length, 0.0)
                 self.total += self._waiting * added
@@ -148,10 +164,13 @@ class TouchingErrors:
 
     def state_tree(self) -> dict[str, Any]:
         """What was measured, and when it will be again."""
-        return {
+        tree: dict[str, Any] = {
             'total': self.total, 'every': self._every, 'left': self._left,
             'waiting': self._waiting, 'start': self._start, 'touched': self._touched,
             'sum': self._sum, 'squares': self._squares}
+        if self._is_kept and self._trajectory.saved_time != self._start < math.inf:
+            tree['earlier'] = self._trials.earlier_tree()
+        return tree
 
     def load_state(self, tree: StateTree) -> None:
         """Go on from there."""
@@ -161,4 +180,6 @@ class TouchingErrors:
         self._squares = tree.number('squares', 0.0, finite=False)
         self._waiting = tree.count('waiting')
         self._start = tree.number('start', finite=False)
-        self._touched = tree.flag('touched')
+        self._touched, self._is_kept = tree.flag('touched'), 'earlier' in tree
+        if self._is_kept:
+            self._trials.load_earlier(tree.part('earlier'))

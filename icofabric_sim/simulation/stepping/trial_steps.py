@@ -20,6 +20,7 @@ from icofabric_sim.kernels.meters import flowed
 from icofabric_sim.kernels.records import Loads, Model, State, Trail, Work
 from icofabric_sim.simulation.contact.friction_state import contact_losses
 from icofabric_sim.simulation.model.layout import aligned_empty
+from icofabric_sim.simulation.state_tree import StateTree
 from icofabric_sim.simulation.stepping.contact_scheduler import ContactScheduler
 from icofabric_sim.simulation.stepping.method_calls import MethodCalls
 from icofabric_sim.simulation.stepping.trajectory import Trajectory
@@ -154,33 +155,62 @@ class TrialSteps:
         self._earlier_stretch = None if losses is None else losses.saved.copy()
 
     def compare_behind(
-        self, start: float, count: int, compare: Callable[[State, State], float]
+        self, start: float, count: int, windows: int, compare: Callable[[State, State], float]
     ) -> float | None:
         """
         Repeat the last `count` steps with twice as many of half the length, and come back.
 
-        From the state of `start` [s], which `keep_earlier` has kept. Returns what `compare` finds
-        for the two ends; None where a body force fails.
+        From the state of `start` [s], which `keep_earlier` has kept, in so many windows, each from
+        where the steps themselves led. Returns the sum of what `compare` finds for their ends;
+        None where a body force fails.
         """
         assert self._earlier is not None
-        trajectory = self._trajectory
+        trajectory, step = self._trajectory, self._trajectory.step
         now = [row.copy() for row in trajectory.state]
         acceleration, model = trajectory.work.acceleration.copy(), self._copy_model()
         losses = contact_losses(model.contacts)
         if losses is not None and self._earlier_stretch is not None:
             np.copyto(losses.stretch, self._earlier_stretch)
+        ends = np.linspace(0.0, count, windows + 1).round().astype(int).tolist()
+        kept = trajectory.packed.layout.like(trajectory.state)
+        found, failed = 0.0, False
         try:
             for target, source in zip(trajectory.state, self._earlier):
                 np.copyto(target, source)
-            trajectory.refresh(start, model, 0.5 * trajectory.step)
-            half = self.take(0.5 * trajectory.step, 2 * count, start=start, model=model)
-            failed = trajectory.take_force_failure() is not None
+            for first, last in zip(ends[:-1], ends[1:]):
+                time, beside = start + first * step, self._copy_model(model)
+                trajectory.refresh(time, beside, 0.5 * step)
+                half = self.take(0.5 * step, 2 * (last - first), start=time, model=beside)
+                for target, source in zip(kept, half):
+                    np.copyto(target, source)
+                reached = now
+                if last < count:
+                    trajectory.refresh(time, model)
+                    reached = list(self.take(step, last - first, start=time, model=model))
+                failed = failed or trajectory.take_force_failure() is not None
+                for target, source in zip(trajectory.state, reached):
+                    np.copyto(target, source)
+                if failed:
+                    break
+                found += compare(trajectory.state, kept)
         finally:
             for target, source in zip(trajectory.state, now):
                 np.copyto(target, source)
             np.copyto(trajectory.work.acceleration, acceleration)
             trajectory.refresh_places()
-        return None if failed else compare(trajectory.state, half)
+        return None if failed else found
+
+    def earlier_tree(self) -> dict[str, Any]:
+        """The state that `keep_earlier` has kept, body by body."""
+        assert self._earlier is not None
+        return self._trajectory.by_body(self._earlier)
+
+    def load_earlier(self, tree: StateTree) -> None:
+        """Keep that state again, where nothing can touch."""
+        if self._earlier is None:
+            self._earlier = self._trajectory.packed.layout.like(self._trajectory.state)
+        self._trajectory.take_back(self._earlier, tree)
+        self._earlier_stretch = None
 
     def copy_loads(self) -> Loads:
         """Return the same loads, with room of their own for what they do."""

@@ -319,6 +319,8 @@ class UniformStepping:
         if touching is not None and checks.since_check == 0:
             if saved_at >= 0 and not status & monitor.UNSOUND:
                 touching.end(saved_time, errors.probe.free_rate)
+                if not pieces.is_given:
+                    errors.report_excess(saved_time)
             else:
                 touching.begin(time)
         elif touching is not None and saved_at >= 0:

@@ -14,7 +14,8 @@
 """
 A given step: the controller keeps it, and measures what it adds to the error.
 
-How soon it measures again depends on how much of the sum of errors hangs on it.
+How soon it measures again depends on how much of the sum of errors hangs on it, and on how long
+the motion lasts.
 """
 
 import math
@@ -23,9 +24,9 @@ from icofabric_sim.simulation.stepping.pieces import Pieces, StepChoice
 
 # Shortest periods until the next measurement, at most: it is for the report only.
 _LARGEST_GAP = 128
-# What a measurement between two may change of the sum of errors, in parts of it: the next comes
-# later below the first, and sooner above the second.
-_SMALL_CHANGE, _LARGE_CHANGE = 0.1, 0.25
+# Parts of the motion so far, of which none is left without a measurement: errors of high order
+# rise and fall tenfold within a few periods.
+_PARTS = 4
 
 RANK = 0
 
@@ -97,11 +98,9 @@ class GivenStep:
         if math.isnan(error):
             error = errors.rate
         change = errors.add(errors.free_rate if jumped else error)
-        if not (errors.is_new or jumped):
-            if not change <= _LARGE_CHANGE * errors.total:
-                errors.gap = max(errors.gap // 4, 1)
-            elif change <= _SMALL_CHANGE * errors.total:
-                errors.gap = min(2 * errors.gap, max(_LARGEST_GAP * steps // interval, 1))
+        errors.pace(
+            math.inf if jumped else change, first=1,
+            largest=max(_LARGEST_GAP * steps // interval, 1), unit=interval * step, part=_PARTS)
         errors.end(error)
         errors.checks_left = errors.gap
         errors.is_new = False

@@ -22,7 +22,7 @@ import math
 
 from icofabric_sim.simulation.contact.broad_phase import LOOK_AFTER
 from icofabric_sim.simulation.model.layout import has_jumps
-from icofabric_sim.simulation.stepping.accuracy_probe import AIM, FIRST_GAP
+from icofabric_sim.simulation.stepping.accuracy_probe import AIM
 from icofabric_sim.simulation.stepping.faults import too_fast
 from icofabric_sim.simulation.stepping.method_selection import longest_at_kinks
 from icofabric_sim.simulation.stepping.methods import Method
@@ -34,8 +34,10 @@ import numpy as np
 _LONGEST, _SHORTEST = 1.25, 0.4
 # The range of the measured error rate in which a step is kept, in parts of the tolerance.
 _LARGEST, _SMALLEST = 0.4, 0.02
-# Shortest periods until the next measurement: twice as many each time, up to this.
-_LARGEST_GAP = 64
+# Shortest periods until the next measurement, which costs three: at first, and at most.
+_FIRST_GAP, _LARGEST_GAP = 2, 64
+# Parts of the motion so far, of which none is left without a measurement.
+_PARTS = 2
 # The same where inputs come so often that the roughness of the motion cannot be judged.
 _LARGEST_BLIND_GAP = 16
 # A measurement comes early once the motion is this many times as rough as at the last, and so
@@ -145,7 +147,7 @@ class MeasuredStep:
         if through:
             free = rates.fastest(contacts=False)
             cap = min(chosen / free if free > 0.0 else math.inf, self._contact_step())
-        longest = pieces.contact.longest_step
+        longest, stable = pieces.contact.longest_step, cap
         self.held_back = longest < cap
         cap = min(cap, longest, self._longest_at_kinks())
         if not _SHORTEST * min(cap, errors.step) <= step <= _LONGEST * cap:
@@ -161,8 +163,9 @@ class MeasuredStep:
         # limit of the method at every health check.
         near = min(1.05 * ledger.rate, 0.9 * method.stability / step)
         ledger.high = max(_LONGEST * chosen / step, near)
-        # Of contacts the bound of the frequency at health checks knows nothing.
-        follows = errors.step >= cap and not through
+        # Of contacts the bound of the frequency at health checks knows nothing. Nor does a lower
+        # one make steps longer that contacts or crossings to come keep short.
+        follows = errors.step >= cap and not through and not cap < stable
         ledger.low = _SHORTEST * chosen / step if follows else 0.0
         return step
 
@@ -237,7 +240,7 @@ class MeasuredStep:
             errors.end(errors.rate)
             errors.checks_left = 1
             return step
-        errors.add(errors.free_rate if jumped else error)
+        change = errors.add(errors.free_rate if jumped else error)
         low = _SMALLEST if not errors.is_new else 0.25 * AIM
         for _ in range(_TRIES):
             if error <= _LARGEST * tolerance and (error >= low * tolerance or step >= cap):
@@ -260,9 +263,12 @@ class MeasuredStep:
             low = 0.25 * AIM
         rough = trajectory.ledger.rough
         largest = _LARGEST_GAP if rough >= 0.0 else _LARGEST_BLIND_GAP
+        steps = errors.steps_of_period(step, fastest)
+        errors.pace(
+            math.inf if jumped else change, first=_FIRST_GAP, largest=largest, unit=steps * step,
+            part=_PARTS)
         errors.end(error)
-        errors.gap = FIRST_GAP if errors.is_new else min(2 * errors.gap, largest)
-        steps = errors.gap * errors.steps_of_period(step, fastest)
+        steps *= errors.gap
         errors.checks_left = -(-steps // self._pieces.monitor.interval)
         errors.is_new = False
         # Differences grow with the step as the error does.
