@@ -169,7 +169,7 @@ def judge(
                 estimate.append(run.error_estimate)
     except ico.SimulationError as reason:
         ended = str(reason)
-        if looks and estimate[1:]:
+        if looks and given > 0.0 and estimate[1:]:
             # What the last stretch of steps added is measured at the check that ended the run.
             estimate[-1] = max(estimate[-1], run.error_estimate)
     except TimeoutError as reason:

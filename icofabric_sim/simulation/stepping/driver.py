@@ -337,12 +337,12 @@ class Driver:
         """
         step = self.controller.propose(probe=probe, shorter=shorter)
         if step != self.trajectory.step:
-            self.trajectory.set_step(step)
-            self.trajectory.ledger.regular = 0.0
             if self.monitor.since_check:
                 self.errors.spoil()
             else:
-                self.errors.follow_step(self.trajectory.time)
+                self.errors.close_stretch(self.trajectory.time)
+            self.trajectory.set_step(step)
+            self.trajectory.ledger.regular = 0.0
         self._pace_contacts()
 
     def respond(self, status: int, time: float) -> None:

@@ -65,10 +65,10 @@ class StepErrors:
         if self.touching is not None:
             self.touching.spoil()
 
-    def follow_step(self, time: float) -> None:
-        """Steps have another length from `time` [s] on, where a health check was."""
+    def close_stretch(self, time: float) -> None:
+        """Judge the stretch up to the health check of `time` [s]: steps get another length."""
         if self.touching is not None:
-            self.touching.follow_step(time)
+            self.touching.close(time, self.probe.free_rate)
 
     def jump(self, time: float) -> None:
         """Count what was added until `time` [s], where the state jumps."""

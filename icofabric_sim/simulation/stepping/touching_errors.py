@@ -83,10 +83,10 @@ class TouchingErrors:
         """Something else than steps of one length is part of this stretch."""
         self._start = math.inf
 
-    def follow_step(self, time: float) -> None:
-        """Steps have another length from `time` [s] on, where a health check was."""
+    def close(self, time: float, rate: float) -> None:
+        """End a stretch at the health check of `time` [s]: steps get another length."""
         if time > self._start:
-            self.spoil()
+            self.end(time, rate, is_last=True)
 
     @property
     def is_due(self) -> bool:
@@ -120,15 +120,15 @@ class TouchingErrors:
         touched = self._contact.has_touched()
         self._touched = self._touched or touched
 
-    def end(self, time: float, rate: float) -> None:
+    def end(self, time: float, rate: float, *, is_last: bool = False) -> None:
         """
         Measure the stretch that ends at `time` [s], if that is due; the next begins there.
 
-        `rate` [1/s]: what is counted for free motion anyway.
+        `rate` [1/s]: what is counted for free motion anyway; `is_last`: it cannot go on.
         """
         length, step, rate_now = time - self._start, self._trajectory.step, self._rates.fabric.rate
         period = 2.0 * math.pi / rate_now if rate_now > 0.0 else 0.0
-        if self._always and not self._contact.is_possible and (
+        if not is_last and self._always and not self._contact.is_possible and (
                 0.0 < length and length + 0.5 * self._interval * step < period):
             # A later health check will judge it.
             return
