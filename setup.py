@@ -45,6 +45,9 @@ setup(
         'viewer': ['viser>=1.1,<1.2'],
         # `icofabric sweep` and `icofabric_sim.sweep` on several workers; Parquet tables.
         'sweep': ['distributed', 'pandas', 'pyarrow'],
+        # One fabric on several processes: `icofabric run --ranks`, `ico.Ranks`. A cluster
+        # has its own MPI library: there mpi4py alone.
+        'mpi': ['mpi4py', 'mpich'],
         'test': ['pytest', 'pytest-timeout', 'pytest-xdist'],
         # The site that `make docs` builds.
         'docs': ['furo', 'myst-parser', 'sphinx'],

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from icofabric_sim.parameters.validation import ParameterError
     from icofabric_sim.scene.scene import load_scene, Scene
     from icofabric_sim.simulation.checkpoint import Checkpoint
+    from icofabric_sim.simulation.devices.ranks import RankError, Ranks
     from icofabric_sim.simulation.divergence import Growth, measure_growth
     from icofabric_sim.simulation.errors import SimulationError
     from icofabric_sim.simulation.model.body_force import BodyForce
@@ -48,6 +49,8 @@ _HOMES = {
     'Equilibrium': 'statics.equilibrium',
     'Growth': 'simulation.divergence',
     'METHODS': 'simulation.stepping.methods',
+    'RankError': 'simulation.devices.ranks',
+    'Ranks': 'simulation.devices.ranks',
     'ParameterError': 'parameters.validation',
     'Scene': 'scene.scene',
     'Shell': 'geometry.shell',
@@ -75,6 +78,8 @@ __all__ = [
     'Growth',
     'METHODS',
     'ParameterError',
+    'RankError',
+    'Ranks',
     'Scene',
     'Shell',
     'Simulation',

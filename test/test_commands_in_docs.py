@@ -201,6 +201,9 @@ def check_ros2(command, words, monkeypatch):
 def test_command_is_there_as_printed(command, monkeypatch):
     monkeypatch.chdir(ROOT)
     program, *words = words_of(command)
+    if program == '.venv/bin/mpiexec':
+        option, count, program, *words = words
+        assert option == '-n' and count.isdigit(), command.place
     name = Path(program).name
     if program.startswith('.venv/bin/'):
         assert name in IN_VENV, f'{command.place}: .venv has no {name} of ours'
@@ -240,7 +243,9 @@ def test_every_benchmark_that_is_a_program_prints_its_command():
     '.venv/bin/python benchmarks/pile.py --deep', '.venv/bin/icofabric fold x',
     'icofabric run hanging_slab', '.venv/bin/icofabric run hanging_slab --for 2',
     '.venv/bin/fabric_node --ros-args -p weave.sise:=2', 'ros2 run icofabric_sim node',
-    'ros2 launch icofabric_sim simulate.launch.py stage:=x', 'make tests'])
+    'ros2 launch icofabric_sim simulate.launch.py stage:=x', 'make tests',
+    '.venv/bin/mpiexec -n 2 .venv/bin/icofabric run hanging_slab --all-ranks',
+    '.venv/bin/mpiexec .venv/bin/icofabric run hanging_slab --ranks'])
 def test_wrong_commands_are_found(line, tmp_path, monkeypatch):
     page = tmp_path / 'page.md'
     page.write_text(f'# Title\n\n    {line}\n', encoding='utf-8')

@@ -30,6 +30,11 @@ from icofabric_sim.statics import equilibrium, modes, periodic
 import numpy as np
 import pytest
 
+try:
+    from mpi4py import MPI
+except ImportError:  # an extra
+    MPI = None
+
 # Functions that the documentation names beside what is exported.
 NAMED_IN_DOCS = [periodic.band_path, periodic.sample_zone]
 WORLD = 'world'
@@ -300,6 +305,8 @@ def table(t):
             'edge_length': edge, 'thickness': thickness, 'density_function': function(uniform),
             'include_interior': flag(False, np.True_), 'tolerance': positive(1e-3),
             'evaluation_limit': integer(10**8, np.int64(10**8), bad=[0, -1])}),
+        **({} if MPI is None else {'Ranks': (ico.Ranks, {
+            'communicator': some(MPI.Intracomm, MPI.COMM_SELF, optional=True)})}),
         'Simulation': (ico.Simulation, compile_words(scene)),
         'compile_scene': (ico.compile_scene, compile_words(scene)),
         'Simulation.advance_to': (simulation.advance_to, {
@@ -464,7 +471,8 @@ def table(t):
 def compile_words(scene):
     return {
         'scene': scene, 'rotation': text('quaternion', bad=['', 'euler']),
-        'body_force': function(None, optional=True)}
+        'body_force': function(None, optional=True),
+        'ranks': some(ico.Ranks, None, optional=True)}
 
 
 def own_callables(name, kind):
@@ -516,6 +524,8 @@ def public_callables():
 
 
 PUBLIC = public_callables()
+if MPI is None:
+    del PUBLIC['Ranks']
 # What a call that was refused has not begun.
 STARTERS = [
     (simulation_module, 'pack_scene'), (equilibrium, 'StaticFabric'), (modes, 'StaticFabric'),

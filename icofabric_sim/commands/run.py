@@ -21,6 +21,7 @@ import signal
 import time
 from typing import TYPE_CHECKING
 
+from icofabric_sim.commands.ranks import lead_or_serve, require_alone
 from icofabric_sim.commands.report import add_json_argument, print_report
 from icofabric_sim.commands.scenes import add_scene_arguments, read_parameters
 from icofabric_sim.kernels.runtime.interrupts import leaving
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
     from icofabric_sim.running.recording import BagSink
     from icofabric_sim.running.run_records import Errors
     from icofabric_sim.running.runner import Runner
+    from icofabric_sim.simulation.devices.ranks import Ranks
     from icofabric_sim.simulation.divergence import Growth
     from icofabric_sim.simulation.simulation import Simulation
 
@@ -56,6 +58,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='do not measure how a small disturbance grows in this motion: a second, displaced '
              'run beside the first, which doubles the work (with solver.tolerance above 4e-9 in '
              'a radian of the fastest vibration, and no solver.step: two more runs)')
+    parser.add_argument(
+        '--ranks', action='store_true',
+        help='share the steps among the processes of MPI that were started together: mpiexec -n 4 '
+             'icofabric run SCENE --ranks; the first one records. The same bits as one process. '
+             'Without growth, and with what ranks can share (docs/howto/ranks.md)')
     add_json_argument(parser)
     parser.add_argument(
         '--cross-check', action='store_true',
@@ -65,6 +72,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(arguments: argparse.Namespace) -> int:
     """Simulate to the end of the duration; the record is kept and closed whatever happens."""
+    if not arguments.ranks:
+        require_alone()
+        return _simulate(arguments, None)
+    if arguments.cross_check:
+        raise InputError('--cross-check compares within one process: give it without --ranks')
+    return lead_or_serve(lambda ranks: _simulate(arguments, ranks))
+
+
+def _simulate(arguments: argparse.Namespace, ranks: 'Ranks | None') -> int:
     name, parameters = read_parameters(arguments)
     parameters = _complete(arguments, parameters)
     if arguments.cross_check:
@@ -77,13 +93,17 @@ def main(arguments: argparse.Namespace) -> int:
     with bad_input():
         scene = Scene.from_parameters(parameters)
         say(f'{name}: {scene.body_count:,} bodies, {scene.connector_count:,} connectors')
-        simulation = compile_scene(scene)
+        simulation = compile_scene(scene, ranks=ranks)
+    is_shared = ranks is not None and ranks.size > 1
+    if is_shared and not arguments.no_growth:
+        say('growth is not measured while ranks share the steps: icofabric verify compares bits, '
+            'and a run in one process measures it')
     simulation.warm_up()
     with ExitStack() as stack:
         progress = stack.enter_context(Progress(parameters['duration'], 's'))
         stack.enter_context(notes(progress, _NAME))
         return _Run(
-            name, simulation, progress, path, with_growth=not arguments.no_growth,
+            name, simulation, progress, path, with_growth=not (arguments.no_growth or is_shared),
             as_json=arguments.json).run()
 
 

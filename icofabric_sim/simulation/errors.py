@@ -20,6 +20,10 @@ class SimulationError(RuntimeError):
     """
 
 
+class RankError(SimulationError):
+    """A process of MPI that shares the steps has failed, and with it the run: which, and why."""
+
+
 class Interrupted(Exception):
     """`should_stop` ended an advance; the simulation stands at a step end and can go on."""
 

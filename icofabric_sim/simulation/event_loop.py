@@ -22,6 +22,8 @@ from icofabric_sim.kernels.records import Loads
 from icofabric_sim.scene.initial import InitialState
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.contact.broad_phase import BroadPhase
+from icofabric_sim.simulation.devices.leader import shared_method
+from icofabric_sim.simulation.devices.transport import Transport
 from icofabric_sim.simulation.errors import SimulationError
 from icofabric_sim.simulation.input_types import Target, Value
 from icofabric_sim.simulation.inputs import Inputs
@@ -56,9 +58,13 @@ class EventLoop:
 
     def __init__(
         self, scene: Scene, packed: PackedScene, *,
-        on_pause: Callable[[], None]
+        on_pause: Callable[[], None], ranks: Transport | None = None
     ) -> None:
-        """Stand at the start of the `scene`; see `compile_scene` and `Driver`."""
+        """
+        Stand at the start of the `scene`; see `compile_scene` and `Driver`.
+
+        `ranks`: processes that take the steps together.
+        """
         self._scene, self._packed = scene, packed
         self.time = 0.0  # [s] that was asked for last
         self.inputs = Inputs(scene)
@@ -68,7 +74,9 @@ class EventLoop:
         # When a step has to end for an input that was taken already [s]; infinite: no step has.
         self._cut_due = math.inf
         parameters = scene.parameters
-        thread_team, broad_phase = ThreadTeam(parameters['solver.threads'], packed), None
+        # Each rank takes its steps by one thread.
+        threads = parameters['solver.threads'] if ranks is None else 1
+        thread_team, broad_phase = ThreadTeam(threads, packed), None
         if packed.contact is not None:
             broad_phase = BroadPhase(packed.contact, packed.layout, packed.model, thread_team.size)
         # Name of the method in METHODS, and why it was chosen.
@@ -112,6 +120,10 @@ class EventLoop:
                 'solver.method %s has steps of one length, which may add more than '
                 'solver.tolerance where shells touch, and %s; solver.method dop8 or auto '
                 'shortens steps there', self.method.name, packed.contact.expected)
+        if ranks is not None:
+            method = shared_method(
+                ranks, packed, self.method.name, given=fixed > 0.0,
+                half_edge=scene.geometry.half_edge)
         # Part of their length that connectors are expected to change by in a radian of the fastest
         # vibration, where steps do not follow it; 0 where they do.
         self.strain = 0.0

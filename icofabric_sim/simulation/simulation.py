@@ -22,6 +22,8 @@ from icofabric_sim.kernels.runtime.interrupts import DeferredInterrupt
 from icofabric_sim.scene.initial import hold_still, InitialState
 from icofabric_sim.scene.scene import require_scene, Scene
 from icofabric_sim.simulation.checkpoint import Checkpoint
+from icofabric_sim.simulation.devices.ranks import Ranks
+from icofabric_sim.simulation.devices.refusals import require_shareable
 from icofabric_sim.simulation.errors import Interrupted, SimulationError
 from icofabric_sim.simulation.event_loop import EventLoop
 from icofabric_sim.simulation.given_state import complete_state
@@ -60,17 +62,18 @@ _WAY = 'compile_scene(scene) makes one'
 
 def compile_scene(
     scene: Scene, *, rotation: str = 'quaternion',
-    body_force: BodyForce | Force | None = None
+    body_force: BodyForce | Force | None = None, ranks: Ranks | None = None
 ) -> 'Simulation':
     """
     Turn a scene into something fast, once.
 
     `rotation` chooses the formulation: 'quaternion' (eqs 21-27, 10 N) or 'direction_cosines'
     (eqs 16-20, 15 N). `body_force`: a Python function, or a BodyForce, that acts on all bodies
-    beside what the scene says.
+    beside what the scene says. `ranks`: the processes of MPI that take the steps together; what
+    they cannot share is refused by name.
     Raises ValueError where `solver.step` is beyond the stability limit.
     """
-    return Simulation(scene, rotation=rotation, body_force=body_force)
+    return Simulation(scene, rotation=rotation, body_force=body_force, ranks=ranks)
 
 
 class Simulation:
@@ -78,7 +81,7 @@ class Simulation:
 
     def __init__(
         self, scene: Scene, *, rotation: str = 'quaternion',
-        body_force: BodyForce | Force | None = None
+        body_force: BodyForce | Force | None = None, ranks: Ranks | None = None
     ) -> None:
         """See `compile_scene`."""
         require_scene(scene)
@@ -86,13 +89,21 @@ class Simulation:
         cosines = rotation == 'direction_cosines'
         if cosines and body_force is not None:
             raise ValueError("a body_force is given quaternions: rotation must be 'quaternion'")
+        transport = None
+        if ranks is not None:
+            checks.instance('ranks', ranks, Ranks, 'with ico.Ranks() as ranks: makes them')
+            transport = ranks.transport_of_leader()
+            if transport is not None:
+                require_shareable(scene, cosines=cosines, body_force=body_force is not None)
         self.scene, self.rotation = scene, rotation
+        self._is_shared = transport is not None
         self.body_force = as_body_force(body_force)
         self.packed = pack_scene(scene, cosines=cosines, body_force=self.body_force)
         self._deferred = DeferredInterrupt()
         # Asked every 25 to 50 ms of computing; True ends the advance with Interrupted.
         self.should_stop: Callable[[], bool] | None = None
-        self._event_loop = EventLoop(scene, self.packed, on_pause=self._pause)
+        self._event_loop = EventLoop(
+            scene, self.packed, on_pause=self._pause, ranks=transport)
         self._driver = self._event_loop.driver
         # What acts and what is to come. Whoever puts a judged input into `inputs.queue` advances
         # to its time, or to the present one, to have it act.
@@ -212,6 +223,10 @@ class Simulation:
         Until `release`, or a reset; another point aims anew. See simulation/pulls.py for the law,
         which is scaled to the fabric and by `pull.strength`.
         """
+        if self._is_shared:
+            raise ValueError(
+                'pull is not possible while ranks share the steps; load channels are, by '
+                'apply_wrench')
         target = PullTarget(checks.count('body', body, 0, self.scene.body_count - 1))
         self._apply(target, Pull(checks.array('point', point, (3,))), None)
 

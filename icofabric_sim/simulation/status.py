@@ -69,6 +69,18 @@ class SimulationStatus:
         return self._driver.trajectory.step_count
 
     @property
+    def rank_count(self) -> int:
+        """Processes of MPI that take the steps together; 1: this one alone."""
+        holder = self._driver.trajectory.method.holder
+        return 1 if holder is None else holder.rank_count
+
+    @property
+    def halo_bytes(self) -> int:
+        """Bytes that the rank with the largest halo receives in an evaluation of the forces."""
+        holder = self._driver.trajectory.method.holder
+        return 0 if holder is None else holder.halo_bytes
+
+    @property
     def next_step_time(self) -> float:
         """Time [s] at which the step in progress ends, unless an input ends it before."""
         return self._driver.next_step_time

@@ -23,6 +23,7 @@ from icofabric_sim.kernels.integrators.splitting import NEVER
 from icofabric_sim.kernels.records import Loads, Model, State, Team, Work
 from icofabric_sim.kernels.runtime.interrupts import leaving
 from icofabric_sim.kernels.runtime.lanes import LANES
+from icofabric_sim.simulation.errors import RankError
 from icofabric_sim.simulation.stepping.contact_scheduler import ContactScheduler
 from icofabric_sim.simulation.stepping.portions import Portions
 from icofabric_sim.simulation.stepping.trajectory import Trajectory
@@ -55,9 +56,11 @@ class MethodCalls:
         arguments = (
             origin, index, step, count, since_check, interval, self._contact.watching(),
             trajectory.ledger.numbers)
-        return self.timed(partial(
-            self._advance, trajectory.model, trajectory.loads, trajectory.state, trajectory.work,
-            arguments))
+        try:
+            return self.timed(partial(
+                self._advance, trajectory.model, *trajectory.for_steps(), arguments))
+        except RankError as error:
+            trajectory.lose_ranks(error)
 
     def take_trial(
         self, model: Model, loads: Loads, state: State, work: Work, start: float,
@@ -69,8 +72,12 @@ class MethodCalls:
         while done < count:
             started, portion = perf_counter(), min(count - done, self.portions.count)
             arguments = start, done, step, portion, 0, NEVER, watch, trajectory.ledger.numbers
-            trajectory.thread_team.run(partial(
-                self._advance, model, loads, state, work, arguments))
+            try:
+                trajectory.thread_team.run(partial(
+                    self._advance, model, loads, state, work, arguments))
+            except RankError as error:
+                # The trajectory stays where it is, or its user takes it back there.
+                trajectory.fail(str(error))
             self.portions.note(portion, perf_counter() - started)
             done += portion
             leaving.check()

@@ -16,7 +16,7 @@
 from collections.abc import Callable
 from functools import partial
 import math
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 from icofabric_sim.kernels.integrators.embedded import DOP8, fixed_pair
 from icofabric_sim.kernels.integrators.splitting import splitting
@@ -24,6 +24,21 @@ import numpy as np
 
 # Order that methods with `mends_kinks` have where the slopes of connectors jump.
 KINK_ORDER = 4
+
+
+class StateHolder(Protocol):
+    """Holds the state of a run elsewhere while nobody looks at it."""
+
+    @property
+    def rank_count(self) -> int:
+        """Count the processes that take the steps together."""
+
+    @property
+    def halo_bytes(self) -> int:
+        """Bytes that one of them receives at most in an evaluation of the forces."""
+
+    def take_over(self) -> None:
+        """Have it whole in the arrays of this process, which may change it."""
 
 
 class Method(NamedTuple):
@@ -45,6 +60,8 @@ class Method(NamedTuple):
     # Whether it keeps KINK_ORDER where the slopes of connectors jump (kernels/kinks.py); steps
     # with a crossing are neither symplectic nor reversible then.
     mends_kinks: bool = False
+    # Who holds the state between two calls, where several processes take the steps.
+    holder: 'StateHolder | None' = None
 
     @property
     def runs_through_contacts(self) -> bool:

@@ -23,10 +23,18 @@ from typing import Any, NoReturn
 from icofabric_sim.kernels.contact.forces import touch_all
 from icofabric_sim.kernels.contact.losses import touch_ahead
 from icofabric_sim.kernels.flows import keep_accelerations, place_all
-from icofabric_sim.kernels.records import ContactLosses, Contacts, Loads, Meter, Model, State
+from icofabric_sim.kernels.records import (
+    ContactLosses,
+    Contacts,
+    Loads,
+    Meter,
+    Model,
+    State,
+    Work,
+)
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.simulation.contact.friction_state import contact_losses
-from icofabric_sim.simulation.errors import SimulationError
+from icofabric_sim.simulation.errors import RankError, SimulationError
 from icofabric_sim.simulation.model.layout import has_jumps
 from icofabric_sim.simulation.model.packing import acting_lanes, PackedScene
 from icofabric_sim.simulation.state_tree import StateTree
@@ -69,10 +77,10 @@ class Trajectory:
         `half_edge` [m]: a, the unit of errors of positions.
         """
         self.packed, self.model, self.method = packed, packed.model, method
-        self.state, self.loads = state, loads
+        self._state, self._loads = state, loads
         self.thread_team, self.half_edge = thread_team, half_edge
         self.broken = Broken(packed)
-        self.work = packed.layout.room(
+        self._work = packed.layout.room(
             packed.model.links, None if method.symplectic else state, differences=differences,
             damped=packed.model.damping is not None, metered=packed.spends)
         # Only this room has limits at which connectors break.
@@ -94,6 +102,56 @@ class Trajectory:
         self._flows: dict[str, np.ndarray] = {}
         self._flows_at: tuple[float, Loads | None] = math.nan, None
         self.failure: SimulationError | None = None
+
+    @property
+    def state(self) -> State:
+        """The present state, to look at or to change."""
+        self._take_over()
+        return self._state
+
+    @state.setter
+    def state(self, state: State) -> None:
+        self._take_over()
+        self._state = state
+
+    @property
+    def loads(self) -> Loads:
+        """What acts, with the work that it has done."""
+        self._take_over()
+        return self._loads
+
+    @loads.setter
+    def loads(self, loads: Loads) -> None:
+        self._take_over()
+        self._loads = loads
+
+    @property
+    def work(self) -> Work:
+        """What follows from the state."""
+        self._take_over()
+        return self._work
+
+    @work.setter
+    def work(self, work: Work) -> None:
+        self._take_over()
+        self._work = work
+
+    def for_steps(self) -> tuple[Loads, State, Work]:
+        """Return loads, state and work for steps that go on from there, wherever they are."""
+        return self._loads, self._state, self._work
+
+    def _take_over(self) -> None:
+        if self.method.holder is not None:
+            try:
+                self.method.holder.take_over()
+            except RankError as error:
+                self.lose_ranks(error)
+
+    def lose_ranks(self, error: RankError) -> NoReturn:
+        """End the run at its saved state: what ranks had since then is lost."""
+        self.return_to_saved()
+        self.fail(
+            f'{error}; the last good state, of t = {self.saved_time:.9g} s, is kept')
 
     @property
     def order(self) -> int:

@@ -51,8 +51,7 @@ def make_sweeps(
     count = len(layout.blocks.slot)
     owners = np.repeat(
         np.arange(size), np.diff([count * member // size for member in range(size + 1)]))
-    panels = -(-layout.blocks.reach * LANES // _PANEL)
-    width = max(1, -(-(int(layout.rows.max(initial=0)) + 1) // max(1, panels)))
+    width = panel_width(layout)
     sweeps = [
         _make_sweep(layout, links, np.flatnonzero(owners == member), width)
         for member in range(size)]
@@ -64,12 +63,18 @@ def make_sweeps(
         for sweep in sweeps]
 
 
+def panel_width(layout: Layout) -> int:
+    """Rows of a panel."""
+    panels = -(-layout.blocks.reach * LANES // _PANEL)
+    return max(1, -(-(int(layout.rows.max(initial=0)) + 1) // max(1, panels)))
+
+
 def _make_sweep(layout: Layout, links: Links | None, own: np.ndarray, width: int) -> Sweep:
     # A block at the end of a layer has bodies in its last rows and in the first of the next layer.
     first_row, last_row = layout.rows[:, own]
     pushes = own[np.argsort(last_row // width, kind='stable')].astype(np.uint32)
     border = np.zeros(len(own), bool)
-    for part, neighbours in _neighbours(layout, links, own):
+    for part, neighbours in neighbours_of(layout, links, own):
         inside = (neighbours >= own[0]) & (neighbours <= own[-1])
         border[part] = ~inside.all(axis=1)
     # Sorts border blocks to the front; else a block drifts with the panel that needs it first.
@@ -79,14 +84,14 @@ def _make_sweep(layout: Layout, links: Links | None, own: np.ndarray, width: int
     turn[drifts] = np.arange(1, len(own) + 1, dtype=np.int32)
     needed = np.zeros(-(-len(own) // TILE) * TILE, np.int32)
     needed[:len(own)] = turn[pushes]
-    for part, neighbours in _neighbours(layout, links, pushes):
+    for part, neighbours in neighbours_of(layout, links, pushes):
         # Other threads' blocks have no turn here: they are waited for before all pushes.
         needed[part] = np.maximum(needed[part], turn[neighbours].max(axis=1, initial=0))
     ahead = np.maximum.accumulate(needed.reshape(-1, TILE).max(axis=1, initial=0))
     return Sweep(drifts, pushes, ahead.astype(np.int32), int(np.count_nonzero(border)))
 
 
-def _neighbours(
+def neighbours_of(
     layout: Layout, links: Links | None, blocks: np.ndarray
 ) -> Iterator[tuple[slice, np.ndarray]]:
     """

@@ -1,0 +1,142 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+How a fabric is divided among ranks: who owns which blocks, and who needs whose poses.
+
+Each rank owns a run of blocks, in the order in which one process computes them: as a rule layers
+of the fabric. It needs the poses of the blocks outside that its connectors lead to, once in each
+evaluation of the forces.
+"""
+
+from typing import NamedTuple
+
+from icofabric_sim.kernels.records import Links
+from icofabric_sim.kernels.runtime.lanes import LANES
+from icofabric_sim.kernels.runtime.team import TILE
+from icofabric_sim.simulation.devices.rank_kernels import POSE
+from icofabric_sim.simulation.model.layout import Layout
+from icofabric_sim.simulation.stepping.traversal_order import neighbours_of, panel_width
+import numpy as np
+
+
+class Part(NamedTuple):
+    """The blocks of a rank, by their numbers in the whole fabric."""
+
+    first: int
+    last: int  # the one after its last
+    drifts: np.ndarray  # (m,) its blocks as they drift, those that others need first
+    border: int  # how many these are; the same blocks need others
+    inner: np.ndarray  # (m - border,) the others, as they are pushed
+    ahead: np.ndarray  # (t,) int32, how many have to drift before each tile of them is pushed
+    # What comes from each rank: (its number, blocks), rising; and what goes to each.
+    needs: tuple[tuple[int, np.ndarray], ...]
+    gives: tuple[tuple[int, np.ndarray], ...]
+
+    @property
+    def halo(self) -> np.ndarray:
+        """Blocks of others that it needs, rising."""
+        blocks = [blocks for _, blocks in self.needs]
+        return np.concatenate([np.zeros(0, np.int64), *blocks])
+
+
+class HaloBytes(NamedTuple):
+    """What a rank receives in each evaluation of the forces [B]."""
+
+    received: int
+    # The same for the bodies alone that its connectors lead to: blocks have other lanes, too.
+    least: int
+
+
+def bounds_of(block_count: int, rank_count: int) -> np.ndarray:
+    """First block of each rank, and the number of blocks at the end, (r + 1,)."""
+    return np.array([block_count * rank // rank_count for rank in range(rank_count + 1)])
+
+
+def divide(layout: Layout, links: Links | None, rank_count: int) -> list[Part]:
+    """
+    Give each rank its part.
+
+    Raises ValueError where there are fewer blocks than ranks.
+    """
+    block_count = len(layout.blocks.slot)
+    if rank_count > block_count:
+        raise ValueError(
+            f'{rank_count} ranks are too many for {layout.body_count} bodies in {block_count} '
+            f'blocks of {LANES}: at most one rank a block; start mpiexec with -n {block_count} '
+            'or less')
+    bounds = bounds_of(block_count, rank_count)
+    halos = [
+        _halo(layout, links, bounds[rank], bounds[rank + 1]) for rank in range(rank_count)]
+    parts = []
+    for rank in range(rank_count):
+        first, last = int(bounds[rank]), int(bounds[rank + 1])
+        needs = tuple(
+            (other, blocks) for other in range(rank_count)
+            if len(blocks := _within(halos[rank], bounds[other], bounds[other + 1])))
+        gives = tuple(
+            (other, blocks) for other in range(rank_count) if other != rank
+            and len(blocks := _within(halos[other], first, last)))
+        drifts, border, inner, ahead = _order(layout, links, first, last)
+        parts.append(Part(first, last, drifts, border, inner, ahead, needs, gives))
+    return parts
+
+
+def halo_bytes(layout: Layout, links: Links | None, part: Part) -> HaloBytes:
+    """Count what a rank receives in an evaluation, and what it needs at least."""
+    needed = np.zeros(layout.slot_count, bool)
+    if links is not None:
+        own = slice(part.first, part.last)
+        for lane in range(LANES):
+            there = links.present[own] >> lane & 1 > 0
+            needed[links.place[own][there] % layout.slot_count + lane] = True
+    own_slots = layout.blocks.slot[part.first:part.last, None] + np.arange(LANES)
+    needed[own_slots.ravel()] = False
+    each = POSE * np.dtype(float).itemsize
+    return HaloBytes(each * LANES * len(part.halo), each * int(np.count_nonzero(needed)))
+
+
+def _within(blocks: np.ndarray, first: int, last: int) -> np.ndarray:
+    return blocks[np.searchsorted(blocks, first):np.searchsorted(blocks, last)]
+
+
+def _halo(layout: Layout, links: Links | None, first: int, last: int) -> np.ndarray:
+    """Blocks outside of first to last that connectors of these lead to, rising."""
+    found = [np.zeros(0, np.int64)]
+    for _, blocks in neighbours_of(layout, links, np.arange(first, last)):
+        seen = np.unique(blocks)
+        found.append(seen[(seen < first) | (seen >= last)])
+    return np.unique(np.concatenate(found))
+
+
+def _order(
+    layout: Layout, links: Links | None, first: int, last: int
+) -> tuple[np.ndarray, int, np.ndarray, np.ndarray]:
+    """Drifts, how many of them others need, inner pushes and the drifts ahead of their tiles."""
+    own, width = np.arange(first, last), panel_width(layout)
+    border = np.zeros(len(own), bool)
+    for piece, blocks in neighbours_of(layout, links, own):
+        border[piece] = ((blocks < first) | (blocks >= last)).any(axis=1)
+    first_row, last_row = layout.rows[:, first:last]
+    panel = np.where(border, -1, np.maximum(first_row - 1, 0) // width)
+    drifts = own[np.argsort(panel, kind='stable')]
+    turn = np.zeros(len(layout.blocks.slot), np.int64)
+    turn[drifts] = np.arange(1, len(own) + 1)
+    pushes = own[np.argsort(last_row // width, kind='stable')]
+    inner = pushes[~border[pushes - first]]
+    needed = np.zeros(-(-len(inner) // TILE) * TILE, np.int64)
+    needed[:len(inner)] = turn[inner]
+    for piece, blocks in neighbours_of(layout, links, inner):
+        needed[piece] = np.maximum(needed[piece], turn[blocks].max(axis=1, initial=0))
+    ahead = np.maximum.accumulate(needed.reshape(-1, TILE).max(axis=1, initial=0))
+    return drifts, int(np.count_nonzero(border)), inner, ahead.astype(np.int32)

@@ -1,0 +1,304 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+The first rank's side: a method whose steps all ranks take, each of its part.
+
+The run, its driver and all that judges it are on the first rank and have the arrays of the whole
+fabric. Between two health checks states stay where they are computed; they are gathered where the
+first rank looks at them: at a health check, and whenever the trajectory is asked for its state.
+So every sum is the one that a single process forms.
+"""
+
+import math
+import socket
+from typing import Any
+import weakref
+
+from icofabric_sim.kernels.flows import place_all
+from icofabric_sim.kernels.integrators.splitting import NEVER
+from icofabric_sim.kernels.loads import keep_work
+from icofabric_sim.kernels.monitor import (
+    examine,
+    judge_roughness,
+    REGULAR,
+    ROUGHER,
+    ROUGHEST,
+    save,
+    SAVED_AT,
+    UNSOUND,
+)
+from icofabric_sim.kernels.records import Loads, Model, State, Team, Work
+from icofabric_sim.kernels.runtime.lanes import LANES
+from icofabric_sim.scene.available_memory import available_memory
+from icofabric_sim.simulation.devices.division import divide, halo_bytes, HaloBytes
+from icofabric_sim.simulation.devices.part_steps import Arrays, PartSteps, Stretch, Weights
+from icofabric_sim.simulation.devices.refusals import require_shareable_method
+from icofabric_sim.simulation.devices.slot_rows import SlotRows, tables_of
+from icofabric_sim.simulation.devices.transport import Transport
+from icofabric_sim.simulation.devices.window import (
+    bytes_of,
+    exchange_of,
+    loads_of,
+    window_of,
+)
+from icofabric_sim.simulation.model.packing import PackedScene
+from icofabric_sim.simulation.stepping.methods import Method, METHODS
+from icofabric_sim.simulation.stepping.step_monitor import differences_of
+import numpy as np
+
+_numbers = iter(range(2**62))
+
+
+class SharedSteps:
+    """Steps of a method that all ranks of a transport take; made on the first of them."""
+
+    def __init__(
+        self, transport: Transport, packed: PackedScene, method: Method, *, given: bool,
+        half_edge: float
+    ) -> None:
+        """
+        Divide the fabric and send each rank its window; `given`: the step is.
+
+        Raises ValueError where ranks are too many or lack memory.
+        """
+        self._transport, self._packed = transport, packed
+        self._kicks, self._drifts = np.array(method.kicks), np.array(method.drifts)
+        self._number = next(_numbers)
+        layout, links = packed.layout, packed.model.links
+        differences = differences_of(method, given=given, linked=links is not None)
+        self._weights = Weights(
+            self._kicks, self._drifts, differences,
+            np.array([float(math.comb(differences, k)) for k in range(differences + 1)]),
+            half_edge**-2)
+        self._parts = divide(layout, links, transport.size)
+        slot = layout.blocks.slot
+        self._rows = [SlotRows(slot[part.first:part.last]) for part in self._parts]
+        # Whether the state of the run is with the ranks, and whether only there.
+        self._is_out = self._is_stale = False
+        self._own: PartSteps | None = None
+        self._samples: list[np.ndarray] = []
+        self._run: Arrays | None = None
+        self._ledger = np.zeros(0)
+        self._acting: tuple[Any, ...] = ()
+        self._acts = False
+        self._require_room()
+        # After the end of the interpreter nobody is there to be told.
+        weakref.finalize(self, transport.dropped.append, self._number).atexit = False
+
+    @property
+    def rank_count(self) -> int:
+        """Count the ranks."""
+        return self._transport.size
+
+    @property
+    def halo_bytes(self) -> int:
+        """Bytes that the rank with the largest halo receives in an evaluation of the forces."""
+        return max(halo.received for halo in self.halos)
+
+    @property
+    def halos(self) -> list[HaloBytes]:
+        """Bytes that each rank receives in an evaluation of the forces."""
+        return [
+            halo_bytes(self._packed.layout, self._packed.model.links, part)
+            for part in self._parts]
+
+    def advance(
+        self, model: Model, loads: Loads, state: State, saved: State, work: Work, team: Team,
+        origin: float, index: int, h: float, count: int, since_check: int, check_interval: int,
+        watch: None, ledger: np.ndarray
+    ) -> tuple[int, int, int]:
+        """Take steps as `splitting` of kernels/integrators/splitting.py does, with all ranks."""
+        self._transport.require_health()
+        try:
+            return self._advance(
+                model, loads, state, saved, work, origin, index, h, count, since_check,
+                check_interval, ledger)
+        except BaseException as error:
+            self._is_out = self._is_stale = False
+            # Others wait for poses from here.
+            self._transport.fail(error)
+            raise
+
+    def take_over(self) -> None:
+        """Have the whole state of the run here, where it may be looked at and changed."""
+        is_stale, self._is_out, self._is_stale = self._is_stale, False, False
+        if is_stale and self._run is not None:
+            self._gather(self._run, of_run=True, whole=True)
+
+    def _advance(
+        self, model: Model, loads: Loads, state: State, saved: State, work: Work, origin: float,
+        index: int, h: float, count: int, since_check: int, check_interval: int,
+        ledger: np.ndarray
+    ) -> tuple[int, int, int]:
+        of_run = check_interval < NEVER
+        own = self._begin(model, loads, state, work, ledger)
+        self._send_loads(loads)
+        arrays = Arrays(loads if self._acts else None, state, work)
+        if of_run:
+            self._run, self._ledger = arrays, ledger
+        if not (of_run and self._is_out):
+            self._scatter(arrays, of_run=of_run)
+        if of_run:
+            self._is_out = self._is_stale = True
+        blocks, done = len(model.blocks.slot), 0
+        while done < count:
+            ahead = min(count - done, check_interval - since_check)
+            stretch = Stretch(origin, index + done, h, ahead, since_check, check_interval)
+            self._transport.order(('take', self._number, stretch))
+            own.take(arrays, stretch)
+            done += ahead
+            since_check += ahead
+            if not of_run:
+                continue
+            ledger[REGULAR] += ahead
+            if since_check < check_interval:
+                continue
+            since_check = 0
+            self._gather(arrays, of_run=True, whole=False)
+            place_all(model, state, work, 0, blocks)
+            status = examine(model, loads, state, work, origin + (index + done) * h, ledger)
+            status |= judge_roughness(
+                work, ledger,
+                self._weights.differences if self._weights.stages < 4 else check_interval)
+            if not status & (UNSOUND | ROUGHER):
+                ledger[SAVED_AT] = done
+                save(model, state, saved, 0, blocks)
+                keep_work(loads, 0, blocks)
+            if status:
+                return int(status), done, since_check
+        if not of_run:
+            self._gather(arrays, of_run=False, whole=True)
+        return 0, done, since_check
+
+    def _begin(
+        self, model: Model, loads: Loads, state: State, work: Work, ledger: np.ndarray
+    ) -> PartSteps:
+        """Send the windows with the first steps: by then all that they need is compiled here."""
+        if self._own is not None:
+            return self._own
+        layout = self._packed.layout
+        count = work.difference.shape[1] // LANES if self._weights.differences else 0
+        blocks = np.arange(count) * len(layout.blocks.slot) // max(count, 1)
+        chosen = [
+            np.flatnonzero((blocks >= part.first) & (blocks < part.last))
+            for part in self._parts]
+        self._samples = [
+            (LANES * one[:, None] + np.arange(LANES)).ravel() for one in chosen]
+        own = PartSteps(
+            self._transport, model, exchange_of(layout, self._parts[0], blocks[chosen[0]]),
+            self._weights)
+        own.make_ready(Arrays(loads if len(loads.wrench) else None, state, work))
+        for rank in range(1, self._transport.size):
+            window = window_of(model, layout, self._parts[rank], blocks[chosen[rank]])
+            self._transport.send_order(('window', self._number, window, self._weights), rank)
+        self._own = own
+        return own
+
+    def _send_loads(self, loads: Loads) -> None:
+        """Send each rank the loads on its bodies, where they are other ones."""
+        acting = loads.start, loads.wrench, loads.force, loads.anchors
+        if len(acting) == len(self._acting) and all(
+                one is other for one, other in zip(acting, self._acting)):
+            return
+        self._acting, self._acts = acting, len(loads.wrench) > 0
+        for rank in range(1, self._transport.size):
+            own = loads_of(loads, self._parts[rank]) if self._acts else None
+            self._transport.send_order(('loads', self._number, own), rank)
+        self._is_out = False
+
+    def _scatter(self, arrays: Arrays, *, of_run: bool) -> None:
+        assert self._own is not None
+        self._transport.order(('scatter', self._number, of_run))
+        loads, state, work = arrays
+        requests: list[Any] = []
+        for rank in range(1, self._transport.size):
+            requests += self._rows[rank].send(
+                self._transport, tables_of(state, work, whole=True), rank)
+            more = [] if loads is None else [loads.work[self._rows_of_loads(loads, rank)]]
+            if of_run:
+                more += [
+                    np.ascontiguousarray(row[self._samples[rank]]) for row in work.difference]
+            requests += [self._transport.send(row, rank) for row in more]
+        self._transport.wait(requests)
+        if of_run:
+            self._own.difference[:] = work.difference[:, self._samples[0]]
+            self._own.roughest = 0.0
+
+    def _gather(self, arrays: Arrays, *, of_run: bool, whole: bool) -> None:
+        """Have the state of all ranks here; `whole`: with all that the next step needs."""
+        assert self._own is not None
+        self._transport.order(('gather', self._number, of_run, whole))
+        loads, state, work = arrays
+        roughest = self._own.take_roughest()
+        for rank in range(1, self._transport.size):
+            self._rows[rank].receive(
+                self._transport, tables_of(state, work, whole=whole), rank)
+            if loads is not None:
+                self._receive(loads.work[self._rows_of_loads(loads, rank)], rank)
+            if not of_run:
+                continue
+            rough = np.zeros(1)
+            self._receive(rough, rank)
+            roughest = max(roughest, float(rough[0]))
+            if whole:
+                samples = self._samples[rank]
+                for row in work.difference:
+                    values = np.empty(len(samples))
+                    self._receive(values, rank)
+                    row[samples] = values
+        if of_run:
+            self._ledger[ROUGHEST] = max(self._ledger[ROUGHEST], roughest)
+            if whole:
+                work.difference[:, self._samples[0]] = self._own.difference
+
+    def _receive(self, values: np.ndarray, rank: int) -> None:
+        self._transport.wait([self._transport.receive(values, rank)])
+
+    def _rows_of_loads(self, loads: Loads, rank: int) -> slice:
+        """Where the work on the bodies of a rank is."""
+        part = self._parts[rank]
+        return slice(
+            LANES * int(loads.start[part.first]), LANES * int(loads.start[part.last]))
+
+    def _require_room(self) -> None:
+        """Refuse windows for which some machine lacks memory, before any is made."""
+        transport = self._transport
+        transport.order(('room',))
+        machines = [(socket.gethostname(), available_memory()), *transport.answers()]
+        wanted: dict[str, int] = {}
+        ranks: dict[str, list[int]] = {}
+        for rank, (name, _) in enumerate(machines):
+            if rank:
+                part = self._parts[rank]
+                slots = LANES * (part.last - part.first + 2 * len(part.halo))
+                wanted[name] = wanted.get(name, 0) + bytes_of(slots)
+                ranks.setdefault(name, []).append(rank)
+        for name, need in wanted.items():
+            left = min(amount for machine, amount in machines if machine == name)
+            if need > left:
+                members = ', '.join(map(str, ranks[name]))
+                raise ValueError(
+                    f'rank {members} on {name}: windows of {self._packed.layout.body_count:,} '
+                    f'bodies need about {need / 1e9:.3g} GB there, and {left / 1e9:.3g} GB are '
+                    'left; take more machines, or a smaller weave.size')
+
+
+def shared_method(
+    transport: Transport, packed: PackedScene, name: str, *, given: bool, half_edge: float
+) -> Method:
+    """Return the method `name`, with steps that all ranks take; ValueError where they cannot."""
+    require_shareable_method(name, packed)
+    method = METHODS[name]
+    steps = SharedSteps(transport, packed, method, given=given, half_edge=half_edge)
+    return method._replace(advance=steps.advance, holder=steps)

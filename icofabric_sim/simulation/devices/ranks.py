@@ -1,0 +1,107 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""The processes of MPI that share the steps of one fabric, as a program sees them."""
+
+from importlib import import_module
+import signal
+from types import TracebackType
+from typing import Any, Self
+
+from icofabric_sim import checks
+from icofabric_sim.simulation.devices.server import Server
+from icofabric_sim.simulation.devices.transport import Transport
+from icofabric_sim.simulation.errors import RankError
+
+__all__ = ['RankError', 'Ranks']
+
+
+class Ranks:
+    """
+    The ranks of a communicator; the first of them leads, the others take part in its steps.
+
+        with ico.Ranks() as ranks:
+            if ranks.leads:
+                simulation = ico.compile_scene(scene, ranks=ranks)
+                simulation.advance_to(0.5)
+
+    All processes come to the end of the block: the others serve there, until the first one has
+    left it. What goes wrong in one of them is a RankError in all.
+    """
+
+    def __init__(self, communicator: Any = None) -> None:
+        """Take the processes of an mpi4py `communicator`; without one those of the launcher."""
+        try:
+            mpi = import_module('mpi4py.MPI')
+        except (ImportError, RuntimeError) as error:
+            raise RankError(
+                f'ranks need mpi4py, and an MPI library that it finds: {error}; '
+                "pip install 'icofabric_sim[mpi]' has both") from error
+        communicator = mpi.COMM_WORLD if communicator is None else checks.instance(
+            'communicator', communicator, mpi.Intracomm, 'mpi4py.MPI.COMM_WORLD is one')
+        self._transport = Transport(communicator)
+
+    @property
+    def rank(self) -> int:
+        """The number of this process, from 0 on."""
+        return self._transport.rank
+
+    @property
+    def size(self) -> int:
+        """Count the processes."""
+        return self._transport.size
+
+    @property
+    def leads(self) -> bool:
+        """Whether this process is the first, which has the simulation."""
+        return self._transport.rank == 0
+
+    def transport_of_leader(self) -> Transport | None:
+        """What a simulation shares its steps by; None where there is nobody to share with."""
+        if not self.leads:
+            raise ValueError(
+                f'a simulation is made on the first rank, not on rank {self.rank}: put it after '
+                "'if ranks.leads:'")
+        if self._transport.has_ended:
+            raise ValueError("the ranks have ended with their 'with' block")
+        return self._transport if self.size > 1 else None
+
+    def __enter__(self) -> Self:
+        """Begin the block that all processes run."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None,
+        trace: TracebackType | None
+    ) -> None:
+        """Let the others serve until the first process comes here."""
+        if self.leads:
+            self._transport.end()
+            return
+        if error is not None:
+            self._transport.fail(error)
+            return
+        # The first rank decides when a run ends.
+        signals = signal.SIGINT, signal.SIGTERM, signal.SIGHUP
+        before = {number: signal.signal(number, signal.SIG_IGN) for number in signals}
+        try:
+            Server(self._transport).serve()
+        except RankError:
+            raise
+        except BaseException as failure:
+            self._transport.fail(failure)
+            self._transport.require_health()
+            raise
+        finally:
+            for number, handler in before.items():
+                signal.signal(number, handler)

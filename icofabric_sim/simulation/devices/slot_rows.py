@@ -1,0 +1,62 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""Rows of arrays on their way between ranks: the slots of a part, without copies where it can."""
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from icofabric_sim.kernels.records import State, Work
+from icofabric_sim.kernels.runtime.lanes import LANES
+from icofabric_sim.simulation.devices.transport import Transport
+import numpy as np
+
+
+class SlotRows:
+    """The slots of some blocks in rows of arrays whose slots come last."""
+
+    def __init__(self, slots: np.ndarray) -> None:
+        """`slots`: where the blocks begin."""
+        every = (slots[:, None].astype(np.int64) + np.arange(LANES)).ravel()
+        self.count = len(every)
+        # Blocks that lie side by side are a slice, which is no copy.
+        is_run = self.count and np.array_equal(
+            every, np.arange(every[0], every[0] + self.count))
+        self._index: Any = slice(int(every[0]), int(every[0]) + self.count) if is_run else every
+
+    def send(self, transport: Transport, tables: Sequence[np.ndarray], rank: int) -> list[Any]:
+        """Begin to send the rows of all `tables` to a rank."""
+        return [
+            transport.send(np.ascontiguousarray(row[self._index]), rank)
+            for row in _rows(tables)]
+
+    def receive(self, transport: Transport, tables: Sequence[np.ndarray], rank: int) -> None:
+        """Receive them in place."""
+        if isinstance(self._index, slice):
+            transport.wait([
+                transport.receive(row[self._index], rank) for row in _rows(tables)])
+            return
+        for row in _rows(tables):
+            values = np.empty(self.count)
+            transport.wait([transport.receive(values, rank)])
+            row[self._index] = values
+
+
+def tables_of(state: State, work: Work, *, whole: bool) -> tuple[np.ndarray, ...]:
+    """What is exchanged of a state; `whole`: also the accelerations for the next step."""
+    return (*state, work.acceleration) if whole else tuple(state)
+
+
+def _rows(tables: Sequence[np.ndarray]) -> Iterator[np.ndarray]:
+    for table in tables:
+        yield from table

@@ -1,0 +1,227 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+Messages between ranks, by mpi4py: orders, arrays, poses, and the word that a rank has failed.
+
+Nobody waits for good: who waits looks for that word now and then.
+"""
+
+from collections.abc import Sequence
+from importlib import import_module
+import math
+import os
+import time
+from typing import Any
+
+from icofabric_sim.kernels.runtime.record import Record
+from icofabric_sim.simulation.errors import RankError
+from icofabric_sim.simulation.model.layout import aligned_empty
+import numpy as np
+
+_ORDER, _ARRAY, _POSES, _FAILED = 11, 12, 13, 14
+# Looks at a message between two looks whether a rank has failed; how many of them nobody else
+# gets the processor between, and after how many this process sleeps between them.
+_LOOKS, _EAGER, _PATIENCE = 64, 50, 20_000
+# How long an idle rank looks before it sleeps between looks, and for how long at most [s].
+_AWAKE, _NAP, _LONGEST_NAP = 2e-3, 5e-5, 2e-3
+# How long a rank that has failed waits for the others to hear of it [s].
+_FAREWELL = 5.0
+# Messages that nobody will take, or send, after a failure: their bytes stay where they are.
+_unsent: list[Any] = []
+
+
+class Transport:
+    """What ranks send each other, in a communicator of their own."""
+
+    def __init__(self, communicator: Any) -> None:
+        """Talk to the processes of an mpi4py `communicator`; all of them do this at once."""
+        self._mpi: Any = import_module('mpi4py.MPI')
+        self._comm = communicator.Dup()
+        self.rank: int = self._comm.Get_rank()
+        self.size: int = self._comm.Get_size()
+        # Numbers of simulations that are gone, for the next order: who notes them is called by the
+        # collector of garbage, at any moment, and must not send.
+        self.dropped: list[int] = []
+        # Small messages under way: kept until they have left.
+        self._sent: list[Any] = []
+        self.has_ended = False
+        # Which rank has failed, and why.
+        self._failure = ''
+
+    def end(self) -> None:
+        """Have all other ranks end, from the first one."""
+        if not (self.has_failed or self.has_ended):
+            self.order(('end',))
+            self._send_off(math.inf)
+        self.has_ended = True
+
+    def order(self, what: Any) -> None:
+        """Send an order to all other ranks: a name and what it needs."""
+        self._sent = [request for request in self._sent if not request.Test()]
+        while self.dropped:
+            self._order(('forget', self.dropped.pop()))
+        self._order(what)
+
+    def _order(self, what: Any) -> None:
+        for rank in range(self.size):
+            if rank != self.rank:
+                self.send_order(what, rank)
+
+    def send_order(self, what: Any, rank: int) -> None:
+        """Send an order to one rank."""
+        self._sent.append(self._comm.isend(_flat(what), dest=rank, tag=_ORDER))
+
+    def next_order(self) -> Any:
+        """Wait for an order of the first rank."""
+        status, since, nap = self._mpi.Status(), time.monotonic(), _NAP
+        while not self._comm.Iprobe(source=0, tag=_ORDER, status=status):
+            self.require_health()
+            if time.monotonic() - since < _AWAKE:
+                os.sched_yield()
+            else:
+                time.sleep(nap)
+                nap = min(2.0 * nap, _LONGEST_NAP)
+        return _round(self._comm.recv(source=0, tag=_ORDER))
+
+    def answer(self, what: Any) -> None:
+        """Send a small answer to the first rank."""
+        self._sent.append(self._comm.isend(what, dest=0, tag=_ORDER))
+
+    def answers(self) -> list[Any]:
+        """Wait for an answer of each of the other ranks, in their order."""
+        found = []
+        for rank in range(1, self.size):
+            while not self._comm.Iprobe(source=rank, tag=_ORDER):
+                self.require_health()
+                os.sched_yield()
+            found.append(self._comm.recv(source=rank, tag=_ORDER))
+        return found
+
+    def send(self, values: np.ndarray, rank: int) -> Any:
+        """Begin to send an array of doubles; returns what `wait` takes."""
+        return self._comm.Isend([values, self._mpi.DOUBLE], dest=rank, tag=_ARRAY)
+
+    def receive(self, values: np.ndarray, rank: int) -> Any:
+        """Begin to receive one, likewise."""
+        return self._comm.Irecv([values, self._mpi.DOUBLE], source=rank, tag=_ARRAY)
+
+    def send_poses(self, values: np.ndarray, rank: int) -> Any:
+        """Begin to send poses, likewise."""
+        return self._comm.Isend([values, self._mpi.DOUBLE], dest=rank, tag=_POSES)
+
+    def receive_poses(self, values: np.ndarray, rank: int) -> Any:
+        """Begin to receive poses, likewise."""
+        return self._comm.Irecv([values, self._mpi.DOUBLE], source=rank, tag=_POSES)
+
+    def wait(self, requests: Sequence[Any]) -> None:
+        """
+        Wait until all of them are done.
+
+        At once as a rule; else the processor is offered to others, which may be the ranks that are
+        waited for, and after a while left to them.
+        """
+        looks = 0
+        while not self._mpi.Request.Testall(requests):
+            looks += 1
+            if looks % _LOOKS == 0:
+                try:
+                    self.require_health()
+                except RankError:
+                    _unsent.extend(requests)
+                    raise
+            if looks > _PATIENCE:
+                time.sleep(_NAP)
+            elif looks > _EAGER:
+                os.sched_yield()
+
+    @property
+    def has_failed(self) -> bool:
+        """Whether some rank has failed, as far as this one knows."""
+        return bool(self._failure)
+
+    def fail(self, error: BaseException) -> None:
+        """Tell all other ranks that this one has failed, unless the run has failed already."""
+        if self._failure:
+            return
+        reason = str(error) or type(error).__name__
+        if not isinstance(error, (RuntimeError, ValueError)):
+            reason = f'{type(error).__name__}: {reason}'
+        self._failure = f'rank {self.rank} of {self.size} has failed: {reason}'
+        for rank in range(self.size):
+            if rank != self.rank:
+                self._sent.append(self._comm.isend(self._failure, dest=rank, tag=_FAILED))
+        # Who has gone hears nothing any more.
+        self._send_off(_FAREWELL)
+
+    def _send_off(self, seconds: float) -> None:
+        """Wait until small messages have left: with this object their bytes would be gone."""
+        since = time.monotonic()
+        while self._sent and time.monotonic() - since < seconds:
+            self._sent = [request for request in self._sent if not request.Test()]
+            time.sleep(_NAP)
+        _unsent.extend(self._sent)
+
+    def require_health(self) -> None:
+        """Raise RankError where a rank has failed."""
+        if not self._failure and self._comm.Iprobe(source=self._mpi.ANY_SOURCE, tag=_FAILED):
+            self._failure = self._comm.recv(source=self._mpi.ANY_SOURCE, tag=_FAILED)
+        if self._failure:
+            raise RankError(self._failure)
+
+
+class _Flat:
+    """A record as its class and fields: arrays that are not to be written to stay so."""
+
+    def __init__(self, kind: Any, values: list[Any]) -> None:
+        self.kind, self.values = kind, values
+
+
+class _ReadOnly:
+    def __init__(self, values: np.ndarray) -> None:
+        self.values = values
+
+
+def _flat(value: Any) -> Any:
+    if isinstance(value, Record):
+        return _Flat(type(value)._base(), [_flat(part) for part in value])
+    if isinstance(value, np.ndarray):
+        return value if value.flags.writeable else _ReadOnly(value)
+    if isinstance(value, tuple):
+        parts = [_flat(part) for part in value]
+        return type(value)(*parts) if hasattr(value, '_fields') else tuple(parts)
+    return value
+
+
+def _aligned(values: np.ndarray) -> np.ndarray:
+    """The same array at the start of a cache line, if it is one of doubles in rows."""
+    if values.dtype != np.float64 or not values.flags.c_contiguous or not values.size:
+        return values
+    target = aligned_empty(values.shape)
+    target[...] = values
+    return target
+
+
+def _round(value: Any) -> Any:
+    if isinstance(value, _Flat):
+        return value.kind(*(_round(part) for part in value.values))
+    if isinstance(value, _ReadOnly):
+        values = _aligned(value.values)
+        values.flags.writeable = False
+        return values
+    if isinstance(value, np.ndarray):
+        return _aligned(value)
+    if isinstance(value, tuple):
+        parts = [_round(part) for part in value]
+        return type(value)(*parts) if hasattr(value, '_fields') else tuple(parts)
+    return value

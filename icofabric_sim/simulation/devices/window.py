@@ -1,0 +1,185 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+The window of a rank: its blocks, and those around them that it reads, as arrays of its own.
+
+Slots lie in the order of the whole fabric, and what lies side by side there does so here: a vector
+that begins in one block may end in the next. Blocks that nobody reads are left out, so the places
+of neighbours are other numbers, and all else is the same.
+"""
+
+from typing import NamedTuple
+
+from icofabric_sim.kernels.records import (
+    Blocks,
+    Links,
+    Loads,
+    Model,
+    State,
+    Supports,
+    Variety,
+)
+from icofabric_sim.kernels.runtime.lanes import LANES
+from icofabric_sim.simulation.devices.division import Part
+from icofabric_sim.simulation.model.layout import aligned_empty, Layout
+import numpy as np
+
+# Doubles that a rank holds for each slot: state and its trial, accelerations of both, points.
+_DOUBLES_EACH = 2 * 13 + 2 * 6 + 18
+
+
+class Exchange(NamedTuple):
+    """What a rank drifts, pushes, gives and needs, by its own blocks and slots."""
+
+    first: int  # its own blocks
+    last: int
+    drifts: np.ndarray  # uint32
+    border: int
+    inner: np.ndarray  # uint32
+    ahead: np.ndarray  # int32
+    # (rank, first slots int32 of the blocks)
+    gives: tuple[tuple[int, np.ndarray], ...]
+    needs: tuple[tuple[int, np.ndarray], ...]
+    samples: np.ndarray  # (m,) int32 first slots of its blocks in which roughness is judged
+
+
+class Window(NamedTuple):
+    """All that a rank gets when a run begins, but for the loads and the state."""
+
+    model: Model
+    exchange: Exchange
+    slot_count: int
+
+
+def exchange_of(layout: Layout, part: Part, samples: np.ndarray) -> Exchange:
+    """What the first rank does: it has the arrays of the whole fabric."""
+    slot = layout.blocks.slot
+    return _exchange(part, np.arange(len(slot)), slot, samples)
+
+
+def window_of(model: Model, layout: Layout, part: Part, samples: np.ndarray) -> Window:
+    """
+    Cut a window out of the `model` of a whole fabric.
+
+    `samples`: blocks of the part in which the roughness is judged.
+    """
+    own = np.arange(part.first, part.last)
+    blocks = np.concatenate([own, part.halo])
+    kept = _kept(model.links, layout, part, blocks)
+    slot_count = LANES * (len(kept) + 1 - len(kept) % 2)
+    # From a run of slots in the whole fabric to where it is in the window.
+    moved = np.zeros(layout.slot_count // LANES, np.int64)
+    moved[kept] = np.arange(len(kept))
+
+    def cut(values: np.ndarray | None) -> np.ndarray | None:
+        return None if values is None else _cut(values, kept, slot_count)
+
+    slot = (LANES * moved[layout.blocks.slot[blocks] // LANES]).astype(np.int32)
+    alive = model.blocks.alive[blocks].copy()
+    alive[len(own):] = 0  # nothing is computed for the bodies of others
+    links = model.links
+    if links is not None:
+        edge, at = np.divmod(links.place[own].astype(np.int64), 3 * layout.slot_count)
+        at = LANES * moved[at // LANES] + at % LANES
+        place = np.zeros((len(blocks), links.place.shape[1]), np.int32)
+        present = np.zeros(place.shape, np.uint8)
+        place[:len(own)], present[:len(own)] = 3 * slot_count * edge + at, links.present[own]
+        place[len(own):] = slot[len(own):, None]
+        variety = links.variety
+        if variety is not None:
+            variety = Variety(*(_cut(values, kept, slot_count) for values in variety))
+        links = links._replace(place=place, present=present, variety=variety)
+    bending, twisting, supports = model.bending, model.twisting, model.supports
+    if bending is not None:
+        bending = bending._replace(
+            directions=cut(bending.directions), variety=cut(bending.variety),
+            woven=cut(bending.woven))
+    if twisting is not None:
+        twisting = twisting._replace(variety=cut(twisting.variety), woven=cut(twisting.woven))
+    if supports is not None:
+        supports = Supports(*(_cut(values, kept, slot_count) for values in supports))
+    numbers = np.zeros(len(layout.blocks.slot), np.int64)
+    numbers[blocks] = np.arange(len(blocks))
+    return Window(
+        model._replace(
+            blocks=Blocks(slot, alive, 0), links=links, bending=bending, twisting=twisting,
+            supports=supports),
+        _exchange(part, numbers, slot, samples), slot_count)
+
+
+def bytes_of(slot_count: int) -> int:
+    """Bytes that a rank allocates for a window of so many slots, about."""
+    return 8 * _DOUBLES_EACH * slot_count
+
+
+def resting(slot_count: int) -> State:
+    """Room for a state; slots without a body compute with ordinary numbers."""
+    state = State(*(aligned_empty((rows, slot_count)) for rows in (3, 4, 3, 3)))
+    for values in state:
+        values[:] = 0.0
+    state.orientation[3] = 1.0
+    return state
+
+
+def loads_of(loads: Loads, part: Part) -> Loads:
+    """The rows of a part; of its halo none."""
+    first, last = int(loads.start[part.first]), int(loads.start[part.last])
+    start = loads.start[part.first:part.last + 1] - first
+    start = np.concatenate([start, np.full(len(part.halo), start[-1])]).astype(np.int32)
+    rows = slice(first, last)
+    return loads._replace(
+        start=start, wrench=loads.wrench[rows].copy(), lanes=loads.lanes[rows].copy(),
+        work=_zeros(LANES * (last - first)), earlier_work=_zeros(0), power=_zeros(0).reshape(0, 0))
+
+
+def _zeros(count: int) -> np.ndarray:
+    room = aligned_empty((count,))
+    room[:] = 0.0
+    return room
+
+
+def _exchange(
+    part: Part, number: np.ndarray, slot: np.ndarray, samples: np.ndarray
+) -> Exchange:
+    def slots(blocks: np.ndarray) -> np.ndarray:
+        return np.ascontiguousarray(slot[number[blocks]], dtype=np.int32)
+
+    return Exchange(
+        first=int(number[part.first]), last=int(number[part.last - 1]) + 1,
+        drifts=number[part.drifts].astype(np.uint32), border=part.border,
+        inner=number[part.inner].astype(np.uint32), ahead=part.ahead,
+        gives=tuple((rank, slots(blocks)) for rank, blocks in part.gives),
+        needs=tuple((rank, slots(blocks)) for rank, blocks in part.needs),
+        samples=slots(samples))
+
+
+def _kept(links: Links | None, layout: Layout, part: Part, blocks: np.ndarray) -> np.ndarray:
+    """Runs of LANES slots that the window has, rising: also where vectors only pass over."""
+    kept = np.zeros(layout.slot_count // LANES, bool)
+    kept[layout.blocks.slot[blocks] // LANES] = True
+    if links is not None:
+        at = links.place[part.first:part.last] % layout.slot_count
+        kept[at // LANES] = True
+        kept[(at + LANES - 1) // LANES] = True
+    return np.flatnonzero(kept)
+
+
+def _cut(values: np.ndarray, kept: np.ndarray, slot_count: int) -> np.ndarray:
+    """Slots of the window from rows (..., s) of the whole fabric."""
+    runs = values.reshape(*values.shape[:-1], -1, LANES)
+    target = aligned_empty((*values.shape[:-1], slot_count))
+    target[:] = 0.0
+    target.reshape(*runs.shape[:-2], -1, LANES)[..., :len(kept), :] = runs[..., kept, :]
+    target.flags.writeable = values.flags.writeable
+    return target

@@ -1,0 +1,146 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+Runs of small scenes by ranks of MPI, and what is to be the same bits whatever their number.
+
+As a program: started by a launcher, it lets each smaller number of its processes run every scene,
+and prints what came of it as JSON; `test_ranks.py` compares with one process.
+"""
+
+import faulthandler
+import hashlib
+import json
+import time
+import traceback
+
+import icofabric_sim as ico
+from icofabric_sim.simulation.devices.server import Server
+import numpy as np
+
+COMMON = {
+    'contact.mode': 'never', 'gravity': [0.0, 0.3, -9.81],
+    'groups': {'top': 'z_max', 'tip': 'x_max'}, 'supports': {'s': {'group': 'top', 'fix': 'all'}},
+    'initial_random': {'velocity_sigma': 0.02, 'spin_sigma': 1.0, 'seed': 3},
+    'loads': {'l': {'group': 'tip', 'force': [0.01, 0.0, 0.02], 'profile': 'half_sine',
+                    'duration': 0.004}}}
+# Slabs of rows end to end, interleaved grids, rows of a turned fabric, loose bodies; with steps
+# given and chosen; two of them with laws, moments and anchors that other arrays hold.
+SCENES = {
+    'slab, leapfrog': {
+        **COMMON, 'weave.size': [7, 7, 9], 'solver': {'method': 'leapfrog', 'tolerance': 0.1}},
+    'even rows, srkn8': {
+        **COMMON, 'weave.size': [8, 8, 8], 'solver': {'method': 'srkn8', 'tolerance': 1e-3}},
+    'turned, srkn4': {
+        **COMMON, 'weave': {'kind': 'bias', 'size': [6, 6, 6]},
+        'solver': {'method': 'srkn4', 'tolerance': 1e-4}},
+    'moments and kinks, leapfrog': {
+        **COMMON, 'weave.size': [5, 7, 9], 'connector': {
+            'stiffness_extension': 500.0, 'stiffness_compression': 100.0,
+            'bending_stiffness': 1e-3, 'twisting_stiffness': 1e-3},
+        'anchors': {'a': {'body': 0, 'edge': 'west', 'position': [-0.2, 0.0, 0.0]}},
+        'solver': {'method': 'leapfrog', 'step': 3e-5}},
+}
+
+
+def run(name, ranks=None):
+    """Run a scene in pieces; what came of it, as text that says every bit."""
+    simulation = ico.compile_scene(ico.Scene.from_parameters(SCENES[name]), ranks=ranks)
+    # Between two steps, at a step, behind an input.
+    simulation.advance_to(0.0031)
+    found = [state_of(simulation)]
+    simulation.apply_wrench('l', force=(0.0, 0.02, 0.0))
+    simulation.advance_steps(5)
+    simulation.advance_to(simulation.time + 0.0007)
+    found.append(state_of(simulation))
+    checkpoint = simulation.checkpoint().to_bytes()
+    simulation.advance_to(simulation.time + 0.0023)
+    status = simulation.status
+    return {
+        'states': [*found, state_of(simulation)], 'step': status.step.hex(),
+        'steps': status.step_count, 'error': simulation.error_estimate.hex(),
+        'balance': [float(number).hex() for number in simulation.balance],
+        'checkpoint': hashlib.sha256(checkpoint).hexdigest()}
+
+
+def state_of(simulation):
+    snapshot = simulation.snapshot()
+    digest = hashlib.sha256()
+    for values in (snapshot.position, snapshot.orientation, snapshot.linear_velocity,
+                   snapshot.angular_velocity):
+        digest.update(np.ascontiguousarray(values).tobytes())
+    return [digest.hexdigest(), {
+        name: float(value).hex() for name, value in snapshot.energy.items()}]
+
+
+def fail(ranks, victim):
+    """Let a rank fail once it has taken many steps; what the first one says and keeps then."""
+    if ranks.rank == victim:
+        take, calls = Server._take, []
+
+        def taken(self, *arguments):
+            calls.append(arguments)
+            if len(calls) > 40:
+                raise MemoryError('no room')
+            take(self, *arguments)
+
+        Server._take = taken
+    said = ''
+    try:
+        with ranks:
+            if ranks.leads:
+                simulation = ico.compile_scene(
+                    ico.Scene.from_parameters(SCENES['slab, leapfrog']), ranks=ranks)
+                try:
+                    simulation.advance_to(1.0)
+                except ico.SimulationError as error:
+                    said = str(error)
+                state = simulation.snapshot().position
+                assert np.isfinite(state).all()
+    except ico.RankError as error:
+        said = str(error)
+    return said
+
+
+def main():
+    from mpi4py import MPI
+    world, found = MPI.COMM_WORLD, {}
+    groups = {
+        count: world.Split(0 if world.rank < count else MPI.UNDEFINED, world.rank)
+        for count in range(2, world.size + 1)}
+    for count, group in sorted(groups.items(), reverse=True):
+        if group == MPI.COMM_NULL:
+            continue
+        with ico.Ranks(group) as ranks:
+            if ranks.leads:
+                found[count] = {name: run(name, ranks) for name in SCENES}
+    last = groups[min(3, world.size)]
+    said = fail(ico.Ranks(last), 1) if last != MPI.COMM_NULL else ''
+    heard = world.gather(said, root=0)
+    if world.rank == 0:
+        print(json.dumps({'found': found, 'heard': heard}))
+    # Those that are done do not keep the others from their processors.
+    request = world.Ibarrier()
+    while not request.Test():
+        time.sleep(0.01)
+
+
+if __name__ == '__main__':
+    # A hang says where.
+    faulthandler.dump_traceback_later(150.0, exit=True)
+    try:
+        main()
+    except BaseException:
+        traceback.print_exc()
+        from mpi4py import MPI
+        MPI.COMM_WORLD.Abort(1)
