@@ -201,6 +201,8 @@ class NodeProcess:
             self.process.wait()
             pytest.fail(f'the node did not end:\n{self.log()}')
         assert 'Traceback' not in self.log(), self.log()
+        if status < 0:
+            pytest.fail(f'the node was ended by signal {-status}:\n{self.log()}')
         return status
 
     def __enter__(self):

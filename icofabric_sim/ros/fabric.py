@@ -19,6 +19,7 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from contextlib import AbstractContextManager, nullcontext
 import gc
+import logging
 from pathlib import Path
 import threading
 import time
@@ -56,8 +57,9 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-# How long the last answers may take [s].
-_LAST_ANSWERS = 2.0
+_LOGGER = logging.getLogger('icofabric_sim')
+# How long the last answers may take, and the way of the last one to a busy client [s].
+_LAST_ANSWERS, _LAST_DELIVERY = 2.0, 0.5
 _HELD_UP, _LOOK = 5.0, 0.2
 # A report that is so late [s] is given in place of the run, looked for so often [s].
 _OVERDUE, _REPORT_CHECK = 1.4, 0.5
@@ -288,11 +290,9 @@ class FabricNode(Node):
 def run_node(node: FabricNode, signals: StopSignals) -> int:
     """Run a node until it is done or stopped; returns the exit status."""
     simulation = node.runner.simulation
-    node.get_logger().info(
-        f'{READY}{simulation.scene.body_count} bodies, '
-        f'{simulation.scene.connector_count} connectors, '
-        f'{simulation.status.method_name}, step {simulation.status.step:.3g} s'
-    )
+    _LOGGER.info(
+        '%s%d bodies, %d connectors, %s, step %.3g s', READY, simulation.scene.body_count,
+        simulation.scene.connector_count, simulation.status.method_name, simulation.status.step)
     server = Server(node)
     # What was imported stays: a garbage collection over it would block the node.
     gc.freeze()
@@ -301,10 +301,15 @@ def run_node(node: FabricNode, signals: StopSignals) -> int:
     try:
         server.serve(lambda: signals.received or node.is_done())
     finally:
+        is_waited_for = bool(node.answers)
         node.close(signals.taking_its_time)
-    # Pending requests are answered: no result will come.
-    deadline = time.monotonic() + _LAST_ANSWERS
-    server.serve(lambda: not node.answers or time.monotonic() > deadline)
+    if is_waited_for:
+        # Pending requests are answered: no result will come.
+        deadline = time.monotonic() + _LAST_ANSWERS
+        server.serve(lambda: not node.answers or time.monotonic() > deadline)
+        # Nothing tells when an answer has arrived, and it goes with the process that sent it.
+        deadline = time.monotonic() + _LAST_DELIVERY
+        server.serve(lambda: time.monotonic() > deadline)
     status = 1 if node.runner.failure else 0
     signals.ignore(status)
     node.destroy_node()

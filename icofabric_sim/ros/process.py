@@ -22,8 +22,9 @@ from icofabric_sim.ros.start import arguments_of_its_own, INTERRUPTED, StopSigna
 from icofabric_sim.running.complaints import Complaints, shortened
 import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.impl.rcutils_logger import RcutilsLogger
-from rclpy.logging import get_logger
+from rclpy.logging import get_logger, LoggingSeverity
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
@@ -64,7 +65,7 @@ def plain_reason(error: BaseException) -> str:
 
 
 class RosLogHandler(logging.Handler):
-    """Lines of the ROS-free part go to a node's log."""
+    """Lines of the ROS-free part go to a node's log, with their place in the source."""
 
     def __init__(self, logger: RcutilsLogger) -> None:
         """Hand on to `logger`."""
@@ -72,14 +73,17 @@ class RosLogHandler(logging.Handler):
         self._logger = logger
 
     def emit(self, record: logging.LogRecord) -> None:
-        # A line for each severity: rclpy holds every call site to the first one it sees there.
-        logger, text = self._logger, record.getMessage()
+        # Below the methods of the logger, which look for that place by themselves: the first call
+        # of one goes through the files of all modules, which took a tenth of a node's start.
+        severity = LoggingSeverity.INFO
         if record.levelno >= logging.ERROR:
-            logger.error(text)
+            severity = LoggingSeverity.ERROR
         elif record.levelno >= logging.WARNING:
-            logger.warning(text)
-        else:
-            logger.info(text)
+            severity = LoggingSeverity.WARN
+        if self._logger.is_enabled_for(severity):
+            rclpy_implementation.rclpy_logging_rcutils_log(
+                severity, self._logger.name, record.getMessage(), record.funcName or '',
+                record.pathname, record.lineno)
 
 
 def log_to_ros(logger: RcutilsLogger | None = None) -> None:

@@ -238,6 +238,21 @@ def test_faces_that_stand_upright_bound_too(tmp_path):
     assert np.array_equal(region.contains(places), inside)
 
 
+@pytest.mark.parametrize('turned', [False, True])
+def test_rays_through_corners_and_faces_turned_inwards(turned, tmp_path):
+    # Corners and edges of an octahedron lie exactly on the rays of a grid.
+    points = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], float)
+    faces = [(x, y, z) if (x + y + z) % 2 == 0 else (y, x, z)
+             for x in (0, 1) for y in (2, 3) for z in (4, 5)]
+    faces = [face[::-1] if turned else face for face in faces]
+    region = make_region(write(tmp_path / 'octahedron.obj', obj(points, faces)))
+    assert region.oriented
+    places = 0.125 * np.array(list(np.ndindex(25, 25, 25)), float) - 1.5
+    size = np.abs(places).sum(axis=1)
+    clear = size != 1.0
+    assert np.array_equal(region.contains(places)[clear], (size < 1.0)[clear])
+
+
 def test_a_small_region_of_a_huge_fabric_looks_at_few_places():
     """One byte for each of its 10^9 places would show."""
     tracemalloc.start()

@@ -13,11 +13,14 @@
 # limitations under the License.
 """The one decorator of all kernels."""
 
-from collections.abc import Callable
-from contextlib import suppress
-from functools import update_wrapper
+import builtins
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from functools import cache, update_wrapper
 import gc
 import inspect
+import sys
+from types import CodeType, FunctionType
 from typing import Any
 
 from icofabric_sim.kernels.runtime.compile_notice import compile_notice
@@ -73,11 +76,23 @@ class _Part(CPUDispatcher):
             'nopython': True, 'nogil': True, 'error_model': 'numpy', 'boundscheck': None,
             'forceinline': inline,
             'no_cpython_wrapper': entrance is None, 'no_cfunc_wrapper': True})
-        self._cache: Any = _NoCache()
-        # Else no folder can be written.
-        with suppress(RuntimeError):
-            self._cache = KernelCache(function, entrance=entrance is not None)
+        self._made_of = function
+        self._kept: Any = None
         self._entrance = function.__qualname__ if entrance else ''
+
+    @property
+    def _cache(self) -> Any:
+        """What is on disk; looked for when something asks for it, as few kernels are used."""
+        if self._kept is None:
+            self._kept = _NoCache()
+            # Else no folder can be written.
+            with suppress(RuntimeError):
+                self._kept = KernelCache(self._made_of, entrance=bool(self._entrance))
+        return self._kept
+
+    @_cache.setter
+    def _cache(self, unused: Any) -> None:
+        """Numba begins with a cache that holds nothing."""
 
     def compile(self, sig: Any) -> Any:
         """Compile for such arguments, or load what is on disk."""
@@ -128,13 +143,22 @@ class _Kernel(_Part):
 
 def _handing_on(function: Callable[..., Any]) -> Any:
     """Make a function of the same name and arguments that hands them on to `part`."""
-    names = ', '.join(inspect.signature(function).parameters)
-    made: dict[str, Any] = {}
-    exec(f'def call({names}):\n    return part({names})\n', made)
-    call = made['call']
-    call.__name__, call.__qualname__ = function.__name__, function.__qualname__
+    names = tuple(inspect.signature(function).parameters)
+    code = _call_of(len(names)).replace(
+        co_varnames=names, co_name=function.__name__, co_qualname=function.__qualname__)
+    call = FunctionType(code, {'__builtins__': builtins})
     call.__module__ = function.__module__
     return call
+
+
+@cache
+def _call_of(count: int) -> CodeType:
+    """The code of a function that hands so many arguments on to `part`."""
+    names = ', '.join(f'argument_{number}' for number in range(count))
+    made: dict[str, Any] = {}
+    exec(f'def call({names}):\n    return part({names})\n', made)
+    code: CodeType = made['call'].__code__
+    return code
 
 
 class _Compilations(event.Listener):
@@ -174,10 +198,33 @@ class _Passes(event.Listener):
         pass
 
 
+@contextmanager
+def _blas_is_there() -> Iterator[None]:
+    """
+    Spare Numba the import of scipy.linalg, by which it learns that there is BLAS: a fifth of ours.
+
+    There is, as this package needs SciPy; code that calls it imports it when it is compiled.
+    """
+    from numba.np import linalg
+
+    if 'numba.np.arraymath' in sys.modules:  # it has asked already
+        yield
+        return
+    asks, linalg.ensure_blas = linalg.ensure_blas, lambda: None
+    try:
+        yield
+    finally:
+        linalg.ensure_blas = asks
+        arraymath = sys.modules.get('numba.np.arraymath')
+        if arraymath is not None:
+            arraymath.ensure_blas = asks  # type: ignore[attr-defined]
+
+
 if not _PLAIN:
     event.register('numba:compile', _Compilations())
     event.register('numba:run_pass', _Passes())
     # Numba sets itself up in the first call of a kernel, which takes as long as several thousand
     # steps of a small fabric: rather now, while everybody waits for imports.
-    cpu_target.typing_context.refresh()
-    cpu_target.target_context.refresh()
+    with _blas_is_there():
+        cpu_target.typing_context.refresh()
+        cpu_target.target_context.refresh()
