@@ -19,7 +19,13 @@ Everything that takes time to import is imported once signals are heard.
 
 import sys
 
-from icofabric_sim.ros.start import arguments_of_its_own, check_domain, importing, StopSignals
+from icofabric_sim.ros.start import (
+    arguments_of_its_own,
+    check_domain,
+    end_process,
+    importing,
+    StopSignals,
+)
 from icofabric_sim.version import __version__
 
 _USAGE = """usage: fabric_node [--ros-args --params-file SCENE -p name:=value ...]
@@ -28,14 +34,15 @@ ready scenes are in config/; docs/parameters.md lists all parameters"""
 
 def main(argv: list[str] | None = None) -> int:
     """
-    Entry point of `fabric_node`.
+    Entry point of `fabric_node`; without `argv` it ends the process.
 
     Exit status: 0 done, also by SIGINT or SIGTERM; 1 the simulation failed, 2 bad input, 130
     interrupted before it ran.
     """
+    if argv is None:
+        end_process(main(sys.argv))
     signals = StopSignals()
-    arguments = sys.argv if argv is None else argv
-    if set(arguments[1:]) & {'-h', '--help', '--version'}:
+    if set(argv[1:]) & {'-h', '--help', '--version'}:
         print(f'fabric_node of icofabric_sim {__version__}: icosahedral fabric\n{_USAGE}')
         return 0
     with importing():
@@ -43,7 +50,7 @@ def main(argv: list[str] | None = None) -> int:
         from rclpy.impl.implementation_singleton import rclpy_implementation
 
     try:
-        return _run(arguments, signals)
+        return _run(argv, signals)
     except (ValueError, rclpy_implementation.RCLError) as error:
         from icofabric_sim.ros.process import plain_reason
 

@@ -20,7 +20,13 @@ Everything that takes time to import is imported once signals are heard.
 from pathlib import Path
 import sys
 
-from icofabric_sim.ros.start import arguments_of_its_own, check_domain, importing, StopSignals
+from icofabric_sim.ros.start import (
+    arguments_of_its_own,
+    check_domain,
+    end_process,
+    importing,
+    StopSignals,
+)
 from icofabric_sim.version import __version__
 
 _USAGE = """usage: replay_node BAG [--ros-args -p name:=value ...]
@@ -30,14 +36,15 @@ docs/replay.md says what it can do; its parameters:
 
 def main(argv: list[str] | None = None) -> int:
     """
-    Entry point of `replay_node`.
+    Entry point of `replay_node`; without `argv` it ends the process.
 
     Exit status: 0 done, also by SIGINT or SIGTERM; 1 the bag is damaged or unfinished, or the
     simulation that it went on as failed; 2 bad input; 130 interrupted before it played.
     """
+    if argv is None:
+        end_process(main(sys.argv))
     signals = StopSignals()
-    arguments = sys.argv if argv is None else argv
-    if set(arguments[1:]) & {'-h', '--help', '--version'}:
+    if set(argv[1:]) & {'-h', '--help', '--version'}:
         print(f'replay_node of icofabric_sim {__version__}: plays recorded fabric\n{_usage()}')
         return 0
     with importing():
@@ -46,7 +53,7 @@ def main(argv: list[str] | None = None) -> int:
         from rclpy.impl.implementation_singleton import rclpy_implementation
 
     try:
-        return _run(arguments, signals)
+        return _run(argv, signals)
     except FileSaysNo as error:
         print(f'replay_node: {error}', file=sys.stderr)
         return 1

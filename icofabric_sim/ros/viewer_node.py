@@ -19,7 +19,13 @@ Everything that takes time to import is imported once signals are heard.
 
 import sys
 
-from icofabric_sim.ros.start import arguments_of_its_own, check_domain, importing, StopSignals
+from icofabric_sim.ros.start import (
+    arguments_of_its_own,
+    check_domain,
+    end_process,
+    importing,
+    StopSignals,
+)
 from icofabric_sim.version import __version__
 
 _USAGE = """usage: viewer_node [--ros-args -p fabric:=/icofabric -p port:=8080 ...]
@@ -28,14 +34,15 @@ docs/viewer.md says what it can do and who may open its page"""
 
 def main(argv: list[str] | None = None) -> int:
     """
-    Entry point of `viewer_node`.
+    Entry point of `viewer_node`; without `argv` it ends the process.
 
     Exit status: 0 done, also by SIGINT or SIGTERM; 2 bad input, or the extra is not installed;
     130 interrupted before the page was there.
     """
+    if argv is None:
+        end_process(main(sys.argv))
     signals = StopSignals()
-    arguments = sys.argv if argv is None else argv
-    if set(arguments[1:]) & {'-h', '--help', '--version'}:
+    if set(argv[1:]) & {'-h', '--help', '--version'}:
         print(f'viewer_node of icofabric_sim {__version__}: a fabric in a browser\n{_USAGE}')
         return 0
     with importing():
@@ -43,14 +50,14 @@ def main(argv: list[str] | None = None) -> int:
         from rclpy.impl.implementation_singleton import rclpy_implementation
 
     try:
-        own = arguments_of_its_own(arguments[1:])
+        own = arguments_of_its_own(argv[1:])
         if own:
             raise ValueError(f'{" ".join(own)!r} is not an argument of viewer_node\n{_USAGE}')
         check_domain()
         with importing():
             from icofabric_sim.ros.process import log_to_ros, start_ros
             from icofabric_sim.ros.viewer import run_viewer, ViewerNode
-        start_ros(arguments)
+        start_ros(argv)
         log_to_ros()
         node = ViewerNode()
         signals.only_note()

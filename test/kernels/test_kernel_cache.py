@@ -414,3 +414,23 @@ def test_a_kernel_keeps_its_machine_code_while_another_thread_compiles():
     assert not isinstance(kernel, parts._PartLibrary) and isinstance(part, parts._PartLibrary)
     # What others compile in this process is left alone.
     assert not isinstance(parts._create_library('theirs'), parts._PartLibrary)
+
+
+def test_import_of_kernels_spares_scipy_and_leaves_blas_to_others():
+    script = """
+import sys
+import icofabric_sim.simulation.simulation
+assert 'scipy.linalg' not in sys.modules
+import numba
+import numpy as np
+
+@numba.njit
+def dot(a):
+    return np.dot(a, a)
+
+assert np.array_equal(dot(2.0 * np.eye(2)), 4.0 * np.eye(2))
+"""
+    done = subprocess.run(
+        [sys.executable, '-c', script], text=True, capture_output=True, check=False,
+        env={**os.environ, 'PYTHONPATH': str(Path(icofabric_sim.__file__).parents[1])})
+    assert done.returncode == 0, done.stderr

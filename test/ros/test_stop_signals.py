@@ -83,3 +83,19 @@ def test_what_can_be_saved_is_saved_before(save):
 def test_nothing_is_forced_without_a_signal():
     status, said = ends("print('stands', flush=True)\ntime.sleep(2.0)")
     assert status == 0 and not said
+
+
+def test_process_that_is_done_ends_without_destructors():
+    script = """
+import atexit
+import sys
+from icofabric_sim.ros.start import end_process
+
+atexit.register(print, 'destructors')
+sys.stdout.write('all that was said')
+end_process(3)
+"""
+    ended = subprocess.run(
+        [sys.executable, '-c', script], cwd=ROOT, text=True, capture_output=True, timeout=60,
+        check=False)
+    assert (ended.returncode, ended.stdout, ended.stderr) == (3, 'all that was said', '')
