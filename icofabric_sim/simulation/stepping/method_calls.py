@@ -77,7 +77,8 @@ class MethodCalls:
                     self._advance, model, loads, state, work, arguments))
             except RankError as error:
                 # The trajectory stays where it is, or its user takes it back there.
-                trajectory.fail(str(error))
+                trajectory.fail(
+                    f'{error}; the last good state, of t = {trajectory.time:.9g} s, is kept')
             self.portions.note(portion, perf_counter() - started)
             done += portion
             leaving.check()
