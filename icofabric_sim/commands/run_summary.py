@@ -88,18 +88,15 @@ def method_rows(simulation: Simulation) -> list[Row]:
     return [
         ('method', f'{simulation.status.method_name}: {simulation.status.method_reason}'),
         ('step', step_reason(simulation)),
-        ('threads', threads),
-        *_ranks(simulation),
+        ('threads', threads) if simulation.status.rank_count == 1 else _ranks(simulation),
     ]
 
 
-def _ranks(simulation: Simulation) -> list[Row]:
-    """How many processes took the steps, where it was more than one."""
+def _ranks(simulation: Simulation) -> Row:
+    """How many processes took the steps."""
     status = simulation.status
-    if status.rank_count == 1:
-        return []
-    return [('ranks', f'{status.rank_count} share the steps, by one thread each; halo at most '
-                      f'{status.halo_bytes / 1e3:.4g} kB for each evaluation of the forces')]
+    return ('ranks', f'{status.rank_count} share the steps, by one thread each; halo at most '
+                     f'{status.halo_bytes / 1e3:.4g} kB for each evaluation of the forces')
 
 
 def accuracy_rows(

@@ -63,14 +63,19 @@ def run(name, ranks=None):
     simulation.advance_steps(5)
     simulation.advance_to(simulation.time + 0.0007)
     found.append(state_of(simulation))
-    checkpoint = simulation.checkpoint().to_bytes()
-    simulation.advance_to(simulation.time + 0.0023)
-    status = simulation.status
+    checkpoint = simulation.checkpoint()
+    end = simulation.time + 0.0023
+    simulation.advance_to(end)
+    status, last = simulation.status, state_of(simulation)
+    error, balance = simulation.error_estimate, simulation.balance
+    step, steps = status.step, status.step_count
+    simulation.restore(checkpoint)
+    simulation.advance_to(end)
+    assert state_of(simulation) == last and status.step_count == steps
     return {
-        'states': [*found, state_of(simulation)], 'step': status.step.hex(),
-        'steps': status.step_count, 'error': simulation.error_estimate.hex(),
-        'balance': [float(number).hex() for number in simulation.balance],
-        'checkpoint': hashlib.sha256(checkpoint).hexdigest()}
+        'states': [*found, last], 'step': step.hex(), 'steps': steps, 'error': error.hex(),
+        'balance': [float(number).hex() for number in balance],
+        'checkpoint': hashlib.sha256(checkpoint.to_bytes()).hexdigest()}
 
 
 def state_of(simulation):

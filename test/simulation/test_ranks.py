@@ -13,6 +13,7 @@
 # limitations under the License.
 """One fabric shared by ranks of MPI: the bits of one process, clear refusals, no hang."""
 
+import gc
 import json
 import os
 from pathlib import Path
@@ -22,10 +23,13 @@ import sys
 
 import icofabric_sim as ico
 from icofabric_sim.commands.main import main
+from icofabric_sim.kernels.flows import keep_accelerations, place_all
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.parameters.validation import ParameterError
 from icofabric_sim.simulation.devices.division import divide, halo_bytes
+from icofabric_sim.simulation.devices.leader import SharedSteps
 from icofabric_sim.simulation.devices.refusals import require_shareable, require_shareable_method
+from icofabric_sim.simulation.devices.window import resting, window_of
 from icofabric_sim.simulation.model.packing import pack_scene
 import numpy as np
 import pytest
@@ -173,6 +177,91 @@ def test_every_block_has_one_owner_and_what_one_needs_another_gives(weave, count
         halo = halo_bytes(layout, links, part)
         assert halo.least == 56 * len(outside)
         assert halo.received == 56 * LANES * len(part.halo) >= halo.least
+
+
+# In rows end to end, in rows of their own, and where every body has its own woven orientation.
+@pytest.mark.parametrize('weave', [
+    {'kind': 'orthogonal', 'size': [5, 5, 7]}, {'kind': 'bias', 'size': [5, 5, 5]},
+    {'kind': 'radial', 'size': [9, 5, 4], 'radius': 0.3, 'connector_angle': 0.6}])
+def test_a_window_has_the_accelerations_of_the_whole(weave):
+    scene = ico.Scene.from_parameters({
+        'weave': weave, 'contact.mode': 'never', 'connector': {
+            'stiffness_extension': 500.0, 'stiffness_compression': 100.0,
+            'bending_stiffness': 1e-3, 'twisting_stiffness': 1e-3},
+        'gravity': [0.0, 0.3, -9.81], 'groups': {'top': 'z_max'},
+        'supports': {'s': {'group': 'top', 'fix': 'tx tz'}},
+        'initial_random': {'velocity_sigma': 0.02, 'spin_sigma': 1.0, 'seed': 3}})
+    packed = pack_scene(scene)
+    layout, links = packed.layout, packed.model.links
+    moved = np.random.RandomState(1).standard_normal(scene.position.shape)
+    state = layout.pack(scene.initial._replace(position=scene.position + 1e-3 * moved))
+    whole, found = accelerations(packed.model, state, layout.room(links)), []
+    for part in divide(layout, links, 3):
+        window = window_of(packed.model, layout, part, np.zeros(0, np.int64))
+        held = resting(window.slot_count)
+        for blocks, numbers in (
+                (np.arange(part.first, part.last), np.arange(part.last - part.first)),
+                (part.halo, np.arange(len(part.halo)) + part.last - part.first)):
+            source = lanes_of(layout.blocks.slot[blocks])
+            target = lanes_of(window.model.blocks.slot[numbers])
+            for own, values in zip(held, state):
+                own[:, target] = values[:, source]
+        assert window.slot_count < layout.slot_count
+        work = layout.room(links)._replace(
+            points=np.zeros(18 * window.slot_count), acceleration=np.zeros((6, window.slot_count)))
+        result = accelerations(window.model, held, work, part.last - part.first)
+        found.append(result[:, lanes_of(window.model.blocks.slot[:part.last - part.first])])
+    assert np.array_equal(np.hstack(found), whole[:, lanes_of(layout.blocks.slot)])
+    assert np.abs(whole).max() > 1.0
+
+
+def accelerations(model, state, work, count=None):
+    """Of the first `count` blocks, or all; points are placed for those around them too."""
+    place_all(model, state, work, 0, len(model.blocks.slot))
+    keep_accelerations(
+        model, state, work, 0.0, 0, len(model.blocks.slot) if count is None else count)
+    return work.acceleration
+
+
+def lanes_of(slots):
+    return (slots[:, None] + np.arange(LANES)).ravel()
+
+
+class Answering:
+    """What a run without other processes needs of a transport."""
+
+    def __init__(self, size, *machines):
+        self.size, self.machines, self.orders, self.dropped = size, machines, [], []
+
+    def order(self, what):
+        self.orders.append(what)
+
+    def answers(self):
+        return list(self.machines)
+
+
+def test_windows_that_a_machine_has_no_memory_for_are_refused_before_any_is_made():
+    packed = pack_scene(ico.Scene.from_parameters({'weave.size': [7, 7, 9]}))
+    words = {'given': True, 'half_edge': 0.01}
+    transport = Answering(3, ('far', 10**9), ('far', 60_000))
+    with pytest.raises(ValueError, match=r'rank 1, 2 on far: .* GB are left'):
+        SharedSteps(transport, packed, ico.METHODS['leapfrog'], **words)
+    assert transport.orders == [('room',)]
+    enough = Answering(3, ('far', 10**9), ('near', 10**9))
+    steps = SharedSteps(enough, packed, ico.METHODS['leapfrog'], **words)
+    assert steps.rank_count == 3 and steps.halo_bytes > 0
+    del steps
+    gc.collect()
+    # Noted for the next order, and not sent by the collector of garbage.
+    assert len(enough.dropped) == 1 and len(enough.orders) == 1
+
+
+def test_without_mpi_ranks_say_what_is_missing(monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, 'mpi4py.MPI', None)
+    with pytest.raises(ico.RankError, match=r"pip install 'icofabric_sim\[mpi\]'"):
+        ico.Ranks()
+    assert main(['run', 'hanging_slab', '--duration', '0.1', '--ranks']) == 2
+    assert 'ranks need mpi4py' in capsys.readouterr().err
 
 
 def test_more_ranks_than_blocks_are_refused():

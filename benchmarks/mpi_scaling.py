@@ -1,0 +1,176 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+One fabric on several ranks of MPI: time a step, halo, memory and bits, for each number of ranks.
+
+    .venv/bin/python benchmarks/mpi_scaling.py --size 41 --steps 192 --ranks 1 2
+    .venv/bin/python benchmarks/mpi_scaling.py --size 41 --steps 192 --ranks 1 2 --weak
+    .venv/bin/python benchmarks/mpi_scaling.py --model
+
+Strong: a slab of size^3 grid positions, shared by more and more ranks; weak: so many layers for
+each rank. Steps are given, the first ones are not counted, and accuracy is not measured.
+`alone` is what the first rank does at health checks while the others wait: gather the state, judge
+it, keep it. `--model` prints what the terms that were measured here make of more ranks; it runs
+nothing.
+"""
+
+import argparse
+import hashlib
+import json
+from pathlib import Path
+import resource
+import subprocess
+import sys
+import time
+from typing import Any
+
+import icofabric_sim as ico
+from icofabric_sim.simulation.devices import leader
+from icofabric_sim.simulation.stepping.thread_team import teams_of
+
+MPIEXEC = Path(sys.executable).parent / 'mpiexec'
+STEP = 1e-4
+# Terms of the model: seconds for a body and evaluation, for a body at a health check on the first
+# rank, for a message, bytes a second between ranks, evaluations between health checks, and bytes
+# of halo for a body on a border of layers.
+EVALUATION, CHECK, LATENCY, BANDWIDTH, EVERY, POSE = 22e-9, 60e-9, 5e-6, 5e9, 64, 56
+
+
+class Clock:
+    """Time that some functions take."""
+
+    def __init__(self) -> None:
+        self.seconds = 0.0
+
+    def of(self, owner: Any, name: str) -> None:
+        """Have a function of a module or class timed from now on."""
+        function = getattr(owner, name)
+
+        def timed(*arguments: Any, **words: Any) -> Any:
+            began = time.perf_counter()
+            try:
+                return function(*arguments, **words)
+            finally:
+                self.seconds += time.perf_counter() - began
+
+        setattr(owner, name, timed)
+
+
+def scene_of(size: int, layers: int, method: str) -> ico.Scene:
+    """A slab in free motion, whose contacts are not computed."""
+    return ico.Scene.from_parameters({
+        'weave.size': [size, size, layers], 'contact.mode': 'never',
+        'initial_random': {'velocity_sigma': 0.02, 'spin_sigma': 1.0, 'seed': 1},
+        'solver': {'method': method, 'step': STEP, 'threads': 1}})
+
+
+def take_part(size: int, layers: int, steps: int, method: str) -> None:
+    """What each process does: print what it found as one line of JSON."""
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    found: dict[str, object] = {}
+    with ico.Ranks() as ranks, teams_of(1):
+        if ranks.leads:
+            scene = scene_of(size, layers, method)
+            simulation = ico.compile_scene(scene, ranks=ranks)
+            simulation.advance_steps(64)
+            simulation._driver.errors.probe.checks_left = 10**9
+            clock = Clock()
+            for owner, name in ((leader.SharedSteps, '_gather'), (leader, 'place_all'),
+                                (leader, 'examine'), (leader, 'save')):
+                clock.of(owner, name)
+            began = time.perf_counter()
+            simulation.advance_steps(steps)
+            found['seconds'] = (time.perf_counter() - began) / steps
+            found['alone'] = clock.seconds / steps
+            digest = hashlib.sha256(simulation.snapshot().position.tobytes())
+            holder = simulation._driver.trajectory.method.holder
+            found.update(
+                bodies=scene.body_count, digest=digest.hexdigest()[:12],
+                halos=[] if holder is None else [tuple(halo) for halo in holder.halos])
+    after = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    found.update(rank=ranks.rank, memory=1024 * (after - before))
+    print(json.dumps(found), flush=True)
+
+
+def measure(count: int, size: int, layers: int, steps: int, method: str) -> list[dict[str, Any]]:
+    """Start so many ranks; what they found, by rank."""
+    done = subprocess.run(
+        [MPIEXEC, '-n', str(count), sys.executable, __file__, '--take-part', str(layers),
+         '--size', str(size), '--steps', str(steps), '--method', method],
+        check=True, stdout=subprocess.PIPE, text=True)
+    lines = [json.loads(line) for line in done.stdout.splitlines() if line.startswith('{')]
+    return sorted(lines, key=lambda found: int(found['rank']))
+
+
+def report(arguments: argparse.Namespace) -> None:
+    """Print a row for each number of ranks."""
+    print(f'{"ranks":>5} {"bodies":>10} {"ms/step":>9} {"ns/body":>8} {"alone":>6} {"speed":>6} '
+          f'{"halo kB":>8} {"least":>8} {"B/body, first":>14} {"others":>7}  bits')
+    first = 0.0
+    for count in arguments.ranks:
+        layers = arguments.size * count if arguments.weak else arguments.size
+        ranks = measure(count, arguments.size, layers, arguments.steps, arguments.method)
+        lead = ranks[0]
+        each, bodies = lead['seconds'], lead['bodies']
+        speed = bodies / each
+        first = first or speed
+        halo, least = (
+            max(halo[kind] for halo in lead['halos'] or [(0, 0)]) for kind in (0, 1))
+        others = max((rank['memory'] for rank in ranks[1:]), default=0)
+        print(f'{count:5} {bodies:10,} {1e3 * each:9.3f} {1e9 / speed:8.2f} '
+              f'{lead["alone"] / each:6.1%} {speed / first:6.2f} {halo / 1e3:8.1f} '
+              f'{least / 1e3:8.1f} {lead["memory"] / bodies:14.0f} '
+              f'{others * count / bodies:7.0f}  {lead["digest"]}')
+
+
+def model() -> None:
+    """Print the time of an evaluation that the terms above make, for cubes of layers."""
+    print(f'{"bodies":>14} {"ranks":>6} {"ms":>10} {"speed":>7} {"efficiency":>10}   of it in % '
+          'own bodies, health checks, halo')
+    for bodies in (10**6, 10**7, 10**8, 10**9):
+        alone = bodies * (EVALUATION + CHECK / EVERY)
+        for ranks in (2, 4, 16, 64, 256, 1000):
+            own = bodies * EVALUATION / ranks
+            checks = bodies * CHECK / EVERY
+            # A layer of a cube on either side; it travels while inner bodies are computed.
+            layer = (2.0 * bodies) ** (2.0 / 3.0) / 2.0
+            travel = 2.0 * (LATENCY + POSE * layer / BANDWIDTH)
+            halo = max(travel - own, 0.0) + 2.0 * LATENCY
+            total = own + checks + halo
+            print(f'{bodies:14,} {ranks:6} {1e3 * total:10.3f} {alone / total:7.2f} '
+                  f'{alone / total / ranks:10.1%}   {own / total:4.0%} {checks / total:4.0%} '
+                  f'{halo / total:4.0%}')
+
+
+def main() -> None:
+    """Measure, or model."""
+    parser = argparse.ArgumentParser(description=__doc__.strip().splitlines()[0])
+    parser.add_argument('--size', type=int, default=41, help='grid positions along x and y')
+    parser.add_argument('--steps', type=int, default=192)
+    parser.add_argument('--ranks', type=int, nargs='+', default=[1, 2])
+    parser.add_argument('--method', default='leapfrog', choices=sorted(ico.METHODS))
+    parser.add_argument('--weak', action='store_true', help='as many layers for each rank')
+    parser.add_argument('--model', action='store_true', help='print the model, run nothing')
+    parser.add_argument('--take-part', type=int, help=argparse.SUPPRESS)
+    arguments = parser.parse_args()
+    if arguments.model:
+        model()
+    elif arguments.take_part:
+        take_part(arguments.size, arguments.take_part, arguments.steps, arguments.method)
+    else:
+        report(arguments)
+
+
+if __name__ == '__main__':
+    main()
