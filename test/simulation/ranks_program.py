@@ -44,6 +44,10 @@ SCENES = {
     'turned, srkn4': {
         **COMMON, 'weave': {'kind': 'bias', 'size': [6, 6, 6]},
         'solver': {'method': 'srkn4', 'tolerance': 1e-4}},
+    'kinks, srkn6': {
+        **COMMON, 'weave.size': [5, 7, 9], 'connector': {
+            'stiffness_extension': 500.0, 'stiffness_compression': 100.0},
+        'solver': {'method': 'srkn6', 'tolerance': 1e-3}},
     'moments and kinks, leapfrog': {
         **COMMON, 'weave.size': [5, 7, 9], 'connector': {
             'stiffness_extension': 500.0, 'stiffness_compression': 100.0,

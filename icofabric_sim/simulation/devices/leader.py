@@ -52,6 +52,7 @@ from icofabric_sim.simulation.devices.window import (
     loads_of,
     window_of,
 )
+from icofabric_sim.simulation.model.layout import has_jumps
 from icofabric_sim.simulation.model.packing import PackedScene
 from icofabric_sim.simulation.stepping.methods import Method, METHODS
 from icofabric_sim.simulation.stepping.step_monitor import differences_of
@@ -80,7 +81,7 @@ class SharedSteps:
         self._weights = Weights(
             self._kicks, self._drifts, differences,
             np.array([float(math.comb(differences, k)) for k in range(differences + 1)]),
-            half_edge**-2)
+            half_edge**-2, method.mends_kinks and has_jumps(links))
         self._parts = divide(layout, links, transport.size)
         slot = layout.blocks.slot
         self._rows = [SlotRows(slot[part.first:part.last]) for part in self._parts]
@@ -298,7 +299,7 @@ def shared_method(
     transport: Transport, packed: PackedScene, name: str, *, given: bool, half_edge: float
 ) -> Method:
     """Return the method `name`, with steps that all ranks take; ValueError where they cannot."""
-    require_shareable_method(name, packed)
+    require_shareable_method(name)
     method = METHODS[name]
     steps = SharedSteps(transport, packed, method, given=given, half_edge=half_edge)
     return method._replace(advance=steps.advance, holder=steps)

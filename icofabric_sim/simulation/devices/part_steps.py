@@ -20,18 +20,27 @@ first, their poses leave, the inner blocks are drifted and pushed, and the rest 
 poses of the others have come.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from icofabric_sim.kernels.flows import drift, push_kept
+from icofabric_sim.kernels.flows import drift, keep_accelerations, place_all, push_kept
 from icofabric_sim.kernels.integrators.splitting import NEVER
 from icofabric_sim.kernels.monitor import INVERSE_SIZE, LEDGER_COUNT, roughness, sample
-from icofabric_sim.kernels.records import Loads, Model, State, Work
+from icofabric_sim.kernels.records import Kinks, Loads, Model, State, Work
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.kernels.runtime.team import TILE
 from icofabric_sim.simulation.devices.rank_kernels import (
+    account_all,
+    begin_kinked,
     drift_and_push,
+    keep_all_velocities,
+    MOTION,
+    note_all_motion,
     POSE,
+    put_motions,
     put_poses,
+    strike_all,
+    strike_foretold,
+    take_motions,
     take_poses,
 )
 from icofabric_sim.simulation.devices.transport import Transport
@@ -48,6 +57,7 @@ class Weights(NamedTuple):
     differences: int  # order of those by which the roughness of the motion is judged; 0: it is not
     pascal: np.ndarray  # (differences + 1,) binomial coefficients of these
     inverse_size: float  # 1 / a^2 [1/m^2]
+    mends_kinks: bool  # whether steps follow where the slopes of connectors jump
 
     @property
     def stages(self) -> int:
@@ -94,6 +104,11 @@ class PartSteps:
             (rank, slots, _room(len(slots))) for rank, slots in exchange.gives]
         self._needs = [
             (rank, slots, _room(len(slots))) for rank, slots in exchange.needs]
+        # The same with velocities, for steps that follow kinks.
+        self._tells = [
+            (rank, slots, _room(len(slots), MOTION)) for rank, slots in exchange.gives]
+        self._hears = [
+            (rank, slots, _room(len(slots), MOTION)) for rank, slots in exchange.needs]
         border = exchange.drifts[:exchange.border]
         self._tiles = np.full(-(-len(border) // TILE), len(exchange.drifts), np.int32)
         self._border = np.ascontiguousarray(border)
@@ -117,7 +132,11 @@ class PartSteps:
                 ahead = 1 if sampled >= 0 else min(ahead, -sampled)
             if sampled >= 0 and sampled % differences == 0:
                 self._sample(arrays, 0)
-            self._steps(arrays, stretch, stretch.first + done, ahead)
+            if arrays.work.kinks is None:
+                self._steps(arrays, stretch, stretch.first + done, ahead)
+            else:
+                self._kinked_steps(
+                    arrays.work.kinks, arrays, stretch, stretch.first + done, ahead)
             done += ahead
             since += ahead
             if sampled >= 0:
@@ -130,14 +149,24 @@ class PartSteps:
 
     def make_ready(self, arrays: Arrays) -> None:
         """Compile what steps need, or load it: with nothing to do."""
-        loads, state, work = arrays
+        model, (loads, state, work), kinks = self._model, arrays, arrays.work.kinks
         none, nobody = np.zeros(0, np.uint32), np.zeros(0, np.int32)
         push_kept(self._model, loads, state, work, 0.0, 0.0, 0, 0)
         drift(self._model, loads, state, work, 0.0, 0.0, none, 0, 0)
         drift_and_push(
-            self._model, loads, state, work, 0.0, 0.0, 0.0, 0.0, 0.0, False, none, 0, none, nobody)
+            model, loads, state, work, kinks, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, False, none, 0, none,
+            nobody)
         take_poses(state, nobody, _room(0))
         put_poses(self._model, state, work, nobody, _room(0))
+        if kinks is not None:
+            begin_kinked(model, loads, kinks, state, work, 0.0, 1.0, 0, 0)
+            strike_foretold(model, loads, kinks, state, work, 1.0, 1.0, 0, 0)
+            keep_all_velocities(model, kinks, state, 0, 0)
+            note_all_motion(model, kinks, state, work, 1.0, 0, 0)
+            account_all(model, kinks, work, 1.0, 0, 0)
+            strike_all(model, loads, kinks, state, work, 0, 0, 0)
+            take_motions(state, kinks, nobody, _room(0, MOTION))
+            put_motions(model, kinks, state, work, 1.0, nobody, _room(0, MOTION))
         if self._weights.differences:
             sample(nobody, state.position, state.orientation, _room(0), work.weights, 0)
             roughness(work._replace(difference=_room(0)), self._ledger)
@@ -167,7 +196,7 @@ class PartSteps:
                 keep = evaluation + 1 == count * stages
                 if stage + 1 == stages and not keep:
                     again = kicks[0] * h
-            self._evaluate(arrays, now, whole, after, kick, again, keep)
+            self._evaluate(arrays, None, 0.0, now, whole, after, kick, again, keep)
             now = after
             if not kick_first and stage + 1 == stages:
                 drift(
@@ -175,26 +204,83 @@ class PartSteps:
                     len(exchange.drifts))
 
     def _evaluate(
-        self, arrays: Arrays, now: float, whole: float, after: float, kick: float, again: float,
-        keep: bool
+        self, arrays: Arrays, kinks: Kinks | None, step_part: float, now: float, whole: float,
+        after: float, kick: float, again: float, keep: bool
     ) -> None:
         """One drift and the push after it; poses travel while inner blocks are computed."""
-        model, exchange, transport = self._model, self._exchange, self._transport
+        model, exchange = self._model, self._exchange
         loads, state, work = arrays
         drift(model, loads, state, work, now, whole, exchange.drifts, 0, exchange.border)
+        requests = self._send_poses(state)
+        drift_and_push(
+            model, loads, state, work, kinks, step_part, now, whole, after, kick, again, keep,
+            exchange.drifts, exchange.border, exchange.inner, exchange.ahead)
+        self._put_poses(requests, arrays)
+        drift_and_push(
+            model, loads, state, work, kinks, step_part, now, whole, after, kick, again, keep,
+            exchange.drifts, len(exchange.drifts), self._border, self._tiles)
+
+    def _kinked_steps(
+        self, kinks: Kinks, arrays: Arrays, stretch: Stretch, index: int, count: int
+    ) -> None:
+        """Take `count` steps from `index` on, as `kinked_steps` of integrators/kinked.py does."""
+        model, exchange, (loads, state, work) = self._model, self._exchange, arrays
+        first, last, order = exchange.first, exchange.last, exchange.drifts
+        kicks, drifts = self._weights.kicks, self._weights.drifts
+        origin, h, stages = stretch.origin, stretch.step, self._weights.stages
+        place_all(model, state, work, first, last)
+        for step in range(index, index + count):
+            now, end = origin + step * h, origin + (step + 1) * h
+            begin_kinked(model, loads, kinks, state, work, now, kicks[0] * h, first, last)
+            self._tell_motions(kinks, arrays, kicks[0] * h)
+            strike_foretold(model, loads, kinks, state, work, h, kicks[0] * h, first, last)
+            step_part = 0.0
+            for stage in range(stages):
+                whole, ends = drifts[stage] * h, stage + 1 == stages
+                after = end if ends else now + whole
+                step_part += drifts[stage]
+                if ends:
+                    # Drifts leave velocities as they are.
+                    keep_all_velocities(model, kinks, state, first, last)
+                self._evaluate(
+                    arrays, kinks, step_part, now, whole, after, kicks[stage + 1] * h, 0.0, ends)
+                now = after
+            note_all_motion(model, kinks, state, work, -kicks[stages] * h, first, last)
+            self._tell_motions(kinks, arrays, -kicks[stages] * h)
+            if not self._transport.any(account_all(model, kinks, work, h, first, last)):
+                continue
+            back = -0.5 * h
+            for start, whole, row in ((end, back, 12), (end + back, -back, 0)):
+                drift(model, loads, state, work, start, whole, order, 0, len(order))
+                self._put_poses(self._send_poses(state), arrays)
+                strike_all(model, loads, kinks, state, work, row, first, last)
+            keep_accelerations(model, state, work, end, first, last)
+
+    def _send_poses(self, state: State) -> list[Any]:
+        """Begin to exchange the poses of the border."""
+        transport = self._transport
         requests = [transport.receive_poses(poses, rank) for rank, _, poses in self._needs]
         for rank, slots, poses in self._gives:
             take_poses(state, slots, poses)
             requests.append(transport.send_poses(poses, rank))
-        drift_and_push(
-            model, loads, state, work, now, whole, after, kick, again, keep, exchange.drifts,
-            exchange.border, exchange.inner, exchange.ahead)
-        transport.wait(requests)
+        return requests
+
+    def _put_poses(self, requests: list[Any], arrays: Arrays) -> None:
+        """Have the poses of others, once they have come."""
+        self._transport.wait(requests)
         for _, slots, poses in self._needs:
-            put_poses(model, state, work, slots, poses)
-        drift_and_push(
-            model, loads, state, work, now, whole, after, kick, again, keep, exchange.drifts,
-            len(exchange.drifts), self._border, self._tiles)
+            put_poses(self._model, arrays.state, arrays.work, slots, poses)
+
+    def _tell_motions(self, kinks: Kinks, arrays: Arrays, kick: float) -> None:
+        """Exchange poses and velocities of the border, around a `kick` [s] as `note_motion`."""
+        transport, (_, state, work) = self._transport, arrays
+        requests = [transport.receive_poses(motions, rank) for rank, _, motions in self._hears]
+        for rank, slots, motions in self._tells:
+            take_motions(state, kinks, slots, motions)
+            requests.append(transport.send_poses(motions, rank))
+        transport.wait(requests)
+        for _, slots, motions in self._hears:
+            put_motions(self._model, kinks, state, work, kick, slots, motions)
 
     def _sample(self, arrays: Arrays, number: int) -> None:
         if not len(self._exchange.samples):
@@ -209,5 +295,5 @@ class PartSteps:
                 roughness(work._replace(difference=self.difference), self._ledger))
 
 
-def _room(blocks: int) -> np.ndarray:
-    return aligned_empty((POSE, LANES * blocks))
+def _room(blocks: int, rows: int = POSE) -> np.ndarray:
+    return aligned_empty((rows, LANES * blocks))

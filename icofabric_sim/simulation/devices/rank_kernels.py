@@ -18,28 +18,31 @@ The flows are those of kernels/flows.py. These few lines stand here and not in t
 kernels because the cache is stamped by that room as a whole: a change here compiles nothing else.
 """
 
-from icofabric_sim.kernels.flows import drift, place_links, push
-from icofabric_sim.kernels.records import Loads, Model, State, Work
+from icofabric_sim.kernels.flows import drift, place_links, push, push_kept
+from icofabric_sim.kernels.kinks import account, foretell, keep_velocities, note_motion, strike
+from icofabric_sim.kernels.records import Kinks, Loads, Model, State, Work
 from icofabric_sim.kernels.runtime.compiled import compiled
 from icofabric_sim.kernels.runtime.lanes import LANES, load, store
 from icofabric_sim.kernels.runtime.team import TILE
 import numpy as np
 
-# Numbers of a pose: position and quaternion.
-POSE = 7
+# Numbers of a pose: position and quaternion; and of a motion, with the velocities after and before
+# a kick.
+POSE, MOTION = 7, 19
 
 
 @compiled
 def drift_and_push(
-    model: Model, loads: Loads | None, state: State, work: Work, now: float, whole: float,
-    after: float, kick: float, again: float, keep: bool, drifts: np.ndarray, drifted: int,
-    pushes: np.ndarray, ahead: np.ndarray
+    model: Model, loads: Loads | None, state: State, work: Work, kinks: Kinks | None,
+    step_part: float, now: float, whole: float, after: float, kick: float, again: float,
+    keep: bool, drifts: np.ndarray, drifted: int, pushes: np.ndarray, ahead: np.ndarray
 ) -> None:
     """
     Drift the blocks of `drifts` from the place `drifted` on, and push those of `pushes`.
 
     As `steps` of kernels/integrators/splitting.py does: before each tile of pushes as many blocks
-    have drifted as `ahead` says, and at the end all.
+    have drifted as `ahead` says, and at the end all. With `kinks` at a part of a step in which
+    each connector keeps its slope.
     """
     count = pushes.shape[0]
     for tile in range(ahead.shape[0]):
@@ -47,8 +50,8 @@ def drift_and_push(
         drift(model, loads, state, work, now, whole, drifts, drifted, goal)
         drifted = max(drifted, goal)
         push(
-            model, loads, state, work, None, 0.0, after, kick, again, keep, pushes, TILE * tile,
-            min(TILE * tile + TILE, count))
+            model, loads, state, work, kinks, step_part, after, kick, again, keep, pushes,
+            TILE * tile, min(TILE * tile + TILE, count))
     drift(model, loads, state, work, now, whole, drifts, drifted, drifts.shape[0])
 
 
@@ -75,3 +78,96 @@ def put_poses(
         for k in range(4):
             store(state.orientation, k, s, load(poses, 3 + k, LANES * i))
         place_links(model.links, state, work, s)
+
+
+@compiled
+def begin_kinked(
+    model: Model, loads: Loads | None, kinks: Kinks, state: State, work: Work, now: float,
+    kick: float, first: int, last: int
+) -> None:
+    """Begin a step at `now` [s] as `kinked_steps` does: the first kick of blocks first to last."""
+    for block in range(first, last):
+        keep_velocities(kinks, state, model.blocks.slot[block])
+    push_kept(model, loads, state, work, now, kick, first, last)
+    for block in range(first, last):
+        note_motion(model.links, kinks, state, work.points, kick, model.blocks.slot[block])
+
+
+@compiled
+def strike_foretold(
+    model: Model, loads: Loads | None, kinks: Kinks, state: State, work: Work, h: float,
+    kick: float, first: int, last: int
+) -> None:
+    """Foretell the crossings of a step of `h` [s], and what they add to its first kick."""
+    for block in range(first, last):
+        s = model.blocks.slot[block]
+        if foretell(model.links, kinks, work.points, h, block, s):
+            strike(model, loads, kinks, state, work, 0, kick, block, s)
+
+
+@compiled
+def keep_all_velocities(model: Model, kinks: Kinks, state: State, first: int, last: int) -> None:
+    """Keep the velocities of blocks before the last kick of a step."""
+    for block in range(first, last):
+        keep_velocities(kinks, state, model.blocks.slot[block])
+
+
+@compiled
+def note_all_motion(
+    model: Model, kinks: Kinks, state: State, work: Work, kick: float, first: int, last: int
+) -> None:
+    """Note how attachment points move at the end of a step."""
+    for block in range(first, last):
+        note_motion(model.links, kinks, state, work.points, kick, model.blocks.slot[block])
+
+
+@compiled
+def account_all(
+    model: Model, kinks: Kinks, work: Work, h: float, first: int, last: int
+) -> bool:
+    """Impulses that a step of `h` [s] still lacks; whether there are any."""
+    found = False
+    for block in range(first, last):
+        if account(model.links, kinks, work.points, h, block, model.blocks.slot[block]):
+            found = True
+    return found
+
+
+@compiled
+def strike_all(
+    model: Model, loads: Loads | None, kinks: Kinks, state: State, work: Work, row: int,
+    first: int, last: int
+) -> None:
+    """What crossings still lack."""
+    for block in range(first, last):
+        strike(model, loads, kinks, state, work, row, 1.0, block, model.blocks.slot[block])
+
+
+@compiled
+def take_motions(state: State, kinks: Kinks, slots: np.ndarray, motions: np.ndarray) -> None:
+    """Copy poses and velocities of the blocks that begin at `slots` to (19, m LANES)."""
+    take_poses(state, slots, motions)
+    for i in range(slots.shape[0]):
+        s: int = np.int64(slots[i])  # type: ignore[assignment]
+        for k in range(3):
+            store(motions, 7 + k, LANES * i, load(state.linear_velocity, k, s))
+            store(motions, 10 + k, LANES * i, load(state.angular_velocity, k, s))
+        for k in range(6):
+            store(motions, 13 + k, LANES * i, load(kinks.before, k, s))
+
+
+@compiled
+def put_motions(
+    model: Model, kinks: Kinks, state: State, work: Work, kick: float, slots: np.ndarray,
+    motions: np.ndarray
+) -> None:
+    """Copy them back, and note how the attachment points of these blocks move."""
+    put_poses(model, state, work, slots, motions)
+    for i in range(slots.shape[0]):
+        s: int = np.int64(slots[i])  # type: ignore[assignment]
+        for k in range(3):
+            store(state.linear_velocity, k, s, load(motions, 7 + k, LANES * i))
+            store(state.angular_velocity, k, s, load(motions, 10 + k, LANES * i))
+        for k in range(6):
+            store(kinks.before, k, s, load(motions, 13 + k, LANES * i))
+        note_motion(model.links, kinks, state, work.points, kick, s)

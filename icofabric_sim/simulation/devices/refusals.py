@@ -17,8 +17,6 @@ from collections.abc import Iterator
 
 from icofabric_sim.parameters.validation import ParameterError
 from icofabric_sim.scene.scene import Scene
-from icofabric_sim.simulation.model.layout import has_jumps
-from icofabric_sim.simulation.model.packing import PackedScene
 from icofabric_sim.simulation.stepping.method_needs import required_method
 from icofabric_sim.simulation.stepping.methods import METHODS
 
@@ -43,25 +41,13 @@ def require_shareable(scene: Scene, *, cosines: bool, body_force: bool) -> None:
             f'{choice.reason}; leave that out, {_ONE}')
 
 
-def require_shareable_method(name: str, packed: PackedScene) -> None:
+def require_shareable_method(name: str) -> None:
     """Raise ParameterError where ranks cannot take the steps of the method `name`."""
-    method, shared = METHODS[name], ', '.join(_shared(packed))
-    if not method.symplectic:
+    if not METHODS[name].symplectic:
+        shared = ', '.join(other for other, method in METHODS.items() if method.symplectic)
         raise ParameterError(
             'solver.method',
             f'solver.method {name} is not shared by ranks yet: take one of {shared}, {_ONE}')
-    if name not in _shared(packed):
-        raise ParameterError(
-            'solver.method',
-            f'solver.method {name} is not shared by ranks yet where connectors pull otherwise '
-            f'than they push (k_e, k_c): take {shared}, {_ONE}')
-
-
-def _shared(packed: PackedScene) -> list[str]:
-    kinked = has_jumps(packed.model.links)
-    return [
-        name for name, method in METHODS.items()
-        if method.symplectic and not (kinked and method.mends_kinks)]
 
 
 def _lacking(scene: Scene) -> Iterator[tuple[str, str, str]]:

@@ -24,7 +24,7 @@ from icofabric_sim.simulation.devices.part_steps import Arrays, PartSteps, Stret
 from icofabric_sim.simulation.devices.slot_rows import SlotRows, tables_of
 from icofabric_sim.simulation.devices.transport import Transport
 from icofabric_sim.simulation.devices.window import resting, Window
-from icofabric_sim.simulation.model.layout import aligned_empty
+from icofabric_sim.simulation.model.layout import aligned_empty, kinks_room
 import numpy as np
 
 
@@ -78,13 +78,17 @@ class Server:
         points[:] = 0.0
         changes = np.array([
             (-1.0) ** k for k in range(weights.differences + 1)]) * weights.pascal
+        # Nothing of them is kept from step to step.
+        kinks = kinks_room(
+            window.model.links, window.slot_count, len(window.model.blocks.slot)
+        ) if weights.mends_kinks else None
         for of_run in (True, False):
             acceleration = aligned_empty((6, window.slot_count))
             acceleration[:] = 0.0
             # The points are placed anew in each evaluation, so both states share them.
             states[of_run] = resting(window.slot_count), Work(
                 points, acceleration, None, None, aligned_empty((7, 0)), changes,
-                aligned_empty((0,)), None, None, None)
+                aligned_empty((0,)), None, None, None, kinks)
         slot, exchange = window.model.blocks.slot, window.exchange
         self._held[number] = _Held(
             PartSteps(self._transport, window.model, exchange, weights),

@@ -124,6 +124,14 @@ class Transport:
         """Begin to receive poses, likewise."""
         return self._comm.Irecv([values, self._mpi.DOUBLE], source=rank, tag=_POSES)
 
+    def any(self, is_so: bool) -> bool:
+        """Whether it is so on any of the ranks, which all ask."""
+        found = np.zeros(1, np.int32)
+        self.wait([self._comm.Iallreduce(
+            [np.array([is_so], np.int32), self._mpi.INT32_T], [found, self._mpi.INT32_T],
+            op=self._mpi.MAX)])
+        return bool(found[0])
+
     def wait(self, requests: Sequence[Any]) -> None:
         """
         Wait until all of them are done.

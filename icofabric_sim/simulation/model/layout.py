@@ -77,6 +77,25 @@ def has_jumps(links: Links | None) -> bool:
         np.array_equal(links.variety.extension, links.variety.compression))
 
 
+def kinks_room(links: Links | None, slots: int, blocks: int) -> Kinks | None:
+    """Room for steps in which slopes jump; None where none does, or laws are by table."""
+    if links is None or links.variety is None or not has_jumps(links):
+        return None
+    variety = links.variety
+
+    def room(*shape: int) -> np.ndarray:
+        array = aligned_empty(shape)
+        array[:] = 0.0
+        return array
+
+    return Kinks(
+        extension=variety.extension, compression=variety.compression,
+        natural_length=variety.natural_length, slope=room(12, slots), forces=room(48, slots),
+        start=room(36, slots), active=np.zeros((blocks, 12), np.uint8),
+        before=room(6, slots), rates=room(18 * slots), seconds=room(18 * slots),
+        found=np.zeros(8 * _MOST_THREADS))
+
+
 @dataclass(frozen=True)
 class Layout:
     """Slots of the bodies, and which are computed together."""
@@ -181,21 +200,7 @@ class Layout:
 
     def kinks(self, links: Links | None) -> Kinks | None:
         """Room for steps in which slopes jump; None where none does, or laws are by table."""
-        if links is None or links.variety is None or not has_jumps(links):
-            return None
-        variety, slots = links.variety, self.slot_count
-
-        def room(*shape: int) -> np.ndarray:
-            array = aligned_empty(shape)
-            array[:] = 0.0
-            return array
-
-        return Kinks(
-            extension=variety.extension, compression=variety.compression,
-            natural_length=variety.natural_length, slope=room(12, slots), forces=room(48, slots),
-            start=room(36, slots), active=np.zeros((len(self.blocks.slot), 12), np.uint8),
-            before=room(6, slots), rates=room(18 * slots), seconds=room(18 * slots),
-            found=np.zeros(8 * _MOST_THREADS))
+        return kinks_room(links, self.slot_count, len(self.blocks.slot))
 
     def meter(self) -> Meter:
         """Nothing has flowed yet."""
