@@ -28,6 +28,8 @@ from icofabric_sim.simulation.stepping.contact_scheduler import ContactScheduler
 from icofabric_sim.simulation.stepping.portions import Portions
 from icofabric_sim.simulation.stepping.trajectory import Trajectory
 
+# Steps of a trial, at least, in one call where ranks share them.
+_SHARED_TRIAL = 32
 # A kernel that takes steps, and what it is called with for a model in a team.
 Kernel = tuple[Any, Callable[[Model, Team], tuple[Any, ...]]]
 
@@ -70,7 +72,7 @@ class MethodCalls:
         trajectory, watch = self._trajectory, self._contact.watching(trial=True)
         done = 0
         while done < count:
-            started, portion = perf_counter(), min(count - done, self.portions.count)
+            started, portion = perf_counter(), min(count - done, self._trial_portion())
             arguments = start, done, step, portion, 0, NEVER, watch, trajectory.ledger.numbers
             try:
                 trajectory.thread_team.run(partial(
@@ -82,6 +84,11 @@ class MethodCalls:
             self.portions.note(portion, perf_counter() - started)
             done += portion
             leaving.check()
+
+    def _trial_portion(self) -> int:
+        """Steps of a trial in one call: ranks get its state and give it back each time."""
+        least = 1 if self._trajectory.method.holder is None else _SHARED_TRIAL
+        return max(self.portions.count, least)
 
     def _advance(
         self, model: Model, loads: Loads, state: State, work: Work,
