@@ -20,9 +20,9 @@ One fabric on several ranks of MPI: time a step, halo, memory and bits, for each
 
 Strong: a slab of size^3 grid positions, shared by more and more ranks; weak: so many layers for
 each rank. Steps are given, the first ones are not counted, and accuracy is not measured.
-`alone` is what the first rank does at health checks while the others wait: gather the state, judge
-it, keep it. `--model` prints what the terms that were measured here make of more ranks; it runs
-nothing.
+At health checks the first rank gathers the state, for which it may have to wait (`gather`), and
+judges and keeps it while the others wait (`check`); both in parts of the time. `--model` prints
+what the terms that were measured make of more ranks; it runs nothing.
 """
 
 import argparse
@@ -85,14 +85,15 @@ def take_part(size: int, layers: int, steps: int, method: str) -> None:
             simulation = ico.compile_scene(scene, ranks=ranks)
             simulation.advance_steps(64)
             simulation._driver.errors.probe.checks_left = 10**9
-            clock = Clock()
-            for owner, name in ((leader.SharedSteps, '_gather'), (leader, 'place_all'),
-                                (leader, 'examine'), (leader, 'save')):
-                clock.of(owner, name)
+            gathering, checking = Clock(), Clock()
+            gathering.of(leader.SharedSteps, '_gather')
+            for name in ('place_all', 'examine', 'save'):
+                checking.of(leader, name)
             began = time.perf_counter()
             simulation.advance_steps(steps)
             found['seconds'] = (time.perf_counter() - began) / steps
-            found['alone'] = clock.seconds / steps
+            found['gather'] = gathering.seconds / steps
+            found['check'] = checking.seconds / steps
             digest = hashlib.sha256(simulation.snapshot().position.tobytes())
             holder = simulation._driver.trajectory.method.holder
             found.update(
@@ -115,7 +116,7 @@ def measure(count: int, size: int, layers: int, steps: int, method: str) -> list
 
 def report(arguments: argparse.Namespace) -> None:
     """Print a row for each number of ranks."""
-    print(f'{"ranks":>5} {"bodies":>10} {"ms/step":>9} {"ns/body":>8} {"alone":>6} {"speed":>6} '
+    print(f'{"ranks":>5} {"bodies":>10} {"ms/step":>9} {"ns/body":>8} {"gather":>7} {"check":>6} {"speed":>6} '
           f'{"halo kB":>8} {"least":>8} {"B/body, first":>14} {"others":>7}  bits')
     first = 0.0
     for count in arguments.ranks:
@@ -129,8 +130,8 @@ def report(arguments: argparse.Namespace) -> None:
             max(halo[kind] for halo in lead['halos'] or [(0, 0)]) for kind in (0, 1))
         others = max((rank['memory'] for rank in ranks[1:]), default=0)
         print(f'{count:5} {bodies:10,} {1e3 * each:9.3f} {1e9 / speed:8.2f} '
-              f'{lead["alone"] / each:6.1%} {speed / first:6.2f} {halo / 1e3:8.1f} '
-              f'{least / 1e3:8.1f} {lead["memory"] / bodies:14.0f} '
+              f'{lead["gather"] / each:7.1%} {lead["check"] / each:6.1%} {speed / first:6.2f} '
+              f'{halo / 1e3:8.1f} {least / 1e3:8.1f} {lead["memory"] / bodies:14.0f} '
               f'{others * count / bodies:7.0f}  {lead["digest"]}')
 
 

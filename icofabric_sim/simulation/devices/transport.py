@@ -33,8 +33,9 @@ _ORDER, _ARRAY, _POSES, _FAILED = 11, 12, 13, 14
 # Looks at a message between two looks whether a rank has failed; how many of them nobody else
 # gets the processor between, and after how many this process sleeps between them.
 _LOOKS, _EAGER, _PATIENCE = 64, 50, 20_000
-# How long an idle rank looks before it sleeps between looks, and for how long at most [s].
-_AWAKE, _NAP, _LONGEST_NAP = 2e-3, 5e-5, 2e-3
+# How long an idle rank looks before it sleeps between looks, and for how long then: at least, at
+# most [s], and in parts of the time that it has been idle.
+_AWAKE, _NAP, _LONGEST_NAP, _PART = 2e-3, 5e-5, 2e-3, 0.01
 # How long a rank that has failed waits for the others to hear of it [s].
 _FAREWELL = 5.0
 # Messages that nobody will take, or send, after a failure: their bytes stay where they are.
@@ -84,14 +85,14 @@ class Transport:
 
     def next_order(self) -> Any:
         """Wait for an order of the first rank."""
-        status, since, nap = self._mpi.Status(), time.monotonic(), _NAP
-        while not self._comm.Iprobe(source=0, tag=_ORDER, status=status):
+        since = time.monotonic()
+        while not self._comm.Iprobe(source=0, tag=_ORDER):
             self.require_health()
-            if time.monotonic() - since < _AWAKE:
+            idle = time.monotonic() - since
+            if idle < _AWAKE:
                 os.sched_yield()
             else:
-                time.sleep(nap)
-                nap = min(2.0 * nap, _LONGEST_NAP)
+                time.sleep(min(max(_NAP, _PART * idle), _LONGEST_NAP))
         return _round(self._comm.recv(source=0, tag=_ORDER))
 
     def answer(self, what: Any) -> None:
