@@ -41,10 +41,10 @@ from icofabric_sim.simulation.stepping.thread_team import teams_of
 
 MPIEXEC = Path(sys.executable).parent / 'mpiexec'
 STEP = 1e-4
-# Terms of the model: seconds for a body and evaluation, for a body at a health check on the first
-# rank, for a message, bytes a second between ranks, evaluations between health checks, and bytes
-# of halo for a body on a border of layers.
-EVALUATION, CHECK, LATENCY, BANDWIDTH, EVERY, POSE = 22e-9, 60e-9, 5e-6, 5e9, 64, 56
+# Terms of the model: seconds for a body and evaluation, and for a body at a health check on the
+# first rank, of 266,000 bodies; seconds for a message and bytes a second between two processes of
+# one machine; evaluations between health checks, and bytes of halo for a body of a border layer.
+EVALUATION, CHECK, LATENCY, BANDWIDTH, EVERY, POSE = 40e-9, 150e-9, 5e-6, 5e9, 64, 56
 
 
 class Clock:
@@ -116,8 +116,9 @@ def measure(count: int, size: int, layers: int, steps: int, method: str) -> list
 
 def report(arguments: argparse.Namespace) -> None:
     """Print a row for each number of ranks."""
-    print(f'{"ranks":>5} {"bodies":>10} {"ms/step":>9} {"ns/body":>8} {"gather":>7} {"check":>6} {"speed":>6} '
-          f'{"halo kB":>8} {"least":>8} {"B/body, first":>14} {"others":>7}  bits')
+    print(f'{"ranks":>5} {"bodies":>10} {"ms/step":>9} {"ns/body":>8} {"gather":>7} '
+          f'{"check":>6} {"speed":>6} {"halo kB":>8} {"least":>8} '
+          f'{"B/body, first":>14} {"others":>7}  bits')
     first = 0.0
     for count in arguments.ranks:
         layers = arguments.size * count if arguments.weak else arguments.size
