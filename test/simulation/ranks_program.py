@@ -81,6 +81,14 @@ def run(name, ranks=None):
         'checkpoint': hashlib.sha256(checkpoint.to_bytes()).hexdigest()}
 
 
+def steps_taken(ranks=None):
+    """Take some steps, whose end nobody looks at before the ranks have ended."""
+    simulation = ico.compile_scene(
+        ico.Scene.from_parameters(SCENES['slab, leapfrog']), ranks=ranks)
+    simulation.advance_steps(3)
+    return simulation
+
+
 def state_of(simulation):
     snapshot = simulation.snapshot()
     digest = hashlib.sha256()
@@ -132,6 +140,13 @@ def main():
         with ico.Ranks(group) as ranks:
             if ranks.leads:
                 found[count] = {name: run(name, ranks) for name in SCENES}
+                left = steps_taken(ranks)
+        if ranks.leads:
+            found[count]['left'] = state_of(left)
+            try:
+                left.advance_steps(1)
+            except ico.SimulationError as error:
+                found[count]['ended'] = str(error)
     last = groups[min(3, world.size)]
     said = fail(ico.Ranks(last), 1) if last != MPI.COMM_NULL else ''
     heard = world.gather(said, root=0)
@@ -145,7 +160,7 @@ def main():
 
 if __name__ == '__main__':
     # A hang says where.
-    faulthandler.dump_traceback_later(150.0, exit=True)
+    faulthandler.dump_traceback_later(400.0, exit=True)
     try:
         main()
     except BaseException:

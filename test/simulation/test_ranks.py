@@ -20,6 +20,7 @@ from pathlib import Path
 import shutil
 import subprocess
 import sys
+import weakref
 
 import icofabric_sim as ico
 from icofabric_sim.commands.main import main
@@ -33,7 +34,7 @@ from icofabric_sim.simulation.devices.window import resting, window_of
 from icofabric_sim.simulation.model.packing import pack_scene
 import numpy as np
 import pytest
-from ranks_program import COMMON, run, SCENES
+from ranks_program import COMMON, run, SCENES, state_of, steps_taken
 
 ROOT = Path(__file__).resolve().parents[2]
 MOST = 4
@@ -49,7 +50,7 @@ def launcher():
     return found
 
 
-def launch(count, *words, seconds=240.0):
+def launch(count, *words, seconds=450.0):
     """Run a program with so many ranks; a hang is a failure."""
     return subprocess.run(
         [launcher(), '-n', str(count), sys.executable, *map(str, words)], timeout=seconds,
@@ -76,6 +77,13 @@ def test_any_number_of_ranks_gives_the_bits_of_one_process(count, name, alone, s
     assert shared['found'][str(count)][name] == alone[name]
     states = [digest for digest, _ in alone[name]['states']]
     assert alone[name]['steps'] > 5 and len(set(states)) == len(states)
+
+
+def test_after_the_block_the_state_is_there_and_goes_no_further(shared):
+    expected = json.loads(json.dumps(state_of(steps_taken())))
+    for found in shared['found'].values():
+        assert found['left'] == expected
+        assert found['ended'].startswith("the ranks have ended with their 'with' block; the last")
 
 
 def test_a_rank_that_fails_ends_the_run_on_all_with_its_number_and_reason(shared):
@@ -229,6 +237,7 @@ class Answering:
 
     def __init__(self, size, *machines):
         self.size, self.machines, self.orders, self.dropped = size, machines, [], []
+        self.holders = weakref.WeakSet()
 
     def order(self, what):
         self.orders.append(what)

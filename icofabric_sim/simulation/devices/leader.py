@@ -52,6 +52,7 @@ from icofabric_sim.simulation.devices.window import (
     loads_of,
     window_of,
 )
+from icofabric_sim.simulation.errors import RankError
 from icofabric_sim.simulation.model.layout import has_jumps
 from icofabric_sim.simulation.model.packing import PackedScene
 from icofabric_sim.simulation.stepping.methods import Method, METHODS
@@ -94,6 +95,7 @@ class SharedSteps:
         self._acting: tuple[Any, ...] = ()
         self._acts = False
         self._require_room()
+        transport.holders.add(self)
         # After the end of the interpreter nobody is there to be told.
         weakref.finalize(self, transport.dropped.append, self._number).atexit = False
 
@@ -121,6 +123,8 @@ class SharedSteps:
     ) -> tuple[int, int, int]:
         """Take steps as `splitting` of kernels/integrators/splitting.py does, with all ranks."""
         self._transport.require_health()
+        if self._transport.has_ended:
+            raise RankError("the ranks have ended with their 'with' block")
         try:
             return self._advance(
                 model, loads, state, saved, work, origin, index, h, count, since_check,
@@ -143,7 +147,7 @@ class SharedSteps:
         ledger: np.ndarray
     ) -> tuple[int, int, int]:
         of_run = check_interval < NEVER
-        own = self._begin(model, loads, state, work, ledger)
+        own = self._begin(model, loads, state, work)
         self._send_loads(loads)
         arrays = Arrays(loads if self._acts else None, state, work)
         if of_run:
@@ -182,9 +186,7 @@ class SharedSteps:
             self._gather(arrays, of_run=False, whole=True)
         return 0, done, since_check
 
-    def _begin(
-        self, model: Model, loads: Loads, state: State, work: Work, ledger: np.ndarray
-    ) -> PartSteps:
+    def _begin(self, model: Model, loads: Loads, state: State, work: Work) -> PartSteps:
         """Send the windows with the first steps: by then all that they need is compiled here."""
         if self._own is not None:
             return self._own
@@ -283,7 +285,8 @@ class SharedSteps:
             if rank:
                 part = self._parts[rank]
                 slots = LANES * (part.last - part.first + 2 * len(part.halo))
-                wanted[name] = wanted.get(name, 0) + bytes_of(slots)
+                wanted[name] = wanted.get(name, 0) + bytes_of(
+                    slots, kinked=self._weights.mends_kinks)
                 ranks.setdefault(name, []).append(rank)
         for name, need in wanted.items():
             left = min(amount for machine, amount in machines if machine == name)

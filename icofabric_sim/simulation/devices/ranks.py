@@ -13,6 +13,7 @@
 # limitations under the License.
 """The processes of MPI that share the steps of one fabric, as a program sees them."""
 
+from contextlib import suppress
 from importlib import import_module
 import signal
 from types import TracebackType
@@ -86,7 +87,11 @@ class Ranks:
     ) -> None:
         """Let the others serve until the first process comes here."""
         if self.leads:
-            self._transport.end()
+            if kind is None:
+                self._transport.end()
+                return
+            with suppress(RankError):
+                self._transport.end()
             return
         if error is not None:
             self._transport.fail(error)

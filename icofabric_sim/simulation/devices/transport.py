@@ -23,10 +23,12 @@ import math
 import os
 import time
 from typing import Any
+import weakref
 
 from icofabric_sim.kernels.runtime.record import Record
 from icofabric_sim.simulation.errors import RankError
 from icofabric_sim.simulation.model.layout import aligned_empty
+from icofabric_sim.simulation.stepping.methods import StateHolder
 import numpy as np
 
 _ORDER, _ARRAY, _POSES, _FAILED = 11, 12, 13, 14
@@ -54,6 +56,8 @@ class Transport:
         # Numbers of simulations that are gone, for the next order: who notes them is called by the
         # collector of garbage, at any moment, and must not send.
         self.dropped: list[int] = []
+        # Those of the simulations that are there.
+        self.holders: weakref.WeakSet[StateHolder] = weakref.WeakSet()
         # Small messages under way: kept until they have left.
         self._sent: list[Any] = []
         self.has_ended = False
@@ -61,8 +65,10 @@ class Transport:
         self._failure = ''
 
     def end(self) -> None:
-        """Have all other ranks end, from the first one."""
+        """Have all other ranks end, from the first one, which takes over what they hold."""
         if not (self.has_failed or self.has_ended):
+            for holder in list(self.holders):
+                holder.take_over()
             self.order(('end',))
             self._send_off(math.inf)
         self.has_ended = True

@@ -35,8 +35,9 @@ from icofabric_sim.simulation.devices.division import Part
 from icofabric_sim.simulation.model.layout import aligned_empty, Layout
 import numpy as np
 
-# Doubles that a rank holds for each slot: state and its trial, accelerations of both, points.
-_DOUBLES_EACH = 2 * 13 + 2 * 6 + 18
+# Doubles that a rank holds for each slot: state and its trial, accelerations of both, points; and
+# what steps need that follow where slopes jump.
+_DOUBLES_EACH, _KINKS_EACH = 2 * 13 + 2 * 6 + 18, 12 + 48 + 36 + 6 + 18 + 18
 
 
 class Exchange(NamedTuple):
@@ -118,9 +119,9 @@ def window_of(model: Model, layout: Layout, part: Part, samples: np.ndarray) -> 
         _exchange(part, numbers, slot, samples), slot_count)
 
 
-def bytes_of(slot_count: int) -> int:
+def bytes_of(slot_count: int, *, kinked: bool) -> int:
     """Bytes that a rank allocates for a window of so many slots, about."""
-    return 8 * _DOUBLES_EACH * slot_count
+    return 8 * (_DOUBLES_EACH + kinked * _KINKS_EACH) * slot_count
 
 
 def resting(slot_count: int) -> State:
