@@ -16,14 +16,12 @@
 from collections.abc import Callable
 import logging
 import math
-from typing import Any
+from typing import Any, TYPE_CHECKING
 
 from icofabric_sim.kernels.records import Loads
 from icofabric_sim.scene.initial import InitialState
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.contact.broad_phase import BroadPhase
-from icofabric_sim.simulation.devices.leader import shared_method
-from icofabric_sim.simulation.devices.transport import Transport
 from icofabric_sim.simulation.errors import SimulationError
 from icofabric_sim.simulation.input_types import Target, Value
 from icofabric_sim.simulation.inputs import Inputs
@@ -50,6 +48,9 @@ from icofabric_sim.simulation.stepping.obstruction import Obstruction
 from icofabric_sim.simulation.stepping.thread_team import ThreadTeam
 import numpy as np
 
+if TYPE_CHECKING:
+    from icofabric_sim.simulation.devices.transport import Transport
+
 _LOGGER = logging.getLogger('icofabric_sim')
 
 
@@ -58,7 +59,7 @@ class EventLoop:
 
     def __init__(
         self, scene: Scene, packed: PackedScene, *,
-        on_pause: Callable[[], None], ranks: Transport | None = None
+        on_pause: Callable[[], None], ranks: 'Transport | None' = None
     ) -> None:
         """
         Stand at the start of the `scene`; see `compile_scene` and `Driver`.
@@ -121,6 +122,7 @@ class EventLoop:
                 'solver.tolerance where shells touch, and %s; solver.method dop8 or auto '
                 'shortens steps there', self.method.name, packed.contact.expected)
         if ranks is not None:
+            from icofabric_sim.simulation.devices.leader import shared_method
             method = shared_method(
                 ranks, packed, self.method.name, given=fixed > 0.0,
                 half_edge=scene.geometry.half_edge)

@@ -16,14 +16,13 @@
 from collections.abc import Callable
 import logging
 import subprocess
+from typing import TYPE_CHECKING
 
 from icofabric_sim import checks
 from icofabric_sim.kernels.runtime.interrupts import DeferredInterrupt
 from icofabric_sim.scene.initial import hold_still, InitialState
 from icofabric_sim.scene.scene import require_scene, Scene
 from icofabric_sim.simulation.checkpoint import Checkpoint
-from icofabric_sim.simulation.devices.ranks import Ranks
-from icofabric_sim.simulation.devices.refusals import require_shareable
 from icofabric_sim.simulation.errors import Interrupted, SimulationError
 from icofabric_sim.simulation.event_loop import EventLoop
 from icofabric_sim.simulation.given_state import complete_state
@@ -54,6 +53,9 @@ from icofabric_sim.simulation.status import SimulationStatus
 from icofabric_sim.simulation.stepping.ledger import EnergyBalance
 import numpy as np
 
+if TYPE_CHECKING:
+    from icofabric_sim.simulation.devices.ranks import Ranks
+
 __all__ = ['compile_scene', 'Interrupted', 'Simulation', 'SimulationError']
 
 _LOGGER = logging.getLogger('icofabric_sim')
@@ -62,7 +64,7 @@ _WAY = 'compile_scene(scene) makes one'
 
 def compile_scene(
     scene: Scene, *, rotation: str = 'quaternion',
-    body_force: BodyForce | Force | None = None, ranks: Ranks | None = None
+    body_force: BodyForce | Force | None = None, ranks: 'Ranks | None' = None
 ) -> 'Simulation':
     """
     Turn a scene into something fast, once.
@@ -81,7 +83,7 @@ class Simulation:
 
     def __init__(
         self, scene: Scene, *, rotation: str = 'quaternion',
-        body_force: BodyForce | Force | None = None, ranks: Ranks | None = None
+        body_force: BodyForce | Force | None = None, ranks: 'Ranks | None' = None
     ) -> None:
         """See `compile_scene`."""
         require_scene(scene)
@@ -91,10 +93,10 @@ class Simulation:
             raise ValueError("a body_force is given quaternions: rotation must be 'quaternion'")
         transport = None
         if ranks is not None:
-            checks.instance('ranks', ranks, Ranks, 'with ico.Ranks() as ranks: makes them')
-            transport = ranks.transport_of_leader()
-            if transport is not None:
-                require_shareable(scene, cosines=cosines, body_force=body_force is not None)
+            # Where they are used: most simulations need none of it.
+            from icofabric_sim.simulation.devices.ranks import transport_for
+            transport = transport_for(
+                ranks, scene, cosines=cosines, body_force=body_force is not None)
         self.scene, self.rotation = scene, rotation
         self._is_shared = transport is not None
         self.body_force = as_body_force(body_force)

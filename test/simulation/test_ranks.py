@@ -262,6 +262,18 @@ def test_windows_that_a_machine_has_no_memory_for_are_refused_before_any_is_made
     assert len(enough.dropped) == 1 and len(enough.orders) == 1
 
 
+def test_one_rank_is_one_process():
+    MPI = pytest.importorskip('mpi4py.MPI', reason='mpi4py (extra `mpi`) is not installed')
+    scene = ico.Scene.from_parameters(SCENES['slab, leapfrog'])
+    with ico.Ranks(MPI.COMM_SELF) as ranks:
+        assert (ranks.rank, ranks.size, ranks.leads) == (0, 1, True)
+        simulation = ico.compile_scene(scene, ranks=ranks)
+    simulation.advance_steps(1)
+    assert simulation.status.rank_count == 1 and simulation.status.halo_bytes == 0
+    with pytest.raises(ValueError, match="the ranks have ended with their 'with' block"):
+        ico.compile_scene(scene, ranks=ranks)
+
+
 def test_without_mpi_ranks_say_what_is_missing(monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, 'mpi4py.MPI', None)
     with pytest.raises(ico.RankError, match=r"pip install 'icofabric_sim\[mpi\]'"):

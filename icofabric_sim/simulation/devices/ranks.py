@@ -20,6 +20,8 @@ from types import TracebackType
 from typing import Any, Self
 
 from icofabric_sim import checks
+from icofabric_sim.scene.scene import Scene
+from icofabric_sim.simulation.devices.refusals import require_shareable
 from icofabric_sim.simulation.devices.server import Server
 from icofabric_sim.simulation.devices.transport import Transport
 from icofabric_sim.simulation.errors import RankError
@@ -67,16 +69,6 @@ class Ranks:
         """Whether this process is the first, which has the simulation."""
         return self._transport.rank == 0
 
-    def transport_of_leader(self) -> Transport | None:
-        """What a simulation shares its steps by; None where there is nobody to share with."""
-        if not self.leads:
-            raise ValueError(
-                f'a simulation is made on the first rank, not on rank {self.rank}: put it after '
-                "'if ranks.leads:'")
-        if self._transport.has_ended:
-            raise ValueError("the ranks have ended with their 'with' block")
-        return self._transport if self.size > 1 else None
-
     def __enter__(self) -> Self:
         """Begin the block that all processes run."""
         return self
@@ -110,3 +102,25 @@ class Ranks:
         finally:
             for number, handler in before.items():
                 signal.signal(number, handler)
+
+
+def transport_for(
+    ranks: Ranks, scene: Scene, *, cosines: bool, body_force: bool
+) -> Transport | None:
+    """
+    What a simulation of the scene shares its steps by; None where there is nobody to share with.
+
+    Raises ParameterError or ValueError where it cannot be shared.
+    """
+    checks.instance('ranks', ranks, Ranks, 'with ico.Ranks() as ranks: makes them')
+    transport = ranks._transport
+    if not ranks.leads:
+        raise ValueError(
+            f'a simulation is made on the first rank, not on rank {ranks.rank}: put it after '
+            "'if ranks.leads:'")
+    if transport.has_ended:
+        raise ValueError("the ranks have ended with their 'with' block")
+    if ranks.size == 1:
+        return None
+    require_shareable(scene, cosines=cosines, body_force=body_force)
+    return transport
