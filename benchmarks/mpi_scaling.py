@@ -16,6 +16,7 @@ One fabric on several ranks of MPI: time a step, halo, memory and bits, for each
 
     .venv/bin/python benchmarks/mpi_scaling.py --size 41 --steps 192 --ranks 1 2
     .venv/bin/python benchmarks/mpi_scaling.py --size 41 --steps 192 --ranks 1 2 --weak
+    .venv/bin/python benchmarks/mpi_scaling.py --size 273 --steps 8 --warm 8 --step 4e-4
     .venv/bin/python benchmarks/mpi_scaling.py --model
 
 Strong: a slab of size^3 grid positions, shared by more and more ranks; weak: so many layers for
@@ -40,7 +41,6 @@ from icofabric_sim.simulation.devices import leader
 from icofabric_sim.simulation.stepping.thread_team import teams_of
 
 MPIEXEC = Path(sys.executable).parent / 'mpiexec'
-STEP = 1e-4
 # Terms of the model: seconds for a body and evaluation, and for a body at a health check on the
 # first rank, of 266,000 bodies; seconds for a message and bytes a second between two processes of
 # one machine; evaluations between health checks, and bytes of halo for a body of a border layer.
@@ -67,23 +67,24 @@ class Clock:
         setattr(owner, name, timed)
 
 
-def scene_of(size: int, layers: int, method: str) -> ico.Scene:
+def scene_of(arguments: argparse.Namespace, layers: int) -> ico.Scene:
     """A slab in free motion, whose contacts are not computed."""
     return ico.Scene.from_parameters({
-        'weave.size': [size, size, layers], 'contact.mode': 'never',
+        'weave.size': [arguments.size, arguments.size, layers], 'contact.mode': 'never',
         'initial_random': {'velocity_sigma': 0.02, 'spin_sigma': 1.0, 'seed': 1},
-        'solver': {'method': method, 'step': STEP, 'threads': 1}})
+        'solver': {'method': arguments.method, 'step': arguments.step, 'threads': 1}})
 
 
-def take_part(size: int, layers: int, steps: int, method: str) -> None:
+def take_part(arguments: argparse.Namespace) -> None:
     """What each process does: print what it found as one line of JSON."""
+    steps = arguments.steps
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     found: dict[str, object] = {}
     with ico.Ranks() as ranks, teams_of(1):
         if ranks.leads:
-            scene = scene_of(size, layers, method)
+            scene = scene_of(arguments, arguments.take_part)
             simulation = ico.compile_scene(scene, ranks=ranks)
-            simulation.advance_steps(64)
+            simulation.advance_steps(arguments.warm)
             simulation._driver.errors.probe.checks_left = 10**9
             gathering, checking = Clock(), Clock()
             gathering.of(leader.SharedSteps, '_gather')
@@ -95,7 +96,7 @@ def take_part(size: int, layers: int, steps: int, method: str) -> None:
             found['gather'] = gathering.seconds / steps
             found['check'] = checking.seconds / steps
             digest = hashlib.sha256(simulation.snapshot().position.tobytes())
-            holder = simulation._driver.trajectory.method.holder
+            holder: Any = simulation._driver.trajectory.method.holder
             found.update(
                 bodies=scene.body_count, digest=digest.hexdigest()[:12],
                 halos=[] if holder is None else [tuple(halo) for halo in holder.halos])
@@ -104,11 +105,13 @@ def take_part(size: int, layers: int, steps: int, method: str) -> None:
     print(json.dumps(found), flush=True)
 
 
-def measure(count: int, size: int, layers: int, steps: int, method: str) -> list[dict[str, Any]]:
+def measure(arguments: argparse.Namespace, count: int, layers: int) -> list[dict[str, Any]]:
     """Start so many ranks; what they found, by rank."""
+    words = [
+        f'--{name}={getattr(arguments, name)}'
+        for name in ('size', 'steps', 'warm', 'step', 'method')]
     done = subprocess.run(
-        [MPIEXEC, '-n', str(count), sys.executable, __file__, '--take-part', str(layers),
-         '--size', str(size), '--steps', str(steps), '--method', method],
+        [MPIEXEC, '-n', str(count), sys.executable, __file__, f'--take-part={layers}', *words],
         check=True, stdout=subprocess.PIPE, text=True)
     lines = [json.loads(line) for line in done.stdout.splitlines() if line.startswith('{')]
     return sorted(lines, key=lambda found: int(found['rank']))
@@ -122,7 +125,7 @@ def report(arguments: argparse.Namespace) -> None:
     first = 0.0
     for count in arguments.ranks:
         layers = arguments.size * count if arguments.weak else arguments.size
-        ranks = measure(count, arguments.size, layers, arguments.steps, arguments.method)
+        ranks = measure(arguments, count, layers)
         lead = ranks[0]
         each, bodies = lead['seconds'], lead['bodies']
         speed = bodies / each
@@ -160,6 +163,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.strip().splitlines()[0])
     parser.add_argument('--size', type=int, default=41, help='grid positions along x and y')
     parser.add_argument('--steps', type=int, default=192)
+    parser.add_argument('--warm', type=int, default=64, help='steps that are not counted')
+    parser.add_argument('--step', type=float, default=1e-4, help='solver.step [s]')
     parser.add_argument('--ranks', type=int, nargs='+', default=[1, 2])
     parser.add_argument('--method', default='leapfrog', choices=sorted(ico.METHODS))
     parser.add_argument('--weak', action='store_true', help='as many layers for each rank')
@@ -169,7 +174,7 @@ def main() -> None:
     if arguments.model:
         model()
     elif arguments.take_part:
-        take_part(arguments.size, arguments.take_part, arguments.steps, arguments.method)
+        take_part(arguments)
     else:
         report(arguments)
 
