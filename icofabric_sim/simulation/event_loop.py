@@ -115,7 +115,10 @@ class EventLoop:
             # With the room that this method needs.
             loads = self._loads()
         method = METHODS[self.method.name]
+        # contact.mode always says when to look for contacts, not that there will be some; and
+        # kernels are compiled ahead with it.
         if (packed.contact is not None and packed.contact.expected and not fixed > 0.0
+                and parameters['contact.mode'] == 'auto'
                 and method.symplectic and not method.runs_through_contacts):
             _LOGGER.warning(
                 'solver.method %s has steps of one length, which may add more than '

@@ -122,7 +122,8 @@ def test_gymnasium_environment_is_one(tmp_path, monkeypatch):
         done = run_example('fabric_environment.py')
         out, errors = done.communicate(timeout=120)
         assert done.returncode == 0, errors
-        assert speeds(out)[0] < 0.1
+        # Left alone the slab gets -230; the speed at one moment is a matter of chance.
+        assert -60.0 < float(re.search(r'sum of rewards (\S+),', out)[1]) < 0.0
         assert node.stop() == 0
 
 

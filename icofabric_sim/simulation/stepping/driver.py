@@ -437,5 +437,6 @@ class Driver:
             self.rates.frequency.rate, self._allowed_speed)
         self.shown.restart()
         self.errors.probe.restart()
+        self.errors.spoil()
         self.choose_step()
         self.errors.restart_touching(trajectory.saved_time)
