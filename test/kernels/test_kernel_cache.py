@@ -163,15 +163,20 @@ def test_an_edit_in_any_folder_of_kernels_compiles_anew(folder, copy):
 
 
 def test_the_stamp_covers_all_that_kernels_are_made_of():
-    """Modules with compiled functions, and all that these import, lie in the stamped rooms."""
+    """
+    Modules with compiled functions, and all that these import, lie in the stamped rooms.
+
+    Or Numba's own stamp of their file covers what is not: they import nothing else.
+    """
     def room_of(module):
         return module.split('.')[1] if '.' in module else ''
 
     compiled = [name for name, path in MODULES.items() if '\n@compiled\n' in path.read_text()]
     assert len(compiled) > 40
-    assert {room_of(name) for name in compiled} == {'kernels'}
+    outside = [name for name in compiled if room_of(name) != 'kernels']
+    assert outside == ['icofabric_sim.simulation.devices.rank_kernels']
     for name in MODULES:
-        if room_of(name) in disk_cache._STAMPED:
+        if room_of(name) in disk_cache._STAMPED or name in outside:
             assert {room_of(target.module) for target in imports_of(name)} \
                 <= {*disk_cache._STAMPED, 'checks'}, name
 
