@@ -74,7 +74,7 @@ class RosLogHandler(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         # Below the methods of the logger, which look for that place by themselves: the first call
-        # of one goes through the files of all modules, which took a tenth of a node's start.
+        # of one goes through the files of all modules, a tenth of a node's start.
         severity = LoggingSeverity.INFO
         if record.levelno >= logging.ERROR:
             severity = LoggingSeverity.ERROR

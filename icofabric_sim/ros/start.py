@@ -154,8 +154,8 @@ def end_process(status: int) -> NoReturn:
     """
     End a process whose work is done and whose files are closed, without the destructors of C++.
 
-    Threads of the middleware and the compiler's libraries outlive what these take away: about one
-    end in fifty on a busy machine was a segmentation fault, with all work done.
+    Threads of the middleware and of the compiler's libraries outlive what these take away: while
+    kernels are compiled an end can be a segmentation fault, with all work done.
     """
     rclpy = sys.modules.get('rclpy')
     if rclpy is not None:
@@ -163,7 +163,7 @@ def end_process(status: int) -> NoReturn:
         gc.collect()
         rclpy.utilities.get_default_context().destroy()
     for stream in (sys.stdout, sys.stderr):
-        with suppress(OSError, ValueError):  # nobody may read it any more
+        with suppress(OSError, ValueError):  # its reader may have ended
             stream.flush()
     os._exit(status)
 

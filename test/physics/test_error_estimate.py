@@ -255,3 +255,18 @@ def test_jumps_and_inputs_take_nothing_back(method, step):
         assert simulation.error_estimate >= estimate * (1.0 - 1e-15)
     simulation.reset_time()
     assert simulation.error_estimate == 0.0
+
+
+def test_no_stretch_leads_across_a_jump_of_the_state():
+    """Steps get their first length there, and a stretch that began before it is not judged."""
+    scene = ico.load_scene('hanging_slab').with_changes({
+        'weave.size': [2, 2, 2], 'solver.method': 'srkn6'})
+    before = ico.compile_scene(scene)
+    before.advance_to(0.01)
+    after = ico.compile_scene(scene.with_changes({'connector.stiffness': 3000.0}))
+    after.take_over(before, keep_motion=True)
+    assert after.time == before.time and after.error_estimate < 1e-6
+    after.advance_to(0.02)
+    after.reset()
+    after.advance_to(0.03)
+    assert 0.0 < after.error_estimate < 1e-6

@@ -96,7 +96,7 @@ class SharedSteps:
         self._acts = False
         self._require_room()
         transport.holders.add(self)
-        # After the end of the interpreter nobody is there to be told.
+        # At the end of the interpreter there is no further order that it could go with.
         weakref.finalize(self, transport.dropped.append, self._number).atexit = False
 
     @property

@@ -150,14 +150,14 @@ class PartSteps:
     def make_ready(self, arrays: Arrays) -> None:
         """Compile what steps need, or load it: with nothing to do."""
         model, (loads, state, work), kinks = self._model, arrays, arrays.work.kinks
-        none, nobody = np.zeros(0, np.uint32), np.zeros(0, np.int32)
+        none, no_slots = np.zeros(0, np.uint32), np.zeros(0, np.int32)
         push_kept(self._model, loads, state, work, 0.0, 0.0, 0, 0)
         drift(self._model, loads, state, work, 0.0, 0.0, none, 0, 0)
         drift_and_push(
             model, loads, state, work, kinks, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, False, none, 0, none,
-            nobody)
-        take_poses(state, nobody, _room(0))
-        put_poses(self._model, state, work, nobody, _room(0))
+            no_slots)
+        take_poses(state, no_slots, _room(0))
+        put_poses(self._model, state, work, no_slots, _room(0))
         if kinks is not None:
             begin_kinked(model, loads, kinks, state, work, 0.0, 1.0, 0, 0)
             strike_foretold(model, loads, kinks, state, work, 1.0, 1.0, 0, 0)
@@ -165,10 +165,10 @@ class PartSteps:
             note_all_motion(model, kinks, state, work, 1.0, 0, 0)
             account_all(model, kinks, work, 1.0, 0, 0)
             strike_all(model, loads, kinks, state, work, 0, 0, 0)
-            take_motions(state, kinks, nobody, _room(0, MOTION))
-            put_motions(model, kinks, state, work, 1.0, nobody, _room(0, MOTION))
+            take_motions(state, kinks, no_slots, _room(0, MOTION))
+            put_motions(model, kinks, state, work, 1.0, no_slots, _room(0, MOTION))
         if self._weights.differences:
-            sample(nobody, state.position, state.orientation, _room(0), work.weights, 0)
+            sample(no_slots, state.position, state.orientation, _room(0), work.weights, 0)
             roughness(work._replace(difference=_room(0)), self._ledger)
 
     def _steps(self, arrays: Arrays, stretch: Stretch, index: int, count: int) -> None:

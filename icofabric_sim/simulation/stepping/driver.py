@@ -437,6 +437,7 @@ class Driver:
             self.rates.frequency.rate, self._allowed_speed)
         self.shown.restart()
         self.errors.probe.restart()
+        # No stretch leads across the jump.
         self.errors.spoil()
         self.choose_step()
         self.errors.restart_touching(trajectory.saved_time)

@@ -84,12 +84,8 @@ class TouchingErrors:
         self._start = math.inf
 
     def close(self, time: float, rate: float) -> None:
-        """
-        End a stretch at the health check of `time` [s]: steps get another length.
-
-        Nothing is judged where they get their first one: the motion begins, or has jumped.
-        """
-        if time > self._start and self._trajectory.step > 0.0:
+        """End a stretch at the health check of `time` [s]: steps get another length."""
+        if time > self._start:
             self.end(time, rate, is_last=True)
 
     @property
