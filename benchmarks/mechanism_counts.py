@@ -31,6 +31,7 @@ from typing import NamedTuple
 
 import icofabric_sim as ico
 from icofabric_sim.benchmarking.machine import describe_machine
+from icofabric_sim.scene.weave_geometry import MINIMUM_ANGLE
 from icofabric_sim.statics.fabric import StaticFabric
 from icofabric_sim.statics.mechanisms import (
     compatibility_matrix,
@@ -47,8 +48,9 @@ from icofabric_sim.statics.spectrum import (
 )
 import numpy as np
 
-# Between the least connector angle, 0.1338 rad, and 45 degrees.
-ANGLES = (0.1339, 0.3, 0.5, 0.66, 0.78)
+# From the least connector angle, -0.3649 rad (eq 54), where shells lie face to face, to nearly 45
+# degrees: the dense half of the domain, level connectors, and the open half.
+ANGLES = (MINIMUM_ANGLE, -0.25, -0.13, 0.0, 0.13, 0.3, 0.5, 0.66, 0.78)
 _ZERO = 1e-9
 
 

@@ -1,0 +1,100 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""Elastic constants of the endless point-spring fabric in closed form (docs/material.md)."""
+
+import math
+
+from fabrics import make_scene
+import icofabric_sim as ico
+from icofabric_sim.scene.weave_geometry import MINIMUM_ANGLE, MINIMUM_LENGTH_RATIO
+import numpy as np
+import pytest
+
+K = 500.0
+# The least angle (eq 54), level connectors, and up to connectors 185 times as long as w.
+ANGLES = (MINIMUM_ANGLE, 0.0, *np.linspace(MINIMUM_ANGLE, 0.78, 24)[1:])
+X, Y, Z = np.eye(3)
+
+
+def woven(angle: float, **sections) -> ico.Scene:
+    return make_scene(weave={
+        'size': [3, 3, 3], 'connector_angle': float(angle), **sections.pop('weave', {})},
+        connector={'stiffness': K}, **sections)
+
+
+def bulk_modulus(found) -> float:
+    return float(found.stiffness[:3, :3].sum()) / 9.0
+
+
+@pytest.mark.parametrize('angle', ANGLES)
+def test_closed_form_from_the_least_angle_on(angle):
+    scene = woven(angle)
+    found = ico.homogenise(scene)
+    W, w, L = (scene.geometry.pitch, scene.geometry.cube_width, scene.geometry.connector_length)
+    S = math.sin(2.0 * angle)
+    expected = np.zeros((6, 6))
+    expected[:3, :3] = 0.5 * S * K / W
+    expected[range(3), range(3)] = K / W
+    # Near pi/4 rounding grows with L / w.
+    rounding = 1e-14 * (L / w)
+    assert np.abs(found.stiffness - expected).max() < rounding * K / W
+    assert len(found.soft_strains) == 3
+    assert bulk_modulus(found) == pytest.approx(K / (3.0 * W) * (1.0 + S), rel=1e-12)
+    for along, across in ((X, Y), (Y, Z), (Z, X), (X, Z)):
+        ratio = float(found.poisson_ratio(along, across))
+        assert ratio == pytest.approx(S / (2.0 + S), abs=1e-12)
+        assert ratio == pytest.approx((L**2 - w**2) / (3.0 * L**2 - w**2), abs=1e-12)
+        assert found.young_modulus(along) == pytest.approx(
+            K / W * (2.0 - S) * (1.0 + S) / (2.0 + S), rel=1e-12)
+        assert abs(ratio) < 1e-14 or np.sign(ratio) == np.sign(angle)
+        if ratio < 0.33:
+            assert w * math.sqrt((1.0 - ratio) / (1.0 - 3.0 * ratio)) == pytest.approx(
+                L, rel=1e-9)
+    # Shear is in the way of any other pull.
+    assert found.young_modulus(np.array([1.0, 1.0, 0.0])) == 0.0
+    assert np.isnan(found.poisson_ratio(np.array([1.0, 1.0, 1.0]), np.array([1.0, -1.0, 0.0])))
+
+
+def test_the_ratio_is_minus_a_half_at_the_least_angle_and_nought_at_level_connectors():
+    least, level = (ico.homogenise(woven(angle)) for angle in (MINIMUM_ANGLE, 0.0))
+    assert least.poisson_ratio(X, Y) == pytest.approx(-0.5, abs=1e-13)
+    assert level.poisson_ratio(X, Y) == pytest.approx(0.0, abs=1e-14)
+    nearly = woven(0.0, weave={'connector_angle': 0.0, 'connector_length': 1e3})
+    assert ico.homogenise(nearly).poisson_ratio(X, Y) == pytest.approx(1.0 / 3.0, abs=1e-7)
+    # The shortest length that the document allows is that angle.
+    length = MINIMUM_LENGTH_RATIO * nearly.geometry.cube_width
+    shortest = woven(0.0, weave={'connector_angle': 0.0, 'connector_length': length})
+    assert ico.homogenise(shortest).poisson_ratio(X, Y) == pytest.approx(-0.5, abs=1e-12)
+
+
+@pytest.mark.parametrize('angle', [MINIMUM_ANGLE, -0.2, 0.3])
+def test_the_energy_of_the_derivation_is_that_of_a_cell(angle):
+    """Extensions of six connectors, as docs/material.md derives them, for any strain and turn."""
+    scene = woven(angle)
+    W, w = scene.geometry.pitch, scene.geometry.cube_width
+    c, s = math.cos(angle), math.sin(angle)
+    exx, eyy, ezz, eyz, exz, exy, px, py, pz = np.random.RandomState(3).normal(size=9)
+    squares = 0.0
+    for sign in (1.0, -1.0):
+        for first, second, shear, turn in (
+                (exx, ezz, exz, py), (eyy, exx, exy, pz), (ezz, eyy, eyz, px)):
+            extension = W * (c * first + s * second) + sign * (
+                W * (c + s) * shear - w * c * turn)
+            squares += extension**2
+    found = ico.homogenise(scene)
+    # The engine's own form: quadratic in strains (shears as angles) and a turn, not relaxed.
+    motion = np.array([exx, eyy, ezz, 2.0 * eyz, 2.0 * exz, 2.0 * exy, px, py, pz])
+    energy = found.energy
+    assert 0.5 * float(motion @ energy.gradient(motion)) == pytest.approx(
+        0.5 * K * squares, rel=1e-9)
