@@ -186,6 +186,29 @@ def test_requirements():
         assert re.sub(r'\[.*\]', '', pinned) in locked
 
 
+@pytest.fixture(scope='module')
+def uv_settings():
+    spec = importlib.util.spec_from_file_location('uv_settings', ROOT / '.ci/uv_settings.py')
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module.uv_settings
+
+
+def test_uv_is_told_what_pip_is_told(uv_settings):
+    assert any(line.startswith('uv==') for line in requirement_lines('requirements.lock'))
+    assert uv_settings([]) == {}
+    assert uv_settings([
+        ":env:.default-timeout='180'\n", ":env:.disable-pip-version-check='1'\n",
+        ":env:.index-url='https://a/simple'\n", "freeze.quiet='1'\n",
+        "global.extra-index-url='file:///b\\nfile:///c'\n", "global.find-links='/d\\n/e'\n",
+        "global.index-url='https://f/simple'\n", "install.index-url='https://g/simple'\n"]) == {
+            'UV_DEFAULT_INDEX': 'https://a/simple', 'UV_INDEX': 'file:///b file:///c',
+            'UV_FIND_LINKS': '/d,/e', 'UV_HTTP_TIMEOUT': '180',
+            'UV_INDEX_STRATEGY': 'unsafe-best-match'}
+    with pytest.raises(ValueError, match='global.proxy'):
+        uv_settings(["global.proxy='http://a'\n"])
+
+
 def test_the_site_is_an_extra(distribution):
     wanted = (distribution / 'requires.txt').read_text().partition('[docs]\n')[2]
     assert sorted(wanted.partition('\n\n')[0].split()) == sorted(
