@@ -92,6 +92,11 @@ def test_height_classes():
         assert inside.size == count
         assert set(inside) == {round(value, 12) for value in values}
     assert np.all(np.diff(ico.FACE_HEIGHT_CLASSES) >= 0)
+    # Seven heights in all (erratum 19).
+    heights, counts = np.unique(sums, return_counts=True)
+    assert heights == pytest.approx(
+        [-2 * TAU - 1, -TAU - 1, -TAU, 0.0, TAU, TAU + 1, 2 * TAU + 1], abs=1e-12)
+    assert counts.tolist() == [2, 4, 2, 4, 2, 4, 2]
 
 
 @pytest.mark.parametrize('a', SCALES)

@@ -18,9 +18,11 @@ import re
 import runpy
 import shlex
 
+from icofabric_sim.geometry.icosahedron import NAMED_EDGE_DIRECTIONS, NAMED_EDGES
 from icofabric_sim.parameters.ready_scenes import ready_scenes
 from icofabric_sim.pictures.fabric_polygons import FREE_COLOR
 from icofabric_sim.pictures.measures import QUANTITIES, Scale
+from icofabric_sim.scene.weave_tables import TABLE_5
 from matplotlib.image import imread
 import numpy as np
 import pytest
@@ -77,6 +79,34 @@ def test_the_figures_of_the_concepts_are_what_their_command_draws(tmp_path: Path
         drawn, kept = imread(path)[:, :, :3], imread(ROOT / 'docs' / path.name)[:, :, :3]
         # Fonts differ between versions of matplotlib; weaves do not.
         assert drawn.shape == kept.shape and (np.abs(drawn - kept) > 0.1).mean() < 0.02
+
+
+def test_the_figures_of_the_weave_are_what_their_command_draws(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(ROOT / 'docs')
+    draw = runpy.run_path(str(ROOT / 'docs' / 'draw_weave.py'))['draw']
+    text = (ROOT / 'docs' / 'weave.md').read_text('utf-8')
+    paths = draw(tmp_path)
+    assert len(paths) == 4
+    for path in paths:
+        assert f']({path.name})' in text
+        kept = ROOT / 'docs' / path.name
+        assert kept.stat().st_size < LARGEST
+        drawn, kept = imread(path)[:, :, :3], imread(kept)[:, :, :3]
+        assert drawn.shape == kept.shape and (np.abs(drawn - kept) > 0.1).mean() < 0.02
+
+
+def test_the_twelve_ends_of_the_weave_are_those_of_table_5() -> None:
+    text = (ROOT / 'docs' / 'weave.md').read_text('utf-8')
+    rows = re.findall(
+        r'^\| (\d+) \| (\w+) \| ([+-])([xyz]) \| (\w+) \| \((.*)\) \|$', text, re.MULTILINE)
+    assert len(rows) == len(TABLE_5) == 12
+    for number, (row, (edge, direction)) in enumerate(zip(rows, TABLE_5), 1):
+        axis = NAMED_EDGE_DIRECTIONS[edge]
+        letter = 'xyz'[int(np.argmax(np.abs(axis)))]
+        assert row == (
+            str(number), NAMED_EDGES[edge], '+' if axis.sum() > 0 else '-', letter,
+            NAMED_EDGES[edge ^ 1], ', '.join(map(str, direction)))
 
 
 @pytest.mark.parametrize('page', ['tour', 'howto/hammock'])
