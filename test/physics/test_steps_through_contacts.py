@@ -166,6 +166,27 @@ def test_steps_follow_what_may_touch_alone():
     assert simulation.status.error_estimate > 0.0
 
 
+def test_steps_become_longer_as_less_energy_moves_and_shorter_again():
+    simulation = block(0.0)
+    place = simulation.snapshot().position + [0.0, 0.0, 0.1 * A]
+    turned = simulation.snapshot().orientation
+    fall = np.array([[0.0, 0.0, -0.3]])
+    simulation.set_state(position=place, orientation=turned, linear_velocity=fall)
+    rate = np.sqrt(simulation._driver.contact.least_rate)
+    simulation.advance_to(0.002)
+    # All of its energy moves, and may go into a face that hits.
+    first = rate * simulation.status.step
+    assert 0.3 < first < 0.36
+    simulation.advance_to(0.3)
+    assert simulation.status.contact_count == 1
+    assert 1.9 * first < rate * simulation.status.step <= 0.7
+    simulation.set_state(position=place, orientation=turned, linear_velocity=10.0 * fall)
+    assert rate * simulation.status.step < 0.36
+    before = simulation.snapshot().energy['kinetic']
+    simulation.advance_to(0.31)
+    assert abs(simulation.snapshot().energy['balance_error']) < 0.01 * before
+
+
 def test_auto_takes_it_for_many_loose_shells_and_loose_tolerances():
     lossy = {**STICKY, 'solver__method': 'auto'}
     for scene, tolerance, name in (

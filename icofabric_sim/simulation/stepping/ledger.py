@@ -69,6 +69,7 @@ class Ledger:
     work = At(monitor.WORK)  # [J] of all loads
     spent = At(monitor.SPENT)  # [J] taken by forces that depend on velocities
     rough = At(monitor.ROUGH)  # -1: not known
+    contact = At(monitor.CONTACT)  # [J], which `stored` includes
     touching = At(monitor.TOUCHING)  # pairs
     deepest = At(monitor.DEEPEST)  # [m] overlap
     deepest_ever = At(monitor.DEEPEST_EVER)  # [m]

@@ -77,6 +77,9 @@ class StepController(Protocol):
     def follow_contacts(self) -> bool:
         """Contacts have begun, or are over, or bodies are faster; whether to propose a step."""
 
+    def follow_touching(self) -> bool:
+        """A health check has counted what touches; whether to propose a step that runs through."""
+
     def follow_jump(self) -> bool:
         """Forces have jumped: nothing from before is reused; whether to propose a step."""
 

@@ -327,8 +327,8 @@ class UniformStepping:
             # Where something is near a call ends at a health check: nothing was.
             touching.begin(saved_time)
         # Before another search: its list has not been looked at.
-        recounted = checks.since_check == 0 and self._counts_touching() and (
-            pieces.contact.count_touching())
+        if checks.since_check == 0 and self._counts_touching():
+            pieces.contact.count_touching()
         if status:
             pieces.respond(status, time)
         if checks.since_check and trajectory.step != whole:
@@ -339,7 +339,7 @@ class UniformStepping:
             pieces.contact.forget_displacements()
             pieces.choose_step()
         if checks.since_check == 0:
-            self._follow_touching(time, recounted=recounted)
+            self._follow_touching(time)
         if checks.since_check == 0 and (
             errors.probe.checks_left <= 0 or status & monitor.LIVELIER
         ):
@@ -352,18 +352,17 @@ class UniformStepping:
         return pieces.errors.touching is not None and pieces.contact.contacts is not None and (
             pieces.trajectory.method.runs_through_contacts)
 
-    def _follow_touching(self, time: float, *, recounted: bool) -> None:
+    def _follow_touching(self, time: float) -> None:
         """
         At a health check at `time` [s]: let the step follow what touches, where it runs through.
 
-        `recounted`: their number has changed. And know the pairs of the stretch that begins, if
-        that will be measured.
+        And know the pairs of the stretch that begins, if that will be measured.
         """
         pieces = self._pieces
         contact, touching = pieces.contact, pieces.errors.touching
         if touching is None or not self._counts_touching() or time != pieces.trajectory.time:
             return
-        if recounted and pieces.controller.follow_contacts():
+        if pieces.controller.follow_touching():
             pieces.choose_step()
         if touching.is_due and contact.searched < time:
             before = contact.rate

@@ -158,6 +158,10 @@ class EmbeddedError:
             control.floor = _NOISE * noise * math.sqrt(control.scales[2])
         return False
 
+    def follow_touching(self) -> bool:
+        """What touches is in the error of each step."""
+        return False
+
     def follow_jump(self) -> bool:
         """The next step reuses nothing of the one before, and is no longer than a first one."""
         control = self._control

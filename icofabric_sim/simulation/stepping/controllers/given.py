@@ -80,6 +80,10 @@ class GivenStep:
         """Nothing changes the step."""
         return False
 
+    def follow_touching(self) -> bool:
+        """Nothing changes the step."""
+        return False
+
     def follow_jump(self) -> bool:
         """Have the error measured anew where loads are faster."""
         return True

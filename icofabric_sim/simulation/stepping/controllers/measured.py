@@ -50,10 +50,15 @@ _TRIES = 8
 # Product of step and the bound of a contact's frequency for methods that run through contacts: at
 # most, from the second tolerance [1/s] on; and how many contacts of one body are stable with it.
 _CONTACT, _LOOSE, _STABLE_CONTACTS = 0.7, 0.1, 6.0
+# More contacts of one body shorten the step by powers of this; a step that is shorter than this
+# part of what contacts allow becomes longer. So one contact more or less hardly ever matters.
+_FEWER, _RELAXED = 2.0**-0.25, 0.8
 # A face that hits a face comes near the bound of the frequency, and its energy swings by up to
 # 0.01 of the largest at so many times the step at which that of a vibration at the bound swings
-# by half of that (measured over phases of drops at 3 m/s).
-_FACES = 2.5
+# by half of that (measured over phases of drops at 3 m/s). What a collision can swing is a part of
+# the energy that moves and is in contacts: where that is below _CALM of the scale of the balance
+# steps are twice as long, as it swings by the square of the step.
+_FACES, _CALM = 2.5, 0.125
 # Where slopes of connectors jump, methods that mend kinks add up to _DRIFT * ratio^_DRIFT_ORDER
 # of the energy for each radian of the fastest vibration: measured for stiffness ratios from 1.25
 # to 50, whatever the size and the amplitude (docs/decisions/kinks.md). With srkn8 it strays at
@@ -144,13 +149,15 @@ class MeasuredStep:
             step, rate = self._output_period, chosen / self._output_period
         cap = chosen / rate
         through = self._runs_through and pieces.contact.rate > 0.0
+        contact = math.inf
         if through:
-            free = rates.fastest(contacts=False)
-            cap = min(chosen / free if free > 0.0 else math.inf, self._contact_step())
+            free, contact = rates.fastest(contacts=False), self._contact_step()
+            cap = min(chosen / free if free > 0.0 else math.inf, contact)
         longest, stable = pieces.contact.longest_step, cap
         self.held_back = longest < cap
         cap = min(cap, longest, self._longest_at_kinks())
-        if not _SHORTEST * min(cap, errors.step) <= step <= _LONGEST * cap:
+        least, most = (_RELAXED, 1.0) if cap == contact else (_SHORTEST, _LONGEST)
+        if not least * min(cap, errors.step) <= step <= most * cap:
             step = rounded_down(min(cap, errors.step))
         if probe or errors.is_new or rates.load_rate > errors.load_rate:
             if not probe:
@@ -175,11 +182,15 @@ class MeasuredStep:
         least, rate = contact.least_rate, contact.rate
         part = self._pieces.errors.probe.tolerance / _LOOSE
         trajectory = self._pieces.trajectory
-        most = min(_CONTACT, _FACES * _largest_ratio(trajectory.method, trajectory.ledger.limit))
-        step = min(_CONTACT * math.sqrt(min(part, 1.0)), most) / math.sqrt(least)
-        # By factors of 2, so that one contact more or less does not matter.
+        ledger = trajectory.ledger
+        most = _CONTACT * math.sqrt(min(part, 1.0))
+        ratio, scale = _FACES * _largest_ratio(trajectory.method, ledger.limit), ledger.scale
+        moving = ledger.kinetic + ledger.contact
+        while ratio < most and moving < _CALM * scale:
+            ratio, moving = 2.0 * ratio, 4.0 * moving
+        step = min(most, ratio) / math.sqrt(least)
         while step * step * rate > _STABLE_CONTACTS * _CONTACT**2:
-            step *= 0.5
+            step *= _FEWER
         return step
 
     def _longest_at_kinks(self) -> float:
@@ -216,6 +227,11 @@ class MeasuredStep:
     def follow_contacts(self) -> bool:
         """Propose another step."""
         return True
+
+    def follow_touching(self) -> bool:
+        """Propose another step where what touches, and moves, asks for a shorter or longer one."""
+        step, wanted = self._pieces.trajectory.step, self._contact_step()
+        return step > wanted or step < _RELAXED * min(wanted, self._pieces.errors.probe.step)
 
     def follow_jump(self) -> bool:
         """Propose another step."""
