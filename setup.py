@@ -48,6 +48,8 @@ setup(
         # One fabric on several processes: `icofabric run --ranks`, `ico.Ranks`. A cluster
         # has its own MPI library: there mpi4py alone.
         'mpi': ['mpi4py', 'mpich'],
+        # The steps on an NVIDIA GPU: `solver.device: cuda`.
+        'gpu': ['warp-lang'],
         'test': ['pytest', 'pytest-timeout', 'pytest-xdist'],
         # The site that `make docs` builds.
         'docs': ['furo', 'myst-parser', 'sphinx'],

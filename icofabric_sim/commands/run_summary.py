@@ -88,13 +88,17 @@ def method_rows(simulation: Simulation) -> list[Row]:
     return [
         ('method', f'{simulation.status.method_name}: {simulation.status.method_reason}'),
         ('step', step_reason(simulation)),
-        ('threads', threads) if simulation.status.rank_count == 1 else _ranks(simulation),
+        _elsewhere(simulation) or ('threads', threads),
     ]
 
 
-def _ranks(simulation: Simulation) -> Row:
-    """How many processes took the steps."""
+def _elsewhere(simulation: Simulation) -> Row | None:
+    """What took the steps, if not this process alone."""
     status = simulation.status
+    if status.device:
+        return ('device', status.device)
+    if status.rank_count == 1:
+        return None
     return ('ranks', f'{status.rank_count} share the steps, by one thread each; halo at most '
                      f'{status.halo_bytes / 1e3:.4g} kB for each evaluation of the forces')
 

@@ -372,6 +372,14 @@ STATIC: tuple[Specification, ...] = (
         **_positive(),
     ),
     _s(
+        'solver.device',
+        'cpu',
+        '',
+        'what takes the steps; cpu: the processor, by compiled loops; cuda: an NVIDIA GPU, by '
+        'kernels of Warp; warp_cpu: the same kernels on the processor, to try them',
+        choices=('cpu', 'cuda', 'warp_cpu'),
+    ),
+    _s(
         'solver.threads',
         0,
         '',

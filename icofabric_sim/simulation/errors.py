@@ -20,8 +20,16 @@ class SimulationError(RuntimeError):
     """
 
 
-class RankError(SimulationError):
+class ElsewhereError(SimulationError):
+    """What takes the steps beside this process has failed, and with it the run."""
+
+
+class RankError(ElsewhereError):
     """A process of MPI that shares the steps has failed, and with it the run: which, and why."""
+
+
+class DeviceError(ElsewhereError):
+    """The device that takes the steps has failed, and with it the run: which, and why."""
 
 
 class Interrupted(Exception):

@@ -49,6 +49,7 @@ from icofabric_sim.simulation.stepping.thread_team import ThreadTeam
 import numpy as np
 
 if TYPE_CHECKING:
+    from icofabric_sim.simulation.devices.gpu.opening import Device
     from icofabric_sim.simulation.devices.transport import Transport
 
 _LOGGER = logging.getLogger('icofabric_sim')
@@ -59,12 +60,14 @@ class EventLoop:
 
     def __init__(
         self, scene: Scene, packed: PackedScene, *,
-        on_pause: Callable[[], None], ranks: 'Transport | None' = None
+        on_pause: Callable[[], None], ranks: 'Transport | None' = None,
+        device: 'Device | None' = None
     ) -> None:
         """
         Stand at the start of the `scene`; see `compile_scene` and `Driver`.
 
-        `ranks`: processes that take the steps together.
+        `ranks`: processes that take the steps together; `device`: what takes them, if not this
+        process.
         """
         self._scene, self._packed = scene, packed
         self.time = 0.0  # [s] that was asked for last
@@ -75,8 +78,8 @@ class EventLoop:
         # When a step has to end for an input that was taken already [s]; infinite: no step has.
         self._cut_due = math.inf
         parameters = scene.parameters
-        # Each rank takes its steps by one thread.
-        threads = parameters['solver.threads'] if ranks is None else 1
+        # Each rank takes its steps by one thread, and a device takes all of them.
+        threads = parameters['solver.threads'] if ranks is None and device is None else 1
         thread_team, broad_phase = ThreadTeam(threads, packed), None
         if packed.contact is not None:
             broad_phase = BroadPhase(packed.contact, packed.layout, packed.model, thread_team.size)
@@ -129,6 +132,9 @@ class EventLoop:
             method = shared_method(
                 ranks, packed, self.method.name, given=fixed > 0.0,
                 half_edge=scene.geometry.half_edge)
+        elif device is not None:
+            from icofabric_sim.simulation.devices.gpu.steps import device_method
+            method = device_method(device, packed, self.method.name, given=fixed > 0.0)
         # Part of their length that connectors are expected to change by in a radian of the fastest
         # vibration, where steps do not follow it; 0 where they do.
         self.strain = 0.0

@@ -97,6 +97,15 @@ class Simulation:
             from icofabric_sim.simulation.devices.ranks import transport_for
             transport = transport_for(
                 ranks, scene, cosines=cosines, body_force=body_force is not None)
+        device = None
+        if scene.parameters['solver.device'] != 'cpu':
+            # Likewise.
+            from icofabric_sim.simulation.devices.refusals import require_on_device
+            require_on_device(
+                scene, cosines=cosines, body_force=body_force is not None,
+                shared=transport is not None)
+            from icofabric_sim.simulation.devices.gpu.opening import open_device
+            device = open_device(scene.parameters['solver.device'])
         self.scene, self.rotation = scene, rotation
         self._is_shared = transport is not None
         self.body_force = as_body_force(body_force)
@@ -105,7 +114,7 @@ class Simulation:
         # Asked every 25 to 50 ms of computing; True ends the advance with Interrupted.
         self.should_stop: Callable[[], bool] | None = None
         self._event_loop = EventLoop(
-            scene, self.packed, on_pause=self._pause, ranks=transport)
+            scene, self.packed, on_pause=self._pause, ranks=transport, device=device)
         self._driver = self._event_loop.driver
         # What acts and what is to come. Whoever puts a judged input into `inputs.queue` advances
         # to its time, or to the present one, to have it act.

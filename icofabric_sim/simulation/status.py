@@ -75,6 +75,12 @@ class SimulationStatus:
         return 1 if holder is None else holder.rank_count
 
     @property
+    def device(self) -> str:
+        """Name of the device that takes the steps; '' where this process or ranks of MPI do."""
+        holder = self._driver.trajectory.method.holder
+        return '' if holder is None else holder.device
+
+    @property
     def halo_bytes(self) -> int:
         """Bytes that the rank with the largest halo receives in an evaluation of the forces."""
         holder = self._driver.trajectory.method.holder

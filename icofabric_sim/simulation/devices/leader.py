@@ -105,6 +105,11 @@ class SharedSteps:
         return self._transport.size
 
     @property
+    def device(self) -> str:
+        """No device: the processes."""
+        return ''
+
+    @property
     def halo_bytes(self) -> int:
         """Bytes that the rank with the largest halo receives in an evaluation of the forces."""
         return max(halo.received for halo in self.halos)

@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""What ranks cannot share yet, refused by its name before anything is divided."""
+"""What ranks cannot share and devices cannot compute yet, refused by its name at the start."""
 
 from collections.abc import Iterator
 
@@ -20,34 +20,85 @@ from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.stepping.method_needs import required_method
 from icofabric_sim.simulation.stepping.methods import METHODS
 
-_ONE = 'or run it in one process'
+_ONE, _CPU = 'or run it in one process', 'or solver.device cpu'
+_SHARED = 'is not shared by ranks'
 
 
 def require_shareable(scene: Scene, *, cosines: bool, body_force: bool) -> None:
     """Raise ParameterError, or ValueError for what is no parameter, where ranks cannot share."""
-    if cosines:
-        raise ValueError(
-            "rotation 'direction_cosines' is not shared by ranks: take 'quaternion', " + _ONE)
-    if body_force:
-        raise ValueError(f'a body_force is not shared by ranks: leave it out, {_ONE}')
-    for name, what, way_out in _lacking(scene):
+    _require(scene, _SHARED, _ONE, cosines=cosines, body_force=body_force)
+
+
+def require_on_device(
+    scene: Scene, *, cosines: bool, body_force: bool, shared: bool
+) -> None:
+    """
+    Raise the same where the device of `solver.device` cannot compute the scene.
+
+    `shared`: by ranks of MPI.
+    """
+    device = scene.parameters['solver.device']
+    if shared:
         raise ParameterError(
-            name, f'{name} {what} is not shared by ranks yet: {way_out}, {_ONE}')
-    choice = required_method(scene)
-    if choice is not None:
+            'solver.device',
+            f'solver.device {device} is not for ranks of MPI, which compute on processors: take '
+            'cpu, or one process')
+    _require(scene, _on(device), _CPU, cosines=cosines, body_force=body_force)
+    moments = [
+        name for name in ('connector.bending_stiffness', 'connector.twisting_stiffness')
+        if scene.parameters[name] > 0.0]
+    if scene.parameters['weave.kind'] == 'radial' and moments:
         raise ParameterError(
-            'solver.method',
-            f'solver.method {choice.name} is not shared by ranks yet, and this scene needs it: '
-            f'{choice.reason}; leave that out, {_ONE}')
+            moments[0], f'{moments[0]} in a weave.kind radial {_on(device)} yet: take 0, {_CPU}')
 
 
 def require_shareable_method(name: str) -> None:
     """Raise ParameterError where ranks cannot take the steps of the method `name`."""
+    _require_method(name, _SHARED, _ONE)
+
+
+def require_method_on_device(name: str, device: str, *, follows_kinks: bool) -> None:
+    """
+    Raise ParameterError where the `device` cannot take the steps of the method `name`.
+
+    `follows_kinks`: the method would follow where slopes jump, see kernels/kinks.py.
+    """
+    _require_method(name, _on(device), _CPU)
+    if follows_kinks:
+        raise ParameterError(
+            'solver.method',
+            f'solver.method {name}, which follows where connector.stiffness_extension changes to '
+            f'connector.stiffness_compression, {_on(device)} yet: take leapfrog or srkn8, {_CPU}')
+
+
+def _on(device: str) -> str:
+    return f'is not computed on solver.device {device}'
+
+
+def _require(
+    scene: Scene, lacks: str, alone: str, *, cosines: bool, body_force: bool
+) -> None:
+    if cosines:
+        raise ValueError(
+            f"rotation 'direction_cosines' {lacks}: take 'quaternion', " + alone)
+    if body_force:
+        raise ValueError(f'a body_force {lacks}: leave it out, {alone}')
+    for name, what, way_out in _lacking(scene):
+        raise ParameterError(name, f'{name} {what} {lacks} yet: {way_out}, {alone}')
+    choice = required_method(scene)
+    if choice is not None:
+        raise ParameterError(
+            'solver.method',
+            f'solver.method {choice.name} {lacks} yet, and this scene needs it: '
+            f'{choice.reason}; leave that out, {alone}')
+
+
+def _require_method(name: str, lacks: str, alone: str) -> None:
     if not METHODS[name].symplectic:
         shared = ', '.join(other for other, method in METHODS.items() if method.symplectic)
         raise ParameterError(
             'solver.method',
-            f'solver.method {name} is not shared by ranks yet: take one of {shared}, {_ONE}')
+            f'solver.method {name} {lacks} yet: take one of {shared}, {alone}')
 
 
 def _lacking(scene: Scene) -> Iterator[tuple[str, str, str]]:

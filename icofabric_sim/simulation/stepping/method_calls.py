@@ -23,12 +23,12 @@ from icofabric_sim.kernels.integrators.splitting import NEVER
 from icofabric_sim.kernels.records import Loads, Model, State, Team, Work
 from icofabric_sim.kernels.runtime.interrupts import leaving
 from icofabric_sim.kernels.runtime.lanes import LANES
-from icofabric_sim.simulation.errors import RankError
+from icofabric_sim.simulation.errors import ElsewhereError
 from icofabric_sim.simulation.stepping.contact_scheduler import ContactScheduler
 from icofabric_sim.simulation.stepping.portions import Portions
 from icofabric_sim.simulation.stepping.trajectory import Trajectory
 
-# Steps of a trial, at least, in one call where ranks share them.
+# Steps of a trial, at least, in one call where others take them.
 _SHARED_TRIAL = 32
 # A kernel that takes steps, and what it is called with for a model in a team.
 Kernel = tuple[Any, Callable[[Model, Team], tuple[Any, ...]]]
@@ -61,8 +61,8 @@ class MethodCalls:
         try:
             return self.timed(partial(
                 self._advance, trajectory.model, *trajectory.for_steps(), arguments))
-        except RankError as error:
-            trajectory.lose_ranks(error)
+        except ElsewhereError as error:
+            trajectory.lose_steps(error)
 
     def take_trial(
         self, model: Model, loads: Loads, state: State, work: Work, start: float,
@@ -77,7 +77,7 @@ class MethodCalls:
             try:
                 trajectory.thread_team.run(partial(
                     self._advance, model, loads, state, work, arguments))
-            except RankError as error:
+            except ElsewhereError as error:
                 # The trajectory stays where it is, or its user takes it back there.
                 trajectory.fail(
                     f'{error}; the last good state, of t = {trajectory.time:.9g} s, is kept')
@@ -86,7 +86,7 @@ class MethodCalls:
             leaving.check()
 
     def _trial_portion(self) -> int:
-        """Steps of a trial in one call: ranks get its state and give it back each time."""
+        """Steps of a trial in one call: who takes them gets its state and gives it back."""
         least = 1 if self._trajectory.method.holder is None else _SHARED_TRIAL
         return max(self.portions.count, least)
 

@@ -37,6 +37,10 @@ class StateHolder(Protocol):
     def halo_bytes(self) -> int:
         """Bytes that one of them receives at most in an evaluation of the forces."""
 
+    @property
+    def device(self) -> str:
+        """Name of the device that takes the steps; '' where processes do."""
+
     def take_over(self) -> None:
         """Have it whole in the arrays of this process, which may change it."""
 
@@ -60,7 +64,7 @@ class Method(NamedTuple):
     # Whether it keeps KINK_ORDER where the slopes of connectors jump (kernels/kinks.py); steps
     # with a crossing are neither symplectic nor reversible then.
     mends_kinks: bool = False
-    # Who holds the state between two calls, where several processes take the steps.
+    # Who holds the state between two calls, where other processes or a device take the steps.
     holder: 'StateHolder | None' = None
 
     @property

@@ -34,7 +34,7 @@ from icofabric_sim.kernels.records import (
 )
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.simulation.contact.friction_state import contact_losses
-from icofabric_sim.simulation.errors import RankError, SimulationError
+from icofabric_sim.simulation.errors import ElsewhereError, SimulationError
 from icofabric_sim.simulation.model.layout import has_jumps
 from icofabric_sim.simulation.model.packing import acting_lanes, PackedScene
 from icofabric_sim.simulation.state_tree import StateTree
@@ -144,11 +144,11 @@ class Trajectory:
         if self.method.holder is not None:
             try:
                 self.method.holder.take_over()
-            except RankError as error:
-                self.lose_ranks(error)
+            except ElsewhereError as error:
+                self.lose_steps(error)
 
-    def lose_ranks(self, error: RankError) -> NoReturn:
-        """End the run at its saved state: what ranks had since then is lost."""
+    def lose_steps(self, error: ElsewhereError) -> NoReturn:
+        """End the run at its saved state: what ranks or a device had since then is lost."""
         self.return_to_saved()
         self.fail(
             f'{error}; the last good state, of t = {self.saved_time:.9g} s, is kept')

@@ -1,0 +1,191 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""The arrays of a run on a device: what a scene's constants, loads and state become there."""
+
+from importlib import import_module
+from typing import Any
+
+from icofabric_sim.kernels.records import Bending, Links, Loads, Model, State, Twisting, Work
+from icofabric_sim.kernels.runtime.lanes import LANES
+from icofabric_sim.simulation.devices.gpu.kernels import Terms
+from icofabric_sim.simulation.devices.gpu.opening import Device
+from icofabric_sim.simulation.devices.gpu.records import Acting, Fabric
+from icofabric_sim.simulation.model.layout import Layout
+import numpy as np
+
+wp: Any = import_module('warp')
+
+# Doubles that a body has on a device: its pose twice, velocities, accelerations.
+_EACH = 2 * 7 + 6 + 6
+POSE, MOTION = 7, 6
+
+
+def terms_of(model: Model, *, loaded: bool) -> Terms:
+    """What the kernel of a scene has to compute."""
+    links = model.links
+    return Terms(
+        linked=links is not None,
+        midpoints=links is None or links.attachment is None,
+        one_law=links is None or links.variety is None,
+        moments=model.bending is not None or model.twisting is not None,
+        dipole=model.dipole is not None,
+        held=model.supports is not None and model.supports.inverse_mass.shape[1] > 0,
+        loaded=loaded)
+
+
+def bytes_of(model: Model, layout: Layout) -> int:
+    """Bytes that a run takes on a device, about; loads come beside them."""
+    terms, slots = terms_of(model, loaded=False), layout.slot_count
+    each = 8 * _EACH + 4 * terms.held * 8
+    blocks = len(layout.blocks.slot) * (4 + 1 + 4)
+    if terms.linked:
+        blocks += len(layout.blocks.slot) * 12 * (4 + 1)
+        each += 0 if terms.one_law else 3 * 12 * 8
+        each += sum(
+            12 * 8 for moment in (model.bending, model.twisting)
+            if moment is not None and moment.variety is not None)
+    return slots * each + blocks
+
+
+def doubles(values: np.ndarray, device: Device) -> Any:
+    """Return a flat array of doubles on the device."""
+    return wp.array(
+        np.ascontiguousarray(values, dtype=np.float64).ravel(), dtype=wp.float64,
+        device=device.handle)
+
+
+def _vectors(values: np.ndarray, device: Device) -> Any:
+    return wp.array(
+        np.ascontiguousarray(values, dtype=np.float64).reshape(-1, 3), dtype=wp.vec3d,
+        device=device.handle)
+
+
+def _integers(values: np.ndarray, kind: Any, device: Device) -> Any:
+    return wp.array(np.ascontiguousarray(values).ravel(), dtype=kind, device=device.handle)
+
+
+def fabric_of(model: Model, layout: Layout, device: Device) -> Any:
+    """Put the constants of a scene on the device."""
+    terms, fabric = terms_of(model, loaded=False), Fabric()
+    fabric.slot = _integers(model.blocks.slot, wp.int32, device)
+    fabric.alive = _integers(model.blocks.alive, wp.uint8, device)
+    fabric.lanes, fabric.stride = LANES, layout.slot_count
+    fabric.inverse_mass, fabric.inverse_inertia = model.inverse_mass, model.inverse_inertia
+    if model.gravity is not None:
+        fabric.gravity = wp.vec3d(*map(float, model.gravity.acceleration))
+    if terms.held and model.supports is not None:
+        fabric.free_mass = doubles(model.supports.inverse_mass, device)
+        fabric.free_inertia = doubles(model.supports.inverse_inertia, device)
+    if model.links is not None:
+        _put_links(fabric, model.links, device)
+    if model.bending is not None:
+        fabric.bending = _stiffness(model.bending, device)
+        fabric.direction = _vectors(model.bending.direction, device)
+    if model.twisting is not None:
+        fabric.twisting = _stiffness(model.twisting, device)
+    if model.dipole is not None:
+        fabric.dipole = wp.vec3d(*map(float, model.dipole.moment))
+        fabric.field = wp.vec3d(*map(float, model.dipole.field))
+    return fabric
+
+
+def _stiffness(moment: Bending | Twisting, device: Device) -> Any:
+    given = moment.variety
+    return doubles(np.array([moment.stiffness]) if given is None else given, device)
+
+
+def _put_links(fabric: Any, links: Links, device: Device) -> None:
+    fabric.place = _integers(links.place, wp.int32, device)
+    fabric.present = _integers(links.present, wp.uint8, device)
+    fabric.half_width = links.half_width
+    fabric.stiffness, fabric.natural_length = links.stiffness, links.natural_length
+    if links.attachment is not None:
+        fabric.attachment = _vectors(links.attachment, device)
+    if links.variety is not None:
+        fabric.extension = doubles(links.variety.extension, device)
+        fabric.compression = doubles(links.variety.compression, device)
+        fabric.natural = doubles(links.variety.natural_length, device)
+
+
+def acting_of(loads: Loads, device: Device) -> Any:
+    """Put what acts on the device, with the work that it has done so far."""
+    acting, count = Acting(), len(loads.force)
+    acting.start = _integers(loads.start, wp.int32, device)
+    numbers = np.array(loads.wrench, dtype=np.int32)
+    if loads.anchors is not None:
+        # Anchors are numbered after the paths of drives, of which there are none.
+        numbers = np.where(numbers < 0, numbers + loads.anchors.first, numbers).astype(np.int32)
+        acting.anchor_start = doubles(loads.anchors.start, device)
+        acting.anchor_cubic = _vectors(loads.anchors.cubic, device)
+        acting.anchor_arm = _vectors(loads.anchors.arm, device)
+        acting.anchor_law = doubles(np.array([
+            loads.anchors.extension, loads.anchors.compression,
+            loads.anchors.natural_length]), device)
+    acting.wrench = _integers(numbers, wp.int32, device)
+    acting.lanes = _integers(loads.lanes, wp.uint8, device)
+    acting.turning = _integers(loads.turning, wp.uint8, device)
+    acting.force = _vectors(loads.force, device)
+    acting.torque = _vectors(loads.torque, device)
+    acting.point = _vectors(loads.point, device)
+    acting.work = doubles(loads.work, device)
+    varying = np.tile([0.0, 1.0, 0.0, 0.0, 0.0], (count, 1))
+    given = loads.varying
+    if given is not None and len(given.start):
+        varying = np.column_stack([
+            given.start, given.value, given.slope, given.height, given.rate])
+    acting.varying = doubles(varying, device)
+    return acting
+
+
+class StateArrays:
+    """State and accelerations of all bodies on a device."""
+
+    def __init__(self, slot_count: int, device: Device) -> None:
+        """Make room for so many slots."""
+        self._count = slot_count
+        zeros = [
+            wp.zeros(rows * slot_count, dtype=wp.float64, device=device.handle)
+            for rows in (POSE, POSE, MOTION, MOTION)]
+        # Poses twice: a launch reads one and writes the other.
+        self.poses, self.motion, self.acceleration = zeros[:2], zeros[2], zeros[3]
+
+    def put(self, state: State, work: Work) -> None:
+        """Copy a state there; the first pose is the present one."""
+        for target, first, values in self._rows(self.poses[0], state, work):
+            wp.copy(target, _seen(values), first * self._count, 0, values.size)
+        # Slots without a body are never written.
+        wp.copy(self.poses[1], self.poses[0])
+
+    def take(self, now: int, state: State, work: Work, *, whole: bool) -> None:
+        """Copy the state back; `whole`: with the accelerations."""
+        for target, first, values in self._rows(self.poses[now], state, work):
+            if whole or target is not self.acceleration:
+                wp.copy(_seen(values), target, 0, first * self._count, values.size)
+
+    def _rows(self, pose: Any, state: State, work: Work) -> list[tuple[Any, int, np.ndarray]]:
+        return [
+            (pose, 0, state.position), (pose, 3, state.orientation),
+            (self.motion, 0, state.linear_velocity), (self.motion, 3, state.angular_velocity),
+            (self.acceleration, 0, work.acceleration)]
+
+
+def _seen(values: np.ndarray) -> Any:
+    """Return the memory of an array as Warp sees it."""
+    return wp.array(values.reshape(-1), dtype=wp.float64, device='cpu', copy=False)
+
+
+def copy_back(values: np.ndarray, source: Any) -> None:
+    """Copy an array of the device into one of this process."""
+    if values.size:
+        wp.copy(_seen(values), source)

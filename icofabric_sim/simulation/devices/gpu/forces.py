@@ -1,0 +1,289 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+Forces and torques on one body of a device: connectors, moments, wrenches and anchors.
+
+The formulas of kernels/connectors.py, moments.py, loads.py and anchors.py. A body adds up its own
+connectors, in the order of their numbers: nothing is scattered.
+"""
+
+from importlib import import_module
+from typing import Any
+
+from icofabric_sim.kernels.profiles import FAR, FAR_WEIGHT, MIDDLE_WEIGHT, NEAR, NEAR_WEIGHT
+from icofabric_sim.simulation.devices.gpu.records import Acting, Fabric
+from icofabric_sim.simulation.devices.gpu.rotations import (
+    arm_on_axis,
+    axes_of,
+    half_angle_factors,
+    mean_of_turning,
+    on_axes,
+    sine_and_cosine,
+    to_world,
+    turned_by,
+)
+
+wp: Any = import_module('warp')
+
+_D = wp.float64
+_ZERO, _HALF, _ONE, _TWO, _THREE = (wp.constant(_D(x)) for x in (0.0, 0.5, 1.0, 2.0, 3.0))
+# A squared length below this is taken for it: such a pull has no direction.
+_SMALLEST = wp.constant(_D(1e-300))
+# Of the Gauss rule by which the power of a wrench is averaged over a drift.
+_Five = wp.types.vector(length=5, dtype=_D)
+_NODES = wp.constant(_Five(0.5 - NEAR, 0.5 + NEAR, 0.5 - FAR, 0.5 + FAR, 0.5))
+_WEIGHTS = wp.constant(_Five(
+    NEAR_WEIGHT, NEAR_WEIGHT, FAR_WEIGHT, FAR_WEIGHT, MIDDLE_WEIGHT))
+
+
+@wp.func
+def place_of(pose: wp.array(dtype=wp.float64), stride: int, s: int):
+    """Position [m] of a body."""
+    return wp.vec3d(pose[s], pose[stride + s], pose[2 * stride + s])
+
+
+@wp.func
+def turn_of(pose: wp.array(dtype=wp.float64), stride: int, s: int):
+    """Its orientation, a quaternion x y z w."""
+    return wp.vec4d(
+        pose[3 * stride + s], pose[4 * stride + s], pose[5 * stride + s], pose[6 * stride + s])
+
+
+@wp.func
+def partner_of(fabric: Fabric, block: int, lane: int, link: int):
+    """Slot of the body at the other end: connectors end at the edge across from their own."""
+    return fabric.place[12 * block + link] - 3 * ((link >> 1) ^ 1) * fabric.stride + lane
+
+
+@wp.func
+def has_link(fabric: Fabric, block: int, lane: int, link: int):
+    """Whether a body has this connector."""
+    return (int(fabric.present[12 * block + link]) >> lane) & 1
+
+
+@wp.func
+def one_law(fabric: Fabric, link: int, s: int, square: wp.float64):
+    """Tension over length [N/m] where all connectors follow one law."""
+    return fabric.stiffness - fabric.stiffness * fabric.natural_length / wp.sqrt(square)
+
+
+@wp.func
+def own_law(fabric: Fabric, link: int, s: int, square: wp.float64):
+    """The same with k_e and k_c of each connector (eq 2)."""
+    at = link * fabric.stride + s
+    rest = fabric.natural[at]
+    k = wp.where(square > rest * rest, fabric.extension[at], fabric.compression[at])
+    return k - k * rest / wp.sqrt(square)
+
+
+@wp.func
+def arm_at_midpoint(fabric: Fabric, q: wp.vec4d, edge: int):
+    """Arm [m] to an attachment point on a body axis."""
+    arm = arm_on_axis(q, fabric.half_width, edge >> 1)
+    if edge & 1 == 1:
+        arm = -arm
+    return arm
+
+
+@wp.func
+def arm_anywhere(fabric: Fabric, q: wp.vec4d, edge: int):
+    """Arm [m] to any attachment point."""
+    return to_world(q, fabric.attachment[edge])
+
+
+def springs(law: Any, arm_to: Any) -> Any:
+    """Return the function of all connectors at a body with this law, attached there."""
+    @wp.func
+    def pulls(
+        fabric: Fabric, pose: wp.array(dtype=wp.float64), block: int, lane: int, s: int,
+        place: wp.vec3d, turn: wp.vec4d
+    ):
+        force, torque = wp.vec3d(), wp.vec3d()
+        for edge in range(6):
+            arm = arm_to(fabric, turn, edge)
+            end = place + arm
+            pull = wp.vec3d()
+            for side in range(2):
+                link = 2 * edge + side
+                if has_link(fabric, block, lane, link) == 1:
+                    other = partner_of(fabric, block, lane, link)
+                    far = place_of(pose, fabric.stride, other) + arm_to(
+                        fabric, turn_of(pose, fabric.stride, other), edge ^ 1)
+                    u = far - end
+                    square = wp.max(wp.dot(u, u), _SMALLEST)
+                    pull = pull + law(fabric, link, s, square) * u
+            force = force + pull
+            torque = torque + wp.cross(arm, pull)
+        return force, torque
+    return pulls
+
+
+@wp.func
+def no_pulls(
+    fabric: Fabric, pose: wp.array(dtype=wp.float64), block: int, lane: int, s: int,
+    place: wp.vec3d, turn: wp.vec4d
+):
+    """Return nothing, where nothing is connected."""
+    return wp.vec3d(), wp.vec3d()
+
+
+@wp.func
+def stiffness_of(
+    values: wp.array(dtype=wp.float64), stride: int, link: int, s: int
+):
+    """Return what resists a moment [N m/rad] at a connector: one for all, or its own."""
+    if values.shape[0] == 0:
+        return _ZERO
+    if values.shape[0] == 1:
+        return values[0] + _ZERO
+    return values[link * stride + s] + _ZERO
+
+
+def moments(arm_to: Any) -> Any:
+    """Return the function of what resists bending and twisting, at connectors attached there."""
+    @wp.func
+    def resistance(
+        fabric: Fabric, pose: wp.array(dtype=wp.float64), block: int, lane: int, s: int,
+        place: wp.vec3d, turn: wp.vec4d
+    ):
+        force, torque = wp.vec3d(), wp.vec3d()
+        own = axes_of(turn)
+        for link in range(12):
+            if has_link(fabric, block, lane, link) == 1:
+                edge = link >> 1
+                other = partner_of(fabric, block, lane, link)
+                there = turn_of(pose, fabric.stride, other)
+                axes = axes_of(there)
+                kappa = stiffness_of(fabric.bending, fabric.stride, link, s)
+                if kappa > _ZERO:
+                    arm = arm_to(fabric, turn, edge)
+                    u = (place_of(pose, fabric.stride, other) + arm_to(
+                        fabric, there, edge ^ 1)) - (place + arm)
+                    square = wp.dot(u, u)
+                    if square > _SMALLEST:
+                        inverse = _ONE / wp.sqrt(square)
+                        d = u * inverse
+                        n = on_axes(own, fabric.direction[link]) - d
+                        m = n + (on_axes(axes, fabric.direction[link]) - d)
+                        factor = kappa * inverse
+                        push = factor * (wp.dot(m, d) * d - m)
+                        force = force + push
+                        torque = torque + (
+                            kappa * wp.cross(n, d) + wp.cross(arm, push))
+                kappa = stiffness_of(fabric.twisting, fabric.stride, link, s)
+                if kappa > _ZERO:
+                    # From the other end it is exactly the opposite.
+                    total = wp.cross(own[0], axes[0]) + wp.cross(own[1], axes[1])
+                    total = total + wp.cross(own[2], axes[2])
+                    torque = torque + _HALF * kappa * total
+        return force, torque
+    return resistance
+
+
+@wp.func
+def factor_of(acting: Acting, w: int, time: wp.float64):
+    """What a wrench is multiplied by at `time` [s]."""
+    after = time - acting.varying[5 * w]
+    factor = acting.varying[5 * w + 1] + acting.varying[5 * w + 2] * after
+    if acting.varying[5 * w + 3] != _ZERO:
+        sine, cosine = sine_and_cosine(acting.varying[5 * w + 4] * after)
+        factor = factor + acting.varying[5 * w + 3] * sine
+    return factor
+
+
+@wp.func
+def vector_at(vectors: wp.array(dtype=wp.vec3d), i: int):
+    """Return a vector of an array, as a value that may be replaced."""
+    return vectors[i]
+
+
+@wp.func
+def wrench_of(acting: Acting, turn: wp.vec4d, w: int):
+    """
+    Force [N] and torque about the centre [N m] of a wrench on a body, world frame.
+
+    But for the factor of its profile.
+    """
+    force, torque = vector_at(acting.force, w), vector_at(acting.torque, w)
+    if int(acting.turning[w]) != 0:
+        force, torque = to_world(turn, force), to_world(turn, torque)
+    point = to_world(turn, acting.point[w])
+    return force, torque + wp.cross(point, force)
+
+
+@wp.func
+def steady_power(
+    acting: Acting, w: int, turn: wp.vec4d, velocity: wp.vec3d, spin: wp.vec3d, h: wp.float64
+):
+    """Mean power [W] of a steady wrench over a drift of `h`, see kernels/loads.py."""
+    force, torque = wrench_of(acting, turn, w)
+    if int(acting.turning[w]) != 0:
+        mean = mean_of_turning(force, spin, h)
+        return wp.dot(mean, velocity) + wp.dot(torque, spin)
+    point = to_world(turn, acting.point[w])
+    mean = mean_of_turning(wp.cross(spin, point), spin, h)
+    return wp.dot(force, velocity + mean) + wp.dot(acting.torque[w], spin)
+
+
+@wp.func
+def power_after(
+    acting: Acting, w: int, turn: wp.vec4d, velocity: wp.vec3d, spin: wp.vec3d,
+    time: wp.float64, later: wp.float64
+):
+    """Power [W] of a wrench `later` [s] than `time`, after free flight."""
+    cosine, sine = half_angle_factors(later, spin)
+    axis = sine * spin
+    force, torque = vector_at(acting.force, w), vector_at(acting.torque, w)
+    if int(acting.turning[w]) != 0:
+        force = turned_by(to_world(turn, force), cosine, axis)
+        # A torque that turns about omega keeps its part along it.
+        torque = to_world(turn, torque)
+    point = turned_by(to_world(turn, acting.point[w]), cosine, axis)
+    power = wp.dot(force, velocity + wp.cross(spin, point)) + wp.dot(torque, spin)
+    return factor_of(acting, w, time + later) * power
+
+
+@wp.func
+def mean_power(
+    acting: Acting, w: int, turn: wp.vec4d, velocity: wp.vec3d, spin: wp.vec3d,
+    time: wp.float64, h: wp.float64
+):
+    """Mean power [W] of a wrench over a drift, see kernels/loads.py."""
+    if acting.varying[5 * w + 2] == _ZERO and acting.varying[5 * w + 3] == _ZERO:
+        return acting.varying[5 * w + 1] * steady_power(acting, w, turn, velocity, spin, h)
+    mean = _ZERO
+    for node in range(5):
+        mean = mean + _WEIGHTS[node] * power_after(
+            acting, w, turn, velocity, spin, time, _NODES[node] * h)
+    return mean
+
+
+@wp.func
+def anchor_pull(acting: Acting, a: int, place: wp.vec3d, turn: wp.vec4d, time: wp.float64):
+    """Force [N], torque about the centre [N m] and power of its point [W] of an anchor."""
+    t = time - acting.anchor_start[a]
+    first, second = acting.anchor_cubic[4 * a + 1], acting.anchor_cubic[4 * a + 2]
+    third = acting.anchor_cubic[4 * a + 3]
+    point = acting.anchor_cubic[4 * a] + t * (first + t * (second + t * third))
+    speed = first + t * (_TWO * second + t * (_THREE * third))
+    arm = to_world(turn, acting.anchor_arm[a])
+    u = (point - place) - arm
+    square = wp.max(wp.dot(u, u), _SMALLEST)
+    length = wp.sqrt(square)
+    stretch = length - acting.anchor_law[2]
+    tension = acting.anchor_law[1] * stretch
+    if stretch > _ZERO:
+        tension = acting.anchor_law[0] * stretch
+    force = (tension / length) * u
+    return force, wp.cross(arm, force), wp.dot(force, speed)

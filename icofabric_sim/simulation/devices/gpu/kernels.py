@@ -1,0 +1,224 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+The kernel that takes steps on a device: one thread a body, one launch an evaluation.
+
+A launch pushes a body at the places where all bodies are, and drifts it from there on. Drifted
+bodies go to a second array, from which others read in the next launch: so nothing is read that
+another thread writes, and the order of threads does not show in the result.
+"""
+
+from functools import cache
+from importlib import import_module
+from typing import Any, NamedTuple
+
+from icofabric_sim.simulation.devices.gpu.forces import (
+    anchor_pull,
+    arm_anywhere,
+    arm_at_midpoint,
+    factor_of,
+    mean_power,
+    moments,
+    no_pulls,
+    one_law,
+    own_law,
+    place_of,
+    springs,
+    turn_of,
+    wrench_of,
+)
+from icofabric_sim.simulation.devices.gpu.records import Acting, Clock, Fabric, Stage
+from icofabric_sim.simulation.devices.gpu.rotations import rotated, to_world
+
+wp: Any = import_module('warp')
+
+_ZERO = wp.constant(wp.float64(0.0))
+# Products and sums are rounded one by one, as they are written: so processors and graphics cards
+# agree to the bit.
+# Loops are left to the compiler, which takes a third of the time then.
+OPTIONS = {'fuse_fp': False, 'fast_math': False, 'max_unroll': 0}
+
+
+class Terms(NamedTuple):
+    """What acts in a scene; the kernel has no code for the rest."""
+
+    linked: bool
+    midpoints: bool  # connectors attach on the body axes
+    one_law: bool  # all connectors follow one law, with k_e = k_c
+    moments: bool
+    dipole: bool
+    held: bool
+    loaded: bool
+
+
+@wp.func
+def time_at(clock: Clock, step: int, drifts: int):
+    """Time [s] in a step after so many drifts, added up as kernels/integrators/splitting.py."""
+    h = clock.start[1]
+    number = clock.index[0] + wp.int64(step)
+    count = clock.drifts.shape[0]
+    if clock.kick_first == 1 and drifts == count:
+        return clock.start[0] + wp.float64(number + wp.int64(1)) * h
+    now = clock.start[0] + wp.float64(number) * h
+    for i in range(drifts):
+        now = now + clock.drifts[i] * h
+    return now
+
+
+@wp.func
+def push_loads(
+    fabric: Fabric, acting: Acting, block: int, lane: int, mass: wp.vec3d, inertia: wp.float64,
+    place: wp.vec3d, turn: wp.vec4d, velocity: wp.vec3d, spin: wp.vec3d, time: wp.float64,
+    h: wp.float64
+):
+    """Velocities after the wrenches and anchors of a body have acted over `h`."""
+    v, o = velocity, spin
+    for m in range(acting.start[block], acting.start[block + 1]):
+        if (int(acting.lanes[m]) >> lane) & 1 == 1:
+            w = acting.wrench[m]
+            if w >= 0:
+                force, torque = wrench_of(acting, turn, w)
+                step = h * factor_of(acting, w, time)
+                v = v + wp.cw_mul(step * mass, force)
+                o = o + (step * inertia) * torque
+            else:
+                pull, turning, power = anchor_pull(acting, -1 - w, place, turn, time)
+                v = v + wp.cw_mul(h * mass, pull)
+                o = o + (h * inertia) * turning
+                at = fabric.lanes * m + lane
+                acting.work[at] = acting.work[at] + h * power
+    return v, o
+
+
+@wp.func
+def work_loads(
+    fabric: Fabric, acting: Acting, block: int, lane: int, turn: wp.vec4d, velocity: wp.vec3d,
+    spin: wp.vec3d, time: wp.float64, h: wp.float64
+):
+    """Add what wrenches do in a drift of `h` to their work."""
+    for m in range(acting.start[block], acting.start[block + 1]):
+        if (int(acting.lanes[m]) >> lane) & 1 == 1:
+            w = acting.wrench[m]
+            if w >= 0:
+                at = fabric.lanes * m + lane
+                acting.work[at] = acting.work[at] + h * mean_power(
+                    acting, w, turn, velocity, spin, time, h)
+
+
+@cache
+def step_kernel(terms: Terms) -> Any:
+    """Return the kernel for scenes with these terms."""
+    arm_to = arm_at_midpoint if terms.midpoints else arm_anywhere
+    pulls = no_pulls
+    if terms.linked:
+        pulls = springs(one_law if terms.one_law else own_law, arm_to)
+    resistance = moments(arm_to) if terms.moments else no_pulls
+    held, loaded, dipole = terms.held, terms.loaded, terms.dipole
+
+    @wp.kernel(module='unique', enable_backward=False, module_options=OPTIONS)
+    def push_and_drift(
+        fabric: Fabric, acting: Acting, clock: Clock, stage: Stage,
+        pose: wp.array(dtype=wp.float64), moved: wp.array(dtype=wp.float64),
+        motion: wp.array(dtype=wp.float64), acceleration: wp.array(dtype=wp.float64)
+    ):
+        thread = wp.tid()
+        block = thread / fabric.lanes
+        lane = thread - block * fabric.lanes
+        if (int(fabric.alive[block]) >> lane) & 1 == 0:
+            return
+        s = fabric.slot[block] + lane
+        n = fabric.stride
+        h = clock.start[1]
+        place, turn = place_of(pose, n, s), turn_of(pose, n, s)
+        velocity = wp.vec3d(motion[s], motion[n + s], motion[2 * n + s])
+        spin = wp.vec3d(motion[3 * n + s], motion[4 * n + s], motion[5 * n + s])
+        mass = wp.vec3d(fabric.inverse_mass, fabric.inverse_mass, fabric.inverse_mass)
+        inertia = fabric.inverse_inertia
+        weight = fabric.gravity
+        if wp.static(held):
+            mass = wp.vec3d(
+                fabric.free_mass[s], fabric.free_mass[n + s], fabric.free_mass[2 * n + s])
+            inertia = fabric.free_inertia[s]
+            for k in range(3):
+                if mass[k] == _ZERO:
+                    weight[k] = _ZERO
+        if stage.source > 0:
+            linear, angular = wp.vec3d(), wp.vec3d()
+            if stage.source == 1:
+                linear = wp.vec3d(
+                    acceleration[s], acceleration[n + s], acceleration[2 * n + s])
+                angular = wp.vec3d(
+                    acceleration[3 * n + s], acceleration[4 * n + s], acceleration[5 * n + s])
+            else:
+                force, torque = pulls(fabric, pose, block, lane, s, place, turn)
+                more, moment = resistance(fabric, pose, block, lane, s, place, turn)
+                moment = torque + moment
+                if wp.static(dipole):
+                    moment = moment + wp.cross(to_world(turn, fabric.dipole), fabric.field)
+                linear = wp.cw_mul(force + more, mass) + weight
+                angular = moment * inertia
+            if stage.keep == 1:
+                for k in range(3):
+                    acceleration[k * n + s] = linear[k]
+                    acceleration[(k + 3) * n + s] = angular[k]
+            for part in range(2):
+                # The last kick of a step and the first of the next share their forces.
+                kick = wp.where(part == 0, stage.kick, stage.again) * h
+                if kick != _ZERO:
+                    velocity = velocity + kick * linear
+                    spin = spin + kick * angular
+                    if wp.static(loaded):
+                        velocity, spin = push_loads(
+                            fabric, acting, block, lane, mass, inertia, place, turn, velocity,
+                            spin, time_at(clock, stage.push_step, stage.push_drifts), kick)
+            for k in range(3):
+                motion[k * n + s] = velocity[k]
+                motion[(k + 3) * n + s] = spin[k]
+        if stage.drift != _ZERO:
+            for number in range(2):
+                whole = wp.where(number == 0, stage.drift, stage.second) * h
+                if whole != _ZERO:
+                    if wp.static(loaded):
+                        step = wp.where(number == 0, stage.drift_step, stage.second_step)
+                        drifts = wp.where(number == 0, stage.drift_drifts, 0)
+                        work_loads(
+                            fabric, acting, block, lane, turn, velocity, spin,
+                            time_at(clock, step, drifts), whole)
+                    place = place + whole * velocity
+                    turn = rotated(turn, spin, whole)
+            for k in range(3):
+                moved[k * n + s] = place[k]
+            for k in range(4):
+                moved[(k + 3) * n + s] = turn[k]
+    return push_and_drift
+
+
+@wp.kernel(enable_backward=False, module='unique', module_options=OPTIONS)
+def sample(
+    slot: wp.array(dtype=wp.int32), samples: int, lanes: int, stride: int, weight: wp.float64,
+    first: int, pose: wp.array(dtype=wp.float64), difference: wp.array(dtype=wp.float64)
+):
+    """Add the poses of sampled blocks to a difference of high order, as kernels/monitor.py."""
+    thread = wp.tid()
+    i = thread / lanes
+    lane = thread - i * lanes
+    # Blocks spread over the fabric; 64 bits, as the product may be large.
+    block = int(wp.int64(i) * wp.int64(slot.shape[0]) / wp.int64(samples))
+    s = slot[block] + lane
+    for k in range(7):
+        at = k * lanes * samples + thread
+        value = weight * pose[k * stride + s]
+        if first == 0:
+            value = value + difference[at]
+        difference[at] = value

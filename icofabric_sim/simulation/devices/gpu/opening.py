@@ -1,0 +1,75 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""Warp, and the device on which it computes: found once, asked for by `solver.device`."""
+
+from functools import cache
+from importlib import import_module
+import sys
+from typing import Any, NamedTuple
+
+from icofabric_sim.parameters.validation import ParameterError
+from icofabric_sim.scene.available_memory import available_memory
+
+# What `solver.device` may be beside `cpu`, and the word that Warp has for it.
+DEVICES = {'cuda': 'cuda', 'warp_cpu': 'cpu'}
+
+
+class Device(NamedTuple):
+    """A device that Warp knows."""
+
+    choice: str  # of solver.device
+    handle: Any  # of Warp
+    name: str
+    is_cuda: bool
+
+    @property
+    def free_bytes(self) -> int:
+        """Memory that is left on it."""
+        return int(self.handle.free_memory) if self.is_cuda else available_memory()
+
+
+@cache
+def warp() -> Any:
+    """Return Warp; ParameterError where it is not installed."""
+    is_own = 'warp' not in sys.modules
+    try:
+        module = import_module('warp')
+    except ImportError as error:
+        raise ParameterError(
+            'solver.device',
+            f'solver.device needs NVIDIA Warp: {error}; '
+            "pip install 'icofabric_sim[gpu]' has it, or take solver.device cpu") from error
+    if is_own:
+        # What it says of devices and compiling is for those who write kernels.
+        module.config.log_level = module.LOG_WARNING
+    module.init()
+    return module
+
+
+def open_device(choice: str) -> Device:
+    """
+    Find the device of `solver.device`, which is not `cpu`.
+
+    Raises ParameterError where Warp is missing, or finds no such device.
+    """
+    module = warp()
+    if DEVICES[choice] == 'cuda':
+        if not module.is_cuda_available():
+            raise ParameterError(
+                'solver.device',
+                'solver.device cuda finds no NVIDIA GPU with a driver on this machine: take cpu, '
+                'or warp_cpu, which runs the kernels of the GPU on the processor')
+        handle = module.get_preferred_device()
+        return Device(choice, handle, f'{handle.alias}, {handle.name}', True)
+    return Device(choice, module.get_device('cpu'), 'the processor, by Warp', False)

@@ -1,0 +1,106 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+What Warp's kernels take: the same arrays as those of kernels/records.py, flat, on a device.
+
+Row k of slot s is at k stride + s, where the stride is the number of slots.
+"""
+
+from importlib import import_module
+from typing import Any
+
+wp: Any = import_module('warp')
+
+
+@wp.struct
+class Fabric:
+    """Constants of a compiled scene."""
+
+    # (b,) first slot of each block, bits of the lanes that hold a body, and lanes.
+    slot: wp.array(dtype=wp.int32)
+    alive: wp.array(dtype=wp.uint8)
+    lanes: wp.int32
+    stride: wp.int32
+    inverse_mass: wp.float64  # [1/kg]
+    inverse_inertia: wp.float64  # [1/(kg m^2)]
+    gravity: wp.vec3d  # [m/s^2]
+    # (3 s,) and (s,), inverse masses [1/kg] and inertias [1/(kg m^2)] with held freedoms at zero.
+    free_mass: wp.array(dtype=wp.float64)
+    free_inertia: wp.array(dtype=wp.float64)
+    # (12 b,) where the x of lane 0's partner is among attachment points, and bits of the lanes
+    # that have this connector.
+    place: wp.array(dtype=wp.int32)
+    present: wp.array(dtype=wp.uint8)
+    half_width: wp.float64  # centre to attachment point [m]
+    attachment: wp.array(dtype=wp.vec3d)  # (6,) [m], body axes
+    stiffness: wp.float64  # k [N/m]
+    natural_length: wp.float64  # D [m]
+    # (12 s,) k_e, k_c [N/m] and D [m] of each connector, where not all are one law.
+    extension: wp.array(dtype=wp.float64)
+    compression: wp.array(dtype=wp.float64)
+    natural: wp.array(dtype=wp.float64)
+    # kappa_b and kappa_t [N m/rad], (1,) or (12 s,) where not all connectors are alike.
+    bending: wp.array(dtype=wp.float64)
+    twisting: wp.array(dtype=wp.float64)
+    direction: wp.array(dtype=wp.vec3d)  # (12,) of connectors in the weave, body axes
+    dipole: wp.vec3d  # p [C m], body axes
+    field: wp.vec3d  # E [V/m]
+
+
+@wp.struct
+class Acting:
+    """Wrenches and anchors: a row for every block that one acts on."""
+
+    start: wp.array(dtype=wp.int32)  # (b + 1,) rows start[b] to start[b + 1] act on block b
+    wrench: wp.array(dtype=wp.int32)  # (m,) which wrench; -1 - a: an anchor
+    lanes: wp.array(dtype=wp.uint8)  # (m,) bits of the lanes that it acts on
+    turning: wp.array(dtype=wp.uint8)  # (w,) not 0: force and torque turn with the bodies
+    force: wp.array(dtype=wp.vec3d)  # (w,) [N]
+    torque: wp.array(dtype=wp.vec3d)  # (w,) [N m]
+    point: wp.array(dtype=wp.vec3d)  # (w,) [m], body axes
+    work: wp.array(dtype=wp.float64)  # (m lanes,) [J]
+    # (5 w,) start [s], value, slope [1/s], height, rate [rad/s] of the factor of each wrench.
+    varying: wp.array(dtype=wp.float64)
+    anchor_start: wp.array(dtype=wp.float64)  # (a,) [s] when the piece of its path began
+    anchor_cubic: wp.array(dtype=wp.vec3d)  # (4 a,) [m] and by powers of [s]
+    anchor_arm: wp.array(dtype=wp.vec3d)  # (a,) [m] from the centre, body axes
+    anchor_law: wp.array(dtype=wp.float64)  # (3,) k_e, k_c [N/m], D [m]
+
+
+@wp.struct
+class Clock:
+    """When a step is: not known when a sequence of launches is recorded, so read on the device."""
+
+    start: wp.array(dtype=wp.float64)  # (2,) origin [s] and step [s]
+    index: wp.array(dtype=wp.int64)  # (1,) number of the first step of the sequence
+    drifts: wp.array(dtype=wp.float64)  # (d,) the method's, in parts of the step
+    kick_first: wp.int32  # whether a step begins and ends with a kick
+
+
+@wp.struct
+class Stage:
+    """What one launch does: push at a time over two parts of a step, then drift over up to two."""
+
+    # 0: no push, 1: by the accelerations that were kept, 2: evaluate them.
+    source: wp.int32
+    keep: wp.int32  # not 0: keep the accelerations
+    kick: wp.float64  # parts of the step
+    again: wp.float64
+    push_step: wp.int32  # counted from the clock's
+    push_drifts: wp.int32  # drifts of the step before it
+    drift: wp.float64
+    drift_step: wp.int32
+    drift_drifts: wp.int32
+    second: wp.float64  # the first drift of the next step
+    second_step: wp.int32

@@ -1,0 +1,325 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+A method whose steps a device takes.
+
+The run, its driver and all that judges it are in this process. Between two health checks the state
+stays on the device; it comes here at a health check, and whenever the trajectory is asked for it.
+"""
+
+from collections.abc import Iterator
+from importlib import import_module
+from threading import RLock
+from typing import Any
+
+from icofabric_sim.kernels.flows import place_all
+from icofabric_sim.kernels.integrators.splitting import NEVER
+from icofabric_sim.kernels.loads import keep_work
+from icofabric_sim.kernels.monitor import (
+    examine,
+    judge_roughness,
+    REGULAR,
+    ROUGHER,
+    ROUGHEST,
+    roughness,
+    save,
+    SAVED_AT,
+    UNSOUND,
+)
+from icofabric_sim.kernels.records import Loads, Model, State, Team, Work
+from icofabric_sim.kernels.runtime.lanes import LANES
+from icofabric_sim.simulation.devices.gpu.arrays import (
+    acting_of,
+    bytes_of,
+    copy_back,
+    doubles,
+    fabric_of,
+    POSE,
+    StateArrays,
+    terms_of,
+)
+from icofabric_sim.simulation.devices.gpu.kernels import sample, step_kernel
+from icofabric_sim.simulation.devices.gpu.opening import Device
+from icofabric_sim.simulation.devices.gpu.records import Acting, Clock, Stage
+from icofabric_sim.simulation.devices.refusals import require_method_on_device
+from icofabric_sim.simulation.errors import DeviceError
+from icofabric_sim.simulation.model.layout import has_jumps
+from icofabric_sim.simulation.model.packing import PackedScene
+from icofabric_sim.simulation.stepping.methods import Method, METHODS
+from icofabric_sim.simulation.stepping.step_monitor import differences_of
+import numpy as np
+
+wp: Any = import_module('warp')
+
+# Evaluations of the forces in the longest graph.
+_LONGEST = 64
+_KEPT, _EVALUATED = 1, 2
+# What is launched or copied while a thread records a graph would be recorded, too.
+_TURN = RLock()
+
+
+class DeviceSteps:
+    """Steps of a method, taken on a device."""
+
+    def __init__(
+        self, device: Device, packed: PackedScene, method: Method, *, given: bool
+    ) -> None:
+        """
+        Put the fabric on the device; `given`: the step is.
+
+        Raises ValueError where it lacks memory.
+        """
+        self._device, self._packed, self._method = device, packed, method
+        _require_room(device, packed)
+        self._fabric = fabric_of(packed.model, packed.layout, device)
+        self._state = StateArrays(packed.layout.slot_count, device)
+        self._differences = differences_of(
+            method, given=given, linked=packed.model.links is not None)
+        self._clock = Clock()
+        self._clock.start = doubles(np.zeros(2), device)
+        self._clock.index = wp.zeros(1, dtype=wp.int64, device=device.handle)
+        self._clock.drifts = doubles(np.array(method.drifts), device)
+        self._clock.kick_first = int(len(method.kicks) > len(method.drifts))
+        # Which of the two poses is the present one.
+        self._now = 0
+        self._acting: Any = None
+        self._loads: Loads | None = None
+        self._difference: Any = None
+        # Graphs of launches of so many steps, by what acts and by the pose that they begin with.
+        self._graphs: dict[tuple[int, bool, int], Any] = {}
+        # Whether the state of the run is on the device, and whether only there.
+        self._is_out = self._is_stale = False
+        self._run: tuple[Loads, State, Work] | None = None
+
+    @property
+    def rank_count(self) -> int:
+        """One process takes the steps."""
+        return 1
+
+    @property
+    def halo_bytes(self) -> int:
+        """Nothing travels between processes."""
+        return 0
+
+    @property
+    def device(self) -> str:
+        """Name of the device."""
+        return self._device.name
+
+    def advance(
+        self, model: Model, loads: Loads, state: State, saved: State, work: Work, team: Team,
+        origin: float, index: int, h: float, count: int, since_check: int, check_interval: int,
+        watch: None, ledger: np.ndarray
+    ) -> tuple[int, int, int]:
+        """Take steps as `splitting` of kernels/integrators/splitting.py does, on the device."""
+        try:
+            with _TURN:
+                return self._advance(
+                    model, loads, state, saved, work, origin, index, h, count, since_check,
+                    check_interval, ledger)
+        except Exception as error:
+            self._is_out = self._is_stale = False
+            raise DeviceError(f'{self.device} has failed: {error}') from error
+        except BaseException:
+            self.take_over()
+            raise
+
+    def take_over(self) -> None:
+        """Have the whole state of the run here, where it may be looked at and changed."""
+        is_stale, self._is_out, self._is_stale = self._is_stale, False, False
+        if is_stale and self._run is not None:
+            with _TURN:
+                self._take(*self._run, whole=True)
+
+    def _advance(
+        self, model: Model, loads: Loads, state: State, saved: State, work: Work, origin: float,
+        index: int, h: float, count: int, since_check: int, check_interval: int,
+        ledger: np.ndarray
+    ) -> tuple[int, int, int]:
+        of_run = check_interval < NEVER
+        if not of_run:
+            self.take_over()
+        if not (of_run and self._is_out):
+            self._put(model, loads, state, work)
+        self._clock.start.assign(np.array([origin, h]))
+        if of_run:
+            self._run = loads, state, work
+            self._is_out = self._is_stale = True
+        blocks, done = len(model.blocks.slot), 0
+        while done < count:
+            ahead, sampled = min(count - done, check_interval - since_check), -1
+            if of_run and self._differences:
+                # Windows as in `splitting`: step ends in sequence, and of the leapfrog only the
+                # last before a health check.
+                sampled = since_check - (
+                    check_interval - self._differences if self._method.stages < 4 else 0)
+                ahead = 1 if sampled >= 0 else min(ahead, -sampled)
+            if sampled >= 0 and sampled % self._differences == 0:
+                self._sample(model, work, 0)
+            self._steps(index + done, ahead)
+            done += ahead
+            since_check += ahead
+            if sampled >= 0:
+                number = sampled % self._differences + 1
+                self._sample(model, work, number)
+                if number == self._differences:
+                    copy_back(work.difference, self._difference)
+                    ledger[ROUGHEST] = max(ledger[ROUGHEST], roughness(work, ledger))
+            if not of_run:
+                continue
+            ledger[REGULAR] += ahead
+            if since_check < check_interval:
+                continue
+            since_check = 0
+            self._take(loads, state, work, whole=False)
+            place_all(model, state, work, 0, blocks)
+            status = examine(model, loads, state, work, origin + (index + done) * h, ledger)
+            status |= judge_roughness(
+                work, ledger, self._differences if self._method.stages < 4 else check_interval)
+            if not status & (UNSOUND | ROUGHER):
+                ledger[SAVED_AT] = done
+                save(model, state, saved, 0, blocks)
+                keep_work(loads, 0, blocks)
+            if status:
+                return int(status), done, since_check
+        if not of_run:
+            self._take(loads, state, work, whole=True)
+        return 0, done, since_check
+
+    def _put(self, model: Model, loads: Loads, state: State, work: Work) -> None:
+        """Have state and loads on the device."""
+        self._state.put(state, work)
+        self._now = 0
+        if len(loads.wrench):
+            # Those with loads hold the arrays of the loads before.
+            self._graphs = {key: graph for key, graph in self._graphs.items() if not key[1]}
+            self._acting = acting_of(loads, self._device)
+        self._loads = loads
+        if model.links is not None:
+            # A connector that was broken before the run came here.
+            self._fabric.present.assign(model.links.present.ravel())
+        if work.difference.size:
+            if self._difference is None:
+                self._difference = doubles(work.difference, self._device)
+            self._difference.assign(work.difference.ravel())
+
+    def _take(self, loads: Loads, state: State, work: Work, *, whole: bool) -> None:
+        """Have state and work of the loads here; `whole`: with all that the next step needs."""
+        self._state.take(self._now, state, work, whole=whole)
+        if len(loads.wrench):
+            copy_back(loads.work, self._acting.work)
+        if whole and self._difference is not None and work.difference.size:
+            copy_back(work.difference, self._difference)
+
+    def _steps(self, index: int, count: int) -> None:
+        """Take `count` steps from the number `index` on, by graphs of launches."""
+        loaded = self._loads is not None and len(self._loads.wrench) > 0
+        longest = max(_LONGEST // self._method.stages, 1)
+        while count:
+            # Powers of two: few graphs do for any count.
+            length = min(1 << count.bit_length() - 1, longest)
+            self._clock.index.assign(np.array([index], np.int64))
+            key = length, loaded, self._now
+            graph = self._graphs.get(key)
+            if graph is None:
+                graph = self._graphs[key] = self._record(length, loaded)
+            wp.capture_launch(graph)
+            self._now ^= self._flips(length) & 1
+            index += length
+            count -= length
+
+    def _flips(self, count: int) -> int:
+        """Count how often poses move from one array to the other in so many steps."""
+        return sum(stage.drift != 0.0 for stage in stages_of(self._method, count))
+
+    def _record(self, count: int, loaded: bool) -> Any:
+        """Record the launches of `count` steps as one graph."""
+        kernel = step_kernel(terms_of(self._packed.model, loaded=loaded))
+        # Nothing can be loaded while launches are recorded.
+        wp.load_module(kernel.module, device=self._device.handle)
+        now, acting = self._now, self._acting if loaded else Acting()
+        with wp.ScopedCapture(device=self._device.handle) as capture:
+            for stage in stages_of(self._method, count):
+                wp.launch(
+                    kernel, dim=LANES * len(self._packed.layout.blocks.slot),
+                    inputs=[
+                        self._fabric, acting, self._clock, stage, self._state.poses[now],
+                        self._state.poses[1 - now], self._state.motion,
+                        self._state.acceleration],
+                    device=self._device.handle)
+                if stage.drift != 0.0:
+                    now = 1 - now
+        return capture.graph
+
+    def _sample(self, model: Model, work: Work, number: int) -> None:
+        """Add the poses at a step end to the difference by which roughness is judged."""
+        count = self._difference.shape[0] // POSE
+        wp.launch(
+            sample, dim=count, inputs=[
+                self._fabric.slot, count // LANES, LANES, self._packed.layout.slot_count,
+                float(work.weights[number]), int(number == 0), self._state.poses[self._now],
+                self._difference], device=self._device.handle)
+
+
+def stages_of(method: Method, count: int) -> Iterator[Any]:
+    """
+    Yield the launches of `count` steps of a method.
+
+    Each pushes where the one before has drifted to, and drifts: the first only drifts, after a
+    push by the accelerations that were kept where kicks begin a step.
+    """
+    kicks, drifts = method.kicks, method.drifts
+    kick_first, stages = len(kicks) > len(drifts), min(len(kicks), len(drifts))
+    first = Stage()
+    if kick_first:
+        first.source, first.kick = _KEPT, kicks[0]
+    first.drift = drifts[0]
+    yield first
+    for evaluation in range(count * stages):
+        step, number = divmod(evaluation, stages)
+        is_last, ends = evaluation + 1 == count * stages, number + 1 == stages
+        stage = Stage()
+        stage.source, stage.push_step, stage.push_drifts = _EVALUATED, step, number + 1
+        stage.kick = kicks[number + 1] if kick_first else kicks[number]
+        if kick_first:
+            stage.keep = int(is_last)
+            stage.again = kicks[0] if ends and not is_last else 0.0
+        if not ends or not kick_first:
+            stage.drift, stage.drift_step = drifts[number + 1], step
+            stage.drift_drifts = number + 1
+            if ends and not is_last:
+                stage.second, stage.second_step = drifts[0], step + 1
+        elif not is_last:
+            stage.drift, stage.drift_step = drifts[0], step + 1
+        yield stage
+
+
+def device_method(device: Device, packed: PackedScene, name: str, *, given: bool) -> Method:
+    """Return the method `name` with steps that the device takes."""
+    method = METHODS[name]
+    require_method_on_device(
+        name, device.choice,
+        follows_kinks=method.mends_kinks and has_jumps(packed.model.links))
+    steps = DeviceSteps(device, packed, method, given=given)
+    return method._replace(advance=steps.advance, holder=steps)
+
+
+def _require_room(device: Device, packed: PackedScene) -> None:
+    """Refuse a fabric for which the device lacks memory, before any is taken."""
+    need, left = bytes_of(packed.model, packed.layout), device.free_bytes
+    if need > left:
+        raise ValueError(
+            f'{packed.layout.body_count:,} bodies need about {need / 1e9:.3g} GB on {device.name},'
+            f' and {left / 1e9:.3g} GB are left there; take a smaller weave.size, ranks of MPI '
+            'or solver.device cpu')

@@ -1,0 +1,213 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""Steps on a device, by Warp's kernels on the processor: the motion of the other kernels."""
+
+import icofabric_sim as ico
+from icofabric_sim.commands.main import main
+from icofabric_sim.parameters.validation import ParameterError
+from icofabric_sim.simulation.devices.refusals import require_on_device
+from icofabric_sim.simulation.model.packing import pack_scene
+import numpy as np
+import pytest
+from ranks_program import SCENES
+from references import integrate_quaternions
+
+warp = pytest.importorskip('warp', reason='Warp (extra `gpu`) is not installed')
+
+# What both round in other places, times what a run of these lengths makes of it.
+ROUNDING = 1e-12
+CHOSEN = ['even rows, srkn8', 'moments and an anchor, leapfrog']
+FIELDS = 'position', 'orientation', 'linear_velocity', 'angular_velocity'
+
+
+def compiled(name, device='warp_cpu', **changes):
+    parameters = {**SCENES[name], **changes}
+    parameters['solver'] = {**parameters['solver'], 'device': device}
+    return ico.compile_scene(ico.Scene.from_parameters(parameters))
+
+
+def run(simulation, pieces=1):
+    """Take a run through an input, in so many pieces; where it leads, health checks behind it."""
+    end = 0.0049 if simulation.status.step < 5e-4 else 0.025
+    for time in np.linspace(0.0, 0.0031, pieces + 1)[1:]:
+        simulation.advance_to(time)
+        simulation.snapshot()
+    simulation.apply_wrench('l', force=(0.0, 0.02, 0.0))
+    for time in np.linspace(0.0031, 0.0031 + end, pieces + 1)[1:]:
+        simulation.advance_to(time)
+        simulation.snapshot()
+    return simulation.snapshot()
+
+
+def bits(snapshot):
+    return [getattr(snapshot, name).tobytes() for name in FIELDS]
+
+
+@pytest.mark.parametrize('name', SCENES)
+def test_a_device_moves_as_the_processor_does(name):
+    if name == 'kinks, srkn6':
+        pytest.skip('refused on devices')
+    expected, simulation = compiled(name, 'cpu'), compiled(name)
+    one, other = run(expected), run(simulation)
+    for field in FIELDS:
+        values = getattr(one, field)
+        assert np.abs(getattr(other, field) - values).max() <= ROUNDING * max(
+            np.abs(values).max(), 1.0), field
+    assert simulation.status.step == pytest.approx(expected.status.step, rel=1e-9)
+    assert simulation.status.step_count == expected.status.step_count > 10
+    assert simulation.status.device == 'the processor, by Warp'
+    assert simulation.error_estimate == pytest.approx(expected.error_estimate, rel=1e-5)
+    scale = expected.balance.scale
+    assert abs(simulation.balance.error - expected.balance.error) <= ROUNDING * scale
+    for kind, energy in one.energy.items():
+        assert other.energy[kind] == pytest.approx(energy, abs=ROUNDING * scale), kind
+
+
+def test_against_an_independent_integrator():
+    simulation = ico.compile_scene(ico.Scene.from_parameters({
+        'weave.size': [3, 3, 3], 'contact.mode': 'never', 'gravity': [0.0, 0.3, -9.81],
+        'initial_random': {'velocity_sigma': 0.02, 'spin_sigma': 1.0, 'seed': 3},
+        'solver': {'method': 'srkn6', 'tolerance': 1e-8, 'device': 'warp_cpu'}}))
+    reference = integrate_quaternions(simulation.scene, 0.02)
+    simulation.advance_to(0.02)
+    half_edge = simulation.scene.geometry.half_edge
+    moved = np.abs(simulation.snapshot().position - simulation.scene.initial.position).max()
+    error = np.abs(simulation.snapshot().position - reference.position).max()
+    assert error <= 1e-8 * half_edge < moved
+
+
+@pytest.mark.parametrize('name', CHOSEN)
+def test_the_same_bits_in_pieces_and_from_a_checkpoint(name):
+    whole = bits(run(compiled(name)))
+    simulation = compiled(name)
+    assert bits(run(simulation, pieces=3)) == whole
+    checkpoint = simulation.checkpoint()
+    end = simulation.time + 0.002
+    simulation.advance_to(end)
+    last = bits(simulation.snapshot())
+    other = compiled(name)
+    other.restore(checkpoint)
+    other.advance_to(end)
+    assert bits(other.snapshot()) == last != whole
+    assert other.status.step_count == simulation.status.step_count
+
+
+def test_sines_are_those_of_the_library():
+    from icofabric_sim.simulation.devices.gpu.kernels import OPTIONS
+    from icofabric_sim.simulation.devices.gpu.rotations import sine_and_cosine
+
+    @warp.kernel(enable_backward=False, module='unique', module_options=OPTIONS)
+    def sines(
+        angles: warp.array(dtype=warp.float64), found: warp.array(dtype=warp.float64, ndim=2)
+    ):
+        thread = warp.tid()
+        sine, cosine = sine_and_cosine(angles[thread])
+        found[thread, 0] = sine
+        found[thread, 1] = cosine
+
+    rng = np.random.default_rng(5)
+    angles = np.concatenate([
+        rng.uniform(-7.0, 7.0, 2000), rng.uniform(-1e6, 1e6, 2000),
+        np.arange(-8, 9) * (np.pi / 4.0), [0.0, 1e-9]])
+    found = warp.zeros((len(angles), 2), dtype=warp.float64, device='cpu')
+    warp.launch(
+        sines, dim=len(angles), device='cpu',
+        inputs=[warp.array(angles, dtype=warp.float64, device='cpu'), found])
+    assert np.abs(found.numpy() - np.column_stack([np.sin(angles), np.cos(angles)])).max() < 3e-16
+
+
+@pytest.mark.parametrize('changes, names', [
+    ({'contact.mode': 'auto'}, ['contact.mode', 'never']),
+    ({'charge': {'per_body': 1e-9, 'mutual': True}}, ['charge.mutual']),
+    ({'drag.linear': 0.1}, ['dop8', 'drag.linear']),
+    ({'connector.damping': 0.1}, ['dop8', 'damped']),
+    ({'weave.kind': 'radial', 'connector.bending_stiffness': 1e-3}, [
+        'connector.bending_stiffness', 'radial'])])
+def test_what_a_device_cannot_compute_is_refused_by_its_name(changes, names):
+    scene = ico.Scene.from_parameters({
+        'contact.mode': 'never', 'weave.size': [5, 5, 5], 'solver.device': 'cuda', **changes})
+    # Before a GPU is looked for.
+    with pytest.raises(ParameterError) as caught:
+        ico.compile_scene(scene)
+    for name in [*names, 'solver.device cuda', 'solver.device cpu']:
+        assert name in str(caught.value)
+
+
+def test_methods_and_ranks_are_refused_by_name_too():
+    with pytest.raises(ParameterError, match='srkn6, which follows .* leapfrog or srkn8'):
+        compiled('kinks, srkn6')
+    with pytest.raises(ParameterError, match='dop8 .* one of leapfrog, srkn4, srkn6, srkn8, or'):
+        compiled('slab, leapfrog', solver={'method': 'dop8'})
+    scene = compiled('slab, leapfrog').scene
+    with pytest.raises(ParameterError, match='not for ranks of MPI'):
+        require_on_device(scene, cosines=False, body_force=False, shared=True)
+
+
+@pytest.mark.skipif(warp.is_cuda_available(), reason='there is a GPU')
+def test_without_a_gpu_cuda_names_the_way_out():
+    with pytest.raises(ParameterError, match='finds no NVIDIA GPU .* take cpu, or warp_cpu'):
+        compiled('slab, leapfrog', 'cuda')
+
+
+def test_a_fabric_beyond_the_memory_of_the_device_is_refused(monkeypatch):
+    from icofabric_sim.simulation.devices.gpu import opening, steps
+    monkeypatch.setattr(opening.Device, 'free_bytes', 10_000)
+    monkeypatch.setattr(steps, 'fabric_of', lambda *_: pytest.fail('allocated'))
+    with pytest.raises(ValueError, match='bodies need about .* GB on the processor, by Warp'):
+        compiled('slab, leapfrog')
+
+
+def test_a_device_that_fails_ends_the_run_and_the_last_state_is_kept(monkeypatch):
+    from icofabric_sim.simulation.devices.gpu.steps import DeviceSteps
+    simulation = compiled('slab, leapfrog')
+    simulation.advance_to(0.02)
+    before = simulation.status.step_count
+    monkeypatch.setattr(DeviceSteps, '_steps', lambda *_: 1 / 0)
+    with pytest.raises(ico.SimulationError) as caught:
+        simulation.advance_to(1.0)
+    assert str(caught.value).startswith(
+        'the processor, by Warp has failed: division by zero; the last good state, of t = 0.0')
+    assert before > 64 and simulation.status.step_count == before
+    snapshot = simulation.snapshot()
+    assert np.isfinite(snapshot.position).all() and snapshot.energy['kinetic'] > 0.0
+    monkeypatch.undo()
+    simulation.reset()
+    simulation.advance_steps(3)
+
+
+def test_bytes_that_are_counted_are_those_that_are_taken():
+    from icofabric_sim.simulation.devices.gpu import arrays, opening
+    for name in CHOSEN:
+        packed = pack_scene(compiled(name, 'cpu').scene)
+        device = opening.open_device('warp_cpu')
+        fabric = arrays.fabric_of(packed.model, packed.layout, device)
+        state = arrays.StateArrays(packed.layout.slot_count, device)
+        taken = sum(
+            values.capacity for values in (
+                fabric.slot, fabric.alive, fabric.place, fabric.present, fabric.free_mass,
+                fabric.free_inertia, fabric.extension, fabric.compression, fabric.natural,
+                *state.poses, state.motion, state.acceleration) if values is not None)
+        assert taken <= arrays.bytes_of(packed.model, packed.layout) <= 1.1 * taken
+
+
+def test_a_record_of_a_device_repeats_on_it(tmp_path, capsys):
+    scene = tmp_path / 'scene.yaml'
+    scene.write_text(
+        '/**:\n  ros__parameters:\n    weave: {size: [7, 7, 9]}\n    contact: {mode: never}\n'
+        '    initial_random: {velocity_sigma: 0.02, spin_sigma: 1.0, seed: 3}\n'
+        '    solver: {method: leapfrog, tolerance: 0.1, device: warp_cpu}\n    duration: 0.05\n')
+    assert main(['run', str(scene), '--record', str(tmp_path / 'bag')]) == 0
+    assert 'the processor, by Warp' in capsys.readouterr().out
+    assert main(['verify', str(tmp_path / 'bag')]) == 0
+    assert 'identical: ' in capsys.readouterr().out
