@@ -645,10 +645,10 @@ def test_pipe_that_closes_early_is_quiet(recorded: Recorded) -> None:
     assert process.wait(timeout=300) == 0
 
 
-def test_statics_says_where_a_scene_comes_to_rest(tmp_path: Path) -> None:
+def test_statics_says_where_a_scene_comes_to_rest(
+        call: Callable[..., Result], tmp_path: Path) -> None:
     (tmp_path / 'swing.yaml').write_text(SWING)
-    done = command(
-        'statics', 'swing.yaml', '--output', 'rest', '--picture', 'rest.png', folder=tmp_path)
+    done = call('statics', 'swing.yaml', '--output', 'rest', '--picture', 'rest.png')
     assert done.status == 0, done.err
     assert 'equilibrium, stable' in done.out and 'pairs of shells' in done.out
     bodies = (tmp_path / 'rest' / 'bodies.csv').read_text().splitlines()
@@ -658,46 +658,46 @@ def test_statics_says_where_a_scene_comes_to_rest(tmp_path: Path) -> None:
     assert held[2] == pytest.approx(14 * scene.shell.mass * 9.81, rel=1e-9)
     assert len((tmp_path / 'rest' / 'connectors.csv').read_text().splitlines()) == 37
     assert (tmp_path / 'rest.png').read_bytes().startswith(b'\x89PNG')
-    early = command('statics', 'swing.yaml', '--steps', '2', folder=tmp_path)
+    early = call('statics', 'swing.yaml', '--steps', '2')
     assert early.status == 1 and 'not in equilibrium' in early.out and 'left over' in early.out
     assert 'reason     the search took all of its 2 steps; give it more (--steps' in early.out
-    bad = command('statics', 'swing.yaml', '--tolerance', '2', folder=tmp_path)
+    bad = call('statics', 'swing.yaml', '--tolerance', '2')
     assert bad.status == 2 and 'tolerance' in bad.err
     falls = command('statics', 'free_slab', '-p', 'gravity:=[0.0, 0.0, -9.81]', folder=tmp_path)
     assert falls.status == 2 and 'supports' in falls.err and 'Traceback' not in falls.err
 
 
 @pytest.mark.parametrize('verb', ['statics', 'modes', 'elasticity'])
-def test_what_statics_leaves_out_is_refused_with_the_way_out(tmp_path: Path, verb: str) -> None:
+def test_what_statics_leaves_out_is_refused_with_the_way_out(
+        call: Callable[..., Result], verb: str) -> None:
     small = ['-p', 'weave.size:=[2, 2, 2]']
-    rubs = command(verb, 'hanging_slab', *small, '-p', 'contact.friction:=0.3', folder=tmp_path)
+    rubs = call(verb, 'hanging_slab', *small, '-p', 'contact.friction:=0.3')
     assert rubs.status == 2 and 'Traceback' not in rubs.err and 'zero energy' not in rubs.out
     for words in ('contact.friction 0.3', 'rests in many ways', 'set it to 0.0', 'drag.linear'):
         assert words in rubs.err
     # Refused at once, not after other results.
     assert 'stiffness [Pa]' not in rubs.out and 'verdict' not in rubs.out
-    around = command(verb, 'twisted_column', folder=tmp_path)
+    around = call(verb, 'twisted_column')
     assert around.status == 2 and 'Traceback' not in around.err
     for words in ('connector.obstruction wrap', 'derivatives', 'take warn', 'run with drag'):
         assert words in around.err
     assert 'stiffness [Pa]' not in around.out
 
 
-def test_friction_does_not_matter_where_nothing_touches(tmp_path: Path) -> None:
-    done = command(
+def test_friction_does_not_matter_where_nothing_touches(call: Callable[..., Result]) -> None:
+    done = call(
         'modes', 'free_slab', '-p', 'weave.size:=[2, 2, 2]', '-p', 'contact.friction:=0.3', '-p',
-        'contact.mode:=never', folder=tmp_path)
+        'contact.mode:=never')
     assert done.status == 0 and 'zero energy' in done.out
-    endless = command(
-        'elasticity', 'free_slab', '-p', 'contact.friction:=0.3', '--kinds', folder=tmp_path)
+    endless = call('elasticity', 'free_slab', '-p', 'contact.friction:=0.3', '--kinds')
     assert endless.status == 0 and 'cost no energy' in endless.out
 
 
-def test_modes_lists_frequencies_and_mechanisms(tmp_path: Path) -> None:
+def test_modes_lists_frequencies_and_mechanisms(
+        call: Callable[..., Result], tmp_path: Path) -> None:
     (tmp_path / 'swing.yaml').write_text(SWING)
-    done = command(
-        'modes', 'swing.yaml', '--output', 'out', '--picture', 'm.png', '--bands', 'b.png',
-        folder=tmp_path)
+    done = call(
+        'modes', 'swing.yaml', '--output', 'out', '--picture', 'm.png', '--bands', 'b.png')
     assert done.status == 0, done.err
     held = re.search(r'freedoms +(\d+)', done.out)
     assert held is not None and 'states of self-stress' in done.out
@@ -708,35 +708,37 @@ def test_modes_lists_frequencies_and_mechanisms(tmp_path: Path) -> None:
     assert largest is not None
     assert float(largest[1]) == pytest.approx(float(rates[-1].split(',')[1]), rel=1e-5)
     assert (tmp_path / 'm.png').is_file() and (tmp_path / 'b.png').is_file()
-    about = command('modes', 'swing.yaml', '--equilibrium', '--count', '3', folder=tmp_path)
+    about = call('modes', 'swing.yaml', '--equilibrium', '--count', '3')
     assert about.status == 0 and 'equilibrium, stable' in about.out
     assert 'frequencies 3,' in about.out
-    bad = command('modes', 'swing.yaml', '--count', '0', folder=tmp_path)
+    bad = call('modes', 'swing.yaml', '--count', '0')
     assert bad.status == 2 and 'count' in bad.err
 
 
-def test_elasticity_prints_constants_and_curves(tmp_path: Path) -> None:
+def test_elasticity_prints_constants_and_curves(
+        call: Callable[..., Result], tmp_path: Path) -> None:
     size = ['-p', 'weave.size:=[5, 3, 3]']
-    done = command(
+    done = call(
         'elasticity', 'stiff_cantilever', *size, '--points', '2', '--kinds', 'pull', '--output',
-        'out', '--picture', 'e.png', folder=tmp_path)
+        'out', '--picture', 'e.png')
     assert done.status == 0, done.err
     assert "Young's modulus along xyz" in done.out and 'equilibrium, stable' in done.out
     rows = (tmp_path / 'out' / 'stiffness.csv').read_text().splitlines()
     assert len(rows) == 7 and float(rows[1].split(',')[1]) > 0.0
     assert len((tmp_path / 'out' / 'curves.csv').read_text().splitlines()) == 3
     assert (tmp_path / 'e.png').read_bytes().startswith(b'\x89PNG')
-    alone = command('elasticity', 'free_slab', '--kinds', folder=tmp_path)
+    alone = call('elasticity', 'free_slab', '--kinds')
     assert alone.status == 0 and '3 strains cost no energy' in alone.out
-    bad = command('elasticity', 'radial_arch', folder=tmp_path)
+    bad = call('elasticity', 'radial_arch')
     assert bad.status == 2 and 'weave.kind' in bad.err
 
 
-def test_fabrics_at_their_kink_say_so_and_give_both_branches(tmp_path: Path) -> None:
+def test_fabrics_at_their_kink_say_so_and_give_both_branches(
+        call: Callable[..., Result], tmp_path: Path) -> None:
     kinked = ['-p', 'weave.size:=[3, 2, 2]', '-p', 'connector.stiffness_compression:=200.0']
-    done = command(
+    done = call(
         'elasticity', 'stiff_cantilever', *kinked, '--kinds', 'pull', '--points', '1', '--output',
-        'out', '--picture', 'e.png', folder=tmp_path)
+        'out', '--picture', 'e.png')
     assert done.status == 0, done.err
     for words in ('no single tangent', 'do not superpose', 'as if all connectors had k_e',
                   'as if all connectors had k_c', 'Pa pulled', '6 connectors: at the natural'):
@@ -749,9 +751,9 @@ def test_fabrics_at_their_kink_say_so_and_give_both_branches(tmp_path: Path) -> 
             ',')[1]) for name in ('pull', 'push'))
     assert pull > 8.0 * push
     assert len((tmp_path / 'out' / 'one_sided.csv').read_text().splitlines()) == 13
-    modes = command(
+    modes = call(
         'modes', 'stiff_cantilever', *kinked, '--count', '2', '--output', 'modes', '--bands',
-        'b.png', folder=tmp_path)
+        'b.png')
     assert modes.status == 0, modes.err
     for words in ('no single frequency', 'do not superpose', 'pull, k_e', 'push, k_c', 'between'):
         assert words in modes.out
@@ -760,10 +762,10 @@ def test_fabrics_at_their_kink_say_so_and_give_both_branches(tmp_path: Path) -> 
         for name, value in zip(('push', 'pull'), row.split(',')[1:]):
             own = (tmp_path / 'modes' / f'frequencies_{name}.csv').read_text().splitlines()
             assert float(own[1 + number].split(',')[1]) == pytest.approx(float(value))
-    rest = command('statics', 'free_slab', *kinked, folder=tmp_path)
+    rest = call('statics', 'free_slab', *kinked)
     assert rest.status == 0 and 'at a kink' in rest.out and 'do not superpose' in rest.out
-    tense = command(
+    tense = call(
         'modes', 'stiff_cantilever', *kinked, '-p', 'connector.natural_length:=0.1', '--count',
-        '2', folder=tmp_path)
+        '2')
     assert tense.status == 0 and 'the first connector comes from' in tense.out
     assert 'at its kink' not in tense.out

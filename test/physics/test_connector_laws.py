@@ -201,7 +201,7 @@ def test_threads_and_pieces_give_the_same_bits(monkeypatch, method):
         monkeypatch.setattr(thread_team, 'core_count', lambda threads=threads: threads)
         simulation = ico.compile_scene(scene)
         for piece in range(pieces):
-            simulation.advance_to(0.01 * (piece + 1) / pieces)
+            simulation.advance_to(0.005 * (piece + 1) / pieces)
             if piece == 3:
                 # Nothing is kept from step to step but what a checkpoint holds.
                 checkpoint = simulation.checkpoint()

@@ -239,7 +239,7 @@ def test_same_bits_in_pieces_and_threads(monkeypatch):
         simulation = ico.compile_scene(scene)
         assert simulation.status.thread_count == threads
         for piece in range(pieces):
-            simulation.advance_to(0.01 * (piece + 1) / pieces)
+            simulation.advance_to(0.004 * (piece + 1) / pieces)
         ends.append(simulation.snapshot())
     assert same_state(ends[0], ends[1]) and same_state(ends[0], ends[2])
     assert np.abs(ends[0].position - scene.initial.position).max() > 1e-3 * (

@@ -256,7 +256,7 @@ def test_anchors_and_moments_with_two_threads_and_from_a_checkpoint(monkeypatch)
         'solver.threads': 2, 'solver.step': 2e-5, 'initial_random.spin_sigma': 20.0})
     monkeypatch.setattr(thread_team, 'BODIES_PER_THREAD', 20)
     ends = []
-    for threads, stop in ((1, 0.0), (2, 0.0), (2, 0.0043)):
+    for threads, stop in ((1, 0.0), (2, 0.0), (2, 0.0013)):
         monkeypatch.setattr(thread_team, 'core_count', lambda threads=threads: threads)
         simulation = ico.compile_scene(scene)
         assert simulation.status.thread_count == threads
@@ -264,7 +264,7 @@ def test_anchors_and_moments_with_two_threads_and_from_a_checkpoint(monkeypatch)
             simulation.advance_to(stop)
             checkpoint, simulation = simulation.checkpoint(), ico.compile_scene(scene)
             simulation.restore(checkpoint)
-        simulation.advance_to(0.01)
+        simulation.advance_to(0.003)
         ends.append(simulation.snapshot())
     assert same_state(ends[0], ends[1]) and same_state(ends[0], ends[2])
     assert ends[0].energy == ends[1].energy == ends[2].energy

@@ -40,6 +40,8 @@ _DISSIPATIVE = {'solver.method': 'dop8'}
 _MOVING = {'drives.it.motion': 'velocity', 'drives.it.linear': [0.01, 0.0, 0.0]}
 _SWAYING = {
     'drives.it.motion': 'sine', 'drives.it.linear': [0.01, 0.0, 0.0], 'drives.it.frequency': 1.0}
+_MOMENTS = {
+    'connector_groups.it.bending_stiffness': 0.01, 'connector_groups.it.twisting_stiffness': 0.01}
 # What a scene needs beside, by family and by name.
 NEEDED = {
     'drag.': _DISSIPATIVE,
@@ -51,6 +53,9 @@ NEEDED = {
     'connector_groups.it.break_length_compression': _DISSIPATIVE,
     'weave.radius': {'weave.kind': 'radial', 'weave.size': [4, 2, 2]},
     'connector_groups.': {'connector_groups.it.between': 'tip wall'},
+    # With both from the start they share their kernels; the rules for all connectors begin with 0.
+    'connector_groups.it.bending_stiffness': _MOMENTS,
+    'connector_groups.it.twisting_stiffness': _MOMENTS,
     'supports.': {'supports.it.group': 'wall'},
     'loads.': {'loads.it.group': 'tip', 'loads.it.force': [0.0, 0.0, 1e-3]},
     'tractions.': {'tractions.it.group': 'tip', 'tractions.it.pressure': 1.0},
