@@ -23,6 +23,7 @@ beside world, so that a viewer shows both.
 from pathlib import Path
 
 from ament_index_python.packages import get_package_share_directory
+from icofabric_sim.ros.launch_arguments import refuse_unknown_arguments
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.conditions import IfCondition
@@ -61,6 +62,7 @@ def generate_launch_description():
             *[DeclareLaunchArgument(
                 f'{side}_{name}', default_value='', description=f'{parameter} of the {side} one')
               for name, parameter, _ in OVERRIDES]]
+    refuse_unknown_arguments(__file__, [argument.name for argument in arguments])
     return LaunchDescription([*arguments, OpaqueFunction(function=start_nodes)])
 
 

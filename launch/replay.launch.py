@@ -19,6 +19,7 @@ Plays a recorded run, and shows it in RViz if asked.
 from pathlib import Path
 
 from ament_index_python.packages import get_package_share_directory
+from icofabric_sim.ros.launch_arguments import refuse_unknown_arguments
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.conditions import IfCondition
@@ -41,7 +42,7 @@ SHOWN = ('poses', 'connectors', 'icosahedra')
 
 
 def generate_launch_description():
-    return LaunchDescription([
+    arguments = [
         DeclareLaunchArgument('bag', description='bag folder, or a bare .mcap or .db3 file'),
         *[DeclareLaunchArgument(name, default_value='', description=description)
           for name, _, description in OPTIONS],
@@ -49,8 +50,9 @@ def generate_launch_description():
             'namespace', default_value='', description='namespace of the node icofabric'),
         DeclareLaunchArgument(
             'rviz', default_value='false', description='true: show the replay in RViz'),
-        OpaqueFunction(function=start_nodes),
-    ])
+    ]
+    refuse_unknown_arguments(__file__, [argument.name for argument in arguments])
+    return LaunchDescription([*arguments, OpaqueFunction(function=start_nodes)])
 
 
 def start_nodes(context):

@@ -21,6 +21,7 @@ Starts the simulation of one scene, and RViz beside it if asked.
 from pathlib import Path
 
 from ament_index_python.packages import get_package_share_directory
+from icofabric_sim.ros.launch_arguments import refuse_unknown_arguments
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.conditions import IfCondition
@@ -41,7 +42,7 @@ SHOWN = ('poses', 'connectors', 'icosahedra')
 
 
 def generate_launch_description():
-    return LaunchDescription([
+    arguments = [
         DeclareLaunchArgument(
             'scene', default_value='hanging_slab',
             description='ready scene (a name in config/) or path of a parameter file'),
@@ -62,8 +63,9 @@ def generate_launch_description():
             'log_level', default_value='info', description='of the node icofabric'),
         DeclareLaunchArgument(
             'rviz', default_value='false', description='true: show the fabric in RViz'),
-        OpaqueFunction(function=start_nodes),
-    ])
+    ]
+    refuse_unknown_arguments(__file__, [argument.name for argument in arguments])
+    return LaunchDescription([*arguments, OpaqueFunction(function=start_nodes)])
 
 
 def find_scene(share, scene):

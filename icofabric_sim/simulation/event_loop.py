@@ -118,15 +118,8 @@ class EventLoop:
             # With the room that this method needs.
             loads = self._loads()
         method = METHODS[self.method.name]
-        # contact.mode always says when to look for contacts, not that there will be some; and
-        # kernels are compiled ahead with it.
-        if (packed.contact is not None and packed.contact.expected and not fixed > 0.0
-                and parameters['contact.mode'] == 'auto'
-                and method.symplectic and not method.runs_through_contacts):
-            _LOGGER.warning(
-                'solver.method %s has steps of one length, which may add more than '
-                'solver.tolerance where shells touch, and %s; solver.method dop8 or auto '
-                'shortens steps there', self.method.name, packed.contact.expected)
+        if method.symplectic and not fixed > 0.0:
+            self._warn_of_jumps(runs_through_contacts=method.runs_through_contacts)
         if ranks is not None:
             from icofabric_sim.simulation.devices.leader import shared_method
             method = shared_method(
@@ -162,6 +155,24 @@ class EventLoop:
             )
         except SimulationError as error:
             raise ValueError(f'this scene cannot start: {error}') from error
+
+    def _warn_of_jumps(self, *, runs_through_contacts: bool) -> None:
+        """Say where forces are expected to jump, which chosen steps of one length pay for."""
+        packed = self._packed
+        # contact.mode always says when to look for contacts, not that there will be some; and
+        # kernels are compiled ahead with it.
+        if (packed.contact is not None and packed.contact.expected and not runs_through_contacts
+                and self._scene.parameters['contact.mode'] == 'auto'):
+            _LOGGER.warning(
+                'solver.method %s has steps of one length, which may add more than '
+                'solver.tolerance where shells touch, and %s; solver.method dop8 or auto '
+                'shortens steps there', self.method.name, packed.contact.expected)
+        if packed.model.wrapping is not None:
+            _LOGGER.warning(
+                'solver.method %s has steps of one length, and solver.tolerance may ask for '
+                'hundreds of times as many where connectors around their shells change to other '
+                'geodesics (connector.obstruction wrap), as forces jump there; solver.method dop8 '
+                'or auto finds these moments', self.method.name)
 
     def _liveliness(self, frequency: float) -> float:
         strongest = self.inputs.pack_strongest(self._packed.layout)

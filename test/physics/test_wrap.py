@@ -530,6 +530,16 @@ def test_what_does_not_go_with_it_is_refused(changes):
     assert make_scene((2, 2, 2), {**changes, 'connector.obstruction': 'warn'}).body_count
 
 
+@pytest.mark.parametrize(('method', 'step', 'said'), [
+    ('leapfrog', 0.0, True), ('leapfrog', 1e-5, False), ('dop8', 0.0, False)])
+def test_chosen_steps_of_one_length_say_what_geodesics_cost(caplog, method, step, said):
+    with caplog.at_level(logging.WARNING):
+        ico.compile_scene(make_scene(
+            (2, 2, 2), {**WRAP, 'solver.method': method, 'solver.step': step}))
+    assert sum('other geodesics (connector.obstruction wrap)' in record.message
+               for record in caplog.records) == said
+
+
 def test_auto_takes_a_method_that_sees_the_bends():
     scene = make_scene((2, 2, 2), {**WRAP, 'solver.method': 'auto'})
     assert ico.compile_scene(scene).status.method_name == 'dop8'

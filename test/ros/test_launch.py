@@ -38,7 +38,9 @@ class Node(Recorded):
 
 
 class Argument(Recorded):
-    pass
+    @property
+    def name(self):
+        return self.arguments[0]
 
 
 class Function(Recorded):
@@ -178,3 +180,21 @@ def test_what_may_be_missing_starts_first(launched, tmp_path, name):
     declared = (ROOT / 'package.xml').read_text()
     assert all(f'<exec_depend>{package}</exec_depend>' in declared
                for package in packages if package != 'icofabric_sim')
+
+
+@pytest.mark.parametrize('name', ['simulate', 'compare', 'replay'])
+def test_arguments_that_nobody_declared_are_refused(launched, tmp_path, monkeypatch, name):
+    given = {'bag': str(tmp_path)} if name == 'replay' else {}
+
+    def begun_by(*words):
+        monkeypatch.setattr(sys, 'argv', ['/opt/ros/jazzy/bin/ros2', 'launch', *words])
+        return launched(name, **given)
+
+    file = f'{name}.launch.py'
+    with pytest.raises(RuntimeError, match=rf'rvix:=true: {file} has no .* did you mean rviz\?'):
+        begun_by('icofabric_sim', file, 'rvix:=true')
+    with pytest.raises(RuntimeError, match='no argument zzz; it takes .*rviz.*--show-args'):
+        begun_by(f'/a/{file}', 'rviz:=false', 'zzz:=1')
+    assert begun_by('icofabric_sim', file, 'rviz:=true')
+    # A launch file that includes this one has arguments of its own.
+    assert begun_by('mine', 'mine.launch.py', 'zzz:=1')

@@ -1,0 +1,45 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""Arguments of the launch files: those that nobody declared are refused, not ignored."""
+
+from collections.abc import Iterable, Sequence
+import difflib
+import os
+import sys
+
+
+def refuse_unknown_arguments(
+    launch_file: str, declared: Iterable[str], command: Sequence[str] | None = None
+) -> None:
+    """
+    Raise RuntimeError for a NAME:=VALUE on the command line that `launch_file` does not declare.
+
+    `ros2 launch` itself ignores these, so that a misspelt name leaves a default in its place. The
+    `command` (that of this process) is judged where it starts `launch_file` itself: what includes
+    it has arguments of its own.
+    """
+    words = list(sys.argv if command is None else command)
+    name = os.path.basename(launch_file)
+    places = [number for number, word in enumerate(words) if os.path.basename(word) == name]
+    if not places:
+        return
+    names = tuple(declared)
+    for word in words[places[0] + 1:]:
+        given, is_argument, _ = word.partition(':=')
+        if is_argument and given not in names:
+            near = difflib.get_close_matches(given, names, 1)
+            hint = f'did you mean {near[0]}? ' if near else ''
+            raise RuntimeError(
+                f'{word}: {name} has no argument {given}; {hint}it takes {", ".join(names)}; '
+                '--show-args says what they mean')
