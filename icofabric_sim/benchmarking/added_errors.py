@@ -129,20 +129,22 @@ def judge(
 
     `given`: length of the steps in parts of the stability limit, 0: chosen. `looks`: whether the
     estimate is read at every window; else at the end only. Runs of many steps are followed for
-    fewer periods; a TimeoutError on the way ends one, once a few windows are measured. Raises
-    ValueError where a given step is refused.
+    fewer periods; a TimeoutError on the way ends one, once a few windows are measured, and so do
+    shells that pass through each other where connectors lie around them: no length is right then,
+    and the motion jumps. Raises ValueError where a given step is refused.
     """
     changes = changes | {'solver.method': method, 'solver.step': 0.0}
     run = ico.compile_scene(ico.Scene.from_parameters(changes))
     if given > 0.0:
         changes['solver.step'] = given * run.status.stability_limit
         run = ico.compile_scene(ico.Scene.from_parameters(changes))
+    bands = run.packed.model.wrapping is not None
     rate = run.status.largest_frequency
     period = 2.0 * math.pi / rate
     reference = ico.compile_scene(ico.Scene.from_parameters(changes | {
         'solver.method': 'dop8', 'solver.step': 0.0, 'solver.tolerance': min(
             max(_FINER * run.scene.parameters['solver.tolerance'], _LEAST * rate),
-            (_MOST_AT_JUMPS if run.packed.model.wrapping is not None else _MOST) * rate)}))
+            (_MOST_AT_JUMPS if bands else _MOST) * rate)}))
     steps = _MOST_EVALUATIONS / ico.METHODS[run.status.method_name].stages
     periods = min(periods, max(steps * run.status.step / period, _FEWEST))
     half_edge, end = run.scene.geometry.half_edge, periods * period
@@ -162,7 +164,11 @@ def judge(
             run.advance_to(max(start + 0.999 * period, run.time))
             run.advance_steps(1)
             reference.advance_to(run.time)
-            error = distance_between(run.snapshot(), reference.snapshot(), half_edge)
+            here, there = run.snapshot(), reference.snapshot()
+            if bands and (here.lost.any() or there.lost.any() or run.status.obstruction):
+                ended = 'a connector finds no way around shells that pass through each other'
+                break
+            error = distance_between(here, there, half_edge)
             times.append(run.time)
             added.append(added[-1] + error * (run.time - before) / (run.time - start))
             if looks:

@@ -144,6 +144,11 @@ class SimulationStatus:
                 'the tolerance is not kept' + (
                     '; the estimate was up to 40 times too small in tests, as it is not measured '
                     'where shells may touch' if blind else ''))
+            if self.obstruction:
+                found.append(
+                    'shells pass through each other, where no way around them is right: lengths '
+                    'of connectors jump there, by which errors grew to 10,000 times the estimate '
+                    'in a test; contact.mode auto keeps shells apart')
         if (self._packed.external is not None and self._driver.is_given and self.step_count > 0
                 and not self.error_estimate > 0.0):
             found.append(

@@ -516,6 +516,7 @@ def test_what_finds_no_way_is_said(caplog):
     with caplog.at_level(logging.WARNING):
         simulation.advance_to(0.001)
     assert 'finds no way around the shell of body 0' in simulation.status.obstruction
+    assert 'contact.mode auto keeps shells apart' in simulation.status.error_estimate_lacks
     assert sum('finds no way' in record.message for record in caplog.records) == 1
 
 
