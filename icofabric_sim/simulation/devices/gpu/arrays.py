@@ -58,6 +58,22 @@ def bytes_of(model: Model, layout: Layout) -> int:
     return slots * each + blocks
 
 
+def bytes_moved(model: Model, layout: Layout) -> float:
+    """
+    Bytes that an evaluation of the forces reads and writes for each body; loads apart.
+
+    As if neighbours' poses were in the cache: pose and velocities are read and written.
+    """
+    terms, blocks = terms_of(model, loaded=False), len(layout.blocks.slot)
+    each = 8 * 2 * (POSE + MOTION)
+    each += 8 * 4 * terms.held + 8 * 3 * 12 * (terms.linked and not terms.one_law)
+    each += sum(
+        8 * 12 for moment in (model.bending, model.twisting)
+        if moment is not None and moment.variety is not None)
+    tables = blocks * (4 + 1 + terms.linked * 12 * (4 + 1))
+    return each + tables / max(layout.body_count, 1)
+
+
 def doubles(values: np.ndarray, device: Device) -> Any:
     """Return a flat array of doubles on the device."""
     return wp.array(

@@ -48,6 +48,9 @@ _ZERO = wp.constant(wp.float64(0.0))
 # agree to the bit.
 # Loops are left to the compiler, which takes a third of the time then.
 OPTIONS = {'fuse_fp': False, 'fast_math': False, 'max_unroll': 0}
+# For each thread of a GPU, so that a multiprocessor holds 16 groups of 32 threads. The code of
+# loads would take twice as many, and is for few bodies: it keeps the rest in memory.
+MOST_REGISTERS = 128
 
 
 class Terms(NamedTuple):
@@ -126,7 +129,9 @@ def step_kernel(terms: Terms) -> Any:
     resistance = moments(arm_to) if terms.moments else no_pulls
     held, loaded, dipole = terms.held, terms.loaded, terms.dipole
 
-    @wp.kernel(module='unique', enable_backward=False, module_options=OPTIONS)
+    @wp.kernel(
+        module='unique', enable_backward=False, module_options=OPTIONS, grid_stride=False,
+        cuda_max_registers=MOST_REGISTERS)
     def push_and_drift(
         fabric: Fabric, acting: Acting, clock: Clock, stage: Stage,
         pose: wp.array(dtype=wp.float64), moved: wp.array(dtype=wp.float64),
@@ -141,8 +146,6 @@ def step_kernel(terms: Terms) -> Any:
         n = fabric.stride
         h = clock.start[1]
         place, turn = place_of(pose, n, s), turn_of(pose, n, s)
-        velocity = wp.vec3d(motion[s], motion[n + s], motion[2 * n + s])
-        spin = wp.vec3d(motion[3 * n + s], motion[4 * n + s], motion[5 * n + s])
         mass = wp.vec3d(fabric.inverse_mass, fabric.inverse_mass, fabric.inverse_mass)
         inertia = fabric.inverse_inertia
         weight = fabric.gravity
@@ -153,8 +156,8 @@ def step_kernel(terms: Terms) -> Any:
             for k in range(3):
                 if mass[k] == _ZERO:
                     weight[k] = _ZERO
+        linear, angular = wp.vec3d(), wp.vec3d()
         if stage.source > 0:
-            linear, angular = wp.vec3d(), wp.vec3d()
             if stage.source == 1:
                 linear = wp.vec3d(
                     acceleration[s], acceleration[n + s], acceleration[2 * n + s])
@@ -172,6 +175,10 @@ def step_kernel(terms: Terms) -> Any:
                 for k in range(3):
                     acceleration[k * n + s] = linear[k]
                     acceleration[(k + 3) * n + s] = angular[k]
+        # Loaded when forces no longer take registers.
+        velocity = wp.vec3d(motion[s], motion[n + s], motion[2 * n + s])
+        spin = wp.vec3d(motion[3 * n + s], motion[4 * n + s], motion[5 * n + s])
+        if stage.source > 0:
             for part in range(2):
                 # The last kick of a step and the first of the next share their forces.
                 kick = wp.where(part == 0, stage.kick, stage.again) * h
@@ -204,7 +211,8 @@ def step_kernel(terms: Terms) -> Any:
     return push_and_drift
 
 
-@wp.kernel(enable_backward=False, module='unique', module_options=OPTIONS)
+@wp.kernel(
+    module='unique', enable_backward=False, module_options=OPTIONS, grid_stride=False)
 def sample(
     slot: wp.array(dtype=wp.int32), samples: int, lanes: int, stride: int, weight: wp.float64,
     first: int, pose: wp.array(dtype=wp.float64), difference: wp.array(dtype=wp.float64)

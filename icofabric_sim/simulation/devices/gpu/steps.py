@@ -142,6 +142,16 @@ class DeviceSteps:
             with _TURN:
                 self._take(*self._run, whole=True)
 
+    def bare_steps(self, count: int) -> None:
+        """
+        Take `count` steps of the length before, from where the device stands, and wait for them.
+
+        For measurements: no health check, and the run does not get to know.
+        """
+        with _TURN:
+            self._steps(0, count)
+            wp.synchronize_device(self._device.handle)
+
     def _advance(
         self, model: Model, loads: Loads, state: State, saved: State, work: Work, origin: float,
         index: int, h: float, count: int, since_check: int, check_interval: int,
