@@ -82,8 +82,8 @@ def measure(
     """Compare the motions, then time steps in rounds; `choice`: of solver.device, or auto."""
     try:
         device, found = _device(choice)
-    except ParameterError as error:
-        return Gpu('', False, [], {}, 0, rounds, str(error))
+    except ParameterError as problem:
+        return Gpu('', False, [], {}, 0, rounds, str(problem))
     from icofabric_sim.simulation.devices.gpu.arrays import bytes_moved, bytes_of
     from icofabric_sim.simulation.devices.gpu.compiled import compiled_kernel
     from icofabric_sim.simulation.devices.gpu.kernels import Terms
@@ -113,11 +113,11 @@ def measure(
             partial(_rate, count, partial(steps.bare_steps, _TIMED))]
         for task in tasks:
             task()
-        total = rounds * len(tasks)
-        results = in_rounds(tasks, rounds, lambda done, total=total: progress(done, total))
+        processor, run, bare = in_rounds(
+            tasks, rounds, lambda done: progress(done, 3 * rounds))
         held = bytes_of(model, layout) // count
         rows.append(DeviceSize(
-            size, count, *results, error=error, bytes_each=bytes_moved(model, layout)))
+            size, count, processor, run, bare, error, bytes_moved(model, layout)))
     return Gpu(found, device == 'cuda', rows, compiled, held, rounds, '')
 
 
