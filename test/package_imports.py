@@ -19,6 +19,7 @@ As a script it draws the imports between rooms: counts to read, or a graph for G
 
 import ast
 from collections import Counter
+from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 import sys
@@ -53,12 +54,14 @@ class Import(NamedTuple):
     late: bool  # within a function, or for types only: no part of loading the module
 
 
+@cache
 def imports_of(name: str) -> list[Import]:
     """Return what the module `name` imports of the package, wherever in its text."""
     tree = ast.parse(MODULES[name].read_text())
+    top = set(tree.body)
     found = []
     for node in ast.walk(tree):
-        late = node not in tree.body
+        late = node not in top
         if isinstance(node, ast.Import):
             found += [Import(alias.name, node.lineno, late) for alias in node.names
                       if alias.name.partition('.')[0] == PACKAGE.name]

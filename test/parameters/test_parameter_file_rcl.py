@@ -248,14 +248,14 @@ def random_file(generator):
 def test_random_files(compare_text):
     generator = random.Random(2026)
     outcomes = []
-    for _ in range(3000):
+    for _ in range(1000):
         more = []
         if generator.random() < 0.25:
             more = ['-p', generator.choice(['a', 'a.b', 'c.d', 'icofabric:a', 'other:a']) + ':=' +
                     generator.choice(['1', '2.5', 'x1', '[1, 2]', '[]', '~', 'on'])]
         outcomes.append(compare_text(random_file(generator), *more))
-    assert outcomes.count('equal') > 300 and outcomes.count('refused') > 400
-    assert outcomes.count('stricter') > 200
+    assert outcomes.count('equal') > 100 and outcomes.count('refused') > 130
+    assert outcomes.count('stricter') > 60
 
 
 def test_ros_reads_what_we_dump(ros, tmp_path):

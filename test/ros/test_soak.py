@@ -67,7 +67,7 @@ def test_a_short_soak(tmp_path):
 
 
 def test_a_driven_run_verifies_on_one_and_two_threads(tmp_path):
-    rows, _ = soak(tmp_path, '--part', 'verify60', '--seconds', '10')
+    rows, _ = soak(tmp_path, '--part', 'verify60', '--seconds', '5')
     judged(rows, 'verify --threads 1', 'verify --threads 2', 're-weaves in it', 'wrenches in it',
            '~/checkpoint in it', 'simulated time in the bag')
 

@@ -26,7 +26,9 @@ import numpy as np
 import pytest
 
 SCENES = ready_scenes()
-# How far each moves within two seconds, in pitches of its weave.
+# Those that take longer than a second until they have met, torn, or gone far.
+SLOW = {'dropped_slab', 'torn_slab', 'twisted_column', 'woven_ball'}
+# How far each moves in its run, in pitches of its weave.
 MOTION = {
     'hanging_slab': 3.0, 'free_slab': 0.2, 'bias_column': 2.0, 'pressed_slab': 0.4,
     'torn_slab': 5.0, 'shaken_slab': 0.2, 'hung_slab': 0.1, 'woven_ball': 1.0,
@@ -66,11 +68,11 @@ def test_scene_is_loaded_by_name_or_path(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize('name', SCENES)
 def test_scene_moves_and_keeps_its_energy(name):
-    scene = ico.load_scene(SCENES[name])
+    scene, end = ico.load_scene(SCENES[name]), 2.0 if name in SLOW else 1.0
     simulation = ico.compile_scene(scene)
     start = simulation.snapshot()
     farthest, largest = 0.0, start.energy['kinetic']
-    for time in np.linspace(0.05, 2.0, 40):
+    for time in np.linspace(0.05, end, round(20 * end)):
         simulation.advance_to(time)
         snapshot = simulation.snapshot()
         motion = np.linalg.norm(snapshot.position - start.position, axis=1).max()

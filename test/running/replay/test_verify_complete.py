@@ -186,7 +186,7 @@ def test_killed_and_recovered_bag_is_complete_to_its_end(driven: Path, tmp_path:
 
 
 def test_what_a_slow_disk_has_cost_is_no_gap(driven: Path, tmp_path: Path) -> None:
-    _, messages, custom = contents(driven)
+    topics, messages, custom = contents(driven)
     energies = places(driven, '/icofabric/energy')[3:6]
     given = json.loads(custom[GIVEN])
     given['/icofabric/energy'] -= 2
@@ -197,7 +197,7 @@ def test_what_a_slow_disk_has_cost_is_no_gap(driven: Path, tmp_path: Path) -> No
             **custom, DROPPED: json.dumps({'/icofabric/energy': 2}), GIVEN: json.dumps(given)
         }) as recorder:
             for number, message in enumerate(messages):
-                recorder.add_topic(message[0], contents(driven)[0][message[0]])
+                recorder.add_topic(message[0], topics[message[0]])
                 if number not in lost:
                     recorder.write(*message)
         return verify(path)
