@@ -33,7 +33,7 @@ MOTION = {
     'hanging_slab': 3.0, 'free_slab': 0.2, 'bias_column': 2.0, 'pressed_slab': 0.4,
     'torn_slab': 5.0, 'shaken_slab': 0.2, 'hung_slab': 0.1, 'woven_ball': 1.0,
     'charged_slab': 0.5, 'twisted_column': 1.0, 'dropped_slab': 1.0, 'draped_slab': 1.0,
-    'folded_slab': 1.0, 'squeezed_slab': 0.3}
+    'folded_slab': 1.0, 'squeezed_slab': 0.3, 'auxetic_slab': 0.6}
 # Where `always` is compiled in `make test` too: a splitting method, dop8, and contacts. A kind of
 # scene with `always` takes the compiler a minute, so the others are for `make test-long`.
 ALWAYS_COMPILED = {'hanging_slab', 'dropped_slab'}
@@ -126,3 +126,32 @@ def test_every_load_channel_of_a_scene_moves_its_bodies(name):
             simulation.advance_to(0.05)
         moved = pushed.snapshot().position - still.snapshot().position
         assert np.abs(moved[channel.bodies]).max() > 1e-4 * scene.shell.half_edge
+
+
+@pytest.mark.parametrize('angle, wider', [(-0.3, True), (0.3, False)])
+def test_a_pulled_slab_grows_wider_where_its_connectors_are_short(angle, wider):
+    """Lateral strains of the middle of `auxetic_slab`; the sign is that of the connector angle."""
+    scene = ico.load_scene('auxetic_slab')
+    assert scene.parameters['weave.connector_angle'] == -0.3
+    scene = changed(scene, {'weave.connector_angle': angle})
+    simulation = ico.compile_scene(scene)
+    simulation.advance_to(1.5)
+    woven, pulled = scene.position, simulation.snapshot().position
+    inner = np.abs(woven[:, 0] - woven[:, 0].mean()) < 1.1 * scene.geometry.pitch
+
+    def extent(position, axis):
+        sides = (inner & (np.abs(woven[:, axis] - end) < 1e-9)
+                 for end in (woven[:, axis].max(), woven[:, axis].min()))
+        upper, lower = (position[side, axis].mean() for side in sides)
+        return upper - lower
+
+    ends = [position[scene.groups['grip'], 0].mean() - position[scene.groups['wall'], 0].mean()
+            for position in (woven, pulled)]
+    along = ends[1] / ends[0] - 1.0
+    across = np.array([extent(pulled, axis) / extent(woven, axis) - 1.0 for axis in (1, 2)])
+    assert 0.04 < along < 0.1
+    assert (np.abs(across) > 0.01).all() and ((across > 0.0) == wider).all()
+    if wider:
+        # docs/gallery.md.
+        assert np.round(100.0 * np.array([along, *across]), 1).tolist() == [8.8, 2.7, 4.5]
+    assert simulation.status.deepest_overlap == 0.0 and not simulation.snapshot().obstructed.any()
