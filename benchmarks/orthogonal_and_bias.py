@@ -28,7 +28,7 @@ from typing import Any
 
 import icofabric_sim as ico
 from icofabric_sim.benchmarking.machine import describe_machine
-from icofabric_sim.statics.stretching import CurvePoint
+from icofabric_sim.statics.stretching import CURVE_COLUMNS, CurvePoint
 import numpy as np
 
 BENDING = 0.02  # [N m/rad], 0.4 k a^2
@@ -94,9 +94,9 @@ def write(path: Path, curves: dict[tuple[str, str], list[CurvePoint]]) -> None:
     """Write all states to one table."""
     with open(path, 'w', newline='', encoding='utf-8') as stream:
         table = csv.writer(stream)
-        table.writerow(('fabric', 'kind', *CurvePoint._fields[:-1]))
+        table.writerow(('fabric', 'kind', *CURVE_COLUMNS))
         for names, points in curves.items():
-            table.writerows((*names, *point[:-1]) for point in points)
+            table.writerows((*names, *point.row()) for point in points)
     print(f'written to {path}')
 
 

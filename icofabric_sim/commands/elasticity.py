@@ -32,6 +32,11 @@ if TYPE_CHECKING:
 
 _KINDS = ('pull', 'push', 'shear')
 _DIRECTIONS = {'x': (1, 0, 0), 'y': (0, 1, 0), 'z': (0, 0, 1), 'xy': (1, 1, 0), 'xyz': (1, 1, 1)}
+# Two directions across each, perpendicular to each other.
+_ACROSS = {'x': ('y', 'z'), 'y': ('z', 'x'), 'z': ('x', 'y'), 'xy': ('z', 'x-y'),
+           'xyz': ('x-y', 'x+y-2z')}
+_SIDES = {'x': (1, 0, 0), 'y': (0, 1, 0), 'z': (0, 0, 1), 'x-y': (1, -1, 0),
+          'x+y-2z': (1, 1, -2)}
 _VOIGT = ('xx', 'yy', 'zz', 'yz', 'xz', 'xy')
 
 
@@ -96,8 +101,9 @@ def _find(arguments: argparse.Namespace) -> tuple[dict[str, Any], bool]:
         # Those of an interrupted search too.
         curves = {kind: points for kind, points in curves.items() if points}
         if curves:
-            print(f'{name}: its slab, held at both ends along {arguments.axis}, sides free')
-            print('\n'.join(curve_text(curves)))
+            print(f'{name}: its slab, held at both ends along {arguments.axis}, sides free; '
+                  'strains across are those of its middle third')
+            print('\n'.join(curve_text(curves, 'xyz'.index(arguments.axis))))
         _write(outputs, constants, curves)
     early = any(
         len(points) < len(strains) or points[-1].verdict.startswith('not')
@@ -122,7 +128,43 @@ def _numbers(constants: 'Elasticity') -> dict[str, Any]:
         'density_kg_m3': constants.density, 'soft_strain_count': len(constants.soft_strains),
         'young_modulus_pa': {
             label: constants.young_modulus(np.array(direction, float))
-            for label, direction in _DIRECTIONS.items()}}
+            for label, direction in _DIRECTIONS.items()},
+        'bulk_modulus_pa': constants.bulk_modulus,
+        'poisson_ratio': {label: dict(ratios) for label, _, ratios in moduli(constants)}}
+
+
+def moduli(
+    constants: 'Elasticity'
+) -> list[tuple[str, float, list[tuple[str, float | None]]]]:
+    """
+    Directions of a pull, Young's modulus [Pa], and Poisson's ratio across in two directions.
+
+    None where a strain without energy yields: there is no such ratio.
+    """
+    import numpy as np
+
+    found = []
+    for label, direction in _DIRECTIONS.items():
+        along = np.array(direction, float)
+        modulus = float(constants.young_modulus(along))
+        ratios = [(side, float(constants.poisson_ratio(along, np.array(_SIDES[side], float))))
+                  for side in _ACROSS[label]]
+        found.append((label, modulus, [
+            (side, None if np.isnan(ratio) else ratio) for side, ratio in ratios]))
+    return found
+
+
+def one_sided_ratios(
+    constants: 'Elasticity', label: str, sign: float
+) -> list[tuple[str, float]]:
+    """Poisson's ratios for a small pull (1) or push (-1) along an axis; none where it yields."""
+    import numpy as np
+
+    found = constants.pulled(np.array(_DIRECTIONS[label], float), sign)
+    if not found.modulus > 0.0:
+        return []
+    strain = dict(zip('xyz', found.strain[:3].tolist()))
+    return [(side, -strain[side] / strain[label]) for side in _ACROSS[label]]
 
 
 def constants_text(constants: 'Elasticity') -> list[str]:
@@ -165,6 +207,13 @@ def _one_sided_text(constants: 'Elasticity') -> list[str]:
             constants.pulled(np.array(direction, float), sign).modulus for sign in (1.0, -1.0))
         lines.append(
             f"  Young's modulus along {label:3} {pull:12.6g} Pa pulled, {push:12.6g} Pa pushed")
+    for label in 'xyz':
+        pulled, pushed = (
+            ', '.join(f'{ratio:.4g} along {side}' for side, ratio in one_sided_ratios(
+                constants, label, sign)) for sign in (1.0, -1.0))
+        if pulled and pushed:
+            lines.append(
+                f"  Poisson's ratio along {label}: {pulled} pulled, {pushed} pushed")
     return lines
 
 
@@ -193,9 +242,12 @@ def _branch_text(constants: 'Elasticity') -> list[str]:
     if np.abs(constants.stress).max() > 1e-9 * largest:
         lines.append('  stress as woven [Pa] ' + ', '.join(
             f'{label} {value:.5g}' for label, value in zip(_VOIGT, constants.stress.tolist())))
-    for label, direction in _DIRECTIONS.items():
-        modulus = float(constants.young_modulus(np.array(direction, float)))
-        lines.append(f"  Young's modulus along {label:3} {modulus:12.6g} Pa")
+    for label, modulus, ratios in moduli(constants):
+        across = ', '.join(
+            f'{ratio:.4g} along {side}' for side, ratio in ratios if ratio is not None)
+        lines.append(f"  Young's modulus along {label:3} {modulus:12.6g} Pa" + (
+            f", Poisson's ratio {across}" if across else ''))
+    lines.append(f'  bulk modulus              {constants.bulk_modulus:12.6g} Pa')
     lines.append(f'  density {constants.density:.6g} kg/m^3')
     if len(constants.soft_strains):
         lines.append(
@@ -204,11 +256,14 @@ def _branch_text(constants: 'Elasticity') -> list[str]:
     return lines
 
 
-def curve_text(curves: dict[str, list['CurvePoint']]) -> list[str]:
-    """Lines for the terminal."""
+def curve_text(curves: dict[str, list['CurvePoint']], axis: int) -> list[str]:
+    """Lines for the terminal; strains across `axis` are those of the middle of the slab."""
     lines = []
     for kind, points in curves.items():
-        lines.append(f'  {kind:6} {"strain":>10} {"stress [Pa]":>14} {"stress/strain":>14}')
+        sides = [number for number in range(3) if number != axis]
+        head = ''.join(f'{"strain " + 2 * "xyz"[side]:>11}' for side in sides)
+        lines.append(
+            f'  {kind:6} {"strain":>10} {"stress [Pa]":>14} {"stress/strain":>14}{head}')
         for point in points:
             more = f'  {point.obstructed} obstructed' if point.obstructed else ''
             more += f'  {point.broken} broken' if point.broken else ''
@@ -217,7 +272,9 @@ def curve_text(curves: dict[str, list['CurvePoint']]) -> list[str]:
             more += f'  {point.past_kink} past it' if point.past_kink else ''
             lines.append(
                 f'         {point.strain:10.5g} {point.stress:14.6g} '
-                f'{point.stress / point.strain:14.6g}  {point.verdict}{more}')
+                f'{point.stress / point.strain:14.6g}' + ''.join(
+                    f'{point.middle_strain[side]:11.3g}' for side in sides)
+                + f'  {point.verdict}{more}')
     return lines
 
 
@@ -231,6 +288,12 @@ def _write(
     for file, one in tables.items():
         outputs.table(file, ('', *_VOIGT), (
             [label, *row] for label, row in zip(_VOIGT, one.stiffness.tolist())))
+    for file, one in tables.items():
+        outputs.table(
+            file.replace('stiffness', 'moduli'),
+            ('pull_along', 'young_modulus_pa', 'across', 'poisson_ratio', 'bulk_modulus_pa'),
+            ([label, modulus, side, '' if ratio is None else ratio, one.bulk_modulus]
+             for label, modulus, ratios in moduli(one) for side, ratio in ratios))
     if constants.branches:
         import numpy as np
         outputs.table('one_sided.csv', ('strain', 'sign', 'modulus_pa', *_VOIGT), (
@@ -238,9 +301,6 @@ def _write(
             for number, label in enumerate(_VOIGT) for sign in (1, -1)
             for found in [constants.response(sign * np.eye(6)[number])]))
     if curves:
-        outputs.table(
-            'curves.csv',
-            ('kind', 'strain', 'stress_pa', 'energy_j', 'verdict', 'residual', 'obstructed',
-             'beyond_break_length', 'broken', 'touching_pairs', 'at_kink', 'past_kink',
-             'rest_stress_pa'),
-            ([kind, *point[:-1]] for kind, points in curves.items() for point in points))
+        from icofabric_sim.statics.stretching import CURVE_COLUMNS
+        outputs.table('curves.csv', ('kind', *CURVE_COLUMNS), (
+            [kind, *point.row()] for kind, points in curves.items() for point in points))

@@ -274,6 +274,16 @@ class Elasticity:
         return np.where(yields, np.nan, ratio)
 
     @property
+    def bulk_modulus(self) -> float:
+        """
+        Pressure [Pa] over the loss of volume under it; 0 where a strain without energy yields.
+        """
+        alike = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
+        if np.abs(alike @ self.soft_strains.T).max(initial=0.0) > 1e-6:
+            return 0.0
+        return float(1.0 / (alike @ self._compliance @ alike))
+
+    @property
     def _compliance(self) -> np.ndarray:
         return np.linalg.pinv(self.stiffness, rcond=_ZERO, hermitian=True)
 

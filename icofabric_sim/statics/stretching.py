@@ -49,7 +49,24 @@ class CurvePoint(NamedTuple):
     # there are some the response depends on how far from it they were.
     past_kink: int
     rest_stress: float  # [Pa] without any strain, from natural lengths; NaN: no equilibrium
+    # Strains xx, yy, zz of the middle third between the ends: slopes of its bodies' displacements
+    # over their woven places. NaN where all of them have the same place along that axis.
+    middle_strain: tuple[float, float, float]
+    end_force: tuple[float, float, float]  # [N] that holds the moved end, world axes
+    tension_range: tuple[float, float]  # [N] least and largest of connectors; below 0: they push
     snapshot: Snapshot
+
+    def row(self) -> list[float | str]:
+        """All but the snapshot as plain values, in the order of `CURVE_COLUMNS`."""
+        return [*self[:-4], *self.middle_strain, *self.end_force, *self.tension_range]
+
+
+# Names of columns of a table of curves, with units.
+CURVE_COLUMNS = (
+    'strain', 'stress_pa', 'energy_j', 'verdict', 'residual', 'obstructed', 'beyond_break_length',
+    'broken', 'touching_pairs', 'at_kink', 'past_kink', 'rest_stress_pa', 'middle_strain_xx',
+    'middle_strain_yy', 'middle_strain_zz', 'end_force_x_n', 'end_force_y_n', 'end_force_z_n',
+    'least_tension_n', 'largest_tension_n')
 
 
 def measure_curve(
@@ -67,7 +84,8 @@ def measure_curve(
     1985, J. Phys. Lett. 46, L585). Ends early where no equilibrium is found.
 
     Each point says how many connectors are past their kink: where none is, a change of 1e-9 in
-    angle or stiffness changes `stress - rest_stress` by less than 1e-6 of itself.
+    angle or stiffness changes `stress - rest_stress` by less than 1e-6 of itself. What happens
+    across is in `middle_strain`.
     """
     return list(curve_points(scene, kind, strains, axis=axis, progress=progress))
 
@@ -111,15 +129,19 @@ def curve_points(
             since = last.snapshot.break_time.copy()
             since[worst] = 0.0
             last = solve_equilibrium(here, start=replace(last.snapshot, broken_since=since))
-        force = float(last.reaction[ends[1], :3].sum(axis=0) @ direction)
+        held = last.reaction[ends[1], :3].sum(axis=0)
+        x, y, z = held.tolist()
         point = CurvePoint(
-            strain, force / area, float(last.snapshot.energy['total']), last.verdict,
-            last.residual, int(np.count_nonzero(last.snapshot.obstructed)),
+            strain, float(held @ direction) / area, float(last.snapshot.energy['total']),
+            last.verdict, last.residual, int(np.count_nonzero(last.snapshot.obstructed)),
             int(np.count_nonzero(_excess(here, last.snapshot) >= 0.0)),
             int(np.count_nonzero(~last.snapshot.intact)),
             0 if last.touching is None else len(last.touching.pairs),
             len(last.at_kink), rest.past_kink(last.snapshot),
-            float(rest.reaction[ends[1], :3].sum(axis=0) @ direction) / area, last.snapshot)
+            float(rest.reaction[ends[1], :3].sum(axis=0) @ direction) / area,
+            _middle_strain(base, axis, last.snapshot), (x, y, z),
+            (float(last.tension.min(initial=np.inf)), float(last.tension.max(initial=-np.inf))),
+            last.snapshot)
         points.append(point)
         yield point
         if progress is not None:
@@ -151,6 +173,22 @@ def cross_section(scene: Scene, axis: int) -> float:
     pitch = float(scene.geometry.pitch)
     length = float(np.ptp(scene.position[:, axis])) + pitch
     return scene.body_count * 2.0 * pitch**3 / length
+
+
+def _middle_strain(
+    scene: Scene, axis: int, snapshot: Snapshot
+) -> tuple[float, float, float]:
+    """Normal strains of the middle third along `axis`, fitted to what its bodies moved."""
+    along = scene.position[:, axis]
+    reach = max(float(np.ptp(along)) / 6.0, float(scene.geometry.pitch))
+    middle = np.abs(along - 0.5 * (along.min() + along.max())) <= 1.001 * reach
+    place, moved = (values[middle] - values[middle].mean(axis=0) for values in (
+        scene.position, snapshot.position - scene.position))
+    spread = (place**2).sum(axis=0)
+    flat = spread < 1e-9 * spread.max()
+    x, y, z = np.where(
+        flat, np.nan, (place * moved).sum(axis=0) / np.where(flat, 1.0, spread)).tolist()
+    return x, y, z
 
 
 def _between_ends(scene: Scene, axis: int) -> Scene:

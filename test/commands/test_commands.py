@@ -725,10 +725,19 @@ def test_elasticity_prints_constants_and_curves(
     assert "Young's modulus along xyz" in done.out and 'equilibrium, stable' in done.out
     rows = (tmp_path / 'out' / 'stiffness.csv').read_text().splitlines()
     assert len(rows) == 7 and float(rows[1].split(',')[1]) > 0.0
-    assert len((tmp_path / 'out' / 'curves.csv').read_text().splitlines()) == 3
+    curves = (tmp_path / 'out' / 'curves.csv').read_text().splitlines()
+    assert len(curves) == 3 and 'middle_strain_yy' in curves[0] and 'end_force_x_n' in curves[0]
+    assert {line.count('"') for line in curves} == {0, 2}  # verdicts have a comma
+    moduli = (tmp_path / 'out' / 'moduli.csv').read_text().splitlines()
+    assert moduli[0] == 'pull_along,young_modulus_pa,across,poisson_ratio,bulk_modulus_pa'
+    assert len(moduli) == 11
+    for words in ("Poisson's ratio ", 'bulk modulus ', 'strain yy', 'strain zz'):
+        assert words in done.out
     assert (tmp_path / 'e.png').read_bytes().startswith(b'\x89PNG')
     alone = call('elasticity', 'free_slab', '--kinds')
     assert alone.status == 0 and '3 strains cost no energy' in alone.out
+    # None where a pull meets nothing.
+    assert re.search(r'along xy +0 Pa\n', alone.out)
     bad = call('elasticity', 'radial_arch')
     assert bad.status == 2 and 'weave.kind' in bad.err
 
@@ -741,7 +750,8 @@ def test_fabrics_at_their_kink_say_so_and_give_both_branches(
         'out', '--picture', 'e.png')
     assert done.status == 0, done.err
     for words in ('no single tangent', 'do not superpose', 'as if all connectors had k_e',
-                  'as if all connectors had k_c', 'Pa pulled', '6 connectors: at the natural'):
+                  'as if all connectors had k_c', 'Pa pulled', '6 connectors: at the natural',
+                  "Poisson's ratio along x: "):
         assert words in done.out
     moduli = re.findall(r' xx +([+-]) +([0-9.]+)', done.out)
     assert [sign for sign, _ in moduli] == ['+', '-']

@@ -66,7 +66,14 @@ def test_elasticity(said):
     report = said('elasticity', '--kinds', 'pull', '--points', '2', '--strain', '0.02')
     found = homogenise(said.scene)
     np.testing.assert_allclose(report['stiffness_pa'], found.stiffness, rtol=1e-9, atol=1e-6)
+    assert report['bulk_modulus_pa'] == pytest.approx(found.bulk_modulus, rel=1e-9)
+    x, y = np.eye(3)[:2]
+    assert report['poisson_ratio']['x']['y'] == pytest.approx(
+        float(found.poisson_ratio(x, y)), rel=1e-9)
+    assert list(report['poisson_ratio']) == ['x', 'y', 'z', 'xy', 'xyz']
     first, second = report['curves']['pull']
+    assert second['middle_strain'][1] < 0.0 < second['middle_strain'][0]
+    assert second['end_force'][0] > 0.0
     assert second['strain'] == 0.02 and second['stress'] > first['stress'] > 0.0
 
 

@@ -18,6 +18,7 @@ import math
 from fabrics import make_scene
 import icofabric_sim as ico
 from icofabric_sim.scene.weave_geometry import MINIMUM_ANGLE, MINIMUM_LENGTH_RATIO
+from icofabric_sim.statics.stretching import CURVE_COLUMNS
 import numpy as np
 import pytest
 
@@ -33,10 +34,6 @@ def woven(angle: float, **sections) -> ico.Scene:
         connector={'stiffness': K}, **sections)
 
 
-def bulk_modulus(found) -> float:
-    return float(found.stiffness[:3, :3].sum()) / 9.0
-
-
 @pytest.mark.parametrize('angle', ANGLES)
 def test_closed_form_from_the_least_angle_on(angle):
     scene = woven(angle)
@@ -50,7 +47,7 @@ def test_closed_form_from_the_least_angle_on(angle):
     rounding = 1e-14 * (L / w)
     assert np.abs(found.stiffness - expected).max() < rounding * K / W
     assert len(found.soft_strains) == 3
-    assert bulk_modulus(found) == pytest.approx(K / (3.0 * W) * (1.0 + S), rel=1e-12)
+    assert found.bulk_modulus == pytest.approx(K / (3.0 * W) * (1.0 + S), rel=1e-12)
     for along, across in ((X, Y), (Y, Z), (Z, X), (X, Z)):
         ratio = float(found.poisson_ratio(along, across))
         assert ratio == pytest.approx(S / (2.0 + S), abs=1e-12)
@@ -98,3 +95,41 @@ def test_the_energy_of_the_derivation_is_that_of_a_cell(angle):
     energy = found.energy
     assert 0.5 * float(motion @ energy.gradient(motion)) == pytest.approx(
         0.5 * K * squares, rel=1e-9)
+
+
+def test_a_turned_fabric_has_the_same_bulk_modulus_and_none_where_it_yields():
+    plain, turned = (ico.homogenise(woven(-0.2, weave=weave)) for weave in (
+        {}, {'kind': 'bias', 'azimuth': 0.4}))
+    assert turned.bulk_modulus == pytest.approx(plain.bulk_modulus, rel=1e-9)
+    assert turned.bulk_modulus == pytest.approx(float(plain.stiffness[:3, :3].sum()) / 9.0)
+    slack = make_scene(weave={'size': [3, 3, 3]}, connector={
+        'stiffness_extension': K, 'stiffness_compression': 0.0})
+    assert ico.homogenise(slack).bulk_modulus == 0.0
+    assert ico.homogenise(slack, branch='pull').bulk_modulus > 0.0
+
+
+@pytest.mark.parametrize('angle', [-0.3, 0.3])
+def test_the_middle_of_a_pulled_slab_goes_as_the_endless_fabric_says(angle):
+    """Its sign, and the ratio across y of a slab whose sides are free; both ends are held."""
+    scene = make_scene(
+        weave={'size': [7, 3, 3], 'connector_angle': angle},
+        connector={'stiffness': K, 'bending_stiffness': 0.02})
+    ratio = float(ico.homogenise(scene).poisson_ratio(X, Y))
+    small, twice = ico.measure_curve(scene, 'pull', [1e-3, 2e-3])
+    for point in (small, twice):
+        along, *across = point.middle_strain
+        assert along == pytest.approx(point.strain, rel=0.3)
+        assert np.sign(across).tolist() == [-np.sign(angle)] * 2
+        assert -across[0] / along == pytest.approx(ratio, rel=0.3)
+        # The force that the stress is made of, and tensions on both sides of 0.
+        assert point.end_force[0] > 0.0 and np.abs(point.end_force[1:]).max() < 1e-6
+        assert point.tension_range[0] < 0.0 < point.tension_range[1]
+    assert np.allclose(twice.middle_strain, 2.0 * np.array(small.middle_strain), rtol=0.02)
+    assert len(small.row()) == len(CURVE_COLUMNS)
+    row = dict(zip(CURVE_COLUMNS, small.row()))
+    assert row['end_force_x_n'] == small.end_force[0]
+    assert row['largest_tension_n'] == small.tension_range[1]
+    flat = ico.measure_curve(make_scene(
+        weave={'size': [5, 3, 1], 'connector_angle': angle},
+        connector={'stiffness': K, 'bending_stiffness': 0.02}), 'pull', [1e-3])[0]
+    assert np.isnan(flat.middle_strain[2]) and np.isfinite(flat.middle_strain[:2]).all()
