@@ -168,7 +168,7 @@ def test_a_fall_with_drag_ends_where_the_solver_ends():
 def test_loads_that_turn_with_their_bodies_have_an_equilibrium_too():
     scene = make_scene(
         (3, 2, 2), groups={'wall': 'x_min', 'tip': 'x_max'}, supports={'wall': {'group': 'wall'}},
-        connector={'stiffness': 300.0, 'bending_stiffness': 5e-3},
+        connector={'stiffness': 300.0, 'bending_stiffness': 5e-3, 'twisting_stiffness': 5e-3},
         loads={'tip': {'group': 'tip', 'frame': 'body', 'force': [0.02, -0.03, 0.1],
                        'torque': [1e-4, 0.0, 2e-4], 'point': [0.002, 0.0, 0.004]}})
     result = ico.solve_equilibrium(scene)

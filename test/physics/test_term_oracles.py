@@ -249,11 +249,12 @@ def test_a_fabric_of_millimetres_moves_like_one_of_metres(terms, method, tmp_pat
     assert np.abs(ends[0] - ends[1]).max() < 1e-10
 
 
-def test_anchors_and_moments_with_two_threads_and_from_a_checkpoint(monkeypatch):
+def test_anchors_and_moments_with_two_threads_and_from_a_checkpoint(monkeypatch, tmp_path):
+    # Of the kind of the fabric of millimetres.
     scene = make_scene((5, 5, 5), {
-        **QUIET, **HOOKED, 'connector.bending_stiffness': 0.05, 'anchors.one.velocity': [
-            0.0, 0.3, 0.0], 'connector.twisting_stiffness': 0.04, 'solver.method': 'leapfrog',
-        'solver.threads': 2, 'solver.step': 2e-5, 'initial_random.spin_sigma': 20.0})
+        **everything(1e-3, law_file(tmp_path, 0.1, 0.5)), 'anchors.hook.velocity': [
+            0.0, 0.03, 0.0], 'solver.method': 'srkn4', 'solver.threads': 2,
+        'initial_random.spin_sigma': 20.0})
     monkeypatch.setattr(thread_team, 'BODIES_PER_THREAD', 20)
     ends = []
     for threads, stop in ((1, 0.0), (2, 0.0), (2, 0.0013)):

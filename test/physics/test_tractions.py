@@ -196,14 +196,24 @@ def test_driven_bodies_feel_none():
     assert np.count_nonzero(forces) == pushed.sum()
 
 
+# Of directions, and whether without friction: all at once, and one alone.
+KINDS = (('follower', False), ('fixed', False), ('fixed', True))
+
+
 @pytest.mark.parametrize('method, limit', [('srkn4', 1e-6), ('dop8', 1e-7)])
-@pytest.mark.parametrize('direction, frictionless', [
-    ('follower', False), ('fixed', False), ('fixed', True)])
-def test_work_of_tractions_balances(direction, frictionless, method, limit):
-    scene = scene_with(
-        {'faces': 'toward 1 0 0', 'pressure': 2e4, 'shear': [3e4, -1e4], 'direction': direction,
-         'variation': '1 0.5 -2', 'frictionless': frictionless, 'profile': 'half_sine',
-         'start': 0.001, 'duration': 0.005}, size=(2, 2, 2), **RANDOM)
+@pytest.mark.parametrize('kinds', [
+    KINDS, *(pytest.param((kind,), marks=pytest.mark.long) for kind in KINDS)], ids=[
+        'all', 'follower', 'fixed', 'frictionless'])
+def test_work_of_tractions_balances(kinds, method, limit):
+    values = {
+        'group': 'g', 'faces': 'toward 1 0 0', 'pressure': 2e4, 'shear': [3e4, -1e4],
+        'variation': '1 0.5 -2', 'profile': 'half_sine', 'start': 0.001, 'duration': 0.005}
+    scene = make_scene((2, 2, 2), {
+        'groups.g': 'all', 'contact.mode': 'never', **{
+            f'tractions.{direction}_{frictionless}.{name}': value
+            for direction, frictionless in kinds
+            for name, value in {**values, 'direction': direction,
+                                'frictionless': frictionless}.items()}}, **RANDOM)
     simulation = ico.compile_scene(changed(scene, {'solver.method': method}))
     simulation.advance_to(0.008)
     energy = simulation.snapshot().energy
