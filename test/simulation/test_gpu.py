@@ -16,6 +16,7 @@
 from analytical import quaternion_product, rotation_quaternion
 import icofabric_sim as ico
 from icofabric_sim.commands.main import main
+from icofabric_sim.kernels import monitor
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.parameters.validation import ParameterError
 from icofabric_sim.simulation.devices.refusals import require_on_device
@@ -265,12 +266,46 @@ def test_a_fabric_beyond_the_memory_of_the_device_is_refused(monkeypatch):
         compiled('slab, leapfrog')
 
 
+@pytest.mark.parametrize('name, spin', [('slab, leapfrog', 60.0), ('turned, srkn4', 1.0)])
+def test_health_checks_on_the_device_see_what_those_here_see(name, spin):
+    ledgers = []
+    for device in ('cpu', 'warp_cpu'):
+        simulation = compiled(name, device, initial_random={
+            'velocity_sigma': 0.02, 'spin_sigma': spin, 'seed': 3})
+        trajectory = simulation._driver.trajectory
+        simulation.apply_wrench('l', force=(0.0, 0.02, 0.0))
+        simulation.advance_steps(6 * simulation._driver.monitor.interval)
+        ledgers.append(trajectory.ledger.numbers.copy())
+    assert ledgers[0][monitor.LOOKS] >= 6.0 and ledgers[0][monitor.KINETIC] > 0.0
+    assert ledgers[0][monitor.WORKED] > 0.0 and ledgers[0][monitor.TENSIONS] > 0.0
+    # Shells that turn so fast let connectors in.
+    assert spin < 2.0 or ledgers[0][monitor.OBSTRUCTED] > 5.0
+    scale = ledgers[0][monitor.SCALE]
+    margins = {monitor.ERROR: max(scale, 1.0), monitor.WORST: 1.0}
+    for place, (here, there) in enumerate(zip(*ledgers)):
+        if place == monitor.SAVED_AT:
+            # Steps of a call, of which there are as many as take some milliseconds.
+            continue
+        margin = ROUNDING * margins.get(place, 0.0)
+        assert there == pytest.approx(here, rel=1e-6, abs=margin), place
+    # The saved state and its work are on the device, until somebody asks.
+    holder = trajectory.method.holder
+    assert holder.has_saved
+    saved = trajectory.saved
+    assert not holder.has_saved
+    assert np.array_equal(saved.position, trajectory.state.position)
+    assert np.array_equal(trajectory.loads.earlier_work, trajectory.loads.work)
+    assert np.abs(trajectory.loads.work).max() > 0.0
+
+
 def test_a_device_that_fails_ends_the_run_and_the_last_state_is_kept(monkeypatch):
+    from icofabric_sim.simulation.devices.gpu.arrays import StateArrays
     from icofabric_sim.simulation.devices.gpu.steps import DeviceSteps
     simulation = compiled('slab, leapfrog')
     simulation.advance_to(0.02)
     before = simulation.status.step_count
     monkeypatch.setattr(DeviceSteps, '_steps', lambda *_: 1 / 0)
+    monkeypatch.setattr(StateArrays, 'take_saved', lambda *_: 1 / 0)
     with pytest.raises(ico.SimulationError) as caught:
         simulation.advance_to(1.0)
     assert str(caught.value).startswith(
@@ -294,7 +329,8 @@ def test_bytes_that_are_counted_are_those_that_are_taken():
             values.capacity for values in (
                 fabric.slot, fabric.alive, fabric.place, fabric.present, fabric.free_mass,
                 fabric.free_inertia, fabric.extension, fabric.compression, fabric.natural,
-                *state.poses, state.motion, state.acceleration) if values is not None)
+                *state.poses, state.motion, state.acceleration, state.saved_pose,
+                state.saved_motion) if values is not None)
         assert taken <= arrays.bytes_of(packed.model, packed.layout) <= 1.1 * taken
 
 

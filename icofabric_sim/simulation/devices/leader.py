@@ -140,6 +140,14 @@ class SharedSteps:
             self._transport.fail(error)
             raise
 
+    @property
+    def has_saved(self) -> bool:
+        """The saved state is here."""
+        return False
+
+    def take_saved(self) -> None:
+        """Do nothing: it is here."""
+
     def take_over(self) -> None:
         """Have the whole state of the run here, where it may be looked at and changed."""
         is_stale, self._is_out, self._is_stale = self._is_stale, False, False

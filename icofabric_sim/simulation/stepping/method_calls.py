@@ -76,7 +76,8 @@ class MethodCalls:
             arguments = start, done, step, portion, 0, NEVER, watch, trajectory.ledger.numbers
             try:
                 trajectory.thread_team.run(partial(
-                    self._advance, model, loads, state, work, arguments))
+                    self._advance, model, loads, state, trajectory.for_steps()[2], work,
+                    arguments))
             except ElsewhereError as error:
                 # The trajectory stays where it is, or its user takes it back there.
                 trajectory.fail(
@@ -91,12 +92,12 @@ class MethodCalls:
         return max(self.portions.count, least)
 
     def _advance(
-        self, model: Model, loads: Loads, state: State, work: Work,
+        self, model: Model, loads: Loads, state: State, saved: State, work: Work,
         arguments: tuple[Any, ...], team: Team
     ) -> tuple[int, int, int]:
         trajectory = self._trajectory
         taken: tuple[int, int, int] = trajectory.method.advance(
-            model, loads, state, trajectory.saved, work, team, *arguments)
+            model, loads, state, saved, work, team, *arguments)
         return taken
 
     def timed(self, kernel: Callable[[Team], tuple[int, int, int]]) -> tuple[int, int, int]:

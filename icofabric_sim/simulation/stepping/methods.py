@@ -41,6 +41,13 @@ class StateHolder(Protocol):
     def device(self) -> str:
         """Name of the device that takes the steps; '' where processes do."""
 
+    @property
+    def has_saved(self) -> bool:
+        """Whether the state that was saved last is there, and not in this process."""
+
+    def take_saved(self) -> None:
+        """Have it in the arrays of this process, with the work that loads had done."""
+
     def take_over(self) -> None:
         """Have it whole in the arrays of this process, which may change it."""
 

@@ -96,8 +96,9 @@ class Trajectory:
         self.step_count = 0
         self.ledger = Ledger(packed, energy_limit)
         self.ledger.inverse_size = half_edge**-2
-        self.saved = packed.layout.like(state)
-        self.saved_time = origin
+        self._saved = packed.layout.like(state)
+        # Times [s] of the saved state, and of the one that is here: a device may have a later one.
+        self._saved_time = self._saved_here = origin
         # Energies that had flowed at a saved state, by name, when that was, and by which loads.
         self._flows: dict[str, np.ndarray] = {}
         self._flows_at: tuple[float, Loads | None] = math.nan, None
@@ -113,6 +114,30 @@ class Trajectory:
     def state(self, state: State) -> None:
         self._take_over()
         self._state = state
+
+    @property
+    def saved(self) -> State:
+        """The state that was saved last."""
+        holder = self.method.holder
+        if holder is not None and holder.has_saved:
+            try:
+                holder.take_saved()
+            except ElsewhereError as error:
+                self.lose_steps(error)
+            self._saved_here = self._saved_time
+            self._flows['work'] = self._loads.earlier_work.copy()
+        return self._saved
+
+    @property
+    def saved_time(self) -> float:
+        """Its time [s]."""
+        return self._saved_time
+
+    @saved_time.setter
+    def saved_time(self, time: float) -> None:
+        self._saved_time = time
+        if self.method.holder is None or not self.method.holder.has_saved:
+            self._saved_here = time
 
     @property
     def loads(self) -> Loads:
@@ -136,9 +161,13 @@ class Trajectory:
         self._take_over()
         self._work = work
 
-    def for_steps(self) -> tuple[Loads, State, Work]:
-        """Return loads, state and work for steps that go on from there, wherever they are."""
-        return self._loads, self._state, self._work
+    def for_steps(self) -> tuple[Loads, State, State, Work]:
+        """
+        Return what steps that go on from there change, wherever it is.
+
+        Loads, state, the place of the saved state, work.
+        """
+        return self._loads, self._state, self._saved, self._work
 
     def _take_over(self) -> None:
         if self.method.holder is not None:
@@ -149,6 +178,8 @@ class Trajectory:
 
     def lose_steps(self, error: ElsewhereError) -> NoReturn:
         """End the run at its saved state: what ranks or a device had since then is lost."""
+        # A later one was lost with them.
+        self.saved_time = self._saved_here
         self.return_to_saved()
         self.fail(
             f'{error}; the last good state, of t = {self.saved_time:.9g} s, is kept')
@@ -190,7 +221,10 @@ class Trajectory:
 
     def note_saved(self, time: float) -> None:
         """The present state, of a `time` [s], was saved: keep what has flowed until then."""
-        self.saved_time, self._flows_at = time, (time, self.loads)
+        self.saved_time, self._flows_at = time, (time, self._loads)
+        if self.method.holder is not None and self.method.holder.has_saved:
+            # What had flowed comes with it.
+            return
         for name, values in self._flowing().items():
             kept = self._flows.get(name)
             if kept is None or kept.shape != values.shape:
@@ -229,6 +263,7 @@ class Trajectory:
 
     def return_work(self) -> None:
         """Set the work of loads back to what it was at the saved state."""
+        _ = self.saved  # with which the work comes
         np.copyto(self.loads.work, self.loads.earlier_work)
 
     def refresh(

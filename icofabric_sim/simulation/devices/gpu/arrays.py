@@ -26,8 +26,9 @@ import numpy as np
 
 wp: Any = import_module('warp')
 
-# Doubles that a body has on a device: its pose twice, velocities, accelerations.
-_EACH = 2 * 7 + 6 + 6
+# Doubles that a body has on a device: its pose twice, velocities, accelerations; and pose and
+# velocities of the saved state.
+_EACH = 2 * 7 + 6 + 6 + 7 + 6
 POSE, MOTION = 7, 6
 
 
@@ -175,6 +176,9 @@ class StateArrays:
             for rows in (POSE, POSE, MOTION, MOTION)]
         # Poses twice: a launch reads one and writes the other.
         self.poses, self.motion, self.acceleration = zeros[:2], zeros[2], zeros[3]
+        self.saved_pose, self.saved_motion = (
+            wp.zeros_like(self.poses[0]), wp.zeros_like(self.motion))
+        self._saved_work: Any = None
 
     def put(self, state: State, work: Work) -> None:
         """Copy a state there; the first pose is the present one."""
@@ -188,6 +192,22 @@ class StateArrays:
         for target, first, values in self._rows(self.poses[now], state, work):
             if whole or target is not self.acceleration:
                 wp.copy(_seen(values), target, 0, first * self._count, values.size)
+
+    def save(self, now: int, done: Any) -> None:
+        """Save the state, and what loads have `done`, on the device."""
+        wp.copy(self.saved_pose, self.poses[now])
+        wp.copy(self.saved_motion, self.motion)
+        self._saved_work = None if done is None else wp.clone(done)
+
+    def take_saved(self, saved: State, done: np.ndarray) -> None:
+        """Copy them back."""
+        for source, first, values in (
+                (self.saved_pose, 0, saved.position), (self.saved_pose, 3, saved.orientation),
+                (self.saved_motion, 0, saved.linear_velocity),
+                (self.saved_motion, 3, saved.angular_velocity)):
+            wp.copy(_seen(values), source, 0, first * self._count, values.size)
+        if self._saved_work is not None:
+            copy_back(done, self._saved_work)
 
     def _rows(self, pose: Any, state: State, work: Work) -> list[tuple[Any, int, np.ndarray]]:
         return [

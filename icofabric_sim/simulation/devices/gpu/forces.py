@@ -262,7 +262,7 @@ def mean_power(
     """Mean power [W] of a wrench over a drift, see kernels/loads.py."""
     if acting.varying[5 * w + 2] == _ZERO and acting.varying[5 * w + 3] == _ZERO:
         return acting.varying[5 * w + 1] * steady_power(acting, w, turn, velocity, spin, h)
-    mean = _ZERO
+    mean = wp.float64(0.0)
     for node in range(5):
         mean = mean + _WEIGHTS[node] * power_after(
             acting, w, turn, velocity, spin, time, _NODES[node] * h)

@@ -14,11 +14,13 @@
 """
 A method whose steps a device takes.
 
-The run, its driver and all that judges it are in this process. Between two health checks the state
-stays on the device; it comes here at a health check, and whenever the trajectory is asked for it.
+The run, its driver and all that judges it are in this process. The state stays on the device; it
+comes here whenever the trajectory is asked for it, and at health checks that look at what is not
+summed up there (health.py).
 """
 
 from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib import import_module
 from threading import RLock
 from typing import Any
@@ -49,6 +51,7 @@ from icofabric_sim.simulation.devices.gpu.arrays import (
     StateArrays,
     terms_of,
 )
+from icofabric_sim.simulation.devices.gpu.health import HealthCheck
 from icofabric_sim.simulation.devices.gpu.kernels import sample, step_kernel
 from icofabric_sim.simulation.devices.gpu.opening import Device
 from icofabric_sim.simulation.devices.gpu.records import Acting, Clock, Stage
@@ -101,6 +104,9 @@ class DeviceSteps:
         # Whether the state of the run is on the device, and whether only there.
         self._is_out = self._is_stale = False
         self._run: tuple[Loads, State, Work] | None = None
+        self._health = HealthCheck(packed.model, self._fabric, device)
+        # Where the saved state belongs here, while it is on the device alone.
+        self._saved_for: tuple[State, Loads] | None = None
 
     @property
     def rank_count(self) -> int:
@@ -123,24 +129,40 @@ class DeviceSteps:
         watch: None, ledger: np.ndarray
     ) -> tuple[int, int, int]:
         """Take steps as `splitting` of kernels/integrators/splitting.py does, on the device."""
-        try:
-            with _TURN:
-                return self._advance(
-                    model, loads, state, saved, work, origin, index, h, count, since_check,
-                    check_interval, ledger)
-        except Exception as error:
-            self._is_out = self._is_stale = False
-            raise DeviceError(f'{self.device} has failed: {error}') from error
-        except BaseException:
-            self.take_over()
-            raise
+        with _TURN, self._named_failure():
+            return self._advance(
+                model, loads, state, saved, work, origin, index, h, count, since_check,
+                check_interval, ledger)
 
     def take_over(self) -> None:
         """Have the whole state of the run here, where it may be looked at and changed."""
         is_stale, self._is_out, self._is_stale = self._is_stale, False, False
         if is_stale and self._run is not None:
-            with _TURN:
+            with _TURN, self._named_failure():
                 self._take(*self._run, whole=True)
+
+    @property
+    def has_saved(self) -> bool:
+        """Whether the state that was saved last is on the device, and not here."""
+        return self._saved_for is not None
+
+    def take_saved(self) -> None:
+        """Have it here, with the work that loads had done."""
+        if self._saved_for is None:
+            return
+        (saved, loads), self._saved_for = self._saved_for, None
+        with _TURN, self._named_failure():
+            self._state.take_saved(saved, loads.earlier_work)
+
+    @contextmanager
+    def _named_failure(self) -> Iterator[None]:
+        """Let what goes wrong be a failure of the device; the state there is lost."""
+        try:
+            yield
+        except Exception as error:
+            self._is_out = self._is_stale = False
+            self._saved_for = None
+            raise DeviceError(f'{self.device} has failed: {error}') from error
 
     def bare_steps(self, count: int) -> None:
         """
@@ -192,15 +214,27 @@ class DeviceSteps:
             if since_check < check_interval:
                 continue
             since_check = 0
-            self._take(loads, state, work, whole=False)
-            place_all(model, state, work, 0, blocks)
-            status = examine(model, loads, state, work, origin + (index + done) * h, ledger)
+            is_there = self._health.can_examine(model, loads, ledger)
+            if is_there:
+                status = self._health.examine(
+                    self._state, self._now, loads, self._acting, ledger)
+            else:
+                self._take(loads, state, work, whole=False)
+                place_all(model, state, work, 0, blocks)
+                status = examine(
+                    model, loads, state, work, origin + (index + done) * h, ledger)
             status |= judge_roughness(
                 work, ledger, self._differences if self._method.stages < 4 else check_interval)
             if not status & (UNSOUND | ROUGHER):
                 ledger[SAVED_AT] = done
-                save(model, state, saved, 0, blocks)
-                keep_work(loads, 0, blocks)
+                if is_there:
+                    self._state.save(
+                        self._now, self._acting.work if len(loads.work) else None)
+                    self._saved_for = saved, loads
+                else:
+                    save(model, state, saved, 0, blocks)
+                    keep_work(loads, 0, blocks)
+                    self._saved_for = None
             if status:
                 return int(status), done, since_check
         if not of_run:

@@ -1,0 +1,174 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+Health checks of a state that stays on a device: sums there, judgement here.
+
+What the check sees goes into the ledger as `examine` of kernels/monitor.py writes it, and is
+judged by the same functions.
+"""
+
+from importlib import import_module
+import math
+from typing import Any
+
+from icofabric_sim.kernels import monitor
+from icofabric_sim.kernels.records import Loads, Model
+from icofabric_sim.kernels.runtime.lanes import LANES
+from icofabric_sim.simulation.devices.gpu.arrays import StateArrays, terms_of
+from icofabric_sim.simulation.devices.gpu.monitor import (
+    BOUND,
+    EXTENT,
+    FIGURES,
+    figures_kernel,
+    fold,
+    fold_blocks,
+    fold_work,
+    HEIGHT,
+    KINETIC,
+    LINKED,
+    obstructed,
+    SHARE,
+    SPIN,
+    SUMMED,
+    TENSIONS,
+)
+from icofabric_sim.simulation.devices.gpu.opening import Device
+import numpy as np
+
+wp: Any = import_module('warp')
+
+# Values of a figure that are folded here.
+_FEW = 1024
+
+
+class HealthCheck:
+    """Examines the state of a run on a device."""
+
+    def __init__(self, model: Model, fabric: Any, device: Device) -> None:
+        """Check bodies of this `fabric`, which is on the device."""
+        self._model, self._fabric, self._device = model, fabric, device
+        self._blocks = len(model.blocks.slot)
+        # What is folded, from many values to few.
+        self._folded: list[Any] = []
+        count = self._blocks
+        while not self._folded or count > _FEW:
+            count = -(-count // SHARE)
+            self._folded.append(
+                wp.zeros(FIGURES * count, dtype=wp.float64, device=device.handle))
+        self._work: Any = None
+
+    @staticmethod
+    def can_examine(model: Model, loads: Loads, ledger: np.ndarray) -> bool:
+        """
+        Whether all is known on the device that the next check looks at.
+
+        Moments, dipoles and anchors are looked at here, and so are connectors in shells from
+        elsewhere than edge midpoints.
+        """
+        return (
+            model.bending is None and model.twisting is None and model.dipole is None
+            and loads.anchors is None and len(model.blocks.slot) > 0
+            and (model.shells is None or float(ledger[monitor.UNTIL_OBSTRUCTED]) > 1.0))
+
+    def examine(
+        self, state: StateArrays, now: int, loads: Loads, acting: Any, ledger: np.ndarray
+    ) -> int:
+        """Status bits of the state, as `examine` of kernels/monitor.py finds them."""
+        figures = self._figures(state, now)
+        ledger[monitor.SPIN] = math.sqrt(figures[SPIN])
+        rate = math.sqrt(figures[BOUND] + ledger[monitor.CONTACT_RATE])
+        ledger[monitor.RATE] = rate + ledger[monitor.SPIN_WEIGHT] * ledger[monitor.SPIN]
+        ledger[monitor.KINETIC] = figures[KINETIC]
+        ledger[monitor.LINKED] = ledger[monitor.STORED] = figures[LINKED]
+        for place in (
+                monitor.CONTACT, monitor.DEEPEST, monitor.TOUCHING, monitor.BENT, monitor.FIELD,
+                monitor.ANCHORED, monitor.SPENT):
+            ledger[place] = 0.0
+        ledger[monitor.HEIGHT], ledger[monitor.TENSIONS] = figures[HEIGHT], figures[TENSIONS]
+        ledger[monitor.EXTENT] = figures[EXTENT]
+        work, size = self._worked(loads, acting)
+        earlier = float(ledger[monitor.EARLIER_WORK])
+        ledger[monitor.WORKED] = abs(earlier) + size
+        ledger[monitor.WORK] = earlier + work
+        status = int(monitor.balance(ledger))
+        if status != monitor.NOT_FINITE:
+            status |= int(monitor.judge_balance(self._model, ledger, rate))
+        if not ledger[monitor.RATE] <= ledger[monitor.HIGH]:
+            status |= monitor.RATE_HIGH
+        if ledger[monitor.RATE] < ledger[monitor.LOW]:
+            status |= monitor.RATE_LOW
+        if ledger[monitor.KINETIC] > ledger[monitor.LIVELY]:
+            status |= monitor.LIVELIER
+        ledger[monitor.UNTIL_OBSTRUCTED] -= 1.0
+        if ledger[monitor.UNTIL_OBSTRUCTED] <= 0.0:
+            ledger[monitor.UNTIL_OBSTRUCTED] = ledger[monitor.OBSTRUCTED_EVERY]
+            ledger[monitor.OBSTRUCTED] = self._obstructed(state, now)
+            if ledger[monitor.OBSTRUCTED] > ledger[monitor.OBSTRUCTED_LIMIT]:
+                status |= monitor.OBSTRUCTING
+        return status
+
+    def _obstructed(self, state: StateArrays, now: int) -> float:
+        """Count the connectors in shells that they are attached to."""
+        if self._model.links is None:
+            return 0.0
+        room = state.poses[1 - now]
+        wp.launch(
+            obstructed, dim=LANES * self._blocks,
+            inputs=[self._fabric, state.poses[now], room], device=self._device.handle)
+        return _sum(self._fold(room, 1)[0])
+
+    def _figures(self, state: StateArrays, now: int) -> list[float]:
+        """Sums and largest values over all bodies."""
+        handle, room = self._device.handle, state.poses[1 - now]
+        wp.launch(
+            figures_kernel(terms_of(self._model, loaded=False)), dim=LANES * self._blocks,
+            inputs=[self._fabric, state.poses[now], state.motion, room], device=handle)
+        return [
+            _sum(row) if figure < SUMMED else float(row.max())
+            for figure, row in enumerate(self._fold(room, FIGURES))]
+
+    def _fold(self, room: Any, figures: int) -> np.ndarray:
+        """The first figures of all bodies, (figures, few): the rest is summed up here."""
+        handle, count = self._device.handle, -(-self._blocks // SHARE)
+        wp.launch(
+            fold_blocks, dim=figures * count,
+            inputs=[self._fabric, self._blocks, count, room, self._folded[0]], device=handle)
+        for values, folded in zip(self._folded, self._folded[1:]):
+            shares = -(-count // SHARE)
+            wp.launch(
+                fold, dim=figures * shares, inputs=[count, shares, values, folded], device=handle)
+            count = shares
+        last: np.ndarray = self._folded[-1].numpy()[:figures * count].reshape(figures, count)
+        return last
+
+    def _worked(self, loads: Loads, acting: Any) -> tuple[float, float]:
+        """Work of the present loads [J], and the sum of its magnitudes."""
+        count = len(loads.work)
+        if not count:
+            return 0.0, 0.0
+        shares = -(-count // SHARE)
+        if self._work is None or self._work.size != 2 * shares:
+            self._work = wp.zeros(2 * shares, dtype=wp.float64, device=self._device.handle)
+        wp.launch(
+            fold_work, dim=shares, inputs=[count, acting, self._work],
+            device=self._device.handle)
+        work, size = self._work.numpy().reshape(2, shares)
+        return _sum(work), _sum(size)
+
+
+def _sum(values: np.ndarray) -> float:
+    """Sum, rounded once; nothing where numbers are not finite."""
+    if not np.isfinite(values).all():
+        return math.nan
+    return math.fsum(values)

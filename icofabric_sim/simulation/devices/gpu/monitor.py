@@ -1,0 +1,236 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+What a health check sums up on a device: the figures of `examine` in kernels/monitor.py.
+
+A thread a body finds them, and sums and largest values are formed in a tree that depends on the
+number of blocks alone: the same bits on every device, from run to run.
+"""
+
+from functools import cache
+from importlib import import_module
+from typing import Any
+
+from icofabric_sim.kernels.obstruction import LEAN
+from icofabric_sim.simulation.devices.gpu.forces import (
+    arm_anywhere,
+    arm_at_midpoint,
+    has_link,
+    partner_of,
+    place_of,
+    turn_of,
+)
+from icofabric_sim.simulation.devices.gpu.kernels import OPTIONS, Terms
+from icofabric_sim.simulation.devices.gpu.records import Acting, Fabric
+
+wp: Any = import_module('warp')
+
+_D = wp.float64
+_ZERO, _HALF, _QUARTER, _ONE, _TWO = (wp.constant(_D(x)) for x in (0.0, 0.5, 0.25, 1.0, 2.0))
+_SMALLEST = wp.constant(_D(1e-300))
+_LEAN = wp.constant(_D(LEAN))
+_INFINITY = wp.constant(_D(float('inf')))
+# Figures of a body, in this order; the last three are not summed up, the largest one counts.
+LINKED, TENSIONS, KINETIC, HEIGHT, BOUND, SPIN, EXTENT = range(7)
+FIGURES, SUMMED = 7, 4
+# Blocks, and after the first time values, that one thread goes over.
+SHARE = 16
+
+_Six = wp.types.vector(length=6, dtype=_D)
+_SixBySix = wp.types.matrix(shape=(6, 6), dtype=_D)
+
+
+@wp.func
+def larger(a: wp.float64, b: wp.float64):
+    """Return the larger of two numbers; infinite where the second is none."""
+    if b <= a:
+        return a
+    return wp.where(b == b, b, _INFINITY)
+
+
+@wp.func
+def row_sum(form: _SixBySix, row: int):
+    """Sum of the magnitudes of a row."""
+    total = wp.abs(form[row, 0])
+    for k in range(1, 6):
+        total = total + wp.abs(form[row, k])
+    return total
+
+
+@wp.func
+def one_slope(fabric: Fabric, at: int, square: wp.float64, length: wp.float64):
+    """Stretch [m], tension [N] and root of the largest slope, 1 where all are alike."""
+    stretch = length - fabric.natural_length
+    return stretch, fabric.stiffness * stretch, _ONE
+
+
+@wp.func
+def own_slope(fabric: Fabric, at: int, square: wp.float64, length: wp.float64):
+    """The same of a connector with its own law."""
+    rest = fabric.natural[at]
+    k = wp.where(square > rest * rest, fabric.extension[at], fabric.compression[at])
+    stretch = length - rest
+    return stretch, k * stretch, wp.sqrt(wp.max(fabric.extension[at], fabric.compression[at]))
+
+
+@cache
+def figures_kernel(terms: Terms) -> Any:
+    """Return the kernel that finds the figures of each body, for scenes with these terms."""
+    arm_to = arm_at_midpoint if terms.midpoints else arm_anywhere
+    slope_of = one_slope if terms.one_law else own_slope
+    linked, one_law = terms.linked, terms.one_law
+
+    @wp.kernel(
+        module='unique', enable_backward=False, module_options=OPTIONS, grid_stride=False)
+    def figures(
+        fabric: Fabric, pose: wp.array(dtype=wp.float64), motion: wp.array(dtype=wp.float64),
+        found: wp.array(dtype=wp.float64)
+    ):
+        thread = wp.tid()
+        block = thread / fabric.lanes
+        lane = thread - block * fabric.lanes
+        if (int(fabric.alive[block]) >> lane) & 1 == 0:
+            return
+        s = fabric.slot[block] + lane
+        n = fabric.stride
+        place, turn = place_of(pose, n, s), turn_of(pose, n, s)
+        energy, pulls, bound = wp.float64(0.0), wp.float64(0.0), wp.float64(0.0)
+        if wp.static(linked):
+            # See block_bound in kernels/monitor.py.
+            mass, inertia = fabric.inverse_mass, fabric.inverse_inertia
+            root_mass, root_inertia = wp.sqrt(mass), wp.sqrt(inertia)
+            form, tension = _SixBySix(), wp.float64(0.0)
+            for link in range(12):
+                if has_link(fabric, block, lane, link) == 1:
+                    edge = link >> 1
+                    arm = arm_to(fabric, turn, edge)
+                    other = partner_of(fabric, block, lane, link)
+                    u = (place_of(pose, n, other) + arm_to(
+                        fabric, turn_of(pose, n, other), edge ^ 1)) - (place + arm)
+                    square = wp.max(wp.dot(u, u), _SMALLEST)
+                    length = wp.sqrt(square)
+                    stretch, pull, root = slope_of(fabric, link * n + s, square, length)
+                    if wp.static(one_law):
+                        energy = energy + stretch * stretch
+                    else:
+                        energy = energy + stretch * pull
+                    tension = tension + wp.max(pull, _ZERO) / length
+                    pulls = pulls + wp.abs(pull)
+                    along = u * (root / length)
+                    across = wp.cross(arm * root_inertia, along)
+                    along = along * root_mass
+                    r = _Six(along[0], along[1], along[2], across[0], across[1], across[2])
+                    form = form + wp.outer(r, r)
+            spread = _TWO * (mass + fabric.half_width * fabric.half_width * inertia)
+            moment = fabric.half_width * inertia
+            upper = wp.max(row_sum(form, 0), wp.max(row_sum(form, 1), row_sum(form, 2)))
+            lower = wp.max(row_sum(form, 3), wp.max(row_sum(form, 4), row_sum(form, 5)))
+            upper, lower = _TWO * upper, _TWO * lower
+            if wp.static(one_law):
+                # Else the roots of the stiffnesses are in the sums.
+                upper, lower = fabric.stiffness * upper, fabric.stiffness * lower
+                energy = fabric.stiffness * energy
+            upper = upper + spread * tension
+            lower = lower + (spread * tension + moment * pulls)
+            bound = wp.max(upper, lower)
+        velocity = wp.vec3d(motion[s], motion[n + s], motion[2 * n + s])
+        spin = wp.vec3d(motion[3 * n + s], motion[4 * n + s], motion[5 * n + s])
+        square = wp.dot(spin, spin)
+        found[s] = _QUARTER * energy
+        found[n + s] = _HALF * pulls
+        found[2 * n + s] = _HALF * (
+            wp.dot(velocity, velocity) / fabric.inverse_mass + square / fabric.inverse_inertia)
+        # Also with no weight: what is not finite shows in the sum.
+        found[3 * n + s] = -wp.dot(fabric.gravity, place) / fabric.inverse_mass
+        found[4 * n + s] = bound
+        found[5 * n + s] = square
+        found[6 * n + s] = wp.max(wp.abs(place[0]), wp.max(wp.abs(place[1]), wp.abs(place[2])))
+    return figures
+
+
+@wp.kernel(module='unique', enable_backward=False, module_options=OPTIONS, grid_stride=False)
+def obstructed(
+    fabric: Fabric, pose: wp.array(dtype=wp.float64), found: wp.array(dtype=wp.float64)
+):
+    """Connectors that enter the shell of a body from its edges, see kernels/obstruction.py."""
+    thread = wp.tid()
+    block = thread / fabric.lanes
+    lane = thread - block * fabric.lanes
+    if (int(fabric.alive[block]) >> lane) & 1 == 0:
+        return
+    s = fabric.slot[block] + lane
+    n = fabric.stride
+    place, turn = place_of(pose, n, s), turn_of(pose, n, s)
+    count = wp.float64(0.0)
+    for link in range(12):
+        if has_link(fabric, block, lane, link) == 1:
+            edge = link >> 1
+            arm = arm_at_midpoint(fabric, turn, edge)
+            other = partner_of(fabric, block, lane, link)
+            u = (place_of(pose, n, other) + arm_at_midpoint(
+                fabric, turn_of(pose, n, other), edge ^ 1)) - (place + arm)
+            # The axis across the edge is that of the next pair of edges.
+            side = arm_at_midpoint(fabric, turn, (edge - (edge & 1) + 2) % 6)
+            if wp.dot(u, arm) + _LEAN * wp.abs(wp.dot(u, side)) < _ZERO:
+                count = count + _ONE
+    found[s] = count
+
+
+@wp.kernel(module='unique', enable_backward=False, module_options=OPTIONS, grid_stride=False)
+def fold_blocks(
+    fabric: Fabric, blocks: int, shares: int, found: wp.array(dtype=wp.float64),
+    folded: wp.array(dtype=wp.float64)
+):
+    """Fold the figures of some blocks: a thread for each figure and share."""
+    thread = wp.tid()
+    figure = thread / shares
+    share = thread - figure * shares
+    total = wp.float64(0.0)
+    for block in range(SHARE * share, wp.min(SHARE * share + SHARE, blocks)):
+        for lane in range(fabric.lanes):
+            if (int(fabric.alive[block]) >> lane) & 1 == 1:
+                value = found[figure * fabric.stride + fabric.slot[block] + lane]
+                total = wp.where(figure < SUMMED, total + value, larger(total, value))
+    folded[thread] = total
+
+
+@wp.kernel(module='unique', enable_backward=False, module_options=OPTIONS, grid_stride=False)
+def fold(
+    count: int, shares: int, values: wp.array(dtype=wp.float64),
+    folded: wp.array(dtype=wp.float64)
+):
+    """Fold what was folded, `count` values for each figure."""
+    thread = wp.tid()
+    figure = thread / shares
+    share = thread - figure * shares
+    total = wp.float64(0.0)
+    for k in range(SHARE * share, wp.min(SHARE * share + SHARE, count)):
+        value = values[figure * count + k]
+        total = wp.where(figure < SUMMED, total + value, larger(total, value))
+    folded[thread] = total
+
+
+@wp.kernel(module='unique', enable_backward=False, module_options=OPTIONS, grid_stride=False)
+def fold_work(
+    count: int, acting: Acting, folded: wp.array(dtype=wp.float64)
+):
+    """Sums of work [J] and of its magnitudes."""
+    share = wp.tid()
+    shares = folded.shape[0] / 2
+    total, size = wp.float64(0.0), wp.float64(0.0)
+    for k in range(SHARE * share, wp.min(SHARE * share + SHARE, count)):
+        total = total + acting.work[k]
+        size = size + wp.abs(acting.work[k])
+    folded[share] = total
+    folded[shares + share] = size
