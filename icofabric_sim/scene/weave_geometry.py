@@ -96,7 +96,7 @@ def geometry_from_angle(half_edge: float, angle: float) -> WeaveGeometry:
     theta = float(angle)
     if not MINIMUM_ANGLE * (1.0 + ROUNDING) <= theta < LIMIT_ANGLE:
         hint = ''
-        if 1.0 < abs(theta) < 45.0:
+        if abs(theta) > 1.0 and MINIMUM_ANGLE <= math.radians(theta) < LIMIT_ANGLE:
             hint = f'; angles are radians, {theta:.6g} degrees are {math.radians(theta):.9g} rad'
         raise ValueError(
             f'weave.connector_angle is {theta!r} rad: it must be at least {MINIMUM_ANGLE!r} rad '

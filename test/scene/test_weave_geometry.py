@@ -125,6 +125,9 @@ def test_limits_hold_to_rounding(half_edge):
 def test_messages_help():
     with pytest.raises(ValueError, match='10 degrees are 0.174532925 rad'):
         geometry_from_angle(0.01, 10)
+    # What is no angle of a weave in degrees either gets no such hint.
+    with pytest.raises(ValueError, match=r'less than pi/4 = 0\.785398163 rad \(eq 54\)$'):
+        geometry_from_angle(0.01, -21)
     with pytest.raises(ValueError, match=r'at least sqrt\(3/5\) w = 0.0250664'):
         geometry_from_length(0.01, 0.02)
     for half_edge in (0.0, -1.0, math.nan, math.inf):

@@ -1,0 +1,128 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+Fabrics from the least connector angle, where shells lie face to face, to long connectors.
+
+What holds on both sides of level connectors, and at the limit itself (eq 54).
+"""
+
+from fabrics import make_scene
+import icofabric_sim as ico
+from icofabric_sim.commands.rest_outputs import RestOutputs
+from icofabric_sim.scene.shell_gaps import pair_gaps, smallest_gap
+from icofabric_sim.scene.weave_geometry import MINIMUM_ANGLE
+from icofabric_sim.statics.periodic import band_path, solve_bands
+from matplotlib.image import imread
+import numpy as np
+import pytest
+
+ANGLES = (MINIMUM_ANGLE, -0.3, -0.1, 0.1, 0.7)
+WEAVES = {
+    **{f'variant {variant}': {'variant': variant} for variant in range(4)},
+    'bias': {'kind': 'bias', 'azimuth': 0.3},
+    'bias, whole': {'kind': 'bias', 'boundary': 'fabric', 'variant': 1},
+    'sphere': {'region': 'sphere 1.0', 'size': [6, 6, 6]},
+    'radial': {'kind': 'radial', 'size': [5, 2, 3]}}
+
+
+def woven(angle, weave='variant 0', **sections):
+    """A small fabric with contact; spheres and radii follow the pitch."""
+    choices = {'size': [3, 3, 3], 'connector_angle': float(angle), **WEAVES[weave]}
+    sections.setdefault('contact', {'mode': 'auto'})
+    if weave in ('sphere', 'radial'):
+        pitch = make_scene(weave={'size': [3, 3, 3], 'connector_angle': float(angle)}
+                           ).geometry.pitch
+        choices |= {'region': f'sphere {2.3 * pitch!r}'} if weave == 'sphere' else {
+            'radius': 20.0 * pitch}
+    return make_scene(weave=choices, **sections)
+
+
+@pytest.mark.parametrize('weave', WEAVES)
+@pytest.mark.parametrize('angle', ANGLES)
+def test_rest_and_modes_of_all_weaves(angle, weave):
+    """With contact: touching shells at rest do not press, and bear no motion that parts them."""
+    scene = woven(angle, weave)
+    rest, spectrum = ico.solve_equilibrium(scene), ico.solve_modes(scene)
+    mechanisms = 6 * scene.body_count - scene.connector_count
+    assert scene.body_count > 10 and scene.connector_count > 20
+    assert rest.verdict == 'equilibrium, with mechanisms'
+    assert spectrum.counts == (
+        6 * scene.body_count, scene.connector_count, scene.connector_count)
+    if angle == MINIMUM_ANGLE and weave == 'radial':
+        # Bent around an axis, its inner shells press.
+        return
+    assert rest.mechanism_count == spectrum.mechanism_count == mechanisms
+    assert len(spectrum.frequencies) == scene.connector_count
+    touches = scene.connector_count if angle == MINIMUM_ANGLE else 0
+    assert rest.first_touches == spectrum.first_touches == touches
+    assert np.abs(rest.snapshot.position - scene.position).max() < 1e-9 * scene.shell.half_edge
+
+
+@pytest.mark.parametrize('weave', ['variant 0', 'variant 3', 'bias'])
+def test_all_neighbours_touch_at_the_least_angle_and_part_beyond_it(weave):
+    gaps = []
+    for angle in ANGLES:
+        scene = woven(angle, weave)
+        a = scene.shell.half_edge
+        gap = pair_gaps(a, scene.position, scene.orientation, scene.connectors.bodies) / a
+        assert np.ptp(gap) < 1e-12
+        least, _ = smallest_gap(a, scene.position, scene.orientation)
+        assert least / a == pytest.approx(gap[0], abs=1e-12)
+        gaps.append(float(gap[0]))
+    assert gaps[0] == pytest.approx(0.0, abs=1e-12)
+    assert (np.diff(gaps) > 0.05).all()
+
+
+@pytest.mark.parametrize('angle', ANGLES)
+def test_waves_do_not_depend_on_how_a_fabric_is_turned(angle):
+    bands = [solve_bands(scene, band_path(scene, 3)[0]) for scene in (
+        woven(angle), woven(angle, 'variant 3'), woven(angle, 'bias'))]
+    assert bands[0].max() > 100.0 and (bands[0] >= 0.0).all()
+    for other in bands[1:]:
+        assert np.allclose(other, bands[0], atol=1e-5 * bands[0].max())
+
+
+@pytest.mark.parametrize('angle', [MINIMUM_ANGLE, -0.34, 0.3])
+def test_motion_with_contact_keeps_energy_and_momenta(angle):
+    scene = woven(angle, initial_random={'velocity_sigma': 0.05, 'seed': 2})
+    simulation = ico.compile_scene(scene)
+    start = simulation.snapshot()
+    simulation.advance_to(0.03)
+    end = simulation.snapshot()
+    assert simulation.balance.worst < 1e-5
+    momenta = [s.linear_velocity.sum(axis=0) for s in (start, end)]
+    assert np.allclose(*momenta, atol=1e-12)
+    deepest = simulation.status.deepest_overlap / scene.shell.half_edge
+    assert (1e-6 < deepest < 0.01) if angle < 0.0 else deepest == 0.0
+    assert np.abs(end.position - start.position).max() > 0.02 * scene.shell.half_edge
+
+
+@pytest.mark.parametrize('angle', [MINIMUM_ANGLE, 0.7])
+@pytest.mark.parametrize('weave', ['variant 0', 'bias', 'radial'])
+def test_pictures_show_shells(angle, weave, tmp_path):
+    scene = woven(angle, weave)
+    RestOutputs(None, tmp_path / 'p.png').draw(
+        'fabric', scene, [(scene.position, scene.orientation, 'as woven')])
+    seen = imread(tmp_path / 'p.png')[:, :, :3]
+    assert ((seen < 0.92).any(axis=2)).mean() > 0.02
+
+
+def test_the_limits_themselves_are_woven():
+    for angle in (MINIMUM_ANGLE, np.nextafter(np.pi / 4.0, 0.0)):
+        scene = woven(angle)
+        ends = scene.connectors.bodies
+        between = scene.position[ends[:, 1]] - scene.position[ends[:, 0]]
+        assert np.linalg.norm(between, axis=1) == pytest.approx(
+            np.full(len(ends), np.sqrt(2.0) * scene.geometry.pitch), rel=1e-12)
+        assert np.isfinite(scene.position).all()
