@@ -14,7 +14,17 @@
 """Pairs of icosahedra at first touch, and an independent way to integrate over their overlap."""
 
 from icofabric_sim.geometry.icosahedron import face_geometry, inscribed_radius, vertices
-from icofabric_sim.kernels.contact.pair import contact_scratch, OUT_SIZE, touch_pair, touch_plane
+from icofabric_sim.kernels.contact.axis import find_facet
+from icofabric_sim.kernels.contact.pair import (
+    approach,
+    contact_scratch,
+    OUT_SIZE,
+    press_surface,
+    push,
+    touch_pair,
+    touch_plane,
+)
+from icofabric_sim.kernels.contact.surface import add_plane, SUM_COUNT, SUMS
 import numpy as np
 from scipy.optimize import linprog
 from scipy.spatial import ConvexHull, HalfspaceIntersection
@@ -43,6 +53,28 @@ def touch_floor(normal, offset, xa, ra, half_edge=1.0):
     touching = touch_plane(half_edge, np.array(normal, float), float(offset),
                            np.array(xa, float), np.array(ra, order='C'), SCRATCH, out)
     return touching, out
+
+
+def by_polygons(xa, ra, xb, rb):
+    """
+    What all polygons between two bodies that overlap say, as `touch`; their sums are in SCRATCH.
+    """
+    out, room, d = np.zeros(OUT_SIZE), SCRATCH.room, xb - xa
+    c = approach(1.0, *d, ra, rb, room)
+    verdict, *found = find_facet(room, *c)
+    touching, *_, gap = press_surface(1.0, ra, verdict, *c, *found, room, SCRATCH.marks, out)
+    out[6:9] = np.cross(d, out[0:3]) - out[3:6]
+    out[11], out[15:18] = -gap, out[15:18] - 0.5 * d
+    return touching, out
+
+
+def floor_by_polygons(normal, offset, xa, ra):
+    """The same of a plane."""
+    out, room = np.zeros(OUT_SIZE), SCRATCH.room
+    room[SUMS:SUMS + SUM_COUNT] = 0.0
+    add_plane(room, *(ra.T @ normal), offset - normal @ xa)
+    push(1.0, ra, room, out)
+    return out
 
 
 def wrench(out):

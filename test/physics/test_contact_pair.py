@@ -14,8 +14,10 @@
 """The push between two shells, and between a shell and a plane, comes from the potential."""
 
 from contact_poses import (
+    by_polygons,
     facing,
     first_touch,
+    floor_by_polygons,
     half_spaces,
     KINDS,
     moments,
@@ -29,6 +31,7 @@ from contact_poses import (
     VERTICES,
     wrench,
 )
+from icofabric_sim.kernels.contact.pair import OUT_SIZE, touch_pair_again
 from icofabric_sim.kernels.contact.surface import add_all, M0, M1, P1, S0, S1, SUM_COUNT, SUMS, T0
 import numpy as np
 import pytest
@@ -83,7 +86,7 @@ def test_moments_of_the_overlap_are_those_of_its_cells(kind):
     rng = np.random.default_rng(2)
     for _ in range(2):
         xa, ra, xb, rb = overlapping(kind, rng, low=-1.3, high=-0.6)
-        assert touch(xa, ra, xb, rb)[0]
+        assert by_polygons(xa, ra, xb, rb)[0]
         found = SCRATCH.room[SUMS + M0], SCRATCH.room[SUMS + M1]
         assert found == pytest.approx(moments(half_spaces(xa, ra), half_spaces(xb, rb)), rel=1e-7)
 
@@ -93,9 +96,7 @@ def test_walk_over_polygons_leaves_none_out(kind):
     rng = np.random.default_rng(13)
     for _ in range(60):
         xa, ra, xb, rb = overlapping(kind, rng, low=-5.0, high=-0.7)
-        if xb[0] < xa[0]:
-            xa, ra, xb, rb = xb, rb, xa, ra
-        assert touch(xa, ra, xb, rb)[0]
+        assert by_polygons(xa, ra, xb, rb)[0]
         sums = SCRATCH.room[SUMS:SUMS + SUM_COUNT]
         walked = sums.copy()
         sums[:] = 0.0
@@ -104,6 +105,56 @@ def test_walk_over_polygons_leaves_none_out(kind):
         zeroth, first = np.abs(sums[S0:S1]).max(), np.abs(sums[S1:T0]).max()
         scales = [sums[M0], sums[M1]] + 2 * (3 * [zeroth] + 3 * [first]) + 4 * [sums[P1]]
         assert (np.abs(walked - sums) <= 1e-9 * np.array(scales)).all() and sums[M1] > 0.0
+
+
+@pytest.mark.parametrize('kind', KINDS)
+def test_closed_forms_are_what_all_polygons_say(kind):
+    rng = np.random.default_rng(17)
+    numbered = 0
+    for _ in range(100):
+        parts = overlapping(kind, rng, low=-6.0)
+        touching, out = touch(*parts)
+        wanted = by_polygons(*parts)[1]
+        assert touching and np.abs(wrench(out) - wrench(wanted)).max() < 1e-13
+        assert np.abs(out[9:11] - wanted[9:11]).max() < 1e-13
+        # These are lengths beside the depth, whose last bits are those of the places.
+        assert np.abs(out[15:18] - wanted[15:18]).max() < 1e-13 / out[10]
+        assert abs(np.sqrt(out[18]) - np.sqrt(wanted[18])) < 1e-13 / out[10]
+        numbered += out[19] > 0.0
+    if kind in ('random', 'tilted face', 'vertex on face', 'edge on edge'):
+        assert numbered > 90
+
+
+def test_closed_forms_of_planes_are_what_all_polygons_say():
+    rng = np.random.default_rng(18)
+    for number in range(200):
+        ra = Rotation.random(random_state=rng).as_matrix()
+        own = (VERTICES[number % 12] / np.linalg.norm(VERTICES[0]), NORMALS[number % 20],
+               np.eye(3)[number % 3])[number % 3]
+        normal = -(ra @ own) + rng.choice([0.0, 1e-3, 0.1, 1.0]) * rng.normal(size=3)
+        normal /= np.linalg.norm(normal)
+        xa = rng.normal(size=3)
+        offset = ((VERTICES @ ra.T + xa) @ normal).min() + 10.0 ** rng.uniform(-6.0, -1.0)
+        touching, out = touch_floor(normal, offset, xa, ra)
+        wanted = floor_by_polygons(normal, offset, xa, ra)
+        assert touching and np.abs(out[0:6] - wanted[0:6]).max() < 1e-13
+        assert np.abs(out[9:11] - wanted[9:11]).max() < 1e-13
+        assert np.abs(out[15:18] - wanted[15:18]).max() < 1e-13 / out[10]
+        assert abs(np.sqrt(out[18]) - np.sqrt(wanted[18])) < 1e-13 / out[10]
+
+
+@pytest.mark.parametrize('kind', KINDS)
+def test_whatever_facet_was_kept_the_bits_are_the_same(kind):
+    rng = np.random.default_rng(19)
+    numbers = [*range(1, 959), *range(1024, 1044), *range(2048, 2068)]
+    for _ in range(6):
+        parts = overlapping(kind, rng, low=-8.0)
+        wanted = touch(*parts)[1]
+        for number in {int(wanted[19]), *rng.choice(numbers, 300)}:
+            out = np.full(OUT_SIZE, np.nan)
+            out[19] = number
+            assert touch_pair_again(1.0, *parts, SCRATCH, out)
+            assert (out == wanted).all()
 
 
 @pytest.mark.parametrize('kind', KINDS)
@@ -146,7 +197,7 @@ def test_lengths_times_a_power_of_two_give_the_same_bits(scale):
         xa, ra, xb, rb = overlapping(kind, rng, low=-10.0)
         out = touch(xa, ra, xb, rb)[1]
         other = touch(scale * xa, ra, scale * xb, rb, half_edge=scale)[1]
-        powers = np.array([1] * 3 + [2] * 7 + [1] * 2 + [0] * 3 + [1] * 3 + [4])
+        powers = np.array([1] * 3 + [2] * 7 + [1] * 2 + [0] * 3 + [1] * 3 + [4, 0])
         assert (other == out * scale ** powers).all() and out[10] > 0.0
         floor = touch_floor((0.0, 0.0, 1.0), -1.4, ORIGIN, ra)[1]
         other = touch_floor((0.0, 0.0, 1.0), -1.4 * scale, ORIGIN, ra, half_edge=scale)[1]
@@ -233,7 +284,7 @@ def test_plane_pushes_as_its_energy_says():
                       (xa, ra), step)
         assert np.abs(out[0:6] - found).max() < 3.0 * step + 1e-9
         if offset - low.min() > 0.1:
-            touch_floor(normal, offset, xa, ra)
+            floor_by_polygons(normal, offset, xa, ra)
             plane = np.append(normal, -offset)[None]
             found = SCRATCH.room[SUMS + M0], SCRATCH.room[SUMS + M1]
             assert found == pytest.approx(moments(half_spaces(xa, ra), plane), rel=1e-7)

@@ -17,9 +17,10 @@ Axes on which two icosahedra are apart, or overlap.
 Both are symmetric about their centres, so the places of the second centre where the bodies touch
 form the sum of both bodies about the first centre (the Minkowski sum of one and the other
 reflected). The line of centres leaves that sum through one of its facets, whose normal is the
-axis: the bodies are apart where the second centre lies beyond it. The facet is found by portal
-refinement (G. Snethen, XenoCollide, Game Programming Gems 7, 2008): a triangle of points of the
-sum's surface round the line is moved outwards until it lies in a facet.
+axis: the bodies are apart where the second centre lies beyond it. The facet belongs to a face of
+one body and a vertex of the other, or to an edge of each; where several coincide it is found by
+portal refinement (G. Snethen, XenoCollide, Game Programming Gems 7, 2008): a triangle of points of
+the sum's surface round the line is moved outwards until it lies in a facet.
 
 Frame: axes of the first body, lengths over a; q is the matrix from the second body's axes.
 """
@@ -30,8 +31,13 @@ from icofabric_sim.kernels.contact.shape import (
     AXES,
     AXIS_COUNT,
     AXIS_FACES,
+    EDGE_MIDDLES,
+    EDGE_SLOPES,
+    EDGE_WAYS,
     farthest,
+    farthest_edge,
     INNER,
+    lead,
     NORMALS,
     OPPOSITE,
     reach,
@@ -62,11 +68,21 @@ APART, OVERLAP, UNSURE = 0, 1, 2
 NUMBERS = np.arange(float(LANES))
 # Edges at a smaller angle [rad] are left to refinement.
 _SLANT = 1e-5
+# Both ends of an edge of a facet are so far out alike.
+_LEVEL = 1e-9
 # The line of centres may miss a facet by this.
 _BESIDE = 1e-9
+# A facet that was kept counts if the line passes this far within it (edges are 2 long), if it is
+# this far from being parallel to another, and at an overlap of more than that: then a search finds
+# just this one, whatever rounding does.
+_WITHIN, _SLOPING, _OVERLAPPING = 1e-3, 1e-6, 1e-12
+# Numbers of facets: 1 + 32 times an edge of the first body + one of the second (numbers of
+# EDGE_MIDDLES); these plus a face of the first, or of the second. 0: none of these.
+FACE_OF_FIRST, FACE_OF_SECOND = 1024, 2048
 # Places in the room of a pair (surface.py): the matrix q, and four rows of a point of the
-# sum and the first body's part of it.
-MATRIX, PORTAL = 0, 9
+# sum and the first body's part of it; the number of the facet that was found; numbers of the edge
+# directions that matter, of either body.
+MATRIX, PORTAL, FACET, OWN_NUMBERS, OTHER_NUMBERS = 0, 9, 488, 512, 528
 # Directions of edges of either body, six times AXIS_COUNT numbers each; lanes.
 OWN, OTHER, ALONG, MOST, OVER, WHICH = 256, 352, 448, 464, 472, 480
 Nine = tuple[float, float, float, float, float, float, float, float, float]
@@ -233,11 +249,12 @@ def best_lane(room: np.ndarray, most: Vector, over: Vector, which: Vector) -> in
 
 
 @compiled
-def within(face: int, x: float, y: float, z: float) -> bool:
-    """Whether a point in body axes is within the pyramid of a face."""
+def within(face: int, x: float, y: float, z: float, margin: float) -> bool:
+    """Whether a point in body axes is within the pyramid of a face, by a margin."""
     outside = False
     for k in range(3):
-        outside |= RIDGES[face, k, 0] * x + RIDGES[face, k, 1] * y + RIDGES[face, k, 2] * z > 0.0
+        outside |= (RIDGES[face, k, 0] * x + RIDGES[face, k, 1] * y
+                    + RIDGES[face, k, 2] * z > -margin)
     return not outside
 
 
@@ -251,8 +268,10 @@ def find_facet(
     Then the unit axis (3) from the first body to the second, the gap along it (negative: overlap;
     no other axis is looked at), and of overlapping bodies the deepest point of both: where they
     would touch if they shrank about their centres. c is the second centre, not at the first;
-    room[MATRIX:] holds q, row by row. An axis with a gap ends the search.
+    room[MATRIX:] holds q, row by row. An axis with a gap ends the search. The number of the facet
+    goes to room[FACET].
     """
+    room[FACET] = 0.0
     square = cx * cx + cy * cy + cz * cz
     bx, by, bz = turn_from(room, cx, cy, cz)
     between = square - reach(cx, cy, cz) - reach(bx, by, bz)
@@ -274,35 +293,129 @@ def find_facet(
     if between < 0.0:
         face = OPPOSITE[face]
         between, nx, ny, nz = -between, -nx, -ny, -nz
-    far = between / out
-    gap = between - far
+    # The facet of a face and the other body's farthest vertex: does the line leave through it?
+    number = face + (FACE_OF_SECOND if second else FACE_OF_FIRST)
+    inside, nx, ny, nz, gap, x, y, z = facet_of_face(room, number, cx, cy, cz, 0.0)
     if gap > ROUNDING:
         return APART, nx, ny, nz, gap, 0.0, 0.0, 0.0
-    # The facet of a face and the other body's farthest vertex: does the line leave through it?
-    if second:
-        ax, ay, az = farthest(nx, ny, nz)
-        bx, by, bz = turn_from(room, cx / out - ax, cy / out - ay, cz / out - az)
-        if within(face, bx, by, bz):
-            return OVERLAP, nx, ny, nz, gap, out * ax, out * ay, out * az
-    else:
-        bx, by, bz = turn_from(room, nx, ny, nz)
-        bx, by, bz = farthest(bx, by, bz)
-        bx, by, bz = turn_to(room, bx, by, bz)
-        ax, ay, az = cx / out - bx, cy / out - by, cz / out - bz
-        if within(face, ax, ay, az):
-            return OVERLAP, nx, ny, nz, gap, out * ax, out * ay, out * az
+    if inside:
+        room[FACET] = number
+        return OVERLAP, nx, ny, nz, gap, x, y, z
     return across_edges(room, cx, cy, cz, out)
 
 
 @compiled
+def facet_of_face(
+    room: np.ndarray, number: int, cx: float, cy: float, cz: float, margin: float
+) -> tuple[bool, float, float, float, float, float, float, float]:
+    """
+    Whether the line of centres leaves through the facet of a face, by a margin.
+
+    Then the facet's unit normal (3), the gap along it, and the deepest point of both bodies, as
+    `find_facet` says them. The facet has the other body's farthest vertex; with a margin, which is
+    for facets that were kept, that must be farther than any other.
+    """
+    face, second = number & 31, number >= FACE_OF_SECOND
+    nx, ny, nz = NORMALS[face, 0], NORMALS[face, 1], NORMALS[face, 2]
+    if second:
+        nx, ny, nz = turn_to(room, nx, ny, nz)
+        ux, uy, uz = nx, ny, nz
+    else:
+        ux, uy, uz = turn_from(room, nx, ny, nz)
+    x, y, z = farthest(ux, uy, uz)
+    between = nx * cx + ny * cy + nz * cz
+    far = INNER + (ux * x + uy * y + uz * z)
+    gap = between - far
+    part, out = far / between, between / far
+    if second:
+        ax, ay, az = x, y, z
+        bx, by, bz = turn_from(room, part * cx - x, part * cy - y, part * cz - z)
+        inside = within(face, bx, by, bz, margin)
+    else:
+        bx, by, bz = turn_to(room, x, y, z)
+        ax, ay, az = part * cx - bx, part * cy - by, part * cz - bz
+        inside = within(face, ax, ay, az, margin)
+    if margin > 0.0:
+        inside &= between > 0.0 and lead(ux, uy, uz) > _SLOPING
+    return inside, nx, ny, nz, gap, out * ax, out * ay, out * az
+
+
+@compiled
+def facet_of_edges(
+    room: np.ndarray, number: int, cx: float, cy: float, cz: float, margin: float
+) -> tuple[bool, float, float, float, float, float, float, float]:
+    """
+    The same for the facet of an edge of each body, which must be the farthest along its normal.
+
+    Only with a margin that is looked at.
+    """
+    own, other = (number - 1) >> 5, (number - 1) & 31
+    e = EDGE_WAYS[own >> 1, 0], EDGE_WAYS[own >> 1, 1], EDGE_WAYS[own >> 1, 2]
+    a = EDGE_MIDDLES[own, 0], EDGE_MIDDLES[own, 1], EDGE_MIDDLES[own, 2]
+    f = turn_to(
+        room, EDGE_WAYS[other >> 1, 0], EDGE_WAYS[other >> 1, 1], EDGE_WAYS[other >> 1, 2])
+    b = turn_to(room, EDGE_MIDDLES[other, 0], EDGE_MIDDLES[other, 1], EDGE_MIDDLES[other, 2])
+    n = cross(e, f)
+    length = math.sqrt(dot(n, n))
+    # Edges that are nearly parallel have a cross product of rounding only.
+    if not length > max(_SLANT, margin):
+        return False, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    if dot(n, (cx, cy, cz)) < 0.0:
+        length = -length
+    scale = 1.0 / length
+    nx, ny, nz = scale * n[0], scale * n[1], scale * n[2]
+    between = nx * cx + ny * cy + nz * cz
+    far = nx * (a[0] - b[0]) + ny * (a[1] - b[1]) + nz * (a[2] - b[2])
+    gap = between - far
+    # The line leaves through the parallelogram of both where it is within 1 of its middle along
+    # either.
+    part, out = far / between, between / far
+    r = part * cx - a[0] + b[0], part * cy - a[1] + b[1], part * cz - a[2] + b[2]
+    own_part = scale * dot(cross(r, f), (nx, ny, nz))
+    other_part = scale * dot(cross(e, r), (nx, ny, nz))
+    inside = abs(own_part) <= 1.0 - margin and abs(other_part) <= 1.0 - margin
+    if margin > 0.0:
+        m = turn_from(room, nx, ny, nz)
+        sloping, rising = EDGE_SLOPES[own], nx * a[0] + ny * a[1] + nz * a[2]
+        inside &= abs(nx * sloping[0] + ny * sloping[1] + nz * sloping[2]) < (
+            1.0 - _SLOPING) * rising
+        sloping = EDGE_SLOPES[other]
+        rising = -(nx * b[0] + ny * b[1] + nz * b[2])
+        inside &= abs(m[0] * sloping[0] + m[1] * sloping[1] + m[2] * sloping[2]) < (
+            1.0 - _SLOPING) * rising
+    return (inside, nx, ny, nz, gap, out * (a[0] + own_part * e[0]),
+            out * (a[1] + own_part * e[1]), out * (a[2] + own_part * e[2]))
+
+
+@compiled
+def find_facet_again(
+    room: np.ndarray, number: int, cx: float, cy: float, cz: float
+) -> tuple[int, float, float, float, float, float, float, float]:
+    """
+    As `find_facet`, which need not search where the facet of that `number` is beyond doubt.
+
+    So the result does not depend on the number, to the last bit.
+    """
+    if number > 0:
+        if number < FACE_OF_FIRST:
+            inside, nx, ny, nz, gap, x, y, z = facet_of_edges(room, number, cx, cy, cz, _WITHIN)
+        else:
+            inside, nx, ny, nz, gap, x, y, z = facet_of_face(room, number, cx, cy, cz, _WITHIN)
+        if inside and gap < -_OVERLAPPING:
+            room[FACET] = number
+            return OVERLAP, nx, ny, nz, gap, x, y, z
+    return find_facet(room, cx, cy, cz)
+
+
+@compiled
 def put_ways(
-    room: np.ndarray, at: int, x: float, y: float, z: float, limit: float, m: Nine
+    room: np.ndarray, at: int, numbers: int, x: float, y: float, z: float, limit: float, m: Nine
 ) -> int:
     """
     Write the edge directions whose product with (x, y, z) has a square below a limit.
 
     x, y and z in the body's own axes, then times the matrix m, AXIS_COUNT numbers each, 0 after
-    the last; returns how many.
+    the last; and their numbers. Returns how many.
     """
     cx, cy, cz, zero = splat(x), splat(y), splat(z), splat(0.0)
     for k in range(0, AXIS_COUNT, LANES):
@@ -316,6 +429,7 @@ def put_ways(
         room[at + count] = WAYS[way]
         room[at + AXIS_COUNT + count] = WAYS[AXIS_COUNT + way]
         room[at + 2 * AXIS_COUNT + count] = WAYS[2 * AXIS_COUNT + way]
+        room[numbers + count] = way
         count += 1 if room[ALONG + way] < limit else 0
     for row in range(3):
         room[at + AXIS_COUNT * row + count] = 0.0
@@ -342,6 +456,8 @@ def beyond_edges(
     x, y, z = splat(cx), splat(cy), splat(cz)
     # As products, because a division takes as long as all of the rest.
     most, over, which = splat(out), splat(1.0), splat(-1.0)
+    # Of edges that are nearly parallel the product is rounding only.
+    least, zero = splat(2.0 * INNER * _SLANT), splat(0.0)
     for k in range(0, other, LANES):
         px, py, pz = (load_at(room, OTHER + k), load_at(room, OTHER + AXIS_COUNT + k),
                       load_at(room, OTHER + 2 * AXIS_COUNT + k))
@@ -361,6 +477,7 @@ def beyond_edges(
                           splat(room[OWN + 5 * AXIS_COUNT + way]))
             whole = whole + reach_lanes(
                 ey * pz - ez * py, ez * px - ex * pz, ex * py - ey * px)
+            far = where(whole > least, far, zero)
             farther = far * over > most * whole
             most = where(farther, far, most)
             over = where(farther, whole, over)
@@ -382,48 +499,44 @@ def across_edges(
     least = 2.0 * INNER * out * (1.0 - ROUNDING)
     limit = cx * cx + cy * cy + cz * cz - least * least
     bx, by, bz = turn_from(room, cx, cy, cz)
-    own = put_ways(room, OWN, cx, cy, cz, limit, (
+    own = put_ways(room, OWN, OWN_NUMBERS, cx, cy, cz, limit, (
         room[0], room[3], room[6], room[1], room[4], room[7], room[2], room[5], room[8]))
-    other = put_ways(room, OTHER, bx, by, bz, limit, (
+    other = put_ways(room, OTHER, OTHER_NUMBERS, bx, by, bz, limit, (
         room[0], room[1], room[2], room[3], room[4], room[5], room[6], room[7], room[8]))
     pair = beyond_edges(room, own, other, cx, cy, cz, out)
     if pair < 0:
         return refine(room, cx, cy, cz)
-    own, other = OWN + pair // AXIS_COUNT, OTHER + pair % AXIS_COUNT
-    e = room[own], room[own + AXIS_COUNT], room[own + 2 * AXIS_COUNT]
-    f = (room[other + 3 * AXIS_COUNT], room[other + 4 * AXIS_COUNT],
-         room[other + 5 * AXIS_COUNT])
-    n = cross(e, f)
+    own = int(room[OWN_NUMBERS + pair // AXIS_COUNT])
+    other = int(room[OTHER_NUMBERS + pair % AXIS_COUNT])
+    e = EDGE_WAYS[own, 0], EDGE_WAYS[own, 1], EDGE_WAYS[own, 2]
+    f = EDGE_WAYS[other, 0], EDGE_WAYS[other, 1], EDGE_WAYS[other, 2]
+    n = cross(e, turn_to(room, f[0], f[1], f[2]))
+    if dot(n, (cx, cy, cz)) < 0.0:
+        n = -n[0], -n[1], -n[2]
     length = math.sqrt(dot(n, n))
-    # Edges that are nearly parallel have a cross product of rounding only.
     if not length > _SLANT:
         return refine(room, cx, cy, cz)
-    if dot(n, (cx, cy, cz)) < 0.0:
-        length = -length
+    # Others may have the same normal: the edges that are farthest along it.
     nx, ny, nz = n[0] / length, n[1] / length, n[2] / length
-    bx, by, bz = turn_from(room, nx, ny, nz)
-    ax, ay, az = farthest(nx, ny, nz)
-    bx, by, bz = farthest(bx, by, bz)
-    bx, by, bz = turn_to(room, bx, by, bz)
-    between = nx * cx + ny * cy + nz * cz
-    far = nx * (ax + bx) + ny * (ay + by) + nz * (az + bz)
-    gap = between - far
+    own, own_back = farthest_edge(nx, ny, nz)
+    bx, by, bz = turn_from(room, -nx, -ny, -nz)
+    other, other_back = farthest_edge(bx, by, bz)
+    if not (own_back < _LEVEL and other_back < _LEVEL):
+        return refine(room, cx, cy, cz)
+    number = 1 + 32 * own + other
+    # The point where the line leaves by edges that are nearly parallel is not precise.
+    own, other = own >> 1, other >> 1
+    n = cross((EDGE_WAYS[own, 0], EDGE_WAYS[own, 1], EDGE_WAYS[own, 2]), turn_to(
+        room, EDGE_WAYS[other, 0], EDGE_WAYS[other, 1], EDGE_WAYS[other, 2]))
+    if not math.sqrt(dot(n, n)) > _WITHIN:
+        return refine(room, cx, cy, cz)
+    inside, nx, ny, nz, gap, x, y, z = facet_of_edges(room, number, cx, cy, cz, 0.0)
     if gap > ROUNDING:
         return APART, nx, ny, nz, gap, 0.0, 0.0, 0.0
-    # Both vertices are ends of these edges, whose middles are nearest to the centres. The line
-    # leaves through the parallelogram of both where it is within 1 of its middle along either.
-    s, t = dot(e, (ax, ay, az)), dot(f, (bx, by, bz))
-    ax, ay, az = ax - s * e[0], ay - s * e[1], az - s * e[2]
-    bx, by, bz = bx - t * f[0], by - t * f[1], bz - t * f[2]
-    out = between / far
-    r = cx / out - ax - bx, cy / out - ay - by, cz / out - az - bz
-    own_part = dot(cross(r, f), (nx, ny, nz)) / length
-    other_part = dot(cross(e, r), (nx, ny, nz)) / length
-    if (abs(abs(s) - 1.0) < 1e-3 and abs(abs(t) - 1.0) < 1e-3
-            and abs(own_part) <= 1.0 and abs(other_part) <= 1.0):
-        return (OVERLAP, nx, ny, nz, gap, out * (ax + own_part * e[0]),
-                out * (ay + own_part * e[1]), out * (az + own_part * e[2]))
-    return refine(room, cx, cy, cz)
+    if not inside:
+        return refine(room, cx, cy, cz)
+    room[FACET] = number
+    return OVERLAP, nx, ny, nz, gap, x, y, z
 
 
 @compiled

@@ -21,8 +21,8 @@ with the opposite sign, to the last bit.
 """
 
 from icofabric_sim.kernels.connectors import Six
-from icofabric_sim.kernels.contact.gap import axes_of, gap_along, support
-from icofabric_sim.kernels.contact.pair import Scratch, touch_pair, touch_plane
+from icofabric_sim.kernels.contact.gap import Axes, axes_of, gap_along, support
+from icofabric_sim.kernels.contact.pair import Scratch, touch_pair_again, touch_plane
 from icofabric_sim.kernels.records import Contacts, State, Team
 from icofabric_sim.kernels.runtime.borrowed import borrowed
 from icofabric_sim.kernels.runtime.compiled import compiled
@@ -69,23 +69,25 @@ def touch_some(
     for p in range(first, last):
         s, t = pairs[p, 0], pairs[p, 1]
         out = result[p]
+        axes = axes_of(orientation, s)
         if t < 0:
-            set_place(position, orientation, s, own)
+            set_place(position, axes, s, own)
             plane = planes[-1 - t]
             touch_plane(half_edge, plane[:3], plane[3], own[0], own[1:], scratch, out)
-        elif is_apart(half_edge, position, orientation, s, t, out):
+            deepest = max(deepest, out[11])
+            continue
+        others = axes_of(orientation, t)
+        dx, dy = position[0, t] - position[0, s], position[1, t] - position[1, s]
+        dz = position[2, t] - position[2, s]
+        if is_apart(half_edge, dx, dy, dz, axes, others, out):
             for k in range(12):
                 out[k] = 0.0
-        else:
-            set_place(position, orientation, s, own)
-            set_place(position, orientation, t, other)
-            if touch_pair(
-                    half_edge, own[0], own[1:], other[0], other[1:], scratch, out):
-                # No axis shows less than the depth.
-                out[11] = min(out[11], -gap_along(
-                    0, half_edge, position[0, t] - position[0, s],
-                    position[1, t] - position[1, s], position[2, t] - position[2, s],
-                    axes_of(orientation, s), axes_of(orientation, t)))
+            continue
+        set_place(position, axes, s, own)
+        set_place(position, others, t, other)
+        if touch_pair_again(half_edge, own[0], own[1:], other[0], other[1:], scratch, out):
+            # No axis shows less than the depth.
+            out[11] = min(out[11], -gap_along(0, half_edge, dx, dy, dz, axes, others))
         deepest = max(deepest, out[11])
     contacts.deepest[8 * member] = deepest
     contacts.deepest[8 * member + 1] = max(contacts.deepest[8 * member + 1], deepest)
@@ -94,25 +96,23 @@ def touch_some(
 
 @compiled
 def is_apart(
-    half_edge: float, position: np.ndarray, orientation: np.ndarray, s: int, t: int,
-    out: np.ndarray
+    half_edge: float, dx: float, dy: float, dz: float, first: Axes, second: Axes, out: np.ndarray
 ) -> bool:
-    """Whether the axis that kept two bodies apart last, or none, still shows a gap."""
+    """
+    Whether the axis that kept two bodies apart last, or none, still shows a gap.
+
+    (dx, dy, dz) [m] leads from the first centre to the second.
+    """
     nx, ny, nz = out[12], out[13], out[14]
-    gap = nx * (position[0, t] - position[0, s]) + ny * (position[1, t] - position[1, s])
-    gap += nz * (position[2, t] - position[2, s])
-    gap -= half_edge * (
-        support(axes_of(orientation, s), nx, ny, nz)
-        + support(axes_of(orientation, t), nx, ny, nz))
+    gap = nx * dx + ny * dy
+    gap += nz * dz
+    gap -= half_edge * (support(first, nx, ny, nz) + support(second, nx, ny, nz))
     return gap > _APART * half_edge
 
 
 @compiled
-def set_place(
-    position: np.ndarray, orientation: np.ndarray, s: int, place: np.ndarray
-) -> None:
-    """Position and rotation matrix (body to world) of slot `s`, (4, 3)."""
-    axes = axes_of(orientation, s)
+def set_place(position: np.ndarray, axes: Axes, s: int, place: np.ndarray) -> None:
+    """Position of slot `s`, and its axes as a rotation matrix (body to world), (4, 3)."""
     for k in range(3):
         place[0, k] = position[k, s]
     place[1, 0], place[2, 0], place[3, 0] = axes[0], axes[1], axes[2]
@@ -127,9 +127,10 @@ def add_up(
     """
     Rows, (6, s) [N], [N m], of the bodies of blocks first to last from the pushes of their pairs.
 
-    `pushes`: (p, 9) or longer, for a contact stiffness of 1 N/m, as `contacts.result`.
+    `pushes`: (p, 9) or longer, for a contact stiffness of 1 N/m, as `contacts.result`, of pairs
+    that touch there.
     """
-    stiffness = contacts.stiffness
+    stiffness, result = contacts.stiffness, contacts.result
     before = -1
     for e in range(contacts.start[first], contacts.start[last]):
         s, p, side = contacts.slot[e], contacts.entry[e] >> 1, contacts.entry[e] & 1
@@ -137,6 +138,9 @@ def add_up(
             for k in range(6):
                 rows[k, s] = 0.0
         before = s
+        if result[p, 10] == 0.0:
+            # They are apart: nothing pushes.
+            continue
         push = stiffness if side == 0 else -stiffness
         for k in range(3):
             rows[k, s] += push * pushes[p, k]

@@ -216,8 +216,6 @@ def lose_ahead(
     stretches, slopes = borrowed(losses.stretch), borrowed(losses.slopes)[0]
     for p in range(first, last):
         out = result[p]
-        for k in range(9):
-            changes[p, k] = -out[k]
         if not out[10] > 0.0:
             for k in range(9):
                 changes[p, k] = 0.0
@@ -225,6 +223,8 @@ def lose_ahead(
                 for k in range(4):
                     stretches[p, k] = slopes[p, k] = 0.0
             continue
+        for k in range(9):
+            changes[p, k] = -out[k]
         s, t = pairs[p, 0], pairs[p, 1]
         va, wa = ahead(velocity, linear, s), ahead(spin, angular, s)
         vb, wb = ahead(velocity, linear, t), ahead(spin, angular, t)

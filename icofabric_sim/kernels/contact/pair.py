@@ -20,6 +20,7 @@ with p the depth below a body's surface (surface.py): delta is four times the me
 of the overlap, which is the overlap itself where a face lies on a face. Whatever touches, it
 grows in proportion to the overlap, so the force is zero at first touch and nowhere jumps, and the
 stiffness is about K for faces, edges and vertices alike. A plane has the depth below it for p.
+Overlaps with one apex have closed forms (apex.py).
 
 The results depend on the place and orientation of both bodies only, and bodies that change places
 change the signs of all results and no other bit.
@@ -27,16 +28,19 @@ change the signs of all results and no other bit.
 
 import math
 
+from icofabric_sim.kernels.contact.apex import cone, one_apex
 from icofabric_sim.kernels.contact.axis import (
     APART,
+    FACET,
     find_facet,
+    find_facet_again,
     MATRIX,
     OVERLAP,
     put_farthest,
     turn,
     turn_back,
 )
-from icofabric_sim.kernels.contact.shape import INNER, OUTER, reach
+from icofabric_sim.kernels.contact.shape import farthest_vertex, INNER, OUTER, reach, VERTICES
 from icofabric_sim.kernels.contact.surface import (
     add_all,
     add_plane,
@@ -62,8 +66,9 @@ import numpy as np
 __all__ = ['contact_scratch', 'OUT_SIZE', 'Scratch', 'touch_pair', 'touch_plane']
 
 # Numbers in `out` of a pair: force on A (3), torques about their centres on A and B (3 each),
-# delta^2 / 2, delta, overlap, unit axis from A to B (3), contact point (3), squared area between.
-OUT_SIZE = 19
+# delta^2 / 2, delta, overlap, unit axis from A to B (3), contact point (3), squared area between,
+# number of the facet that the line of centres leaves through (axis.py).
+OUT_SIZE = 20
 # Centres closer than this times a coincide: no direction leads apart.
 _COINCIDE = 1e-6
 # From this overlap over a on the surface between the bodies may be in several pieces.
@@ -80,28 +85,41 @@ def touch_pair(
     """
     Whether two shells of half edge a [m] touch, and for a stiffness of 1 N/m how they push.
 
-    Centres [m] (3,), matrices from body to world axes (3, 3). Writes `out` (19,): force on A [N]
+    Centres [m] (3,), matrices from body to world axes (3, 3). Writes `out` (20,): force on A [N]
     (3), its torque about the centre of A [N m] (3), the torque on B about the centre of B (3),
     energy delta^2 / 2 [J], delta [m], overlap [m], axis (3), contact point [m] (3), square of the
-    area between them [m^4]. B feels the opposite force. The overlap is that along the axis, the
-    normal of the facet of the Minkowski sum that the line of centres leaves through: never less
-    than what would part the bodies. The contact point is where friction acts: the centre of depth
+    area between them [m^4], number of the facet or 0. B feels the opposite force. The overlap is
+    that along the axis, the normal of the facet of the Minkowski sum that the line of centres
+    leaves through: never less than what would part the bodies. The contact point is where friction
+    acts: the centre of depth
     of the surface between the bodies, from the middle of both centres. Where they are apart all is
     0 but the axis, which has a gap.
 
     Bodies whose centres coincide push neither way, by symmetry: then delta is rho, its value for
     equal orientations, and the overlap 2 rho.
     """
-    return meet(half_edge, borrowed(xa), borrowed(ra), borrowed(xb), borrowed(rb),
+    return meet(half_edge, borrowed(xa), borrowed(ra), borrowed(xb), borrowed(rb), 0,
+                borrowed(scratch.room), borrowed(scratch.marks), borrowed(out))
+
+
+@compiled
+def touch_pair_again(
+    half_edge: float, xa: np.ndarray, ra: np.ndarray, xb: np.ndarray, rb: np.ndarray,
+    scratch: Scratch, out: np.ndarray
+) -> bool:
+    """
+    The same where `out` holds what was found before: its facet may spare a search, no more.
+    """
+    return meet(half_edge, borrowed(xa), borrowed(ra), borrowed(xb), borrowed(rb), int(out[19]),
                 borrowed(scratch.room), borrowed(scratch.marks), borrowed(out))
 
 
 @compiled
 def meet(
     half_edge: float, xa: np.ndarray, ra: np.ndarray, xb: np.ndarray, rb: np.ndarray,
-    room: np.ndarray, marks: np.ndarray, out: np.ndarray
+    number: int, room: np.ndarray, marks: np.ndarray, out: np.ndarray
 ) -> bool:
-    """The same, with arrays that are not counted."""
+    """The same, with the facet that is tried first, and arrays that are not counted."""
     for k in range(OUT_SIZE):
         out[k] = 0.0
     dx, dy, dz = xb[0] - xa[0], xb[1] - xa[1], xb[2] - xa[2]
@@ -116,7 +134,7 @@ def meet(
     if swapped:
         ra, rb = rb, ra
         dx, dy, dz = -dx, -dy, -dz
-    found = press(half_edge, dx, dy, dz, ra, rb, room, marks, out)
+    found = press(half_edge, dx, dy, dz, ra, rb, number, room, marks, out)
     if swapped:
         for k in range(3):
             out[k], out[12 + k] = -out[k], -out[12 + k]
@@ -127,7 +145,7 @@ def meet(
 @compiled
 def press(
     half_edge: float, dx: float, dy: float, dz: float, ra: np.ndarray, rb: np.ndarray,
-    room: np.ndarray, marks: np.ndarray, out: np.ndarray
+    number: int, room: np.ndarray, marks: np.ndarray, out: np.ndarray
 ) -> bool:
     """The same for a body at the origin and another at d, whose first number is not negative."""
     cx, cy, cz = approach(half_edge, dx, dy, dz, ra, rb, room)
@@ -137,10 +155,46 @@ def press(
         out[11] = 2.0 * INNER * half_edge
         out[12] = 1.0
         return True
-    verdict, ux, uy, uz, gap, x, y, z = find_facet(room, cx, cy, cz)
+    verdict, ux, uy, uz, gap, x, y, z = find_facet_again(room, number, cx, cy, cz)
     if verdict == APART:
         out[12], out[13], out[14] = turn(ra, ux, uy, uz)
         return False
+    number = int(room[FACET])
+    out[19] = number
+    found = False
+    if number > 0 and gap < 0.0:
+        found, px, py, pz, square = one_apex(
+            room, number, cx, cy, cz, ux, uy, uz, gap, x, y, z)
+        if found:
+            lean(half_edge, ra, ux, uy, uz, gap, ux * cx + uy * cy + uz * cz - gap, x, y, z, out)
+            out[15], out[16], out[17] = turn(ra, half_edge * px, half_edge * py, half_edge * pz)
+            out[18] = (half_edge * half_edge) ** 2 * square
+    if not found:
+        found, ux, uy, uz, gap = press_surface(
+            half_edge, ra, verdict, cx, cy, cz, ux, uy, uz, gap, x, y, z, room, marks, out)
+    out[12], out[13], out[14] = turn(ra, ux, uy, uz)
+    if not found:
+        return False
+    out[11] = max(0.0, -gap) * half_edge
+    # Whatever the polygons, angular momentum is kept.
+    out[6] = -out[3] + (dy * out[2] - dz * out[1])
+    out[7] = -out[4] + (dz * out[0] - dx * out[2])
+    out[8] = -out[5] + (dx * out[1] - dy * out[0])
+    out[15], out[16], out[17] = out[15] - 0.5 * dx, out[16] - 0.5 * dy, out[17] - 0.5 * dz
+    return True
+
+
+@compiled
+def press_surface(
+    half_edge: float, ra: np.ndarray, verdict: int, cx: float, cy: float, cz: float, ux: float,
+    uy: float, uz: float, gap: float, x: float, y: float, z: float, room: np.ndarray,
+    marks: np.ndarray, out: np.ndarray
+) -> tuple[bool, float, float, float, float]:
+    """
+    The same by all polygons of the surface between them, from what `find_facet` has found.
+
+    Returns whether there is an overlap, the axis (3), and the gap along it.
+    """
     turn_normals(room)
     for k in range(SUM_COUNT):
         room[SUMS + k] = 0.0
@@ -150,17 +204,30 @@ def press(
         length = math.sqrt(cx * cx + cy * cy + cz * cz)
         ux, uy, uz = cx / length, cy / length, cz / length
         gap = length - put_farthest(room, ux, uy, uz, 0)
-    out[12], out[13], out[14] = turn(ra, ux, uy, uz)
     if not room[SUMS + M0] > _NOTHING:
-        return False
+        return False, ux, uy, uz, gap
     push(half_edge, ra, room, out)
-    out[11] = max(0.0, -gap) * half_edge
-    # Whatever the polygons, angular momentum is kept.
-    out[6] = -out[3] + (dy * out[2] - dz * out[1])
-    out[7] = -out[4] + (dz * out[0] - dx * out[2])
-    out[8] = -out[5] + (dx * out[1] - dy * out[0])
-    out[15], out[16], out[17] = out[15] - 0.5 * dx, out[16] - 0.5 * dy, out[17] - 0.5 * dz
-    return True
+    return True, ux, uy, uz, gap
+
+
+@compiled
+def lean(
+    half_edge: float, ra: np.ndarray, ux: float, uy: float, uz: float, gap: float, far: float,
+    x: float, y: float, z: float, out: np.ndarray
+) -> None:
+    """
+    Write force and torque on A, energy and delta of an overlap with one apex (apex.py).
+
+    `gap`, below 0, along the axis u, `far` both bodies' extent along it; the apex (3).
+    """
+    part = INNER / far
+    delta = -gap * part * half_edge
+    fx, fy, fz = -delta * part * ux, -delta * part * uy, -delta * part * uz
+    out[0], out[1], out[2] = turn(ra, fx, fy, fz)
+    x, y, z = half_edge * x, half_edge * y, half_edge * z
+    out[3], out[4], out[5] = turn(ra, y * fz - z * fy, z * fx - x * fz, x * fy - y * fx)
+    out[9] = 0.5 * (delta * delta)
+    out[10] = delta
 
 
 @compiled
@@ -267,14 +334,27 @@ def meet_plane(
     if not height < OUTER:
         return False
     nx, ny, nz = turn_back(ra, normal[0], normal[1], normal[2])
-    overlap = reach(nx, ny, nz) - height
+    far = reach(nx, ny, nz)
+    overlap = far - height
     if not overlap > 0.0:
         return False
+    out[11] = overlap * half_edge
+    vertex = farthest_vertex(-nx, -ny, -nz)
+    # Depths below the plane and below the faces at the vertex are alike this far out.
+    part = (INNER + height) / (INNER + far)
+    found, px, py, pz, square = cone(room, vertex, -nx, -ny, -nz, overlap, part, 0)
+    if found:
+        x, y, z = (part * VERTICES[vertex, 0], part * VERTICES[vertex, 1],
+                   part * VERTICES[vertex, 2])
+        lean(half_edge, ra, -nx, -ny, -nz, -overlap, INNER + far, x, y, z, out)
+        out[15], out[16], out[17] = turn(ra, half_edge * px, half_edge * py, half_edge * pz)
+        out[18] = (half_edge * half_edge) ** 2 * square
+        return True
     for k in range(SUM_COUNT):
         room[SUMS + k] = 0.0
     add_plane(room, nx, ny, nz, -height)
     if not room[SUMS + M0] > _NOTHING:
+        out[11] = 0.0
         return False
     push(half_edge, ra, room, out)
-    out[11] = overlap * half_edge
     return True

@@ -67,6 +67,51 @@ EDGE_WAYS = np.array([
     if not any(abs(way @ other) > 0.999 for other in _WAYS[:k])])
 WAY_COUNT = len(EDGE_WAYS)
 WAYS = np.concatenate([EDGE_WAYS, np.zeros((AXIS_COUNT - WAY_COUNT, 3))]).T.ravel()
+# Edges 2 k and 2 k + 1 lie along EDGE_WAYS[k], opposite each other: their middles, faces (30, 2),
+# and a vector at right angles to both way and middle. Directions n from which an edge is farthest
+# have |n . EDGE_SLOPES| < n . EDGE_MIDDLES.
+_MIDDLES = EDGE_ENDS.mean(axis=1)
+_FIRST = np.array([np.flatnonzero(np.abs(_WAYS @ way) > 0.999)[0] for way in EDGE_WAYS])
+EDGE_MIDDLES = np.stack([_MIDDLES[_FIRST], -_MIDDLES[_FIRST]], axis=1).reshape(30, 3)
+EDGE_FACES = np.argsort(-EDGE_MIDDLES @ NORMALS.T, axis=1, kind='stable')[:, :2].copy()
+_ACROSS = NORMALS[EDGE_FACES[:, 0]] - NORMALS[EDGE_FACES[:, 1]]
+EDGE_SLOPES = _ACROSS * (
+    (NORMALS[EDGE_FACES[:, 0]] * EDGE_MIDDLES).sum(axis=1)
+    / (NORMALS[EDGE_FACES[:, 0]] * _ACROSS).sum(axis=1))[:, None]
+# Vertices in the order of `farthest_vertex`.
+VERTICES = np.array([
+    np.roll((0.0, one, other * TAU), turn) for turn in (0, 2, 1)
+    for one, other in ((1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0))])
+# Their x, y and z one after the other, filled up with 0; and those of each face.
+VERTEX_ROOM = 16
+VERTEX_ROWS = np.concatenate([VERTICES, np.zeros((VERTEX_ROOM - 12, 3))]).T.ravel()
+FACE_VERTICES = ((CORNERS[:, :, None] - VERTICES) ** 2).sum(axis=3).argmin(axis=2)
+
+
+def _spokes() -> np.ndarray:
+    """Edges from each vertex, in order around it, and the same from the second on, (12, 6, 8)."""
+    spokes = np.zeros((12, 6, SPOKE_ROOM))
+    for k, vertex in enumerate(VERTICES):
+        others = [other for other in VERTICES if abs(np.linalg.norm(other - vertex) - 2.0) < 1e-9]
+        first = others[0] - vertex
+        side = np.cross(vertex, first)
+        ways = sorted(
+            (other - vertex for other in others), key=lambda way: math.atan2(
+                way @ side / np.linalg.norm(side),
+                way @ first / 2.0 - (way @ vertex) * (first @ vertex) / (2.0 * OUTER**2)))
+        ways += (SPOKE_ROOM + 1 - len(ways)) * ways[:1]
+        spokes[k] = np.concatenate([np.transpose(ways[:-1]), np.transpose(ways[1:])])
+    return spokes
+
+
+# Five edges meet at a vertex; filled up with the first to whole vectors.
+SPOKE_COUNT, SPOKE_ROOM = 5, 8
+SPOKES = _spokes().ravel()
+# Numbers of these edges in EDGE_MIDDLES, (12, 5).
+SPOKE_EDGES = np.array([[
+    int(np.argmin(((EDGE_MIDDLES - vertex - 0.5 * way) ** 2).sum(axis=1)))
+    for way in SPOKES.reshape(12, 6, SPOKE_ROOM)[k, :3, :SPOKE_COUNT].T]
+    for k, vertex in enumerate(VERTICES)])
 
 
 @compiled
@@ -100,3 +145,43 @@ def farthest(ux: float, uy: float, uz: float) -> tuple[float, float, float]:
     y = 1.0 if one else (TAU if two else 0.0)
     z = TAU if one else (0.0 if two else 1.0)
     return math.copysign(x, ux), math.copysign(y, uy), math.copysign(z, uz)
+
+
+@compiled
+def farthest_vertex(ux: float, uy: float, uz: float) -> int:
+    """Number in VERTICES of the vertex that `farthest` returns."""
+    ax, ay, az = abs(ux), abs(uy), abs(uz)
+    first, second, third = ay + TAU * az, ax + TAU * ay, az + TAU * ax
+    if first >= second and first >= third:
+        rectangle, one, other = 0, uy, uz
+    elif second >= third:
+        rectangle, one, other = 4, ux, uy
+    else:
+        rectangle, one, other = 8, uz, ux
+    rectangle += 2 if math.copysign(1.0, one) < 0.0 else 0
+    return rectangle + (1 if math.copysign(1.0, other) < 0.0 else 0)
+
+
+@compiled
+def lead(ux: float, uy: float, uz: float) -> float:
+    """How much farther along a direction the farthest vertex is than any other."""
+    ax, ay, az = abs(ux), abs(uy), abs(uz)
+    first, second, third = ay + TAU * az, ax + TAU * ay, az + TAU * ax
+    if first >= second and first >= third:
+        return min(first - max(second, third), 2.0 * ay)
+    if second >= third:
+        return min(second - max(first, third), 2.0 * ax)
+    return min(third - max(first, second), 2.0 * az)
+
+
+@compiled
+def farthest_edge(ux: float, uy: float, uz: float) -> tuple[int, float]:
+    """Number of the edge that is farthest along a direction, and how much farther one end is."""
+    vertex, least, found = farthest_vertex(ux, uy, uz), math.inf, 0
+    at = 6 * SPOKE_ROOM * vertex
+    for k in range(SPOKE_COUNT):
+        back = -(ux * SPOKES[at + k] + uy * SPOKES[at + SPOKE_ROOM + k]
+                 + uz * SPOKES[at + 2 * SPOKE_ROOM + k])
+        if back < least:
+            least, found = back, k
+    return int(SPOKE_EDGES[vertex, found]), least

@@ -37,9 +37,27 @@ where nothing cancels. Frame: axes of A, its centre at the origin, lengths over 
 
 import math
 
-from icofabric_sim.kernels.contact.shape import CORNERS, INNER, NEIGHBOURS, NORMALS, RIDGES
+from icofabric_sim.kernels.contact.shape import (
+    CORNERS,
+    FACE_VERTICES,
+    INNER,
+    NEIGHBOURS,
+    NORMALS,
+    RIDGES,
+    VERTEX_ROOM,
+    VERTEX_ROWS,
+)
 from icofabric_sim.kernels.runtime.compiled import compiled
-from icofabric_sim.kernels.runtime.lanes import fma, LANES, load_at, splat, store_at
+from icofabric_sim.kernels.runtime.lanes import (
+    fabs,
+    fma,
+    LANES,
+    load_at,
+    splat,
+    sqrt,
+    store_at,
+    where,
+)
 from icofabric_sim.kernels.runtime.record import Record
 import numpy as np
 
@@ -56,18 +74,21 @@ class Scratch(Record):
     One array of numbers, because each array that is handed on costs time.
     """
 
-    room: np.ndarray   # (512,), see below
+    room: np.ndarray   # (824,), see below
     marks: np.ndarray  # (420,)
 
 
-# Places in the room; the first, and those from 256 on, are of axis.py.
+# Places in the room; the first, and those from 256 to 543, are of axis.py and apex.py.
 NORMAL = 33    # normals of B's faces in A's axes, x, y and z of all, (3, 24)
 HEIGHT = 105   # of a point along these, (24,)
 VALUE = 129    # of the corners of a polygon on a side, (8,)
 POLYGON = 137  # two polygons: x, y, z and depth of the corners, (2, 8, 4)
 SUMS = 201     # M_0, M_1, integrals of n, p n, x cross n, p x cross n, p x and p, (18,)
+# Of a plane: depths of the vertices (16,); of faces side by side their corners and depths, the
+# first below the plane first, and normals (15, 8); and what they add to the sums (18, 8).
+_DEPTHS, _WAITING_FACES, _TOTALS = 544, 560, 680
 # A pyramid gives a polygon 4 corners at most, and each of three sides of another one more.
-_ROOM, _NEXT, _CORNERS = 512, 32, 4
+_ROOM, _NEXT, _CORNERS = 824, 32, 4
 # Faces, filled up with 0 to whole vectors.
 _FACES = 24
 FACE_NORMALS = np.concatenate([NORMALS, np.zeros((_FACES - 20, 3))]).T.ravel()
@@ -284,15 +305,17 @@ def add_polygon(room: np.ndarray, i: int, j: int, cx: float, cy: float, cz: floa
     for corner in range(count):
         at = POLYGON + _NEXT * kept + _CORNERS * corner
         x, y, z = room[at], room[at + 1], room[at + 2]
+        # A side that is not reached by all of the polygon is reached by no part of it.
         own, other = 0, 0
         for k in range(3):
-            if RIDGES[i, k, 0] * x + RIDGES[i, k, 1] * y + RIDGES[i, k, 2] * z > -_NEAR:
+            if own_sides >> k & 1 and (
+                    RIDGES[i, k, 0] * x + RIDGES[i, k, 1] * y + RIDGES[i, k, 2] * z > -_NEAR):
                 own |= 1 << k
-        if ux * x + uy * y + uz * z - u > -_NEAR:
+        if at_u and ux * x + uy * y + uz * z - u > -_NEAR:
             other |= 1
-        if vx * x + vy * y + vz * z - v > -_NEAR:
+        if at_v and vx * x + vy * y + vz * z - v > -_NEAR:
             other |= 2
-        if wx * x + wy * y + wz * z - w > -_NEAR:
+        if at_w and wx * x + wy * y + wz * z - w > -_NEAR:
             other |= 4
         reached |= own | other << 3
         if own and other:
@@ -404,26 +427,179 @@ def add_plane(room: np.ndarray, nx: float, ny: float, nz: float, offset: float) 
     normal v from A to the plane, of x . v (which is constant) times the integral of F_k, and of
     -(n . v) times that of p^(k + 1) / (k + 1).
     """
+    if not offset < INNER:
+        # The centre of A is deeper below the plane than below any face.
+        for i in range(20):
+            add_section(room, i, nx, ny, nz, offset)
+        return
+    # Depths of the vertices.
+    for k in range(0, VERTEX_ROOM, LANES):
+        store_at(room, _DEPTHS + k, splat(offset) - fma(
+            splat(nx), load_at(VERTEX_ROWS, k), fma(
+                splat(ny), load_at(VERTEX_ROWS, VERTEX_ROOM + k),
+                splat(nz) * load_at(VERTEX_ROWS, 2 * VERTEX_ROOM + k))))
+    waiting = 0
     for i in range(20):
-        count, _ = put_section(room, i, nx, ny, nz, offset)
-        if count == 0:
+        e0, e1 = room[_DEPTHS + FACE_VERTICES[i, 0]], room[_DEPTHS + FACE_VERTICES[i, 1]]
+        e2 = room[_DEPTHS + FACE_VERTICES[i, 2]]
+        if not (e0 > 0.0 or e1 > 0.0 or e2 > 0.0):
             continue
-        vx, vy, vz = NORMALS[i, 0] - nx, NORMALS[i, 1] - ny, NORMALS[i, 2] - nz
-        length = math.sqrt(vx * vx + vy * vy + vz * vz)
-        if not length > _NEAR:
-            continue
-        vx, vy, vz = vx / length, vy / length, vz / length
-        add_integrals(room, 0, count, vx, vy, vz, (INNER - offset) / length)
-        facing = -(nx * vx + ny * vy + nz * vz)
-        x, y, z, p0 = room[POLYGON], room[POLYGON + 1], room[POLYGON + 2], room[POLYGON + 3]
-        at = POLYGON + _CORNERS
-        for _ in range(2, count):
-            ux, uy, uz, p1 = room[at] - x, room[at + 1] - y, room[at + 2] - z, room[at + 3]
-            at += _CORNERS
-            wx, wy, wz, p2 = room[at] - x, room[at + 1] - y, room[at + 2] - z, room[at + 3]
-            triangle = 0.5 * abs(vx * (uy * wz - uz * wy) + vy * (uz * wx - ux * wz)
-                                 + vz * (ux * wy - uy * wx))
-            e1 = p0 + p1 + p2
-            room[SUMS + M0] += facing * triangle * e1 / 3.0
-            room[SUMS + M1] += facing * triangle * (
-                e1 * e1 - (p0 * p1 + p1 * p2 + p2 * p0)) / 12.0
+        # The first corner below the plane, and so the second where two are.
+        if e0 > 0.0 and not (e1 <= 0.0 and e2 > 0.0):
+            k = 0
+        elif e1 > 0.0 and not (e2 <= 0.0 and e0 > 0.0):
+            k = 1
+        else:
+            k = 2
+        for c in range(3):
+            corner = k + c if k + c < 3 else k + c - 3
+            for axis in range(3):
+                room[_WAITING_FACES + LANES * (3 * c + axis) + waiting] = CORNERS[i, corner, axis]
+            room[_WAITING_FACES + LANES * (9 + c) + waiting] = (
+                room[_DEPTHS + FACE_VERTICES[i, corner]])
+            room[_WAITING_FACES + LANES * (12 + c) + waiting] = NORMALS[i, c]
+        waiting += 1
+        if waiting == LANES:
+            add_sections(room, nx, ny, nz, offset, waiting)
+            waiting = 0
+    if waiting > 0:
+        for row in range(15):
+            for k in range(waiting, LANES):
+                # Others have no depth, and so no polygon.
+                room[_WAITING_FACES + LANES * row + k] = (
+                    room[_WAITING_FACES + LANES * row] if row < 9 or row > 11 else 0.0)
+        add_sections(room, nx, ny, nz, offset, waiting)
+
+
+@compiled
+def add_sections(
+    room: np.ndarray, nx: float, ny: float, nz: float, offset: float, count: int
+) -> None:
+    """
+    Add the polygons of the first `count` faces that wait, side by side.
+
+    Of three corners the first is below the plane, the second too where two are. The polygon is
+    cut into the triangles of its first, second and third, and its first, third and fourth corner.
+    """
+    zero, one, rho = splat(0.0), splat(1.0), splat(INNER)
+    centre = splat(INNER - offset)
+    at = _WAITING_FACES
+    ax, ay, az = load_at(room, at), load_at(room, at + LANES), load_at(room, at + 2 * LANES)
+    bx, by, bz = (load_at(room, at + 3 * LANES), load_at(room, at + 4 * LANES),
+                  load_at(room, at + 5 * LANES))
+    cx, cy, cz = (load_at(room, at + 6 * LANES), load_at(room, at + 7 * LANES),
+                  load_at(room, at + 8 * LANES))
+    e0, e1, e2 = (load_at(room, at + 9 * LANES), load_at(room, at + 10 * LANES),
+                  load_at(room, at + 11 * LANES))
+    vx, vy, vz = (load_at(room, at + 12 * LANES) - splat(nx),
+                  load_at(room, at + 13 * LANES) - splat(ny),
+                  load_at(room, at + 14 * LANES) - splat(nz))
+    # Points on the lines from the centre to the corners, and on the edges.
+    one_in, two_in = e1 > zero, e2 > zero
+    w0, w1, w2 = one / (centre + e0), one / (centre + e1), one / (centre + e2)
+    t0, t1, t2 = centre * w0, centre * w1, centre * w2
+    s01, s12, s02 = e0 / (e0 - e1), e1 / (e1 - e2), e0 / (e0 - e2)
+    p0x, p0y, p0z, d0 = t0 * ax, t0 * ay, t0 * az, rho * (e0 * w0)
+    x02, y02, z02 = fma(s02, cx - ax, ax), fma(s02, cy - ay, ay), fma(s02, cz - az, az)
+    p1x = where(one_in, t1 * bx, fma(s01, bx - ax, ax))
+    p1y = where(one_in, t1 * by, fma(s01, by - ay, ay))
+    p1z = where(one_in, t1 * bz, fma(s01, bz - az, az))
+    d1 = where(one_in, rho * (e1 * w1), zero)
+    p2x = where(two_in, t2 * cx, where(one_in, fma(s12, cx - bx, bx), x02))
+    p2y = where(two_in, t2 * cy, where(one_in, fma(s12, cy - by, by), y02))
+    p2z = where(two_in, t2 * cz, where(one_in, fma(s12, cz - bz, bz), z02))
+    d2 = where(two_in, rho * (e2 * w2), zero)
+    p3x, p3y, p3z = (where(two_in, p2x, x02), where(two_in, p2y, y02), where(two_in, p2z, z02))
+    d3 = where(two_in, d2, zero)
+    square = fma(vx, vx, fma(vy, vy, vz * vz))
+    # Where the plane lies on the face they are alike nowhere or everywhere.
+    some = where(square > splat(_NEAR * _NEAR), one, zero)
+    some = where(e0 > zero, some, zero)
+    scale = one / sqrt(where(square > splat(_NEAR * _NEAR), square, one))
+    vx, vy, vz = vx * scale, vy * scale, vz * scale
+    h = centre * scale
+    facing = zero - fma(splat(nx), vx, fma(splat(ny), vy, splat(nz) * vz))
+    half = splat(0.5) * some
+    # The first triangle.
+    ux, uy, uz = p1x - p0x, p1y - p0y, p1z - p0z
+    qx, qy, qz = p2x - p0x, p2y - p0y, p2z - p0z
+    rx, ry, rz = p3x - p0x, p3y - p0y, p3z - p0z
+    area_1 = half * fabs(fma(vx, uy * qz - uz * qy, fma(
+        vy, uz * qx - ux * qz, vz * (ux * qy - uy * qx))))
+    area_2 = half * fabs(fma(vx, qy * rz - qz * ry, fma(
+        vy, qz * rx - qx * rz, vz * (qx * ry - qy * rx))))
+    e1_1, e1_2 = d0 + d1 + d2, d0 + d2 + d3
+    e2_1, e2_2 = d0 * d1 + d1 * d2 + d2 * d0, d0 * d2 + d2 * d3 + d3 * d0
+    e3_1, e3_2 = d0 * d1 * d2, d0 * d2 * d3
+    g02 = (rho - d0) * (rho - d2)
+    shared_1, shared_2 = area_1 / (g02 * (rho - d1)), area_2 / (g02 * (rho - d3))
+    zeroth = shared_1 * fma(rho, fma(rho, e1_1, zero - e2_1), e3_1) + (
+        shared_2 * fma(rho, fma(rho, e1_2, zero - e2_2), e3_2))
+    first = shared_1 * fma(rho, fma(rho, e1_1 * e1_1 - e2_1, e3_1 - e1_1 * e2_1), e1_1 * e3_1) + (
+        shared_2 * fma(rho, fma(rho, e1_2 * e1_2 - e2_2, e3_2 - e1_2 * e2_2), e1_2 * e3_2))
+    area = area_1 + area_2
+    depth = area_1 * e1_1 + area_2 * e1_2
+    squares = area_1 * (e1_1 * e1_1 - e2_1) + area_2 * (e1_2 * e1_2 - e2_2)
+    third, twelfth = splat(1.0 / 3.0), splat(1.0 / 12.0)
+    to = _TOTALS
+    store_at(room, to, third * fma(h, zeroth, facing * depth))
+    store_at(room, to + LANES, twelfth * fma(h, first, facing * squares))
+    store_at(room, to + LANES * S0, vx * area)
+    store_at(room, to + LANES * (S0 + 1), vy * area)
+    store_at(room, to + LANES * (S0 + 2), vz * area)
+    depth = third * depth
+    store_at(room, to + LANES * S1, vx * depth)
+    store_at(room, to + LANES * (S1 + 1), vy * depth)
+    store_at(room, to + LANES * (S1 + 2), vz * depth)
+    store_at(room, to + LANES * P1, depth)
+    # Three times the areas' centres, and twelve times their centres of depth.
+    sx, sy, sz = p0x + p1x + p2x, p0y + p1y + p2y, p0z + p1z + p2z
+    wx, wy, wz = p0x + p2x + p3x, p0y + p2y + p3y, p0z + p2z + p3z
+    mx, my, mz = area_1 * sx + area_2 * wx, area_1 * sy + area_2 * wy, area_1 * sz + area_2 * wz
+    kx = area_1 * fma(sx, e1_1, fma(p0x, d0, fma(p1x, d1, p2x * d2))) + (
+        area_2 * fma(wx, e1_2, fma(p0x, d0, fma(p2x, d2, p3x * d3))))
+    ky = area_1 * fma(sy, e1_1, fma(p0y, d0, fma(p1y, d1, p2y * d2))) + (
+        area_2 * fma(wy, e1_2, fma(p0y, d0, fma(p2y, d2, p3y * d3))))
+    kz = area_1 * fma(sz, e1_1, fma(p0z, d0, fma(p1z, d1, p2z * d2))) + (
+        area_2 * fma(wz, e1_2, fma(p0z, d0, fma(p2z, d2, p3z * d3))))
+    store_at(room, to + LANES * X1, twelfth * kx)
+    store_at(room, to + LANES * (X1 + 1), twelfth * ky)
+    store_at(room, to + LANES * (X1 + 2), twelfth * kz)
+    store_at(room, to + LANES * T0, third * (my * vz - mz * vy))
+    store_at(room, to + LANES * (T0 + 1), third * (mz * vx - mx * vz))
+    store_at(room, to + LANES * (T0 + 2), third * (mx * vy - my * vx))
+    store_at(room, to + LANES * T1, twelfth * (ky * vz - kz * vy))
+    store_at(room, to + LANES * (T1 + 1), twelfth * (kz * vx - kx * vz))
+    store_at(room, to + LANES * (T1 + 2), twelfth * (kx * vy - ky * vx))
+    for k in range(SUM_COUNT):
+        for lane in range(count):
+            room[SUMS + k] += room[to + LANES * k + lane]
+
+
+@compiled
+def add_section(
+    room: np.ndarray, i: int, nx: float, ny: float, nz: float, offset: float
+) -> None:
+    """Add the polygon of face i and a plane."""
+    count, _ = put_section(room, i, nx, ny, nz, offset)
+    if count == 0:
+        return
+    vx, vy, vz = NORMALS[i, 0] - nx, NORMALS[i, 1] - ny, NORMALS[i, 2] - nz
+    length = math.sqrt(vx * vx + vy * vy + vz * vz)
+    if not length > _NEAR:
+        return
+    vx, vy, vz = vx / length, vy / length, vz / length
+    add_integrals(room, 0, count, vx, vy, vz, (INNER - offset) / length)
+    facing = -(nx * vx + ny * vy + nz * vz)
+    x, y, z, p0 = room[POLYGON], room[POLYGON + 1], room[POLYGON + 2], room[POLYGON + 3]
+    at = POLYGON + _CORNERS
+    for _ in range(2, count):
+        ux, uy, uz, p1 = room[at] - x, room[at + 1] - y, room[at + 2] - z, room[at + 3]
+        at += _CORNERS
+        wx, wy, wz, p2 = room[at] - x, room[at + 1] - y, room[at + 2] - z, room[at + 3]
+        triangle = 0.5 * abs(vx * (uy * wz - uz * wy) + vy * (uz * wx - ux * wz)
+                             + vz * (ux * wy - uy * wx))
+        e1 = p0 + p1 + p2
+        room[SUMS + M0] += facing * triangle * e1 / 3.0
+        room[SUMS + M1] += facing * triangle * (
+            e1 * e1 - (p0 * p1 + p1 * p2 + p2 * p0)) / 12.0

@@ -74,6 +74,7 @@ class Record(_Address):
     _is_optional: ClassVar[bool] = False
     # Of a class that belongs to one type of the fields: made when first asked for.
     _numba_type: ClassVar[RecordType | None] = None
+    _places: ClassVar[dict[str, tuple[int, int, int]] | None] = None
 
     def __init_subclass__(cls, **options: Any) -> None:
         """Read the fields; classes for one type of the fields inherit them."""
@@ -162,10 +163,39 @@ class Record(_Address):
         return {name: values[name] for name in self._fields}
 
     def _replace(self, **changed: Any) -> Self:
-        unknown = set(changed) - set(self._fields)
+        """Return the record with other values; what stays is not packed again."""
+        kind, values = type(self), vars(self)
+        places = kind._find_places(values['_packed'])
+        unknown = set(changed) - set(places)
         if unknown:
             raise ValueError(f'{self._base().__name__} has no fields {sorted(unknown)}')
-        return self._base()(**{**self._asdict(), **changed})
+        packed, buffer = list(values['_packed']), values['_buffer'].copy()
+        for name, value in changed.items():
+            if value is None and name in self._absent:
+                value = _absent(self._absent[name])
+            number, first, last = places[name]
+            if _kind_of(value) != _kind_of(packed[number]):
+                return self._base()(**{**self._asdict(), **changed})
+            words: list[int] = []
+            _pack(value, words)
+            packed[number], buffer[first:last] = value, words
+        record: Any = super().__new__(kind)
+        vars(record).update(values)
+        vars(record).update(changed, _buffer=buffer, _packed=tuple(packed))
+        record._address = buffer.ctypes.data
+        return record
+
+    @classmethod
+    def _find_places(cls, packed: tuple[Any, ...]) -> dict[str, tuple[int, int, int]]:
+        """Number, first word and last of each field, the same for all records of a class."""
+        if cls._places is None:
+            places, words = {}, [1] if cls._is_optional else []
+            for number, (name, value) in enumerate(zip(cls._fields, packed)):
+                first = len(words)
+                _pack(value, words)
+                places[name] = number, first, len(words)
+            cls._places = places
+        return cls._places
 
     @classmethod
     def numba_type(cls) -> RecordType:

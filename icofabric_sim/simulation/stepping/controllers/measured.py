@@ -53,6 +53,9 @@ _CONTACT, _LOOSE, _STABLE_CONTACTS = 0.7, 0.1, 6.0
 # More contacts of one body shorten the step by powers of this; a step that is shorter than this
 # part of what contacts allow becomes longer. So one contact more or less hardly ever matters.
 _FEWER, _RELAXED = 2.0**-0.25, 0.8
+# Health checks that a search looks ahead there: one costs as much as some thousand tests of pairs
+# that are apart.
+_SEARCHED = 3.0
 # A face that hits a face comes near the bound of the frequency, and its energy swings by up to
 # 0.01 of the largest at so many times the step at which that of a vibration at the bound swings
 # by half of that (measured over phases of drops at 3 m/s). What a collision can swing is a part of
@@ -127,7 +130,7 @@ class MeasuredStep:
         """Contacts are stiffer than the fabric, whose frequency is of an earlier state."""
         method = self._pieces.trajectory.method
         if self._runs_through:
-            return self._contact_step(), float(self._pieces.monitor.interval)
+            return self._contact_step(), _SEARCHED * self._pieces.monitor.interval
         return (
             method.chosen / math.sqrt(self._pieces.contact.least_rate), LOOK_AFTER / method.stages)
 
@@ -162,7 +165,8 @@ class MeasuredStep:
         if probe or errors.is_new or rates.load_rate > errors.load_rate:
             if not probe:
                 trajectory.save()
-            step = self._measure(step, rounded_down(cap), rate, jumped=not probe)
+            step = self._measure(
+                step, rounded_down(cap), rate, jumped=not probe, held=cap == contact)
         if not trajectory.time + step > trajectory.time:
             # It would be lost in the time that it is added to.
             trajectory.fail(too_fast(trajectory.time, rates.fastest_term()))
@@ -237,11 +241,14 @@ class MeasuredStep:
         """Propose another step."""
         return True
 
-    def _measure(self, step: float, cap: float, fastest: float, *, jumped: bool) -> float:
+    def _measure(
+        self, step: float, cap: float, fastest: float, *, jumped: bool, held: bool
+    ) -> float:
         """
         Find a step up to `cap` [s] that is accurate enough, near `step` if that will do.
 
-        `fastest` is the rate [rad/s] of the fastest motion; `jumped`: what acts is new.
+        `fastest` is the rate [rad/s] of the fastest motion; `jumped`: what acts is new; `held`:
+        contacts keep steps short, whose errors are measured behind the steps.
         """
         errors, trajectory = self._pieces.errors.probe, self._pieces.trajectory
         tolerance, order = errors.tolerance, trajectory.order
@@ -278,7 +285,8 @@ class MeasuredStep:
             step, error = other, found
             low = 0.25 * AIM
         rough = trajectory.ledger.rough
-        largest = _LARGEST_GAP if rough >= 0.0 else _LARGEST_BLIND_GAP
+        is_held = held and step >= cap
+        largest = _LARGEST_GAP if rough >= 0.0 or is_held else _LARGEST_BLIND_GAP
         steps = errors.steps_of_period(step, fastest)
         errors.pace(
             math.inf if jumped else change, first=_FIRST_GAP, largest=largest, unit=steps * step,
