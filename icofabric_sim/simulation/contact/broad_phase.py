@@ -189,12 +189,16 @@ class BroadPhase:
     @property
     def watch(self) -> Watch:
         """The limits that kernels check."""
-        return self._watch._replace(nearby=self._lists.nearby)
+        if self._watch.nearby is not self._lists.nearby:
+            self._watch = self._watch._replace(nearby=self._lists.nearby)
+        return self._watch
 
     @property
     def trial_watch(self) -> Watch:
         """The same for trial steps, whose notes are not used."""
-        return self._trial_watch._replace(nearby=self._lists.nearby)
+        if self._trial_watch.nearby is not self._lists.nearby:
+            self._trial_watch = self._trial_watch._replace(nearby=self._lists.nearby)
+        return self._trial_watch
 
     @property
     def fall(self) -> float:

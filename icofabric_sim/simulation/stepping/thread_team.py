@@ -98,6 +98,7 @@ class ThreadTeam:
             packed.layout, packed.model.links, self.size,
             together=packed.model.coulomb is not None)
         self._pool: ThreadPoolExecutor | None = None
+        self._teams: dict[int, Team] = {}
 
     @property
     def busy(self) -> int:
@@ -106,6 +107,9 @@ class ThreadTeam:
 
     def prepare_contacts(self, wanted: bool) -> None:
         """Whether there are contacts: then all bodies drift before one is pushed."""
+        if wanted == (self._rooms[0] is not None):
+            return
+        self._teams = {}
         if not wanted:
             self._sweeps, self._rooms = self._apart, [None] * self.size
             return
@@ -121,7 +125,10 @@ class ThreadTeam:
 
     def team(self, member: int) -> Team:
         """What kernels know of the thread_team, in the thread `member`."""
-        return Team(member, self.size, self._flags, self._sweeps[member], self._rooms[member])
+        if member not in self._teams:
+            self._teams[member] = Team(
+                member, self.size, self._flags, self._sweeps[member], self._rooms[member])
+        return self._teams[member]
 
     def run(self, work: Callable[[Team], Result]) -> Result:
         """
