@@ -162,6 +162,7 @@ def _steps_text(scene: 'Scene', reached: list[tuple[float, 'Equilibrium']]) -> l
 
 def summary(scene: 'Scene', result: 'Equilibrium', seconds: float) -> list[str]:
     """Lines for the terminal."""
+    from icofabric_sim.statics.contacts import MEANT
     import numpy as np
 
     lines = [
@@ -207,6 +208,11 @@ def summary(scene: 'Scene', result: 'Equilibrium', seconds: float) -> list[str]:
             f'contact    {len(touching.pairs):,} pairs of shells and '
             f'{sum(map(len, touching.planes)):,} shells on planes; deepest overlap '
             f'{touching.depth / scene.geometry.half_edge:.2g} a')
+        deep = touching.depth / (MEANT * scene.geometry.half_edge)
+        if deep > 1.0:
+            lines.append(
+                '           more than the 1 % of a that contact is meant for: shells would not '
+                f'rest so; give a contact.stiffness of {2.0 * deep * touching.stiffness:.2g} N/m')
     if result.first_touches:
         lines.append(f'touching   {touch_text(result.first_touches)}')
     return lines

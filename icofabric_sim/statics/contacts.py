@@ -33,6 +33,8 @@ _SOFTER = 6
 _STEP, _WITHIN = 1e-6, 0.1
 # Overlap, or gap, below which shells are at their first touch, in parts of a.
 _FIRST = 1e-9
+# Deepest overlap, in parts of a, that contact is meant for; it chooses half of this.
+MEANT = 0.01
 
 
 class Contacts(NamedTuple):
@@ -44,6 +46,7 @@ class Contacts(NamedTuple):
     planes: tuple[np.ndarray, ...]  # bodies that touch each of the planes
     depth: float  # [m] the deepest overlap
     largest_force: float  # [N] of a contact
+    stiffness: float  # [N/m] of all contacts
 
 
 class StaticContacts:
@@ -187,7 +190,8 @@ class StaticContacts:
         sizes = np.linalg.norm(np.concatenate(forces), axis=1)
         return Contacts(
             energies, wrench, found[0], tuple(group[:, 0] for group in found[1:]),
-            float(np.concatenate(depths).max(initial=0.0)), float(sizes.max(initial=0.0)))
+            float(np.concatenate(depths).max(initial=0.0)), float(sizes.max(initial=0.0)),
+            self.stiffness)
 
     def _wrenches(
         self, places: np.ndarray, axes: np.ndarray, which: int

@@ -684,6 +684,19 @@ def test_what_statics_leaves_out_is_refused_with_the_way_out(
     assert 'stiffness [Pa]' not in around.out
 
 
+def test_statics_says_where_shells_overlap_too_deeply(call: Callable[..., Result]) -> None:
+    """And what it says to do mends it."""
+    dense = ['-p', 'weave.size:=[3, 3, 3]', '-p', 'weave.connector_angle:=-0.3', '-p',
+             'connector.natural_length:=0.013']
+    deep = call('statics', 'free_slab', *dense)
+    said = re.search(r'contact is meant for: .* contact.stiffness of ([0-9.e+]+) N/m', deep.out)
+    assert deep.status == 0 and said is not None
+    mended = call('statics', 'free_slab', *dense, '-p', f'contact.stiffness:={float(said[1])!r}')
+    assert mended.status == 0 and 'is meant for' not in mended.out
+    depth = re.search(r'deepest overlap ([0-9.e-]+) a', mended.out)
+    assert depth is not None and 0.002 < float(depth[1]) < 0.01
+
+
 def test_friction_does_not_matter_where_nothing_touches(call: Callable[..., Result]) -> None:
     done = call(
         'modes', 'free_slab', '-p', 'weave.size:=[2, 2, 2]', '-p', 'contact.friction:=0.3', '-p',

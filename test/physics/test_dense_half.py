@@ -126,3 +126,16 @@ def test_the_limits_themselves_are_woven():
         assert np.linalg.norm(between, axis=1) == pytest.approx(
             np.full(len(ends), np.sqrt(2.0) * scene.geometry.pitch), rel=1e-12)
         assert np.isfinite(scene.position).all()
+
+
+@pytest.mark.parametrize('ratio, pairs, mechanisms', [(1.05, 0, 48), (0.99, 12, 30), (0.9, 12, 30)])
+def test_pre_tension_presses_faces_and_takes_mechanisms_away(ratio, pairs, mechanisms):
+    """The table of docs/material.md: D over L at the least angle."""
+    scene = woven(MINIMUM_ANGLE)
+    tense = woven(MINIMUM_ANGLE, connector={
+        'natural_length': ratio * scene.geometry.connector_length})
+    rest = ico.solve_equilibrium(tense)
+    assert rest.converged and rest.verdict == 'equilibrium, with mechanisms'
+    assert rest.mechanism_count == mechanisms and len(rest.touching.pairs) == pairs
+    assert rest.touching.depth < 0.005 * scene.shell.half_edge
+    assert (np.abs(rest.tension).max() > 1e-3) == (pairs > 0)
