@@ -128,7 +128,8 @@ def test_the_limits_themselves_are_woven():
         assert np.isfinite(scene.position).all()
 
 
-@pytest.mark.parametrize('ratio, pairs, mechanisms', [(1.05, 0, 48), (0.99, 12, 30), (0.9, 12, 30)])
+@pytest.mark.parametrize('ratio, pairs, mechanisms', [
+    (1.05, 0, 48), (0.99, 12, 30), (0.9, 12, 30)])
 def test_pre_tension_presses_faces_and_takes_mechanisms_away(ratio, pairs, mechanisms):
     """The table of docs/material.md: D over L at the least angle."""
     scene = woven(MINIMUM_ANGLE)
