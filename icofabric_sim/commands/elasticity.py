@@ -27,6 +27,7 @@ from icofabric_sim.commands.scenes import add_scene_arguments, read_parameters
 from icofabric_sim.terminal import bad_input, InputError, Progress
 
 if TYPE_CHECKING:
+    from icofabric_sim.scene.scene import Scene
     from icofabric_sim.statics.periodic import Elasticity
     from icofabric_sim.statics.stretching import CurvePoint
 
@@ -88,7 +89,7 @@ def _find(arguments: argparse.Namespace) -> tuple[dict[str, Any], bool]:
             refuse_in_statics(scene)
         constants = homogenise(scene)
     print(f'{name}: the endless fabric')
-    print('\n'.join(constants_text(constants)))
+    print('\n'.join([*constants_text(constants), *rest_text(scene)]))
     curves: dict[str, list[CurvePoint]] = {kind: [] for kind in arguments.kinds}
     strains = arguments.strain * np.arange(1, arguments.points + 1) / arguments.points
     try:
@@ -181,6 +182,30 @@ def constants_text(constants: 'Elasticity') -> list[str]:
         lines.append(f'  bounds, {branch}: {said}')
         lines += [f'  {line}' for line in _branch_text(constants.branches[branch])]
     return lines
+
+
+def rest_text(scene: 'Scene') -> list[str]:
+    """Where pre-tensioned point springs would take the fabric if nothing held it."""
+    from icofabric_sim.scene.attachments import are_given
+    from icofabric_sim.scene.weave_geometry import geometry_from_length, MINIMUM_LENGTH_RATIO
+
+    given, woven = scene.parameters, scene.geometry
+    natural = given['connector.natural_length']
+    plain = not (are_given(given) or given['connector.law']) and all(
+        given[f'connector.{name}'] == value for name, value in (
+            ('bending_stiffness', 0.0), ('twisting_stiffness', 0.0), ('attachment_scale', 1.0)))
+    if not (plain and natural > 0.0) or abs(natural / woven.connector_length - 1.0) < 1e-9:
+        return []
+    shortest = MINIMUM_LENGTH_RATIO * woven.cube_width
+    if natural < shortest:
+        return [
+            f'  connector.natural_length {natural:.6g} m: a weave of connectors so short does not '
+            'exist; shells meet before, and only contact gives it a rest. The least natural '
+            f'length that has one without is {shortest:.9g} m']
+    angle = geometry_from_length(woven.half_edge, natural).connector_angle
+    return [
+        f'  connector.natural_length {natural:.6g} m: these are constants of the woven state, '
+        f'held; left alone the fabric rests at weave.connector_angle {angle:.6g} rad']
 
 
 _BRANCHES = {

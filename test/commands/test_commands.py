@@ -755,6 +755,24 @@ def test_elasticity_prints_constants_and_curves(
     assert bad.status == 2 and 'weave.kind' in bad.err
 
 
+@pytest.mark.parametrize('length, words', [
+    ('0.024', 'only contact gives it a rest. The least natural length that has one without is '
+     '0.0250664748 m'),
+    ('0.026', 'left alone the fabric rests at weave.connector_angle -0.29066'), ('0.0', '')])
+def test_elasticity_says_where_pre_tension_leads(
+        call: Callable[..., Result], length: str, words: str) -> None:
+    done = call('elasticity', 'free_slab', '--kinds', '-p', 'weave.connector_angle:=-0.3', '-p',
+                f'connector.natural_length:={length}')
+    assert done.status == 0 and words in done.out
+    assert ('natural_length' in done.out) == bool(words)
+    if 'rests at' in words:
+        angle = re.search(r'rests at weave.connector_angle (\S+) rad', done.out)
+        assert angle is not None
+        there = call('elasticity', 'free_slab', '--kinds', '-p',
+                     f'weave.connector_angle:={angle[1]}')
+        assert 'stress as woven' in done.out and 'stress as woven' not in there.out
+
+
 def test_fabrics_at_their_kink_say_so_and_give_both_branches(
         call: Callable[..., Result], tmp_path: Path) -> None:
     kinked = ['-p', 'weave.size:=[3, 2, 2]', '-p', 'connector.stiffness_compression:=200.0']
