@@ -57,18 +57,9 @@ def require_shareable_method(name: str) -> None:
     _require_method(name, _SHARED, _ONE)
 
 
-def require_method_on_device(name: str, device: str, *, follows_kinks: bool) -> None:
-    """
-    Raise ParameterError where the `device` cannot take the steps of the method `name`.
-
-    `follows_kinks`: the method would follow where slopes jump, see kernels/kinks.py.
-    """
+def require_method_on_device(name: str, device: str) -> None:
+    """Raise ParameterError where the `device` cannot take the steps of the method `name`."""
     _require_method(name, _on(device), _CPU)
-    if follows_kinks:
-        raise ParameterError(
-            'solver.method',
-            f'solver.method {name}, which follows where connector.stiffness_extension changes to '
-            f'connector.stiffness_compression, {_on(device)} yet: take leapfrog or srkn8, {_CPU}')
 
 
 def _on(device: str) -> str:

@@ -16,12 +16,21 @@
 from importlib import import_module
 from typing import Any
 
-from icofabric_sim.kernels.records import Bending, Links, Loads, Model, State, Twisting, Work
+from icofabric_sim.kernels.records import (
+    Bending,
+    LINK_COUNT,
+    Links,
+    Loads,
+    Model,
+    State,
+    Twisting,
+    Work,
+)
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.simulation.devices.gpu.kernels import Terms
 from icofabric_sim.simulation.devices.gpu.opening import Device
-from icofabric_sim.simulation.devices.gpu.records import Acting, Fabric
-from icofabric_sim.simulation.model.layout import Layout
+from icofabric_sim.simulation.devices.gpu.records import Fabric
+from icofabric_sim.simulation.model.layout import has_jumps, Layout
 import numpy as np
 
 wp: Any = import_module('warp')
@@ -30,6 +39,8 @@ wp: Any = import_module('warp')
 # velocities of the saved state.
 _EACH = 2 * 7 + 6 + 6 + 7 + 6
 POSE, MOTION = 7, 6
+# And for steps that follow where slopes jump.
+_START, _FORCES = 3 * LINK_COUNT, 4 * LINK_COUNT
 
 
 def terms_of(model: Model, *, loaded: bool) -> Terms:
@@ -45,10 +56,16 @@ def terms_of(model: Model, *, loaded: bool) -> Terms:
         loaded=loaded)
 
 
-def bytes_of(model: Model, layout: Layout) -> int:
-    """Bytes that a run takes on a device, about; loads come beside them."""
+def bytes_of(model: Model, layout: Layout, *, kinked: bool = False) -> int:
+    """
+    Bytes that a run takes on a device, about; loads come beside them.
+
+    `kinked`: by a method that follows where slopes jump, if some do.
+    """
     terms, slots = terms_of(model, loaded=False), layout.slot_count
     each = 8 * _EACH + 4 * terms.held * 8
+    if kinked and has_jumps(model.links):
+        each += 8 * (_START + _FORCES + 3 * MOTION) + LINK_COUNT
     blocks = len(layout.blocks.slot) * (4 + 1 + 4)
     if terms.linked:
         blocks += len(layout.blocks.slot) * 12 * (4 + 1)
@@ -135,34 +152,52 @@ def _put_links(fabric: Any, links: Links, device: Device) -> None:
         fabric.natural = doubles(links.variety.natural_length, device)
 
 
-def acting_of(loads: Loads, device: Device) -> Any:
-    """Put what acts on the device, with the work that it has done so far."""
-    acting, count = Acting(), len(loads.force)
-    acting.start = _integers(loads.start, wp.int32, device)
-    numbers = np.array(loads.wrench, dtype=np.int32)
-    if loads.anchors is not None:
-        # Anchors are numbered after the paths of drives, of which there are none.
-        numbers = np.where(numbers < 0, numbers + loads.anchors.first, numbers).astype(np.int32)
-        acting.anchor_start = doubles(loads.anchors.start, device)
-        acting.anchor_cubic = _vectors(loads.anchors.cubic, device)
-        acting.anchor_arm = _vectors(loads.anchors.arm, device)
-        acting.anchor_law = doubles(np.array([
-            loads.anchors.extension, loads.anchors.compression,
-            loads.anchors.natural_length]), device)
-    acting.wrench = _integers(numbers, wp.int32, device)
-    acting.lanes = _integers(loads.lanes, wp.uint8, device)
-    acting.turning = _integers(loads.turning, wp.uint8, device)
-    acting.force = _vectors(loads.force, device)
-    acting.torque = _vectors(loads.torque, device)
-    acting.point = _vectors(loads.point, device)
-    acting.work = doubles(loads.work, device)
+def put_crossings(fabric: Any, slot_count: int, device: Device) -> None:
+    """Make room for steps that follow where slopes jump."""
+    fabric.start, fabric.forces = (
+        wp.zeros(rows * slot_count, dtype=wp.float64, device=device.handle)
+        for rows in (_START, _FORCES))
+    fabric.active = wp.zeros(LINK_COUNT * slot_count, dtype=wp.uint8, device=device.handle)
+    fabric.found = wp.zeros(1, dtype=wp.int32, device=device.handle)
+
+
+def put_acting(acting: Any, loads: Loads, device: Device) -> bool:
+    """
+    Put what acts on the device, with the work that it has done so far.
+
+    Into the arrays of `acting` where they are as long; whether some were replaced.
+    """
+    numbers, count = np.array(loads.wrench, dtype=np.int32), len(loads.force)
     varying = np.tile([0.0, 1.0, 0.0, 0.0, 0.0], (count, 1))
-    given = loads.varying
+    given, anchors = loads.varying, loads.anchors
     if given is not None and len(given.start):
         varying = np.column_stack([
             given.start, given.value, given.slope, given.height, given.rate])
-    acting.varying = doubles(varying, device)
-    return acting
+    if anchors is not None:
+        # Anchors are numbered after the paths of drives, of which there are none.
+        numbers = np.where(numbers < 0, numbers + anchors.first, numbers).astype(np.int32)
+    tables: list[tuple[str, Any, np.ndarray]] = [
+        ('start', wp.int32, loads.start), ('wrench', wp.int32, numbers),
+        ('lanes', wp.uint8, loads.lanes), ('turning', wp.uint8, loads.turning),
+        ('force', wp.vec3d, loads.force), ('torque', wp.vec3d, loads.torque),
+        ('point', wp.vec3d, loads.point), ('work', wp.float64, loads.work),
+        ('varying', wp.float64, varying)]
+    if anchors is not None:
+        law = [anchors.extension, anchors.compression, anchors.natural_length]
+        tables += [
+            ('anchor_start', wp.float64, anchors.start), ('anchor_cubic', wp.vec3d, anchors.cubic),
+            ('anchor_arm', wp.vec3d, anchors.arm), ('anchor_law', wp.float64, np.array(law))]
+    is_replaced = False
+    for name, kind, values in tables:
+        rows = np.ascontiguousarray(values)
+        rows = rows.reshape(-1, 3) if kind is wp.vec3d else rows.ravel()
+        present = getattr(acting, name)
+        if present is not None and len(present) == len(rows) > 0:
+            present.assign(rows)
+        elif present is None or len(present) != len(rows):
+            setattr(acting, name, wp.array(rows, dtype=kind, device=device.handle))
+            is_replaced = True
+    return is_replaced
 
 
 class StateArrays:

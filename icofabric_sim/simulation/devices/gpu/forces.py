@@ -73,18 +73,38 @@ def has_link(fabric: Fabric, block: int, lane: int, link: int):
 
 
 @wp.func
-def one_law(fabric: Fabric, link: int, s: int, square: wp.float64):
+def one_law(fabric: Fabric, link: int, s: int, square: wp.float64, step_part: wp.float64):
     """Tension over length [N/m] where all connectors follow one law."""
     return fabric.stiffness - fabric.stiffness * fabric.natural_length / wp.sqrt(square)
 
 
 @wp.func
-def own_law(fabric: Fabric, link: int, s: int, square: wp.float64):
+def own_law(fabric: Fabric, link: int, s: int, square: wp.float64, step_part: wp.float64):
     """The same with k_e and k_c of each connector (eq 2)."""
     at = link * fabric.stride + s
     rest = fabric.natural[at]
     k = wp.where(square > rest * rest, fabric.extension[at], fabric.compression[at])
     return k - k * rest / wp.sqrt(square)
+
+
+@wp.func
+def kept_law(fabric: Fabric, link: int, s: int, square: wp.float64, step_part: wp.float64):
+    """
+    The same with the slope of the side where the step began, and what crossings add to it.
+
+    With that of its own side where `step_part` is negative.
+    """
+    if step_part < _ZERO:
+        return own_law(fabric, link, s, square, step_part)
+    n = fabric.stride
+    at = link * n + s
+    k = wp.where(fabric.start[at] > _ZERO, fabric.extension[at], fabric.compression[at])
+    tension = -(k * fabric.natural[at])
+    if int(fabric.active[at]) != 0:
+        x = step_part
+        tension = tension + (fabric.forces[at] + x * (fabric.forces[12 * n + at] + x * (
+            fabric.forces[24 * n + at] + x * fabric.forces[36 * n + at])))
+    return k + tension / wp.sqrt(square)
 
 
 @wp.func
@@ -107,7 +127,7 @@ def springs(law: Any, arm_to: Any) -> Any:
     @wp.func
     def pulls(
         fabric: Fabric, pose: wp.array(dtype=wp.float64), block: int, lane: int, s: int,
-        place: wp.vec3d, turn: wp.vec4d
+        place: wp.vec3d, turn: wp.vec4d, step_part: wp.float64
     ):
         force, torque = wp.vec3d(), wp.vec3d()
         for edge in range(6):
@@ -122,7 +142,7 @@ def springs(law: Any, arm_to: Any) -> Any:
                         fabric, turn_of(pose, fabric.stride, other), edge ^ 1)
                     u = far - end
                     square = wp.max(wp.dot(u, u), _SMALLEST)
-                    pull = pull + law(fabric, link, s, square) * u
+                    pull = pull + law(fabric, link, s, square, step_part) * u
             force = force + pull
             torque = torque + wp.cross(arm, pull)
         return force, torque
@@ -132,9 +152,18 @@ def springs(law: Any, arm_to: Any) -> Any:
 @wp.func
 def no_pulls(
     fabric: Fabric, pose: wp.array(dtype=wp.float64), block: int, lane: int, s: int,
-    place: wp.vec3d, turn: wp.vec4d
+    place: wp.vec3d, turn: wp.vec4d, step_part: wp.float64
 ):
     """Return nothing, where nothing is connected."""
+    return wp.vec3d(), wp.vec3d()
+
+
+@wp.func
+def no_moments(
+    fabric: Fabric, pose: wp.array(dtype=wp.float64), block: int, lane: int, s: int,
+    place: wp.vec3d, turn: wp.vec4d
+):
+    """Return nothing, where nothing bends."""
     return wp.vec3d(), wp.vec3d()
 
 

@@ -131,8 +131,11 @@ class HealthCheck:
     def _figures(self, state: StateArrays, now: int) -> list[float]:
         """Sums and largest values over all bodies."""
         handle, room = self._device.handle, state.poses[1 - now]
+        terms = terms_of(self._model, loaded=False)
+        kernel = figures_kernel(
+            linked=terms.linked, midpoints=terms.midpoints, one_law=terms.one_law)
         wp.launch(
-            figures_kernel(terms_of(self._model, loaded=False)), dim=LANES * self._blocks,
+            kernel, dim=LANES * self._blocks,
             inputs=[self._fabric, state.poses[now], state.motion, room], device=handle)
         return [
             _sum(row) if figure < SUMMED else float(row.max())

@@ -28,8 +28,10 @@ from icofabric_sim.simulation.devices.gpu.forces import (
     arm_anywhere,
     arm_at_midpoint,
     factor_of,
+    kept_law,
     mean_power,
     moments,
+    no_moments,
     no_pulls,
     one_law,
     own_law,
@@ -63,6 +65,8 @@ class Terms(NamedTuple):
     dipole: bool
     held: bool
     loaded: bool
+    # Whether connectors keep the slope with which a step began, see crossings.py.
+    kept: bool = False
 
 
 @wp.func
@@ -125,9 +129,10 @@ def step_kernel(terms: Terms) -> Any:
     arm_to = arm_at_midpoint if terms.midpoints else arm_anywhere
     pulls = no_pulls
     if terms.linked:
-        pulls = springs(one_law if terms.one_law else own_law, arm_to)
-    resistance = moments(arm_to) if terms.moments else no_pulls
-    held, loaded, dipole = terms.held, terms.loaded, terms.dipole
+        law = one_law if terms.one_law else own_law
+        pulls = springs(kept_law if terms.kept else law, arm_to)
+    resistance = moments(arm_to) if terms.moments else no_moments
+    held, loaded, dipole, kept = terms.held, terms.loaded, terms.dipole, terms.kept
 
     @wp.kernel(
         module='unique', enable_backward=False, module_options=OPTIONS, grid_stride=False,
@@ -142,6 +147,9 @@ def step_kernel(terms: Terms) -> Any:
         lane = thread - block * fabric.lanes
         if (int(fabric.alive[block]) >> lane) & 1 == 0:
             return
+        if wp.static(kept):
+            if stage.if_found == 1 and fabric.found[0] == 0:
+                return
         s = fabric.slot[block] + lane
         n = fabric.stride
         h = clock.start[1]
@@ -164,7 +172,8 @@ def step_kernel(terms: Terms) -> Any:
                 angular = wp.vec3d(
                     acceleration[3 * n + s], acceleration[4 * n + s], acceleration[5 * n + s])
             else:
-                force, torque = pulls(fabric, pose, block, lane, s, place, turn)
+                force, torque = pulls(
+                    fabric, pose, block, lane, s, place, turn, stage.step_part)
                 more, moment = resistance(fabric, pose, block, lane, s, place, turn)
                 moment = torque + moment
                 if wp.static(dipole):
@@ -199,9 +208,10 @@ def step_kernel(terms: Terms) -> Any:
                     if wp.static(loaded):
                         step = wp.where(number == 0, stage.drift_step, stage.second_step)
                         drifts = wp.where(number == 0, stage.drift_drifts, 0)
+                        later = wp.where(number == 0, stage.drift_later, _ZERO)
                         work_loads(
                             fabric, acting, block, lane, turn, velocity, spin,
-                            time_at(clock, step, drifts), whole)
+                            time_at(clock, step, drifts) + later * h, whole)
                     place = place + whole * velocity
                     turn = rotated(turn, spin, whole)
             for k in range(3):

@@ -31,7 +31,7 @@ from icofabric_sim.simulation.devices.gpu.forces import (
     place_of,
     turn_of,
 )
-from icofabric_sim.simulation.devices.gpu.kernels import OPTIONS, Terms
+from icofabric_sim.simulation.devices.gpu.kernels import OPTIONS
 from icofabric_sim.simulation.devices.gpu.records import Acting, Fabric
 
 wp: Any = import_module('warp')
@@ -85,11 +85,10 @@ def own_slope(fabric: Fabric, at: int, square: wp.float64, length: wp.float64):
 
 
 @cache
-def figures_kernel(terms: Terms) -> Any:
-    """Return the kernel that finds the figures of each body, for scenes with these terms."""
-    arm_to = arm_at_midpoint if terms.midpoints else arm_anywhere
-    slope_of = one_slope if terms.one_law else own_slope
-    linked, one_law = terms.linked, terms.one_law
+def figures_kernel(*, linked: bool, midpoints: bool, one_law: bool) -> Any:
+    """Return the kernel that finds the figures of each body, for scenes with such connectors."""
+    arm_to = arm_at_midpoint if midpoints else arm_anywhere
+    slope_of = one_slope if one_law else own_slope
 
     @wp.kernel(
         module='unique', enable_backward=False, module_options=OPTIONS, grid_stride=False)

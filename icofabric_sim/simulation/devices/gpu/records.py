@@ -50,6 +50,12 @@ class Fabric:
     extension: wp.array(dtype=wp.float64)
     compression: wp.array(dtype=wp.float64)
     natural: wp.array(dtype=wp.float64)
+    # Of steps that follow where slopes jump, see crossings.py; (36 s,), (48 s,), (12 s,), (1,) as
+    # in Kinks of kernels/records.py, but `active` by bodies.
+    start: wp.array(dtype=wp.float64)
+    forces: wp.array(dtype=wp.float64)
+    active: wp.array(dtype=wp.uint8)
+    found: wp.array(dtype=wp.int32)
     # kappa_b and kappa_t [N m/rad], (1,) or (12 s,) where not all connectors are alike.
     bending: wp.array(dtype=wp.float64)
     twisting: wp.array(dtype=wp.float64)
@@ -102,5 +108,10 @@ class Stage:
     drift: wp.float64
     drift_step: wp.int32
     drift_drifts: wp.int32
+    drift_later: wp.float64  # [parts of the step] than these drifts have led
     second: wp.float64  # the first drift of the next step
     second_step: wp.int32
+    # Part of the step at which connectors keep the slope that it began with; negative: they do
+    # not.
+    step_part: wp.float64
+    if_found: wp.int32  # not 0: only where crossings were found that something is lacking for

@@ -42,15 +42,18 @@ from icofabric_sim.kernels.monitor import (
 from icofabric_sim.kernels.records import Loads, Model, State, Team, Work
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.simulation.devices.gpu.arrays import (
-    acting_of,
     bytes_of,
     copy_back,
     doubles,
     fabric_of,
+    MOTION,
     POSE,
+    put_acting,
+    put_crossings,
     StateArrays,
     terms_of,
 )
+from icofabric_sim.simulation.devices.gpu.crossings import crossings, kinked_stages, note
 from icofabric_sim.simulation.devices.gpu.health import HealthCheck
 from icofabric_sim.simulation.devices.gpu.kernels import sample, step_kernel
 from icofabric_sim.simulation.devices.gpu.opening import Device
@@ -84,11 +87,18 @@ class DeviceSteps:
         Raises ValueError where it lacks memory.
         """
         self._device, self._packed, self._method = device, packed, method
-        _require_room(device, packed)
+        _require_room(device, packed, method)
         self._fabric = fabric_of(packed.model, packed.layout, device)
         self._state = StateArrays(packed.layout.slot_count, device)
         self._differences = differences_of(
             method, given=given, linked=packed.model.links is not None)
+        self._follows_kinks = method.mends_kinks and has_jumps(packed.model.links)
+        if self._follows_kinks:
+            slots = packed.layout.slot_count
+            put_crossings(self._fabric, slots, device)
+            # Velocities before a kick; velocities and accelerations around it.
+            self._before = wp.zeros(MOTION * slots, dtype=wp.float64, device=device.handle)
+            self._noted = wp.zeros(2 * MOTION * slots, dtype=wp.float64, device=device.handle)
         self._clock = Clock()
         self._clock.start = doubles(np.zeros(2), device)
         self._clock.index = wp.zeros(1, dtype=wp.int64, device=device.handle)
@@ -97,7 +107,6 @@ class DeviceSteps:
         # Which of the two poses is the present one.
         self._now = 0
         self._acting: Any = None
-        self._loads: Loads | None = None
         self._difference: Any = None
         # Graphs of launches of so many steps, by what acts and by the pose that they begin with.
         self._graphs: dict[tuple[int, bool, int], Any] = {}
@@ -245,11 +254,13 @@ class DeviceSteps:
         """Have state and loads on the device."""
         self._state.put(state, work)
         self._now = 0
-        if len(loads.wrench):
-            # Those with loads hold the arrays of the loads before.
-            self._graphs = {key: graph for key, graph in self._graphs.items() if not key[1]}
-            self._acting = acting_of(loads, self._device)
-        self._loads = loads
+        # Once something has acted, the kernel without loads is not made beside the other.
+        if len(loads.wrench) or self._acting is not None:
+            if self._acting is None:
+                self._acting = Acting()
+            if put_acting(self._acting, loads, self._device):
+                # Graphs with loads hold the arrays of the loads before.
+                self._graphs = {key: graph for key, graph in self._graphs.items() if not key[1]}
         if model.links is not None:
             # A connector that was broken before the run came here.
             self._fabric.present.assign(model.links.present.ravel())
@@ -268,7 +279,7 @@ class DeviceSteps:
 
     def _steps(self, index: int, count: int) -> None:
         """Take `count` steps from the number `index` on, by graphs of launches."""
-        loaded = self._loads is not None and len(self._loads.wrench) > 0
+        loaded = self._acting is not None
         longest = max(_LONGEST // self._method.stages, 1)
         while count:
             # Powers of two: few graphs do for any count.
@@ -285,14 +296,18 @@ class DeviceSteps:
 
     def _flips(self, count: int) -> int:
         """Count how often poses move from one array to the other in so many steps."""
+        if self._follows_kinks:
+            return count * len(self._method.drifts)
         return sum(stage.drift != 0.0 for stage in stages_of(self._method, count))
 
     def _record(self, count: int, loaded: bool) -> Any:
         """Record the launches of `count` steps as one graph."""
+        now, acting = self._now, self._acting if loaded else Acting()
+        if self._follows_kinks:
+            return self._record_kinked(count, loaded, acting)
         kernel = step_kernel(terms_of(self._packed.model, loaded=loaded))
         # Nothing can be loaded while launches are recorded.
         wp.load_module(kernel.module, device=self._device.handle)
-        now, acting = self._now, self._acting if loaded else Acting()
         with wp.ScopedCapture(device=self._device.handle) as capture:
             for stage in stages_of(self._method, count):
                 wp.launch(
@@ -304,6 +319,52 @@ class DeviceSteps:
                     device=self._device.handle)
                 if stage.drift != 0.0:
                     now = 1 - now
+        return capture.graph
+
+    def _record_kinked(self, count: int, loaded: bool, acting: Any) -> Any:
+        """The same of steps that follow where slopes jump."""
+        terms = terms_of(self._packed.model, loaded=loaded)._replace(kept=True)
+        kernel = step_kernel(terms)
+        more = crossings(midpoints=terms.midpoints)
+        for one in (kernel, note, more.foretell, more.account, more.strike):
+            wp.load_module(one.module, device=self._device.handle)
+        state, method, handle = self._state, self._method, self._device.handle
+        now, threads = self._now, LANES * len(self._packed.layout.blocks.slot)
+
+        def launch(one: Any, *inputs: Any) -> None:
+            wp.launch(one, dim=threads, inputs=[self._fabric, *inputs], device=handle)
+
+        def take(stage: Any, moved: Any) -> None:
+            launch(
+                kernel, acting, self._clock, stage, state.poses[now], moved, state.motion,
+                state.acceleration)
+
+        with wp.ScopedCapture(device=handle) as capture:
+            for step in range(count):
+                first, *parts, back, forth, last = kinked_stages(method, step)
+                wp.copy(self._before, state.motion)
+                take(first, state.poses[1 - now])
+                launch(
+                    note, self._clock, method.kicks[0], 1, self._before, state.motion,
+                    self._noted)
+                launch(
+                    more.foretell, self._clock, method.kicks[0], int(terms.held),
+                    state.poses[now], self._noted, state.motion)
+                for stage in parts:
+                    if stage.keep:
+                        wp.copy(self._before, state.motion)
+                    take(stage, state.poses[1 - now])
+                    if stage.drift != 0.0:
+                        now = 1 - now
+                launch(
+                    note, self._clock, method.kicks[-1], 0, self._before, state.motion,
+                    self._noted)
+                launch(more.account, self._clock, state.poses[now], self._noted)
+                for stage, row in ((back, 12), (forth, 0)):
+                    # Nobody else's pose is read: in place.
+                    take(stage, state.poses[now])
+                    launch(more.strike, row, int(terms.held), state.poses[now], state.motion)
+                take(last, state.poses[1 - now])
         return capture.graph
 
     def _sample(self, model: Model, work: Work, number: int) -> None:
@@ -352,16 +413,15 @@ def stages_of(method: Method, count: int) -> Iterator[Any]:
 def device_method(device: Device, packed: PackedScene, name: str, *, given: bool) -> Method:
     """Return the method `name` with steps that the device takes."""
     method = METHODS[name]
-    require_method_on_device(
-        name, device.choice,
-        follows_kinks=method.mends_kinks and has_jumps(packed.model.links))
+    require_method_on_device(name, device.choice)
     steps = DeviceSteps(device, packed, method, given=given)
     return method._replace(advance=steps.advance, holder=steps)
 
 
-def _require_room(device: Device, packed: PackedScene) -> None:
+def _require_room(device: Device, packed: PackedScene, method: Method) -> None:
     """Refuse a fabric for which the device lacks memory, before any is taken."""
-    need, left = bytes_of(packed.model, packed.layout), device.free_bytes
+    need = bytes_of(packed.model, packed.layout, kinked=method.mends_kinks)
+    left = device.free_bytes
     if need > left:
         raise ValueError(
             f'{packed.layout.body_count:,} bodies need about {need / 1e9:.3g} GB on {device.name},'

@@ -1,0 +1,409 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+Steps on a device that keep their order where the slopes of connectors jump.
+
+What is done about the kinks, and why, is in kernels/kinks.py; the formulas are those there, body
+by body. A step is a sequence of launches without a branch: what mends a step asks a flag, which
+bodies set that found crossings.
+"""
+
+from collections.abc import Iterator
+from functools import cache
+from importlib import import_module
+from typing import Any
+
+from icofabric_sim.simulation.devices.gpu.forces import (
+    arm_anywhere,
+    arm_at_midpoint,
+    has_link,
+    partner_of,
+    place_of,
+    turn_of,
+)
+from icofabric_sim.simulation.devices.gpu.kernels import OPTIONS
+from icofabric_sim.simulation.devices.gpu.records import Clock, Fabric, Stage
+from icofabric_sim.simulation.stepping.methods import Method
+import numpy as np
+
+wp: Any = import_module('warp')
+
+_D = wp.float64
+_ZERO, _HALF, _ONE = (wp.constant(_D(x)) for x in (0.0, 0.5, 1.0))
+_SMALLEST = wp.constant(_D(1e-300))
+# Steps of Newton's method towards a crossing.
+_NEWTON = wp.constant(2)
+_Three = wp.types.vector(length=3, dtype=_D)
+_Four = wp.types.vector(length=4, dtype=_D)
+_Six = wp.types.vector(length=6, dtype=_D)
+_FourByFour = wp.types.matrix(shape=(4, 4), dtype=_D)
+
+
+def _gauss(count: int, kind: Any) -> tuple[Any, Any]:
+    """Nodes and weights of Gauss and Legendre on [0, 1]."""
+    nodes, weights = np.polynomial.legendre.leggauss(count)
+    return wp.constant(kind(*(0.5 * float(1.0 + x) for x in nodes))), wp.constant(
+        kind(*(0.5 * float(w) for w in weights)))
+
+
+# Exact for the quintic times the time, and for a quadratic times its cube.
+_NODES, _WEIGHTS = _gauss(4, _Four)
+_FEWER_NODES, _FEWER_WEIGHTS = _gauss(3, _Three)
+# From moments to the cubic that has them: the inverse of the Hilbert matrix.
+_CUBIC = wp.constant(_FourByFour(
+    16.0, -120.0, 240.0, -140.0, -120.0, 1200.0, -2700.0, 1680.0,
+    240.0, -2700.0, 6480.0, -4200.0, -140.0, 1680.0, -4200.0, 2800.0))
+
+
+@wp.func
+def value_of(c: _Six, x: wp.float64):
+    """A quintic at x."""
+    return c[0] + x * (c[1] + x * (c[2] + x * (c[3] + x * (c[4] + x * c[5]))))
+
+
+@wp.func
+def slope_at(c: _Six, x: wp.float64):
+    """Its derivative."""
+    return c[1] + x * ((c[2] + c[2]) + x * (_D(3.0) * c[3] + x * (
+        _D(4.0) * c[4] + x * (_D(5.0) * c[5]))))
+
+
+@wp.func
+def crossing(c: _Six, first: wp.float64, last: wp.float64, turn: wp.float64):
+    """Where it crosses zero between two places, falling for `turn` 1, rising for -1."""
+    low, high = first, last
+    above, below = turn * value_of(c, low), turn * value_of(c, high)
+    fall = above - below
+    x = low + (high - low) * (above / wp.where(fall > _ZERO, fall, _ONE))
+    for _step in range(_NEWTON):
+        middle = _HALF * (low + high)
+        if x < low or x > high:
+            x = middle
+        value, slope = turn * value_of(c, x), turn * slope_at(c, x)
+        if value > _ZERO:
+            low = x
+        else:
+            high = x
+        x = wp.where(
+            slope < _ZERO, x - value / wp.where(slope < _ZERO, slope, -_ONE),
+            _HALF * (low + high))
+    if x < low or x > high:
+        x = _HALF * (low + high)
+    return x
+
+
+@wp.func
+def moments_beyond(c: _Six):
+    """Integrals of g and s g over the part of [0, 1] where the quintic g is negative."""
+    a, b = wp.float64(0.0), wp.float64(0.0)
+    early, late = value_of(c, _HALF) < _ZERO, value_of(c, _ONE) < _ZERO
+    if early or late:
+        begin = crossing(
+            c, wp.where(early, _ZERO, _HALF), wp.where(early, _HALF, _ONE), _ONE)
+        end = wp.float64(1.0)
+        if early and not late:
+            end = crossing(c, _HALF, _ONE, -_ONE)
+        span = end - begin
+        for k in range(4):
+            x = begin + span * _NODES[k]
+            term = _WEIGHTS[k] * span * value_of(c, x)
+            a = a + term
+            b = b + x * term
+    return a, b
+
+
+@wp.func
+def moments_foretold(c: _Six):
+    """Integrals of g, s g, s^2 g and s^3 g over that part, of a quadratic g."""
+    found = _Four()
+    early, late = value_of(c, _HALF) < _ZERO, value_of(c, _ONE) < _ZERO
+    if early or late:
+        root = c[1] * c[1] - _D(4.0) * c[2] * c[0]
+        lower = wp.sqrt(wp.max(root, _ZERO)) - c[1]
+        begin = (c[0] + c[0]) / wp.where(lower > _ZERO, lower, _ONE)
+        end = wp.float64(1.0)
+        if early and not late:
+            end = lower / wp.where(c[2] > _ZERO, c[2] + c[2], _ONE)
+        span = end - begin
+        for k in range(3):
+            x = begin + span * _FEWER_NODES[k]
+            term = _FEWER_WEIGHTS[k] * span * value_of(c, x)
+            powers = _Four(term, x * term, x * (x * term), x * (x * (x * term)))
+            found = found + powers
+    return found
+
+
+@wp.kernel(module='unique', enable_backward=False, module_options=OPTIONS, grid_stride=False)
+def note(
+    fabric: Fabric, clock: Clock, kick: wp.float64, begins: int,
+    before: wp.array(dtype=wp.float64), motion: wp.array(dtype=wp.float64),
+    noted: wp.array(dtype=wp.float64)
+):
+    """
+    Note velocities and accelerations of each body, from those before and after a kick.
+
+    With the former where the kick `begins` a step, else with the latter: twelve rows.
+    """
+    thread = wp.tid()
+    block = thread / fabric.lanes
+    lane = thread - block * fabric.lanes
+    if (int(fabric.alive[block]) >> lane) & 1 == 0:
+        return
+    if begins == 1 and thread == 0:
+        fabric.found[0] = 0
+    s = fabric.slot[block] + lane
+    n = fabric.stride
+    per = _ONE / wp.abs(kick * clock.start[1])
+    for k in range(6):
+        at = k * n + s
+        noted[at] = wp.where(begins == 1, before[at], motion[at])
+        noted[6 * n + at] = per * (motion[at] - before[at])
+
+
+@wp.func
+def rate_of(noted: wp.array(dtype=wp.float64), n: int, s: int, arm: wp.vec3d):
+    """Velocity [m/s] of an attachment point."""
+    spin = wp.vec3d(noted[3 * n + s], noted[4 * n + s], noted[5 * n + s])
+    return wp.vec3d(noted[s], noted[n + s], noted[2 * n + s]) + wp.cross(spin, arm)
+
+
+@wp.func
+def second_of(noted: wp.array(dtype=wp.float64), n: int, s: int, arm: wp.vec3d):
+    """Its acceleration [m/s^2]."""
+    spin = wp.vec3d(noted[3 * n + s], noted[4 * n + s], noted[5 * n + s])
+    linear = wp.vec3d(noted[6 * n + s], noted[7 * n + s], noted[8 * n + s])
+    angular = wp.vec3d(noted[9 * n + s], noted[10 * n + s], noted[11 * n + s])
+    return linear + (wp.cross(angular, arm) + wp.cross(spin, wp.cross(spin, arm)))
+
+
+@wp.func
+def stretch_of(
+    fabric: Fabric, noted: wp.array(dtype=wp.float64), link: int, s: int, other: int,
+    arm: wp.vec3d, far: wp.vec3d, u: wp.vec3d, h: wp.float64
+):
+    """Stretch, h times its rate and h^2 / 2 times its second derivative [m], of a connector u."""
+    n = fabric.stride
+    v = rate_of(noted, n, other, far) - rate_of(noted, n, s, arm)
+    a = second_of(noted, n, other, far) - second_of(noted, n, s, arm)
+    length = wp.sqrt(wp.max(wp.dot(u, u), _SMALLEST))
+    rate = wp.dot(u, v) / length
+    second = ((wp.dot(v, v) + wp.dot(u, a)) - rate * rate) / length
+    return length - fabric.natural[link * n + s], h * rate, _HALF * h * h * second
+
+
+@wp.func
+def inverses(fabric: Fabric, s: int, held: int):
+    """Inverse masses [1/kg] of a body, and its inverse inertia [1/(kg m^2)]."""
+    n = fabric.stride
+    mass = wp.vec3d(fabric.inverse_mass, fabric.inverse_mass, fabric.inverse_mass)
+    inertia = fabric.inverse_inertia
+    if held == 1:
+        mass = wp.vec3d(
+            fabric.free_mass[s], fabric.free_mass[n + s], fabric.free_mass[2 * n + s])
+        inertia = fabric.free_inertia[s] + _ZERO
+    return mass, inertia
+
+
+@wp.func
+def strike_body(
+    fabric: Fabric, motion: wp.array(dtype=wp.float64), s: int, held: int, impulse: wp.vec3d,
+    turning: wp.vec3d
+):
+    """Let an impulse [N s] and an angular impulse [N m s] act on a body."""
+    n = fabric.stride
+    mass, inertia = inverses(fabric, s, held)
+    for k in range(3):
+        motion[k * n + s] = motion[k * n + s] + impulse[k] * mass[k]
+        motion[(k + 3) * n + s] = motion[(k + 3) * n + s] + turning[k] * inertia
+
+
+class Crossings:
+    """The kernels of scenes whose connectors attach at edge midpoints, or anywhere."""
+
+    def __init__(self, *, midpoints: bool) -> None:
+        """Make them; they are compiled where they are first used."""
+        arm_to = arm_at_midpoint if midpoints else arm_anywhere
+
+        @wp.kernel(
+            module='unique', enable_backward=False, module_options=OPTIONS, grid_stride=False)
+        def foretell(
+            fabric: Fabric, clock: Clock, kick: wp.float64, held: int,
+            pose: wp.array(dtype=wp.float64), noted: wp.array(dtype=wp.float64),
+            motion: wp.array(dtype=wp.float64)
+        ):
+            thread = wp.tid()
+            block = thread / fabric.lanes
+            lane = thread - block * fabric.lanes
+            if (int(fabric.alive[block]) >> lane) & 1 == 0:
+                return
+            s = fabric.slot[block] + lane
+            n = fabric.stride
+            h = clock.start[1]
+            place, turn = place_of(pose, n, s), turn_of(pose, n, s)
+            impulse, turning = wp.vec3d(), wp.vec3d()
+            for link in range(12):
+                at = link * n + s
+                if has_link(fabric, block, lane, link) == 1:
+                    edge = link >> 1
+                    other = partner_of(fabric, block, lane, link)
+                    arm = arm_to(fabric, turn, edge)
+                    far = arm_to(fabric, turn_of(pose, n, other), edge ^ 1)
+                    u = (place_of(pose, n, other) + far) - (place + arm)
+                    e, v, a = stretch_of(fabric, noted, link, s, other, arm, far, u, h)
+                    fabric.start[at] = e
+                    fabric.start[12 * n + at] = v
+                    fabric.start[24 * n + at] = a
+                    jump = fabric.extension[at] - fabric.compression[at]
+                    side = wp.where(e > _ZERO, _ONE, -_ONE)
+                    c = _Six(side * e, side * v, side * a, _ZERO, _ZERO, _ZERO)
+                    crosses = jump != _ZERO and (
+                        value_of(c, _HALF) < _ZERO or value_of(c, _ONE) < _ZERO)
+                    fabric.active[at] = wp.where(crosses, wp.uint8(1), wp.uint8(0))
+                    if crosses:
+                        # On the other side it resists more by - side x jump.
+                        forces = -jump * (_CUBIC * moments_foretold(c))
+                        for k in range(4):
+                            fabric.forces[12 * k * n + at] = forces[k]
+                        square = wp.max(wp.dot(u, u), _SMALLEST)
+                        pull = (kick * h * forces[0] / wp.sqrt(square)) * u
+                        impulse = impulse + pull
+                        turning = turning + wp.cross(arm, pull)
+            strike_body(fabric, motion, s, held, impulse, turning)
+
+        @wp.kernel(
+            module='unique', enable_backward=False, module_options=OPTIONS, grid_stride=False)
+        def account(
+            fabric: Fabric, clock: Clock, pose: wp.array(dtype=wp.float64),
+            noted: wp.array(dtype=wp.float64)
+        ):
+            thread = wp.tid()
+            block = thread / fabric.lanes
+            lane = thread - block * fabric.lanes
+            if (int(fabric.alive[block]) >> lane) & 1 == 0:
+                return
+            s = fabric.slot[block] + lane
+            n = fabric.stride
+            h = clock.start[1]
+            place, turn = place_of(pose, n, s), turn_of(pose, n, s)
+            for link in range(12):
+                at = link * n + s
+                jump = fabric.extension[at] - fabric.compression[at]
+                if has_link(fabric, block, lane, link) == 1 and jump != _ZERO:
+                    edge = link >> 1
+                    other = partner_of(fabric, block, lane, link)
+                    arm = arm_to(fabric, turn, edge)
+                    far = arm_to(fabric, turn_of(pose, n, other), edge ^ 1)
+                    u = (place_of(pose, n, other) + far) - (place + arm)
+                    e, v, a = stretch_of(fabric, noted, link, s, other, arm, far, u, h)
+                    first, rate = fabric.start[at], fabric.start[12 * n + at]
+                    curve = fabric.start[24 * n + at]
+                    side = wp.where(first > _ZERO, _ONE, -_ONE)
+                    d = side * (((e - first) - rate) - curve)
+                    v = side * ((v - rate) - (curve + curve))
+                    a = side * (a - curve)
+                    c = _Six(
+                        side * first, side * rate, side * curve,
+                        _D(10.0) * d + (a - _D(4.0) * v),
+                        _D(-15.0) * d + (_D(7.0) * v - (a + a)),
+                        _D(6.0) * d + (a - _D(3.0) * v))
+                    crosses = value_of(c, _HALF) < _ZERO or side * e < _ZERO
+                    was = int(fabric.active[at])
+                    if crosses or was != 0:
+                        whole, moment = wp.float64(0.0), wp.float64(0.0)
+                        if crosses:
+                            zeroth, first_moment = moments_beyond(c)
+                            whole = -jump * zeroth
+                            moment = -jump * (zeroth - first_moment)
+                        if was != 0:
+                            # What has acted: impulse, and impulse times the time that is left.
+                            for k in range(4):
+                                force = fabric.forces[12 * k * n + at]
+                                order = _D(k + 1)
+                                whole = whole - force / order
+                                moment = moment - force / (order * (order + _ONE))
+                        early = _D(2.0) * h * moment
+                        fabric.forces[at] = h * whole - early
+                        fabric.forces[12 * n + at] = early
+                        fabric.active[at] = wp.uint8(2)
+                        # All that find any write the same.
+                        fabric.found[0] = 1
+
+        @wp.kernel(
+            module='unique', enable_backward=False, module_options=OPTIONS, grid_stride=False)
+        def strike(
+            fabric: Fabric, row: int, held: int, pose: wp.array(dtype=wp.float64),
+            motion: wp.array(dtype=wp.float64)
+        ):
+            thread = wp.tid()
+            block = thread / fabric.lanes
+            lane = thread - block * fabric.lanes
+            if (int(fabric.alive[block]) >> lane) & 1 == 0 or fabric.found[0] == 0:
+                return
+            s = fabric.slot[block] + lane
+            n = fabric.stride
+            place, turn = place_of(pose, n, s), turn_of(pose, n, s)
+            impulse, turning = wp.vec3d(), wp.vec3d()
+            for link in range(12):
+                at = link * n + s
+                if has_link(fabric, block, lane, link) == 1 and int(fabric.active[at]) != 0:
+                    edge = link >> 1
+                    other = partner_of(fabric, block, lane, link)
+                    arm = arm_to(fabric, turn, edge)
+                    u = (place_of(pose, n, other) + arm_to(
+                        fabric, turn_of(pose, n, other), edge ^ 1)) - (place + arm)
+                    square = wp.max(wp.dot(u, u), _SMALLEST)
+                    pull = (fabric.forces[row * n + at] / wp.sqrt(square)) * u
+                    impulse = impulse + pull
+                    turning = turning + wp.cross(arm, pull)
+            strike_body(fabric, motion, s, held, impulse, turning)
+
+        self.foretell, self.account, self.strike = foretell, account, strike
+
+
+@cache
+def crossings(*, midpoints: bool) -> Crossings:
+    """Return the kernels."""
+    return Crossings(midpoints=midpoints)
+
+
+def kinked_stages(method: Method, step: int) -> Iterator[Any]:
+    """
+    Yield the launches of the step kernel in one step, see `kinked_steps` of integrators/kinked.py.
+
+    The first kick, drifts with the pushes after them, the last push; then what mends the step:
+    back by half of it, to its end again, and the accelerations there.
+    """
+    kicks, drifts = method.kicks, method.drifts
+    first = Stage()
+    first.source, first.kick, first.push_step = 1, kicks[0], step
+    yield first
+    part = 0.0
+    for number in range(len(drifts) + 1):
+        stage = Stage()
+        if number:
+            part += drifts[number - 1]
+            stage.source, stage.kick, stage.step_part = 2, kicks[number], part
+            stage.push_step, stage.push_drifts = step, number
+            stage.keep = int(number == len(drifts))
+        if number < len(drifts):
+            stage.drift, stage.drift_step, stage.drift_drifts = drifts[number], step, number
+        yield stage
+    for turn, later in ((-0.5, 0.0), (0.5, -0.5)):
+        stage = Stage()
+        stage.drift, stage.drift_step, stage.drift_drifts = turn, step, len(drifts)
+        stage.drift_later, stage.if_found = later, 1
+        yield stage
+    last = Stage()
+    last.source, last.keep, last.step_part, last.if_found = 2, 1, -1.0, 1
+    yield last
