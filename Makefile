@@ -36,7 +36,7 @@ comma := ,
 twice := $$(( 2 * $$(nproc) < 8 ? 2 * $$(nproc) : 8 ))
 
 help:
-	echo 'make run     set up .venv, then show a fabric that falls, swings and answers a push'
+	echo 'make run     set up .venv, then show a fabric that sags, sways and answers a push'
 	echo '             (ARGS="..." is handed on; PYTHON=python3.12 chooses the Python)'
 	echo 'make test    set up .venv, then lint, types and all tests (ARGS="..." for pytest)'
 	echo 'make check   lint, types and a selection of tests for the working day'

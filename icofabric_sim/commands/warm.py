@@ -37,8 +37,8 @@ from icofabric_sim.terminal import bad_input, duration_text, FileSaysNo, InputEr
 if TYPE_CHECKING:
     from icofabric_sim.simulation.simulation import Simulation
 
-# The scene that changes are tried on: without drives, loads or regions of its own.
-_CHANGED = 'hanging_slab'
+# The scene that changes are tried on: of point springs, without damping, drives or regions.
+_CHANGED = 'bias_column'
 # What people change first. A kind of kernels depends on which terms there are, not on how large.
 CHANGES: tuple[dict[str, Any], ...] = (
     {'solver.method': 'leapfrog'},

@@ -262,7 +262,7 @@ def test_jumps_and_inputs_take_nothing_back(method, step):
 
 def test_no_stretch_leads_across_a_jump_of_the_state():
     """Steps get their first length there, and a stretch that began before it is not judged."""
-    scene = ico.load_scene('hanging_slab').with_changes({
+    scene = ico.load_scene('stiff_cantilever').with_changes({
         'weave.size': [2, 2, 2], 'solver.method': 'srkn6'})
     before = ico.compile_scene(scene)
     before.advance_to(0.01)
