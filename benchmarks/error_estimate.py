@@ -97,7 +97,7 @@ def judge_scene(
                 found.append((judged, float(str(changes['solver.tolerance']))))
             except ValueError as error:
                 # A step below the limit at the start may be beyond it with what may touch;
-                # and some runs would take hours.
+                # some runs would take hours; and not every method chooses steps around shells.
                 print(f'{name}: refused: {error}', flush=True)
             except TimeoutError as error:
                 print(f'{name}: left out: {error}', flush=True)

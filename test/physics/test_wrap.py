@@ -543,6 +543,16 @@ def test_chosen_steps_of_one_length_say_what_geodesics_cost(caplog, method, step
                for record in caplog.records) == said
 
 
+@pytest.mark.parametrize('method', ['srkn4', 'srkn6', 'srkn8'])
+def test_high_orders_choose_no_steps_around_shells(method):
+    given = {**WRAP, 'solver.method': method}
+    with pytest.raises(ParameterError, match=f'solver.method {method} cannot choose .*take dop8'):
+        ico.compile_scene(make_scene((2, 2, 2), given))
+    run = ico.compile_scene(make_scene((2, 2, 2), {**given, 'solver.step': 1e-5}))
+    run.advance_to(1e-4)
+    assert run.status.step_count == 10
+
+
 def test_auto_takes_a_method_that_sees_the_bends():
     scene = make_scene((2, 2, 2), {**WRAP, 'solver.method': 'auto'})
     assert ico.compile_scene(scene).status.method_name == 'dop8'

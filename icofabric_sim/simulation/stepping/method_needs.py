@@ -20,6 +20,8 @@ from icofabric_sim.simulation.stepping.method_selection import Choice
 from icofabric_sim.simulation.stepping.methods import METHODS
 
 ADAPTIVE = 'dop8'
+# Methods up to this order lose least where forces jump.
+_LOW_ORDER = 2
 
 
 def required_method(scene: Scene, *, outside: bool = False) -> Choice | None:
@@ -36,6 +38,7 @@ def required_method(scene: Scene, *, outside: bool = False) -> Choice | None:
         others = ', '.join(
             ['', *(name for name, method in METHODS.items() if method.runs_through_contacts)])
     if not reason:
+        _refuse_blind_steps(scene)
         return None
     if given != 'auto' and METHODS[given].symplectic:
         raise ParameterError(
@@ -43,6 +46,21 @@ def required_method(scene: Scene, *, outside: bool = False) -> Choice | None:
             f'solver.method {given} cannot integrate this scene: {reason}; take '
             f'{ADAPTIVE}{others} or auto')
     return Choice(ADAPTIVE, reason)
+
+
+def _refuse_blind_steps(scene: Scene) -> None:
+    """Raise ParameterError where neither steps nor estimate can follow the tolerance."""
+    parameters = scene.parameters
+    given = parameters['solver.method']
+    if (scene.connector_count and parameters['connector.obstruction'] == 'wrap'
+            and not parameters['solver.step'] > 0.0 and given != 'auto'
+            and METHODS[given].symplectic and METHODS[given].order > _LOW_ORDER):
+        raise ParameterError(
+            'solver.method',
+            f'solver.method {given} cannot choose its steps with connector.obstruction wrap: '
+            'forces jump where connectors change to another geodesic, and steps of one length '
+            'become hundreds of times as short there and err by more than solver.tolerance all '
+            f'the same; take {ADAPTIVE}, auto or leapfrog, or give solver.step')
 
 
 def _reason(scene: Scene) -> str:
