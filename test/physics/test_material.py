@@ -14,11 +14,12 @@
 """Elastic constants of the endless point-spring fabric in closed form (docs/material.md)."""
 
 import math
+from types import SimpleNamespace
 
 from fabrics import make_scene
 import icofabric_sim as ico
 from icofabric_sim.scene.weave_geometry import MINIMUM_ANGLE, MINIMUM_LENGTH_RATIO
-from icofabric_sim.statics.stretching import CURVE_COLUMNS
+from icofabric_sim.statics.stretching import _middle_strain, CURVE_COLUMNS
 import numpy as np
 import pytest
 
@@ -106,6 +107,20 @@ def test_a_turned_fabric_has_the_same_bulk_modulus_and_none_where_it_yields():
         'stiffness_extension': K, 'stiffness_compression': 0.0})
     assert ico.homogenise(slack).bulk_modulus == 0.0
     assert ico.homogenise(slack, branch='pull').bulk_modulus > 0.0
+
+
+@pytest.mark.parametrize('weave', [{}, {'kind': 'bias', 'azimuth': 0.3}])
+def test_strains_of_the_middle_are_those_of_a_uniform_displacement(weave):
+    scene = make_scene(weave={'size': [7, 4, 3], 'connector_angle': -0.2, **weave})
+    strains = np.array([0.02, -0.03, 0.005])
+    moved = scene.position * (1.0 + strains) + [0.1, -0.2, 0.3]
+    found = _middle_strain(scene, 0, SimpleNamespace(position=moved))
+    assert found == pytest.approx(strains, rel=1e-9)
+    # Those of the ends do not count.
+    along = scene.position[:, 0]
+    outer = np.abs(along - 0.5 * (along.min() + along.max())) > 0.2 * np.ptp(along)
+    moved[outer] += 1.0
+    assert _middle_strain(scene, 0, SimpleNamespace(position=moved)) == found
 
 
 @pytest.mark.parametrize('angle', [-0.3, 0.3])
