@@ -96,7 +96,8 @@ def _elsewhere(simulation: Simulation) -> Row | None:
     """What took the steps, if not this process alone."""
     status = simulation.status
     if status.device:
-        return ('device', status.device)
+        return ('device', f'{status.device}; the run takes about '
+                          f'{status.device_bytes / 1e6:.3g} MB there')
     if status.rank_count == 1:
         return None
     return ('ranks', f'{status.rank_count} share the steps, by one thread each; halo at most '

@@ -81,6 +81,12 @@ class SimulationStatus:
         return '' if holder is None else holder.device
 
     @property
+    def device_bytes(self) -> int:
+        """Bytes that the run takes on that device, about, but for its loads; 0 without one."""
+        holder = self._driver.trajectory.method.holder
+        return 0 if holder is None else holder.device_bytes
+
+    @property
     def halo_bytes(self) -> int:
         """Bytes that the rank with the largest halo receives in an evaluation of the forces."""
         holder = self._driver.trajectory.method.holder

@@ -346,6 +346,7 @@ def test_a_record_of_a_device_repeats_on_it(tmp_path, capsys):
         '    initial_random: {velocity_sigma: 0.02, spin_sigma: 1.0, seed: 3}\n'
         '    solver: {method: leapfrog, tolerance: 0.1, device: warp_cpu}\n    duration: 0.05\n')
     assert main(['run', str(scene), '--record', str(tmp_path / 'bag')]) == 0
-    assert 'the processor, by Warp' in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert 'device    the processor, by Warp; the run takes about 0.1' in said
     assert main(['verify', str(tmp_path / 'bag')]) == 0
     assert 'identical: ' in capsys.readouterr().out

@@ -141,6 +141,11 @@ class SharedSteps:
             raise
 
     @property
+    def device_bytes(self) -> int:
+        """There is none."""
+        return 0
+
+    @property
     def has_saved(self) -> bool:
         """The saved state is here."""
         return False

@@ -42,6 +42,10 @@ class StateHolder(Protocol):
         """Name of the device that takes the steps; '' where processes do."""
 
     @property
+    def device_bytes(self) -> int:
+        """Bytes that the run takes on it, about, but for its loads."""
+
+    @property
     def has_saved(self) -> bool:
         """Whether the state that was saved last is there, and not in this process."""
 

@@ -151,6 +151,12 @@ class DeviceSteps:
                 self._take(*self._run, whole=True)
 
     @property
+    def device_bytes(self) -> int:
+        """Bytes that the run takes there, about, but for its loads."""
+        packed = self._packed
+        return bytes_of(packed.model, packed.layout, kinked=self._follows_kinks)
+
+    @property
     def has_saved(self) -> bool:
         """Whether the state that was saved last is on the device, and not here."""
         return self._saved_for is not None
