@@ -49,7 +49,7 @@ def lines(result: Gpu) -> list[str]:
     return [
         f'Steps on a device: leapfrog, steps given; {result.rounds} rounds; medians',
         f'device: {result.device}{remark}',
-        *describe_machine(('warp-lang', 'numba'), threads='as many as pay for Numba'), '',
+        *describe_machine(('warp-lang',), threads='as many as pay for Numba'), '',
         *table(times), '',
         f'a step reads and writes {bytes_each} B for each body, and {result.bytes_held} B are '
         'held, counted from the arrays', '', *table(kernels)]
