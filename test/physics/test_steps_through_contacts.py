@@ -187,6 +187,33 @@ def test_steps_become_longer_as_less_energy_moves_and_shorter_again():
     assert abs(simulation.snapshot().energy['balance_error']) < 0.01 * before
 
 
+def test_what_contacts_keep_short_is_measured_and_searched_for_seldom(monkeypatch):
+    simulation = block(0.0)
+    simulation.set_state(
+        position=simulation.snapshot().position, orientation=simulation.snapshot().orientation,
+        linear_velocity=np.array([[0.5, 0.0, 0.0]]))
+    simulation.advance_to(0.01)
+    driver, counts = simulation._driver, {'measured': 0, 'search': 0}
+
+    def count(owner, name):
+        call = getattr(owner, name)
+
+        def counted(*words, **more):
+            counts[name] += 1
+            return call(*words, **more)
+
+        monkeypatch.setattr(owner, name, counted)
+
+    count(driver.errors.probe, 'measured')
+    count(driver.contact.broad_phase, 'search')
+    before = simulation.status.step_count
+    simulation.advance_to(0.5)
+    checks = (simulation.status.step_count - before) / driver.monitor.interval
+    assert simulation.status.contact_count == 1 and checks > 20.0
+    assert 0 < counts['measured'] < 0.3 * checks
+    assert 0 < counts['search'] < 0.9 * checks
+
+
 def test_auto_takes_it_for_many_loose_shells_and_loose_tolerances():
     lossy = {**STICKY, 'solver__method': 'auto'}
     for scene, tolerance, name in (
