@@ -17,7 +17,7 @@ Fabrics from the least connector angle, where shells lie face to face, to long c
 What holds on both sides of level connectors, and at the limit itself (eq 54).
 """
 
-from fabrics import make_scene
+from fabrics import make_scene, snapshot_of
 import icofabric_sim as ico
 from icofabric_sim.commands.rest_outputs import RestOutputs
 from icofabric_sim.scene.shell_gaps import pair_gaps, smallest_gap
@@ -66,6 +66,8 @@ def test_rest_and_modes_of_all_weaves(angle, weave):
     assert len(spectrum.frequencies) == scene.connector_count
     touches = scene.connector_count if angle == MINIMUM_ANGLE else 0
     assert rest.first_touches == spectrum.first_touches == touches
+    # Connectors lead along faces at the limit, and not into them.
+    assert not snapshot_of(scene, scene.position, scene.orientation).obstructed.any()
     assert np.abs(rest.snapshot.position - scene.position).max() < 1e-9 * scene.shell.half_edge
 
 
@@ -98,6 +100,7 @@ def test_motion_with_contact_keeps_energy_and_momenta(angle):
     scene = woven(angle, initial_random={'velocity_sigma': 0.05, 'seed': 2})
     simulation = ico.compile_scene(scene)
     start = simulation.snapshot()
+    assert simulation.status.obstructed_ends == 0 == start.obstructed.sum()
     simulation.advance_to(0.03)
     end = simulation.snapshot()
     assert simulation.balance.worst < 1e-5

@@ -22,7 +22,7 @@ from functools import cache
 from importlib import import_module
 from typing import Any
 
-from icofabric_sim.kernels.obstruction import LEAN
+from icofabric_sim.kernels.obstruction import ALONG, LEAN
 from icofabric_sim.simulation.devices.gpu.forces import (
     arm_anywhere,
     arm_at_midpoint,
@@ -39,7 +39,7 @@ wp: Any = import_module('warp')
 _D = wp.float64
 _ZERO, _HALF, _QUARTER, _ONE, _TWO = (wp.constant(_D(x)) for x in (0.0, 0.5, 0.25, 1.0, 2.0))
 _SMALLEST = wp.constant(_D(1e-300))
-_LEAN = wp.constant(_D(LEAN))
+_LEAN, _ALONG = wp.constant(_D(LEAN)), wp.constant(_D(ALONG))
 _INFINITY = wp.constant(_D(float('inf')))
 # Figures of a body, in this order; the last three are not summed up, the largest one counts.
 LINKED, TENSIONS, KINETIC, HEIGHT, BOUND, SPIN, EXTENT = range(7)
@@ -181,7 +181,8 @@ def obstructed(
                 fabric, turn_of(pose, n, other), edge ^ 1)) - (place + arm)
             # The axis across the edge is that of the next pair of edges.
             side = arm_at_midpoint(fabric, turn, (edge - (edge & 1) + 2) % 6)
-            if wp.dot(u, arm) + _LEAN * wp.abs(wp.dot(u, side)) < _ZERO:
+            beside = wp.abs(wp.dot(u, side))
+            if wp.dot(u, arm) + _LEAN * beside < -_ALONG * beside:
                 count = count + _ONE
     found[s] = count
 
