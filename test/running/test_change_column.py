@@ -86,6 +86,7 @@ OTHERS = {
     'connector.break_length_extension': 0.2,
     'connector.break_length_compression': 0.001,
     'connector.law': 'law.csv',
+    'solver.device': 'warp_cpu',
     'solver.method': 'srkn4',
     'record.split_size': 4096,
     'frame_id': 'map',

@@ -18,6 +18,7 @@ What is said of the compiler while it works, how long it has worked, and how it 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 import logging
+import threading
 
 from icofabric_sim.kernels.runtime.interrupts import leaving
 from icofabric_sim.kernels.runtime.target import kernel_target, target
@@ -42,7 +43,7 @@ class CompileNotice:
 
     def __init__(self) -> None:
         """Nothing has been compiled yet."""
-        self._depth = 0
+        self._lock, self._depth = threading.Lock(), 0
         self.is_forbidden = False
         self._kept, self._told = True, False
         self._patience = Patience(self._explain)
@@ -78,17 +79,19 @@ class CompileNotice:
 
         Raises KeyboardInterrupt where the process is to end; `end` is called all the same.
         """
-        self._depth += 1
-        if self._depth == 1:
-            self._kept = kept
-            self._patience.begin()
+        with self._lock:
+            self._depth += 1
+            if self._depth == 1:
+                self._kept = kept
+                self._patience.begin()
         leaving.check()
 
     def end(self) -> None:
         """Note that it is compiled."""
-        self._depth -= 1
-        if not self._depth:
-            self._patience.end()
+        with self._lock:
+            self._depth -= 1
+            if not self._depth:
+                self._patience.end()
 
     @contextmanager
     def shown_by(self, show: Callable[[str], object]) -> Iterator[None]:
