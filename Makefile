@@ -66,6 +66,7 @@ test: lint
 else
 test:
 	.ci/environment test
+	.venv/bin/python test/browser.py
 	$(call stage,lint (ruff),.venv/bin/ruff check .)
 	$(call stage,tests side by side: physics 1 (pytest)$(comma) types (mypy),$(call types_beside,$(call workers,auto,test/physics/test_[a-d]*.py)))
 	$(call side_by_side,physics 2,auto,test/physics/test_[e-z]*.py)

@@ -12,20 +12,24 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Frames that the viewer sends, and the processor time that they cost the simulation.
+Frames that the viewer sends, those that a browser draws, and what they cost the simulation.
 
     .venv/bin/python benchmarks/viewer_frames.py
     .venv/bin/python benchmarks/viewer_frames.py --part cost --sizes 63 1000
+    .venv/bin/python benchmarks/viewer_frames.py --part drawn
 
 `frames`: a page in a process of its own, whose shells all move 60 times a second and its
 connectors 10 times; a client reads what is sent and draws nothing, so this is the most that a
 browser can get.
+`drawn`: the same page in a Chromium without a window, which draws on the processor: frames that
+its scene was drawn, those of them with new poses, and the processor time of the browser for one.
 `cost`: a node that runs as fast as possible; its processor time for each simulated second, without
 and with a viewer_node and a client beside it, in turns. Processor time, so that other load on the
 machine matters little.
 """
 
 import argparse
+from contextlib import contextmanager
 import os
 from pathlib import Path
 import signal
@@ -36,18 +40,49 @@ import tempfile
 import time
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test'))
+from browser import Browser, find_browser  # noqa: E402 - beside the tests
 from page_client import PageClient  # noqa: E402 - beside the tests
 
 # Grid positions of an orthogonal weave of about so many shells.
 SIZES = {63: (5, 5, 5), 1000: (13, 13, 12), 10000: (28, 28, 26)}
 PORT = 18400
 MOVES, LINES = 60.0, 10.0  # [Hz]
+# Frames that the page has drawn meanwhile, those in which a shell was elsewhere, and seconds.
+DRAWN = """new Promise(done => {
+    let mesh = null;
+    window.__viserMutable.nodeRefFromName['/shells'].traverse(
+        item => { if (item.isInstancedMesh2) mesh = item; });
+    const info = window.__viserTestpoints.rendererInfo.render;
+    const place = () => mesh.getPositionAt(0).z, first = info.frame, begun = performance.now();
+    let last = place(), seen = first, moved = 0;
+    const look = () => {
+        if (info.frame !== seen && place() !== last) { moved += 1; last = place(); }
+        seen = info.frame;
+        const passed = (performance.now() - begun) / 1000;
+        if (passed < SECONDS) requestAnimationFrame(look);
+        else done([info.frame - first, moved, passed]);
+    };
+    requestAnimationFrame(look);
+})"""
 
 
 def processor_time(process):
     """Processor time [s] of a process so far."""
     fields = Path(f'/proc/{process.pid}/stat').read_text().rpartition(')')[2].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
+
+
+def processor_time_of_session(leader):
+    """Processor time [s] so far of a process and of all those that it has started."""
+    total = 0
+    for path in Path('/proc').glob('[0-9]*/stat'):
+        try:
+            fields = path.read_text().rpartition(')')[2].split()
+        except OSError:  # ended meanwhile
+            continue
+        if int(fields[3]) == leader.pid:
+            total += int(fields[11]) + int(fields[12])
+    return total / os.sysconf('SC_CLK_TCK')
 
 
 def parameters_of(count):
@@ -86,12 +121,25 @@ def serve(count):
         time.sleep(max(1.0 / MOVES - (time.monotonic() - now), 0.0))
 
 
-def measure_frames(count, seconds, rounds):
+@contextmanager
+def served(count):
+    """A page of so many shells: process, port, shells, connectors."""
     process = subprocess.Popen(
         [sys.executable, __file__, '--serve', str(count)], stdout=subprocess.PIPE, text=True)
-    port, shells, connectors = map(int, process.stdout.readline().split())
-    found = []
     try:
+        yield process, *map(int, process.stdout.readline().split())
+    finally:
+        process.kill()
+        process.wait()
+
+
+def machine():
+    return f'load {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores'
+
+
+def measure_frames(count, seconds, rounds):
+    found = []
+    with served(count) as (process, port, shells, connectors):
         for _ in range(rounds):
             with PageClient(port) as page:
                 page.wait_for(lambda: page.shells() is not None, 'no shells')
@@ -103,14 +151,30 @@ def measure_frames(count, seconds, rounds):
                 found.append((
                     (page.frames - frames) / passed, (page.bytes - size) / passed / 1e6,
                     1e3 * (processor_time(process) - spent) / max(page.frames - frames, 1)))
-    finally:
-        process.kill()
-        process.wait()
     rate, mega, each = map(statistics.median, zip(*found))
     print(
         f'{shells:6,d} shells, {connectors:6,d} connectors: {rate:5.1f} frames/s sent, '
-        f'{mega:6.2f} MB/s, {each:5.1f} ms of processor a frame; load {os.getloadavg()[0]:.1f} on '
-        f'{os.cpu_count()} cores', flush=True)
+        f'{mega:6.2f} MB/s, {each:5.1f} ms of processor a frame; {machine()}', flush=True)
+
+
+def measure_drawn(count, seconds, rounds, size):
+    wide, high = map(int, size.split('x'))
+    found = []
+    with (served(count) as (_, port, shells, connectors),
+          Browser(width=wide, height=high) as browser):
+        browser.open(f'http://localhost:{port}/')
+        browser.wait_for(
+            'window.__viserTestpoints?.rendererInfo.render.frame > 20', 'nothing is drawn')
+        for _ in range(rounds):
+            spent = processor_time_of_session(browser.process)
+            drawn, moved, passed = browser.ask(DRAWN.replace('SECONDS', str(seconds)))
+            each = (processor_time_of_session(browser.process) - spent) / max(drawn, 1)
+            found.append((drawn / passed, moved / passed, 1e3 * each))
+    drawn, moved, each = map(statistics.median, zip(*found))
+    print(
+        f'{shells:6,d} shells, {connectors:6,d} connectors: {drawn:5.1f} frames/s drawn at '
+        f'{size}, {moved:5.1f} with new poses, {each:5.1f} ms of processor a frame; {machine()}',
+        flush=True)
 
 
 def start(module, ready, *words):
@@ -183,17 +247,24 @@ def measure_cost(count, seconds, rounds):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.strip().splitlines()[0])
-    parser.add_argument('--part', choices=('frames', 'cost', 'both'), default='both')
+    parser.add_argument('--part', choices=('frames', 'drawn', 'cost', 'all'), default='all')
     parser.add_argument('--seconds', type=float, default=5.0, help='of each measurement')
     parser.add_argument('--rounds', type=int, default=3)
     parser.add_argument('--sizes', type=int, nargs='+', choices=SIZES, default=list(SIZES))
+    parser.add_argument('--window', default='1280x800', help='of the browser (%(default)s)')
     parser.add_argument('--serve', type=int, choices=SIZES, help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     if arguments.serve:
         serve(arguments.serve)
-    for count in arguments.sizes if arguments.part != 'cost' else ():
-        measure_frames(count, arguments.seconds, arguments.rounds)
-    if arguments.part != 'frames':
+    if arguments.part in ('frames', 'all'):
+        for count in arguments.sizes:
+            measure_frames(count, arguments.seconds, arguments.rounds)
+    if arguments.part in ('drawn', 'all') and not find_browser():
+        print('no Chromium: frames that a browser draws are not measured', flush=True)
+    elif arguments.part in ('drawn', 'all'):
+        for count in arguments.sizes:
+            measure_drawn(count, arguments.seconds, arguments.rounds, arguments.window)
+    if arguments.part in ('cost', 'all'):
         import rclpy
         rclpy.init()
         for count in arguments.sizes:

@@ -27,6 +27,7 @@ from websockets.sync.client import connect  # noqa: E402
 import zstandard  # noqa: E402
 
 PATIENCE = 60.0  # s
+METRE = 10.0  # on the page, of shells whose edge is 0.02 m
 
 
 class PageClient:
@@ -68,8 +69,8 @@ class PageClient:
     def drag(self, phase, body, grasp, point):
         self.send(
             'SceneNodeDragMessage', phase=phase, name='/shells', instance_index=body,
-            start_position=[float(part) for part in grasp], start_screen_pos=[0.5, 0.5],
-            end_position=[float(part) for part in point],
+            start_position=[METRE * float(part) for part in grasp],
+            start_screen_pos=[0.5, 0.5], end_position=[METRE * float(part) for part in point],
             end_screen_pos=[0.5, 0.5], button='left', modifier=None, owner='')
 
     def control(self, label):
@@ -81,15 +82,24 @@ class PageClient:
     def set(self, label, value):
         self.send('GuiUpdateMessage', uuid=self.control(label), updates={'value': value})
 
+    def button(self, label):
+        """Number of the row of buttons that has this one; waits until it is there."""
+        return self.wait_for(lambda: next(
+            (key for key, item in list(self.controls.items())
+             if 'ButtonGroup' in item.get('kind', '') and label in item['options']), None), label)
+
+    def press(self, label):
+        self.send('GuiUpdateMessage', uuid=self.button(label), updates={'value': label})
+
     def shown(self, text):
         """Whether a text stands on the page."""
         return any(text in str(item) for item in list(self.controls.values()))
 
     def shells(self):
-        """Positions (n, 3) of the shells, None before they are there."""
+        """Positions (n, 3) of the shells [m], None before they are there."""
         node = self.nodes.get('/shells')
         return None if node is None else np.frombuffer(
-            node['batched_positions'], np.float32).reshape(-1, 3)
+            node['batched_positions'], np.float32).reshape(-1, 3) / METRE
 
     def _listen(self):
         try:

@@ -36,6 +36,8 @@ import numpy as np
 _LOGGER = logging.getLogger('icofabric_sim')
 # How often the words of the panel, and the samples of its plots, are renewed [s].
 _WORDS, _SAMPLES = 0.5, 0.1
+# Angle of view of a new page [rad], and how far it stands off, in sizes of the fabric.
+_VIEW, _FAR = 0.6, 1.9
 MISSING = (
     "the viewer needs the extra `viewer`, which is not installed: pip install "
     "'icofabric_sim[viewer]' (or viser)")
@@ -172,15 +174,15 @@ class Page:
 
         @self.stage.shells.on_drag('left')  # type: ignore[untyped-decorator]
         async def _(event: Any) -> None:
-            body, page = event.instance_index, event.client_id
+            body, page, metre = event.instance_index, event.client_id, self.stage.scale
             if event.phase == 'end' or body is None:
                 grip.let_go(page)
             elif event.phase == 'start' and body < len(self._poses):
                 grip.take(
-                    page, body, self._poses[body, :3], np.array(event.start_position),
-                    np.array(event.end_position))
+                    page, body, self._poses[body, :3], np.array(event.start_position) / metre,
+                    np.array(event.end_position) / metre)
             else:
-                grip.move(page, np.array(event.end_position))
+                grip.move(page, np.array(event.end_position) / metre)
 
     def _came(self, client: Any) -> None:
         self._aim([client])
@@ -191,14 +193,19 @@ class Page:
 
     def _aim(self, clients: Any) -> None:
         """Have these see the whole fabric."""
-        poses = self._poses
-        if not len(poses):
+        poses, fabric = self._poses, self._sight.fabric
+        if fabric is None or not len(poses):
             return
         low, high = poses[:, :3].min(axis=0), poses[:, :3].max(axis=0)
-        middle, size = 0.5 * (low + high), float(np.linalg.norm(high - low)) + 0.05
-        for client in clients:
-            client.camera.look_at = middle
-            client.camera.position = middle + size * np.array([0.7, -1.1, 0.6])
+        half_edge = fabric.scene.shell.half_edge
+        middle = self.stage.scale * 0.5 * (low + high)
+        size = self.stage.scale * (float(np.linalg.norm(high - low)) + 5.0 * half_edge)
+        place = middle + _FAR * size * np.array([0.5, -0.8, 0.35])
+        for camera in (self.server.initial_camera, *(client.camera for client in clients)):
+            # In this order: a new position takes the point that is looked at along.
+            camera.position = place
+            camera.look_at = middle
+            camera.fov = _VIEW
 
     def _follow(self) -> None:
         """Move the cameras with a body."""
@@ -206,12 +213,16 @@ class Page:
         if not 0 <= body < len(self._poses):
             self._followed = None
             return
-        place = self._poses[body, :3].copy()
-        before, self._followed = self._followed, place
-        if before is None or not np.linalg.norm(place - before) > 0.0:
+        place = self.stage.scale * self._poses[body, :3]
+        before = self._followed
+        if before is None:
+            self._followed = place
             return
+        shift = place - before
+        # viser leaves out what is small beside the position of a camera.
+        if not np.linalg.norm(shift) > 0.01:
+            return
+        self._followed = place
         for client in self.server.get_clients().values():
-            camera = client.camera
-            look_at = np.asarray(camera.look_at) + place - before
-            camera.position = np.asarray(camera.position) + place - before
-            camera.look_at = look_at
+            # With the point that is looked at.
+            client.camera.position = np.asarray(client.camera.position) + shift

@@ -120,8 +120,10 @@ class Panel:
         self._wishes = None if hands is None else Wishes(hands.change, self._answered)
         gui = server.gui
         gui.configure_theme(show_logo=False, show_share_button=False)
+        gui.main_panel.dock_right()
         self.state = gui.add_markdown('waiting for a fabric')
         self.words = gui.add_markdown('')
+        self._lay_out_legend()
         if hands is None:
             gui.add_markdown('*read only: nothing here can change the run*')
         else:
@@ -129,6 +131,8 @@ class Panel:
             self._lay_out_parameters(hands)
         self._lay_out_view()
         self._lay_out_plots()
+        with gui.add_folder('What the run says', expand_by_default=False):
+            self.report = gui.add_markdown('nothing yet')
 
     def say(self, text: str, *, good: bool = True) -> None:
         """Show an answer, a refusal so that it is seen."""
@@ -149,7 +153,9 @@ class Panel:
                 f'{fabric.scene.connector_count:,} connectors, {len(sight.broken):,} broken']
             if figures:
                 pace = figures.get('real-time factor', '?')
-                lines.append(_code(f'pace {pace}; {level}: {sight.message}'))
+                # All of it would move what stands below, under the mouse.
+                lines.append(_code(f'pace {pace}; {level}: {sight.message.partition(";")[0]}'))
+                self._set(self.report, 'content', _code(sight.message))
             self._set(self.state, 'content', '\n\n'.join(lines))
             for name, (handle, shown) in self._controls.items():
                 if name in fabric.parameters and not (self._wishes or self).is_open(name):
@@ -172,23 +178,32 @@ class Panel:
         if self._wishes is not None:
             self._wishes.want(name, value)
 
+    def _lay_out_legend(self) -> None:
+        rows = ''.join(
+            f'<div><span style="color:rgb{rgb(item.color)}">&#9644;&#9644;</span> '
+            f'{item.name}</div>' for item in STRAIN_CLASSES)
+        self._server.gui.add_html(
+            '<div style="padding:0 1em 0.5em;font-size:0.8em;line-height:1.35"><b>connectors by '
+            f'strain (l - D) / D</b>{rows}<div>black: broken; green: anchors; purple: runs into '
+            'its own shell. Grey-blue shells are held.</div></div>')
+
     def _lay_out_run(self, hands: Hands) -> None:
         gui = self._server.gui
+        motion: dict[str, tuple[str, bool | None]] = {
+            'pause': ('pause', True), 'go on': ('pause', False), 'step': ('step', None)}
+        start: dict[str, tuple[str, bool | None]] = {'back to the start': ('reset', None)}
+        groups = [motion, start]
+        if hands.is_replay:
+            start['continue'] = ('continue', None)
+        else:
+            motion['advance'] = ('advance', None)
+            start['clear loads'] = ('clear_loads', None)
+            groups.append({'record': ('record', True), 'end the record': ('record', False)})
         with gui.add_folder('Run'):
-            pairs = [('pause', True), ('pause', False), ('step', None)]
-            if hands.is_replay:
-                pairs += [('reset', None), ('continue', None)]
-            else:
-                pairs += [
-                    ('advance', None), ('reset', None), ('clear_loads', None), ('record', True),
-                    ('record', False)]
-            words = {
-                ('pause', False): 'go on', ('reset', None): 'back to the start',
-                ('record', True): 'record', ('record', False): 'end the record',
-                ('clear_loads', None): 'clear loads'}
-            for name, on in pairs:
-                button = gui.add_button(words.get((name, on), name))
-                button.on_click(lambda _, name=name, on=on: self._do(hands, name, on))
+            for label, calls in zip(('motion', 'begin anew', 'bag'), groups):
+                group = gui.add_button_group(label, tuple(calls))
+                group.on_click(
+                    lambda event, calls=calls: self._do(hands, *calls[event.target.value]))
 
     def _lay_out_parameters(self, hands: Hands) -> None:
         gui = self._server.gui
@@ -226,14 +241,6 @@ class Panel:
             @place.on_update
             def _(_: Any) -> None:
                 section.set(axis.value, place.value)
-
-            rows = ''.join(
-                f'<div><span style="color:rgb{rgb(item.color)}">&#9608;</span> {item.name}</div>'
-                for item in STRAIN_CLASSES)
-            gui.add_html(
-                f'<div style="padding:0 1em;font-size:0.8em"><b>strain (l - D) / D of '
-                f'connectors</b>{rows}<div>black: broken; green: anchors; purple: runs into its '
-                'own shell; grey-blue shells are held</div></div>')
 
     def _lay_out_plots(self) -> None:
         uplot = import_module('viser.uplot')

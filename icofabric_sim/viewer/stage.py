@@ -15,7 +15,8 @@
 The scene graph of the page: shells, connectors, what acts on them, as nodes of viser.
 
 Shells are one batched mesh with flat shading, so that facets show; connectors are one list of
-lines for each class of strain. Only what has changed is sent.
+lines for each class of strain. Only what has changed is sent. All is drawn larger than it is:
+viser's shadows are made for rooms, and what has the size of a shell is all in its own.
 """
 
 from collections.abc import Sequence
@@ -31,7 +32,19 @@ import numpy as np
 # Colour of the anchors, of broken connectors and of the mouse's pull.
 _ANCHOR, _BROKEN, _PULL = (50, 165, 75), (30, 30, 30), (230, 60, 160)
 _LINE_LIST, _TRIANGLE_LIST = 5, 11
+# Half an edge of a shell as it is drawn.
+_DRAWN_HALF_EDGE = 0.1
 _AXES = {'off': None, 'x': 0, 'y': 1, 'z': 2}
+
+
+def _light(scene: Any) -> None:
+    """Light it from the upper left, as docs/gallery.md: viser's own lamps bleach all colours."""
+    scene.configure_default_lights(enabled=False)
+    scene.configure_environment_map(None)
+    scene.add_light_hemisphere(
+        '/lamps/sky', sky_color=(255, 255, 255), ground_color=(150, 145, 140), intensity=0.9)
+    scene.add_light_directional(
+        '/lamps/sun', intensity=2.6, cast_shadow=True, position=(-0.2, -0.4, 1.0))
 
 
 def rgb(color: Sequence[float] | np.ndarray) -> tuple[int, int, int]:
@@ -67,13 +80,14 @@ class Stage:
         """Draw what `sight` knows into the `scene` of a server of viser."""
         self._scene, self._sight = scene, sight
         self.section = Section()
+        self.scale = 1.0  # what a metre is on the page
         self.shells: Any = None
         self._lines: dict[str, Any] = {}
         self._others: dict[str, Any] = {}
         self._done = dict.fromkeys(('fabric', 'pose', 'line', 'marker', 'section', 'broken'), -1)
         self.frames = 0  # of poses that were sent
         scene.set_up_direction('+z')
-        scene.configure_default_lights(cast_shadow=True)
+        _light(scene)
 
     def update(self, pulls: np.ndarray, poses: np.ndarray) -> bool:
         """
@@ -109,6 +123,7 @@ class Stage:
     def _begin(self, fabric: Fabric, poses: np.ndarray) -> None:
         """Build the nodes of a weave."""
         half_edge = fabric.scene.shell.half_edge
+        self.scale = _DRAWN_HALF_EDGE / half_edge
         self._width = 0.16 * half_edge
         for handle in (*self._lines.values(), *self._others.values()):
             handle.remove()
@@ -117,18 +132,22 @@ class Stage:
         self._lines, self._others = {}, {}
         colors = np.array([rgb(item.color) for item in SHELL_CLASSES], np.uint8)
         self.shells = self._scene.add_batched_meshes_simple(
-            '/shells', icosahedron.vertices(half_edge), icosahedron.FACES,
-            batched_wxyzs=_wxyz(poses), batched_positions=poses[:, :3].astype(np.float32),
+            '/shells', icosahedron.vertices(_DRAWN_HALF_EDGE), icosahedron.FACES,
+            batched_wxyzs=_wxyz(poses), batched_positions=self._drawn(poses[:, :3]),
             batched_scales=np.ones(len(poses), np.float32),
             batched_colors=colors[fabric.held.astype(int)], flat_shading=True, lod='off')
 
     def _move(self, poses: np.ndarray, *, cut: bool) -> None:
-        positions = poses[:, :3].astype(np.float32)
-        self.shells.batched_positions = positions
+        positions = poses[:, :3]
+        self.shells.batched_positions = self._drawn(positions)
         self.shells.batched_wxyzs = _wxyz(poses)
         if cut:
             self.shells.batched_scales = self.section.shows(positions).astype(np.float32)
         self.frames += 1
+
+    def _drawn(self, points: np.ndarray) -> np.ndarray:
+        """Where points [m] are on the page."""
+        return (self.scale * points).astype(np.float32)
 
     def _look(self, number: int) -> tuple[tuple[int, int, int], float]:
         """Colour and thickness [m] of a list of connectors."""
@@ -151,16 +170,16 @@ class Stage:
             old.remove()
         if there and len(item.points) and item.marker_type == _TRIANGLE_LIST:
             self._others[name] = self._scene.add_mesh_simple(
-                f'/{name}', item.points.astype(np.float32),
+                f'/{name}', self._drawn(item.points),
                 np.arange(len(item.points)).reshape(-1, 3), color=rgb(item.color),
                 opacity=float(item.color[3]), side='double', flat_shading=True, cast_shadow=False)
         elif there and len(item.points):
             # Cubes, and for any other list of points a mark of its size.
             corners = np.array(np.meshgrid(*[[-0.5, 0.5]] * 3)).reshape(3, -1).T
             self._others[name] = self._scene.add_batched_meshes_simple(
-                f'/{name}', corners * item.scale, _CUBE,
+                f'/{name}', self.scale * corners * item.scale, _CUBE,
                 batched_wxyzs=np.tile([1.0, 0.0, 0.0, 0.0], (len(item.points), 1)),
-                batched_positions=item.points.astype(np.float32),
+                batched_positions=self._drawn(item.points),
                 batched_colors=rgb(item.color), opacity=float(item.color[3]), side='double',
                 flat_shading=True, cast_shadow=False)
 
@@ -176,9 +195,9 @@ class Stage:
                 del self._lines[name]
         elif handle is None:
             self._lines[name] = self._scene.add_line_segments(
-                f'/{name}', shown.astype(np.float32), color, thickness=float(width))
+                f'/{name}', self._drawn(shown), color, thickness=float(self.scale * width))
         else:
-            handle.points = shown.astype(np.float32)
+            handle.points = self._drawn(shown)
 
 
 # Corners of a cube as np.meshgrid orders them.

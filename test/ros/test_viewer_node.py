@@ -73,9 +73,9 @@ def test_slider_button_and_refusal(page, graph):
     assert graph.get('connector.stiffness') == [350.0]
     page.set('weave.size', [0.0, 1.0, 1.0])
     page.wait_for(lambda: page.shown('weave.size must be at least 1'), 'no refusal')
-    page.send('GuiUpdateMessage', uuid=page.control('pause'), updates={'value': True})
+    page.press('pause')
     page.wait_for(lambda: page.shown('paused, t = '), 'no answer of the button')
-    page.send('GuiUpdateMessage', uuid=page.control('record'), updates={'value': True})
+    page.press('record')
     page.wait_for(lambda: page.shown('record.path is empty'), 'no refusal of the button')
 
 
@@ -89,7 +89,7 @@ def test_replay_is_known_as_one(tmp_path):
         port = int(found[-1].split()[-1].rstrip('/').rpartition(':')[2])
         with PageClient(port) as page:
             page.wait_for(lambda: page.shells() is not None, 'no shells')
-            assert page.control('continue')
+            assert page.button('continue')
         assert process.stop() == 0
         assert replay.stop() == 0
 

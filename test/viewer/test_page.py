@@ -24,8 +24,7 @@ from icofabric_sim.messages.topics import POSES, STRAIN_CLASSES
 from icofabric_sim.parameters.text import dump_parameters
 from icofabric_sim.running.replay.player import Player
 from icofabric_sim.running.replay.source import ReplaySource
-from icofabric_sim.running.runner import Runner
-from icofabric_sim.viewer.local import ReplayHands, RunHands, SightSink
+from icofabric_sim.viewer.local import ReplayHands, SightSink
 from icofabric_sim.viewer.page import Page
 from icofabric_sim.viewer.panel import _code
 from icofabric_sim.viewer.sight import Sight
@@ -33,36 +32,9 @@ import numpy as np
 from page_client import PageClient
 import pytest
 from recorded_runs import record_run
-from runner_helpers import Beside, ListSink, SCENE
+from runner_helpers import SCENE
+from shown_page import Shown
 from websockets.exceptions import InvalidStatus
-
-
-class Shown:
-    """A run with its page, at an address of its own."""
-
-    def __init__(self, *, read_only=False, **changes):
-        scene = ico.Scene.from_parameters({
-            **SCENE, 'duration': 0.0, 'real_time_factor': 1.0, **changes})
-        simulation = ico.compile_scene(scene)
-        simulation.warm_up()
-        self.sight, self.inputs = Sight(), ListSink()
-        self.runner = Runner(simulation, [self.inputs, SightSink(self.sight)])
-        self.page = Page(
-            self.sight, None if read_only else RunHands(self.runner), port=18080, rate=60.0)
-        self.port = self.page.server.get_port()
-        self.beside = Beside(self.runner)
-
-    def __enter__(self):
-        self.beside.__enter__()
-        return self
-
-    def __exit__(self, *words):
-        self.page.close()
-        self.beside.__exit__(*words)
-
-    def position(self, body):
-        return self.runner.post(
-            lambda: self.runner.simulation.snapshot().position[body].copy()).result(60.0)
 
 
 @pytest.fixture(scope='module')
@@ -144,7 +116,7 @@ def test_buttons(shown, client):
             ('advance', 'advanced'), ('step', 'solver steps taken'),
             ('back to the start', 'back at the initial state'),
             ('record', 'nothing to record with')):
-        client.send('GuiUpdateMessage', uuid=client.control(label), updates={'value': True})
+        client.press(label)
         client.wait_for(partial(client.shown, answer), answer)
 
 
@@ -188,7 +160,7 @@ def test_read_only_page_changes_nothing():
         client.wait_for(lambda: client.shown('read only'), 'it does not say so')
         client.drag('start', 1, (0.0, 0.0, 0.0), (0.0, 0.0, 0.3))
         labels = {item.get('label') for item in client.controls.values()}
-        assert not labels & {'pause', 'stiffness [N/m]', 'step'} and 'cut across' in labels
+        assert not labels & {'motion', 'stiffness [N/m]', 'bag'} and 'cut across' in labels
         assert not shown.inputs.messages and shown.page.grip is None
 
 
