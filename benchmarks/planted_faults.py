@@ -14,13 +14,14 @@
 """
 Plant the faults of planted_faults.yaml, one at a time, and print which share of them tests catch.
 
-Each is planted in a copy of the tree. The tests of its file run, quickest first, until one fails;
-that one must pass in a second copy without the fault. What survives may be judged by the whole
-suite (`--whole-suite`). Results go into a table, and faults that it has already are not run again:
+Each is planted in a copy of the tree. The tests of its file run, quickest first and without those
+of `make test-long`, until one fails; that one must pass in a second copy without the fault. What
+survives may be judged by the whole suite (`--whole-suite`). Results go into a table, and faults
+that it has already are not run again:
 
     .venv/bin/python benchmarks/planted_faults.py --only bag/ ros/ --results faults.csv
 
-A fault in kernels has all of them compiled again, which takes minutes.
+A fault in kernels has all of them compiled again, which takes minutes, so these come last.
 """
 
 import argparse
@@ -43,6 +44,8 @@ PACKAGE = 'icofabric_sim'
 # A test that takes longer [s] hangs, by the fault.
 _LONGEST = 900
 _WHOLE = ('test', '-m', 'not graph and not long')
+# Of the files of a fault: what `make test` runs.
+_USUAL = ('-m', 'not long')
 _LEFT_OUT = ('.git', '.venv', '.*_cache', 'build', 'install', 'log', 'dist', 'runs')
 _FAILED = re.compile(r'^(?:FAILED|ERROR) (test/\S+?\.py(?:::.*?)?)(?: - .*)?$', re.MULTILINE)
 # Exit statuses of pytest: all passed; some failed; not even begun, e.g. by a failed import.
@@ -56,6 +59,11 @@ class Fault(NamedTuple):
     old: str
     new: str
     tests: tuple[str, ...]  # files, quickest first
+
+    @property
+    def in_kernels(self) -> bool:
+        """Whether the kernels change with it, and are compiled again."""
+        return self.file.startswith(('kernels/', 'geometry/'))
 
     def __str__(self) -> str:
         """Return where it is, and what it does."""
@@ -98,9 +106,8 @@ class Copies:
         text = path.read_text(encoding='utf-8')
         path.write_text(text.replace(fault.old, fault.new), encoding='utf-8')
         # Else kernels with the fault would replace those without it.
-        in_kernels = fault.file.startswith(('kernels/', 'geometry/'))
         try:
-            failed = run_tests(self.faulty, tests, self._cache if in_kernels else None)
+            failed = run_tests(self.faulty, tests, self._cache if fault.in_kernels else None)
         finally:
             path.write_text(text, encoding='utf-8')
             shutil.rmtree(self._cache, ignore_errors=True)
@@ -146,7 +153,7 @@ def judge(
         return known[fault[:3]]
     begun, caught = time.monotonic(), ''
     for test in fault.tests:
-        caught = caught or copies.first_failure(fault, (test,))
+        caught = caught or copies.first_failure(fault, (test, *_USUAL))
     if not caught and whole:
         caught = copies.first_failure(fault, _WHOLE)
     seconds = time.monotonic() - begun
@@ -171,8 +178,9 @@ def main() -> int:
     faults = [fault for fault in read_table() if fault.file.startswith(tuple(arguments.only))]
     if not faults:
         parser.error(f'--only: no fault is in a file that begins with {arguments.only}')
+    faults.sort(key=lambda fault: fault.in_kernels)
     known = known_results(arguments.results)
-    survivors = []
+    caught_by_own, survivors = 0, []
     with tempfile.TemporaryDirectory(prefix='icofabric_faults_') as folder:
         copies = Copies(Path(folder))
         for number, fault in enumerate(faults, 1):
@@ -180,10 +188,15 @@ def main() -> int:
                 copies, fault, whole=arguments.whole_suite, known=known,
                 results=arguments.results)
             print(f'{number} of {len(faults)}  {fault}\n  {caught or "SURVIVES"}', flush=True)
+            caught_by_own += caught.partition('::')[0] in fault.tests
             if not caught:
                 survivors.append(fault)
     share = 1.0 - len(survivors) / len(faults)
-    print(f'{len(faults) - len(survivors)} of {len(faults)} faults are caught: {share:.0%}')
+    print(
+        f'{len(faults) - len(survivors)} of {len(faults)} faults are caught: {share:.0%}; '
+        f'{caught_by_own} by tests of their file')
+    for fault in survivors:
+        print(f'survives: {fault}')
     return 0
 
 

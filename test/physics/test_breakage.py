@@ -277,14 +277,15 @@ def test_groups_break_by_limits_of_their_own():
     assert (s.connector_length[tough] > 1.02 * L).any()
 
 
-def test_a_length_that_turns_round_within_a_step_breaks_where_it_was_too_long():
-    # A step of 1.9 rad around the longest moment, at which the limit is just passed.
-    limit = 1.1 * L * (1.0 - 1e-4)
+@pytest.mark.parametrize('side, amplitude', [('extension', -0.1), ('compression', 0.1)])
+def test_a_length_that_turns_round_within_a_step_breaks_where_it_was_beyond(side, amplitude):
+    # A step of 1.9 rad around the longest or shortest moment, at which the limit is just passed.
+    limit = L * (1.0 - amplitude * (1.0 - 1e-3))
     frequency = analytical.axial_frequency(500.0, make_scene((2, 2, 1)).shell.mass)
     step = 0.6 * np.pi / frequency
     simulation, _ = swinging_pair(
-        {'connector.break_length_extension': limit, 'solver.step': step}, -0.1)
-    exact = np.arccos(-(limit / L - 1.0) / 0.1) / frequency
+        {f'connector.break_length_{side}': limit, 'solver.step': step}, amplitude)
+    exact = np.arccos((limit / L - 1.0) / amplitude) / frequency
     simulation.advance_to(1.4 * np.pi / frequency)
     assert simulation.snapshot().break_time == pytest.approx([exact], rel=1e-3)
 

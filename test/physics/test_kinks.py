@@ -18,7 +18,8 @@ from typing import NamedTuple
 from fabrics import changed, make_scene
 import icofabric_sim as ico
 from icofabric_sim.statics.equilibrium import AT_KINK, MECHANISM, STABLE
-from icofabric_sim.statics.fabric import StaticFabric
+from icofabric_sim.statics.fabric import Configuration, StaticFabric
+from icofabric_sim.statics.kinks import anchor_changes, length_changes
 from icofabric_sim.statics.periodic import solve_bands
 from icofabric_sim.statics.stretching import cross_section
 import numpy as np
@@ -297,6 +298,26 @@ def test_under_pre_stress_the_first_connector_changes_side_at_the_amplitude_that
     # Of a fabric without two stiffnesses there is no such amplitude.
     plain = ico.solve_modes(woven(connector={'stiffness': PULL}))
     assert np.isinf(plain.amplitudes).all() and not plain.branches
+
+
+def test_lengths_of_connectors_and_anchors_change_as_motions_say():
+    anchors = {
+        name: {'body': body, 'edge': edge, 'position': [0.05, -0.02, 0.13]}
+        for name, body, edge in (('rope', 0, 'up'), ('stay', 3, 'south'))}
+    scene = woven(anchors=anchors)
+    here = Configuration(
+        StaticFabric(scene), scene.position,
+        Rotation.random(scene.body_count, random_state=2).as_quat())
+    motions = np.random.default_rng(3).standard_normal((4, scene.body_count, 6))
+    h = 1e-7
+    for changes, stretched in (
+            (length_changes, lambda at: at.stretched),
+            (anchor_changes, lambda at: at.pulled.here)):
+        ends = [[stretched(here.moved(sign * h * motion)).length for motion in motions]
+                for sign in (1.0, -1.0)]
+        found = changes(here, motions)
+        assert found.shape[1] >= 2 and np.abs(found).min() > 1e-3
+        np.testing.assert_allclose(found, np.subtract(*ends) / (2.0 * h), rtol=0, atol=1e-7)
 
 
 def test_verdicts_say_where_the_kink_decides():

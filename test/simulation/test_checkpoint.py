@@ -545,6 +545,12 @@ def test_parameters_are_those_of_the_scene():
     assert ico.Scene.from_parameters(parameters).body_count == scene.body_count
 
 
+@pytest.mark.parametrize('kind', [bytes, bytearray, memoryview])
+def test_bytes_of_any_kind_are_read(kind):
+    data = ico.compile_scene(make_scene((2, 2, 2))).checkpoint().to_bytes()
+    assert Checkpoint.from_bytes(kind(data)).to_bytes() == data
+
+
 def test_adaptive_steps_that_were_given_up_are_not_gone_back_to():
     scene = everything(solver__method='dop8')
     run = ico.compile_scene(scene)
