@@ -14,15 +14,14 @@
 """
 A real browser without a window, where Chromium is installed; driven by its DevTools protocol.
 
-That is documented at chromedevtools.github.io/devtools-protocol; websockets, which viser
-brings, is all that it takes. Packages such as Playwright and Selenium bring, or fetch, a browser
-or a driver of their own.
+That is documented at chromedevtools.github.io/devtools-protocol. It goes through two pipes, so no
+package is needed, no port is open, and the browser ends with this process, however that ends.
+Playwright and Selenium bring, or fetch, a browser or a driver of their own.
 
     .venv/bin/python test/browser.py    # says in one line which browser the tests will use
 """
 
 import base64
-from collections import deque
 import json
 import os
 from pathlib import Path
@@ -35,7 +34,7 @@ import time
 NAMES = ('chromium', 'chromium-browser', 'google-chrome', 'google-chrome-stable', 'chrome')
 PATIENCE = 60.0  # s
 _FLAGS = (
-    '--headless=new', '--remote-debugging-port=0', '--force-device-scale-factor=1',
+    '--headless=new', '--remote-debugging-pipe', '--force-device-scale-factor=1',
     # Draws on the processor, so the same on every machine.
     '--use-angle=swiftshader', '--enable-unsafe-swiftshader', '--disable-dev-shm-usage',
     # Nothing of its own goes to the network, and no other name than this machine's is found.
@@ -58,24 +57,27 @@ class Browser:
     """A browser with one tab."""
 
     def __init__(self, *, width=1280, height=800):
-        from websockets.sync.client import connect
         self._folder = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)
-        self._words = deque(maxlen=30)
+        self._log = Path(self._folder.name) / 'log'
         self._numbers, self._answers, self._arrived = 0, {}, threading.Condition()
-        self._threads = []
         self.requests, self.console = [], []
         root = ['--no-sandbox'] if os.geteuid() == 0 else []  # refuses to start else
-        self.process = subprocess.Popen(
-            [find_browser(), *_FLAGS, *root, f'--window-size={width},{height}',
-             f'--user-data-dir={Path(self._folder.name) / "profile"}', 'about:blank'],
-            stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, start_new_session=True)
+        theirs, mine = os.pipe()
+        answers, theirs_out = os.pipe()
+        with open(self._log, 'wb') as log:
+            # The browser's ends are 3 and 4.
+            self.process = subprocess.Popen(
+                ['bash', '-c', f'exec "$0" "$@" 3<&{theirs} 4>&{theirs_out}', find_browser(),
+                 *_FLAGS, *root, f'--window-size={width},{height}',
+                 f'--user-data-dir={Path(self._folder.name) / "profile"}', 'about:blank'],
+                stdout=subprocess.DEVNULL, stderr=log, pass_fds=(theirs, theirs_out),
+                start_new_session=True)
+        os.close(theirs)
+        os.close(theirs_out)
+        self._commands, self._replies = open(mine, 'wb', buffering=0), open(answers, 'rb')
+        self._listener = threading.Thread(target=self._listen, daemon=True)
+        self._listener.start()
         try:
-            self._socket = connect(self._address(), max_size=None, compression=None)
-            self._threads += [
-                threading.Thread(target=target, daemon=True)
-                for target in (self._listen, self._drain)]
-            for thread in self._threads:
-                thread.start()
             self._session = None
             tab = self.send('Target.createTarget', url='about:blank')['targetId']
             self._session = self.send(
@@ -104,16 +106,17 @@ class Browser:
         except Exception:  # noqa: BLE001 - it is ended in any case
             self.process.kill()
             self.process.wait(PATIENCE)
-        for thread in self._threads:
-            thread.join(PATIENCE)
-        self.process.stderr.close()
+        self._commands.close()
+        self._listener.join(PATIENCE)
+        self._replies.close()
         self._folder.cleanup()
 
     def send(self, method, **words):
         """The result of a command of the protocol."""
         number = self._post(method, self._session, words)
         with self._arrived:
-            assert self._arrived.wait_for(lambda: number in self._answers, PATIENCE), method
+            assert self._arrived.wait_for(lambda: number in self._answers, PATIENCE), (
+                f'{method}; {find_browser()} says {self._log.read_text()[-1000:]}')
             answer = self._answers.pop(number)
         assert 'error' not in answer, f'{method}: {answer.get("error")}'
         return answer['result']
@@ -164,37 +167,21 @@ class Browser:
         return base64.b64decode(self.send('Page.captureScreenshot', format='png')['data'])
 
     def _post(self, method, session, words):
+        of_session = {} if session is None else {'sessionId': session}
         with self._arrived:
             self._numbers += 1
-            number = self._numbers
-        of_session = {} if session is None else {'sessionId': session}
-        self._socket.send(json.dumps(
-            {'id': number, 'method': method, 'params': words, **of_session}))
-        return number
-
-    def _address(self):
-        """Where it listens, as it says on the terminal."""
-        timer = threading.Timer(PATIENCE, self.process.kill)
-        timer.start()
-        try:
-            for line in self.process.stderr:
-                self._words.append(line)
-                if 'DevTools listening on ' in line:
-                    return line.split()[-1]
-        finally:
-            timer.cancel()
-        raise RuntimeError(f'{find_browser()} does not start: {"".join(self._words)}')
-
-    def _drain(self):
-        for line in self.process.stderr:
-            self._words.append(line)
+            self._commands.write(json.dumps({
+                'id': self._numbers, 'method': method, 'params': words,
+                **of_session}).encode() + b'\0')
+            return self._numbers
 
     def _listen(self):
-        try:
-            for text in self._socket:
+        data = bytearray()
+        while chunk := self._replies.read1(1 << 20):
+            *whole, rest = (data + chunk).split(b'\0')
+            data = bytearray(rest)
+            for text in whole:
                 self._take(json.loads(text))
-        except Exception:  # noqa: BLE001 - closed: who waits for an answer says so
-            pass
 
     def _take(self, message):
         if 'id' in message:

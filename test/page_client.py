@@ -39,13 +39,11 @@ class PageClient:
             max_size=None, compression=None, **words)
         self.nodes, self.controls, self.notices = {}, {}, []
         self.frames = self.bytes = 0
+        self.draws = True  # and says so: else no more frames come than can be under way
         self._thread = threading.Thread(target=self._listen, daemon=True)
         self._thread.start()
         # A page counts once it has said where its camera stands.
-        self.send(
-            'ViewerCameraMessage', wxyz=[1.0, 0.0, 0.0, 0.0], position=[1.0, 1.0, 1.0], fov=1.0,
-            near=0.01, far=100.0, image_height=600, image_width=800, look_at=[0.0, 0.0, 0.0],
-            up_direction=[0.0, 0.0, 1.0])
+        self._say_camera(1.0)
 
     def __enter__(self):
         return self
@@ -101,6 +99,12 @@ class PageClient:
         return None if node is None else np.frombuffer(
             node['batched_positions'], np.float32).reshape(-1, 3) / METRE
 
+    def _say_camera(self, fov):
+        self.send(
+            'ViewerCameraMessage', wxyz=[1.0, 0.0, 0.0, 0.0], position=[1.0, 1.0, 1.0], fov=fov,
+            near=0.01, far=100.0, image_height=600, image_width=800, look_at=[0.0, 0.0, 0.0],
+            up_direction=[0.0, 0.0, 1.0])
+
     def _listen(self):
         try:
             while True:
@@ -133,6 +137,8 @@ class PageClient:
             self.frames += 'batched_positions' in message['updates'] and (
                 message['name'] == '/shells')
             self.nodes.setdefault(message['name'], {}).update(filled(message['updates']))
+        elif kind == 'SetCameraFovMessage' and not message['initial'] and self.draws:
+            self._say_camera(message['fov'])
         elif kind == 'RemoveSceneNodeMessage':
             self.nodes.pop(message['name'], None)
         elif kind == 'GuiUpdateMessage':

@@ -26,6 +26,7 @@ import threading
 import time
 from typing import Any
 
+from icofabric_sim.viewer.flow import Flow
 from icofabric_sim.viewer.guard import Guard
 from icofabric_sim.viewer.hands import Grip, Hands
 from icofabric_sim.viewer.panel import Panel
@@ -93,6 +94,7 @@ class Page:
         can_pull = hands is not None and not hands.is_replay
         self.grip = Grip(hands.pull) if hands is not None and can_pull else None
         self.panel = Panel(self.server, sight, self.stage, hands)
+        self._flow = Flow(_VIEW)
         self._followed: np.ndarray | None = None
         self._poses = np.zeros((0, 7))
         self._seen = self._aimed = -1
@@ -125,14 +127,18 @@ class Page:
             self.server.stop()
 
     def frame(self) -> None:
-        """Send what is new."""
+        """Send what is new, where pages have come to what was sent."""
         sight = self._sight
+        if self.grip is not None:
+            self.grip.repeat()
+        if not self._flow.is_free():
+            return
         if sight.pose_number != self._seen:
             self._seen, self._poses = sight.pose_number, sight.poses()
         lines = np.zeros((0, 2, 3))
         if self.grip is not None:
-            self.grip.repeat()
             lines = self.grip.lines(self._poses)
+        sent = self.stage.frames
         with self.server.atomic():
             if self.stage.update(lines, self._poses):
                 self._tie()
@@ -140,6 +146,8 @@ class Page:
                 if len(self._poses) != self._aimed:
                     self._aimed = len(self._poses)
                     self._aim(self.server.get_clients().values())
+        if self.stage.frames != sent:
+            self._flow.mark(self.server.get_clients().values())
         self._follow()
 
     def _close_tunnels(self) -> None:
@@ -158,7 +166,7 @@ class Page:
                 if began - samples > _SAMPLES:
                     samples = began
                     self._sight.sample()
-                if began - words > _WORDS:
+                if began - words > _WORDS and self._flow.is_free():
                     words = began
                     self.panel.update()
             except Exception:
@@ -185,9 +193,11 @@ class Page:
                 grip.move(page, np.array(event.end_position) / metre)
 
     def _came(self, client: Any) -> None:
+        self._flow.begin(client)
         self._aim([client])
 
     def _left(self, client: Any) -> None:
+        self._flow.end(client)
         if self.grip is not None:
             self.grip.let_go(client.client_id)
 
