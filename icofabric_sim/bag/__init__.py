@@ -11,12 +11,35 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""Recorded runs: writing them beside the simulation, reading them, making a killed one whole."""
-from icofabric_sim.bag.handover import RecorderStatistics
-from icofabric_sim.bag.reader import BagReader, BagTopic
-from icofabric_sim.bag.recorder import BagRecorder
-from icofabric_sim.bag.recovery import recover_bag, recover_mcap, RecoveryReport
-from icofabric_sim.bag.storage import BagError, next_free_path, STOPPED
+"""
+Recorded runs: writing them beside the simulation, reading them, making a killed one whole.
+
+Names are loaded when first used: a node that records nothing has no need of rosbags at its start.
+"""
+
+from importlib import import_module
+from typing import Any, TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from icofabric_sim.bag.folder import BagError, next_free_path
+    from icofabric_sim.bag.handover import RecorderStatistics
+    from icofabric_sim.bag.reader import BagReader, BagTopic
+    from icofabric_sim.bag.recorder import BagRecorder
+    from icofabric_sim.bag.recovery import recover_bag, recover_mcap, RecoveryReport
+    from icofabric_sim.bag.storage import STOPPED
+
+_HOMES = {
+    'BagError': 'folder',
+    'BagReader': 'reader',
+    'BagRecorder': 'recorder',
+    'BagTopic': 'reader',
+    'RecorderStatistics': 'handover',
+    'RecoveryReport': 'recovery',
+    'STOPPED': 'storage',
+    'next_free_path': 'folder',
+    'recover_bag': 'recovery',
+    'recover_mcap': 'recovery',
+}
 
 __all__ = [
     'BagError',
@@ -30,3 +53,9 @@ __all__ = [
     'RecoveryReport',
     'STOPPED',
 ]
+
+
+def __getattr__(name: str) -> Any:
+    if name in _HOMES:
+        return getattr(import_module(f'icofabric_sim.bag.{_HOMES[name]}'), name)
+    raise AttributeError(f'module {__name__!r} has no attribute {name!r}')

@@ -18,11 +18,11 @@ import contextlib
 import os
 from pathlib import Path
 
+from icofabric_sim.bag.folder import BagError, require_new
 from icofabric_sim.bag.mcap_storage import McapFile
 from icofabric_sim.bag.metadata import describe_bag, distribution, write_metadata
 from icofabric_sim.bag.sqlite3_storage import SMALLEST_SPLIT, Sqlite3File
 from icofabric_sim.bag.storage import (
-    BagError,
     COMPRESSIONS,
     StorageFile,
     STORAGES,
@@ -30,14 +30,6 @@ from icofabric_sim.bag.storage import (
     to_yaml,
     TopicEntry,
 )
-
-
-def require_new(path: Path) -> None:
-    """Raise BagError where a bag cannot begin at `path`, because something is there."""
-    if os.path.lexists(path):
-        raise BagError(
-            f'record.path: {path} exists and is never overwritten; '
-            'choose another folder or remove it')
 
 
 class BagFile:

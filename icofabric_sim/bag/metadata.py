@@ -19,8 +19,8 @@ import os
 from pathlib import Path, PurePath
 from typing import Any, NamedTuple
 
+from icofabric_sim.bag.folder import BagError
 from icofabric_sim.bag.storage import (
-    BagError,
     from_yaml,
     parse_qualities_of_service,
     qos_entries,

@@ -20,9 +20,10 @@ from pathlib import Path
 from types import TracebackType
 from typing import NamedTuple, Self
 
+from icofabric_sim.bag.folder import BagError
 from icofabric_sim.bag.metadata import FILE_NAME, MetadataFile, read_metadata
 from icofabric_sim.bag.parts import Part
-from icofabric_sim.bag.storage import BagError, decode_custom, merge_custom, STORAGES
+from icofabric_sim.bag.storage import decode_custom, merge_custom, STORAGES
 from rosbags.interfaces import Qos, QosDurability
 
 _MCAP_MAGIC = b'\x89MCAP0\r\n'

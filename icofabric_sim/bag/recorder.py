@@ -24,10 +24,9 @@ from types import TracebackType
 from typing import Literal, Self, SupportsIndex
 
 from icofabric_sim.bag.bag_file import BagFile
+from icofabric_sim.bag.folder import absolute_path, BagError
 from icofabric_sim.bag.handover import End, Handover, Heading, Message, RecorderStatistics
 from icofabric_sim.bag.storage import (
-    absolute_path,
-    BagError,
     definition,
     encode_custom,
     PART,

@@ -23,12 +23,11 @@ import tempfile
 from typing import NamedTuple
 
 from icofabric_sim.bag.bag_file import BagFile
+from icofabric_sim.bag.folder import absolute_path, BagError
 from icofabric_sim.bag.mcap_scan import Damage, McapScan, ScannedMessage, ScannedTopic
 from icofabric_sim.bag.reader import storage_files
 from icofabric_sim.bag.sqlite3_storage import Sqlite3Reader
 from icofabric_sim.bag.storage import (
-    absolute_path,
-    BagError,
     decode_custom,
     foreign_definition,
     merge_custom,

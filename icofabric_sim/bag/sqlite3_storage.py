@@ -22,8 +22,8 @@ from typing import NamedTuple
 from urllib.parse import quote
 
 from icofabric_sim.bag import zstd
+from icofabric_sim.bag.folder import BagError
 from icofabric_sim.bag.storage import (
-    BagError,
     from_yaml,
     parse_qualities_of_service,
     qos_entries,

@@ -18,7 +18,6 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 import functools
 import json
-import os
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
@@ -49,10 +48,6 @@ PART = 'part'
 STOPPED = 'recording_stopped'
 # Level of zstd: the positions of bodies hardly shrink, so the quickest is the best.
 ZSTD_LEVEL = 1
-
-
-class BagError(ValueError):
-    """A bag that cannot be written or read; the text says why, and the way out."""
 
 
 class Definition(NamedTuple):
@@ -253,20 +248,3 @@ def merge_custom(
         if not (custom and PART in said):
             custom.update(said)
     return custom
-
-
-def absolute_path(path: str | Path) -> Path:
-    """Return the path of a bag, wherever the process goes afterwards."""
-    if not str(path) or '\0' in str(path):
-        raise BagError(f'record.path: {str(path)!r} is not the name of a folder')
-    return Path(path).expanduser().absolute()
-
-
-def next_free_path(path: str | Path) -> Path:
-    """Return the first of PATH, PATH_1, PATH_2 ... that does not exist."""
-    first = absolute_path(path)
-    candidate, number = first, 0
-    while os.path.lexists(candidate):
-        number += 1
-        candidate = first.with_name(f'{first.name}_{number}')
-    return candidate

@@ -101,6 +101,7 @@ class Outputs:
         self._energy = Float64MultiArrayBytes((', '.join(ENERGIES),), (len(ENERGIES),))
         self._connectors = ConnectorMarkers(scene)
         self._clock = ClockBytes()
+        self._described: tuple[Parameters, bytes] | None = None
 
     @cached_property
     def _shells(self) -> ShellMarkers:
@@ -182,8 +183,10 @@ class Outputs:
 
         They are those of the scene, but for rates and the like that may have changed since.
         """
-        return StringBytes(
-            with_files(dump_parameters(parameters.complete()), self.scene.files)).to_bytes()
+        if self._described is None or self._described[0] is not parameters:
+            text = with_files(dump_parameters(parameters.complete()), self.scene.files)
+            self._described = parameters, StringBytes(text).to_bytes()
+        return self._described[1]
 
     def clock(self, nanoseconds: int) -> bytes:
         """`/clock`."""

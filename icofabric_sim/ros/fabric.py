@@ -19,14 +19,14 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from contextlib import AbstractContextManager, nullcontext
 import gc
+from importlib.util import find_spec
 import logging
 from pathlib import Path
 import threading
 import time
 from typing import Any
 
-from icofabric_sim.bag import BagError
-from icofabric_sim.bag.bag_file import require_new
+from icofabric_sim.bag.folder import BagError, require_new
 from icofabric_sim.kernels.runtime.compile_notice import compile_notice
 from icofabric_sim.messages.topics import CLOCK, DIAGNOSTICS, TOPICS
 from icofabric_sim.parameters.validation import find_specification, Parameters
@@ -36,10 +36,10 @@ from icofabric_sim.ros.input_topics import InputTopics
 from icofabric_sim.ros.live_sink import LiveSink
 from icofabric_sim.ros.name_watch import NameWatch
 from icofabric_sim.ros.parameter_service import GuardedParameterService
-from icofabric_sim.ros.process import log_to_ros, Server
+from icofabric_sim.ros.process import log_to_ros, Presence, Server
 from icofabric_sim.ros.ros_parameters import describe, is_foreign, ParameterGate
 from icofabric_sim.ros.standard_services import offer_standard_services
-from icofabric_sim.ros.start import READY, StopSignals
+from icofabric_sim.ros.start import importing, READY, StopSignals
 from icofabric_sim.ros.verbs import Verbs
 from icofabric_sim.running.diagnostics import (
     HealthReport,
@@ -74,12 +74,13 @@ class FabricNode(Node):
         *,
         simulation: Simulation | None = None,
         on_built: Callable[[], None] = lambda: None,
+        presence: Presence | None = None,
     ) -> None:
         """
         Build the scene of the judged `parameters`; raises ValueError where that is not possible.
 
         With `simulation` go on from where it stands instead. `on_built` is called before anything
-        begins that must be ended in order, e.g. a bag.
+        begins that must be ended in order, e.g. a bag. `presence` has joined the graph earlier.
         """
         super().__init__(
             'icofabric', allow_undeclared_parameters=True, start_parameter_services=False
@@ -87,7 +88,7 @@ class FabricNode(Node):
         self._gate: ParameterGate | None = None
         self.build: Future[str] | None = None
         log_to_ros(self.get_logger())
-        self._name_watch = NameWatch(self)
+        self._name_watch = NameWatch(self, None if presence is None else presence.begun)
         if simulation is None:
             if parameters['record.path']:
                 # Before a wait for the compiler.
@@ -95,6 +96,8 @@ class FabricNode(Node):
             simulation = compile_scene(Scene.from_parameters(parameters))
             simulation.warm_up()
             self._name_watch.require_first()
+        if presence is not None:
+            presence.end()
         on_built()
         self.stop_wanted = False
         self._faults: dict[str, str] = {}
@@ -175,6 +178,10 @@ class FabricNode(Node):
         return self._gate.set_atomically(parameter_list, super().set_parameters_atomically)
 
     def _open_bag(self, parameters: Parameters, simulation: Simulation) -> BagSink:
+        if find_spec('rosbags') is None:
+            raise ValueError(
+                'the package rosbags, which records are written with, is not installed: '
+                'python3 -m pip install rosbags')
         bag = BagSink(
             parameters['record.path'],
             simulation,
@@ -297,6 +304,9 @@ def run_node(node: FabricNode, signals: StopSignals) -> int:
     # What was imported stays: a garbage collection over it would block the node.
     gc.freeze()
     node.start()
+    with importing():
+        # What the first recording needs; the poses need not wait for it.
+        import icofabric_sim.bag.recorder  # noqa: F401
     signals.save_before_force(node.bag.close)
     try:
         server.serve(lambda: signals.received or node.is_done())

@@ -73,12 +73,16 @@ def _run(arguments: list[str], signals: StopSignals) -> int:
 
     parameters = make_start_parameters(check_ros_arguments(arguments[1:]))
     with importing():
-        from icofabric_sim.ros.fabric import FabricNode, run_node
-        from icofabric_sim.ros.process import log_to_ros, start_ros
+        from icofabric_sim.ros.process import log_to_ros, Presence, start_ros
 
     start_ros(arguments)
     log_to_ros()
-    return run_node(FabricNode(parameters, on_built=signals.only_note), signals)
+    presence = Presence()
+    with importing():
+        from icofabric_sim.ros.fabric import FabricNode, run_node
+
+    return run_node(
+        FabricNode(parameters, on_built=signals.only_note, presence=presence), signals)
 
 
 if __name__ == '__main__':

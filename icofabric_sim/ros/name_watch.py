@@ -34,9 +34,9 @@ _LOOK_AROUND = 0.4
 class NameWatch:
     """Refuses to be the second node of a name; says it of one that comes later, in `note` too."""
 
-    def __init__(self, node: Node) -> None:
-        """Look around from now on for `node`."""
-        self._node, self._begun = node, time.monotonic()
+    def __init__(self, node: Node, begun: float | None = None) -> None:
+        """Look around for `node`; since `begun`, by time.monotonic(), where that was earlier."""
+        self._node, self._begun = node, time.monotonic() if begun is None else begun
         self._name = node.get_fully_qualified_name()
         self._complaints = Complaints(node.get_logger().warning)
         self.note = ''
@@ -72,11 +72,12 @@ class NameWatch:
         count = sum(
             _full(name, namespace) == self._name
             for name, namespace in self._node.get_node_names_and_namespaces())
-        self.note = '' if count < 2 else (
+        note = '' if count < 2 else (
             f'{count} nodes are named {self._name}: their topics and services cannot be told '
             'apart; end one of them')
-        if self.note:
-            self._complaints.add(self._name, self.note)
+        if note:
+            self._complaints.add(self._name, note)
+        self.note = note
 
 
 def _full(name: str, namespace: str) -> str:

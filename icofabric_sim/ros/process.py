@@ -15,7 +15,9 @@
 
 from collections.abc import Callable
 import logging
+import os
 import re
+import time
 
 from icofabric_sim.ros.shared_memory import SharedMemory
 from icofabric_sim.ros.start import arguments_of_its_own, INTERRUPTED, StopSignals
@@ -26,6 +28,7 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.impl.rcutils_logger import RcutilsLogger
 from rclpy.logging import get_logger, LoggingSeverity
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 
 __all__ = [
@@ -33,6 +36,7 @@ __all__ = [
     'INTERRUPTED',
     'log_to_ros',
     'plain_reason',
+    'Presence',
     'Server',
     'spin',
     'start_ros',
@@ -55,6 +59,26 @@ def start_ros(arguments: list[str]) -> None:
         rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:
         raise ValueError(f'command line: {plain_reason(error)}') from error
+
+
+class Presence:
+    """
+    This process in the graph before its node is there: others are found while modules are loaded.
+
+    By a node that tools do not list, since its name begins with an underscore.
+    """
+
+    def __init__(self) -> None:
+        """Join the graph; `start_ros` was called."""
+        self.begun = time.monotonic()
+        self._node = Node(
+            f'_icofabric_{os.getpid()}', use_global_arguments=False, enable_rosout=False,
+            start_parameter_services=False,
+            parameter_overrides=[Parameter('start_type_description_service', value=False)])
+
+    def end(self) -> None:
+        """Leave it to the node; the participant in the graph is the same."""
+        self._node.destroy_node()
 
 
 def plain_reason(error: BaseException) -> str:

@@ -22,7 +22,7 @@ import threading
 import time
 from typing import Any
 
-from icofabric_sim.bag.storage import absolute_path
+from icofabric_sim.bag.folder import absolute_path
 from icofabric_sim.messages import topics as outputs
 from icofabric_sim.messages.schedule import NANOSECONDS, seconds
 from icofabric_sim.messages.topics import Topic

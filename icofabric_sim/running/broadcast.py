@@ -106,10 +106,11 @@ class Broadcast:
         self._last_report = 0.0
         self.set_scene(simulation)
 
-    def set_scene(self, simulation: Simulation) -> None:
-        """Take the messages of another scene."""
+    def set_scene(self, simulation: Simulation, outputs: Outputs | None = None) -> None:
+        """Take the messages of another scene: its `outputs`, where they are laid out already."""
+        # First, for a scene that they cannot be laid out for.
+        self._outputs = outputs or Outputs(simulation.scene)
         self.simulation = simulation
-        self._outputs = Outputs(simulation.scene)
         self._can_break = simulation.scene.connectors.limits is not None
         self._breaks_told: int | None = None
         self.set_rates(simulation.scene.parameters)

@@ -22,8 +22,9 @@ import os
 from pathlib import Path
 import platform
 import time
+from typing import TYPE_CHECKING
 
-from icofabric_sim.bag import BagError, BagRecorder, next_free_path, RecorderStatistics
+from icofabric_sim.bag.folder import BagError, next_free_path
 from icofabric_sim.messages import decode_string
 from icofabric_sim.messages.schedule import nanoseconds_not_before
 from icofabric_sim.messages.topics import CHECKPOINT, EVENTS, Topic, TOPICS, WEAVE
@@ -33,6 +34,9 @@ from icofabric_sim.parameters.validation import Parameters
 from icofabric_sim.running.run_records import Status
 from icofabric_sim.simulation.divergence import Growth
 from icofabric_sim.simulation.simulation import Simulation
+
+if TYPE_CHECKING:
+    from icofabric_sim.bag import BagRecorder, RecorderStatistics
 
 _LIBRARIES = ('numpy', 'scipy', 'numba', 'llvmlite', 'rosbags')
 # What a run cannot be repeated without is never dropped.
@@ -143,9 +147,9 @@ class BagSink:
         self._storage = '' if storage in (None, parameters['record.storage']) else storage
         self.name = name
         self._live, self._on_error, self._on_warning = live, on_error, on_warning
-        self.recorder: BagRecorder | None = None  # of the present bag, else of the last one
+        self.recorder: 'BagRecorder | None' = None  # of the present bag, else of the last one
         self.is_recording = False
-        self._closing: list[BagRecorder] = []  # whose disk has not finished yet
+        self._closing: 'list[BagRecorder]' = []  # whose disk has not finished yet
         self._earlier = 0  # messages that earlier bags dropped or lost
         self._warned = -_WARNING_INTERVAL
         # Messages of the present bag by topic, and whether it says how many it lacks.
@@ -173,16 +177,19 @@ class BagSink:
         return None if self.recorder is None else self.recorder.error
 
     @property
-    def statistics(self) -> RecorderStatistics:
+    def statistics(self) -> 'RecorderStatistics':
         """What became of the messages of the present bag, or of the last one."""
         if self.recorder is None:
+            from icofabric_sim.bag.handover import RecorderStatistics
             return RecorderStatistics(0, 0, 0, 0, 0, 0, 0.0)
         return self.recorder.statistics
 
     @property
     def dropped(self) -> int:
         """Messages that are in no bag although they should be, of all bags together."""
-        statistics = self.statistics
+        if self.recorder is None:
+            return self._earlier
+        statistics = self.recorder.statistics
         return self._earlier + statistics.dropped + statistics.lost
 
     def resolve(self, name: str) -> str:
@@ -278,7 +285,7 @@ class BagSink:
             recorder.close()
         self._closing.clear()
 
-    def _taking(self) -> BagRecorder | None:
+    def _taking(self) -> 'BagRecorder | None':
         """The recorder, while it takes messages."""
         recorder = self.recorder
         return recorder if self.is_recording and recorder and recorder.error is None else None
@@ -288,6 +295,9 @@ class BagSink:
         patience: float | None, paused: bool, status: Status | None = None,
     ) -> None:
         """Open the first bag as `base`, and every other beside it; the run is `paused` or not."""
+        # Here, and not at the start of a node that records nothing.
+        from icofabric_sim.bag.recorder import BagRecorder
+
         start = nanoseconds_not_before(simulation.time) if status is None else status.time
         path = base if patience is None else next_free_path(base)
         while True:
@@ -319,7 +329,7 @@ class BagSink:
             if topic.recorded:
                 self._add(recorder, topic)
 
-    def _add(self, recorder: BagRecorder, topic: Topic) -> None:
+    def _add(self, recorder: 'BagRecorder', topic: Topic) -> None:
         recorder.add_topic(
             self.resolve(topic.name), topic.type, latched=topic.latched, depth=topic.depth)
 
@@ -349,7 +359,7 @@ class BagSink:
             return str(recorder.error)
         return f'{recorder.path} is closed'
 
-    def _warn(self, recorder: BagRecorder) -> None:
+    def _warn(self, recorder: 'BagRecorder') -> None:
         """Say that messages are dropped, now and then."""
         if (
             recorder.error is not None or self._on_warning is None

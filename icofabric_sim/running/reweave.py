@@ -27,6 +27,7 @@ import time
 
 from icofabric_sim.kernels.runtime.compile_notice import KernelsMissing
 from icofabric_sim.kernels.runtime.kernel_guard import no_compiling
+from icofabric_sim.messages.topics import Outputs
 from icofabric_sim.parameters.changes import rebuilds
 from icofabric_sim.parameters.validation import Parameters
 from icofabric_sim.scene.scene import Scene
@@ -73,6 +74,7 @@ class Reweaver:
         self._body_force, self._is_touching = body_force, is_touching
         self._wanted: Parameters | None = None
         self._scene: Scene | None = None  # of what is wanted, where it is built already
+        self.outputs: Outputs | None = None  # messages of what was built last
         self._free_at = 0.0  # time of the next build, where the last one was a moment ago
 
     def want(self, parameters: Parameters, scene: Scene | None = None) -> None:
@@ -103,6 +105,7 @@ class Reweaver:
         def build() -> None:
             parameters, scene = now
             simulation: Simulation | None = None
+            outputs: Outputs | None = None
             if delay > 0.0:
                 time.sleep(delay)
                 parameters, scene = self._wanted, self._scene
@@ -113,6 +116,9 @@ class Reweaver:
             reason, began = '', time.thread_time()
             try:
                 simulation = self._compiled(scene or Scene.from_parameters(parameters))
+                # Here, and not in the thread of the run: the longest part of a change of it.
+                outputs = Outputs(simulation.scene)
+                outputs.weave(simulation.scene.parameters)
                 kernels = simulation.prepare_contacts(load=False)
                 if kernels is not None and self._is_touching():
                     kernels.wait()
@@ -120,7 +126,7 @@ class Reweaver:
                 simulation, reason = None, str(error) or type(error).__name__
             rest = min(_SHARE * (time.thread_time() - began), _LONGEST_REST)
             self._free_at = time.monotonic() + rest
-            self._post(lambda: self._finish(parameters, simulation, reason))
+            self._post(lambda: self._finish(parameters, simulation, reason, outputs))
 
         threading.Thread(target=build, name='weave', daemon=True).start()
 
@@ -143,7 +149,10 @@ class Reweaver:
                 compile_elsewhere(scene)
         return make()
 
-    def _finish(self, built: Parameters, simulation: Simulation | None, reason: str) -> None:
+    def _finish(
+        self, built: Parameters, simulation: Simulation | None, reason: str,
+        outputs: Outputs | None,
+    ) -> None:
         wanted = self._wanted or built
         if rebuilds(built, wanted):
             # At once: a slider that moves on must not keep all of its changes from being seen.
@@ -151,4 +160,5 @@ class Reweaver:
             self._build()
             return
         self._wanted = self._scene = None
+        self.outputs = outputs
         self._on_ready(wanted, simulation, reason)

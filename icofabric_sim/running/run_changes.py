@@ -258,8 +258,9 @@ class RunChanges:
             try:
                 restarts = replace_simulation(
                     state.simulation, simulation, state.now, state.parameters, wanted)
-            except (SimulationError, ValueError) as error:
-                simulation, reason = None, str(error)
+                self._broadcast.set_scene(simulation, self._reweaver.outputs)
+            except Exception as error:  # noqa: BLE001 - whatever it is, the old fabric runs on
+                simulation, reason = None, str(error) or type(error).__name__
         if simulation is None:
             _LOGGER.error('the change could not be built, the old fabric runs on: %s', reason)
             self._broadcast.event(state.now, 'change_refused', reason=reason)
@@ -269,7 +270,6 @@ class RunChanges:
         self._time.follow(simulation)
         state.failure = ''
         self._pace.forget_speed()
-        self._broadcast.set_scene(simulation)
         self._take_rates(wanted)
         self._time.show_after('reweave')
         self.on_rebuilt(wanted, '')

@@ -19,7 +19,6 @@ from pathlib import Path
 import struct
 from typing import NamedTuple
 
-from icofabric_sim.kernels.inside import mark_inside
 import numpy as np
 
 SUFFIXES = ('.stl', '.obj')
@@ -62,6 +61,8 @@ class TriangleMesh(NamedTuple):
         first = np.zeros(strips + 1, np.int64)
         np.cumsum(np.bincount(strip, minlength=strips), out=first[1:])
         inside = np.zeros(len(points), bool)
+        # Most scenes have no mesh, and can be judged without the compiler.
+        from icofabric_sim.kernels.inside import mark_inside
         mark_inside(
             np.ascontiguousarray(points, np.float64), self.corners, first, members[order], low,
             width, self.oriented, room, inside)

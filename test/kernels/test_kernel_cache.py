@@ -308,6 +308,36 @@ def test_process_that_ends_while_it_writes_leaves_nothing_stale(used):
     assert used.run().value == 15.0
 
 
+WRITTEN = """
+from pathlib import Path
+from icofabric_sim.kernels.runtime import disk_cache
+callee = Path('icofabric_sim/kernels/trial_callee.py')
+callee.write_text(callee.read_text().replace('2.0', '5.0'))
+"""
+
+
+def test_what_is_compiled_from_a_source_written_meanwhile_is_not_kept(copy):
+    """It has the stamp of the source before, which comes back."""
+    assert copy.run(prelude=WRITTEN).value == 15.0
+    assert not copy.entries()
+    copy.write('callee', CALLEE)
+    assert copy.run().value == 12.0
+
+
+NO_COMPILER = """
+import os
+from numba.core.registry import cpu_target
+cpu_target.target_context.load_additional_registries = lambda: os._exit(9)
+"""
+
+
+def test_a_kernel_on_disk_is_loaded_without_the_compiler(used):
+    loaded = used.run(action=NO_COMPILER)
+    assert (loaded.value, loaded.hits) == (12.0, 1)
+    used.write('callee', CALLEE.replace('2.0', '3.0'))
+    assert used.start(action=NO_COMPILER).returncode == 9
+
+
 def test_plain_twin_needs_no_cache(copy):
     block(copy.kernels / '__pycache__')
     block(copy.home / '.cache')

@@ -283,3 +283,58 @@ def test_a_kernel_that_takes_a_moment_is_waited_for_only_while_another_thread_co
     monkeypatch.setattr(waiting._driver._stepping, 'run', missing_once)
     waiting.advance_to(0.001)
     assert taken and waiting.time == 0.001
+
+
+def test_a_second_try_does_not_compile_what_a_contact_needs(monkeypatch):
+    """It goes farther than the first one did, and may come to the first contact."""
+    free, waiting = ico.compile_scene(SCENE), ico.compile_scene(SCENE)
+    driver, tries = waiting._driver, []
+    driver.awaits_kernels = True
+    run = driver._stepping.run
+
+    def missing_first(time, count):
+        tries.append(driver.contact.contacts is not None)
+        if len(tries) % 2:
+            raise KernelsMissing
+        run(time, count)
+
+    monkeypatch.setattr(driver._stepping, 'run', missing_first)
+    monkeypatch.setattr(driver_module, 'is_compiler_free', lambda: True)
+    with pytest.raises(KernelsAwaited) as awaited:
+        waiting.advance_to(0.15)
+    assert awaited.value.is_for_contacts and len(tries) % 2 == 0 and not any(tries)
+    assert not waiting.status.has_contacts and 0.05 < waiting.time < 0.15
+    driver.awaits_kernels = False
+    monkeypatch.setattr(driver._stepping, 'run', run)
+    for simulation in (free, waiting):
+        simulation.advance_to(0.15)
+    assert waiting.snapshot().position.tobytes() == free.snapshot().position.tobytes()
+
+
+@pytest.mark.parametrize('failing', [1, 2])
+def test_steps_that_fail_while_kernels_are_awaited_leave_the_state_as_it_was(monkeypatch, failing):
+    free, waiting = ico.compile_scene(SCENE), ico.compile_scene(SCENE)
+    for simulation in (free, waiting):
+        simulation.advance_to(0.02)
+    driver, tries = waiting._driver, []
+    driver.awaits_kernels = True
+    run = driver._stepping.run
+
+    def broken(time, count):
+        tries.append(count)
+        run(time, count)
+        if len(tries) < failing:
+            raise KernelsMissing
+        raise MemoryError('no room for a kernel')
+
+    monkeypatch.setattr(driver._stepping, 'run', broken)
+    monkeypatch.setattr(driver_module, 'is_compiler_free', lambda: True)
+    before = driver.state_tree()
+    with pytest.raises(MemoryError):
+        waiting.advance_to(0.03)
+    assert len(tries) == failing and waiting.time == 0.02
+    assert repr(driver.state_tree()) == repr(before)
+    monkeypatch.setattr(driver._stepping, 'run', run)
+    for simulation in (free, waiting):
+        simulation.advance_to(0.03)
+    assert waiting.snapshot().position.tobytes() == free.snapshot().position.tobytes()

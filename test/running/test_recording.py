@@ -18,7 +18,7 @@ import threading
 import time
 
 import icofabric_sim as ico
-from icofabric_sim.bag import BagError, BagReader, recover_bag
+from icofabric_sim.bag import BagError, BagReader, BagRecorder, recover_bag
 from icofabric_sim.bag.bag_file import BagFile
 from icofabric_sim.bag.summary import summarise_bag
 from icofabric_sim.kernels.runtime.target import host_processor, kernel_target
@@ -370,7 +370,7 @@ def hanging_disk(monkeypatch):
 def test_a_hanging_disk_does_not_stop_a_live_run(tmp_path, monkeypatch, hanging_disk):
     """It drops and counts, says so at once, and jumps, switches and ends without waiting."""
     monkeypatch.setattr('icofabric_sim.bag.recorder.BagRecorder.__init__.__kwdefaults__', {
-        **BagSink._open.__globals__['BagRecorder'].__init__.__kwdefaults__, 'queue_bytes': 5000})
+        **BagRecorder.__init__.__kwdefaults__, 'queue_bytes': 5000})
     monkeypatch.setattr('icofabric_sim.running.recording._PATIENCE', 0.05)
     simulation = make_simulation(duration=0.5, reset_time=True)
     warned = []

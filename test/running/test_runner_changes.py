@@ -12,16 +12,19 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """What interrupts a run: pause, steps, reset, failure, and changes of the scene."""
+from concurrent.futures import Future
+import json
 import threading
 
 from fabrics import warnings_said
 from icofabric_sim.messages import decode_marker_points, decode_pose_array, decode_string
 from icofabric_sim.messages.topics import CLOCK, CONNECTORS, EVENTS, POSES, TOPICS, WEAVE
-from icofabric_sim.running import reweave, time_advance
+from icofabric_sim.running import reweave, run_changes, time_advance
 from icofabric_sim.running import runner as runner_module
 from icofabric_sim.running.checkpoint_files import path_to_restore, path_to_save
 from icofabric_sim.running.time_requests import StepRequest
 from icofabric_sim.scene.scene import Scene
+from icofabric_sim.simulation.errors import KernelsAwaited, SimulationError
 from icofabric_sim.simulation.simulation import compile_scene
 import numpy as np
 import pytest
@@ -304,3 +307,42 @@ def test_scene_of_a_later_change_is_used_once_the_earlier_one_is_built(monkeypat
         beside.wait_for(lambda: told)
         assert runner.simulation.scene is scenes[1]
     assert told == [(second, '')]
+
+
+@pytest.mark.parametrize('error', [
+    MemoryError('no room'), KernelsAwaited(), SimulationError('it cannot go on'),
+    ValueError('it cannot be')])
+@pytest.mark.parametrize('place', ['replace_simulation', 'set_scene'])
+def test_a_change_that_fails_as_it_is_put_in_place_leaves_the_run_as_it_was(
+        monkeypatch, place, error):
+    def fail(*arguments):
+        raise error
+
+    changed = {'connector__stiffness': 250.0}
+    sink, told = ListSink(EVENTS, WEAVE), []
+    runner = make_runner(sink, duration=0.0, start_paused=True, step_count=5)
+    runner.changes.on_rebuilt = lambda *outcome: told.append(outcome)
+    before, in_force = runner.simulation, runner.parameters
+    wanted = in_force.with_changes({'connector.stiffness': changed['connector__stiffness']})
+    with monkeypatch.context() as patched, Beside(runner):
+        if place == 'set_scene':
+            patched.setattr(runner._broadcast, 'set_scene', fail)
+        else:
+            patched.setattr(run_changes, 'replace_simulation', fail)
+        runner.take_steps().result(60.0)
+        built = Future()
+        runner.change(wanted, None, built).result(60.0)
+        reason = built.result(60.0)
+        assert reason == str(error) and told == [(wanted, reason)]
+        assert runner.simulation is before and runner.parameters is in_force
+        runner.take_steps().result(60.0)
+    refused = [json.loads(decode_string(data)) for _, data in sink.of(EVENTS)]
+    assert [event['reason'] for event in refused if event['event'] == 'change_refused'] == [reason]
+    assert not any(event['event'] == 'reweave' for event in refused)
+    other = make_runner(duration=0.0, start_paused=True, step_count=5)
+    with Beside(other):
+        other.take_steps().result(60.0)
+        other.take_steps().result(60.0)
+    state, expected = before.snapshot(), other.simulation.snapshot()
+    assert state.time == expected.time > 0.0
+    assert state.position.tobytes() == expected.position.tobytes()

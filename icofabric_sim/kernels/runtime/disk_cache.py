@@ -21,6 +21,7 @@ names another place. Nothing that is wrong with the disk ends a run: the kernel 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 import fcntl
+from functools import cache
 import glob
 import hashlib
 import logging
@@ -31,7 +32,9 @@ import uuid
 
 from icofabric_sim.kernels.runtime.lane_types import LANES
 import llvmlite
-from numba.core.caching import FunctionCache, IndexDataCacheFile
+from llvmlite import binding
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile
+from numba.core.runtime.nrt import _nrt
 
 _LOGGER = logging.getLogger('icofabric_sim')
 _PACKAGE = Path(__file__).resolve().parents[2]
@@ -42,21 +45,30 @@ _PACKAGE = Path(__file__).resolve().parents[2]
 _STAMPED = ('geometry', 'kernels')
 
 
+def _source_files() -> list[tuple[str, int]]:
+    """Paths of the source of all kernels, and when each was changed last [ns]."""
+    paths = (
+        os.path.join(folder, name) for room in _STAMPED
+        for folder, _, names in os.walk(_PACKAGE / room) for name in names
+        if name.endswith('.py'))
+    return sorted((path, os.stat(path).st_ctime_ns) for path in paths)
+
+
 def _source_stamp() -> tuple[str, str]:
     """
     Source of all kernels together, because they call each other, and the compiler's version.
 
     Numba looks at the file of a function alone, and adds its own version.
     """
-    digest = hashlib.sha256()
-    for room in _STAMPED:
-        for path in sorted((_PACKAGE / room).rglob('*.py')):
-            text = path.read_bytes()
-            name = path.relative_to(_PACKAGE).as_posix()
-            digest.update(f'{name} {len(text)}\n'.encode() + text)
+    digest, first = hashlib.sha256(), len(str(_PACKAGE)) + 1
+    for path, _ in _FILES:
+        with open(path, 'rb') as file:
+            text = file.read()
+        digest.update(f'{path[first:]} {len(text)}\n'.encode() + text)
     return digest.hexdigest(), llvmlite.__version__
 
 
+_FILES = _source_files()
 _STAMP = _source_stamp()
 
 
@@ -100,9 +112,31 @@ def _one_writer(folder: str) -> Iterator[None]:
         yield
 
 
+@cache
+def _provide_runtime() -> None:
+    """Tell the linker where Numba's runtime library is; what compiles does it again, and more."""
+    for name, address in _nrt.c_helpers.items():
+        binding.add_symbol(name if name.startswith('_') else f'NRT_{name}', address)
+
+
+class _Entries(CompileResultCacheImpl):
+    """What is kept of a kernel: what a call of it needs."""
+
+    def reduce(self, cres: Any) -> Any:
+        """
+        Leave out the text that says its types, and empty environments.
+
+        Numba keeps an environment for each function that went into the code, some fifty a kernel,
+        and to load one it imports the module of that function.
+        """
+        *kept, _, reload_init, environments = super().reduce(cres)
+        return (*kept, '', reload_init, tuple(one for one in environments if one.consts))
+
+
 class KernelCache(FunctionCache):
     """The entries of one kernel."""
 
+    _impl_class = _Entries
     # Why entries could not be written, once that has been said.
     _lost = ''
 
@@ -117,9 +151,25 @@ class KernelCache(FunctionCache):
         stamp = (_STAMP, self._impl.locator.get_source_stamp())
         self._cache_file = _CacheFile(self._cache_path, self._impl.filename_base, stamp)
 
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """
+        Load a compiled kernel, if there is one.
+
+        Numba's own sets the compiler up first; machine code needs its runtime library only.
+        """
+        _provide_runtime()
+        with self._guard_against_spurious_io_errors():
+            return self._load_overload(sig, target_context)
+
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Keep a compiled kernel if that is possible."""
+        """
+        Keep a compiled kernel if that is possible.
+
+        Not where a source has changed since they were stamped: it may have been read afterwards.
+        """
         try:
+            if _source_files() != _FILES:
+                return
             with _one_writer(self._cache_path):
                 super().save_overload(sig, data)
         except OSError as error:

@@ -33,10 +33,15 @@ Result = TypeVar('Result')
 
 
 class _Guard(threading.local):
-    """Whether this thread must not compile, or not even load."""
+    """Whether this thread must not compile, or not even load; while `when` says so."""
 
     def __init__(self) -> None:
-        self.forbids: tuple[str, ...] = ()
+        self.kinds: tuple[str, ...] = ()
+        self.when: Callable[[], bool] = bool
+
+    @property
+    def forbids(self) -> tuple[str, ...]:
+        return self.kinds if self.kinds and self.when() else ()
 
 
 class _Watch(event.Listener):
@@ -68,14 +73,20 @@ for _kind in (_COMPILING, _LOADING):
 
 
 @contextmanager
-def no_compiling(*, loading: bool = False) -> Iterator[None]:
-    """Have KernelsMissing raised where this thread would compile; load a kernel if `loading`."""
-    before = _guard.forbids
-    _guard.forbids = (_COMPILING,) if loading else (_COMPILING, _LOADING)
+def no_compiling(
+    *, loading: bool = False, when: Callable[[], bool] = lambda: True
+) -> Iterator[None]:
+    """
+    Have KernelsMissing raised where this thread would compile; load a kernel if `loading`.
+
+    `when` says at each kernel whether that holds.
+    """
+    before = _guard.kinds, _guard.when
+    _guard.kinds, _guard.when = (_COMPILING,) if loading else (_COMPILING, _LOADING), when
     try:
         yield
     finally:
-        _guard.forbids = before
+        _guard.kinds, _guard.when = before
 
 
 @contextmanager

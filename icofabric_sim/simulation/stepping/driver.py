@@ -30,7 +30,7 @@ from icofabric_sim.kernels.records import Loads, State
 from icofabric_sim.kernels.runtime.compile_notice import KernelsMissing
 from icofabric_sim.kernels.runtime.kernel_guard import is_compiler_free, no_compiling
 from icofabric_sim.simulation.contact.broad_phase import BroadPhase
-from icofabric_sim.simulation.errors import KernelsAwaited
+from icofabric_sim.simulation.errors import KernelsAwaited, SimulationError
 from icofabric_sim.simulation.model.anchor_stiffness import anchor_accelerations
 from icofabric_sim.simulation.model.packing import PackedScene
 from icofabric_sim.simulation.model.stability import Frequency
@@ -267,25 +267,35 @@ class Driver:
         """
         Do `work`, which takes steps; where these need the kernels that are awaited, go back.
 
-        Raises KernelsAwaited then. Other kernels, which take a moment, are compiled in place, once
-        no other thread compiles.
+        Raises KernelsAwaited then. Other kernels, which take a moment, are compiled in place by a
+        second try, once no other thread compiles. What fails otherwise leaves the state as it was.
         """
-        if not self.awaits_kernels or self.contact.contacts is not None:
+        def is_touching() -> bool:
+            return self.contact.contacts is not None
+
+        if not self.awaits_kernels or is_touching():
             return work()
         before, loads = self.state_tree(), self.trajectory.loads
-        try:
-            with no_compiling():
-                result = work()
-            if self.contact.contacts is not None:
+        needs_contacts = False
+        for forbids in (lambda: True, is_touching):
+            try:
+                with no_compiling(when=forbids):
+                    result = work()
+                if not is_touching():
+                    return result
                 # The next step would need them, and a state that is shown before it.
-                raise KernelsMissing
-        except KernelsMissing:
-            is_touching = self.contact.contacts is not None
+                needs_contacts = True
+            except KernelsMissing:
+                needs_contacts = is_touching()
+            except SimulationError:
+                raise  # the last good state is kept
+            except BaseException:
+                self.load_state(StateTree(before), loads)
+                raise
             self.load_state(StateTree(before), loads)
-            if is_touching or not is_compiler_free():
-                raise KernelsAwaited(is_touching) from None
-            return work()
-        return result
+            if needs_contacts or not is_compiler_free():
+                break
+        raise KernelsAwaited(needs_contacts)
 
     def error_rate(self) -> float:
         """Error that the method adds for each second, measured last."""
