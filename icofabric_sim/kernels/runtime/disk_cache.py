@@ -129,8 +129,8 @@ class _Entries(CompileResultCacheImpl):
         Numba keeps an environment for each function that went into the code, some fifty a kernel,
         and to load one it imports the module of that function.
         """
-        *kept, _, reload_init, environments = super().reduce(cres)
-        return (*kept, '', reload_init, tuple(one for one in environments if one.consts))
+        *kept, reload_init, environments = super().reduce(cres._replace(type_annotation=''))
+        return (*kept, reload_init, tuple(one for one in environments if one.consts))
 
 
 class KernelCache(FunctionCache):
