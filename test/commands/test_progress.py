@@ -19,6 +19,7 @@ import io
 import os
 import re
 import signal
+import threading
 import time
 
 from icofabric_sim import terminal
@@ -109,8 +110,9 @@ def send_once(monkeypatch, act):
 
 def test_summary_states_the_compiler_apart(monkeypatch, capsys):
     # What a test before has left to a thread would count too.
-    while compile_notice.is_compiling:
-        time.sleep(0.1)
+    for thread in threading.enumerate():
+        if thread.name in ('kernels', 'weave'):
+            thread.join()
     real, spent = time.monotonic, [0.0]
     monkeypatch.setattr(time, 'monotonic', lambda: real() + spent[0])
 

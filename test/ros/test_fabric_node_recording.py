@@ -61,10 +61,13 @@ def run(tmp_path_factory):
         with Client(node) as client:
             # Not only forces on the whole: on single bodies, off centre, turning with them.
             poses = client.listen('~/poses')
-            before = len(poses)
             client.push('~/wrench', (0.01, 0.0, 0.02), (1e-4, -2e-4, 0.0), frame='icosahedron_3')
             client.push('~/loads/end', (0.0, 0.01, 0.0), (0.0, 1e-4, 0.0), frame='icosahedron')
             client.push('~/wrench', (float('nan'), 0.0, 0.0), frame='icosahedron_3')
+            # A node that has not yet heard of a new publisher asks for its messages seconds later.
+            client.health(lambda status: status.values['loads active'] == '2'
+                          and status.values['wrenches dropped'] == '1')
+            before = len(poses)
             client.wait_for(lambda: len(poses) > before + 10, 'poses')
         status = node.stop()
         yield {'status': status, 'log': node.log(), 'bag': bag, **json.loads(script.stdout)}
