@@ -65,9 +65,7 @@ def description(scene: ico.Scene, friction: float) -> str:
 def run_mujoco(
     scene: ico.Scene, friction: float, solver: str, step: float, begin: float, until: float
 ) -> dict[str, float]:
-    """
-    Deepest overlap over a, and time of the processor [s] from `begin` on, by equal steps.
-    """
+    """Deepest overlap over a, and time of the processor [s] from `begin` on, by equal steps."""
     mujoco = import_mujoco()
     model = mujoco.MjModel.from_xml_string(description(scene, friction))
     model.opt.timestep = step

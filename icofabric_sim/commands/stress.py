@@ -11,9 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""
-`icofabric stress`: random scenes, judged; problems with known answers; a map of stability.
-"""
+"""`icofabric stress`: random scenes, judged; problems with known answers; a map of stability."""
 
 import argparse
 import os

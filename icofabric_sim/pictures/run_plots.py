@@ -74,7 +74,7 @@ def plot_run(
 
     `groups`: groups of the scene, selectors or body numbers; by default the scene's groups.
     `axis` x, y or z: that component; by default the size of the vector. ParameterError or
-    ValueError where a group is none, BagError where the record lacks what is needed.
+    ValueError where the scene lacks a group, BagError where the record lacks what is needed.
     """
     drawers: dict[str, Callable[..., Any]] = {
         'displacement': _displacement, 'force': _force, 'tension': _tension,

@@ -168,9 +168,7 @@ class Broadcast:
         self._describe(now, self._parameters, None)
 
     def event(self, now: int, event: str, **facts: Any) -> None:
-        """
-        Send what was done to the run beside its inputs, with the facts that belong to it.
-        """
+        """Send what was done to the run beside its inputs, with the facts that belong to it."""
         receivers = self._receivers(topics.EVENTS)
         if receivers:
             text = json.dumps(

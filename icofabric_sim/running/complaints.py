@@ -26,9 +26,7 @@ _MOST_KINDS = 1000
 
 
 def shortened(text: str) -> str:
-    """
-    A line for a log or an answer, which quotes a received text, without its middle if long.
-    """
+    """A line for a log or an answer, which quotes a received text, without its middle if long."""
     if len(text) <= LONGEST_LINE:
         return text
     half = LONGEST_LINE // 2

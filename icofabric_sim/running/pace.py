@@ -116,9 +116,7 @@ class Pace:
         return (now - first.time) / NANOSECONDS / passed if passed > 0.0 else 0.0
 
     def cause(self) -> str:
-        """
-        Describe what the last wall time was spent on: why a run is not faster.
-        """
+        """Describe what the last wall time was spent on: why a run is not faster."""
         marks = self._marks
         first, last = marks[0], marks[-1]
         passed = last.wall - first.wall

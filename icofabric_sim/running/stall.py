@@ -40,7 +40,7 @@ class StallWatch:
 
     def note(self, simulated: float, computed: float, step: float) -> str:
         """
-        Note that `simulated` [s] took `computed` [s]; returns why it is a stall, '': it is none.
+        Note that `simulated` [s] took `computed` [s]; returns why it is a stall, or ''.
         """
         self._simulated += simulated
         self._computed += computed

@@ -107,9 +107,7 @@ class _FaceParser(Parser):
         self.fail(f'{word!r} is unknown')
 
     def near(self, direction: list[float], angle: float | None) -> np.ndarray:
-        """
-        Faces that point in a world direction, as woven: the nearest, or all within an angle.
-        """
+        """Faces that point in a world direction, as woven: the nearest, or all within an angle."""
         size = float(np.linalg.norm(direction))
         if not 0.0 < size < np.inf:
             self.fail('the direction must have a length')

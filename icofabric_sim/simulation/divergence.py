@@ -139,9 +139,7 @@ class Companion:
             self._compare()
 
     def act(self, act: Callable[[Simulation], object]) -> None:
-        """
-        Have an input act here too, that acts on the run at the time of the last comparison.
-        """
+        """Have an input act here too, that acts on the run at the time of the last comparison."""
         if self._ended:
             return
         with self._aside():

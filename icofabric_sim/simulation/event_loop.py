@@ -225,9 +225,7 @@ class EventLoop:
         self.settle_loads()
 
     def settle_loads(self) -> None:
-        """
-        Give the driver what acts now: once, however many wrenches have changed at this time.
-        """
+        """Give the driver what acts now: once, however many wrenches have changed at this time."""
         if self._stale_loads:
             loads = self._loads()
             self._stale_loads = False
@@ -243,9 +241,7 @@ class EventLoop:
         }
 
     def load_state(self, tree: StateTree, time: float) -> None:
-        """
-        Go on from there at `time` [s]; after a ValueError only another `load_state` helps.
-        """
+        """Go on from there at `time` [s]; after a ValueError only another `load_state` helps."""
         self.changes += 1
         self.inputs.load_state(tree.part('inputs'), time)
         self._stale_loads = tree.flag('stale_loads')

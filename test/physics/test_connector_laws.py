@@ -11,9 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""
-Connectors with two stiffnesses (eq 2), and groups of them with laws of their own.
-"""
+"""Connectors with two stiffnesses (eq 2), and groups of them with laws of their own."""
 
 import analytical
 from fabrics import changed, FORMS, LOADED, make_scene, pair_face_to_face, RANDOM, same_state

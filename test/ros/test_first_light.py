@@ -37,9 +37,7 @@ DEAD = [sys.executable, '-c', 'import sys; print("fabric_node: no such file"); s
 
 
 class StandIn:
-    """
-    A process that prints what is given, and a clock and a processor that are set by hand.
-    """
+    """A process that prints what is given, and a clock and a processor that are set by hand."""
 
     def __init__(self, folder):
         self.now, self.used, self.shown = 1000.0, 0.0, io.StringIO()

@@ -321,9 +321,7 @@ class Player:
         self._wake.wait(_IDLE_REFRESH)
 
     def _repeat(self) -> None:
-        """
-        Send the present state again where it has long been the same, for later subscribers.
-        """
+        """Send the present state again where it has long been the same, for later subscribers."""
         if wall.monotonic() - self._last_shown < _IDLE_REFRESH:
             return
         self._last_shown = wall.monotonic()

@@ -36,9 +36,7 @@ _CONNECTOR: Final = 10.0  # weave.connector_length [m]
 
 
 def chain_parameters(count: int, fixed: str, parameters: dict[str, Any]) -> dict[str, Any]:
-    """
-    Parameters of a chain of an odd number of bodies; those that `fixed` selects stand still.
-    """
+    """Parameters of a chain of an odd number of bodies; those that `fixed` selects stand still."""
     if count % 2 == 0:
         raise ValueError(f'count must be odd, got {count}: the middle row of a slab has so many')
     values: dict[str, Any] = {

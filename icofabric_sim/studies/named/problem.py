@@ -71,7 +71,7 @@ class Curve:
             return ''
         judged = self.points[-1:] if self.is_refined else self.points
         worst = max((point.error for point in judged), key=lambda error: (error != error, error))
-        # A number that is none is not allowed.
+        # NaN is not allowed.
         if not worst <= self.allowed:
             return f'the error is {worst:.3g}, allowed are {self.allowed:.3g}'
         if self.order is None:
