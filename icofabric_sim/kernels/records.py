@@ -485,6 +485,8 @@ class Trail(Record):
     start: State
     errors: np.ndarray  # one for each thread
     probable: np.ndarray  # what steps probably err by, likewise
+    speeds: np.ndarray  # [m/s] of the fastest point, likewise
+    ways: np.ndarray  # squares of the longest ways [m^2] before the step, likewise
 
 
 class Nearby(Record):

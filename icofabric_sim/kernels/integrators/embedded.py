@@ -22,6 +22,7 @@ import math
 from typing import Any, NamedTuple
 
 from icofabric_sim.kernels.breakage import is_breaking, note_lengths
+from icofabric_sim.kernels.contact.clearance import CLEAR, find_clear, NEAR
 from icofabric_sim.kernels.contact.displacement import farthest, forget_ways, has_missed, ways_of
 from icofabric_sim.kernels.contact.forces import deepest_overlap, set_tests, tests_of
 from icofabric_sim.kernels.contact.landing import land, NEVER_MEET
@@ -75,14 +76,20 @@ FLOOR = 13
 MEETING, RESUME = 14, 15
 # Square [1/s^2] of the fastest motion where forces have kinks; 0: they have none.
 KINKED = 16
+# The longest step [s] in which something may touch; the steps that are to be no longer, and how
+# many there were of these.
+CLOSE, HELD, HOLD = 17, 18, 19
 # Squared errors of position, orientation, velocity and spin are multiplied by these four.
-SCALES = 17
-CONTROL_COUNT = 21
+SCALES = 20
+CONTROL_COUNT = 24
 # A step is aimed at this part of the tolerance and refused above all of it; it may become so many
 # times as long at once.
 _AIM, _SHRINK, _GROW = 0.4, 0.2, 4.0
 # The estimate, of order 7, was 30 to 200 times the error in every scene that was measured.
 _ESTIMATE = 0.5
+# After a step that was refused because something may touch in it so many are shorter, and up to so
+# many if the next long one is refused too.
+_HOLD, _LONGEST_HOLD = 8.0, 64.0
 TOO_SHORT, BREAKING, TOO_FAR = 64, 256, 8192
 # Sentinel: a body left the region that the neighbour list covers.
 _MISSED = 1e300
@@ -285,8 +292,9 @@ def adaptive_pair(
     for states in between. Time is control[START] + control[LENGTH] before and after. A step that
     errs by more than tolerance x its length, or x control[SPARE], is refused and made shorter:
     where a contact begins or ends within it, so that it ends just there, else until it is so short
-    that such a change matters next to nothing. A step in which a connector may have broken is the
-    last one, and says so.
+    that such a change matters next to nothing. One longer than control[CLOSE] is refused where
+    something may touch in it. A step in which a connector may have broken is the last one, and
+    says so.
     """
     first, last = own_blocks(team, model.blocks.slot.shape[0])
     trail = some(work.trail)
@@ -298,6 +306,7 @@ def adaptive_pair(
     goal, shortest = control[GOAL], control[SHORTEST]
     tolerance = max(control[TOLERANCE], control[FLOOR])
     longest, spare, kink = control[LONGEST], control[SPARE], control[KINK]
+    close, held, hold = control[CLOSE], control[HELD], max(control[HOLD], _HOLD)
     meeting, resume = control[MEETING:MEETING + 1], control[RESUME]
     done, status = 0, 0
     note_lengths(model, work.breakage, state, work, team, first, last)
@@ -329,7 +338,16 @@ def adaptive_pair(
             if not accepted and h <= kink and finite:
                 accepted = True
                 change = _GROW
+            clear = CLEAR
+            if accepted and h > close:
+                clear = find_clear(
+                    watch, model.blocks, state, trail, pair.error_5.shape[0], team,
+                    start + length, h, first, last)
+                accepted = clear == CLEAR
             if accepted:
+                if h > close:
+                    hold = _HOLD
+                held = max(held - 1.0, 0.0)
                 total += probable * h
                 rate = probable
                 save(model, state, trail.start, first, last)
@@ -346,7 +364,12 @@ def adaptive_pair(
                     status = TOO_SHORT
                     accepted = True
             shorter = NEVER_MEET
-            if not accepted and finite:
+            if clear == NEAR:
+                held, hold = hold, min(2.0 * hold, _LONGEST_HOLD)
+            elif clear != CLEAR:
+                # The list of what is near has no room: the same again with a longer one.
+                status, accepted, change = TOO_FAR, True, 1.0
+            elif not accepted and finite:
                 shorter = land(
                     model.contacts, team, state, trail.slopes[0], h, 0.1 * kink, meeting)
             elif not accepted and error == _ESTIMATE * _MISSED:
@@ -359,8 +382,10 @@ def adaptive_pair(
                 h, landing = max(shorter, shortest), True
             else:
                 h = min(max(h * change, shortest), longest)
+            if held > 0.0:
+                h = min(h, close)
         if landing and status == 0:
-            h = min(max(h, resume), longest)
+            h = min(max(h, resume), close if held > 0.0 else longest)
         if status == 0:
             slope_at(
                 model, loads, state, work, trail, LAST, team, watch, start + length, first, last)
@@ -379,7 +404,7 @@ def adaptive_pair(
         control[START], control[LENGTH], control[NEXT] = start, length, h
         control[TOTAL], control[RATE], control[REFUSED] = total, rate, refused
         control[HAS_LAST] = 1.0 if has_last else 0.0
-        control[MEETING] = 0.0
+        control[HELD], control[HOLD], control[MEETING] = held, hold, 0.0
     return status, done, since_check
 
 

@@ -186,7 +186,7 @@ class Layout:
             for target in (stage, start):
                 for part, source in zip(target, state):
                     part[:] = source
-            trail = Trail(slopes, stage, start, *np.zeros((2, _MOST_THREADS)))
+            trail = Trail(slopes, stage, start, *np.zeros((4, _MOST_THREADS)))
         rows = 12 if self.cosines else 7
         samples = min(len(self.blocks.slot), _SAMPLES) if differences else 0
         difference = aligned_empty((rows, LANES * samples))

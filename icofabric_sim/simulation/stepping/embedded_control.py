@@ -39,6 +39,7 @@ class EmbeddedControl:
     # Bounds of their length [s].
     shortest = At(embedded.SHORTEST)
     longest = At(embedded.LONGEST)
+    close = At(embedded.CLOSE)  # where something may touch
     spare = At(embedded.SPARE)
     kink = At(embedded.KINK)
 

@@ -38,10 +38,10 @@ _KINKED_AIM, _ABOVE_ROUNDING = 0.4, 10.0
 _FIRST_STEP = 0.5
 # The shortest, in parts of that.
 _SHORTEST_PART = 1e-9
-# The longest where shells may touch, likewise. A contact that begins and ends between two of the
-# times at which a step asks for forces, up to 0.27 of it apart, is not seen; so it is not deeper
-# than about a hundredth of the way that bodies swing.
-_LONGEST_STEP = 1.0
+# The longest in which something may touch, likewise. A contact that begins and ends between two of
+# the times at which a step asks for forces, up to 0.27 of it apart, is not seen; so it is not
+# deeper than about a hundredth of the way that bodies swing.
+_CLOSE_STEP = 1.0
 # Squared radians of a contact in which a kink may lie, beside the tolerance for a radian; at most.
 _KINK, _LARGEST_KINK = 1e3, 1e-4
 # Steps for which contacts are known ahead.
@@ -93,7 +93,7 @@ class EmbeddedError:
         if self._given > 0.0:
             return trajectory.step, 1.0
         step = trajectory.method.chosen / math.sqrt(contact.least_rate)
-        return max(step, self._control.next), _AHEAD
+        return max(step, min(self._control.next, self._control.close)), _AHEAD
 
     def propose(self, *, probe: bool, shorter: float) -> float:
         """Return the given step, or the first one of a motion: later the error decides."""
@@ -111,7 +111,8 @@ class EmbeddedError:
                 control.tolerance, max(_KINKED_AIM * tolerance, least))
         control.shortest = first * _SHORTEST_PART
         # Whether anything is near must not matter: steps do not depend on searches.
-        control.longest = _LONGEST_STEP / rate if contact.is_possible and rate > 0.0 else _ANY
+        control.longest = _ANY
+        control.close = _CLOSE_STEP / rate if contact.is_possible and rate > 0.0 else _ANY
         control.kinked = self._kinked_rate(rate)
         # Around shells the shortest way may change to the other side.
         rate = rate or 1.0 / self._output_period
@@ -175,7 +176,7 @@ class EmbeddedError:
         if self._given > 0.0:
             control = self._control
             control.tolerance = _ANY
-            control.longest = control.next = self._given
+            control.longest = control.close = control.next = self._given
 
     def _first_step(self) -> float:
         rates, time = self._pieces.rates, self._pieces.trajectory.time
