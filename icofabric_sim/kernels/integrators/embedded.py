@@ -76,12 +76,14 @@ FLOOR = 13
 MEETING, RESUME = 14, 15
 # Square [1/s^2] of the fastest motion where forces have kinks; 0: they have none.
 KINKED = 16
-# The longest step [s] in which something may touch; the steps that are to be no longer, and how
-# many there were of these.
+# The longest step [s] in which something may touch; how many of the steps to come are to be no
+# longer, and of how many that was said last.
 CLOSE, HELD, HOLD = 17, 18, 19
+# What steps probably erred by in which nothing could touch, and whether the last was one of these.
+CLEAR_TOTAL, IS_CLEAR = 20, 21
 # Squared errors of position, orientation, velocity and spin are multiplied by these four.
-SCALES = 20
-CONTROL_COUNT = 24
+SCALES = 22
+CONTROL_COUNT = 26
 # A step is aimed at this part of the tolerance and refused above all of it; it may become so many
 # times as long at once.
 _AIM, _SHRINK, _GROW = 0.4, 0.2, 4.0
@@ -303,6 +305,7 @@ def adaptive_pair(
     wait_for_all(team)
     start, length, h = control[START], control[LENGTH], control[NEXT]
     total, rate, refused = control[TOTAL], control[RATE], control[REFUSED]
+    clear_total, is_clear = control[CLEAR_TOTAL], control[IS_CLEAR]
     goal, shortest = control[GOAL], control[SHORTEST]
     tolerance = max(control[TOLERANCE], control[FLOOR])
     longest, spare, kink = control[LONGEST], control[SPARE], control[KINK]
@@ -345,9 +348,10 @@ def adaptive_pair(
                     start + length, h, first, last)
                 accepted = clear == CLEAR
             if accepted:
+                held, is_clear = max(held - 1.0, 0.0), 0.0
                 if h > close:
-                    hold = _HOLD
-                held = max(held - 1.0, 0.0)
+                    hold, is_clear = _HOLD, 1.0
+                    clear_total += probable * h
                 total += probable * h
                 rate = probable
                 save(model, state, trail.start, first, last)
@@ -404,6 +408,7 @@ def adaptive_pair(
         control[START], control[LENGTH], control[NEXT] = start, length, h
         control[TOTAL], control[RATE], control[REFUSED] = total, rate, refused
         control[HAS_LAST] = 1.0 if has_last else 0.0
+        control[CLEAR_TOTAL], control[IS_CLEAR] = clear_total, is_clear
         control[HELD], control[HOLD], control[MEETING] = held, hold, 0.0
     return status, done, since_check
 

@@ -36,6 +36,9 @@ class EmbeddedControl:
     total = At(embedded.TOTAL)
     rate = At(embedded.RATE)  # [1/s]
     kinked = At(embedded.KINKED)  # [1/s^2]
+    # Of the total, what was added in steps in which nothing could touch.
+    clear_total = At(embedded.CLEAR_TOTAL)
+    is_clear = At(embedded.IS_CLEAR)  # of the last step
     # Bounds of their length [s].
     shortest = At(embedded.SHORTEST)
     longest = At(embedded.LONGEST)

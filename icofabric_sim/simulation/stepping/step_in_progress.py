@@ -98,6 +98,7 @@ class StepInProgress:
             if losses is not None:
                 np.copyto(losses.stretch, losses.start)
             control.total -= control.rate * control.length
+            control.clear_total -= control.is_clear * control.rate * control.length
             if trajectory.saved_time > trajectory.time:
                 trajectory.save()
         control.length = control.has_last = 0.0

@@ -21,6 +21,9 @@ the smooth part of the estimates. There windows of one shortest period are follo
 with steps of half the length, or of a quarter of it where forces have kinks. The steps between
 windows count like those of the last windows: what these erred by below what they probably did as
 a part of that, what they erred by beyond it as a rate in time, as that was hidden.
+
+Where shells may touch only steps count in which nothing can: most of what contacts add is added in
+few steps, which windows would miss, and what these probably err by is all there is.
 """
 
 import math
@@ -43,18 +46,15 @@ _KEPT = 0.9
 _SMOOTH_PARTS, _KINKED_PARTS = 2, 4
 # Part of the largest error within a window that counts at least: errors swing within a period.
 _LEAST = 0.5
+# Steps in which something may touch until it is asked again whether nothing can.
+_SKIPPED = 16
 # No rate [1/s] was measured.
 _NOT = -1.0
 
 
 def needs_samples(pieces: Pieces) -> bool:
-    """
-    Whether what steps probably err by is too rough a guess.
-
-    Where shells may touch it is all there is: most is added in few steps, which samples miss.
-    """
-    return not pieces.contact.is_possible and (
-        pieces.trajectory.packed.spends or _is_kinked(pieces))
+    """Whether what steps probably err by is too rough a guess."""
+    return pieces.trajectory.packed.spends or _is_kinked(pieces)
 
 
 def _is_kinked(pieces: Pieces) -> bool:
@@ -72,6 +72,7 @@ class StepSamples:
         """Measure steps of the trajectory of these `pieces`; not `active`: none."""
         self._pieces, self._trajectory, self._active = pieces, pieces.trajectory, active
         self._parts = _KINKED_PARTS if _is_kinked(pieces) else _SMOOTH_PARTS
+        self._touches = pieces.contact.is_possible
         self._trail: Trail | None = None
         self._companion: State | None = None
         # Errors until a time [s], and what kernels had summed up by then.
@@ -100,34 +101,43 @@ class StepSamples:
 
     def settle(self, total: float, time: float) -> None:
         """Have a `total` of errors at a `time` [s], with no step in progress."""
-        self._control.total = total
+        self._control.total = self._control.clear_total = total
         self._total = self._counted = total if self._active else 0.0
         self._since, self._rate = time, _NOT
 
     @property
     def _scale(self) -> float:
         """Part of what steps probably err by that they do."""
-        return self._seen / self._probable if self._probable > 0.0 else 1.0
+        if not self._probable > 0.0:
+            return 1.0
+        return (self._seen + (self._hidden if self._touches else 0.0)) / self._probable
 
     @property
     def _beyond(self) -> float:
-        """Error for each second that is beyond that."""
-        return self._hidden / self._span if self._span > 0.0 else 0.0
+        """Error for each second that is beyond that; where shells may touch it is in `_scale`."""
+        return self._hidden / self._span if self._span > 0.0 and not self._touches else 0.0
 
     @property
     def rate(self) -> float:
         """Error of the step in progress for each second."""
         if self._rate != _NOT:
             return self._rate
+        if not self._control.is_clear:
+            return self._control.rate
         return self._scale * self._control.rate + self._beyond
 
     def estimate(self, left: float) -> float:
         """Errors of all steps, but for the last `left` [s] of that in progress."""
         control = self._control
-        return self._until(control.total, control.start + control.length) - self.rate * left
+        until = self._until(control.clear_total, control.start + control.length)
+        return control.total - control.clear_total + until - self.rate * left
 
     def _until(self, summed: float, time: float) -> float:
-        """Errors until a `time` [s] by which kernels have `summed` up so much."""
+        """
+        Errors until a `time` [s] of steps in which nothing could touch.
+
+        Kernels have `summed` up so much for these.
+        """
         return self._total + self._scale * (summed - self._counted) + self._beyond * (
             time - self._since)
 
@@ -144,8 +154,12 @@ class StepSamples:
         if self._left > 0:
             return
         control = self._control
+        if not control.is_clear:
+            self._left = _SKIPPED
+            self._forget_window()
+            return
         probable = control.rate * control.length
-        summed = control.total - probable
+        summed = control.clear_total - probable
         self._total = self._until(summed, control.start)
         self._counted, self._since = summed, control.start
         self._left = 1
@@ -161,7 +175,7 @@ class StepSamples:
         # can follow.
         worst = max(_LEAST * apart, self._worst, apart if is_last else 0.0)
         self._total, self._counted, self._since = (
-            self._total + worst - self._worst, control.total, end)
+            self._total + worst - self._worst, control.clear_total, end)
         self._rate = (worst - self._worst) / control.length
         self._worst, self._sum = worst, self._sum + probable
         self._steps += 1
@@ -203,14 +217,12 @@ class StepSamples:
 
     def _follow(self) -> float:
         """Take the companion to the end of the step in progress; inf where that fails."""
-        assert self._companion is not None
-        trials, control = self._pieces.trials, self._control
-        loads = trials.copy_loads()
-        loads = loads._replace(power=np.zeros_like(loads.power))
-        state = trials.take(
-            control.length / self._parts, self._parts, loads, start=control.start,
-            source=self._companion, trail=self._trail)
-        if self._trajectory.take_force_failure() is not None:
+        assert self._companion is not None and self._trail is not None
+        control = self._control
+        state = self._pieces.trials.take_embedded(
+            control.length / self._parts, self._parts, control.start, self._companion,
+            self._trail)
+        if self._trajectory.take_force_failure() is not None or state is None:
             return math.inf
         for target, source in zip(self._companion, state):
             np.copyto(target, source)

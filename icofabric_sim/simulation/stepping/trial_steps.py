@@ -14,17 +14,26 @@
 """Trial steps: where a trajectory leads, or would have led, with other steps; it stays."""
 
 from collections.abc import Callable
+import math
 from typing import Any
 
+from icofabric_sim.kernels.integrators.embedded import adaptive_pair, DOP8
+from icofabric_sim.kernels.integrators.splitting import NEVER
 from icofabric_sim.kernels.meters import flowed
-from icofabric_sim.kernels.records import Loads, Model, State, Trail, Work
+from icofabric_sim.kernels.monitor import DEEPEST_LIMIT
+from icofabric_sim.kernels.records import Loads, Model, State, Team, Trail, Work
+from icofabric_sim.kernels.runtime.interrupts import leaving
 from icofabric_sim.simulation.contact.friction_state import contact_losses
 from icofabric_sim.simulation.model.layout import aligned_empty
 from icofabric_sim.simulation.state_tree import StateTree
 from icofabric_sim.simulation.stepping.contact_scheduler import ContactScheduler
+from icofabric_sim.simulation.stepping.embedded_control import EmbeddedControl
 from icofabric_sim.simulation.stepping.method_calls import MethodCalls
 from icofabric_sim.simulation.stepping.trajectory import Trajectory
 import numpy as np
+
+# No limit of an error, of a time or of a length.
+_ANY = 1e300
 
 
 class TrialSteps:
@@ -47,35 +56,81 @@ class TrialSteps:
 
     def take(
         self, step: float, count: int, loads: Loads | None = None, *,
-        start: float | None = None, model: Model | None = None, source: State | None = None,
-        trail: Trail | None = None
+        start: float | None = None, model: Model | None = None
     ) -> State:
         """
         Return where `count` steps of length `step` lead; the trajectory stays where it is.
 
-        `start` [s], `model` and `source`: time, constants and state to begin with, where these
-        are not the present ones. `trail`: room for slopes, where those of the step in progress
-        are still needed.
+        `start` [s] and `model`: time and constants to begin with, where these are not the present
+        ones.
         """
         trajectory = self._trajectory
-        if self._room is None:
-            self._room = (
-                trajectory.packed.layout.like(trajectory.state),
-                aligned_empty(trajectory.work.acceleration.shape))
-        state, acceleration = self._room
-        for target, values in zip(state, source or trajectory.state):
+        state, acceleration = self._make_room()
+        for target, values in zip(state, trajectory.state):
             np.copyto(target, values)
         np.copyto(acceleration, trajectory.work.acceleration)
         loads = loads or self.copy_loads()
         work = self._copy_work()._replace(acceleration=acceleration)
-        if trail is not None:
-            work = work._replace(trail=trail)
         self.model = model or self._copy_model()
         self._calls.take_trial(
             self.model, loads, state, work, trajectory.time if start is None else start, step,
             count)
         self.spent, self.given = flowed(work.spent), flowed(work.given)
         return state
+
+    def take_embedded(
+        self, step: float, count: int, start: float, source: State, trail: Trail
+    ) -> State | None:
+        """
+        Return where `count` steps of the embedded pair of length `step` [s] lead.
+
+        From the state `source` at `start` [s], with room for slopes in `trail`. By the kernel that
+        takes the steps of the trajectory, so that no other need be compiled; None where numbers
+        run away.
+        """
+        trajectory = self._trajectory
+        state, acceleration = self._make_room()
+        for target, values in zip(state, source):
+            np.copyto(target, values)
+        np.copyto(acceleration, trajectory.work.acceleration)
+        control, present = EmbeddedControl(start), trajectory.control
+        assert present is not None
+        control.scales[:] = present.scales
+        control.next = control.shortest = control.longest = control.close = step
+        control.tolerance = control.goal = _ANY
+        ledger = trajectory.ledger.numbers.copy()
+        ledger[DEEPEST_LIMIT] = math.inf
+        loads = self.copy_loads()
+        loads = loads._replace(
+            power=np.zeros_like(loads.power), earlier_work=np.zeros_like(loads.earlier_work))
+        work = self._copy_work()._replace(acceleration=acceleration, trail=trail)
+        if work.breakage is not None:
+            # Where connectors begin a step is noted there.
+            work = work._replace(breakage=work.breakage._replace(
+                **{name: value.copy() for name, value in work.breakage._asdict().items()}))
+        model, watch = self._copy_model(), self._contact.watching(trial=True)
+
+        def advance(team: Team) -> tuple[int, int, int]:
+            taken: tuple[int, int, int] = adaptive_pair(
+                DOP8, model, loads, state, trajectory.saved, work, team, control.numbers, count,
+                0, NEVER, watch, ledger)
+            return taken
+
+        # Where a connector may have broken the kernel returns early.
+        while count > 0:
+            _, done, _ = trajectory.thread_team.run(advance)
+            leaving.check()
+            if not done:
+                return None
+            count -= int(done)
+        return state
+
+    def _make_room(self) -> tuple[State, np.ndarray]:
+        if self._room is None:
+            self._room = (
+                self._trajectory.packed.layout.like(self._trajectory.state),
+                aligned_empty(self._trajectory.work.acceleration.shape))
+        return self._room
 
     def compare_ahead(
         self, step: float, count: int, windows: int, compare: Callable[[State, State], None]

@@ -112,7 +112,9 @@ class EmbeddedError:
         control.shortest = first * _SHORTEST_PART
         # Whether anything is near must not matter: steps do not depend on searches.
         control.longest = _ANY
-        control.close = _CLOSE_STEP / rate if contact.is_possible and rate > 0.0 else _ANY
+        control.close = 0.0
+        if contact.is_possible:
+            control.close = _CLOSE_STEP / rate if rate > 0.0 else _ANY
         control.kinked = self._kinked_rate(rate)
         # Around shells the shortest way may change to the other side.
         rate = rate or 1.0 / self._output_period
@@ -176,7 +178,9 @@ class EmbeddedError:
         if self._given > 0.0:
             control = self._control
             control.tolerance = _ANY
-            control.longest = control.close = control.next = self._given
+            control.longest = control.next = self._given
+            # Of the length that was asked for, whatever may touch.
+            control.close = self._given if self._pieces.contact.is_possible else 0.0
 
     def _first_step(self) -> float:
         rates, time = self._pieces.rates, self._pieces.trajectory.time
