@@ -20,12 +20,13 @@ any two be g, or the smallest gap to a plane: nothing touches in a step shorter 
 point goes farther than that.
 
 The answer depends on the step alone, not on when and how far contacts were looked for: where the
-reach of the last search is enough it spares the search for g, and never changes what is found.
+last search found nothing within reach, and that is enough, it spares the search for g, and never
+changes what is found.
 """
 
 import math
 
-from icofabric_sim.kernels.contact.displacement import add_ways, LATE, MOST, shift_at, SKIN
+from icofabric_sim.kernels.contact.displacement import add_ways, FREE, MOST, shift_at, SKIN
 from icofabric_sim.kernels.contact.search import find_reach, refresh, survey
 from icofabric_sim.kernels.records import Blocks, State, Team, Trail, Watch
 from icofabric_sim.kernels.runtime.compiled import compiled
@@ -101,7 +102,7 @@ def find_clear(
         needed = _BETWEEN * h * speed
         # As far as every search reaches.
         if needed <= 0.5 * watch.limits[MOST]:
-            if math.sqrt(watch.limits[LATE]) - math.sqrt(moved) > needed:
+            if watch.limits[FREE] - math.sqrt(moved) > needed:
                 found = CLEAR
             else:
                 found = search_clear(watch, state, needed)

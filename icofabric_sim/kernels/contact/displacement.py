@@ -57,7 +57,9 @@ SOON, LATE, STRIDE = 0, 1, 2
 SPEED, HORIZON, LEAST, MOST, SKIN = 3, 4, 5, 6, 7
 # Most steps between two questions; 1 where kernels may look on their own, else 0.
 MOST_STRIDE, OWN = 8, 9
-LIMIT_COUNT = 10
+# The displacement [m] up to which nothing can touch, also nothing that is listed.
+FREE = 10
+LIMIT_COUNT = 11
 # Steps between two looks at the ways, times this, must not lead beyond the reach.
 ROOM = 3.0
 # Part of the reach that asks for a new search.
@@ -151,9 +153,10 @@ def forget_ways(watch: Watch | None, member: int) -> None:
 
 
 @compiled
-def set_reach(limits: np.ndarray, reach: float) -> None:
-    """How far bodies may move [m] from now on."""
+def set_reach(limits: np.ndarray, reach: float, listed: bool) -> None:
+    """How far bodies may move [m] from now on; `listed`: something may touch before."""
     limits[SOON], limits[LATE] = (_SOON * reach) ** 2, reach * reach
+    limits[FREE] = 0.0 if listed else reach
 
 
 @compiled

@@ -90,7 +90,7 @@ def look_around(watch: Watch, state: State, time: float, step: float) -> bool:
     for k in range(3):
         frame[1 + k] = nearby.velocity[k]
     limits[SPEED] = speed
-    set_reach(limits, reach)
+    set_reach(limits, reach, False)
     pace(limits, step)
     copy_numbers(state.position, watch.reference)
     copy_numbers(state.orientation, watch.turned)

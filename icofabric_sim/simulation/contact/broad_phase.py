@@ -289,7 +289,7 @@ class BroadPhase:
             limits[SPEED] = max(speed, reach / (ROOM * self._wary_step))
 
     def _take(self, near: Near, least: float) -> None:
-        set_reach(self.limits, near.reach)
+        set_reach(self.limits, near.reach, len(near.pairs) > 0)
         self.limits[OWN] = 0.0
         self._bodies = near.pairs
         self._listed = least if len(near.pairs) or self.setup.always else 0.0
