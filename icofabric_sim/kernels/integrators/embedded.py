@@ -22,7 +22,7 @@ import math
 from typing import Any, NamedTuple
 
 from icofabric_sim.kernels.breakage import is_breaking, note_lengths
-from icofabric_sim.kernels.contact.clearance import CLEAR, find_clear, NEAR
+from icofabric_sim.kernels.contact.clearance import CLEAR, find_clear, NEAR, NO_ROOM
 from icofabric_sim.kernels.contact.displacement import farthest, forget_ways, has_missed, ways_of
 from icofabric_sim.kernels.contact.forces import deepest_overlap, set_tests, tests_of
 from icofabric_sim.kernels.contact.landing import land, NEVER_MEET
@@ -347,6 +347,10 @@ def adaptive_pair(
                     watch, model.blocks, state, trail, pair.error_5.shape[0], team,
                     start + length, h, first, last)
                 accepted = clear == CLEAR
+            # Steps do not depend on what was known: the same again after another look, where that
+            # sees farther, or with a longer list of what is near.
+            unknown = not accepted and error == _ESTIMATE * _MISSED
+            again = clear == NO_ROOM or (unknown and can_look_farther(watch, start + length))
             if accepted:
                 held, is_clear = max(held - 1.0, 0.0), 0.0
                 if h > close:
@@ -362,25 +366,21 @@ def adaptive_pair(
                 add_flow(work.spent, model.blocks.slot, h, pair.step, first, last)
                 add_flow(work.given, model.blocks.slot, h, pair.step, first, last)
                 start, length = start + length, h
-            else:
+            elif not again:
                 refused += 1.0
                 if h <= shortest:
                     status = TOO_SHORT
                     accepted = True
             shorter = NEVER_MEET
-            if clear == NEAR:
-                held, hold = hold, min(2.0 * hold, _LONGEST_HOLD)
-            elif clear != CLEAR:
-                # The list of what is near has no room: the same again with a longer one.
+            if again:
                 status, accepted, change = TOO_FAR, True, 1.0
+            elif clear == NEAR:
+                held, hold = hold, min(2.0 * hold, _LONGEST_HOLD)
+            elif unknown:
+                change = 0.5
             elif not accepted and finite:
                 shorter = land(
                     model.contacts, team, state, trail.slopes[0], h, 0.1 * kink, meeting)
-            elif not accepted and error == _ESTIMATE * _MISSED:
-                # Steps do not depend on what was known: the same again after another look.
-                change = 0.5
-                if can_look_farther(watch, start + length):
-                    status, accepted, change = TOO_FAR, True, 1.0
             # If a step that was to end there is refused too, it was foretold too roughly.
             if shorter < (0.9 * h if landing else NEVER_MEET):
                 h, landing = max(shorter, shortest), True
