@@ -92,7 +92,7 @@ _ESTIMATE = 0.5
 # After a step that was refused because something may touch in it so many are shorter, and up to so
 # many if the next long one is refused too.
 _HOLD, _LONGEST_HOLD = 8.0, 64.0
-TOO_SHORT, BREAKING, TOO_FAR = 64, 256, 8192
+TOO_SHORT, BREAKING, TOO_FAR, LIST_FULL = 64, 256, 8192, 16384
 # Sentinel: a body left the region that the neighbour list covers.
 _MISSED = 1e300
 
@@ -314,14 +314,18 @@ def adaptive_pair(
     done, status = 0, 0
     note_lengths(model, work.breakage, state, work, team, first, last)
     while done < count and start + length <= goal and status == 0:
+        tests = tests_of(model.contacts, team.member)
         if has_last:
             repeat_slope(model, loads, work, trail, first, last)
             repeat_stretches(losses_of(model.contacts), team)
         else:
             slope_at(
                 model, loads, state, work, trail, FIRST, team, watch, start + length, first, last)
+        # Where the same step is taken again its pairs count once.
+        begun = tests_of(model.contacts, team.member) - tests
         accepted = landing = False
         while not accepted:
+            tests = tests_of(model.contacts, team.member) - begun
             forget_ways(watch, team.member)
             try_step(
                 pair, model, loads, state, work, trail, team, watch, start + length, h, first,
@@ -374,6 +378,9 @@ def adaptive_pair(
             shorter = NEVER_MEET
             if again:
                 status, accepted, change = TOO_FAR, True, 1.0
+                if clear == NO_ROOM:
+                    status = LIST_FULL
+                    set_tests(model.contacts, team.member, tests)
             elif clear == NEAR:
                 held, hold = hold, min(2.0 * hold, _LONGEST_HOLD)
             elif unknown:

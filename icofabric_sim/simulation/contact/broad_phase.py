@@ -288,6 +288,10 @@ class BroadPhase:
             reach = math.sqrt(limits[LATE])
             limits[SPEED] = max(speed, reach / (ROOM * self._wary_step))
 
+    def make_room(self, state: State) -> None:
+        """Room in the list for all that is near `state`; what was found stays."""
+        self._lists.make_room(state.position)
+
     def _take(self, near: Near, least: float) -> None:
         set_reach(self.limits, near.reach, len(near.pairs) > 0)
         self.limits[OWN] = 0.0

@@ -113,12 +113,16 @@ class NeighbourList:
         """
         if self._is_made and 2.0 * (self._way + most) <= self.skin:
             return
+        self.make_room(position)
+
+    def make_room(self, position: np.ndarray) -> None:
+        """Find close bodies anew, with room for all of them."""
         self._is_made = True
         while (found := refresh(
                 self.nearby, position, self.skin)) > (room := len(self.nearby.gaps)):
-            self._make_room(found + found // 4 if self.is_small else found, room)
+            self._extend(found + found // 4 if self.is_small else found, room)
 
-    def _make_room(self, room: int, before: int) -> None:
+    def _extend(self, room: int, before: int) -> None:
         """Room for more pairs; those of `before` stay."""
         nearby = self.nearby
         pairs, codes = np.zeros((2, room, 2), np.int32), np.zeros((2, room), np.int32)

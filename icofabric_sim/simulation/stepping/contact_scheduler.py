@@ -182,6 +182,11 @@ class ContactScheduler:
         self.search(time, step, steps, displacement=factor * phase.displacement)
         return bool(phase.watch.frame[0] == time)
 
+    def make_room(self) -> None:
+        """Room for all that is near the present state; what was found stays."""
+        if self.broad_phase is not None:
+            self.broad_phase.make_room(self._trajectory.state)
+
     def miss(self, way_out: str) -> None:
         """Search farther from now on; `way_out` says what makes steps shorter."""
         if self.broad_phase is not None:

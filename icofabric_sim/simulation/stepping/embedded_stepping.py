@@ -202,9 +202,10 @@ class EmbeddedStepping:
     def _take_steps(self, goal: float, count: int) -> int:
         """Take up to `count` steps until one ends after `goal` [s]; returns the last status."""
         pieces, trajectory, control = self._pieces, self._pieces.trajectory, self._step.control
-        status, control.goal = embedded.TOO_FAR, goal
+        again = embedded.TOO_FAR | embedded.LIST_FULL
+        status, control.goal = again, goal
         self._step.change()
-        while status & embedded.TOO_FAR and count > 0:
+        while status & again and count > 0:
             before = int(control.length > 0.0)
             trajectory.ledger.saved_at = -1.0
             status, done = self._call(self._samples.allowed(count))
@@ -217,6 +218,8 @@ class EmbeddedStepping:
             end = self._step.end
             if trajectory.ledger.saved_at == done:
                 trajectory.note_saved(end)
+            if status & embedded.LIST_FULL:
+                pieces.contact.make_room()
             if status & embedded.TOO_FAR and pieces.contact.is_possible:
                 # Before a state is asked for: that of dense output is gone.
                 found = pieces.contact.search_farther(
@@ -231,7 +234,7 @@ class EmbeddedStepping:
                 f'{pieces.errors.probe.tolerance:g}: steps of {control.shortest:.3g} s still '
                 f'err too much, and the fastest motion is that of {pieces.rates.fastest_term()}; '
                 'allow a larger tolerance, or slow that down')
-        if status & ~embedded.TOO_FAR:
+        if status & ~again:
             pieces.respond(status, self._step.end)
         return status
 
