@@ -27,7 +27,7 @@ import os
 # Read when the message classes are imported, here and in the processes started from here.
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
 
-import argparse  # noqa: E402 - after the environment that rclpy reads
+import argparse  # noqa: E402, I100 - after the environment that rclpy reads
 from collections.abc import Callable  # noqa: E402
 from pathlib import Path  # noqa: E402
 import random  # noqa: E402

@@ -28,7 +28,7 @@ from PIL import Image
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT / 'test'), str(ROOT / 'test' / 'viewer')]
-from browser import Browser  # noqa: E402 - beside the tests
+from browser import Browser  # noqa: E402, I100 - beside the tests
 from test_page_in_browser import CONTROL, SHELLS  # noqa: E402 - beside the tests
 
 # The last shell of the free side, and how far the mouse draws it [pixels].

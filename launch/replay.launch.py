@@ -61,8 +61,9 @@ def start_nodes(context):
     prefix = f'/{namespace}' if namespace else ''
     bag = Path(LaunchConfiguration('bag').perform(context)).expanduser()
     if not bag.exists():
-        raise RuntimeError(f'bag:={bag} does not exist; give a bag folder, or a bag file; '
-            f'--show-args lists all arguments')
+        raise RuntimeError(
+            f'bag:={bag} does not exist; give a bag folder, or a bag file; '
+            '--show-args lists all arguments')
     given = {
         name: ParameterValue(LaunchConfiguration(name), value_type=value_type)
         for name, value_type, _ in OPTIONS if LaunchConfiguration(name).perform(context)}

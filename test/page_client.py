@@ -21,7 +21,7 @@ import pytest
 
 viser = pytest.importorskip('viser', reason='viser (extra `viewer`) is not installed')
 
-import msgspec  # noqa: E402 - viser brings it
+import msgspec  # noqa: E402, I100 - viser brings it
 from websockets.exceptions import ConnectionClosed  # noqa: E402
 from websockets.sync.client import connect  # noqa: E402
 import zstandard  # noqa: E402

@@ -21,7 +21,7 @@ import pytest
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT / 'benchmarks'))
 
-import planted_faults  # noqa: E402 - its path
+import planted_faults  # noqa: E402, I100 - its path
 from planted_faults import Fault, PACKAGE, read_table  # noqa: E402
 
 ROOMS = ('kernels/', 'simulation/', 'simulation/stepping/', 'statics/', 'bag/', 'running/', 'ros/')

@@ -37,6 +37,7 @@ class PartTopic(NamedTuple):
 
 
 class _Stored(Protocol):
+
     def tally(self) -> Tally: ...
 
     def messages(

@@ -122,7 +122,7 @@ def displacements(series: Series) -> dict[str, np.ndarray]:
 
 
 def _require_plain(scene: Scene) -> None:
-    """BagError where more than straight springs leads into a group."""
+    """Raise BagError where more than straight springs leads into a group."""
     found = [f'connector.{name}' for name in ('bending_stiffness', 'twisting_stiffness')
              if getattr(scene.connectors, name).any()]
     if scene.parameters['connector.obstruction'] == 'wrap':

@@ -84,4 +84,3 @@ def _kind(simulation: Simulation) -> str:
     if status.step > _NEAR * step_limit(simulation):
         return 'stability'
     return f'accuracy ({tolerance})'
-

@@ -40,7 +40,7 @@ _WORDS, _SAMPLES = 0.5, 0.1
 # Angle of view of a new page [rad], and how far it stands off, in sizes of the fabric.
 _VIEW, _FAR = 0.6, 1.9
 MISSING = (
-    "the viewer needs the extra `viewer`, which is not installed: pip install "
+    'the viewer needs the extra `viewer`, which is not installed: pip install '
     "'icofabric_sim[viewer]' (or viser)")
 
 

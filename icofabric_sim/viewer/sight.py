@@ -114,7 +114,7 @@ class Sight:
                 self._take_report(data)
 
     def poses(self) -> np.ndarray:
-        """The latest poses (n, 7), position [m] and orientation x y z w; none before the first."""
+        """The latest (n, 7) position [m] and orientation x y z w; none before the first."""
         with self._lock:
             data = self._poses
         if not data:

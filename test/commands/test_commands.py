@@ -423,7 +423,6 @@ def test_nothing_that_takes_long_is_imported_before_interrupts_are_caught():
         'icofabric_sim.commands.main'), 'icofabric_sim.version']
 
 
-
 def test_terminal_shows_a_bar_with_the_time_left(tmp_path: Path) -> None:
     ours, theirs = pty.openpty()
     # So slow that nothing touches meanwhile: contact would have to be compiled.

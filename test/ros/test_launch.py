@@ -38,21 +38,25 @@ class Node(Recorded):
 
 
 class Argument(Recorded):
+
     @property
     def name(self):
         return self.arguments[0]
 
 
 class Function(Recorded):
+
     pass
 
 
 class Configuration(Recorded):
+
     def perform(self, context):
         return context[self.arguments[0]]
 
 
 class Value(Recorded):
+
     def of(self, context):
         """What a node would get."""
         text, kind = self.arguments[0].perform(context), self.named['value_type']

@@ -366,6 +366,7 @@ def test_seek_service_of_rosbag2():
     told, sought = [], []
 
     class Answers:
+
         @staticmethod
         async def of(begin):
             return begin()

@@ -142,6 +142,7 @@ def actions(monkeypatch):
     kept = {}
 
     class ActionServer:
+
         def __init__(self, node, kind, name, execute_callback, **words):
             kept[name] = (kind, execute_callback)
 

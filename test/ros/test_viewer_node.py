@@ -19,7 +19,7 @@ import pytest
 
 pytest.importorskip('viser', reason='viser (extra `viewer`) is not installed')
 
-import icofabric_sim as ico  # noqa: E402 - after what skips
+import icofabric_sim as ico  # noqa: E402, I100 - after what skips
 from page_client import PageClient  # noqa: E402 - needs viser
 from recorded_runs import record_run  # noqa: E402 - after what skips
 from ros_helpers import NodeProcess, wait_for  # noqa: E402 - needs rclpy

@@ -265,6 +265,7 @@ def test_scene_that_was_built_to_judge_a_change_is_used(monkeypatch):
     built, told = [], []
 
     class CountedScene(Scene):
+
         @classmethod
         def from_parameters(cls, parameters):
             built.append(parameters)

@@ -25,7 +25,7 @@ if not find_browser():
     pytest.skip('no Chromium on this machine', allow_module_level=True)
 pytest.importorskip('viser', reason='viser (extra `viewer`) is not installed')
 
-from icofabric_sim.messages import decode_point_stamped  # noqa: E402 - after what skips
+from icofabric_sim.messages import decode_point_stamped  # noqa: E402, I100 - after what skips
 import numpy as np  # noqa: E402 - after what skips
 from PIL import Image  # noqa: E402 - viser brings it
 from shown_page import Shown  # noqa: E402 - needs viser

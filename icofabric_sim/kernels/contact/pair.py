@@ -107,9 +107,7 @@ def touch_pair_again(
     half_edge: float, xa: np.ndarray, ra: np.ndarray, xb: np.ndarray, rb: np.ndarray,
     scratch: Scratch, out: np.ndarray
 ) -> bool:
-    """
-    The same where `out` holds what was found before: its facet may spare a search, no more.
-    """
+    """The same where `out` holds what was found before: its facet may spare a search, no more."""
     return meet(half_edge, borrowed(xa), borrowed(ra), borrowed(xb), borrowed(rb), int(out[19]),
                 borrowed(scratch.room), borrowed(scratch.marks), borrowed(out))
 

@@ -35,9 +35,7 @@ _config: Any = config
 
 
 def _has_avx512() -> bool:
-    """
-    Whether code is made for a processor with AVX-512, see target.py.
-    """
+    """Whether code is made for a processor with AVX-512, see target.py."""
     if _config.CPU_NAME and _config.CPU_NAME != 'host':
         return '+avx512f' in (_config.CPU_FEATURES or '')
     return host_features().get('avx512f', False)
@@ -70,12 +68,14 @@ lanes_type, mask_type = Lanes(), Mask()
 
 @register_model(Lanes)
 class _LanesModel(models.PrimitiveModel):
+
     def __init__(self, manager: Any, front: Any) -> None:
         super().__init__(manager, front, _VECTOR)
 
 
 @register_model(Mask)
 class _MaskModel(models.PrimitiveModel):
+
     def __init__(self, manager: Any, front: Any) -> None:
         super().__init__(manager, front, _BITS)
 
@@ -248,6 +248,7 @@ def replace_lane(typing: Any, value: Any, lane: Any, number: Any) -> Any:
 def _define_operator(operation: Any, result: Any, generate: Any) -> None:
     """An operator between two vectors."""
     class Template(AbstractTemplate):
+
         def generic(self, args: Any, keywords: Any) -> Any:
             if len(args) == 2 and isinstance(args[0], Lanes) and isinstance(args[1], Lanes):
                 return signature(result, *args)

@@ -28,16 +28,7 @@ import weakref
 from icofabric_sim.kernels.flows import place_all
 from icofabric_sim.kernels.integrators.splitting import NEVER
 from icofabric_sim.kernels.loads import keep_work
-from icofabric_sim.kernels.monitor import (
-    examine,
-    judge_roughness,
-    REGULAR,
-    ROUGHER,
-    ROUGHEST,
-    save,
-    SAVED_AT,
-    UNSOUND,
-)
+from icofabric_sim.kernels.monitor import examine, judge_roughness, ROUGHER, save, UNSOUND
 from icofabric_sim.kernels.records import Loads, Model, State, Team, Work
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.scene.available_memory import available_memory
@@ -55,6 +46,7 @@ from icofabric_sim.simulation.devices.window import (
 from icofabric_sim.simulation.errors import RankError
 from icofabric_sim.simulation.model.layout import has_jumps
 from icofabric_sim.simulation.model.packing import PackedScene
+from icofabric_sim.simulation.stepping.ledger import LedgerNumbers
 from icofabric_sim.simulation.stepping.methods import Method, METHODS
 from icofabric_sim.simulation.stepping.step_monitor import differences_of
 import numpy as np
@@ -91,7 +83,7 @@ class SharedSteps:
         self._own: PartSteps | None = None
         self._samples: list[np.ndarray] = []
         self._run: Arrays | None = None
-        self._ledger = np.zeros(0)
+        self._ledger = LedgerNumbers(np.zeros(0))
         self._acting: tuple[Any, ...] = ()
         self._acts = False
         self._require_room()
@@ -169,12 +161,12 @@ class SharedSteps:
         self._send_loads(loads)
         arrays = Arrays(loads if self._acts else None, state, work)
         if of_run:
-            self._run, self._ledger = arrays, ledger
+            self._run, self._ledger = arrays, LedgerNumbers(ledger)
         if not (of_run and self._is_out):
             self._scatter(arrays, of_run=of_run)
         if of_run:
             self._is_out = self._is_stale = True
-        blocks, done = len(model.blocks.slot), 0
+        blocks, done, book = len(model.blocks.slot), 0, LedgerNumbers(ledger)
         while done < count:
             ahead = min(count - done, check_interval - since_check)
             stretch = Stretch(origin, index + done, h, ahead, since_check, check_interval)
@@ -184,7 +176,7 @@ class SharedSteps:
             since_check += ahead
             if not of_run:
                 continue
-            ledger[REGULAR] += ahead
+            book.regular += ahead
             if since_check < check_interval:
                 continue
             since_check = 0
@@ -195,7 +187,7 @@ class SharedSteps:
                 work, ledger,
                 self._weights.differences if self._weights.stages < 4 else check_interval)
             if not status & (UNSOUND | ROUGHER):
-                ledger[SAVED_AT] = done
+                book.saved_at = done
                 save(model, state, saved, 0, blocks)
                 keep_work(loads, 0, blocks)
             if status:
@@ -279,7 +271,7 @@ class SharedSteps:
                     self._receive(values, rank)
                     row[samples] = values
         if of_run:
-            self._ledger[ROUGHEST] = max(self._ledger[ROUGHEST], roughest)
+            self._ledger.roughest = max(self._ledger.roughest, roughest)
             if whole:
                 work.difference[:, self._samples[0]] = self._own.difference
 

@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 
 from icofabric_sim.kernels.flows import drift, keep_accelerations, place_all, push_kept
 from icofabric_sim.kernels.integrators.splitting import NEVER
-from icofabric_sim.kernels.monitor import INVERSE_SIZE, LEDGER_COUNT, roughness, sample
+from icofabric_sim.kernels.monitor import LEDGER_COUNT, roughness, sample
 from icofabric_sim.kernels.records import Kinks, Loads, Model, State, Work
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.kernels.runtime.team import TILE
@@ -46,6 +46,7 @@ from icofabric_sim.simulation.devices.rank_kernels import (
 from icofabric_sim.simulation.devices.transport import Transport
 from icofabric_sim.simulation.devices.window import Exchange
 from icofabric_sim.simulation.model.layout import aligned_empty
+from icofabric_sim.simulation.stepping.ledger import LedgerNumbers
 import numpy as np
 
 
@@ -116,7 +117,7 @@ class PartSteps:
         self.difference = aligned_empty((POSE, LANES * len(exchange.samples)))
         self.difference[:] = 0.0
         self._ledger = np.zeros(LEDGER_COUNT)
-        self._ledger[INVERSE_SIZE] = weights.inverse_size
+        LedgerNumbers(self._ledger).inverse_size = weights.inverse_size
         self.roughest = 0.0
 
     def take(self, arrays: Arrays, stretch: Stretch) -> None:

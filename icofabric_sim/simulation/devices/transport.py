@@ -203,6 +203,7 @@ class _Flat:
 
 
 class _ReadOnly:
+
     def __init__(self, values: np.ndarray) -> None:
         self.values = values
 

@@ -50,14 +50,14 @@ class EnergyBalance(NamedTuple):
         return abs(self.error) / self.scale if self.scale > 0.0 else 0.0
 
 
-class Ledger:
+class LedgerNumbers:
     """
-    Energies, work and rates of one run, and what health checks are asked to look out for.
+    The numbers of a ledger, by name: an array that kernels and devices write.
 
-    What each number is: kernels/monitor.py.
+    What each is: kernels/monitor.py.
     """
 
-    __slots__ = ('_least_floor', '_packed', 'numbers')
+    __slots__ = ('numbers',)
 
     # Found by the last health check.
     rate = At(monitor.RATE)  # [rad/s] bound of the largest frequency
@@ -69,8 +69,15 @@ class Ledger:
     work = At(monitor.WORK)  # [J] of all loads
     spent = At(monitor.SPENT)  # [J] taken by forces that depend on velocities
     rough = At(monitor.ROUGH)  # -1: not known
+    roughest = At(monitor.ROUGHEST)  # of single steps
     contact = At(monitor.CONTACT)  # [J], which `stored` includes
     touching = At(monitor.TOUCHING)  # pairs
+    linked = At(monitor.LINKED)  # [J], which `stored` includes, as the next two
+    bent = At(monitor.BENT)  # [J]
+    field = At(monitor.FIELD)  # [J]
+    worked = At(monitor.WORKED)  # [J] of all loads, sizes added
+    tensions = At(monitor.TENSIONS)  # [N], sizes added
+    extent = At(monitor.EXTENT)  # [m], the largest coordinate
     deepest = At(monitor.DEEPEST)  # [m] overlap
     deepest_ever = At(monitor.DEEPEST_EVER)  # [m]
     obstructed = At(monitor.OBSTRUCTED)  # ends of connectors
@@ -103,9 +110,19 @@ class Ledger:
     saved_at = At(monitor.SAVED_AT)  # steps of the last call when the state was saved; -1: never
     regular = At(monitor.REGULAR)  # steps of one length until now
 
+    def __init__(self, numbers: np.ndarray) -> None:
+        """Name the `numbers`, which stay where they are."""
+        self.numbers = numbers
+
+
+class Ledger(LedgerNumbers):
+    """Energies, work and rates of one run, and what health checks are asked to look out for."""
+
+    __slots__ = ('_least_floor', '_packed')
+
     def __init__(self, packed: PackedScene, energy_limit: float) -> None:
         """Allow a balance error of `energy_limit` times the scale of the balance."""
-        self.numbers = np.zeros(monitor.LEDGER_COUNT)
+        super().__init__(np.zeros(monitor.LEDGER_COUNT))
         self.limit = energy_limit
         self.bodies = packed.layout.body_count
         self.rounding = _ROUNDING

@@ -275,6 +275,7 @@ def test_pace_is_kept_without_drift(source, monkeypatch):
     rate, late, clock = 4.0, 0.003, [100.0]
 
     class LateEvent(threading.Event):
+
         def wait(self, timeout=None):
             clock[0] += timeout + late
             return False

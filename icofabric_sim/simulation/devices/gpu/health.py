@@ -44,6 +44,7 @@ from icofabric_sim.simulation.devices.gpu.monitor import (
     TENSIONS,
 )
 from icofabric_sim.simulation.devices.gpu.opening import Device
+from icofabric_sim.simulation.stepping.ledger import LedgerNumbers
 import numpy as np
 
 wp: Any = import_module('warp')
@@ -79,42 +80,39 @@ class HealthCheck:
         return (
             model.bending is None and model.twisting is None and model.dipole is None
             and loads.anchors is None and len(model.blocks.slot) > 0
-            and (model.shells is None or float(ledger[monitor.UNTIL_OBSTRUCTED]) > 1.0))
+            and (model.shells is None or LedgerNumbers(ledger).until_obstructed > 1.0))
 
     def examine(
         self, state: StateArrays, now: int, loads: Loads, acting: Any, ledger: np.ndarray
     ) -> int:
         """Status bits of the state, as `examine` of kernels/monitor.py finds them."""
-        figures = self._figures(state, now)
-        ledger[monitor.SPIN] = math.sqrt(figures[SPIN])
-        rate = math.sqrt(figures[BOUND] + ledger[monitor.CONTACT_RATE])
-        ledger[monitor.RATE] = rate + ledger[monitor.SPIN_WEIGHT] * ledger[monitor.SPIN]
-        ledger[monitor.KINETIC] = figures[KINETIC]
-        ledger[monitor.LINKED] = ledger[monitor.STORED] = figures[LINKED]
-        for place in (
-                monitor.CONTACT, monitor.DEEPEST, monitor.TOUCHING, monitor.BENT, monitor.FIELD,
-                monitor.ANCHORED, monitor.SPENT):
-            ledger[place] = 0.0
-        ledger[monitor.HEIGHT], ledger[monitor.TENSIONS] = figures[HEIGHT], figures[TENSIONS]
-        ledger[monitor.EXTENT] = figures[EXTENT]
+        figures, book = self._figures(state, now), LedgerNumbers(ledger)
+        book.spin = math.sqrt(figures[SPIN])
+        rate = math.sqrt(figures[BOUND] + book.contact_rate)
+        book.rate = rate + book.spin_weight * book.spin
+        book.kinetic = figures[KINETIC]
+        book.linked = book.stored = figures[LINKED]
+        book.contact = book.deepest = book.touching = 0.0
+        book.bent = book.field = book.anchored = book.spent = 0.0
+        book.height, book.tensions = figures[HEIGHT], figures[TENSIONS]
+        book.extent = figures[EXTENT]
         work, size = self._worked(loads, acting)
-        earlier = float(ledger[monitor.EARLIER_WORK])
-        ledger[monitor.WORKED] = abs(earlier) + size
-        ledger[monitor.WORK] = earlier + work
+        book.worked = abs(book.earlier_work) + size
+        book.work = book.earlier_work + work
         status = int(monitor.balance(ledger))
         if status != monitor.NOT_FINITE:
             status |= int(monitor.judge_balance(self._model, ledger, rate))
-        if not ledger[monitor.RATE] <= ledger[monitor.HIGH]:
+        if not book.rate <= book.high:
             status |= monitor.RATE_HIGH
-        if ledger[monitor.RATE] < ledger[monitor.LOW]:
+        if book.rate < book.low:
             status |= monitor.RATE_LOW
-        if ledger[monitor.KINETIC] > ledger[monitor.LIVELY]:
+        if book.kinetic > book.lively:
             status |= monitor.LIVELIER
-        ledger[monitor.UNTIL_OBSTRUCTED] -= 1.0
-        if ledger[monitor.UNTIL_OBSTRUCTED] <= 0.0:
-            ledger[monitor.UNTIL_OBSTRUCTED] = ledger[monitor.OBSTRUCTED_EVERY]
-            ledger[monitor.OBSTRUCTED] = self._obstructed(state, now)
-            if ledger[monitor.OBSTRUCTED] > ledger[monitor.OBSTRUCTED_LIMIT]:
+        book.until_obstructed -= 1.0
+        if book.until_obstructed <= 0.0:
+            book.until_obstructed = book.obstructed_every
+            book.obstructed = self._obstructed(state, now)
+            if book.obstructed > book.obstructed_limit:
                 status |= monitor.OBSTRUCTING
         return status
 

@@ -31,12 +31,9 @@ from icofabric_sim.kernels.loads import keep_work
 from icofabric_sim.kernels.monitor import (
     examine,
     judge_roughness,
-    REGULAR,
     ROUGHER,
-    ROUGHEST,
     roughness,
     save,
-    SAVED_AT,
     UNSOUND,
 )
 from icofabric_sim.kernels.records import Loads, Model, State, Team, Work
@@ -62,6 +59,7 @@ from icofabric_sim.simulation.devices.refusals import require_method_on_device
 from icofabric_sim.simulation.errors import DeviceError
 from icofabric_sim.simulation.model.layout import has_jumps
 from icofabric_sim.simulation.model.packing import PackedScene
+from icofabric_sim.simulation.stepping.ledger import LedgerNumbers
 from icofabric_sim.simulation.stepping.methods import Method, METHODS
 from icofabric_sim.simulation.stepping.step_monitor import differences_of
 import numpy as np
@@ -203,7 +201,7 @@ class DeviceSteps:
         if of_run:
             self._run = loads, state, work
             self._is_out = self._is_stale = True
-        blocks, done = len(model.blocks.slot), 0
+        blocks, done, book = len(model.blocks.slot), 0, LedgerNumbers(ledger)
         while done < count:
             ahead, sampled = min(count - done, check_interval - since_check), -1
             if of_run and self._differences:
@@ -222,10 +220,10 @@ class DeviceSteps:
                 self._sample(model, work, number)
                 if number == self._differences:
                     copy_back(work.difference, self._difference)
-                    ledger[ROUGHEST] = max(ledger[ROUGHEST], roughness(work, ledger))
+                    book.roughest = max(book.roughest, roughness(work, ledger))
             if not of_run:
                 continue
-            ledger[REGULAR] += ahead
+            book.regular += ahead
             if since_check < check_interval:
                 continue
             since_check = 0
@@ -241,7 +239,7 @@ class DeviceSteps:
             status |= judge_roughness(
                 work, ledger, self._differences if self._method.stages < 4 else check_interval)
             if not status & (UNSOUND | ROUGHER):
-                ledger[SAVED_AT] = done
+                book.saved_at = done
                 if is_there:
                     self._state.save(
                         self._now, self._acting.work if len(loads.work) else None)
