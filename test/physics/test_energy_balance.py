@@ -165,7 +165,8 @@ def test_balance_of_ready_scenes_holds_by_far(path, tolerance):
     simulation.advance_to(0.6)
     balance = simulation.balance
     print(f'{tolerance}: {balance}')
-    assert 0.0 < balance.worst < 1e-3 * balance.limit * (tolerance / 1e-6)
+    # The worst is where next to nothing moves yet.
+    assert 0.0 < balance.worst < balance.limit * max(1e-2, 1e3 * tolerance)
     assert balance.scale > 0.0 and balance.limit == 0.01
 
 
