@@ -71,12 +71,16 @@ class Kind(NamedTuple):
     scene: str
     changes: tuple[tuple[str, Any], ...] = ()
     verb: tuple[str, ...] = ()
+    # Of a scene whose shells may touch: as from the first contact on, or until then; None: both.
+    touching: bool | None = None
 
     def __str__(self) -> str:
         """Return what it is, in a few words."""
         if self.verb:
             return ' '.join(('icofabric', *self.verb))
         words = [self.scene, *(f'{name} {value}' for name, value in self.changes)]
+        if self.touching is not None:
+            words.append('touching' if self.touching else 'apart')
         return ', '.join(words)
 
 
@@ -96,6 +100,8 @@ def main(arguments: argparse.Namespace) -> int:
     if not 1 <= arguments.processes <= 256:
         raise InputError(f'--processes must be from 1 to 256, got {arguments.processes}')
     kinds = list(kinds_of(arguments.scenes))
+    if len(kinds) < arguments.processes:
+        kinds = [part for kind in kinds for part in _parts_of(kind)]
     begun, failed = time.monotonic(), []
     # Kernels with contact are kinds of their own here.
     os.environ['ICOFABRIC_COMPILE_AHEAD'] = '0'
@@ -126,6 +132,18 @@ def kinds_of(scenes: Sequence[str]) -> Iterator[Kind]:
             yield Kind(_CHANGED, tuple(change.items()))
         for verb in VERBS:
             yield Kind(verb[1], verb=verb)
+
+
+def _parts_of(kind: Kind) -> list[Kind]:
+    """Both parts of a kind, for two processes: they have some kernels in common."""
+    from icofabric_sim.parameters.file import load_parameter_file
+    from icofabric_sim.parameters.ready_scenes import find_scene
+    with bad_input():
+        given = load_parameter_file(find_scene(kind.scene))
+    if kind.verb or given.get('contact.mode', 'auto') != 'auto':
+        return [kind]
+    # The one that takes longer comes first.
+    return [kind._replace(touching=touching) for touching in (True, False)]
 
 
 def _compile_all(kinds: Sequence[Kind], processes: int) -> Iterator[tuple[Kind, str]]:
@@ -186,17 +204,23 @@ def _run(kind: Kind) -> None:
     from icofabric_sim.parameters.ready_scenes import find_scene
     from icofabric_sim.parameters.validation import make_parameters
     from icofabric_sim.scene.scene import Scene
+    from icofabric_sim.simulation.precompile import touching
     from icofabric_sim.simulation.simulation import compile_scene
+    from icofabric_sim.simulation.stepping.method_needs import required_method
 
     given = {**load_parameter_file(find_scene(kind.scene)), **dict(kind.changes)}
     scene = Scene.from_parameters(make_parameters(given))
-    simulation = _ready(compile_scene(scene))
-    if scene.parameters['contact.mode'] == 'auto':
-        # As from the first contact on, by the method that the scene takes before anything touches.
-        touching = {
-            **scene.parameters.given(), 'contact.mode': 'always',
-            'solver.method': simulation.status.method_name}
-        _ready(compile_scene(Scene.from_parameters(make_parameters(touching))))
+    needed = required_method(scene) if kind.touching else None
+    method = '' if needed is None else needed.name
+    if not method:
+        simulation = compile_scene(scene)
+        method = simulation.status.method_name
+        if not kind.touching:
+            _ready(simulation)
+    if scene.parameters['contact.mode'] == 'auto' and kind.touching is not False:
+        # By the method that the scene takes before anything touches.
+        _ready(compile_scene(Scene.from_parameters(make_parameters(
+            {**scene.parameters.given(), **touching(method)}))))
 
 
 def _ready(simulation: 'Simulation') -> 'Simulation':

@@ -76,6 +76,33 @@ def test_everything_means_all_ready_scenes_changes_and_verbs():
     assert {kind.scene for kind in warm.kinds_of(['woven_ball'])} == {'woven_ball'}
 
 
+def test_one_scene_is_compiled_by_two_processes(monkeypatch):
+    """As it is, and as from its first contact on; not where there are kinds enough."""
+    asked = []
+
+    def compile_all(kinds, processes):
+        asked.append([(kind.scene, kind.touching) for kind in kinds])
+        return iter([(kind, '') for kind in kinds])
+
+    monkeypatch.setattr(warm, '_compile_all', compile_all)
+    for words in (['hanging_slab', '-j', '2'], ['hanging_slab', '-j', '1'],
+                  ['hanging_slab', 'free_slab', '-j', '2']):
+        assert main(['warm', *words]) == 0
+    assert asked == [
+        [('hanging_slab', True), ('hanging_slab', False)], [('hanging_slab', None)],
+        [('hanging_slab', None), ('free_slab', None)]]
+
+
+@pytest.mark.parametrize('touching', [True, False])
+def test_parts_are_simulated_as_the_scene_will_be(touching, monkeypatch):
+    ready = []
+    monkeypatch.setattr(warm, '_ready', lambda simulation: ready.append(simulation))
+    assert warm.compile_kind(warm.Kind('hanging_slab', touching=touching)) == ''
+    simulation, = ready
+    assert simulation.scene.parameters['contact.mode'] == ('always' if touching else 'auto')
+    assert simulation.status.method_name == 'dop8'
+
+
 @pytest.mark.parametrize('change', warm.CHANGES, ids=str)
 def test_changes_are_possible(change):
     given = load_parameter_file(find_scene(warm._CHANGED))
