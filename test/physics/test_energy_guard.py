@@ -249,7 +249,7 @@ def advise() -> str:
 
 
 def unmeasured(
-    accuracy: AccuracyProbe, step: float, fastest: float, *, least: int = 1
+    accuracy: AccuracyProbe, step: float, fastest: float, *, least: int = 1, given: bool = False
 ) -> float:
     """Stand in for the measurement of an error, in no time."""
     accuracy._span = step

@@ -46,7 +46,7 @@ from icofabric_sim.simulation.devices.window import (
 from icofabric_sim.simulation.errors import RankError
 from icofabric_sim.simulation.model.layout import has_jumps
 from icofabric_sim.simulation.model.packing import PackedScene
-from icofabric_sim.simulation.stepping.ledger import LedgerNumbers
+from icofabric_sim.simulation.stepping.ledger import Ledger
 from icofabric_sim.simulation.stepping.methods import Method, METHODS
 from icofabric_sim.simulation.stepping.step_monitor import differences_of
 import numpy as np
@@ -83,7 +83,7 @@ class SharedSteps:
         self._own: PartSteps | None = None
         self._samples: list[np.ndarray] = []
         self._run: Arrays | None = None
-        self._ledger = LedgerNumbers(np.zeros(0))
+        self._ledger = Ledger.over(np.zeros(0))
         self._acting: tuple[Any, ...] = ()
         self._acts = False
         self._require_room()
@@ -161,12 +161,12 @@ class SharedSteps:
         self._send_loads(loads)
         arrays = Arrays(loads if self._acts else None, state, work)
         if of_run:
-            self._run, self._ledger = arrays, LedgerNumbers(ledger)
+            self._run, self._ledger = arrays, Ledger.over(ledger)
         if not (of_run and self._is_out):
             self._scatter(arrays, of_run=of_run)
         if of_run:
             self._is_out = self._is_stale = True
-        blocks, done, book = len(model.blocks.slot), 0, LedgerNumbers(ledger)
+        blocks, done, book = len(model.blocks.slot), 0, Ledger.over(ledger)
         while done < count:
             ahead = min(count - done, check_interval - since_check)
             stretch = Stretch(origin, index + done, h, ahead, since_check, check_interval)

@@ -46,7 +46,7 @@ from icofabric_sim.simulation.devices.rank_kernels import (
 from icofabric_sim.simulation.devices.transport import Transport
 from icofabric_sim.simulation.devices.window import Exchange
 from icofabric_sim.simulation.model.layout import aligned_empty
-from icofabric_sim.simulation.stepping.ledger import LedgerNumbers
+from icofabric_sim.simulation.stepping.ledger import Ledger
 import numpy as np
 
 
@@ -117,7 +117,7 @@ class PartSteps:
         self.difference = aligned_empty((POSE, LANES * len(exchange.samples)))
         self.difference[:] = 0.0
         self._ledger = np.zeros(LEDGER_COUNT)
-        LedgerNumbers(self._ledger).inverse_size = weights.inverse_size
+        Ledger.over(self._ledger).inverse_size = weights.inverse_size
         self.roughest = 0.0
 
     def take(self, arrays: Arrays, stretch: Stretch) -> None:

@@ -50,14 +50,14 @@ class EnergyBalance(NamedTuple):
         return abs(self.error) / self.scale if self.scale > 0.0 else 0.0
 
 
-class LedgerNumbers:
+class Ledger:
     """
-    The numbers of a ledger, by name: an array that kernels and devices write.
+    Energies, work and rates of one run, and what health checks are asked to look out for.
 
-    What each is: kernels/monitor.py.
+    What each number is: kernels/monitor.py.
     """
 
-    __slots__ = ('numbers',)
+    __slots__ = ('_least_floor', '_packed', 'numbers')
 
     # Found by the last health check.
     rate = At(monitor.RATE)  # [rad/s] bound of the largest frequency
@@ -110,24 +110,21 @@ class LedgerNumbers:
     saved_at = At(monitor.SAVED_AT)  # steps of the last call when the state was saved; -1: never
     regular = At(monitor.REGULAR)  # steps of one length until now
 
-    def __init__(self, numbers: np.ndarray) -> None:
-        """Name the `numbers`, which stay where they are."""
-        self.numbers = numbers
-
-
-class Ledger(LedgerNumbers):
-    """Energies, work and rates of one run, and what health checks are asked to look out for."""
-
-    __slots__ = ('_least_floor', '_packed')
-
     def __init__(self, packed: PackedScene, energy_limit: float) -> None:
         """Allow a balance error of `energy_limit` times the scale of the balance."""
-        super().__init__(np.zeros(monitor.LEDGER_COUNT))
+        self.numbers = np.zeros(monitor.LEDGER_COUNT)
         self.limit = energy_limit
         self.bodies = packed.layout.body_count
         self.rounding = _ROUNDING
         self._packed = packed
         self._least_floor = 0.0
+
+    @classmethod
+    def over(cls, numbers: np.ndarray) -> 'Ledger':
+        """Name `numbers` that kernels and devices write, without the scene: to read and set."""
+        ledger = object.__new__(cls)
+        ledger.numbers = numbers
+        return ledger
 
     def restart(self) -> None:
         """Forget the past: the state has jumped."""

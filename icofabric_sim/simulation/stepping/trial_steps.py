@@ -27,7 +27,7 @@ from icofabric_sim.simulation.model.layout import aligned_empty
 from icofabric_sim.simulation.state_tree import StateTree
 from icofabric_sim.simulation.stepping.contact_scheduler import ContactScheduler
 from icofabric_sim.simulation.stepping.embedded_control import EmbeddedControl
-from icofabric_sim.simulation.stepping.ledger import LedgerNumbers
+from icofabric_sim.simulation.stepping.ledger import Ledger
 from icofabric_sim.simulation.stepping.method_calls import MethodCalls
 from icofabric_sim.simulation.stepping.trajectory import Trajectory
 import numpy as np
@@ -99,7 +99,7 @@ class TrialSteps:
         control.next = control.shortest = control.longest = control.close = step
         control.tolerance = control.goal = _ANY
         ledger = trajectory.ledger.numbers.copy()
-        LedgerNumbers(ledger).deepest_limit = math.inf
+        Ledger.over(ledger).deepest_limit = math.inf
         loads = self.copy_loads()
         loads = loads._replace(
             power=np.zeros_like(loads.power), earlier_work=np.zeros_like(loads.earlier_work))

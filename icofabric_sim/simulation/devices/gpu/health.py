@@ -44,7 +44,7 @@ from icofabric_sim.simulation.devices.gpu.monitor import (
     TENSIONS,
 )
 from icofabric_sim.simulation.devices.gpu.opening import Device
-from icofabric_sim.simulation.stepping.ledger import LedgerNumbers
+from icofabric_sim.simulation.stepping.ledger import Ledger
 import numpy as np
 
 wp: Any = import_module('warp')
@@ -80,13 +80,13 @@ class HealthCheck:
         return (
             model.bending is None and model.twisting is None and model.dipole is None
             and loads.anchors is None and len(model.blocks.slot) > 0
-            and (model.shells is None or LedgerNumbers(ledger).until_obstructed > 1.0))
+            and (model.shells is None or Ledger.over(ledger).until_obstructed > 1.0))
 
     def examine(
         self, state: StateArrays, now: int, loads: Loads, acting: Any, ledger: np.ndarray
     ) -> int:
         """Status bits of the state, as `examine` of kernels/monitor.py finds them."""
-        figures, book = self._figures(state, now), LedgerNumbers(ledger)
+        figures, book = self._figures(state, now), Ledger.over(ledger)
         book.spin = math.sqrt(figures[SPIN])
         rate = math.sqrt(figures[BOUND] + book.contact_rate)
         book.rate = rate + book.spin_weight * book.spin

@@ -59,7 +59,7 @@ from icofabric_sim.simulation.devices.refusals import require_method_on_device
 from icofabric_sim.simulation.errors import DeviceError
 from icofabric_sim.simulation.model.layout import has_jumps
 from icofabric_sim.simulation.model.packing import PackedScene
-from icofabric_sim.simulation.stepping.ledger import LedgerNumbers
+from icofabric_sim.simulation.stepping.ledger import Ledger
 from icofabric_sim.simulation.stepping.methods import Method, METHODS
 from icofabric_sim.simulation.stepping.step_monitor import differences_of
 import numpy as np
@@ -201,7 +201,7 @@ class DeviceSteps:
         if of_run:
             self._run = loads, state, work
             self._is_out = self._is_stale = True
-        blocks, done, book = len(model.blocks.slot), 0, LedgerNumbers(ledger)
+        blocks, done, book = len(model.blocks.slot), 0, Ledger.over(ledger)
         while done < count:
             ahead, sampled = min(count - done, check_interval - since_check), -1
             if of_run and self._differences:

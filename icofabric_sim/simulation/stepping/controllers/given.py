@@ -98,13 +98,17 @@ class GivenStep:
         steps = errors.steps_of_period(step, fastest)
         # At first as far as the next health check, so that nothing is missed of how a motion
         # begins.
-        error = errors.measured(step, fastest, least=interval if errors.gap == 1 else 1)
+        error = errors.measured(
+            step, fastest, least=interval if errors.gap == 1 else 1, given=True)
         if math.isnan(error):
             error = errors.rate
         change = errors.add(errors.free_rate if jumped else error)
+        # Not before the end of what was measured.
+        unit = interval * step
+        first = max(math.ceil(min(errors.span / unit, steps)), 1)
         errors.pace(
-            math.inf if jumped else change, first=1,
-            largest=max(_LARGEST_GAP * steps // interval, 1), unit=interval * step, part=_PARTS)
+            math.inf if jumped else change, first=first,
+            largest=max(_LARGEST_GAP * steps // interval, first), unit=unit, part=_PARTS)
         errors.end(error)
         errors.checks_left = errors.gap
         errors.is_new = False
