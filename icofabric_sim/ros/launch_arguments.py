@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""Arguments of the launch files: those that nobody declared are refused, not ignored."""
+"""Arguments of the launch files: undeclared ones are refused, not ignored."""
 
 from collections.abc import Iterable, Sequence
 import difflib

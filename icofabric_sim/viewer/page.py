@@ -169,7 +169,7 @@ class Page:
                 if began - words > _WORDS and self._flow.is_free():
                     words = began
                     self.panel.update()
-            except Exception:
+            except Exception:  # logged with its place; the pages and later frames go on
                 _LOGGER.exception('the viewer could not draw a frame')
                 self._stopping.wait(1.0)
             self._stopping.wait(max(1.0 / self._rate - (time.monotonic() - began), 0.001))

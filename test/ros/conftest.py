@@ -48,3 +48,16 @@ def graph(node):
 def client(graph):
     """The same, where tests do not need the node in a known state."""
     return graph
+
+
+@pytest.fixture
+def bare_node():
+    """An rclpy node in a context of its own, without a process of ours."""
+    import rclpy
+    from ros_helpers import domain
+    context = rclpy.Context()
+    context.init(domain_id=domain(3))
+    node = rclpy.create_node('icofabric', context=context, enable_rosout=False)
+    yield node
+    node.destroy_node()
+    context.try_shutdown()

@@ -19,20 +19,13 @@ from geometry_msgs.msg import WrenchStamped
 from icofabric_sim.messages import decode_wrench_stamped
 from icofabric_sim.ros.input_topics import InputTopics
 import pytest
-import rclpy
 from rclpy.duration import Duration
 from rclpy.qos import QoSProfile
-from ros_helpers import domain
 
 
 @pytest.fixture
-def node():
-    context = rclpy.Context()
-    context.init(domain_id=domain(3))
-    node = rclpy.create_node('icofabric', context=context, enable_rosout=False)
-    yield node
-    node.destroy_node()
-    context.try_shutdown()
+def node(bare_node):
+    return bare_node
 
 
 class Received(list):

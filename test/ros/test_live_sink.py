@@ -16,18 +16,11 @@ from icofabric_sim.messages.topics import CHECKPOINT, CLOCK, POSES, STATE, TOPIC
 from icofabric_sim.ros import live_sink
 from icofabric_sim.ros.live_sink import LiveSink, message_class
 import pytest
-import rclpy
-from ros_helpers import domain
 
 
 @pytest.fixture
-def node():
-    context = rclpy.Context()
-    context.init(domain_id=domain(3))
-    node = rclpy.create_node('publisher', context=context, enable_rosout=False)
-    yield node
-    node.destroy_node()
-    context.try_shutdown()
+def node(bare_node):
+    return bare_node
 
 
 def test_only_what_someone_listens_to_is_wanted(node):

@@ -27,7 +27,7 @@ from llvmlite.binding import ffi
 @contextmanager
 def _importing_numba() -> Iterator[None]:
     """
-    Spare Numba what only reports need that nobody asks for here.
+    Import Numba without what only its reports need.
 
     The package coverage, which it imports wherever it is installed, a tenth of its own import; and
     an event at each call of LLVM, for timers, a fifteenth of what compiling takes.

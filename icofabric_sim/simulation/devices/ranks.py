@@ -108,7 +108,7 @@ def transport_for(
     ranks: Ranks, scene: Scene, *, cosines: bool, body_force: bool
 ) -> Transport | None:
     """
-    What a simulation of the scene shares its steps by; None where there is nobody to share with.
+    What a simulation of the scene shares its steps by; None where it has one process only.
 
     Raises ParameterError or ValueError where it cannot be shared.
     """

@@ -14,7 +14,7 @@
 """
 Messages between ranks, by mpi4py: orders, arrays, poses, and the word that a rank has failed.
 
-Nobody waits for good: who waits looks for that word now and then.
+No rank waits for ever: one that waits checks for that word now and then.
 """
 
 from collections.abc import Sequence
@@ -32,15 +32,15 @@ from icofabric_sim.simulation.stepping.methods import StateHolder
 import numpy as np
 
 _ORDER, _ARRAY, _POSES, _FAILED = 11, 12, 13, 14
-# Looks at a message between two looks whether a rank has failed; how many of them nobody else
-# gets the processor between, and after how many this process sleeps between them.
+# Polls for a message between two checks whether a rank has failed; how many of them keep the
+# processor, and after how many this process sleeps between them.
 _LOOKS, _EAGER, _PATIENCE = 64, 50, 20_000
 # How long an idle rank looks before it sleeps between looks, and for how long then: at least, at
 # most [s], and in parts of the time that it has been idle.
 _AWAKE, _NAP, _LONGEST_NAP, _PART = 2e-3, 5e-5, 2e-3, 0.01
 # How long a rank that has failed waits for the others to hear of it [s].
 _FAREWELL = 5.0
-# Messages that nobody will take, or send, after a failure: their bytes stay where they are.
+# Messages that no rank will take, or send, after a failure: their bytes stay where they are.
 _unsent: list[Any] = []
 
 

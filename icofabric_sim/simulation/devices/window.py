@@ -15,8 +15,8 @@
 The window of a rank: its blocks, and those around them that it reads, as arrays of its own.
 
 Slots lie in the order of the whole fabric, and what lies side by side there does so here: a vector
-that begins in one block may end in the next. Blocks that nobody reads are left out, so the places
-of neighbours are other numbers, and all else is the same.
+that begins in one block may end in the next. Blocks that are never read are left out, so the
+places of neighbours are other numbers, and all else is the same.
 """
 
 from typing import NamedTuple

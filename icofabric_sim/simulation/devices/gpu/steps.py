@@ -365,7 +365,7 @@ class DeviceSteps:
                     self._noted)
                 launch(more.account, self._clock, state.poses[now], self._noted)
                 for stage, row in ((back, 12), (forth, 0)):
-                    # Nobody else's pose is read: in place.
+                    # Each body reads its own pose only: in place.
                     take(stage, state.poses[now])
                     launch(more.strike, row, int(terms.held), state.poses[now], state.motion)
                 take(last, state.poses[1 - now])
