@@ -22,7 +22,7 @@ import argparse
 from collections.abc import Iterator, Sequence
 from concurrent.futures import as_completed, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import redirect_stderr, redirect_stdout, suppress
+from contextlib import redirect_stderr, redirect_stdout
 import ctypes
 import io
 import logging
@@ -60,7 +60,6 @@ VERBS: tuple[tuple[str, ...], ...] = (
 _KINDS_EACH = 12
 # Simulated time [s] in which every kind of output comes at least once.
 _TRIAL = 1e-3
-_PUSH = (1e-6, 0.0, 0.0)  # [N]
 # PR_SET_PDEATHSIG of prctl(2).
 _END_WITH_PARENT = 1
 
@@ -224,19 +223,13 @@ def _run(kind: Kind) -> None:
 
 
 def _ready(simulation: 'Simulation') -> 'Simulation':
-    """Have steps, outputs and looks compiled, and what ends a step at an input."""
+    """Have steps and outputs compiled, and what ends a step at an input."""
     from icofabric_sim.messages.topics import Outputs
-    simulation.warm_up()
-    simulation.advance_to(_TRIAL)
-    # Not of a body that a drive moves.
-    with suppress(ValueError):
-        simulation.apply_body_wrench(simulation.scene.body_count - 1, force=_PUSH)
-        simulation.advance_to(2.0 * _TRIAL)
+    from icofabric_sim.simulation.precompile import use_all_kernels
+    use_all_kernels(simulation)
+    simulation.advance_to(max(_TRIAL, simulation.time))
     snapshot, outputs = simulation.snapshot(), Outputs(simulation.scene)
     outputs.energy(snapshot)
     for messages in (outputs.connectors(snapshot, 0), outputs.icosahedra(snapshot, 0)):
         list(messages)
-    simulation.status.fastest_place()
-    # Read for their kernels.
-    _ = simulation.balance, snapshot.obstructed
     return simulation

@@ -39,6 +39,8 @@ from icofabric_sim.simulation.simulation import compile_scene, Simulation
 # After a build there is none for so many times as long, at most so long [s]: a slider that sends
 # fifty changes a second may not take the processor from the run.
 _SHARE, _LONGEST_REST = 25.0, 0.3
+# So often it is built of kernels from another process, before it is compiled in this one.
+_TRIES = 3
 
 
 def lost_wrenches(before: Simulation, scene: Scene) -> list[str]:
@@ -142,11 +144,12 @@ class Reweaver:
             return simulation
 
         if self._body_force is None:
-            try:
-                with no_compiling(loading=True):
-                    return make()
-            except KernelsMissing:
-                compile_elsewhere(scene)
+            for _ in range(_TRIES):
+                try:
+                    with no_compiling(loading=True):
+                        return make()
+                except KernelsMissing:
+                    compile_elsewhere(scene)
         return make()
 
     def _finish(

@@ -58,7 +58,7 @@ class TimeAdvance:
         self._patient_until = math.inf
         self._held_for_contacts = True
         # Since when it waits, by the wall clock, and why where that has not been said.
-        self._held_since, self._held_why = 0.0, ''
+        self._held_since, self._held_why, self._held_at = 0.0, '', -1
         # None: who waits for the end of the run is patient.
         self.stall: StallWatch | None = None
 
@@ -68,6 +68,9 @@ class TimeAdvance:
 
     def follow(self, simulation: Simulation) -> None:
         """Move this simulation from now on."""
+        kernels = self._state.simulation.contact_kernels
+        if kernels is not None and self._state.simulation is not simulation:
+            kernels.give_up()
         self._state.simulation = simulation
         simulation.should_stop = (
             lambda: self.stopping or wall.monotonic() > self._patient_until)
@@ -95,6 +98,8 @@ class TimeAdvance:
             state.now = target
             computed = wall.perf_counter() - started
             self._pace.learn(target - before, computed)
+            if state.now > before:
+                self._say_it_runs()
             # Broken off before its first step, it has shown this time already.
             if state.now > before and state.now != end:
                 self._broadcast.due(state.now)
@@ -191,6 +196,7 @@ class TimeAdvance:
                 if wall.perf_counter() > end:
                     break
             state.catch_up()
+            self._say_it_runs()
             # What comes in between two portions acts at a whole number of nanoseconds too.
             simulation.advance_to(seconds(state.now))
             if request.done:
@@ -231,19 +237,25 @@ class TimeAdvance:
     def is_held(self) -> bool:
         """Whether simulated time waits for kernels; where they are ready it runs again."""
         state = self._state
+        if not state.is_held:
+            return False
         kernels = state.simulation.contact_kernels
-        if state.is_held and (kernels is None or kernels.are_ready or (
-                not self._held_for_contacts and is_compiler_free())):
-            state.is_held = False
-            self._pace.restart(state.now)
-            if not self._held_why:
-                _LOGGER.info('simulated time runs again')
-        elif state.is_held and self._held_why and (
-                wall.monotonic() - self._held_since > _WORTH_SAYING):
+        if self._held_why and wall.monotonic() - self._held_since > _WORTH_SAYING:
             _LOGGER.info(
                 'simulated time waits at t = %.9g s: %s', seconds(state.now), self._held_why)
             self._held_why = ''
+        if kernels is None or kernels.are_ready or (
+                not self._held_for_contacts and is_compiler_free()):
+            # At least for a try.
+            state.is_held = False
+            self._pace.restart(state.now)
         return state.is_held
+
+    def _say_it_runs(self) -> None:
+        """Time has advanced; where it was said that it waits, say so."""
+        if self._held_at >= 0 and not self._held_why:
+            _LOGGER.info('simulated time runs again')
+        self._held_at = -1
 
     def waits(self) -> str:
         """What simulated time waits for, '': it does not; for any thread."""
@@ -267,7 +279,9 @@ class TimeAdvance:
         state.is_held = True
         if state.simulation.contact_kernels is not None:
             state.simulation.contact_kernels.hurry()
-        self._held_since, self._held_why = wall.monotonic(), (
+        if self._held_at == state.now:
+            return  # it has tried once more
+        self._held_at, self._held_since, self._held_why = state.now, wall.monotonic(), (
             'shells come near each other for the first time, and the kernels for contacts are not '
             'ready yet; they are made once on a machine' if for_contacts else
             'the compiler is at work, and one of its kernels has to be loaded')

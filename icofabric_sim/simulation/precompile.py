@@ -12,15 +12,16 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Kernels with contact, compiled by another process while a run goes on without it.
+Kernels that a run may come to, compiled by another process while it goes on without them.
 
 A scene whose shells cannot touch yet is compiled without contact; the first contact would then
-hold the run up for as long as the compiler takes. So where they are not on disk a process of
-lowest priority makes them ready; the run finds them there. It ends with the one that began it.
-ICOFABRIC_COMPILE_AHEAD=0 in the environment forbids it.
+hold the run up for as long as the compiler takes, and so would the first input, which ends a step
+of its own length. So where they are not on disk a process of lowest priority makes them ready; the
+run finds them there. It ends with the one that began it. ICOFABRIC_COMPILE_AHEAD=0 in the
+environment forbids it.
 
-A live run never compiles or loads them itself: a thread waits for that process, loads what it has
-made, and compiles what it has not (`ContactKernels`). If shells meet before, simulated time waits.
+A live run never compiles or loads them itself: a thread waits for that process and loads what it
+has made (`ContactKernels`). If shells meet before, simulated time waits.
 """
 
 import atexit
@@ -32,13 +33,16 @@ import subprocess
 import sys
 import threading
 import time
-from typing import Any
+from typing import Any, TYPE_CHECKING
 
-from icofabric_sim.kernels.runtime.compile_notice import compile_notice
-from icofabric_sim.kernels.runtime.kernel_guard import end_compiling
+from icofabric_sim.kernels.runtime.compile_notice import compile_notice, KernelsMissing
+from icofabric_sim.kernels.runtime.kernel_guard import end_compiling, no_compiling
 from icofabric_sim.kernels.runtime.target import target
 from icofabric_sim.scene.scene import Scene
 import numpy as np
+
+if TYPE_CHECKING:
+    from icofabric_sim.simulation.simulation import Simulation
 
 # A larger scene would be built once more beside the first.
 LARGEST = 20_000
@@ -49,24 +53,36 @@ _MOST = 2
 # Processes that a thread waits for.
 _awaited: set[subprocess.Popen[bytes]] = set()
 _LOWEST = 19  # priority
+# So often a process is begun for the same kernels.
+_TRIES = 3
 # Parameters whose terms are in every kind of kernels.
 _NO_KIND = ('gravity', 'groups.', 'loads.', 'supports.')
 # This process ends: nothing more is compiled.
 _ending = threading.Event()
 
 
-def compile_contact_ahead(
+def may_compile_elsewhere(scene: Scene) -> bool:
+    """Whether another process may compile for a scene."""
+    return (
+        os.environ.get('ICOFABRIC_COMPILE_AHEAD', '1') != '0' and scene.body_count <= LARGEST)
+
+
+def compile_ahead(
     scene: Scene, *, method: str, rotation: str
 ) -> subprocess.Popen[bytes] | None:
     """
-    Begin to compile the kernels with contact of a scene, in another process.
+    Begin to compile the kernels that a scene may come to, in another process.
 
     Returns the process that does it; None where there is none.
     """
-    if os.environ.get('ICOFABRIC_COMPILE_AHEAD', '1') == '0' or scene.body_count > LARGEST:
+    if not may_compile_elsewhere(scene):
         return None
-    given = {**scene.parameters.given(), **touching(method)}
-    task = pickle.dumps((given, rotation, _LOWEST))
+    # What the present scene lacks first: there is less of it.
+    given = scene.parameters.given()
+    kinds = [given]
+    if given.get('contact.mode', 'auto') == 'auto':
+        kinds.append({**given, **touching(method)})
+    task = pickle.dumps((kinds, rotation, _LOWEST))
     # Those that have ended are taken note of, so that none of them stays behind.
     for key in [key for key, process in _processes.items() if process.poll() is not None]:
         del _processes[key]
@@ -92,10 +108,9 @@ def compile_elsewhere(scene: Scene) -> None:
 
     Where there is none nothing is done: then the caller compiles, and holds up other threads.
     """
-    if os.environ.get('ICOFABRIC_COMPILE_AHEAD', '1') == '0' or scene.body_count > LARGEST:
+    if not may_compile_elsewhere(scene):
         return
-    given = scene.parameters.given()
-    process = _begin(pickle.dumps((given, 'quaternion', 0)))
+    process = _begin(pickle.dumps(([scene.parameters.given()], 'quaternion', 0)))
     if process is None:
         return
     _awaited.add(process)
@@ -129,18 +144,22 @@ def touching(method: str) -> dict[str, Any]:
 
 
 class ContactKernels:
-    """The kernels that the first contact of one simulation needs, made ready in a thread."""
+    """The kernels that one simulation may come to, made ready in a thread."""
 
     def __init__(
-        self, process: subprocess.Popen[bytes] | None, make_ready: Callable[[], object]
+        self, process: 'subprocess.Popen[bytes] | None',
+        begin: Callable[[], 'subprocess.Popen[bytes] | None'], make_ready: Callable[[], object],
+        on_ready: Callable[[], object] = lambda: None,
     ) -> None:
         """
         Wait for the `process` that compiles them, if there is one, and call `make_ready`.
 
-        That loads them, and compiles those that are missing.
+        That loads them. A process that was ended for another one is begun again, by `begin`.
         """
-        self._process, self._make_ready = process, make_ready
-        self._began = time.monotonic()
+        self._process, self._begin = process, begin
+        self._make_ready, self._on_ready = make_ready, on_ready
+        self._began, self._is_hurried = time.monotonic(), False
+        self._is_given_up = False
         self._thread = threading.Thread(target=self._work, name='kernels', daemon=True)
         self._thread.start()
 
@@ -165,18 +184,61 @@ class ContactKernels:
 
         Systems allow that to root, and where RLIMIT_NICE does; others leave it as it is.
         """
+        self._is_hurried = True
         if self._process is not None and self._process.poll() is None:
             with suppress(OSError):
                 os.setpriority(os.PRIO_PROCESS, self._process.pid, 0)
 
+    def give_up(self) -> None:
+        """Another simulation runs now: this process loads nothing more for this one."""
+        self._is_given_up = True
+
     def _work(self) -> None:
-        if self._process is not None:
-            self._process.wait()
-        if _ending.is_set():
-            return
-        # What is missing then is compiled where it is needed, or the reason is said there.
+        try:
+            self._load()
+        finally:
+            self._on_ready()
+
+    def _load(self) -> None:
+        for _ in range(_TRIES):
+            if self._process is not None:
+                self._process.wait()
+            if _ending.is_set() or self._is_given_up:
+                return
+            # Whatever else is wrong is said where it is needed.
+            with suppress(Exception):
+                try:
+                    with no_compiling(loading=True):
+                        self._make_ready()
+                    return
+                except KernelsMissing:
+                    if self._process is not None and self._process.returncode == 0:
+                        break
+                    self._process = self._begin()
+                    if self._is_hurried:
+                        self.hurry()
+        # It could not be done by another process, or not all of it.
         with suppress(Exception):
             self._make_ready()
+
+
+def use_all_kernels(simulation: 'Simulation') -> None:
+    """
+    Call every kernel that a run comes to: of steps, of one that ends at an input, of reports.
+
+    The `simulation` moves a part of a step.
+    """
+    simulation.warm_up()
+    begin, step = simulation.time, simulation.status.step
+    simulation.advance_to(begin + 0.25 * step)
+    # Not of a body that a drive moves.
+    with suppress(ValueError):
+        simulation.apply_body_wrench(simulation.scene.body_count - 1, force=(0.0, 0.0, 0.0))
+    simulation.advance_to(begin + 0.5 * step)
+    simulation.status.fastest_place()
+    snapshot = simulation.snapshot()
+    # Read for their kernels.
+    _ = snapshot.energy, snapshot.obstructed, simulation.balance
 
 
 def _environment() -> dict[str, str]:

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-The process that precompile.py starts: builds a scene from standard input and compiles its kernels.
+The process that precompile.py starts: builds scenes from standard input and compiles for them.
 """
 
 import os
@@ -22,20 +22,19 @@ from typing import Any
 
 from icofabric_sim.parameters.validation import make_parameters
 from icofabric_sim.scene.scene import Scene
+from icofabric_sim.simulation.precompile import use_all_kernels
 from icofabric_sim.simulation.simulation import compile_scene
 
 
-def _compile(task: tuple[dict[str, Any], str, int]) -> None:
-    given, rotation, _ = task
-    simulation = compile_scene(
-        Scene.from_parameters(make_parameters(given)), rotation=rotation)
-    simulation.warm_up()
-    simulation.status.fastest_place()
-    snapshot = simulation.snapshot()
-    _ = snapshot.energy, snapshot.obstructed
+def _compile(task: tuple[list[dict[str, Any]], str, int]) -> None:
+    kinds, rotation, _ = task
+    for given in kinds:
+        use_all_kernels(compile_scene(
+            Scene.from_parameters(make_parameters(given)), rotation=rotation))
 
 
 if __name__ == '__main__':
     task = pickle.load(sys.stdin.buffer)
-    os.nice(task[3])
+    os.environ['ICOFABRIC_COMPILE_AHEAD'] = '0'  # this is the process that does it
+    os.nice(task[2])
     _compile(task)

@@ -14,6 +14,7 @@
 """A compiled scene that advances in time."""
 
 from collections.abc import Callable
+from functools import partial
 import logging
 import subprocess
 from typing import TYPE_CHECKING
@@ -43,10 +44,12 @@ from icofabric_sim.simulation.model.body_force import as_body_force, BodyForce, 
 from icofabric_sim.simulation.model.packing import pack_scene
 from icofabric_sim.simulation.model.snapshot import Snapshot
 from icofabric_sim.simulation.precompile import (
-    compile_contact_ahead,
+    compile_ahead,
     ContactKernels,
     LARGEST,
+    may_compile_elsewhere,
     touching,
+    use_all_kernels,
 )
 from icofabric_sim.simulation.state_tree import StateTree
 from icofabric_sim.simulation.status import SimulationStatus
@@ -122,7 +125,7 @@ class Simulation:
         self._status = SimulationStatus(self._event_loop, self.packed)
         # What makes ready what the first contact needs, once that is asked for.
         self.contact_kernels: ContactKernels | None = None
-        self._lacks_contacts = False
+        self._lacks_kernels = False
         self._cached: Snapshot | None = None
         self._cached_at = 0
 
@@ -312,6 +315,7 @@ class Simulation:
                 obstruction.found = previous.status.obstruction
             self._event_loop.time = previous.time
             self._jump(_as_initial(previous.snapshot(), self.scene))
+            self._driver.adopt(previous._driver)
         else:
             self._event_loop.begin_at(previous.time)
 
@@ -333,12 +337,12 @@ class Simulation:
         """
         Make every kernel that a step needs ready, without taking one.
 
-        Those for contacts that may come later are compiled by another process, if need be.
+        Those that may be needed later, for contacts and inputs, are compiled by another process.
         """
         self._event_loop.settle_loads()
         self._driver.warm_up()
-        self._lacks_contacts = not self._driver.is_ready_for_contacts()
-        if self.body_force is None and self._lacks_contacts:
+        self._lacks_kernels = not self._driver.is_ready()
+        if self.body_force is None and self._lacks_kernels:
             self._compile_ahead()
 
     def prepare_contacts(self, *, load: bool = True) -> ContactKernels | None:
@@ -352,32 +356,29 @@ class Simulation:
         """
         load = checks.flag('load', load)
         if self.contact_kernels is None and self.body_force is None and (
-                self._lacks_contacts or load and self.scene.body_count <= LARGEST):
-            process = self._compile_ahead() if self._lacks_contacts else None
-            if self._lacks_contacts and process is None:
+                self._lacks_kernels or load and self.scene.body_count <= LARGEST):
+            if self._lacks_kernels and not may_compile_elsewhere(self.scene):
                 return None
+            process = self._compile_ahead() if self._lacks_kernels else None
             contact = self._driver.contact
-            self._driver.awaits_kernels = contact.is_possible and contact.contacts is None
-            self.contact_kernels = ContactKernels(process, self._load_kernels)
+            may_touch = contact.is_possible and contact.contacts is None
+            self._driver.awaits_kernels = self._lacks_kernels or may_touch
+            self.contact_kernels = ContactKernels(
+                process, self._compile_ahead, partial(self._load_kernels, may_touch),
+                self._driver.await_no_kernels)
         return self.contact_kernels
 
     def _compile_ahead(self) -> subprocess.Popen[bytes] | None:
-        return compile_contact_ahead(
+        return compile_ahead(
             self.scene, method=self._status.method_name, rotation=self.rotation)
 
-    def _load_kernels(self) -> None:
-        """Have the same done by another simulation of the same kind, as from first contact on."""
-        try:
-            changes = touching(self._status.method_name)
-            twin = Simulation(
-                self.scene.with_changes(changes) if self._driver.awaits_kernels else self.scene,
-                rotation=self.rotation)
-            twin.warm_up()
-            twin.status.fastest_place()
-            snapshot = twin.snapshot()
-            _ = snapshot.energy, snapshot.obstructed
-        finally:
-            self._driver.awaits_kernels = False
+    def _load_kernels(self, may_touch: bool) -> None:
+        """Have all of them called by simulations of the same kinds: until contact, and from it."""
+        scenes = [self.scene]
+        if may_touch:
+            scenes.insert(0, self.scene.with_changes(touching(self._status.method_name)))
+        for scene in scenes:
+            use_all_kernels(Simulation(scene, rotation=self.rotation))
 
     def checkpoint(self) -> Checkpoint:
         """All that the run continues from; the run itself does not notice."""

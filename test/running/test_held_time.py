@@ -20,7 +20,7 @@ import time
 
 import icofabric_sim as ico
 from icofabric_sim.kernels.runtime.compile_notice import KernelsMissing
-from icofabric_sim.kernels.runtime.kernel_guard import guarded_alike, no_compiling
+from icofabric_sim.kernels.runtime.kernel_guard import _guard, guarded_alike, no_compiling
 from icofabric_sim.messages import decode_clock, decode_diagnostic_array
 from icofabric_sim.messages.schedule import seconds
 from icofabric_sim.messages.topics import CLOCK, DIAGNOSTICS
@@ -193,16 +193,38 @@ def test_a_guarded_thread_neither_compiles_nor_loads_and_others_do():
         with ThreadPoolExecutor(1) as pool:
             # The guarded one first: what is compiled once is there.
             with pytest.raises(KernelsMissing):
-                pool.submit(guarded_alike(fresh), 1).result(60.0)
+                pool.submit(guarded_alike(fresh, lambda: True), 1).result(60.0)
             assert pool.submit(fresh, 1).result(60.0) == 2
         assert fresh(2) == 3
+
+
+def test_others_of_a_team_wait_for_a_kernel_that_its_first_thread_loads():
+    """Else the first would wait for them in the kernel for ever."""
+    loaded, failed = threading.Event(), threading.Event()
+
+    def work():
+        if not loaded.is_set():
+            raise KernelsMissing
+        return 'done'
+
+    with no_compiling(loading=True), ThreadPoolExecutor(2) as pool:
+        begun = pool.submit(guarded_alike(work, failed.is_set))
+        with pytest.raises(TimeoutError):
+            begun.result(0.05)
+        loaded.set()
+        assert begun.result(60.0) == 'done'
+        loaded.clear()
+        given_up = pool.submit(guarded_alike(work, failed.is_set))
+        failed.set()
+        with pytest.raises(KernelsMissing):
+            given_up.result(60.0)
 
 
 class Process:
     """A helper that ends when it is told to."""
 
-    def __init__(self):
-        self.ended, self.pid = threading.Event(), 2**22 + 1
+    def __init__(self, returncode=0):
+        self.ended, self.pid, self.returncode = threading.Event(), 2**22 + 1, returncode
 
     def wait(self):
         self.ended.wait(30.0)
@@ -213,12 +235,53 @@ class Process:
 
 def test_kernels_are_loaded_once_the_process_that_compiles_them_has_ended():
     process, loaded = Process(), []
-    kernels = ContactKernels(process, lambda: loaded.append(process.ended.is_set()))
+    kernels = ContactKernels(
+        process, pytest.fail, lambda: loaded.append(process.ended.is_set()))
     kernels.hurry()  # no such process: nothing happens
     assert not kernels.are_ready and not loaded
     process.ended.set()
     kernels.wait()
     assert kernels.are_ready and loaded == [True] and 0.0 < kernels.seconds < 60.0
+
+
+def test_a_process_that_was_ended_for_another_is_begun_again():
+    ended, second, made, told = Process(-9), Process(), [], []
+
+    def load():
+        made.append(len(made))
+        if len(made) == 1:
+            raise KernelsMissing
+
+    kernels = ContactKernels(ended, lambda: second, load, lambda: told.append(len(made)))
+    ended.ended.set()
+    deadline = time.monotonic() + 60.0
+    while not made:
+        assert time.monotonic() < deadline
+        time.sleep(0.001)
+    time.sleep(0.02)
+    assert len(made) == 1 and not told
+    second.ended.set()
+    kernels.wait()
+    assert len(made) == 2 and told == [2]
+
+
+def test_what_another_process_leaves_out_is_compiled_here_and_nothing_for_a_run_that_is_over():
+    process, made = Process(), []
+
+    def load():
+        made.append(bool(_guard.forbids))
+        if _guard.forbids:
+            raise KernelsMissing
+
+    process.ended.set()
+    ContactKernels(process, pytest.fail, load).wait()
+    assert made == [True, False]
+    process, told = Process(), []
+    kernels = ContactKernels(process, pytest.fail, pytest.fail, lambda: told.append(True))
+    kernels.give_up()
+    process.ended.set()
+    kernels.wait()
+    assert told == [True]
 
 
 def test_what_the_first_contact_needs_is_loaded_ahead():
@@ -243,7 +306,7 @@ def test_nothing_is_awaited_without_contacts_or_beside_a_function_of_the_user():
     touching = ico.compile_scene(SCENE.with_changes({'contact.mode': 'always'}))
     alone = ico.compile_scene(SCENE)
     # Where no other process may compile, nothing is compiled before it is needed.
-    alone._lacks_contacts = True
+    alone._lacks_kernels = True
     assert os.environ['ICOFABRIC_COMPILE_AHEAD'] == '0' and alone.prepare_contacts() is None
     assert not alone._driver.awaits_kernels
     for simulation, load in ((with_force, True), (touching, True), (touching, False)):

@@ -59,16 +59,18 @@ def begun(monkeypatch):
 
 def test_kernels_with_contact_are_ready_after_the_task_of_the_other_process(begun, monkeypatch):
     simulation = ico.compile_scene(make_scene((2, 2, 2), CHANGES))
-    monkeypatch.setattr(simulation._driver, 'is_ready_for_contacts', lambda: False)
+    monkeypatch.setattr(simulation._driver, 'is_ready', lambda: False)
     simulation.warm_up()
     process, = begun
     assert process.arguments[1:] == ['-m', 'icofabric_sim.simulation.precompile_process']
     task = pickle.loads(process.task)
-    assert task[0]['contact.mode'] == 'always' and task[0]['solver.method'] == 'leapfrog'
+    present, touching = task[0]
+    assert present == simulation.scene.parameters.given()
+    assert touching['contact.mode'] == 'always' and touching['solver.method'] == 'leapfrog'
     precompile_process._compile(task)
     fresh = ico.compile_scene(make_scene((2, 2, 2), CHANGES))
     assert fresh._driver.contact.contacts is None
-    assert fresh._driver.is_ready_for_contacts()
+    assert fresh._driver.is_ready()
     fresh.warm_up()
     assert len(begun) == 1
     precompile._end()
@@ -85,7 +87,7 @@ def test_nothing_is_begun_where_it_is_not_wanted(begun, monkeypatch):
     monkeypatch.setenv('ICOFABRIC_COMPILE_AHEAD', '1')
     monkeypatch.setattr(precompile, 'LARGEST', 1)
     simulation = ico.compile_scene(make_scene((2, 2, 2), CHANGES))
-    monkeypatch.setattr(simulation._driver, 'is_ready_for_contacts', lambda: False)
+    monkeypatch.setattr(simulation._driver, 'is_ready', lambda: False)
     simulation.warm_up()
     assert not begun
 
@@ -93,7 +95,7 @@ def test_nothing_is_begun_where_it_is_not_wanted(begun, monkeypatch):
 def test_a_parameter_that_is_moved_compiles_once_and_other_kinds_replace_the_oldest(begun):
     def ask(**changes):
         scene = make_scene((2, 2, 2), {**CHANGES, **changes})
-        precompile.compile_contact_ahead(
+        precompile.compile_ahead(
             scene, method='leapfrog', rotation='quaternion')
 
     for stiffness in (100.0, 110.0, 120.0):
@@ -120,7 +122,7 @@ def test_a_scene_is_compiled_elsewhere_at_normal_priority_unless_that_is_forbidd
     compiled = compile_notice.seconds
     precompile.compile_elsewhere(scene)
     process, = begun
-    given, rotation, niceness = pickle.loads(process.task)
+    [given], rotation, niceness = pickle.loads(process.task)
     assert given == scene.parameters.given() and niceness == 0
     assert rotation == 'quaternion' and process.waited
     assert not compile_notice.is_compiling and compile_notice.seconds >= compiled

@@ -23,6 +23,7 @@ for as long.
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 import threading
+import time
 from typing import TypeVar
 
 from icofabric_sim.kernels.runtime.compile_notice import KernelsMissing
@@ -30,18 +31,22 @@ from numba.core import event
 from numba.core.compiler_lock import global_compiler_lock
 
 Result = TypeVar('Result')
+# Until a kernel that another thread loads is tried again [s].
+_RETRY = 1e-3
 
 
 class _Guard(threading.local):
-    """Whether this thread must not compile, or not even load; while `when` says so."""
+    """Whether this thread must not compile, or not even load."""
 
     def __init__(self) -> None:
-        self.kinds: tuple[str, ...] = ()
-        self.when: Callable[[], bool] = bool
+        self.is_on = False
+        self.may_load: Callable[[], bool] = bool
 
     @property
     def forbids(self) -> tuple[str, ...]:
-        return self.kinds if self.kinds and self.when() else ()
+        if not self.is_on:
+            return ()
+        return (_COMPILING,) if self.may_load() else (_COMPILING, _LOADING)
 
 
 class _Watch(event.Listener):
@@ -66,27 +71,25 @@ class _End(event.Listener):
         pass
 
 
-_guard = _Guard()
 _COMPILING, _LOADING = 'numba:compile', 'numba:compiler_lock'
+_guard = _Guard()
 for _kind in (_COMPILING, _LOADING):
     event.register(_kind, _Watch())
 
 
 @contextmanager
-def no_compiling(
-    *, loading: bool = False, when: Callable[[], bool] = lambda: True
-) -> Iterator[None]:
+def no_compiling(*, loading: bool | Callable[[], bool] = False) -> Iterator[None]:
     """
     Have KernelsMissing raised where this thread would compile; load a kernel if `loading`.
 
-    `when` says at each kernel whether that holds.
+    `loading` may be a function, which is asked at each kernel.
     """
-    before = _guard.kinds, _guard.when
-    _guard.kinds, _guard.when = (_COMPILING,) if loading else (_COMPILING, _LOADING), when
+    before = _guard.is_on, _guard.may_load
+    _guard.is_on, _guard.may_load = True, loading if callable(loading) else lambda: loading
     try:
         yield
     finally:
-        _guard.kinds, _guard.when = before
+        _guard.is_on, _guard.may_load = before
 
 
 @contextmanager
@@ -119,13 +122,25 @@ def end_compiling() -> None:
     event.register('numba:run_pass', _End())
 
 
-def guarded_alike(work: Callable[..., Result]) -> Callable[..., Result]:
-    """Return `work` for another thread, which must not compile where this one must not."""
+def guarded_alike(
+    work: Callable[..., Result], has_failed: Callable[[], bool]
+) -> Callable[..., Result]:
+    """
+    Return `work` for other threads of a team, which must not compile where this one must not.
+
+    They begin once the kernel is there, which this thread may load, or end where it `has_failed`.
+    """
     if not _guard.forbids:
         return work
 
     def guarded(*arguments: object) -> Result:
-        with no_compiling():
-            return work(*arguments)
+        while True:
+            try:
+                with no_compiling():
+                    return work(*arguments)
+            except KernelsMissing:
+                if has_failed():
+                    raise
+                time.sleep(_RETRY)
 
     return guarded

@@ -206,6 +206,10 @@ class Driver:
         self._start()
         self._require_stable(time)
 
+    def adopt(self, other: 'Driver') -> None:
+        """The motion goes on from that of `other`, after a jump: its steps erred alike."""
+        self._stepping.adopt(other._stepping)
+
     def set_loads(self, loads: Loads, load_rate: float) -> None:
         """Replace the loads at the current state."""
         trajectory = self.trajectory
@@ -259,34 +263,40 @@ class Driver:
         finally:
             self.load_state(StateTree(before), loads)
 
-    def is_ready_for_contacts(self) -> bool:
-        """Whether steps with contacts could be taken at once: nothing need be compiled."""
-        return self._stepping.is_ready_for_contacts()
+    def is_ready(self) -> bool:
+        """
+        Whether nothing need be compiled for steps: up to an input, and once something touches.
+        """
+        return self._stepping.is_ready()
+
+    def await_no_kernels(self) -> None:
+        """Compile from now on what is missing."""
+        self.awaits_kernels = False
 
     def _or_back(self, work: Callable[[], Result]) -> Result:
         """
         Do `work`, which takes steps; where these need the kernels that are awaited, go back.
 
-        Raises KernelsAwaited then. Other kernels, which take a moment, are compiled in place by a
-        second try, once no other thread compiles. What fails otherwise leaves the state as it was.
+        Raises KernelsAwaited then. Other kernels are loaded by a second try, where they are on
+        disk and no other thread compiles. What fails otherwise leaves the state as it was.
         """
         def is_touching() -> bool:
             return self.contact.contacts is not None
 
-        if not self.awaits_kernels or is_touching():
+        if not self.awaits_kernels:
             return work()
         before, loads = self.state_tree(), self.trajectory.loads
-        needs_contacts = False
-        for forbids in (lambda: True, is_touching):
+        was_touching, needs_contacts = is_touching(), False
+        for may_load in (lambda: False, lambda: was_touching or not is_touching()):
             try:
-                with no_compiling(when=forbids):
+                with no_compiling(loading=may_load):
                     result = work()
-                if not is_touching():
+                if was_touching or not is_touching():
                     return result
                 # The next step would need them, and a state that is shown before it.
                 needs_contacts = True
             except KernelsMissing:
-                needs_contacts = is_touching()
+                needs_contacts = is_touching() and not was_touching
             except SimulationError:
                 raise  # the last good state is kept
             except BaseException:

@@ -31,7 +31,7 @@ from icofabric_sim.kernels.records import Model, State, Team
 from icofabric_sim.simulation.state_tree import StateTree
 from icofabric_sim.simulation.stepping.events import make_events
 from icofabric_sim.simulation.stepping.faults import too_fast
-from icofabric_sim.simulation.stepping.pieces import EventLocator, Pieces
+from icofabric_sim.simulation.stepping.pieces import EventLocator, Pieces, Stepping
 from icofabric_sim.simulation.stepping.step_in_progress import StepInProgress
 from icofabric_sim.simulation.stepping.step_samples import needs_samples, StepSamples
 from icofabric_sim.simulation.stepping.uniform_stepping import UniformStepping
@@ -68,6 +68,11 @@ class EmbeddedStepping:
         self._samples.restart()
         self._step.change()
         self._forget_events()
+
+    def adopt(self, other: Stepping) -> None:
+        """The motion goes on from that of `other`: what its steps erred by is a first guess."""
+        if isinstance(other, EmbeddedStepping):
+            self._samples.adopt(other._samples)
 
     def forget(self) -> None:
         """Count errors from zero again; nor is anything left of the step in progress."""
@@ -152,9 +157,10 @@ class EmbeddedStepping:
         left = min(max(self._step.end - time, 0.0), control.length)
         return self._samples.estimate(left)
 
-    def is_ready_for_contacts(self) -> bool:
-        """Whether the kernels that steps with contacts need are compiled."""
-        return self._pieces.calls.is_ready_for_contacts((adaptive_pair, self._arguments))
+    def is_ready(self) -> bool:
+        """Whether the kernels of all steps are compiled, of those with contacts too."""
+        calls = self._pieces.calls
+        return calls.is_ready((adaptive_pair, self._arguments)) and self._uniform.is_ready()
 
     def _arguments(self, model: Model, team: Team) -> tuple[Any, ...]:
         pieces, trajectory = self._pieces, self._pieces.trajectory

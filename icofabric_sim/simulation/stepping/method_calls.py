@@ -107,23 +107,24 @@ class MethodCalls:
         self.portions.note(int(done), perf_counter() - started)
         return status, done, since_check
 
-    def is_ready_for_contacts(self, kernel: Kernel | None = None) -> bool:
+    def is_ready(self, kernel: Kernel | None = None) -> bool:
         """
-        Whether steps with contacts could be taken at once: nothing need be compiled.
+        Whether steps could be taken at once, with contacts too where shells may touch.
 
         By the `kernel` that takes them, if that is not the method's own.
         """
-        phase = self._contact.broad_phase
-        if phase is None or phase.contacts is not None:
-            return True
         function, arguments = kernel or self._own_kernel()
         if not hasattr(function, 'is_ready'):
             # In plain Python nothing ever is.
             return True
-        trajectory = self._trajectory
-        model = trajectory.model._replace(contacts=phase.nothing())
-        team = trajectory.thread_team.alone()._replace(scratch=contact_scratch())
-        return bool(function.is_ready(*arguments(model, team)))
+        trajectory, phase = self._trajectory, self._contact.broad_phase
+        model, team = trajectory.model, trajectory.thread_team.alone()
+        kinds = [(model, team)]
+        if phase is not None and phase.contacts is None:
+            kinds.append((
+                model._replace(contacts=phase.nothing()),
+                team._replace(scratch=contact_scratch())))
+        return all(function.is_ready(*arguments(*kind)) for kind in kinds)
 
     def _own_kernel(self) -> Kernel:
         trajectory, watch = self._trajectory, self._contact.watching()

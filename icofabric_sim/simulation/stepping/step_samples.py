@@ -93,6 +93,19 @@ class StepSamples:
         self._seen = self._hidden = self._probable = self._span = 0.0
         self._forget_window()
 
+    def adopt(self, other: 'StepSamples') -> None:
+        """
+        The motion goes on from that of `other`, in a fabric that may be a little different.
+
+        The next window is measured, and then as few as there; what was seen there counts as one.
+        """
+        if not self._active or not other._active:
+            return
+        self._every = other._every
+        one = 1.0 - _KEPT
+        self._seen, self._hidden = one * other._seen, one * other._hidden
+        self._probable, self._span = one * other._probable, one * other._span
+
     def _forget_window(self) -> None:
         # Begin and end [s] of the window in progress; inf: there is none.
         self._begun = self._end = math.inf

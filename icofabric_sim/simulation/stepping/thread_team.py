@@ -24,6 +24,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 import logging
 import os
+import threading
 from typing import TypeVar
 import weakref
 
@@ -140,7 +141,8 @@ class ThreadTeam:
             self._pool = ThreadPoolExecutor(self.size - 1, thread_name_prefix='icofabric')
             weakref.finalize(self, self._pool.shutdown, wait=False)
         self._flags[:] = 0
-        begin = guarded_alike(work)
+        failed = threading.Event()
+        begin = guarded_alike(work, failed.is_set)
         with none_becomes_ready():
             others = [
                 self._pool.submit(begin, self.team(index))
@@ -149,8 +151,12 @@ class ThreadTeam:
                 result = work(self.team(0))
             except KernelsMissing:
                 # All of them call the same kernel, so none has begun.
+                failed.set()
                 for other in others:
                     other.exception()
+                raise
+            except BaseException:
+                failed.set()
                 raise
             for other in others:
                 other.result()

@@ -27,7 +27,7 @@ from icofabric_sim.kernels.meters import flowed
 from icofabric_sim.kernels.records import State
 from icofabric_sim.simulation.state_tree import StateTree
 from icofabric_sim.simulation.stepping.faults import too_fast
-from icofabric_sim.simulation.stepping.pieces import Pieces
+from icofabric_sim.simulation.stepping.pieces import Pieces, Stepping
 from icofabric_sim.simulation.stepping.shown_energies import work_of
 
 # Above it steps cannot be counted in doubles.
@@ -50,6 +50,9 @@ class UniformStepping:
 
     def restart(self) -> None:
         """Do nothing: the trajectory counts steps, and `errors` sums what they add."""
+
+    def adopt(self, other: Stepping) -> None:
+        """Do nothing: `errors` measures anew."""
 
     def forget(self) -> None:
         """Do nothing, likewise."""
@@ -253,9 +256,9 @@ class UniformStepping:
         """Errors added from the start to a present `time` [s], as if none had grown or faded."""
         return self._pieces.errors.estimate(time)
 
-    def is_ready_for_contacts(self) -> bool:
-        """Whether the kernels that steps with contacts need are compiled."""
-        return self._pieces.calls.is_ready_for_contacts()
+    def is_ready(self) -> bool:
+        """Whether the kernels of all steps are compiled, of those with contacts too."""
+        return self._pieces.calls.is_ready()
 
     def state_tree(self, tree: dict[str, Any]) -> None:
         """Add nothing: all that steps to come depend on is in the other pieces."""
