@@ -55,6 +55,8 @@ _awaited: set[subprocess.Popen[bytes]] = set()
 _LOWEST = 19  # priority
 # So often a process is begun for the same kernels.
 _TRIES = 3
+# What ends a step [N].
+_PUSH = (1e-6, 0.0, 0.0)
 # Parameters whose terms are in every kind of kernels.
 _NO_KIND = ('gravity', 'groups.', 'loads.', 'supports.')
 # This process ends: nothing more is compiled.
@@ -231,9 +233,11 @@ def use_all_kernels(simulation: 'Simulation') -> None:
     simulation.warm_up()
     begin, step = simulation.time, simulation.status.step
     simulation.advance_to(begin + 0.25 * step)
-    # Not of a body that a drive moves.
-    with suppress(ValueError):
-        simulation.apply_body_wrench(simulation.scene.body_count - 1, force=(0.0, 0.0, 0.0))
+    for body in reversed(range(simulation.scene.body_count)):
+        # One that no drive moves.
+        with suppress(ValueError):
+            simulation.apply_body_wrench(body, force=_PUSH)
+            break
     simulation.advance_to(begin + 0.5 * step)
     simulation.status.fastest_place()
     snapshot = simulation.snapshot()

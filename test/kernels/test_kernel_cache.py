@@ -167,6 +167,65 @@ def test_edited_callee_in_another_file_gives_the_new_result(copy):
     assert len(copy.entries('nbc')) == 3 and not set(copy.entries('nbc')) & set(written)
 
 
+# Both have a function of the same name and type in them: an overload made by a lambda.
+PARTS = """
+from icofabric_sim.kernels.runtime.compiled import compiled
+from icofabric_sim.kernels.runtime.lanes import fabs, lane, splat, sqrt
+
+@compiled
+def size(x):
+    return lane(fabs(splat(x)), 0)
+
+@compiled
+def root(x):
+    return lane(sqrt(splat(x)), 0)
+
+@compiled
+def one(x):
+    return size(x)
+
+@compiled
+def other(x):
+    return root(x)
+
+@compiled
+def total(x):
+    return size(x) + 10.0 * root(x)
+
+make = lambda *unused: 9.0
+"""
+
+
+def test_parts_that_several_processes_have_compiled_are_told_apart(copy):
+    copy.write('caller', PARTS)
+    for name, value in (('one', 9.0), ('other', 3.0)):
+        found = copy.run(action=f'trial_caller.total = trial_caller.{name}')
+        assert found.value == value
+    # Linked from parts on disk.
+    found = copy.run()
+    assert found.value == 9.0 + 10.0 * 3.0 and found.misses == 1
+
+
+@pytest.mark.parametrize('way', ['begun', 'forked'])
+def test_no_two_processes_number_functions_alike(way):
+    number = (
+        'from icofabric_sim.kernels.runtime import parts; '
+        'from numba.core.bytecode import FunctionIdentity as F; import os, sys; ')
+    tell = 'print(next(F._unique_ids), flush=True)'
+    if way == 'forked':
+        code = number + f'child = os.fork(); {tell}; child and os.wait()'
+        said = subprocess.run(
+            [sys.executable, '-c', code], capture_output=True, text=True, timeout=300,
+            check=True).stdout
+    else:
+        said = ''.join(subprocess.run(
+            [sys.executable, '-c', number + tell], capture_output=True, text=True, timeout=300,
+            check=True).stdout for _ in range(2))
+    first, second = map(int, said.split())
+    # Farther apart than what a process compiles.
+    assert abs(first - second) > 10**6
+
+
 ROOM = Path(icofabric_sim.__file__).parent
 FOLDERS = sorted({
     str(path.parent.relative_to(ROOM)) for room in disk_cache._STAMPED

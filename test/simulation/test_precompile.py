@@ -21,6 +21,7 @@ from fabrics import make_scene
 import icofabric_sim as ico
 from icofabric_sim.kernels.runtime.compile_notice import compile_notice
 from icofabric_sim.simulation import precompile, precompile_process
+from icofabric_sim.simulation.stepping.uniform_stepping import UniformStepping
 import pytest
 
 CHANGES = {'contact.mode': 'auto', 'solver.method': 'leapfrog', 'solver.step': 1e-5}
@@ -132,3 +133,16 @@ def test_a_scene_is_compiled_elsewhere_at_normal_priority_unless_that_is_forbidd
     monkeypatch.setenv('ICOFABRIC_COMPILE_AHEAD', '0')
     precompile.compile_elsewhere(scene)
     assert len(begun) == 1
+
+
+def test_a_step_that_ends_at_an_input_is_among_the_kernels_of_a_run(monkeypatch):
+    cuts, take = [], UniformStepping.take
+    monkeypatch.setattr(
+        UniformStepping, 'take', lambda self, *step: cuts.append(step) or take(self, *step))
+    # The last body is driven: no wrench acts on it.
+    simulation = ico.compile_scene(make_scene((2, 2, 2), {
+        'solver.method': 'dop8', 'groups.last': 'z_max', 'drives.up.group': 'last',
+        'drives.up.motion': 'velocity', 'drives.up.linear': [0.0, 0.0, 0.01]}))
+    precompile.use_all_kernels(simulation)
+    [(step, count)] = cuts
+    assert count == 1 and 0.0 < step < simulation.status.step and 0.0 < simulation.time

@@ -21,11 +21,14 @@ over its own functions; the kernel that contains it is optimised as a whole, onc
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+import itertools
+import os
 import threading
 from typing import Any
 
 from icofabric_sim.kernels.runtime import numba_target  # noqa: F401
 import llvmlite.binding as ll
+from numba.core.bytecode import FunctionIdentity
 from numba.core.codegen import JITCodeLibrary
 from numba.core.registry import cpu_target
 
@@ -95,6 +98,21 @@ class _KernelLibrary(JITCodeLibrary):
             if not one.is_declaration)
         return self.name, _KERNEL, (self._get_compiled_object(), tuple(names))
 
+
+def _number_functions() -> None:
+    """
+    Number what this process compiles so that no other process uses the same numbers.
+
+    Numba tells functions of one name and type apart by a number, and counts from 1. But a kernel
+    is linked from parts that several processes have compiled: the fabs of one and the sqrt of
+    another, both lambdas, would be one function there.
+    """
+    first = int.from_bytes(os.urandom(7), 'big')
+    FunctionIdentity._unique_ids = itertools.count(first)
+
+
+_number_functions()
+os.register_at_fork(after_in_child=_number_functions)
 
 _PART, _KERNEL = 'part', 'kernel'
 _codegen = cpu_target.target_context.codegen()
