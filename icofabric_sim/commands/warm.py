@@ -213,7 +213,7 @@ def _run(kind: Kind) -> None:
     method = '' if needed is None else needed.name
     if not method:
         simulation = compile_scene(scene)
-        method = simulation.status.method_name
+        method = simulation.status.touching_method
         if not kind.touching:
             _ready(simulation)
     if scene.parameters['contact.mode'] == 'auto' and kind.touching is not False:

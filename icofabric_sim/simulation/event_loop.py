@@ -18,7 +18,7 @@ import logging
 import math
 from typing import Any, TYPE_CHECKING
 
-from icofabric_sim.kernels.records import Loads
+from icofabric_sim.kernels.records import Loads, State
 from icofabric_sim.scene.initial import InitialState
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.contact.broad_phase import BroadPhase
@@ -31,7 +31,7 @@ from icofabric_sim.simulation.model.packing import (
     load_rate,
     PackedScene,
 )
-from icofabric_sim.simulation.model.stability import largest_frequency, with_anchors
+from icofabric_sim.simulation.model.stability import Frequency, largest_frequency, with_anchors
 from icofabric_sim.simulation.pulls import connected_count
 from icofabric_sim.simulation.state_tree import StateTree
 from icofabric_sim.simulation.stepping.driver import Driver
@@ -42,8 +42,12 @@ from icofabric_sim.simulation.stepping.method_needs import (
     contact_losses,
     required_method,
 )
-from icofabric_sim.simulation.stepping.method_selection import Choice, choose_method
-from icofabric_sim.simulation.stepping.methods import METHODS
+from icofabric_sim.simulation.stepping.method_selection import (
+    Choice,
+    choose_method,
+    method_near_contact,
+)
+from icofabric_sim.simulation.stepping.methods import Method, METHODS
 from icofabric_sim.simulation.stepping.obstruction import Obstruction
 from icofabric_sim.simulation.stepping.thread_team import ThreadTeam
 import numpy as np
@@ -69,7 +73,7 @@ class EventLoop:
         `ranks`: processes that take the steps together; `device`: what takes them, if not this
         process.
         """
-        self._scene, self._packed = scene, packed
+        self._scene, self._packed, self._on_pause = scene, packed, on_pause
         self.time = 0.0  # [s] that was asked for last
         self.inputs = Inputs(scene)
         # Grows with whatever changes the state that is seen.
@@ -80,11 +84,14 @@ class EventLoop:
         parameters = scene.parameters
         # Each rank takes its steps by one thread, and a device takes all of them.
         threads = parameters['solver.threads'] if ranks is None and device is None else 1
-        thread_team, broad_phase = ThreadTeam(threads, packed), None
+        self._thread_team, self._broad_phase = ThreadTeam(threads, packed), None
         if packed.contact is not None:
-            broad_phase = BroadPhase(packed.contact, packed.layout, packed.model, thread_team.size)
+            self._broad_phase = BroadPhase(
+                packed.contact, packed.layout, packed.model, self._thread_team.size)
+        self._obstruction = Obstruction(parameters['connector.obstruction'], packed)
         # Name of the method in METHODS, and why it was chosen.
         self.method = Choice(parameters['solver.method'], 'given as solver.method')
+        is_chosen = self.method.name == 'auto'
         loads = self._loads()
         state = packed.layout.pack(scene.initial)
         frequency = with_anchors(
@@ -133,28 +140,97 @@ class EventLoop:
         self.strain = 0.0
         if fixed > 0.0 or not method.adaptive:
             self.strain = expected_strain(scene, self._liveliness(frequency.rate), frequency.rate)
+        # The method of the start, and the one that takes over from it once shells are near each
+        # other; None: none does.
+        self._first, self.near_method = self.method, None
+        if is_chosen and ranks is None and device is None and not fixed > 0.0:
+            self.near_method = method_near_contact(
+                self.method, is_possible=packed.contact is not None,
+                loose=not scene.connector_count)
         try:
-            self.driver = Driver(
-                packed,
-                method,
-                state,
-                loads,
-                frequency,
-                origin=self.time,
-                fixed_step=fixed,
-                tolerance=parameters['solver.tolerance'],
-                energy_limit=parameters['solver.energy_limit'],
-                output_period=1.0 / parameters['publish_rate'],
-                load_rate=self._load_rate(loads),
-                half_edge=scene.geometry.half_edge,
-                has_events=bool(why_events(scene)),
-                thread_team=thread_team,
-                broad_phase=broad_phase,
-                obstruction=Obstruction(parameters['connector.obstruction'], packed),
-                on_pause=on_pause,
-            )
+            self.driver = self._make_driver(method, state, loads, frequency)
+            self._follow_contacts()
         except SimulationError as error:
             raise ValueError(f'this scene cannot start: {error}') from error
+
+    def _make_driver(
+        self, method: Method, state: State, loads: Loads, frequency: Frequency, *,
+        begins: bool = True
+    ) -> Driver:
+        """Make what takes the steps of a method from the present time on."""
+        scene, parameters = self._scene, self._scene.parameters
+        return Driver(
+            self._packed,
+            method,
+            state,
+            loads,
+            frequency,
+            origin=self.time,
+            fixed_step=parameters['solver.step'],
+            tolerance=parameters['solver.tolerance'],
+            energy_limit=parameters['solver.energy_limit'],
+            output_period=1.0 / parameters['publish_rate'],
+            load_rate=self._load_rate(loads),
+            half_edge=scene.geometry.half_edge,
+            has_events=bool(why_events(scene)),
+            thread_team=self._thread_team,
+            broad_phase=self._broad_phase,
+            obstruction=self._obstruction,
+            leaves_contacts=(
+                self.near_method is not None and self.method.name == self._first.name),
+            begins=begins,
+            on_pause=self._on_pause,
+        )
+
+    @property
+    def touching_method(self) -> str:
+        """Name of the method of steps in which something touches."""
+        return (self.near_method or self.method).name
+
+    def is_ready(self) -> bool:
+        """Whether nothing need be compiled for steps, whatever comes."""
+        if not self.driver.is_ready():
+            return False
+        if self.near_method is None or self.method.name != self._first.name:
+            return True
+        before, self.method = self.method, self.near_method
+        try:
+            return self._make_driver(
+                METHODS[self.method.name], self.driver.trajectory.state, self._loads(again=True),
+                self.driver.rates.frequency, begins=False).is_ready()
+        finally:
+            self.method = before
+
+    def take_method(self, name: str) -> None:
+        """Have the method `name` take the steps, where this run has it and another one does."""
+        for choice in (self._first, self.near_method):
+            if choice is not None and choice.name == name != self.method.name:
+                self._change_method(choice, self.driver.trajectory.state)
+                return
+
+    def _follow_contacts(self) -> bool:
+        """Have another method go on where this one is none for contacts; whether it is so."""
+        if not self.driver.is_near_contact:
+            return False
+        assert self.near_method is not None
+        time = self.driver.time
+        self._change_method(self.near_method._replace(
+            reason=f'{self.near_method.reason}: as of t = {time:.6g} s'),
+            self.driver.trajectory.state)
+        return True
+
+    def _change_method(self, choice: Choice, state: State) -> None:
+        """Go on from a `state` where the present steps have come to, by another method."""
+        before, self.method = self.driver, choice
+        now, self.time = self.time, before.time
+        try:
+            after = self._make_driver(
+                METHODS[choice.name], state, self._loads(again=True), before.rates.frequency)
+        finally:
+            self.time = now
+        after.continue_from(before)
+        self.driver = after
+        self.changes += 1
 
     def _warn_of_jumps(self, *, runs_through_contacts: bool) -> None:
         """Say where forces are expected to jump, which chosen steps of one length pay for."""
@@ -192,6 +268,7 @@ class EventLoop:
         self.settle_loads()
         try:
             done = self.driver.advance_steps(most, until=due)
+            self._follow_contacts()
             pause()
         except SimulationError:
             self.time = -math.inf  # the last good state may be older
@@ -212,9 +289,13 @@ class EventLoop:
         """Go on from another state at the present time."""
         self.changes += 1
         self._stale_loads, self._cut_due = False, math.inf
+        packed = self._packed.layout.pack(state)
+        if self.method.name != self._first.name:
+            # As a run that begins there.
+            self._change_method(self._first, packed)
         loads = self._loads()
-        self.driver.jump(
-            self.time, self._packed.layout.pack(state), loads, self._load_rate(loads))
+        self.driver.jump(self.time, packed, loads, self._load_rate(loads))
+        self._follow_contacts()
 
     def begin_at(self, time: float) -> None:
         """Move an event loop that has not begun to another `time` [s]; what acts may be new."""
@@ -306,7 +387,9 @@ class EventLoop:
     def _end_step(self, time: float) -> None:
         """End the step in progress at `time` [s]."""
         try:
-            self.driver.cut(time)
+            while not self.driver.cut(time):
+                self._follow_contacts()
+            self._follow_contacts()
         except SimulationError:
             # The last good state may be older than what was seen of the run.
             self.time = self.driver.time
@@ -317,6 +400,8 @@ class EventLoop:
         try:
             self._settle_loads_before(time)
             self.driver.advance(time)
+            while self._follow_contacts():
+                self.driver.advance(time)
         except SimulationError:
             # The last good state may be older than what was seen of the run.
             self.time = self.driver.time

@@ -53,6 +53,7 @@ from icofabric_sim.simulation.precompile import (
 )
 from icofabric_sim.simulation.state_tree import StateTree
 from icofabric_sim.simulation.status import SimulationStatus
+from icofabric_sim.simulation.stepping.driver import Driver
 from icofabric_sim.simulation.stepping.ledger import EnergyBalance
 import numpy as np
 
@@ -118,7 +119,6 @@ class Simulation:
         self.should_stop: Callable[[], bool] | None = None
         self._event_loop = EventLoop(
             scene, self.packed, on_pause=self._pause, ranks=transport, device=device)
-        self._driver = self._event_loop.driver
         # What acts and what is to come. Whoever puts a judged input into `inputs.queue` advances
         # to its time, or to the present one, to have it act.
         self.inputs = self._event_loop.inputs
@@ -128,6 +128,10 @@ class Simulation:
         self._lacks_kernels = False
         self._cached: Snapshot | None = None
         self._cached_at = 0
+
+    @property
+    def _driver(self) -> Driver:
+        return self._event_loop.driver
 
     @property
     def time(self) -> float:
@@ -162,11 +166,10 @@ class Simulation:
     def advance_steps(self, count: int) -> None:
         """Take `count` solver steps; an input that acts in between ends a step, which counts."""
         count = checks.count('count', count, 1)
-        trajectory = self._driver.trajectory
-        goal = trajectory.step_count + count
+        goal = self._status.step_count + count
         with self._deferred:
-            while trajectory.step_count < goal:
-                self._event_loop.take_step(goal - trajectory.step_count, self._pause)
+            while self._status.step_count < goal:
+                self._event_loop.take_step(goal - self._status.step_count, self._pause)
 
     def snapshot(self) -> Snapshot:
         """Copy of the state at the present time."""
@@ -341,7 +344,7 @@ class Simulation:
         """
         self._event_loop.settle_loads()
         self._driver.warm_up()
-        self._lacks_kernels = not self._driver.is_ready()
+        self._lacks_kernels = not self._event_loop.is_ready()
         if self.body_force is None and self._lacks_kernels:
             self._compile_ahead()
 
@@ -365,18 +368,18 @@ class Simulation:
             self._driver.awaits_kernels = self._lacks_kernels or may_touch
             self.contact_kernels = ContactKernels(
                 process, self._compile_ahead, partial(self._load_kernels, may_touch),
-                self._driver.await_no_kernels)
+                lambda: self._driver.await_no_kernels())
         return self.contact_kernels
 
     def _compile_ahead(self) -> subprocess.Popen[bytes] | None:
         return compile_ahead(
-            self.scene, method=self._status.method_name, rotation=self.rotation)
+            self.scene, method=self._event_loop.touching_method, rotation=self.rotation)
 
     def _load_kernels(self, may_touch: bool) -> None:
         """Have all of them called by simulations of the same kinds: until contact, and from it."""
         scenes = [self.scene]
         if may_touch:
-            scenes.insert(0, self.scene.with_changes(touching(self._status.method_name)))
+            scenes.insert(0, self.scene.with_changes(touching(self._event_loop.touching_method)))
         for scene in scenes:
             use_all_kernels(Simulation(scene, rotation=self.rotation))
 
@@ -396,14 +399,20 @@ class Simulation:
         checks.instance(
             'checkpoint', checkpoint, Checkpoint,
             'simulation.checkpoint() makes one, Checkpoint.load(path) reads one')
-        checkpoint.require_fit(self)
+        before, time = self._event_loop.state_tree(), self.time
+        method = self._status.method_name
         with self._deferred:
-            before, time = self._event_loop.state_tree(), self.time
+            fits = False
             try:
+                # It may be of a time at which another method took the steps.
+                self._event_loop.take_method(str(checkpoint.header['method']))
+                checkpoint.require_fit(self)
+                fits = True
                 self._event_loop.load_state(checkpoint.state_tree(), checkpoint.time)
             except BaseException as error:
+                self._event_loop.take_method(method)
                 self._event_loop.load_state(StateTree(before), time)
-                if not isinstance(error, ValueError):
+                if not fits or not isinstance(error, ValueError):
                     raise
                 raise ValueError(
                     f'the checkpoint is damaged, nothing was restored: {error}') from error

@@ -18,6 +18,7 @@ from icofabric_sim.simulation.event_loop import EventLoop
 from icofabric_sim.simulation.fastest_place import fastest_place
 from icofabric_sim.simulation.input_types import BodyTarget, Wrench
 from icofabric_sim.simulation.model.packing import PackedScene
+from icofabric_sim.simulation.stepping.driver import Driver
 from icofabric_sim.simulation.stepping.ledger import EnergyBalance
 from icofabric_sim.simulation.stepping.method_selection import WILD
 
@@ -31,7 +32,12 @@ class SimulationStatus:
 
     def __init__(self, event_loop: EventLoop, packed: PackedScene) -> None:
         """Read from the event loop of one simulation."""
-        self._event_loop, self._driver, self._packed = event_loop, event_loop.driver, packed
+        self._event_loop, self._packed = event_loop, packed
+
+    @property
+    def _driver(self) -> Driver:
+        # Another one takes over where the method changes.
+        return self._event_loop.driver
 
     def touching(self) -> Touching:
         """The pairs of shells, and of shells and planes, that touch at the present time."""
@@ -52,6 +58,11 @@ class SimulationStatus:
     def method_name(self) -> str:
         """Name of the method in METHODS."""
         return self._event_loop.method.name
+
+    @property
+    def touching_method(self) -> str:
+        """Name of the method by which steps are taken from the first contact on."""
+        return self._event_loop.touching_method
 
     @property
     def method_reason(self) -> str:

@@ -86,14 +86,17 @@ class Driver:
         thread_team: ThreadTeam,
         broad_phase: BroadPhase | None,
         obstruction: Obstruction,
+        leaves_contacts: bool = False,
+        begins: bool = True,
         on_pause: Callable[[], None] = lambda: None,
     ) -> None:
         """
         Start at time `origin` [s] with the `frequency` of the state; `fixed_step` 0: chosen.
 
         `output_period` [s] is the step where nothing in the scene sets a scale. `has_events`:
-        steps have to end where something happens. `on_pause` is called between two compiled
-        calls, at a step end; what it raises ends the advance there.
+        steps have to end where something happens. `leaves_contacts`: another driver goes on once
+        shells are near each other. Not `begins`: no step will be taken. `on_pause` is called
+        between two compiled calls, at a step end; what it raises ends the advance there.
 
         Raises ValueError where a fixed step is too long or far too short.
         """
@@ -132,8 +135,10 @@ class Driver:
         self._allowed_speed = _BESIDE_TOLERANCE * tolerance if is_adaptive else 0.0
         # Whether a step whose kernel is not compiled is taken back, with KernelsAwaited.
         self.awaits_kernels = False
-        self._start(exact=False)
-        self._require_stable(origin)
+        self._leaves_contacts = leaves_contacts
+        if begins:
+            self._start(exact=False)
+            self._require_stable(origin)
 
     @property
     def time(self) -> float:
@@ -150,16 +155,25 @@ class Driver:
         """Whether the step was given by `solver.step`."""
         return self._is_given
 
+    @property
+    def is_near_contact(self) -> bool:
+        """Whether shells are near each other, and another driver is to go on from here."""
+        return self._leaves_contacts and self.contact.contacts is not None
+
     def advance(self, time: float) -> None:
-        """Take steps as far as `time` [s] asks for: a state up to there can be shown then."""
+        """
+        Take steps as far as `time` [s] asks for: a state up to there can be shown then.
+
+        Or until it `is_near_contact`.
+        """
         self.trajectory.require_sound()
         while True:
-            while (count := self._stepping.count_until(time)) > 0:
+            while not self.is_near_contact and (count := self._stepping.count_until(time)) > 0:
                 # What overlaps from the start is reported when the motion begins.
                 self.contact.announce()
                 self._or_back(partial(self._stepping.run, time, count))
                 self._on_pause()
-            if self._stepping.check_within(time):
+            if self.is_near_contact or self._stepping.check_within(time):
                 return
             self._or_back(self._stepping.go_back)
 
@@ -172,12 +186,18 @@ class Driver:
         self.trajectory.require_sound()
         return self._or_back(partial(self._stepping.run_steps, count, until))
 
-    def cut(self, time: float) -> None:
-        """Advance to `time` and end the step in progress there; the next step starts there."""
+    def cut(self, time: float) -> bool:
+        """
+        Advance to `time` and end the step in progress there; the next step starts there.
+
+        False where it is not, as it `is_near_contact`.
+        """
         while True:
             self.advance(time)
+            if self.is_near_contact:
+                return False
             if self._or_back(partial(self._stepping.cut, time)):
-                return
+                return True
 
     def state_at(self, time: float) -> State:
         """
@@ -209,6 +229,15 @@ class Driver:
     def adopt(self, other: 'Driver') -> None:
         """The motion goes on from that of `other`, after a jump: its steps erred alike."""
         self._stepping.adopt(other._stepping)
+
+    def continue_from(self, before: 'Driver') -> None:
+        """Take over the books of `before`, from whose state this one has just started."""
+        before.trajectory.ledger.keep_work(before.trajectory.loads)
+        self.trajectory.ledger.continue_from(before.trajectory.ledger)
+        self.trajectory.step_count = before.trajectory.step_count
+        self.contact.take_over(before.contact.found)
+        self._stepping.settle(before.error_estimate(before.time))
+        self.awaits_kernels = before.awaits_kernels
 
     def set_loads(self, loads: Loads, load_rate: float) -> None:
         """Replace the loads at the current state."""
@@ -266,8 +295,10 @@ class Driver:
     def is_ready(self) -> bool:
         """
         Whether nothing need be compiled for steps: up to an input, and once something touches.
+
+        Not for those that another driver is to take.
         """
-        return self._stepping.is_ready()
+        return self._stepping.is_ready(touching=not self._leaves_contacts)
 
     def await_no_kernels(self) -> None:
         """Compile from now on what is missing."""

@@ -69,6 +69,10 @@ class EmbeddedStepping:
         self._step.change()
         self._forget_events()
 
+    def settle(self, total: float) -> None:
+        """Have a `total` of errors where the step in progress begins: there is none yet."""
+        self._samples.settle(total, self._pieces.trajectory.origin)
+
     def adopt(self, other: Stepping) -> None:
         """The motion goes on from that of `other`: what its steps erred by is a first guess."""
         if isinstance(other, EmbeddedStepping):
@@ -157,10 +161,10 @@ class EmbeddedStepping:
         left = min(max(self._step.end - time, 0.0), control.length)
         return self._samples.estimate(left)
 
-    def is_ready(self) -> bool:
-        """Whether the kernels of all steps are compiled, of those with contacts too."""
-        calls = self._pieces.calls
-        return calls.is_ready((adaptive_pair, self._arguments)) and self._uniform.is_ready()
+    def is_ready(self, *, touching: bool) -> bool:
+        """Whether the kernels of all steps are compiled, if `touching` of those with contacts."""
+        return self._uniform.is_ready(touching=touching) and self._pieces.calls.is_ready(
+            (adaptive_pair, self._arguments), touching=touching)
 
     def _arguments(self, model: Model, team: Team) -> tuple[Any, ...]:
         pieces, trajectory = self._pieces, self._pieces.trajectory

@@ -32,6 +32,12 @@ _ROUNDING = 16.0 * float(np.finfo(float).eps)
 # Energy of motions so small beside the tolerance that errors within it may take a part of it that
 # counts, in parts of `floor`; and how far the floor is raised above an error that is allowed.
 _SMALL, _ROOM = 1e6, 1.25
+# What the balance of the energy has found since it began.
+_BALANCE = [
+    monitor.BASE, monitor.BASE_LINKED, monitor.BASE_BENT, monitor.BASE_FIELD,
+    monitor.BASE_ANCHORED, monitor.BASE_CONTACT, monitor.BASE_HEIGHT, monitor.EARLIER_WORK,
+    monitor.WORK, monitor.SCALE, monitor.WORST, monitor.ERROR, monitor.LOST, monitor.NOISE,
+    monitor.DEEPEST_EVER]
 
 
 class EnergyBalance(NamedTuple):
@@ -134,6 +140,10 @@ class Ledger:
         self.lively = self.rough_limit = math.inf
         self.numbers[[monitor.REGULAR, monitor.ROUGHEST]] = 0.0
         self.rough = -1.0
+
+    def continue_from(self, before: 'Ledger') -> None:
+        """Go on with a balance that began earlier, of the same motion."""
+        self.numbers[_BALANCE] = before.numbers[_BALANCE]
 
     def open(
         self, moving: float, acceleration: np.ndarray, rate: float, speed: float

@@ -107,9 +107,9 @@ class MethodCalls:
         self.portions.note(int(done), perf_counter() - started)
         return status, done, since_check
 
-    def is_ready(self, kernel: Kernel | None = None) -> bool:
+    def is_ready(self, kernel: Kernel | None = None, *, touching: bool = True) -> bool:
         """
-        Whether steps could be taken at once, with contacts too where shells may touch.
+        Whether steps could be taken at once, and if `touching` with contacts that may come.
 
         By the `kernel` that takes them, if that is not the method's own.
         """
@@ -120,7 +120,7 @@ class MethodCalls:
         trajectory, phase = self._trajectory, self._contact.broad_phase
         model, team = trajectory.model, trajectory.thread_team.alone()
         kinds = [(model, team)]
-        if phase is not None and phase.contacts is None:
+        if touching and phase is not None and phase.contacts is None:
             kinds.append((
                 model._replace(contacts=phase.nothing()),
                 team._replace(scratch=contact_scratch())))

@@ -107,6 +107,21 @@ def choose_method(
         f'({others})')
 
 
+def method_near_contact(
+    first: Choice, *, is_possible: bool, loose: bool
+) -> Choice | None:
+    """
+    The method that takes over from the `first` one once shells are near each other; None: none.
+
+    `is_possible`: shells can touch; `loose`: no connector holds them, which has been judged.
+    """
+    if not is_possible or loose or METHODS[first.name].adaptive:
+        return None
+    return Choice(
+        'dop8', f'{first.name} until shells are near each other, where a contact may begin within '
+        'a step and asks for short ones while it lasts, which only steps that adapt find')
+
+
 def _at_kinks(method: Method) -> Method:
     """The facts of a method where slopes jump."""
     if method.mends_kinks:

@@ -143,6 +143,9 @@ class Stepping(Protocol):
     def restart(self) -> None:
         """The state has jumped to where the trajectory is: nothing from before is reused."""
 
+    def settle(self, total: float) -> None:
+        """Have a `total` of errors at the present step end."""
+
     def adopt(self, other: 'Stepping') -> None:
         """The motion goes on from that of `other`, after a restart: its errors are alike."""
 
@@ -190,8 +193,8 @@ class Stepping(Protocol):
     def error_estimate(self, time: float) -> float:
         """Errors added from the start to a present `time` [s], as if none had grown or faded."""
 
-    def is_ready(self) -> bool:
-        """Whether the kernels of all steps are compiled, of those with contacts too."""
+    def is_ready(self, *, touching: bool) -> bool:
+        """Whether the kernels of all steps are compiled, if `touching` of those with contacts."""
 
     def state_tree(self, tree: dict[str, Any]) -> None:
         """Add what the steps to come depend on to the `tree` of the driver."""

@@ -83,7 +83,11 @@ class StepErrors:
 
     def forget(self) -> None:
         """Count from zero again."""
-        self.probe.total = 0.0
+        self.settle(0.0)
+
+    def settle(self, total: float) -> None:
+        """Have a `total` of errors at the present time."""
+        self.probe.total = total
         if self.touching is not None:
             self.touching.total = 0.0
 

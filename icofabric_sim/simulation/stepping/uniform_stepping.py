@@ -51,6 +51,10 @@ class UniformStepping:
     def restart(self) -> None:
         """Do nothing: the trajectory counts steps, and `errors` sums what they add."""
 
+    def settle(self, total: float) -> None:
+        """Have a `total` of errors at the present time."""
+        self._pieces.errors.settle(total)
+
     def adopt(self, other: Stepping) -> None:
         """Do nothing: `errors` measures anew."""
 
@@ -256,9 +260,9 @@ class UniformStepping:
         """Errors added from the start to a present `time` [s], as if none had grown or faded."""
         return self._pieces.errors.estimate(time)
 
-    def is_ready(self) -> bool:
-        """Whether the kernels of all steps are compiled, of those with contacts too."""
-        return self._pieces.calls.is_ready()
+    def is_ready(self, *, touching: bool) -> bool:
+        """Whether the kernels of all steps are compiled, if `touching` of those with contacts."""
+        return self._pieces.calls.is_ready(touching=touching)
 
     def state_tree(self, tree: dict[str, Any]) -> None:
         """Add nothing: all that steps to come depend on is in the other pieces."""
