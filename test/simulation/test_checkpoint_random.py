@@ -60,7 +60,7 @@ def figures(simulation: ico.Simulation) -> dict[str, Any]:
     shown.update({f'snapshot.{name}': value for name, value in vars(snapshot).items()
                   if name != 'packed'})
     shown.update({name: getattr(simulation.status, name) for name, member in inspect.getmembers(
-        SimulationStatus) if isinstance(member, property)})
+        SimulationStatus) if isinstance(member, property) and not name.startswith('_')})
     shown['time'] = simulation.time
     found = {name: bits(value) for name, value in shown.items()}
     # What it is all about is among them.
