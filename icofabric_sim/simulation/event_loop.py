@@ -147,6 +147,10 @@ class EventLoop:
             self.near_method = method_near_contact(
                 self.method, is_possible=packed.contact is not None,
                 loose=not scene.connector_count)
+        if self.near_method is not None:
+            self.method = self._first = self.method._replace(
+                reason=f'{self.method.reason}; {self.near_method.name} goes on once shells are '
+                'near each other')
         try:
             self.driver = self._make_driver(method, state, loads, frequency)
             self._follow_contacts()
