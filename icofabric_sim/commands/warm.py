@@ -225,7 +225,7 @@ def _run(kind: Kind) -> None:
 def _ready(simulation: 'Simulation') -> 'Simulation':
     """Have steps and outputs compiled, and what ends a step at an input."""
     from icofabric_sim.messages.topics import Outputs
-    from icofabric_sim.simulation.precompile import use_all_kernels
+    from icofabric_sim.simulation.simulation import use_all_kernels
     use_all_kernels(simulation)
     simulation.advance_to(max(_TRIAL, simulation.time))
     snapshot, outputs = simulation.snapshot(), Outputs(simulation.scene)

@@ -33,16 +33,13 @@ import subprocess
 import sys
 import threading
 import time
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
 from icofabric_sim.kernels.runtime.compile_notice import compile_notice, KernelsMissing
 from icofabric_sim.kernels.runtime.kernel_guard import end_compiling, no_compiling
 from icofabric_sim.kernels.runtime.target import target
 from icofabric_sim.scene.scene import Scene
 import numpy as np
-
-if TYPE_CHECKING:
-    from icofabric_sim.simulation.simulation import Simulation
 
 # A larger scene would be built once more beside the first.
 LARGEST = 20_000
@@ -55,8 +52,6 @@ _awaited: set[subprocess.Popen[bytes]] = set()
 _LOWEST = 19  # priority
 # So often a process is begun for the same kernels.
 _TRIES = 3
-# What ends a step [N].
-_PUSH = (1e-6, 0.0, 0.0)
 # Parameters whose terms are in every kind of kernels.
 _NO_KIND = ('gravity', 'groups.', 'loads.', 'supports.')
 # This process ends: nothing more is compiled.
@@ -222,27 +217,6 @@ class ContactKernels:
         # It could not be done by another process, or not all of it.
         with suppress(Exception):
             self._make_ready()
-
-
-def use_all_kernels(simulation: 'Simulation') -> None:
-    """
-    Call every kernel that a run comes to: of steps, of one that ends at an input, of reports.
-
-    The `simulation` moves a part of a step.
-    """
-    simulation.warm_up()
-    begin, step = simulation.time, simulation.status.step
-    simulation.advance_to(begin + 0.25 * step)
-    for body in reversed(range(simulation.scene.body_count)):
-        # One that no drive moves.
-        with suppress(ValueError):
-            simulation.apply_body_wrench(body, force=_PUSH)
-            break
-    simulation.advance_to(begin + 0.5 * step)
-    simulation.status.fastest_place()
-    snapshot = simulation.snapshot()
-    # Read for their kernels.
-    _ = snapshot.energy, snapshot.obstructed, simulation.balance
 
 
 def _environment() -> dict[str, str]:

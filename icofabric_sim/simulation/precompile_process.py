@@ -22,8 +22,7 @@ from typing import Any
 
 from icofabric_sim.parameters.validation import make_parameters
 from icofabric_sim.scene.scene import Scene
-from icofabric_sim.simulation.precompile import use_all_kernels
-from icofabric_sim.simulation.simulation import compile_scene
+from icofabric_sim.simulation.simulation import compile_scene, use_all_kernels
 
 
 def _compile(task: tuple[list[dict[str, Any]], str, int]) -> None:

@@ -36,7 +36,7 @@ class SimulationStatus:
 
     @property
     def _driver(self) -> Driver:
-        # Another one takes over where the method changes.
+        """What takes the steps now: another one goes on where the method changes."""
         return self._event_loop.driver
 
     def touching(self) -> Touching:

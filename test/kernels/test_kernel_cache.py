@@ -213,7 +213,8 @@ def test_no_two_processes_number_functions_alike(way):
         'from numba.core.bytecode import FunctionIdentity as F; import os, sys; ')
     tell = 'print(next(F._unique_ids), flush=True)'
     if way == 'forked':
-        code = number + f'child = os.fork(); {tell}; child and os.wait()'
+        code = number + (
+            f'child = os.fork(); status = os.wait()[1] if child else 0; {tell}; sys.exit(status)')
         said = subprocess.run(
             [sys.executable, '-c', code], capture_output=True, text=True, timeout=300,
             check=True).stdout

@@ -21,6 +21,7 @@ from fabrics import make_scene
 import icofabric_sim as ico
 from icofabric_sim.kernels.runtime.compile_notice import compile_notice
 from icofabric_sim.simulation import precompile, precompile_process
+from icofabric_sim.simulation.simulation import use_all_kernels
 from icofabric_sim.simulation.stepping.uniform_stepping import UniformStepping
 import pytest
 
@@ -143,6 +144,6 @@ def test_a_step_that_ends_at_an_input_is_among_the_kernels_of_a_run(monkeypatch)
     simulation = ico.compile_scene(make_scene((2, 2, 2), {
         'solver.method': 'dop8', 'groups.last': 'z_max', 'drives.up.group': 'last',
         'drives.up.motion': 'velocity', 'drives.up.linear': [0.0, 0.0, 0.01]}))
-    precompile.use_all_kernels(simulation)
+    use_all_kernels(simulation)
     [(step, count)] = cuts
     assert count == 1 and 0.0 < step < simulation.status.step and 0.0 < simulation.time

@@ -235,7 +235,8 @@ class Driver:
         before.trajectory.ledger.keep_work(before.trajectory.loads)
         self.trajectory.ledger.continue_from(before.trajectory.ledger)
         self.trajectory.step_count = before.trajectory.step_count
-        self.contact.take_over(before.contact.found)
+        # What was reported once is not reported again.
+        self.trajectory.ledger.reported_limit = before.trajectory.ledger.reported_limit
         self._stepping.settle(before.error_estimate(before.time))
         self.awaits_kernels = before.awaits_kernels
 
