@@ -27,6 +27,8 @@ _WINDOW = 2.0
 # A thread that gets less of the processor than this part of the time in which it wants to work
 # shares it with others.
 _SHARED = 0.75
+# A run that waits for this part of the time can do other things.
+_SPARE = 0.2
 
 
 class Mark(NamedTuple):
@@ -114,6 +116,12 @@ class Pace:
         first = self._marks[0]
         passed = wall.monotonic() - first.wall
         return (now - first.time) / NANOSECONDS / passed if passed > 0.0 else 0.0
+
+    def has_time(self) -> bool:
+        """Whether it waits for the wanted pace in a part of the last while; for any thread."""
+        marks = self._marks
+        first, last = marks[0], marks[-1]
+        return last.waited - first.waited >= _SPARE * (last.wall - first.wall)
 
     def cause(self) -> str:
         """Describe what the last wall time was spent on: why a run is not faster."""

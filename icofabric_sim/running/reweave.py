@@ -37,8 +37,9 @@ from icofabric_sim.simulation.precompile import compile_elsewhere
 from icofabric_sim.simulation.simulation import compile_scene, Simulation
 
 # After a build there is none for so many times as long, at most so long [s]: a slider that sends
-# fifty changes a second may not take the processor from the run.
-_SHARE, _LONGEST_REST = 25.0, 0.3
+# fifty changes a second may not take the processor from the run. The second pair is for a run that
+# has no time to wait, as each change costs it some.
+_REST, _BUSY_REST = (25.0, 0.3), (80.0, 0.8)
 # So often it is built of kernels from another process, before it is compiled in this one.
 _TRIES = 3
 
@@ -62,6 +63,7 @@ class Reweaver:
         on_ready: Callable[[Parameters, Simulation | None, str], None],
         body_force: BodyForce | None = None,
         is_touching: Callable[[], bool] = lambda: False,
+        has_time: Callable[[], bool] = lambda: True,
     ) -> None:
         """
         `post` brings a call into the runner's thread, where `on_ready` gets each result.
@@ -69,9 +71,9 @@ class Reweaver:
         The result is the simulation, or None and the reason, after the parameters wanted by then:
         their rates may be newer than those in the scene that was built. A `body_force` goes on.
         Where shells of the running fabric touch, which `is_touching` tells, those of the other one
-        may from its first step on.
+        may from its first step on. `has_time`: the run waits for its pace now and then.
         """
-        self._post = post
+        self._post, self._has_time = post, has_time
         self._on_ready = on_ready
         self._body_force, self._is_touching = body_force, is_touching
         self._wanted: Parameters | None = None
@@ -126,8 +128,9 @@ class Reweaver:
                     kernels.wait()
             except Exception as error:  # noqa: BLE001 - reported, the old fabric runs on
                 simulation, reason = None, str(error) or type(error).__name__
-            rest = min(_SHARE * (time.thread_time() - began), _LONGEST_REST)
-            self._free_at = time.monotonic() + rest
+            share, longest = _REST if self._has_time() else _BUSY_REST
+            self._free_at = time.monotonic() + min(
+                share * (time.thread_time() - began), longest)
             self._post(lambda: self._finish(parameters, simulation, reason, outputs))
 
         threading.Thread(target=build, name='weave', daemon=True).start()

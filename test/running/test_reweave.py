@@ -18,6 +18,7 @@ import time
 import icofabric_sim as ico
 from icofabric_sim.kernels.runtime.compile_notice import KernelsMissing
 from icofabric_sim.running import reweave
+from icofabric_sim.running.pace import Pace
 from icofabric_sim.running.reweave import lost_wrenches, Reweaver
 import pytest
 
@@ -29,10 +30,11 @@ BASE = ico.Scene.from_parameters({
 class Runner:
     """Stands for the runner: takes what is posted on demand, and keeps results."""
 
-    def __init__(self):
+    def __init__(self, *, has_time=True):
         self.posted, self.results = SimpleQueue(), []
         self.reweaver = Reweaver(
-            self.posted.put, lambda *result: self.results.append(result))
+            self.posted.put, lambda *result: self.results.append(result),
+            has_time=lambda: has_time)
 
     def run_one(self):
         self.posted.get(timeout=60.0)()
@@ -170,3 +172,25 @@ def test_many_changes_a_second_become_few_builds(builds):
         runner.run_one()
     assert len(builds) < 12
     assert runner.results[-1][1].scene.parameters['shell.density'] == 1030.0
+
+
+def test_a_run_that_has_no_time_is_changed_less_often(monkeypatch):
+    free_at = {}
+    monkeypatch.setattr(reweave, '_REST', (1e6, 1.0))
+    monkeypatch.setattr(reweave, '_BUSY_REST', (1e6, 100.0))
+    for has_time in (True, False):
+        runner, now = Runner(has_time=has_time), time.monotonic()
+        runner.reweaver.want(with_density(1000.0))
+        runner.run_one()
+        free_at[has_time] = runner.reweaver._free_at - now
+    assert 1.0 <= free_at[True] < 60.0 < 100.0 <= free_at[False]
+    # A run at a pace that it can keep waits; one without a pace never does.
+    for factor, has_time in ((1.0, True), (0.0, False)):
+        pace, simulated = Pace(factor), 0
+        pace.restart(0)
+        until = time.monotonic() + 0.3
+        while time.monotonic() < until:
+            simulated += 10_000_000
+            time.sleep(pace.delay(simulated))
+            time.sleep(0.001)
+        assert pace.has_time() == has_time
