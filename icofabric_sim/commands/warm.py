@@ -203,23 +203,24 @@ def _run(kind: Kind) -> None:
     from icofabric_sim.parameters.ready_scenes import find_scene
     from icofabric_sim.parameters.validation import make_parameters
     from icofabric_sim.scene.scene import Scene
-    from icofabric_sim.simulation.precompile import touching
+    from icofabric_sim.simulation.precompile import kinds_of_steps
     from icofabric_sim.simulation.simulation import compile_scene
     from icofabric_sim.simulation.stepping.method_needs import required_method
 
     given = {**load_parameter_file(find_scene(kind.scene)), **dict(kind.changes)}
     scene = Scene.from_parameters(make_parameters(given))
     needed = required_method(scene) if kind.touching else None
-    method = '' if needed is None else needed.name
+    method = present = '' if needed is None else needed.name
     if not method:
         simulation = compile_scene(scene)
-        method = simulation.status.touching_method
+        method, present = simulation.status.touching_method, simulation.status.method_name
         if not kind.touching:
             _ready(simulation)
     if scene.parameters['contact.mode'] == 'auto' and kind.touching is not False:
-        # By the method that the scene takes before anything touches.
-        _ready(compile_scene(Scene.from_parameters(make_parameters(
-            {**scene.parameters.given(), **touching(method)}))))
+        _, *later = kinds_of_steps(method, present=present, may_touch=True)
+        for changes in later:
+            _ready(compile_scene(Scene.from_parameters(make_parameters(
+                {**scene.parameters.given(), **changes}))))
 
 
 def _ready(simulation: 'Simulation') -> 'Simulation':

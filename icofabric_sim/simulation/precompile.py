@@ -65,20 +65,20 @@ def may_compile_elsewhere(scene: Scene) -> bool:
 
 
 def compile_ahead(
-    scene: Scene, *, method: str, rotation: str
+    scene: Scene, *, method: str, present: str, rotation: str
 ) -> subprocess.Popen[bytes] | None:
     """
     Begin to compile the kernels that a scene may come to, in another process.
 
+    By `method` once something touches, by the `present` one until then.
     Returns the process that does it; None where there is none.
     """
     if not may_compile_elsewhere(scene):
         return None
     # What the present scene lacks first: there is less of it.
     given = scene.parameters.given()
-    kinds = [given]
-    if given.get('contact.mode', 'auto') == 'auto':
-        kinds.append({**given, **touching(method)})
+    kinds = [{**given, **changes} for changes in kinds_of_steps(
+        method, present=present, may_touch=given.get('contact.mode', 'auto') == 'auto')]
     task = pickle.dumps((kinds, rotation, _LOWEST))
     # Those that have ended are taken note of, so that none of them stays behind.
     for key in [key for key, process in _processes.items() if process.poll() is not None]:
@@ -133,6 +133,24 @@ def _begin(task: bytes) -> subprocess.Popen[bytes] | None:
                 pipe.write(task)
         return process
     return None
+
+
+def kinds_of_steps(
+    method: str, *, present: str, may_touch: bool
+) -> 'list[dict[str, Any]]':
+    """
+    Changes that give a scene as a run may come to it, in the order of what is needed first.
+
+    `method`: that of steps in which something touches, and of those after it; `present`: the one
+    until then. Where it is another one the first one's steps never touch anything.
+    """
+    kinds: list[dict[str, Any]] = [{}]
+    if may_touch:
+        kinds.append(touching(method))
+        if method != present:
+            # Shells are apart again.
+            kinds.append({'solver.method': method})
+    return kinds
 
 
 def touching(method: str) -> dict[str, Any]:

@@ -47,9 +47,9 @@ from icofabric_sim.simulation.model.snapshot import Snapshot
 from icofabric_sim.simulation.precompile import (
     compile_ahead,
     ContactKernels,
+    kinds_of_steps,
     LARGEST,
     may_compile_elsewhere,
-    touching,
 )
 from icofabric_sim.simulation.state_tree import StateTree
 from icofabric_sim.simulation.status import SimulationStatus
@@ -396,15 +396,19 @@ class Simulation:
 
     def _compile_ahead(self) -> subprocess.Popen[bytes] | None:
         return compile_ahead(
-            self.scene, method=self._event_loop.touching_method, rotation=self.rotation)
+            self.scene, method=self._event_loop.touching_method,
+            present=self._status.method_name, rotation=self.rotation)
 
     def _load_kernels(self, may_touch: bool) -> None:
-        """Have all of them called by simulations of the same kinds: until contact, and from it."""
-        scenes = [self.scene]
-        if may_touch:
-            scenes.insert(0, self.scene.with_changes(touching(self._event_loop.touching_method)))
-        for scene in scenes:
-            use_all_kernels(Simulation(scene, rotation=self.rotation))
+        """Have all of them called by simulations of the same kinds."""
+        kinds = kinds_of_steps(
+            self._event_loop.touching_method, present=self._status.method_name,
+            may_touch=may_touch)
+        # Those that the run has not called itself first.
+        for changes in reversed(kinds):
+            use_all_kernels(Simulation(
+                self.scene.with_changes(changes) if changes else self.scene,
+                rotation=self.rotation))
 
     def checkpoint(self) -> Checkpoint:
         """All that the run continues from; the run itself does not notice."""

@@ -98,7 +98,7 @@ def test_a_parameter_that_is_moved_compiles_once_and_other_kinds_replace_the_old
     def ask(**changes):
         scene = make_scene((2, 2, 2), {**CHANGES, **changes})
         precompile.compile_ahead(
-            scene, method='leapfrog', rotation='quaternion')
+            scene, method='leapfrog', present='leapfrog', rotation='quaternion')
 
     for stiffness in (100.0, 110.0, 120.0):
         ask(**{'connector.stiffness': stiffness})
@@ -147,3 +147,11 @@ def test_a_step_that_ends_at_an_input_is_among_the_kernels_of_a_run(monkeypatch)
     use_all_kernels(simulation)
     [(step, count)] = cuts
     assert count == 1 and 0.0 < step < simulation.status.step and 0.0 < simulation.time
+
+
+def test_a_run_whose_method_changes_needs_the_other_one_with_and_without_contact():
+    assert precompile.kinds_of_steps('dop8', present='srkn6', may_touch=False) == [{}]
+    same = precompile.kinds_of_steps('dop8', present='dop8', may_touch=True)
+    assert same == [{}, {'contact.mode': 'always', 'solver.method': 'dop8'}]
+    other = precompile.kinds_of_steps('dop8', present='srkn6', may_touch=True)
+    assert other == [*same, {'solver.method': 'dop8'}]
