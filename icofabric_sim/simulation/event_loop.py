@@ -225,11 +225,14 @@ class EventLoop:
 
     def _change_method(self, choice: Choice, state: State) -> None:
         """Go on from a `state` where the present steps have come to, by another method."""
-        before, self.method = self.driver, choice
-        now, self.time = self.time, before.time
+        before, was, now = self.driver, self.method, self.time
+        self.method, self.time = choice, before.time
         try:
             after = self._make_driver(
                 METHODS[choice.name], state, self._loads(again=True), before.rates.frequency)
+        except BaseException:
+            self.method = was
+            raise
         finally:
             self.time = now
         after.continue_from(before)

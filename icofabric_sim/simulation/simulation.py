@@ -367,7 +367,9 @@ class Simulation:
         """
         self._event_loop.settle_loads()
         self._driver.warm_up()
-        self._lacks_kernels = not self._event_loop.is_ready()
+        # Of a larger one another process would need as much memory, and so would the answer.
+        self._lacks_kernels = (
+            self.scene.body_count <= LARGEST and not self._event_loop.is_ready())
         if self.body_force is None and self._lacks_kernels:
             self._compile_ahead()
 
