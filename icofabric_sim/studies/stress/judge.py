@@ -171,9 +171,10 @@ class _Judge:
                 return self._slow(run)
         run.should_stop = None
         added, end = windows.result(), run.time
-        # Where the run stopped the other one has to come to what it stopped for.
-        growth, distance, reason = self._whole(
-            run, rate, end if failure is None else self._stress.duration)
+        # Where the run stopped the other one has to come to what it stopped for, which may be in a
+        # window that ends later than all.
+        late = end + _LATER * stress.duration if end > stress.duration else stress.duration
+        growth, distance, reason = self._whole(run, rate, end if failure is None else late)
         other, compared, shared = self._other_bits(run, end, failure)
         found = _finding(stress, Verdict.WITHIN, '')._replace(
             method=run.status.method_name, bodies=scene.body_count, steps=run.status.step_count,
