@@ -323,6 +323,13 @@ def test_a_run_that_goes_on_where_the_tighter_one_stops_is_not_within(text, verd
     assert finding.verdict is verdict and text in finding.detail, finding
 
 
+def test_a_stop_after_the_end_is_right_where_the_tighter_run_comes_to_it_too():
+    """The last window ends after the run; there the bodies sink too deep into a soft floor."""
+    finding = judge(draw_scene(679))
+    assert finding.verdict is Verdict.STOPPED and 'plane floor overlap' in finding.detail, finding
+    assert finding.time > draw_scene(679).duration
+
+
 class Aside:
     """A run in the place of a simulation, whose connectors are as given."""
 
