@@ -330,6 +330,12 @@ def test_a_stop_after_the_end_is_right_where_the_tighter_run_comes_to_it_too():
     assert finding.time > draw_scene(679).duration
 
 
+def test_a_given_step_that_is_too_long_before_a_stop_of_the_bodies_is_no_wrong_reason():
+    """A shorter one comes to what ends the tighter run: shells of 0.4 km, deep in each other."""
+    finding = judge(draw_scene(20354))
+    assert finding.verdict is Verdict.STOPPED and 'solver.step' in finding.detail, finding
+
+
 class Aside:
     """A run in the place of a simulation, whose connectors are as given."""
 

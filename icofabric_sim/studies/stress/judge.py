@@ -362,10 +362,16 @@ class _Judge:
         name = first_name(text)
         if name and name == first_name(reason):
             return True
-        return self._was_too_long(text, scene, step) if step and 'solver.step' in text else False
+        if not step or 'solver.step' not in text:
+            return False
+        return self._was_too_long(text, reason, scene, step)
 
-    def _was_too_long(self, text: str, scene: Scene, step: float) -> bool | None:
-        """Whether a shorter given step keeps a run from stopping; None: there was no time."""
+    def _was_too_long(self, text: str, reason: str, scene: Scene, step: float) -> bool | None:
+        """
+        Whether a run with a shorter given step does not stop; None: there was no time.
+
+        Or stops as the tighter one does, for its `reason`.
+        """
         clock = self._clock.another()
         for part in _SHORTER:
             run = compile_scene(scene.with_changes({'solver.step': part * step}))
@@ -373,8 +379,9 @@ class _Judge:
             try:
                 run.advance_to(self._stress.duration)
             except SimulationError as error:
-                if first_name(str(error)) != first_name(text):
-                    return False
+                name = first_name(str(error))
+                if name != first_name(text):
+                    return bool(name) and name == first_name(reason)
             except Interrupted:
                 return None
             else:
