@@ -406,8 +406,8 @@ class Simulation:
         kinds = kinds_of_steps(
             self._event_loop.touching_method, present=self._status.method_name,
             may_touch=may_touch)
-        # Those that the run has not called itself first.
-        for changes in reversed(kinds):
+        # The run has called most of the first itself, and loads the others in a moment.
+        for changes in kinds[1:] or kinds:
             use_all_kernels(Simulation(
                 self.scene.with_changes(changes) if changes else self.scene,
                 rotation=self.rotation))
