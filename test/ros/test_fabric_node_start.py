@@ -125,7 +125,7 @@ def test_listeners_get_the_last_state_before_the_node_ends(tmp_path):
 def test_second_signal_while_closing(tmp_path):
     """As when a launch passes on the Ctrl-C that the node has heard already."""
     with NodeProcess(tmp_path / 'log', parameters={'record.path': tmp_path / 'bag'}) as node:
-        wait_for(lambda: sum(file.stat().st_size for file in tmp_path.glob('bag/*')) > 30_000,
+        wait_for(lambda: sum(file.stat().st_size for file in tmp_path.glob('bag/*')) > 100_000,
                  'recording', node=node)
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGINT):
             node.send(number)
