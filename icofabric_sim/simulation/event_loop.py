@@ -227,6 +227,9 @@ class EventLoop:
         """Go on from a `state` where the present steps have come to, by another method."""
         before, was, now = self.driver, self.method, self.time
         self.method, self.time = choice, before.time
+        if self._broad_phase is not None:
+            # Methods that run through contacts say otherwise themselves.
+            self._broad_phase.counts_listed = True
         try:
             after = self._make_driver(
                 METHODS[choice.name], state, self._loads(again=True), before.rates.frequency)

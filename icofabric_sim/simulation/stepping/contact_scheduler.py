@@ -35,9 +35,6 @@ class ContactScheduler:
     def __init__(self, trajectory: Trajectory, broad_phase: BroadPhase | None) -> None:
         """Find contacts of the `trajectory` by the `broad_phase`."""
         self._trajectory, self.broad_phase = trajectory, broad_phase
-        if broad_phase is not None:
-            # Another method may have counted otherwise.
-            broad_phase.counts_listed = True
         self._set_limits(math.inf if broad_phase is None else broad_phase.deepest)
 
     def _set_limits(self, deepest: float) -> None:
