@@ -14,7 +14,7 @@
 """
 Real-time factors of the ready scenes under random pushes: wanted and reached.
 
-    .venv/bin/python benchmarks/random_pushes.py [SCENE ...] [--pushes 30]
+    .venv/bin/python benchmarks/random_pushes.py [SCENE ...] [--pushes 30] [--tolerance 1e-4]
 
 Each push is a steady force of a random size, up to the weight of the slab, and direction, for a
 tenth of a second, shared out over the bodies of a load channel, or of the whole fabric where the
@@ -65,10 +65,12 @@ class Row(NamedTuple):
     end: str  # why it ended before; '': it did not
 
 
-def push_at_random(name: str, pushes: int, seed: int) -> Row:
-    """Push one scene."""
+def push_at_random(name: str, pushes: int, seed: int, tolerance: float | None = None) -> Row:
+    """Push one scene, with another `tolerance` [1/s] than its own where one is given."""
     chance = random.Random(seed)
     scene = ico.load_scene(name).with_changes({'solver.threads': 1})
+    if tolerance is not None:
+        scene = scene.with_changes({'solver.tolerance': tolerance})
     if scene.loads:
         channel = next(iter(scene.loads))
     else:
@@ -126,6 +128,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument('scenes', nargs='*', metavar='SCENE', help='default: all ready scenes')
     parser.add_argument('--pushes', type=int, default=30)
     parser.add_argument('--seed', type=int, default=1)
+    parser.add_argument('--tolerance', type=float, help="[1/s] (default: the scene's)")
     parser.add_argument('--csv', type=Path, default=ROOT / 'runs' / 'random_pushes.csv')
     options = parser.parse_args(arguments)
     print(describe_machine(), flush=True)
@@ -134,7 +137,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         writer = csv.writer(file)
         writer.writerow(Row._fields)
         for name in options.scenes or ready_scenes():
-            row = push_at_random(name, options.pushes, options.seed)
+            row = push_at_random(name, options.pushes, options.seed, options.tolerance)
             writer.writerow(row)
             file.flush()
             print(

@@ -47,7 +47,7 @@ def main_map(arguments: argparse.Namespace) -> int:
         FABRICS,
         HEAD,
         map_stability,
-        METHODS,
+        methods_of,
         PRODUCTS,
         STEPS,
     )
@@ -73,7 +73,7 @@ def main_map(arguments: argparse.Namespace) -> int:
             writer.writerow(Cell._fields)
             file.flush()
         progress = stack.enter_context(
-            Progress(len(FABRICS) * len(METHODS) * len(PRODUCTS), 'runs'))
+            Progress(sum(len(methods_of(name)) for name in FABRICS) * len(PRODUCTS), 'runs'))
         for cell in map_stability(steps=steps):
             cells.append(cell)
             if file is not None:

@@ -38,6 +38,26 @@ def test_steps_are_refused_where_the_theory_says():
     assert swings[1] / swings[0] == pytest.approx(16.0, rel=0.2)
 
 
+def test_driven_and_tensioned_fabrics_have_the_limit_of_their_own_frequency():
+    for fabric in ('driven', 'tensioned'):
+        cells = [*map_stability((fabric,), ('leapfrog', 'srkn6'), products=(0.2, 1.95, 3.05, 3.25),
+                                steps=100)]
+        assert [cell.outcome for cell in cells] == [
+            'ran', 'ran', 'refused', 'refused', 'ran', 'ran', 'ran', 'refused']
+        assert not any(cell.fault for cell in cells) and math.isnan(cells[0].momentum)
+    # Tension stiffens.
+    assert stability_map._largest_frequency(stability_map.FABRICS['tensioned']) > 1.1 * (
+        stability_map._largest_frequency(stability_map.FABRICS['free']))
+
+
+def test_connectors_that_break_are_followed_up_to_the_limit():
+    assert stability_map.methods_of('breaking') == ['dop8']
+    low, high, beyond = map_stability(('breaking',), products=(0.2, 5.8, 6.1), steps=200)
+    # A step that ends where one breaks is two.
+    assert low.steps > 200 and high.steps > 200 and beyond.outcome == 'refused'
+    assert low.energy < 1e-8 and low.momentum < 1e-14 and not low.fault and not beyond.fault
+
+
 def test_a_limit_that_is_too_high_is_found(monkeypatch):
     monkeypatch.setitem(METHODS, 'leapfrog', METHODS['leapfrog']._replace(stability=3.0))
     (cell,) = map_stability(('free',), ('leapfrog',), products=(2.2,), steps=400)

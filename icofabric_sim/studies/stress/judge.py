@@ -274,12 +274,24 @@ class _Judge:
         return windows.result()
 
     def _slow(self, run: Simulation) -> Finding:
+        """Windows took too long: class the scene by a run without any."""
+        alone, clock = compile_scene(run.scene), self._clock.another()
+        alone.should_stop = lambda: clock.is_over(_WINDOWS_PART)
         limit = run.status.fastest_term
-        detail = (
-            f'{run.status.step_count} steps to t = {run.time:.6g} s of '
-            f'{self._stress.duration:.6g} s; the fastest motion is that of {limit}')
+        verdict, detail = Verdict.SLOW if limit else Verdict.HANG, (
+            f'; the fastest motion is that of {limit}')
+        try:
+            alone.advance_to(self._stress.duration)
+            verdict, detail = Verdict.UNJUDGED, (
+                f' beside a tighter run; alone it takes {clock.seconds:.2g} s')
+        except Interrupted:
+            run = alone
+        except SimulationError as error:
+            verdict, detail = Verdict.UNJUDGED, f' beside a tighter run; alone it stops: {error}'
         return _finding(
-            self._stress, Verdict.SLOW if limit else Verdict.HANG, detail)._replace(
+            self._stress, verdict,
+            f'{run.status.step_count} steps to t = {run.time:.6g} s of '
+            f'{self._stress.duration:.6g} s{detail}')._replace(
                 method=run.status.method_name, bodies=run.scene.body_count,
                 steps=run.status.step_count, time=run.time)
 
