@@ -161,12 +161,14 @@ def _follow(
                 # Steps may differ, each run errs, and some errors grow more than others.
                 allowed += _ALIKE * 2.0 * scene.parameters['solver.tolerance'] * time * largest
             yield Row(
-                name, method, time, run.status.step_count, *growth, rounding, allowed,
-                _fault(growth, first, largest, rounding, allowed))
+                name, method, time, run.status.step_count, growth[0], growth[1], growth[2],
+                growth[3], rounding, allowed, _fault(growth, first, largest, rounding, allowed))
             if growth[0] * first[0] > _LINEAR:
                 return
     except SimulationError as error:
-        yield Row(name, method, math.nan, run.status.step_count, *(math.nan,) * 6, str(error))
+        nan = math.nan
+        yield Row(
+            name, method, nan, run.status.step_count, nan, nan, nan, nan, nan, nan, str(error))
     finally:
         _LOGGER.setLevel(level)
 
