@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""`icofabric stress`: random scenes, judged; problems with known answers; a map of stability."""
+"""`icofabric stress`: random scenes, judged; known answers; stability; predictability."""
 
 import argparse
 import os
@@ -19,6 +19,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from icofabric_sim.commands.named_problems import add_named_arguments, main_named
+from icofabric_sim.commands.predictability import (
+    add_predictability_arguments,
+    main_predictability,
+)
 from icofabric_sim.commands.report import print_json_line
 from icofabric_sim.commands.stability_map import add_map_arguments, main_map
 from icofabric_sim.terminal import InputError, Progress, require_place
@@ -60,12 +64,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='say, too, in how many scenes each parameter was not at its default')
     add_named_arguments(parser)
     add_map_arguments(parser)
+    add_predictability_arguments(parser)
 
 
 def main(arguments: argparse.Namespace) -> int:
     """Judge; returns 1 where a scene is of a class that must not occur."""
     from icofabric_sim.studies.stress.kinds import KINDS
     from icofabric_sim.studies.stress.scenes import LARGEST_SEED, seeds_of
+    if arguments.predictability:
+        return main_predictability(arguments)
     if arguments.map:
         return main_map(arguments)
     for name in ('steps', 'picture'):

@@ -38,6 +38,7 @@ from icofabric_sim.kernels.runtime.lanes import (
     load,
     maximum,
     splat,
+    sqrt,
     where,
 )
 from icofabric_sim.kernels.runtime.team import tell_all, wait_for_all
@@ -66,8 +67,10 @@ def find_clear(
     shift = shift_at(watch, time)
     mx, my, mz = mean_velocity(state, nearby.slots) if nearby.free else (0.0, 0.0, 0.0)
     zero = splat(0.0)
-    linear, turning, way = zero, zero, zero
+    quickest, way = zero, zero
     rows = trail.slopes.shape[1] - 9
+    # |dq/dt| is half of the spin; the squares of all de_i/dt add up to twice its square.
+    spins = splat(4.0 if rows == 4 else 0.5)
     for block in range(first, last):
         s = blocks.slot[block]
         fastest, spin = zero, zero
@@ -81,16 +84,13 @@ def find_clear(
                 u = load(trail.slopes[j], k, s)
                 square = fma(u, u, square)
             spin = maximum(square, spin)
-        linear = maximum(where(bits(blocks.alive[block]), fastest, zero), linear)
-        turning = maximum(where(bits(blocks.alive[block]), spin, zero), turning)
+        # Of each body by itself: the largest must not depend on which of them a thread has.
+        own = fma(splat(watch.radius), sqrt(spins * spin), sqrt(fastest))
+        quickest = maximum(where(bits(blocks.alive[block]), own, zero), quickest)
         way = add_ways(watch, state, blocks.alive[block], shift, s, way)
-    # |dq/dt| is half of the spin; the squares of all de_i/dt add up to twice its square.
-    spins = 4.0 if rows == 4 else 0.5
     speed, moved = 0.0, 0.0
     for i in range(LANES):
-        speed = max(
-            speed, math.sqrt(lane(linear, i)) + watch.radius * math.sqrt(
-                spins * lane(turning, i)))
+        speed = max(speed, lane(quickest, i))
         moved = max(moved, lane(way, i))
     trail.speeds[team.member], trail.ways[team.member] = speed, moved
     wait_for_all(team)

@@ -145,6 +145,15 @@ class FrictionState:
             slopes.reshape(count, _KEPT_SLOPES, 4), 0, 1)
 
 
+def carried(rows: np.ndarray, pairs: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """Rows (p, 4) of `pairs` (p, 2) in the order of `others` (q, 2); zero where one is new."""
+    found = np.zeros((len(others), rows.shape[1]))
+    _, here, there = np.intersect1d(
+        _keys(others), _keys(pairs), assume_unique=True, return_indices=True)
+    found[here] = rows[there]
+    return found
+
+
 def _keys(pairs: np.ndarray) -> np.ndarray:
     """One number for each pair."""
     keys: np.ndarray = (pairs[:, 0].astype(np.int64) << 32) + pairs[:, 1]

@@ -22,7 +22,7 @@ from icofabric_sim.kernels.integrators.splitting import NEVER
 from icofabric_sim.kernels.meters import flowed
 from icofabric_sim.kernels.records import Loads, Model, State, Team, Trail, Work
 from icofabric_sim.kernels.runtime.interrupts import leaving
-from icofabric_sim.simulation.contact.friction_state import contact_losses
+from icofabric_sim.simulation.contact.friction_state import carried, contact_losses
 from icofabric_sim.simulation.model.layout import aligned_empty
 from icofabric_sim.simulation.state_tree import StateTree
 from icofabric_sim.simulation.stepping.contact_scheduler import ContactScheduler
@@ -46,7 +46,8 @@ class TrialSteps:
         self._trajectory, self._contact, self._calls = trajectory, contact, calls
         self._room: tuple[State, np.ndarray] | None = None
         self._earlier: State | None = None
-        self._earlier_stretch: np.ndarray | None = None
+        # What was stretched then, (p, 4), of pairs (p, 2): the list of pairs may change until now.
+        self._earlier_stretch: tuple[np.ndarray, np.ndarray] | None = None
         # With what contacts remember where the last trial ended.
         self.model: Model = trajectory.model
         # [J] that flowed in the last trial.
@@ -202,12 +203,14 @@ class TrialSteps:
     def keep_earlier(self) -> None:
         """Keep the saved state for `compare_behind`: the next health check replaces it."""
         trajectory = self._trajectory
-        losses = trajectory.losses
+        losses, contacts = trajectory.losses, trajectory.model.contacts
         if self._earlier is None:
             self._earlier = trajectory.packed.layout.like(trajectory.state)
         for target, source in zip(self._earlier, trajectory.saved):
             np.copyto(target, source)
-        self._earlier_stretch = None if losses is None else losses.saved.copy()
+        self._earlier_stretch = None
+        if losses is not None and contacts is not None and len(losses.saved):
+            self._earlier_stretch = losses.saved.copy(), contacts.pairs.copy()
 
     def compare_behind(
         self, start: float, count: int, windows: int, compare: Callable[[State, State], float]
@@ -224,8 +227,9 @@ class TrialSteps:
         now = [row.copy() for row in trajectory.state]
         acceleration, model = trajectory.work.acceleration.copy(), self._copy_model()
         losses = contact_losses(model.contacts)
-        if losses is not None and self._earlier_stretch is not None:
-            np.copyto(losses.stretch, self._earlier_stretch)
+        if losses is not None and model.contacts is not None and len(losses.stretch):
+            losses.stretch[:] = 0.0 if self._earlier_stretch is None else carried(
+                *self._earlier_stretch, model.contacts.pairs)
         ends = np.linspace(0.0, count, windows + 1).round().astype(int).tolist()
         kept = trajectory.packed.layout.like(trajectory.state)
         found, failed = 0.0, False
