@@ -144,6 +144,10 @@ def main(argv: list[str] | None = None) -> int:
     logging.getLogger('icofabric_sim').setLevel(logging.CRITICAL)
     # A warning of numpy is a value that nobody has looked at.
     warnings.simplefilter('error')
+    # What is too large is infinite, and refused for that later.
+    warnings.filterwarnings('ignore', 'overflow encountered', RuntimeWarning)
+    # rosbags leaves files of a damaged bag to the garbage collector.
+    warnings.simplefilter('ignore', ResourceWarning)
     kinds = list(KINDS) if arguments.kind == 'all' else [arguments.kind]
     rows = []
     print(describe_machine())

@@ -282,7 +282,7 @@ class _Scenes:
                 raise Fault(f'the error does not name {error.name}: {error}') from error
             return REFUSED
         except ValueError as error:
-            if str(error).split()[0] not in self._names:
+            if str(error).split()[0].rstrip(':') not in self._names:
                 raise
             return REFUSED
         self._path.write_text(dump_parameters(given), encoding='utf-8')
@@ -476,12 +476,15 @@ def _content(path: Path) -> list[tuple[str, int, Any]]:
     """
     The messages of the run, in order; not what the recorder says of itself.
 
-    Of those that are not compared as bytes what they say: padding may be any, a number below
-    1e-300 in an input moves nothing, and where a checkpoint was saved is a note.
+    Of those that are not compared as bytes what they say: padding may be any, an input may lead
+    to the same bits with a little other force, and where a checkpoint was saved is a note. Lists
+    of connectors of one time may come in any order.
     """
     with BagReader(path) as reader:
-        return [(topic, time, _said(topic, data)) for topic, time, data in reader.messages()
+        found = [(topic, time, _said(topic, data)) for topic, time, data in reader.messages()
                 if topic != '/icofabric/recording' and b'checkpoint_saved' not in data]
+    lists = sorted(item for item in found if item[0] == '/icofabric/connectors')
+    return [item for item in found if item[0] != '/icofabric/connectors'] + lists
 
 
 def _said(topic: str, data: bytes) -> Any:
@@ -489,9 +492,8 @@ def _said(topic: str, data: bytes) -> Any:
         if topic == '/clock':
             return messages.decode_clock(data)
         if topic.startswith(('/icofabric/wrench', '/icofabric/loads/')):
-            stamp, frame, force, torque = input_topics.decode_wrench_stamped(data)
-            return stamp, frame, [
-                number if abs(number) > 1e-300 else 0.0 for number in (*force, *torque)]
+            _, frame, force, torque = input_topics.decode_wrench_stamped(data)
+            return frame, [f'{number:.9f}' for number in (*force, *torque)]
         if topic in ('/icofabric/weave', '/icofabric/events'):
             return messages.decode_string(data)
     except ValueError:
@@ -534,14 +536,6 @@ def _plain(made: Callable[[Path], Subject]) -> Callable[[Path], AbstractContextM
     return opened
 
 
-@contextmanager
-def _live(folder: Path) -> Iterator[Subject]:
-    # Where it is used: it needs rclpy.
-    from fuzz_live import live_node
-    with live_node(folder) as subject:
-        yield subject
-
-
 KINDS = {
     'messages': Kind(_plain(_Messages), 1_000_000),
     'inputs': Kind(_plain(_Inputs), 200_000),
@@ -549,5 +543,4 @@ KINDS = {
     'scenes': Kind(_plain(_Scenes), 10_000),
     'arguments': Kind(_plain(_Arguments), 30_000),
     'bags': Kind(_plain(_Bags), 3_000),
-    'live': Kind(_live, 5_000),
 }
