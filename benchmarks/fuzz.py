@@ -14,7 +14,7 @@
 """
 Feeds damaged, foreign and random input to every reader of the package, and judges what comes back.
 
-    .venv/bin/python benchmarks/fuzz.py [--kind all] [--seed 0] [--cases N] [--seconds S]
+    .venv/bin/python benchmarks/fuzz.py [--kind all] [--seed 0] [--cases 0] [--seconds 1e9]
         [--scale 1] [--csv FILE]
 
 Kinds are in fuzz_kinds.py; each case follows from the kind and its seed alone, so that

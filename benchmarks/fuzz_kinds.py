@@ -75,7 +75,7 @@ class Subject(Protocol):
 
 
 def damaged(data: bytes, chance: random.Random) -> bytes:
-    """Bytes that are cut, longer, flipped, re-ordered, or have absurd lengths; may be as before."""
+    """Bytes that are cut, longer, flipped, re-ordered, with absurd lengths, or as before."""
     found = bytearray(data)
     for _ in range(chance.choice((1, 1, 1, 2, 4))):
         size = len(found)
