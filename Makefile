@@ -32,6 +32,8 @@ workers = .venv/bin/python -m pytest -m 'not long' -n $(1) --dist loadfile --no-
 types_beside = { .venv/bin/mypy >.venv/mypy.log 2>&1 & types=$$!; $(1); tests=$$?; \
 	wait $$types; types=$$?; cat .venv/mypy.log; [ $$tests$$types = 00 ]; }
 comma := ,
+# Random examples in `make test-long`, in multiples of those in `make test`.
+EXAMPLES ?= 20
 # Nodes wait more than they compute, so the last part has two workers for each core.
 twice := $$(( 2 * $$(nproc) < 8 ? 2 * $$(nproc) : 8 ))
 
@@ -82,6 +84,7 @@ check: lint
 test-long:
 	.ci/environment test
 	$(call stage,long tests (pytest),.venv/bin/python -m pytest -m long $(ARGS))
+	$(call stage,$(EXAMPLES) times the random examples (pytest),ICOFABRIC_EXAMPLES=$(EXAMPLES) .venv/bin/python -m pytest -m examples $(ARGS))
 
 docs:
 	.ci/environment docs
@@ -89,5 +92,5 @@ docs:
 	echo 'The site begins at build/site/index.html'
 
 clean:
-	rm -rf .venv build install log dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .coverage
+	rm -rf .venv build install log dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .coverage
 	find . -name .git -prune -o -type d -name __pycache__ -print0 | xargs -0 rm -rf

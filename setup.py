@@ -50,7 +50,7 @@ setup(
         'mpi': ['mpi4py', 'mpich'],
         # The steps on an NVIDIA GPU: `solver.device: cuda`.
         'gpu': ['warp-lang'],
-        'test': ['pytest', 'pytest-timeout', 'pytest-xdist'],
+        'test': ['hypothesis', 'pytest', 'pytest-timeout', 'pytest-xdist'],
         # The site that `make docs` builds.
         'docs': ['furo', 'myst-parser', 'sphinx'],
         # The environment in examples/.

@@ -167,8 +167,11 @@ class RecordedRun:
         """
         All that had broken by some times [ns]: connector and time of breakage [s], (m, 2) each.
         """
+        def pairs(data: bytes) -> np.ndarray:
+            return np.array(decode_float64_multi_array(data).values).reshape(-1, 2)
+
         return [
-            (time, np.array(self.decoded(decode_float64_multi_array, data).values).reshape(-1, 2))
+            (time, self.decoded(pairs, data))
             for _, time, data in self._reader.messages([f'{self.node}/broken'])]
 
     def inputs(self) -> list[RecordedInput]:

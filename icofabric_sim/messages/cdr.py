@@ -172,7 +172,9 @@ class CdrReader:
         size = _SIZES[kind]
         start = self._take(count * size, size)
         values = np.frombuffer(self._view, f'{self._prefix}f{size}', count, start)
-        values = values.astype(np.float64, copy=False)
+        # Any pattern of bits may come, also of a NaN that signals.
+        with np.errstate(invalid='ignore'):
+            values = values.astype(np.float64, copy=False)
         values.flags.writeable = False
         return values
 

@@ -145,6 +145,8 @@ def make_path(parameters: Parameters, prefix: str) -> Path:
         pieces = [rise, PathPiece(end, (middle, amounts, _NONE, _NONE))]
     else:
         rate, phase = 2.0 * math.pi * field('frequency'), field('phase')
+        if not math.isfinite(rate * max(1.0, *map(abs, amounts))):
+            refuse('frequency', f'{field("frequency")!r} Hz moves faster than any number says')
         offset = tuple(-value * math.sin(phase) for value in amounts)
         pieces = [PathPiece(start, (offset, _NONE, _NONE, _NONE), amounts, rate, phase)]
         if start > 0.0 and abs(math.cos(phase)) > _SAME:

@@ -76,7 +76,11 @@ class ExactComparison:
             # Of several fabrics any may have published it.
             return None if self._several else _scalar(decoded(decode_clock, data), time)
         if topic is topics.CHECKPOINT:
-            recorded = Checkpoint.from_bytes(decoded(decode_uint8_multi_array, data))
+            stored = decoded(decode_uint8_multi_array, data)
+            try:
+                recorded = Checkpoint.from_bytes(stored)
+            except ValueError as error:
+                return str(error)
             return recorded.difference(simulation.checkpoint())
         if topic is topics.CONNECTORS:
             return self._connectors(simulation, time, data)
@@ -103,28 +107,30 @@ class ExactComparison:
     def _connectors(self, simulation: Simulation, time: int, data: bytes) -> str:
         recorded = self._run.decoded(decode_marker_points, data)
         if recorded.action == MarkerAction.DELETEALL:
-            return ''
-        lists = self._connector_lists(simulation, time)
-        if recorded.action == MarkerAction.DELETE:
-            return f'list {recorded.marker_id} is empty in the bag, not simulated again' if (
-                recorded.marker_id in lists) else ''
-        if recorded.marker_id not in lists:
-            return f'list {recorded.marker_id} is in the bag, but empty simulated again'
+            assert self._outputs is not None
+            again = self._outputs.cleared(time)
+        else:
+            lists = self._connector_lists(simulation, time)
+            if recorded.marker_id not in lists:
+                return f'list {recorded.marker_id} is in the bag, and no list simulated again'
+            again = lists[recorded.marker_id]
+            is_empty = decode_marker_points(again).action == MarkerAction.DELETE
+            if recorded.action == MarkerAction.DELETE and not is_empty:
+                return f'list {recorded.marker_id} is empty in the bag, not simulated again'
+            if recorded.action != MarkerAction.DELETE and is_empty:
+                return f'list {recorded.marker_id} is in the bag, but empty simulated again'
         return _values(
-            data, lists[recorded.marker_id],
-            lambda message: self._run.decoded(decode_marker_points, message),
+            data, again, lambda message: self._run.decoded(decode_marker_points, message),
             ('x [m]', 'y [m]', 'z [m]'), what='point')
 
     def _connector_lists(self, simulation: Simulation, time: int) -> dict[int, bytes]:
-        """All lists of one snapshot, by their id; they are laid out together."""
+        """All lists of one snapshot, or their removals, by their id; laid out together."""
         snapshot = simulation.snapshot()
         if self._lists[0] is not snapshot or self._lists[1] != time:
             assert self._outputs is not None
             found = {}
             for message in self._outputs.connectors(snapshot, time):
-                marker = decode_marker_points(message)
-                if marker.action == MarkerAction.ADD:
-                    found[marker.marker_id] = message
+                found[decode_marker_points(message).marker_id] = message
             self._lists = snapshot, time, found
         return self._lists[2]
 

@@ -220,7 +220,7 @@ def foreign_parts(run: RecordedRun) -> tuple[str, ...]:
         here['kernels'] = kernel_target()
     try:
         there = dict(json.loads(custom.get('libraries', '{}')))
-    except ValueError:
+    except (TypeError, ValueError):
         there = {}
     there.update(
         {name: custom[name] for name in ('version', 'processor', 'kernels') if name in custom})

@@ -82,6 +82,8 @@ class EmbeddedStepping:
         """Count errors from zero again; nor is anything left of the step in progress."""
         self._step.control.rate = 0.0
         self._samples.settle(0.0, self._step.end)
+        # What was measured would be taken off for the part of that step which was not seen.
+        self._samples.restart()
 
     def rebase(self, time: float) -> None:
         """Begin at another `time` [s]: nothing has moved yet."""
