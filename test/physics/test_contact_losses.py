@@ -427,3 +427,23 @@ def test_no_limit_is_said_of_steps_that_follow_their_error():
     given = ico.compile_scene(changed(scene, {'solver.step': 1e-7}))
     assert f'the limit is {given.status.stability_limit:.6g} s' in step_reason(given)
     assert Runner(given, []).status().limit == given.status.stability_limit
+
+
+def test_errors_of_given_steps_are_measured_while_what_is_near_changes():
+    """Springs of friction are those of pairs; the list of pairs is another one a moment later."""
+    scene = ico.Scene.from_parameters({
+        'weave.size': [3, 1, 3], 'weave.variant': 2, 'weave.connector_angle': 0.29,
+        'shell.edge_length': 0.0173, 'shell.thickness': 0.0092, 'shell.density': 675.0,
+        'connector.stiffness': 36.0, 'connector.natural_length': 0.0385, 'contact.mode': 'always',
+        'contact.stiffness': 580.0, 'contact.damping': 0.043, 'contact.friction': 0.5,
+        'initial_random.velocity_sigma': 0.00016, 'initial_random.spin_sigma': 0.142,
+        'initial_random.seed': 1514814881, 'solver.method': 'dop8', 'solver.threads': 1,
+        'solver.step': 1e-3})
+    simulation, most = ico.compile_scene(scene), 0
+    for end in np.linspace(0.0, 0.8, 81)[1:]:
+        simulation.advance_to(float(end))
+        most = max(most, len(simulation.status.touching().bodies))
+    energy = simulation.snapshot().energy
+    assert most >= 2 and energy['dissipated'] > 0.1 * energy['total']
+    assert 1e-6 < simulation.error_estimate < 1e-2
+    assert abs(energy['balance_error']) < 1e-3 * energy['total']

@@ -144,3 +144,23 @@ def test_an_error_in_one_thread_is_told(forced):
     with pytest.raises(ZeroDivisionError):
         team.run(work)
     assert team.run(lambda member: member.size) == 3
+
+
+def test_steps_in_which_nothing_can_touch_are_as_long_for_two_threads():
+    """The body that moves fastest and the one that spins fastest may be those of two threads."""
+    scene = ico.Scene.from_parameters({
+        'weave.kind': 'radial', 'weave.size': [3, 7, 4], 'weave.variant': 2, 'weave.radius': 15.2,
+        'weave.connector_angle': 0.64, 'shell.edge_length': 0.4, 'shell.thickness': 0.18,
+        'shell.density': 25.0, 'connector.stiffness': 2.2e8, 'connector.natural_length': 3.43,
+        'contact.mode': 'always', 'contact.stiffness': 5.1e8, 'solver.method': 'dop8',
+        'solver.tolerance': 0.3, 'solver.threads': 1, 'initial_random.velocity_sigma': 105.0,
+        'initial_random.spin_sigma': 1500.0, 'initial_random.seed': 1508071426})
+    one = ico.compile_scene(scene)
+    with thread_team.teams_of(2):
+        two = ico.compile_scene(scene)
+    assert one.status.busy_thread_count == 1 and two.status.busy_thread_count == 2
+    for _ in range(60):
+        one.advance_steps(1)
+        two.advance_steps(1)
+        assert one.checkpoint().difference(two.checkpoint()) == ''
+    assert one.status.step_count == 60 and one.error_estimate > 0.0
