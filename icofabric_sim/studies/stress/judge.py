@@ -338,7 +338,9 @@ class _Judge:
                 threads.advance_to(0.5 * end)
                 data = threads.checkpoint().to_bytes()
                 restored.restore(Checkpoint.from_bytes(data))
-                restored.advance_to(end if failure is None else 2.0 * self._stress.duration)
+                # The run itself may have stopped in a whole step beyond its end.
+                late = 2.0 * (self._stress.duration + run.status.step)
+                restored.advance_to(end if failure is None else late)
             except SimulationError as error:
                 said = '' if failure is None else str(failure)
                 if str(error) != said:

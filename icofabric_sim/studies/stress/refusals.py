@@ -24,7 +24,9 @@ PARTNERS: Final[dict[str, tuple[str, ...]]] = {
     # Spoiled where the scene may give both.
     'shell.thickness': ('shell.inner_edge_length',),
     'weave.connector_angle': ('weave.connector_length',),
-    'weave.connector_length': ('weave.connector_angle',)}
+    'weave.connector_length': ('weave.connector_angle',),
+    # Spoiled with a method that may not suit the scene.
+    'solver.step': ('solver.method',)}
 # What chance may bring together in a scene that is not spoiled: beginning of a name, and words.
 REFUSED_BY_CHANCE: Final = (
     ('solver.step', 'is beyond the stability limit'),
