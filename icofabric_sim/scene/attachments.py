@@ -23,6 +23,8 @@ import numpy as np
 
 # Connectors shorter than this part of the pitch have no direction.
 _SHORTEST = 1e-6
+# How far from its body a point may lie, in pitches: beyond it rounding hides the weave.
+_FARTHEST = 1e6
 # Lengths that differ by less, relatively, are taken for one.
 _ROUNDING = 1e-12
 
@@ -43,8 +45,17 @@ def attachment_points(parameters: Parameters, half_edge: float) -> np.ndarray:
 
 
 def check_attachments(parameters: Parameters, geometry: WeaveGeometry) -> None:
-    """Refuse points that leave connectors without a length."""
+    """Refuse points that leave connectors without a length, or lie beyond all bodies."""
     points = attachment_points(parameters, geometry.half_edge)
+    for name, point in zip(NAMED_EDGES, points):
+        if not np.abs(point).max() <= _FARTHEST * geometry.pitch:
+            name = f'connector.attachment.{name}'
+            if not any(parameters[name]):
+                name = 'connector.attachment_scale'
+            raise ParameterError(
+                name,
+                f'{name} {parameters[name]!r} puts a point more than {_FARTHEST:g} times as far '
+                f'from its body as bodies are apart ({geometry.pitch:g} m); give a smaller one')
     for code, step in TABLE_5:
         span = geometry.pitch * np.array(step) + points[code ^ 1] - points[code]
         if not np.linalg.norm(span) > _SHORTEST * geometry.pitch:
