@@ -14,13 +14,11 @@
 """`icofabric stress --predictability`: how a change of the start grows, from rounding up."""
 
 import argparse
-from contextlib import ExitStack
-import csv
 from pathlib import Path
 
 from icofabric_sim.commands.named_problems import is_given, OF_RANDOM_SCENES
-from icofabric_sim.commands.report import print_json_line
-from icofabric_sim.terminal import InputError, Progress, require_place
+from icofabric_sim.commands.report import rows_as_they_come
+from icofabric_sim.terminal import InputError, require_place
 
 
 def add_predictability_arguments(parser: argparse.ArgumentParser) -> None:
@@ -50,29 +48,15 @@ def main_predictability(arguments: argparse.Namespace) -> int:
         print(HEAD, flush=True)
     runs: list[tuple[str, str]] = []
     faults = set()
-    with ExitStack() as stack:
-        file = None
-        if table is not None:
-            table.parent.mkdir(parents=True, exist_ok=True)
-            file = stack.enter_context(table.open('w', newline='', encoding='utf-8'))
-            writer = csv.writer(file)
-            writer.writerow(Row._fields)
-        progress = stack.enter_context(
-            Progress(sum(len(case.methods) for case in CASES.values()), 'runs'))
+    with rows_as_they_come(
+            Row._fields, row_line, table=table, as_json=arguments.json,
+            total=sum(len(case.methods) for case in CASES.values())) as take:
         for row in measure_predictability():
             if (row.scene, row.method) not in runs:
                 runs.append((row.scene, row.method))
             if row.fault:
                 faults.add((row.scene, row.method))
-            if file is not None:
-                writer.writerow(row)
-                file.flush()
-            progress.clear()
-            if arguments.json:
-                print_json_line(row._asdict())
-            else:
-                print(row_line(row), flush=True)
-            progress.update(len(runs))
+            take(row, len(runs))
     if not arguments.json:
         print(f'{len(runs)} runs, {len(faults)} with growth that is not of the motion')
     return int(bool(faults))

@@ -14,12 +14,16 @@
 """What verbs report: two columns for people, or JSON for programs."""
 
 import argparse
-from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager, redirect_stdout
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager, ExitStack, redirect_stdout
+import csv
 import json
 import math
+from pathlib import Path
 import sys
-from typing import Any
+from typing import Any, NamedTuple
+
+from icofabric_sim.terminal import Progress
 
 Row = tuple[str, str]
 
@@ -89,3 +93,38 @@ def print_report(rows: Iterable[Row], *, as_json: bool, lines: Iterable[str] = (
     if said:
         report['result'] = said if len(said) > 1 else said[0]
     print(json.dumps(report, indent=2, ensure_ascii=False), flush=True)
+
+
+@contextmanager
+def rows_as_they_come(
+    head: Iterable[str], line: Callable[[Any], str], *, table: Path | None, as_json: bool,
+    total: int
+) -> Iterator[Callable[[NamedTuple, int], None]]:
+    """
+    Give a function that takes a row, and how many runs of the `total` are done.
+
+    It prints the row, as a `line` or as JSON, and adds it to the CSV file `table`, under the
+    `head`, before anything else begins: what an interrupt ends may have lasted for hours.
+    """
+    with ExitStack() as stack:
+        file = None
+        if table is not None:
+            table.parent.mkdir(parents=True, exist_ok=True)
+            file = stack.enter_context(table.open('w', newline='', encoding='utf-8'))
+            writer = csv.writer(file)
+            writer.writerow(head)
+            file.flush()
+        progress = stack.enter_context(Progress(total, 'runs'))
+
+        def take(row: NamedTuple, done: int) -> None:
+            if file is not None:
+                writer.writerow(row)
+                file.flush()
+            progress.clear()
+            if as_json:
+                print_json_line(row._asdict())
+            else:
+                print(line(row), flush=True)
+            progress.update(done)
+
+        yield take

@@ -14,14 +14,12 @@
 """`icofabric stress --map`: every method with steps up to and beyond its stability limit."""
 
 import argparse
-from contextlib import ExitStack
-import csv
 from pathlib import Path
 
 from icofabric_sim.commands.named_problems import is_given, OF_RANDOM_SCENES
-from icofabric_sim.commands.report import print_json_line
+from icofabric_sim.commands.report import rows_as_they_come
 from icofabric_sim.commands.rest_outputs import picture_path
-from icofabric_sim.terminal import InputError, Progress, require_place
+from icofabric_sim.terminal import InputError, require_place
 
 _MOST = 10**9
 
@@ -63,28 +61,12 @@ def main_map(arguments: argparse.Namespace) -> int:
     cells: list[Cell] = []
     if not arguments.json:
         print(HEAD)
-    with ExitStack() as stack:
-        file = None
-        if table is not None:
-            table.parent.mkdir(parents=True, exist_ok=True)
-            # Each row is written when it is known: what an interrupt ends has lasted for hours.
-            file = stack.enter_context(table.open('w', newline='', encoding='utf-8'))
-            writer = csv.writer(file)
-            writer.writerow(Cell._fields)
-            file.flush()
-        progress = stack.enter_context(
-            Progress(sum(len(methods_of(name)) for name in FABRICS) * len(PRODUCTS), 'runs'))
+    with rows_as_they_come(
+            Cell._fields, cell_line, table=table, as_json=arguments.json,
+            total=sum(len(methods_of(name)) for name in FABRICS) * len(PRODUCTS)) as take:
         for cell in map_stability(steps=steps):
             cells.append(cell)
-            if file is not None:
-                writer.writerow(cell)
-                file.flush()
-            progress.clear()
-            if arguments.json:
-                print_json_line(cell._asdict())
-            else:
-                print(cell_line(cell), flush=True)
-            progress.update(len(cells))
+            take(cell, len(cells))
     if picture is not None:
         from icofabric_sim.pictures.stability_picture import draw_map
         picture.parent.mkdir(parents=True, exist_ok=True)

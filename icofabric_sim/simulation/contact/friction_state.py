@@ -89,8 +89,7 @@ class FrictionState:
             stretch, held, start, stage, saved, np.zeros((_SLOPES, rows, 4)), lead,
             np.zeros((len(pairs), 9)), lost)
         if before is not None and rows:
-            _, here, there = np.intersect1d(
-                _keys(pairs), _keys(old), assume_unique=True, return_indices=True)
+            here, there = _places_of_both(pairs, old)
             for name in _ROWS:
                 getattr(losses, name)[here] = getattr(before, name)[there]
             losses.slopes[:, here] = before.slopes[:, there]
@@ -148,13 +147,13 @@ class FrictionState:
 def carried(rows: np.ndarray, pairs: np.ndarray, others: np.ndarray) -> np.ndarray:
     """Rows (p, 4) of `pairs` (p, 2) in the order of `others` (q, 2); zero where one is new."""
     found = np.zeros((len(others), rows.shape[1]))
-    _, here, there = np.intersect1d(
-        _keys(others), _keys(pairs), assume_unique=True, return_indices=True)
+    here, there = _places_of_both(others, pairs)
     found[here] = rows[there]
     return found
 
 
-def _keys(pairs: np.ndarray) -> np.ndarray:
-    """One number for each pair."""
-    keys: np.ndarray = (pairs[:, 0].astype(np.int64) << 32) + pairs[:, 1]
-    return keys
+def _places_of_both(one: np.ndarray, other: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Where pairs that both lists have are, in each of them."""
+    keys = ((pairs[:, 0].astype(np.int64) << 32) + pairs[:, 1] for pairs in (one, other))
+    _, here, there = np.intersect1d(*keys, assume_unique=True, return_indices=True)
+    return here, there

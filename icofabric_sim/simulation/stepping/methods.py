@@ -27,7 +27,7 @@ KINK_ORDER = 4
 
 
 class StateHolder(Protocol):
-    """Holds the state of a run elsewhere while nobody looks at it."""
+    """Holds the state of a run elsewhere between the calls that read it."""
 
     @property
     def rank_count(self) -> int:

@@ -172,7 +172,7 @@ class Pool:
             raise self._gone() from error
 
     def _threads(self) -> int:
-        """Count the threads of all workers; SchedulerLost where nobody answers."""
+        """Count the threads of all workers; SchedulerLost where none answers."""
         if not self._is_alive:
             raise self._gone()
         with self._scheduler_needed():
@@ -205,7 +205,7 @@ def pool(*, workers: int, scheduler: str) -> Iterator[Pool]:
     A local cluster of so many processes, or the workers of a scheduler.
 
     `scheduler`: an address (tcp://host:8786), or the scheduler file of Dask (.json). ValueError
-    where Dask is not installed, or nobody answers there; SchedulerLost where no processes can be
+    where Dask is not installed, or none answers there; SchedulerLost where no processes can be
     started.
     """
     try:
@@ -229,7 +229,7 @@ def pool(*, workers: int, scheduler: str) -> Iterator[Pool]:
                     address, set_as_default=False, timeout=_CONNECT)))
             except (OSError, TimeoutError, ValueError) as error:
                 raise ValueError(
-                    f'scheduler: nobody answers at {address}: {" ".join(str(error).split())}; '
+                    f'scheduler: none answers at {address}: {" ".join(str(error).split())}; '
                     'start one with dask scheduler, and give the address that it prints'
                 ) from error
         yield Pool(client)

@@ -177,7 +177,7 @@ class Store:
                 # Then both may do it, and the first to finish wins.
                 if error.errno not in _NO_LOCKS:
                     raise
-            # A file that its last owner has removed holds nobody off.
+            # A file that its last owner has removed is no lock.
             if not _is_at(file.fileno(), path):
                 yield False
                 return
