@@ -154,6 +154,7 @@ def carried(rows: np.ndarray, pairs: np.ndarray, others: np.ndarray) -> np.ndarr
 
 def _places_of_both(one: np.ndarray, other: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Where pairs that both lists have are, in each of them."""
-    keys = ((pairs[:, 0].astype(np.int64) << 32) + pairs[:, 1] for pairs in (one, other))
-    _, here, there = np.intersect1d(*keys, assume_unique=True, return_indices=True)
+    first, second = (
+        (pairs[:, 0].astype(np.int64) << 32) + pairs[:, 1] for pairs in (one, other))
+    _, here, there = np.intersect1d(first, second, assume_unique=True, return_indices=True)
     return here, there
