@@ -137,6 +137,23 @@ def tabled_pull(
 
 
 @compiled
+def tabled_slope(
+    tables: LawTables | None, variety: Variety | None, link: int, s: int, length: Vector,
+    slope: Vector
+) -> Vector:
+    """Slope of the tension [N/m] of a connector; `slope` without table."""
+    if tables is None:
+        return slope
+    else:
+        at = place_of_pieces(tables, variety, link, s, length)
+        t = length - load_at(tables.pieces, at + 2 * LANES)
+        own = load_at(tables.pieces, at + 4 * LANES) + t * (
+            splat(2.0) * load_at(tables.pieces, at + 5 * LANES)
+            + t * (splat(3.0) * load_at(tables.pieces, at + 6 * LANES)))
+        return where(load(tables.first, link, s) < splat(0.0), slope, own)
+
+
+@compiled
 def tabled_energy(
     tables: LawTables | None, variety: Variety | None, link: int, s: int, length: Vector,
     energy: Vector

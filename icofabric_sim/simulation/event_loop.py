@@ -84,6 +84,9 @@ class EventLoop:
         parameters = scene.parameters
         # Each rank takes its steps by one thread, and a device takes all of them.
         threads = parameters['solver.threads'] if ranks is None and device is None else 1
+        if parameters['solver.method'] == 'implicit_midpoint':
+            # Solving takes most of the time, and is done by one.
+            threads = 1
         self._thread_team, self._broad_phase = ThreadTeam(threads, packed), None
         if packed.contact is not None:
             self._broad_phase = BroadPhase(
@@ -135,6 +138,9 @@ class EventLoop:
         elif device is not None:
             from icofabric_sim.simulation.devices.gpu.steps import device_method
             method = device_method(device, packed, self.method.name, given=fixed > 0.0)
+        elif method.implicit:
+            from icofabric_sim.simulation.stepping.implicit import implicit_method
+            method = implicit_method(scene, packed, self.method.name)
         # Part of their length that connectors are expected to change by in a radian of the fastest
         # vibration, where steps do not follow it; 0 where they do.
         self.strain = 0.0

@@ -75,6 +75,8 @@ class Method(NamedTuple):
     # Whether it keeps KINK_ORDER where the slopes of connectors jump (kernels/kinks.py); steps
     # with a crossing are neither symplectic nor reversible then.
     mends_kinks: bool = False
+    # Whether each step is the solution of equations (implicit.py), and stable however long it is.
+    implicit: bool = False
     # Who holds the state between two calls, where other processes or a device take the steps.
     holder: 'StateHolder | None' = None
 
@@ -107,6 +109,11 @@ def _symmetric(kicks: tuple[float, ...], drifts: tuple[float, ...], *, first: st
         symplectic=True, adaptive=False, stages=min(len(all_kicks), len(all_drifts)),
         kicks=all_kicks, drifts=all_drifts,
         advance=partial(splitting, np.array(all_kicks), np.array(all_drifts)), **facts)
+
+
+def _needs_scene(*_: Any) -> Any:
+    """Stand for steps that are made for a scene (`implicit_method` in implicit.py)."""
+    raise ValueError('implicit steps are made for a scene: take compile_scene')
 
 
 METHODS: dict[str, Method] = {
@@ -146,4 +153,11 @@ METHODS: dict[str, Method] = {
         source='Dormand and Prince, in Hairer, Norsett and Wanner 1993, Solving Ordinary '
         'Differential Equations I, II.10: DOP853, an embedded pair with dense output',
         kicks=(), drifts=(), advance=partial(fixed_pair, DOP8)),
+    # A step takes about four evaluations, and as long as some hundred where its matrix is new.
+    'implicit_midpoint': Method(
+        order=2, symplectic=False, adaptive=False, stages=4, stability=math.inf, chosen=1e4,
+        error=3e-2, implicit=True,
+        source='Hairer, Lubich and Wanner 2006, Geometric Numerical Integration, II.1.1; with '
+        'rotations as Krysl and Endres 2005, Int. J. Numer. Meth. Eng. 62, 2154',
+        kicks=(), drifts=(), advance=_needs_scene),
 }

@@ -81,7 +81,7 @@ def _largest_ratio(method: Method, energy_limit: float) -> float:
     That of leapfrog by (w h)^2 / 4 of itself, whatever is tolerated of the motion; those of higher
     order, at the steps that are chosen, by less than the limits that are in use.
     """
-    if method.order > 2 or not energy_limit > 0.0:
+    if method.implicit or method.order > 2 or not energy_limit > 0.0:
         return math.inf
     return math.sqrt(2.0 * energy_limit)
 
@@ -202,7 +202,8 @@ class MeasuredStep:
         pieces = self._pieces
         trajectory, rates = pieces.trajectory, pieces.rates
         packed, frequency = trajectory.packed, rates.fabric.rate
-        if not (frequency > 0.0 and has_jumps(packed.model.links)):
+        if trajectory.method.implicit or not (
+                frequency > 0.0 and has_jumps(packed.model.links)):
             return math.inf
         # Bodies that all move alike meet no crossing.
         velocity = trajectory.state.linear_velocity[:, packed.layout.slot]

@@ -1,0 +1,164 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+What a change of the velocities in an implicit step changes, as a sparse matrix and its factors.
+
+A body and its neighbours lie on 13 points of a face-centred cubic lattice, and the number
+(x + 3 y + 4 z) mod 13 of a grid point is different for all of them. So 13 times 6 products with
+vectors that are 1 at all bodies of one number give the whole matrix, of any fabric.
+"""
+
+from typing import Any
+
+from icofabric_sim.kernels.integrators.midpoint import assemble, tangent_springs
+from icofabric_sim.kernels.records import LINK_COUNT, Model, State, Variety
+from icofabric_sim.simulation.model.layout import aligned_empty
+from icofabric_sim.simulation.model.packing import PackedScene
+import numpy as np
+
+_COLOURS, _STEPS = 13, np.array([1, 3, 4])
+
+
+class VelocityMatrix:
+    """
+    The matrix 1 + M^-1/2 (h^2/4 H + h/2 C) M^-1/2 of a fabric, H and C those of its configuration.
+
+    H is the second derivative of the energy, C what damping and drag make of velocities; rows and
+    columns are the six freedoms of each body, body by body. Held freedoms and driven bodies stay
+    as they are: theirs are those of the unit matrix.
+    """
+
+    def __init__(self, packed: PackedScene, grid: np.ndarray, driven: np.ndarray) -> None:
+        """Find which bodies meet; `grid` (g, 3) of the woven bodies, `driven` their numbers."""
+        self._model, self._slot = packed.model, packed.layout.slot
+        count = packed.layout.body_count
+        self._colour = np.zeros(count, np.int64)
+        self._colour[:len(grid)] = grid.astype(np.int64) @ _STEPS % _COLOURS
+        partner = np.full((_COLOURS, count), -1, np.int64)
+        if packed.connectors is not None:
+            ends = packed.connectors.first, packed.connectors.second
+            for own, other in (ends, ends[::-1]):
+                partner[self._colour[other], own] = other
+        partner[self._colour, np.arange(count)] = np.arange(count)
+        # Blocks by rows of bodies, as block sparse rows have them.
+        rows, colours = np.nonzero((partner >= 0).T)
+        columns = partner[colours, rows]
+        order = np.lexsort((columns, rows))
+        rows, columns, colours = rows[order], columns[order], colours[order]
+        self._pair = np.full((_COLOURS, count), -1, np.int64)
+        self._pair[colours, rows] = np.arange(len(rows))
+        self._blocks = np.zeros((len(rows), 6, 6))
+        is_driven = np.zeros(count, bool)
+        is_driven[driven] = True
+        self._apart = is_driven[rows] | is_driven[columns]
+        self._own = np.flatnonzero(rows == columns)
+        self._order, self._pattern = _elimination(rows, columns, count)
+        slots = packed.layout.slot_count
+
+        def room(*shape: int) -> np.ndarray:
+            array = aligned_empty(shape)
+            array[:] = 0.0
+            return array
+
+        self._slopes, self._rest = room(LINK_COUNT, slots), room(LINK_COUNT, slots)
+        self._moved, self._turns = room(18 * slots), room(3, slots)
+        self._vector, self._product = room(6, slots), room(6, slots)
+
+    def factors(self, model: Model, middle: State, points: np.ndarray, h: float) -> 'Factors':
+        """Factor it for a step `h` [s] in a configuration whose attachment `points` are placed."""
+        from scipy.sparse.linalg import splu
+
+        tangent_springs(
+            model.links, model.damping, model, points, middle.position.shape[1], h, self._slopes,
+            self._rest)
+        root_m, root_i = np.sqrt(model.inverse_mass), np.sqrt(model.inverse_inertia)
+        assemble(
+            self._tangent(model, h), middle, points, self._moved, self._turns, root_m, root_i,
+            self._colour, self._slot, self._pair, self._vector, self._product, self._blocks)
+        blocks = self._blocks
+        if self._apart.any():
+            blocks[self._apart] = 0.0
+        own = blocks[self._own]
+        own[:, range(6), range(6)] += 1.0
+        if model.drag is not None:
+            own[:, range(3), range(3)] += 0.5 * h * model.drag.linear * model.inverse_mass
+            own[:, range(3, 6), range(3, 6)] += 0.5 * h * model.drag.angular * (
+                model.inverse_inertia)
+        matrix, places = self._pattern
+        blocks[self._own] = own
+        matrix.data[:] = blocks.ravel()[places]
+        return Factors(splu(
+            matrix, permc_spec='NATURAL', diag_pivot_thresh=0.0,
+            options={'SymmetricMode': True}), self._order)
+
+    def _tangent(self, model: Model, h: float) -> Model:
+        """The model with the springs of a step, and moments that are as much weaker."""
+        part, links = 0.25 * h * h, model.links
+        if links is not None:
+            links = links._replace(
+                variety=Variety(self._slopes, self._slopes, self._rest), tables=None)
+
+        def weaker(moment: Any) -> Any:
+            return None if moment is None else moment._replace(
+                stiffness=part * moment.stiffness,
+                variety=None if moment.variety is None else part * moment.variety)
+
+        return model._replace(
+            links=links, bending=weaker(model.bending), twisting=weaker(model.twisting))
+
+
+class Factors:
+    """Factors of a matrix, in an order of elimination."""
+
+    def __init__(self, factors: Any, order: np.ndarray) -> None:
+        """Solve by SciPy's `factors`, whose row k is number order[k] of the matrix."""
+        self._factors, self._order = factors, order
+
+    def solve(self, right: np.ndarray) -> np.ndarray:
+        """Solution (m,) of the system for a vector (m,)."""
+        result = np.empty_like(right)
+        result[self._order] = self._factors.solve(right[self._order])
+        return result
+
+
+def _elimination(
+    rows: np.ndarray, columns: np.ndarray, count: int
+) -> tuple[np.ndarray, tuple[Any, np.ndarray]]:
+    """
+    Order of elimination by minimum degree, the matrix in it, and where its entries come from.
+
+    For blocks of six freedoms at `rows` and `columns` of bodies: numbers into (p, 6, 6).
+    """
+    from scipy import sparse
+    from scipy.sparse.linalg import splu
+
+    # By bodies: their freedoms meet the same others, and stay together.
+    graph = sparse.csc_matrix((np.ones(len(rows)), (rows, columns)), shape=(count, count))
+    degree = sparse.diags(np.asarray(graph.sum(axis=1)).ravel() + 1.0)
+    order = splu(
+        sparse.csc_matrix(degree - 0.5 * graph), permc_spec='MMD_AT_PLUS_A',
+        diag_pivot_thresh=0.0, options={'SymmetricMode': True}).perm_c
+    place = np.empty(count, np.int64)
+    place[np.argsort(order)] = np.arange(count)
+    bodies = np.argsort(place)
+    freedoms = (6 * bodies[:, None] + np.arange(6)).ravel()
+    number = np.arange(36 * len(rows), dtype=np.float64).reshape(-1, 6, 6)
+    own = np.arange(6)
+    down = np.broadcast_to(6 * place[rows][:, None, None] + own[:, None], number.shape)
+    along = np.broadcast_to(6 * place[columns][:, None, None] + own, number.shape)
+    # 0 would be an entry like any other: numbers begin at 1.
+    matrix = sparse.csc_matrix(
+        (number.ravel() + 1.0, (down.ravel(), along.ravel())), shape=(6 * count, 6 * count))
+    matrix.sort_indices()
+    return freedoms, (matrix, matrix.data.astype(np.int64) - 1)
