@@ -259,6 +259,11 @@ def table(t):
         'Elasticity.poisson_ratio': (t.elasticity.poisson_ratio, {
             'direction': array((1.0, 0.0, 0.0), np.eye(3)[:1], bad=[(0, 0, 0)]),
             'across': array((0.0, 1.0, 0.0), [[0, 0, 1]], bad=[(0, 0, 0)])}),
+        'Elasticity.shear_modulus': (t.elasticity.shear_modulus, {
+            'normal': array((1.0, 0.0, 0.0), [[1, 0, 0]], bad=[(0, 0, 0), (0.0, 1.0, 0.0)]),
+            'along': array((0.0, 1.0, 0.0), [[0, 0, 1]], bad=[(0, 0, 0), (1.0, 1.0, 0.0)])}),
+        'Elasticity.along': (t.elasticity.along, {
+            'direction': array((1.0, 0.0, 0.0), [0, 0, 1], bad=[(0, 0, 0), np.eye(3)])}),
         'Elasticity.response': (t.elasticity.response, {
             'strain': array((0.0, 0.0, 1e-3, 0.0, 0.0, 0.0), [0, 0, 1, 0, 0, 0], bad=[
                 np.zeros(6), np.eye(6)])}),

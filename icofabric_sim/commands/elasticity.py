@@ -16,6 +16,7 @@
 import argparse
 from typing import Any, TYPE_CHECKING
 
+from icofabric_sim.commands import elastic_directions
 from icofabric_sim.commands.report import add_json_numbers_argument, print_json, words_aside
 from icofabric_sim.commands.rest_outputs import (
     add_output_arguments,
@@ -28,6 +29,7 @@ from icofabric_sim.terminal import bad_input, InputError, Progress
 
 if TYPE_CHECKING:
     from icofabric_sim.scene.scene import Scene
+    from icofabric_sim.statics.directional import Directional
     from icofabric_sim.statics.periodic import Elasticity
     from icofabric_sim.statics.stretching import CurvePoint
 
@@ -54,6 +56,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--kinds', nargs='*', choices=_KINDS, default=_KINDS, metavar='KIND',
         help='curves of the slab: pull, push, shear (default: all; none: constants only)')
+    parser.add_argument(
+        '--direction', nargs=3, type=float, action='append', default=[],
+        metavar=('X', 'Y', 'Z'),
+        help="Young's modulus, Poisson's ratios and shear moduli of the endless fabric along this "
+             'direction, beside thirteen others; may be repeated')
     add_output_arguments(parser)
     add_json_numbers_argument(parser)
 
@@ -88,8 +95,10 @@ def _find(arguments: argparse.Namespace) -> tuple[dict[str, Any], bool]:
         if arguments.kinds:
             refuse_in_statics(scene)
         constants = homogenise(scene)
+    judged = {branch: elastic_directions.judged(one, arguments.direction)
+              for branch, one in _branches(constants).items()}
     print(f'{name}: the endless fabric')
-    print('\n'.join([*constants_text(constants), *rest_text(scene)]))
+    print('\n'.join([*constants_text(constants, judged), *rest_text(scene)]))
     curves: dict[str, list[CurvePoint]] = {kind: [] for kind in arguments.kinds}
     strains = arguments.strain * np.arange(1, arguments.points + 1) / arguments.points
     try:
@@ -105,7 +114,7 @@ def _find(arguments: argparse.Namespace) -> tuple[dict[str, Any], bool]:
             print(f'{name}: its slab, held at both ends along {arguments.axis}, sides free; '
                   'strains across are those of its middle third')
             print('\n'.join(curve_text(curves, 'xyz'.index(arguments.axis))))
-        _write(outputs, constants, curves)
+        _write(outputs, constants, judged, curves)
     early = any(
         len(points) < len(strains) or points[-1].verdict.startswith('not')
         for points in curves.values())
@@ -114,15 +123,23 @@ def _find(arguments: argparse.Namespace) -> tuple[dict[str, Any], bool]:
         outputs.picture.parent.mkdir(parents=True, exist_ok=True)
         draw_elasticity(outputs.picture, name, constants, curves)
         print(f'drawn to {outputs.picture}')
-    branches = {key: _numbers(one) for key, one in constants.branches.items()}
+    branches = {key: _numbers(one, judged[key]) for key, one in constants.branches.items()}
     return {
-        'scene': name, **_numbers(constants), 'branch': constants.branch, 'branches': branches,
+        'scene': name, **_numbers(constants, judged[constants.branch]),
+        'branch': constants.branch, 'branches': branches,
         'curves': {kind: [
             {key: value for key, value in point._asdict().items() if key != 'snapshot'}
             for point in points] for kind, points in curves.items()}}, early
 
 
-def _numbers(constants: 'Elasticity') -> dict[str, Any]:
+def _branches(constants: 'Elasticity') -> dict[str, 'Elasticity']:
+    """The constants by branch, '' where nothing is at its kink."""
+    return dict(constants.branches) or {'': constants}
+
+
+def _numbers(
+    constants: 'Elasticity', judged: list[tuple[str, 'Directional']]
+) -> dict[str, Any]:
     import numpy as np
     return {
         'order': _VOIGT, 'stiffness_pa': constants.stiffness, 'stress_pa': constants.stress,
@@ -131,7 +148,8 @@ def _numbers(constants: 'Elasticity') -> dict[str, Any]:
             label: constants.young_modulus(np.array(direction, float))
             for label, direction in _DIRECTIONS.items()},
         'bulk_modulus_pa': constants.bulk_modulus,
-        'poisson_ratio': {label: dict(ratios) for label, _, ratios in moduli(constants)}}
+        'poisson_ratio': {label: dict(ratios) for label, _, ratios in moduli(constants)},
+        'directions': elastic_directions.numbers(judged)}
 
 
 def moduli(
@@ -168,10 +186,12 @@ def one_sided_ratios(
     return [(side, -strain[side] / strain[label]) for side in _ACROSS[label]]
 
 
-def constants_text(constants: 'Elasticity') -> list[str]:
-    """Lines for the terminal."""
+def constants_text(
+    constants: 'Elasticity', judged: dict[str, list[tuple[str, 'Directional']]]
+) -> list[str]:
+    """Lines for the terminal; `judged`: directions by branch."""
     if not constants.branches:
-        return [*_branch_text(constants), *_limits_text(constants)]
+        return [*_branch_text(constants, judged['']), *_limits_text(constants)]
     lines = [
         f'  {kink_text(constants.at_kink)} (of a cell)',
         '  Such a fabric has no single tangent: elastic constants depend on the kind and sign of',
@@ -180,7 +200,8 @@ def constants_text(constants: 'Elasticity') -> list[str]:
     lines += _one_sided_text(constants)
     for branch, said in _BRANCHES.items():
         lines.append(f'  bounds, {branch}: {said}')
-        lines += [f'  {line}' for line in _branch_text(constants.branches[branch])]
+        lines += [f'  {line}' for line in _branch_text(
+            constants.branches[branch], judged[branch])]
     return lines
 
 
@@ -256,7 +277,9 @@ def _limits_text(constants: 'Elasticity') -> list[str]:
                 f'{label} {limit:.4g}' for label, limit in limits if np.isfinite(limit))]
 
 
-def _branch_text(constants: 'Elasticity') -> list[str]:
+def _branch_text(
+    constants: 'Elasticity', judged: list[tuple[str, 'Directional']]
+) -> list[str]:
     import numpy as np
 
     largest = float(np.abs(constants.stiffness).max())
@@ -273,6 +296,7 @@ def _branch_text(constants: 'Elasticity') -> list[str]:
         lines.append(f"  Young's modulus along {label:3} {modulus:12.6g} Pa" + (
             f", Poisson's ratio {across}" if across else ''))
     lines.append(f'  bulk modulus              {constants.bulk_modulus:12.6g} Pa')
+    lines += elastic_directions.text(judged)
     lines.append(f'  density {constants.density:.6g} kg/m^3')
     if len(constants.soft_strains):
         lines.append(
@@ -304,12 +328,13 @@ def curve_text(curves: dict[str, list['CurvePoint']], axis: int) -> list[str]:
 
 
 def _write(
-    outputs: RestOutputs, constants: 'Elasticity', curves: dict[str, list['CurvePoint']]
+    outputs: RestOutputs, constants: 'Elasticity',
+    judged: dict[str, list[tuple[str, 'Directional']]], curves: dict[str, list['CurvePoint']]
 ) -> None:
     if outputs.folder is None:
         return
-    tables = {'stiffness.csv': constants} if not constants.branches else {
-        f'stiffness_{branch}.csv': one for branch, one in constants.branches.items()}
+    tables = {f'stiffness{branch and "_"}{branch}.csv': one
+              for branch, one in _branches(constants).items()}
     for file, one in tables.items():
         outputs.table(file, ('', *_VOIGT), (
             [label, *row] for label, row in zip(_VOIGT, one.stiffness.tolist())))
@@ -319,6 +344,10 @@ def _write(
             ('pull_along', 'young_modulus_pa', 'across', 'poisson_ratio', 'bulk_modulus_pa'),
             ([label, modulus, side, '' if ratio is None else ratio, one.bulk_modulus]
              for label, modulus, ratios in moduli(one) for side, ratio in ratios))
+    for file, found in zip(tables, judged.values()):
+        outputs.table(
+            file.replace('stiffness', 'directions'), elastic_directions.COLUMNS,
+            elastic_directions.rows(found))
     if constants.branches:
         import numpy as np
         outputs.table('one_sided.csv', ('strain', 'sign', 'modulus_pa', *_VOIGT), (

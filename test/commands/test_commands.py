@@ -746,8 +746,18 @@ def test_elasticity_prints_constants_and_curves(
     for words in ("Poisson's ratio ", 'bulk modulus ', 'strain yy', 'strain zz'):
         assert words in done.out
     assert (tmp_path / 'e.png').read_bytes().startswith(b'\x89PNG')
-    alone = call('elasticity', 'free_slab', '--kinds')
+    alone = call(
+        'elasticity', 'free_slab', '--kinds', '--direction', '1', '2', '0', '--output', 'plain')
     assert alone.status == 0 and '3 strains cost no energy' in alone.out
+    for words in (
+            "along xy: no Poisson's ratio: it meets the strain xy, which costs no energy",
+            "along 1 2 0: Young's modulus 0 Pa", "along x: Poisson's ratio 0.30825 all round"):
+        assert words in alone.out
+    table = (tmp_path / 'plain' / 'directions.csv').read_text().splitlines()
+    assert len(table) == 15 and 'least_shear_modulus_pa' in table[0]
+    assert table[4].startswith('xy,') and table[4].endswith(',"it meets the strain xy, which '
+                                                            'costs no energy"')
+    assert call('elasticity', 'free_slab', '--kinds', '--direction', '0', '0', '0').status == 2
     # None where a pull meets nothing.
     assert re.search(r'along xy +0 Pa\n', alone.out)
     bad = call('elasticity', 'radial_arch')

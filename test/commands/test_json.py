@@ -70,6 +70,9 @@ def test_elasticity(said):
     x, y = np.eye(3)[:2]
     assert report['poisson_ratio']['x']['y'] == pytest.approx(
         float(found.poisson_ratio(x, y)), rel=1e-9)
+    assert len(report['directions']) == 13
+    assert report['directions']['xy']['shear_modulus_pa'] == pytest.approx(
+        found.along(x + y).shear_modulus, rel=1e-9)
     assert list(report['poisson_ratio']) == ['x', 'y', 'z', 'xy', 'xyz']
     first, second = report['curves']['pull']
     assert second['middle_strain'][1] < 0.0 < second['middle_strain'][0]
