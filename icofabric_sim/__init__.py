@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from icofabric_sim.statics.modes import solve_modes, Spectrum
     from icofabric_sim.statics.periodic import Elasticity, homogenise, solve_bands
     from icofabric_sim.statics.stretching import measure_curve
+    from icofabric_sim.statics.turning import measure_turning
     from icofabric_sim.studies.sweep.sweep import sweep
 
 _HOMES = {
@@ -63,6 +64,7 @@ _HOMES = {
     'load_scene': 'scene.scene',
     'measure_curve': 'statics.stretching',
     'measure_growth': 'simulation.divergence',
+    'measure_turning': 'statics.turning',
     'solve_bands': 'statics.periodic',
     'solve_equilibrium': 'statics.equilibrium',
     'solve_modes': 'statics.modes',
@@ -91,6 +93,7 @@ __all__ = [
     'load_scene',
     'measure_curve',
     'measure_growth',
+    'measure_turning',
     'solve_bands',
     'solve_equilibrium',
     'solve_modes',

@@ -16,7 +16,7 @@
 import argparse
 from typing import Any, TYPE_CHECKING
 
-from icofabric_sim.commands import elastic_directions
+from icofabric_sim.commands import elastic_directions, load_cases
 from icofabric_sim.commands.report import add_json_numbers_argument, print_json, words_aside
 from icofabric_sim.commands.rest_outputs import (
     add_output_arguments,
@@ -32,8 +32,10 @@ if TYPE_CHECKING:
     from icofabric_sim.statics.directional import Directional
     from icofabric_sim.statics.periodic import Elasticity
     from icofabric_sim.statics.stretching import CurvePoint
+    from icofabric_sim.statics.turning import TurnPoint
 
-_KINDS = ('pull', 'push', 'shear')
+_STRAINED, _TURNED = ('pull', 'push', 'shear', 'hydrostatic'), ('bend', 'twist')
+_BY_ITSELF = ('pull', 'push', 'shear')
 _DIRECTIONS = {'x': (1, 0, 0), 'y': (0, 1, 0), 'z': (0, 0, 1), 'xy': (1, 1, 0), 'xyz': (1, 1, 1)}
 # Two directions across each, perpendicular to each other.
 _ACROSS = {'x': ('y', 'z'), 'y': ('z', 'x'), 'z': ('x', 'y'), 'xy': ('z', 'x-y'),
@@ -50,12 +52,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--strain', type=float, default=0.1, metavar='E',
         help='largest displacement of the moved end over the length (%(default)g)')
     parser.add_argument(
+        '--angle', type=float, default=0.1, metavar='RAD',
+        help='largest angle of one end against the other, of bend and twist [rad] (%(default)g)')
+    parser.add_argument(
         '--points', type=int, default=10, metavar='N', help='states of a curve (%(default)d)')
     parser.add_argument(
         '--axis', choices=('x', 'y', 'z'), default='x', help='from end to end (%(default)s)')
     parser.add_argument(
-        '--kinds', nargs='*', choices=_KINDS, default=_KINDS, metavar='KIND',
-        help='curves of the slab: pull, push, shear (default: all; none: constants only)')
+        '--about', choices=('x', 'y', 'z'),
+        help='axis that a bend turns about, across --axis (default: the next one, y for x)')
+    parser.add_argument(
+        '--kinds', nargs='*', choices=(*_STRAINED, *_TURNED), default=_BY_ITSELF, metavar='KIND',
+        help='curves of the slab: pull, push, shear, hydrostatic, bend, twist (default: pull '
+             'push shear; none: constants only)')
     parser.add_argument(
         '--direction', nargs=3, type=float, action='append', default=[],
         metavar=('X', 'Y', 'Z'),
@@ -84,52 +93,77 @@ def _find(arguments: argparse.Namespace) -> tuple[dict[str, Any], bool]:
     outputs = outputs_of(arguments)
     if not arguments.points >= 1:
         raise InputError(f'--points must be at least 1, got {arguments.points}')
+    if not 0.0 < abs(arguments.angle) < float('inf'):
+        raise InputError(f'--angle must be a finite angle in rad, not 0, got {arguments.angle}')
+    axis = 'xyz'.index(arguments.axis)
+    about = None if arguments.about is None else 'xyz'.index(arguments.about)
     from icofabric_sim.scene.scene import Scene
     from icofabric_sim.statics.held import refuse_in_statics
     from icofabric_sim.statics.periodic import homogenise
     from icofabric_sim.statics.stretching import curve_points
+    from icofabric_sim.statics.turning import check_about, turn_points
     import numpy as np
 
     with bad_input():
         scene = Scene.from_parameters(parameters)
         if arguments.kinds:
             refuse_in_statics(scene)
+        check_about('bend', axis, about)
         constants = homogenise(scene)
     judged = {branch: elastic_directions.judged(one, arguments.direction)
               for branch, one in _branches(constants).items()}
     print(f'{name}: the endless fabric')
     print('\n'.join([*constants_text(constants, judged), *rest_text(scene)]))
-    curves: dict[str, list[CurvePoint]] = {kind: [] for kind in arguments.kinds}
-    strains = arguments.strain * np.arange(1, arguments.points + 1) / arguments.points
+    curves: dict[str, list[CurvePoint]] = {
+        kind: [] for kind in arguments.kinds if kind in _STRAINED}
+    turns: dict[str, list[TurnPoint]] = {
+        kind: [] for kind in arguments.kinds if kind in _TURNED}
+    parts = np.arange(1, arguments.points + 1) / arguments.points
+    strains, angles = ((most * parts).tolist() for most in (arguments.strain, arguments.angle))
     try:
         for kind, points in curves.items():
             with Progress(len(strains), 'states') as progress, bad_input():
                 points.extend(curve_points(
-                    scene, kind, strains.tolist(), axis='xyz'.index(arguments.axis),
+                    scene, kind, strains, axis=axis, progress=progress.update))
+        for kind, turned in turns.items():
+            with Progress(len(angles), 'states') as progress, bad_input():
+                turned.extend(turn_points(
+                    scene, kind, angles, axis=axis, about=about if kind == 'bend' else None,
                     progress=progress.update))
     finally:
         # Those of an interrupted search too.
         curves = {kind: points for kind, points in curves.items() if points}
+        turns = {kind: points for kind, points in turns.items() if points}
         if curves:
-            print(f'{name}: its slab, held at both ends along {arguments.axis}, sides free; '
-                  'strains across are those of its middle third')
-            print('\n'.join(curve_text(curves, 'xyz'.index(arguments.axis))))
-        _write(outputs, constants, judged, curves)
+            print(f'{name}: its slab, held at both ends along {arguments.axis}, sides free '
+                  '(hydrostatic: all faces held); strains across are those of its middle third')
+            print('\n'.join(load_cases.curve_text(curves, axis)))
+        if turns:
+            print(f'{name}: its slab, its ends along {arguments.axis} turned against each other, '
+                  'sides free')
+            print('\n'.join(load_cases.turn_text(turns)))
+        _write(outputs, constants, judged, curves, turns)
+    cases: list[list[CurvePoint] | list[TurnPoint]] = [*curves.values(), *turns.values()]
     early = any(
-        len(points) < len(strains) or points[-1].verdict.startswith('not')
-        for points in curves.values())
+        len(case) < len(strains) or case[-1].verdict.startswith('not') for case in cases)
     if outputs.picture is not None:
         from icofabric_sim.pictures.elastic_picture import draw_elasticity
         outputs.picture.parent.mkdir(parents=True, exist_ok=True)
-        draw_elasticity(outputs.picture, name, constants, curves)
+        draw_elasticity(outputs.picture, name, constants, curves, turns)
         print(f'drawn to {outputs.picture}')
     branches = {key: _numbers(one, judged[key]) for key, one in constants.branches.items()}
     return {
         'scene': name, **_numbers(constants, judged[constants.branch]),
         'branch': constants.branch, 'branches': branches,
-        'curves': {kind: [
-            {key: value for key, value in point._asdict().items() if key != 'snapshot'}
-            for point in points] for kind, points in curves.items()}}, early
+        'curves': {kind: [_state(point) for point in points] for kind, points in curves.items()},
+        'turns': {kind: [_state(point) for point in points] for kind, points in turns.items()},
+    }, early
+
+
+def _state(point: 'CurvePoint | TurnPoint') -> dict[str, Any]:
+    """A state without its snapshot, for programs."""
+    fields = {key: value for key, value in point._asdict().items() if key != 'snapshot'}
+    return {**fields, 'breaks': [each._asdict() for each in point.breaks]}
 
 
 def _branches(constants: 'Elasticity') -> dict[str, 'Elasticity']:
@@ -305,31 +339,10 @@ def _branch_text(
     return lines
 
 
-def curve_text(curves: dict[str, list['CurvePoint']], axis: int) -> list[str]:
-    """Lines for the terminal; strains across `axis` are those of the middle of the slab."""
-    lines = []
-    for kind, points in curves.items():
-        sides = [number for number in range(3) if number != axis]
-        head = ''.join(f'{"strain " + 2 * "xyz"[side]:>11}' for side in sides)
-        lines.append(
-            f'  {kind:6} {"strain":>10} {"stress [Pa]":>14} {"stress/strain":>14}{head}')
-        for point in points:
-            more = f'  {point.obstructed} obstructed' if point.obstructed else ''
-            more += f'  {point.broken} broken' if point.broken else ''
-            more += f'  {point.touching} pairs touch' if point.touching else ''
-            more += f'  {point.at_kink} at their kink' if point.at_kink else ''
-            more += f'  {point.past_kink} past it' if point.past_kink else ''
-            lines.append(
-                f'         {point.strain:10.5g} {point.stress:14.6g} '
-                f'{point.stress / point.strain:14.6g}' + ''.join(
-                    f'{point.middle_strain[side]:11.3g}' for side in sides)
-                + f'  {point.verdict}{more}')
-    return lines
-
-
 def _write(
     outputs: RestOutputs, constants: 'Elasticity',
-    judged: dict[str, list[tuple[str, 'Directional']]], curves: dict[str, list['CurvePoint']]
+    judged: dict[str, list[tuple[str, 'Directional']]], curves: dict[str, list['CurvePoint']],
+    turns: dict[str, list['TurnPoint']]
 ) -> None:
     if outputs.folder is None:
         return
@@ -358,3 +371,10 @@ def _write(
         from icofabric_sim.statics.stretching import CURVE_COLUMNS
         outputs.table('curves.csv', ('kind', *CURVE_COLUMNS), (
             [kind, *point.row()] for kind, points in curves.items() for point in points))
+    if turns:
+        from icofabric_sim.statics.turning import TURN_COLUMNS
+        outputs.table('turns.csv', ('kind', *TURN_COLUMNS), (
+            [kind, *point.row()] for kind, points in turns.items() for point in points))
+    broken = load_cases.break_rows([*curves.items(), *turns.items()])
+    if broken:
+        outputs.table('breaks.csv', load_cases.BREAK_COLUMNS, broken)

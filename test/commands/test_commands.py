@@ -764,6 +764,32 @@ def test_elasticity_prints_constants_and_curves(
     assert bad.status == 2 and 'weave.kind' in bad.err
 
 
+def test_elasticity_bends_twists_and_presses(
+        call: Callable[..., Result], tmp_path: Path) -> None:
+    size = ['-p', 'weave.size:=[5, 3, 3]', '-p', 'connector.break_length_extension:=0.127']
+    done = call(
+        'elasticity', 'stiff_cantilever', *size, '--points', '2', '--kinds', 'hydrostatic',
+        'bend', 'twist', '--about', 'z', '--angle', '-0.6', '--strain', '0.02', '--output', 'out',
+        '--picture', 'e.png')
+    assert done.status == 0, done.err
+    for words in ('EI [N m^2]', 'GJ [N m^2]', 'hydrostatic', 'turned against each other'):
+        assert words in done.out
+    rows = [line.split(',') for line in (tmp_path / 'out' / 'turns.csv').read_text().splitlines()]
+    assert rows[0][:4] == ['kind', 'angle_rad', 'moment_nm', 'rigidity_nm2'] and len(rows) == 5
+    assert [row[0] for row in rows[1:]] == ['bend', 'bend', 'twist', 'twist']
+    for _, angle, moment, rigidity, *_ in rows[1:]:
+        assert float(angle) in (-0.3, -0.6) and float(moment) < 0.0 < float(rigidity)
+    broken = (tmp_path / 'out' / 'breaks.csv').read_text().splitlines()
+    assert broken[0] == 'kind,strain_or_angle_rad,connector,side,length_m,released_j'
+    assert len(broken) > 1 and all('extension' in line for line in broken[1:])
+    assert (tmp_path / 'e.png').read_bytes().startswith(b'\x89PNG')
+    for words, said in (
+            (('--about', 'x'), 'about must be an axis'), (('--angle', '0'), '--angle'),
+            (('--angle', 'nan'), '--angle')):
+        bad = call('elasticity', 'stiff_cantilever', *size, '--kinds', 'bend', *words)
+        assert bad.status == 2 and said in bad.err
+
+
 @pytest.mark.parametrize('length, words', [
     ('0.024', 'only contact gives it a rest. The least natural length that has one without is '
      '0.0250664748 m'),

@@ -80,6 +80,14 @@ def test_elasticity(said):
     assert second['strain'] == 0.02 and second['stress'] > first['stress'] > 0.0
 
 
+def test_turns(said):
+    report = said('elasticity', '--kinds', 'twist', '--points', '2', '--angle', '0.2')
+    first, second = report['turns']['twist']
+    assert second['angle'] == 0.2 and second['moment'] > first['moment'] > 0.0
+    assert second['end_moment'][0] == pytest.approx(second['moment'], rel=1e-9)
+    assert second['breaks'] == [] and not report['curves']
+
+
 def test_numbers_that_json_lacks_are_null(capsys):
     print_json({'a': np.array([1.0, np.nan]), 'b': float('inf'), 'c': (1, 'x', None, np.True_)})
     assert json.loads(capsys.readouterr().out) == {
