@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from icofabric_sim.simulation.model.snapshot import Snapshot
     from icofabric_sim.simulation.simulation import compile_scene, Simulation
     from icofabric_sim.simulation.stepping.methods import METHODS
+    from icofabric_sim.statics.cycles import measure_cycles
     from icofabric_sim.statics.equilibrium import Equilibrium, solve_equilibrium, step_loads
     from icofabric_sim.statics.modes import solve_modes, Spectrum
     from icofabric_sim.statics.periodic import Elasticity, homogenise, solve_bands
@@ -63,6 +64,7 @@ _HOMES = {
     'homogenise': 'statics.periodic',
     'load_scene': 'scene.scene',
     'measure_curve': 'statics.stretching',
+    'measure_cycles': 'statics.cycles',
     'measure_growth': 'simulation.divergence',
     'measure_turning': 'statics.turning',
     'solve_bands': 'statics.periodic',
@@ -92,6 +94,7 @@ __all__ = [
     'homogenise',
     'load_scene',
     'measure_curve',
+    'measure_cycles',
     'measure_growth',
     'measure_turning',
     'solve_bands',

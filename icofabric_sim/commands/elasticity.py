@@ -16,7 +16,8 @@
 import argparse
 from typing import Any, TYPE_CHECKING
 
-from icofabric_sim.commands import elastic_directions, load_cases
+from icofabric_sim.commands import elastic_directions
+from icofabric_sim.commands.load_cases import LoadCases, STRAINED, TURNED
 from icofabric_sim.commands.report import add_json_numbers_argument, print_json, words_aside
 from icofabric_sim.commands.rest_outputs import (
     add_output_arguments,
@@ -25,16 +26,13 @@ from icofabric_sim.commands.rest_outputs import (
     RestOutputs,
 )
 from icofabric_sim.commands.scenes import add_scene_arguments, read_parameters
-from icofabric_sim.terminal import bad_input, InputError, Progress
+from icofabric_sim.terminal import bad_input, InputError
 
 if TYPE_CHECKING:
     from icofabric_sim.scene.scene import Scene
     from icofabric_sim.statics.directional import Directional
     from icofabric_sim.statics.periodic import Elasticity
-    from icofabric_sim.statics.stretching import CurvePoint
-    from icofabric_sim.statics.turning import TurnPoint
 
-_STRAINED, _TURNED = ('pull', 'push', 'shear', 'hydrostatic'), ('bend', 'twist')
 _BY_ITSELF = ('pull', 'push', 'shear')
 _DIRECTIONS = {'x': (1, 0, 0), 'y': (0, 1, 0), 'z': (0, 0, 1), 'xy': (1, 1, 0), 'xyz': (1, 1, 1)}
 # Two directions across each, perpendicular to each other.
@@ -62,7 +60,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--about', choices=('x', 'y', 'z'),
         help='axis that a bend turns about, across --axis (default: the next one, y for x)')
     parser.add_argument(
-        '--kinds', nargs='*', choices=(*_STRAINED, *_TURNED), default=_BY_ITSELF, metavar='KIND',
+        '--cycles', type=int, default=0, metavar='N',
+        help='load and unload N times, and say what energy is lost (%(default)d: no way back)')
+    parser.add_argument(
+        '--kinds', nargs='*', choices=(*STRAINED, *TURNED), default=_BY_ITSELF, metavar='KIND',
         help='curves of the slab: pull, push, shear, hydrostatic, bend, twist (default: pull '
              'push shear; none: constants only)')
     parser.add_argument(
@@ -93,6 +94,8 @@ def _find(arguments: argparse.Namespace) -> tuple[dict[str, Any], bool]:
     outputs = outputs_of(arguments)
     if not arguments.points >= 1:
         raise InputError(f'--points must be at least 1, got {arguments.points}')
+    if arguments.cycles < 0:
+        raise InputError(f'--cycles must be at least 0, got {arguments.cycles}')
     if not 0.0 < abs(arguments.angle) < float('inf'):
         raise InputError(f'--angle must be a finite angle in rad, not 0, got {arguments.angle}')
     axis = 'xyz'.index(arguments.axis)
@@ -100,8 +103,7 @@ def _find(arguments: argparse.Namespace) -> tuple[dict[str, Any], bool]:
     from icofabric_sim.scene.scene import Scene
     from icofabric_sim.statics.held import refuse_in_statics
     from icofabric_sim.statics.periodic import homogenise
-    from icofabric_sim.statics.stretching import curve_points
-    from icofabric_sim.statics.turning import check_about, turn_points
+    from icofabric_sim.statics.turning import check_about
     import numpy as np
 
     with bad_input():
@@ -114,56 +116,26 @@ def _find(arguments: argparse.Namespace) -> tuple[dict[str, Any], bool]:
               for branch, one in _branches(constants).items()}
     print(f'{name}: the endless fabric')
     print('\n'.join([*constants_text(constants, judged), *rest_text(scene)]))
-    curves: dict[str, list[CurvePoint]] = {
-        kind: [] for kind in arguments.kinds if kind in _STRAINED}
-    turns: dict[str, list[TurnPoint]] = {
-        kind: [] for kind in arguments.kinds if kind in _TURNED}
     parts = np.arange(1, arguments.points + 1) / arguments.points
-    strains, angles = ((most * parts).tolist() for most in (arguments.strain, arguments.angle))
+    cases = LoadCases(
+        arguments.kinds, (arguments.strain * parts).tolist(), (arguments.angle * parts).tolist(),
+        axis, about, arguments.cycles)
     try:
-        for kind, points in curves.items():
-            with Progress(len(strains), 'states') as progress, bad_input():
-                points.extend(curve_points(
-                    scene, kind, strains, axis=axis, progress=progress.update))
-        for kind, turned in turns.items():
-            with Progress(len(angles), 'states') as progress, bad_input():
-                turned.extend(turn_points(
-                    scene, kind, angles, axis=axis, about=about if kind == 'bend' else None,
-                    progress=progress.update))
+        cases.search(scene)
     finally:
         # Those of an interrupted search too.
-        curves = {kind: points for kind, points in curves.items() if points}
-        turns = {kind: points for kind, points in turns.items() if points}
-        if curves:
-            print(f'{name}: its slab, held at both ends along {arguments.axis}, sides free '
-                  '(hydrostatic: all faces held); strains across are those of its middle third')
-            print('\n'.join(load_cases.curve_text(curves, axis)))
-        if turns:
-            print(f'{name}: its slab, its ends along {arguments.axis} turned against each other, '
-                  'sides free')
-            print('\n'.join(load_cases.turn_text(turns)))
-        _write(outputs, constants, judged, curves, turns)
-    cases: list[list[CurvePoint] | list[TurnPoint]] = [*curves.values(), *turns.values()]
-    early = any(
-        len(case) < len(strains) or case[-1].verdict.startswith('not') for case in cases)
+        if lines := cases.text(name):
+            print('\n'.join(lines))
+        _write(outputs, constants, judged, cases)
     if outputs.picture is not None:
         from icofabric_sim.pictures.elastic_picture import draw_elasticity
         outputs.picture.parent.mkdir(parents=True, exist_ok=True)
-        draw_elasticity(outputs.picture, name, constants, curves, turns)
+        draw_elasticity(outputs.picture, name, constants, cases.curves, cases.turns)
         print(f'drawn to {outputs.picture}')
     branches = {key: _numbers(one, judged[key]) for key, one in constants.branches.items()}
     return {
         'scene': name, **_numbers(constants, judged[constants.branch]),
-        'branch': constants.branch, 'branches': branches,
-        'curves': {kind: [_state(point) for point in points] for kind, points in curves.items()},
-        'turns': {kind: [_state(point) for point in points] for kind, points in turns.items()},
-    }, early
-
-
-def _state(point: 'CurvePoint | TurnPoint') -> dict[str, Any]:
-    """A state without its snapshot, for programs."""
-    fields = {key: value for key, value in point._asdict().items() if key != 'snapshot'}
-    return {**fields, 'breaks': [each._asdict() for each in point.breaks]}
+        'branch': constants.branch, 'branches': branches, **cases.numbers()}, cases.early
 
 
 def _branches(constants: 'Elasticity') -> dict[str, 'Elasticity']:
@@ -341,8 +313,7 @@ def _branch_text(
 
 def _write(
     outputs: RestOutputs, constants: 'Elasticity',
-    judged: dict[str, list[tuple[str, 'Directional']]], curves: dict[str, list['CurvePoint']],
-    turns: dict[str, list['TurnPoint']]
+    judged: dict[str, list[tuple[str, 'Directional']]], cases: LoadCases
 ) -> None:
     if outputs.folder is None:
         return
@@ -367,14 +338,4 @@ def _write(
             [label, sign, found.modulus, *found.stress.tolist()]
             for number, label in enumerate(_VOIGT) for sign in (1, -1)
             for found in [constants.response(sign * np.eye(6)[number])]))
-    if curves:
-        from icofabric_sim.statics.stretching import CURVE_COLUMNS
-        outputs.table('curves.csv', ('kind', *CURVE_COLUMNS), (
-            [kind, *point.row()] for kind, points in curves.items() for point in points))
-    if turns:
-        from icofabric_sim.statics.turning import TURN_COLUMNS
-        outputs.table('turns.csv', ('kind', *TURN_COLUMNS), (
-            [kind, *point.row()] for kind, points in turns.items() for point in points))
-    broken = load_cases.break_rows([*curves.items(), *turns.items()])
-    if broken:
-        outputs.table('breaks.csv', load_cases.BREAK_COLUMNS, broken)
+    cases.write(outputs)

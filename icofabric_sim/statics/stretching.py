@@ -106,11 +106,7 @@ def curve_points(
     """The same, each as soon as it is found."""
     require_scene(scene)
     checks.choice('kind', kind, KINDS)
-    steps: list[float] = checks.array('strains', strains, ('n',)).tolist()
-    if not steps or not steps[0] > 0.0 or sorted(set(steps)) != steps:
-        raise ValueError(f'strains must rise from above 0, got {checks.shown(steps)}')
-    if kind in (PUSH, HYDROSTATIC) and steps[-1] >= 1.0:
-        raise ValueError(f'strains of a {kind} must be below 1, got {steps[-1]:g}')
+    steps = check_strains('strains', kind, strains)
     axis = checks.count('axis', axis, 0, 2)
     if progress is not None:
         checks.function('progress', progress)
@@ -120,6 +116,16 @@ def curve_points(
         yield curve_point(motion, kind, rest, step)
         if progress is not None:
             progress(number + 1)
+
+
+def check_strains(name: str, kind: str, strains: Sequence[float]) -> list[float]:
+    """Strains of a kind, the argument `name`, which rise from above 0; ValueError if not."""
+    steps: list[float] = checks.array(name, strains, ('n',)).tolist()
+    if not steps or not steps[0] > 0.0 or sorted(set(steps)) != steps:
+        raise ValueError(f'{name} must rise from above 0, got {checks.shown(steps)}')
+    if kind in (PUSH, HYDROSTATIC) and steps[-1] >= 1.0:
+        raise ValueError(f'{name} of a {kind} must be below 1, got {steps[-1]:g}')
+    return steps
 
 
 def curve_point(motion: HeldMotion, kind: str, rest: Rest, step: Step) -> CurvePoint:

@@ -91,23 +91,30 @@ def turn_points(
     """The same, each as soon as it is found."""
     require_scene(scene)
     checks.choice('kind', kind, KINDS)
-    steps = checks.array('angles', angles, ('n',), 'rad')
-    size = np.abs(steps)
-    if not len(steps) or not size[0] > 0.0 or (np.diff(size) <= 0.0).any() or (
-            np.sign(steps) != np.sign(steps[0])).any():
-        raise ValueError(
-            'angles must go away from 0 rad on one side of it, got '
-            f'{checks.shown(steps.tolist())}')
+    steps = check_angles('angles', angles)
     axis = checks.count('axis', axis, 0, 2)
     check_about(kind, axis, about)
     if progress is not None:
         checks.function('progress', progress)
     motion = held_motion(scene, kind, axis, about)
     rest = Rest(motion)
-    for number, step in enumerate(follow(motion, steps.tolist())):
+    for number, step in enumerate(follow(motion, steps)):
         yield turn_point(motion, rest, step)
         if progress is not None:
             progress(number + 1)
+
+
+def check_angles(name: str, angles: Sequence[float]) -> list[float]:
+    """Angles [rad], the argument `name`, which go away from 0; ValueError if not."""
+    steps = checks.array(name, angles, ('n',), 'rad')
+    size = np.abs(steps)
+    if not len(steps) or not size[0] > 0.0 or (np.diff(size) <= 0.0).any() or (
+            np.sign(steps) != np.sign(steps[0])).any():
+        raise ValueError(
+            f'{name} must go away from 0 rad on one side of it, got '
+            f'{checks.shown(steps.tolist())}')
+    found: list[float] = steps.tolist()
+    return found
 
 
 def check_about(kind: str, axis: int, about: int | None) -> None:

@@ -783,6 +783,19 @@ def test_elasticity_bends_twists_and_presses(
     assert broken[0] == 'kind,strain_or_angle_rad,connector,side,length_m,released_j'
     assert len(broken) > 1 and all('extension' in line for line in broken[1:])
     assert (tmp_path / 'e.png').read_bytes().startswith(b'\x89PNG')
+    loop = call(
+        'elasticity', 'stiff_cantilever', *size, '--points', '2', '--kinds', 'pull', 'twist',
+        '--angle', '0.1', '--strain', '0.04', '--cycles', '2', '--output', 'loop')
+    assert loop.status == 0, loop.err
+    assert re.search(r'pull +cycle 1: .* J lost; breaks released .* broken', loop.out)
+    rows = [line.split(',') for line in
+            (tmp_path / 'loop' / 'cycles.csv').read_text().splitlines()]
+    assert rows[0] == ['kind', 'cycle', 'work_j', 'regained_j', 'lost_j', 'released_j', 'left_j',
+                       'broken']
+    assert [row[:2] for row in rows[1:]] == [
+        ['pull', '1'], ['pull', '2'], ['twist', '1'], ['twist', '2']]
+    assert float(rows[1][4]) > 0.05 * float(rows[1][2]) and int(rows[1][7]) > 0
+    assert abs(float(rows[3][4])) < 1e-9 * float(rows[3][2]) and rows[3][7] == '0'
     for words, said in (
             (('--about', 'x'), 'about must be an axis'), (('--angle', '0'), '--angle'),
             (('--angle', 'nan'), '--angle')):

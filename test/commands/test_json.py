@@ -86,6 +86,11 @@ def test_turns(said):
     assert second['angle'] == 0.2 and second['moment'] > first['moment'] > 0.0
     assert second['end_moment'][0] == pytest.approx(second['moment'], rel=1e-9)
     assert second['breaks'] == [] and not report['curves']
+    loop = said(
+        'elasticity', '--kinds', 'twist', '--points', '2', '--angle', '0.2', '--cycles', '1')
+    [cycle] = loop['cycles']['twist']
+    assert cycle['work'] > 0.0 and abs(cycle['lost']) < 1e-9 * cycle['work']
+    assert len(loop['turns']['twist']) == 4 and loop['turns']['twist'][-1]['rigidity'] is None
 
 
 def test_numbers_that_json_lacks_are_null(capsys):
