@@ -42,7 +42,8 @@ OPTIONS = {
         '--bands': ('', 'a.gif', 'small.yaml/a.png')},
     'elasticity': {
         '--strain': (*NUMBERS, '0'), '--angle': ('x', 'nan', 'inf', '0', ''),
-        '--about': ('w', 'x'), '--cycles': ('x', '-1', '1.5', ''), '--points': COUNTS, '--kinds': ('x',), '--axis': ('w', '0'),
+        '--about': ('w', 'x'), '--cycles': ('x', '-1', '1.5', ''),
+        '--points': COUNTS, '--kinds': ('x',), '--axis': ('w', '0'),
         '--picture': ('', 'a.gif', 'small.yaml/a.png'), '--output': ('small.yaml',)},
 }
 CASES = [
