@@ -33,6 +33,9 @@ if TYPE_CHECKING:
     from icofabric_sim.statics.directional import Directional
     from icofabric_sim.statics.periodic import Elasticity
 
+    # Directions by name, for each branch.
+    Judged = dict[str, list[tuple[str, Directional]]]
+
 _BY_ITSELF = ('pull', 'push', 'shear')
 _DIRECTIONS = {'x': (1, 0, 0), 'y': (0, 1, 0), 'z': (0, 0, 1), 'xy': (1, 1, 0), 'xyz': (1, 1, 1)}
 # Two directions across each, perpendicular to each other.
@@ -111,11 +114,18 @@ def _find(arguments: argparse.Namespace) -> tuple[dict[str, Any], bool]:
         if arguments.kinds:
             refuse_in_statics(scene)
         check_about('bend', axis, about)
-        constants = homogenise(scene)
-    judged = {branch: elastic_directions.judged(one, arguments.direction)
-              for branch, one in _branches(constants).items()}
-    print(f'{name}: the endless fabric')
-    print('\n'.join([*constants_text(constants, judged), *rest_text(scene)]))
+        # Curves of the slab need no endless fabric.
+        alone = bool(arguments.kinds and scene.parameters.names('connector_groups'))
+        constants = None if alone else homogenise(scene)
+    judged: Judged = {} if constants is None else {
+        branch: elastic_directions.judged(one, arguments.direction)
+        for branch, one in _branches(constants).items()}
+    if constants is None:
+        print(f'{name}: no constants of an endless fabric, because connector_groups.* make '
+              'connectors differ from place to place')
+    else:
+        print(f'{name}: the endless fabric')
+        print('\n'.join([*constants_text(constants, judged), *rest_text(scene)]))
     parts = np.arange(1, arguments.points + 1) / arguments.points
     cases = LoadCases(
         arguments.kinds, (arguments.strain * parts).tolist(), (arguments.angle * parts).tolist(),
@@ -126,12 +136,17 @@ def _find(arguments: argparse.Namespace) -> tuple[dict[str, Any], bool]:
         # Those of an interrupted search too.
         if lines := cases.text(name):
             print('\n'.join(lines))
-        _write(outputs, constants, judged, cases)
+        if constants is not None:
+            _write(outputs, constants, judged)
+        if outputs.folder is not None:
+            cases.write(outputs)
     if outputs.picture is not None:
         from icofabric_sim.pictures.elastic_picture import draw_elasticity
         outputs.picture.parent.mkdir(parents=True, exist_ok=True)
         draw_elasticity(outputs.picture, name, constants, cases.curves, cases.turns)
         print(f'drawn to {outputs.picture}')
+    if constants is None:
+        return {'scene': name, **cases.numbers()}, cases.early
     branches = {key: _numbers(one, judged[key]) for key, one in constants.branches.items()}
     return {
         'scene': name, **_numbers(constants, judged[constants.branch]),
@@ -193,7 +208,7 @@ def one_sided_ratios(
 
 
 def constants_text(
-    constants: 'Elasticity', judged: dict[str, list[tuple[str, 'Directional']]]
+    constants: 'Elasticity', judged: 'Judged'
 ) -> list[str]:
     """Lines for the terminal; `judged`: directions by branch."""
     if not constants.branches:
@@ -312,8 +327,7 @@ def _branch_text(
 
 
 def _write(
-    outputs: RestOutputs, constants: 'Elasticity',
-    judged: dict[str, list[tuple[str, 'Directional']]], cases: LoadCases
+    outputs: RestOutputs, constants: 'Elasticity', judged: 'Judged'
 ) -> None:
     if outputs.folder is None:
         return
@@ -338,4 +352,3 @@ def _write(
             [label, sign, found.modulus, *found.stress.tolist()]
             for number, label in enumerate(_VOIGT) for sign in (1, -1)
             for found in [constants.response(sign * np.eye(6)[number])]))
-    cases.write(outputs)

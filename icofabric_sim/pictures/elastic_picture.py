@@ -29,44 +29,23 @@ _FEW_AROUND, _FEW_DOWN = 49, 25
 
 
 def draw_elasticity(
-    path: Path, title: str, constants: Elasticity, curves: Mapping[str, Sequence[CurvePoint]],
+    path: Path, title: str, constants: Elasticity | None,
+    curves: Mapping[str, Sequence[CurvePoint]],
     turns: Mapping[str, Sequence[TurnPoint]]
 ) -> None:
-    """Draw to a PNG file; no display needed."""
+    """Draw to a PNG file; no display needed. `constants`: None where no endless fabric is."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    columns = 1 + bool(curves) + bool(turns)
+    columns = (constants is not None) + bool(curves) + bool(turns)
     figure = Figure(figsize=(6.0 * columns, 5.4), dpi=100, facecolor='white')
     FigureCanvasAgg(figure)
-    left = figure.add_subplot(1, columns, 1, projection='3d')
-    kinked = bool(constants.branches)
-    around, rows = (_FEW_AROUND, _FEW_DOWN) if kinked else (_AROUND, _DOWN)
-    across, down = np.meshgrid(
-        np.linspace(0.0, 2.0 * np.pi, around), np.linspace(0.0, np.pi, rows))
-    direction = np.stack(
-        [np.sin(down) * np.cos(across), np.sin(down) * np.sin(across), np.cos(down)], axis=-1)
-    most = 0.0
-    for sign in (1.0, -1.0) if kinked else (1.0,):
-        modulus = constants.young_modulus(direction) if not kinked else np.array([
-            [constants.pulled(one, sign).modulus for one in row] for row in direction])
-        most = max(most, float(modulus.max()))
-        left.plot_surface(  # type: ignore[attr-defined]
-            *np.moveaxis(modulus[..., None] * direction, -1, 0), rcount=rows, ccount=around,
-            color='#d9b26f' if sign > 0.0 else '#2c5f8a', linewidth=0.1, edgecolor='#00000022',
-            alpha=0.35 if kinked and sign > 0.0 else None)
-    most = most or 1.0
-    for set_limits in (left.set_xlim, left.set_ylim, left.set_zlim):  # type: ignore[attr-defined]
-        set_limits(-most, most)
-    left.set_box_aspect((1, 1, 1))  # type: ignore[arg-type]
-    left.set_title("Young's modulus [Pa], endless fabric" + (
-        ':\npulled (light) and pushed (dark)' if kinked else ''))
-    left.set_xlabel('x')
-    left.set_ylabel('y')
-    left.set_zlabel('z')  # type: ignore[attr-defined]
+    if constants is not None:
+        _draw_moduli(figure.add_subplot(1, columns, 1, projection='3d'), constants)
     if curves:
         _draw_curves(
-            figure.add_subplot(1, columns, 2), 'slab between two ends', 'strain', 'stress [Pa]', {
+            figure.add_subplot(1, columns, columns - bool(turns)), 'slab between two ends',
+            'strain', 'stress [Pa]', {
                 kind: [(point.strain, point.stress) for point in points]
                 for kind, points in curves.items()})
     if turns:
@@ -78,6 +57,34 @@ def draw_elasticity(
     figure.suptitle(title)
     # The same picture gives the same file.
     figure.savefig(path, format='png', metadata={'Software': None})
+
+
+def _draw_moduli(left: Any, constants: Elasticity) -> None:
+    """Draw Young's modulus in every direction as a surface."""
+    kinked = bool(constants.branches)
+    around, rows = (_FEW_AROUND, _FEW_DOWN) if kinked else (_AROUND, _DOWN)
+    across, down = np.meshgrid(
+        np.linspace(0.0, 2.0 * np.pi, around), np.linspace(0.0, np.pi, rows))
+    direction = np.stack(
+        [np.sin(down) * np.cos(across), np.sin(down) * np.sin(across), np.cos(down)], axis=-1)
+    most = 0.0
+    for sign in (1.0, -1.0) if kinked else (1.0,):
+        modulus = constants.young_modulus(direction) if not kinked else np.array([
+            [constants.pulled(one, sign).modulus for one in row] for row in direction])
+        most = max(most, float(modulus.max()))
+        left.plot_surface(
+            *np.moveaxis(modulus[..., None] * direction, -1, 0), rcount=rows, ccount=around,
+            color='#d9b26f' if sign > 0.0 else '#2c5f8a', linewidth=0.1, edgecolor='#00000022',
+            alpha=0.35 if kinked and sign > 0.0 else None)
+    most = most or 1.0
+    for set_limits in (left.set_xlim, left.set_ylim, left.set_zlim):
+        set_limits(-most, most)
+    left.set_box_aspect((1, 1, 1))
+    left.set_title("Young's modulus [Pa], endless fabric" + (
+        ':\npulled (light) and pushed (dark)' if kinked else ''))
+    left.set_xlabel('x')
+    left.set_ylabel('y')
+    left.set_zlabel('z')
 
 
 def _draw_curves(

@@ -19,7 +19,7 @@ which rate they go on from there. What their supports bear times that rate is th
 energy by the amount.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Container
 from dataclasses import dataclass, replace
 import math
 from typing import NamedTuple
@@ -33,8 +33,6 @@ BEND, TWIST = 'bend', 'twist'
 # What the amount is: a strain, or an angle [rad].
 STRAINED, TURNED = (PULL, PUSH, SHEAR, HYDROSTATIC), (BEND, TWIST)
 _SECTIONS = ('groups.', 'supports.', 'drives.', 'loads.', 'tractions.', 'anchors.', 'initial')
-# Names of our own in the scene; those of the user are left out.
-_FIXED, _MOVED, _HELD = 'fixed_end', 'moved_end', 'outer_faces'
 # Below this angle [rad] a series is more exact than differences of sines.
 _SMALL = 0.01
 
@@ -94,18 +92,18 @@ def held_motion(scene: Scene, kind: str, axis: int, about: int | None = None) ->
     `axis`: from end to end. `about`: the axis across it that a bend turns about, None: the next.
     ValueError where the slab has no two ends.
     """
-    base = _between_ends(scene, axis)
-    ends = [base.groups[name] for name in (_FIXED, _MOVED)]
+    letter = 'xyz'[axis]
+    base, ends = _held(scene, {'fixed_end': f'{letter}_min', 'moved_end': f'{letter}_max'})
     along = base.position[:, axis]
     length = float(along[ends[1]].mean() - along[ends[0]].mean())
     if not length > 0.0 or len(set(ends[0]) & set(ends[1])):
         raise ValueError(
-            f'the fabric has no two ends along the axis {"xyz"[axis]}: weave.size must be at '
+            f'the fabric has no two ends along the axis {letter}: weave.size must be at '
             'least 3 there')
     end = ends[1]
     place, unit = base.position[end], np.eye(3)
     if kind == HYDROSTATIC:
-        base, moved = _within_faces(base)
+        base, moved = _within_faces(scene)
         return HeldMotion(
             base, axis, length, end, moved, lambda amount: _squeezed(base.position[moved], amount))
     if kind == BEND:
@@ -171,26 +169,38 @@ def _turned(
         centre + shift + arm, angle * axis, np.hstack([rate + np.cross(axis, arm), spin]))
 
 
-def _between_ends(scene: Scene, axis: int) -> Scene:
-    """The same fabric with its two ends held."""
-    kept = {
-        name: value for name, value in scene.parameters.items()
-        if not name.startswith((*_SECTIONS, 'gravity', 'charge', 'field', 'connector_groups'))
-        and value != ''}
-    letter = 'xyz'[axis]
-    return Scene.from_parameters({
-        **kept, f'groups.{_FIXED}': f'{letter}_min', f'groups.{_MOVED}': f'{letter}_max',
-        f'supports.{_FIXED}.group': _FIXED, f'supports.{_MOVED}.group': _MOVED})
+def _bare(scene: Scene) -> dict[str, object]:
+    """Parameters of the fabric alone: shells, weave and connectors, and groups that these need."""
+    sections: tuple[str, ...] = (*_SECTIONS, 'gravity', 'charge', 'field')
+    if scene.parameters.names('connector_groups'):
+        sections = tuple(name for name in sections if name != 'groups.')
+    return {name: value for name, value in scene.parameters.items()
+            if not name.startswith(sections) and value != ''}
 
 
-def _within_faces(base: Scene) -> tuple[Scene, np.ndarray]:
-    """The same slab with the bodies of all its outer faces held, and which they are."""
-    faces = [f'{letter}_{side}' for letter in 'xyz' for side in ('min', 'max')]
-    found = Scene.from_parameters(base.parameters.with_changes({
-        f'groups.face_{face}': face for face in faces}))
-    moved = np.unique(np.concatenate([found.groups[f'face_{face}'] for face in faces]))
-    kept = {name: value for name, value in base.parameters.items()
-            if not name.startswith(_SECTIONS) and value != ''}
-    return Scene.from_parameters({
-        **kept, f'groups.{_HELD}': 'ids ' + ' '.join(map(str, moved.tolist())),
-        f'supports.{_HELD}.group': _HELD}), moved
+def _held(scene: Scene, groups: dict[str, str]) -> tuple[Scene, list[np.ndarray]]:
+    """The bare fabric with groups held as they are woven, and the bodies of each."""
+    names = [_unlike(name, scene.groups) for name in groups]
+    held: dict[str, object] = {}
+    for name, selector in zip(names, groups.values()):
+        held |= {f'groups.{name}': selector, f'supports.{name}.group': name}
+    found = Scene.from_parameters({**_bare(scene), **held})
+    return found, [found.groups[name] for name in names]
+
+
+def _unlike(name: str, others: Container[str]) -> str:
+    """A name of our own beside those of the user."""
+    while name in others:
+        name += '_'
+    return name
+
+
+def _within_faces(scene: Scene) -> tuple[Scene, np.ndarray]:
+    """The bare fabric with the bodies of all its outer faces held, and which they are."""
+    moved: set[int] = set()
+    for letter in 'xyz':
+        _, ends = _held(scene, {
+            f'face_{side}': f'{letter}_{side}' for side in ('min', 'max')})
+        moved.update(*(end.tolist() for end in ends))
+    base, [bodies] = _held(scene, {'outer_faces': 'ids ' + ' '.join(map(str, sorted(moved)))})
+    return base, bodies

@@ -86,9 +86,9 @@ def measure_curve(
 
     The bodies at either end along the world's `axis` are held as they are woven, one end displaced
     along the axis (pull, push) or across it (shear); all others are free. Or those of all outer
-    faces are displaced towards the centre (hydrostatic). Loads, supports, drives
-    and groups of the scene are left out. Each search begins where the last one ended. Of the
-    connectors beyond their break lengths the one that is farthest beyond breaks for good, and the
+    faces are displaced towards the centre (hydrostatic). Loads, supports and drives of the scene
+    are left out; its planes and connector groups count. Each search begins where the last one
+    ended. Of the connectors beyond their break lengths the one that is farthest beyond breaks for good, and the
     search goes on, until none is (the quasi-static order of de Arcangelis, Redner and Herrmann
     1985, J. Phys. Lett. 46, L585). Ends early where no equilibrium is found.
 

@@ -796,6 +796,17 @@ def test_elasticity_bends_twists_and_presses(
         ['pull', '1'], ['pull', '2'], ['twist', '1'], ['twist', '2']]
     assert float(rows[1][4]) > 0.05 * float(rows[1][2]) and int(rows[1][7]) > 0
     assert abs(float(rows[3][4])) < 1e-9 * float(rows[3][2]) and rows[3][7] == '0'
+    groups = ['-p', 'groups.own:=level 1', '-p', 'connector_groups.own.between:=own own', '-p',
+              'connector_groups.own.stiffness:=300.0']
+    own = call('elasticity', 'stiff_cantilever', *size, *groups, '--kinds', 'pull', '--points',
+               '1', '--output', 'own', '--picture', 'own.png')
+    assert own.status == 0, own.err
+    assert 'no constants of an endless fabric' in own.out
+    written = {path.name for path in (tmp_path / 'own').iterdir()}
+    assert 'curves.csv' in written and not written & {'stiffness.csv', 'moduli.csv'}
+    assert (tmp_path / 'own.png').read_bytes().startswith(b'\x89PNG')
+    none = call('elasticity', 'stiff_cantilever', *size, *groups, '--kinds')
+    assert none.status == 2 and 'connector_groups' in none.err
     for words, said in (
             (('--about', 'x'), 'about must be an axis'), (('--angle', '0'), '--angle'),
             (('--angle', 'nan'), '--angle')):

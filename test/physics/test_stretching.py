@@ -179,6 +179,31 @@ def test_energy_under_pressure_is_that_of_connectors_between_scaled_places():
     assert energy > 0.0 and point.energy == pytest.approx(energy, rel=1e-9)
 
 
+@pytest.mark.parametrize('kind', ['pull', 'shear', 'hydrostatic', 'bend', 'twist'])
+def test_connectors_of_their_own_count_in_curves(kind):
+    """A group of all of them is the plain fabric; one of a part lies between the two."""
+    def measure(**sections):
+        scene = slab((5, 3, 3), **sections)
+        [point] = (ico.measure_turning if kind in ('bend', 'twist') else ico.measure_curve)(
+            scene, kind, [0.05])
+        return point.energy
+
+    bending = {'bending_stiffness': 0.02}
+    soft, stiff = (measure(connector={'stiffness': k, **bending}) for k in (500.0, 900.0))
+    count = slab((5, 3, 3)).body_count
+    # The name is that of a group of the load case itself.
+    for bodies in (range(count), range(count // 2)):
+        found = measure(
+            connector={'stiffness': 500.0, **bending},
+            groups={'moved_end': 'ids ' + ' '.join(map(str, bodies))}, connector_groups={
+                'own': {'between': 'moved_end moved_end', 'stiffness_extension': 900.0,
+                        'stiffness_compression': 900.0}})
+        if len(bodies) == count:
+            assert found == pytest.approx(stiff, rel=1e-9)
+        else:
+            assert soft * 1.01 < found < stiff / 1.01
+
+
 @pytest.mark.parametrize('arguments, word', [
     (('pull', []), 'strains'), (('pull', [0.2, 0.1]), 'strains'), (('twist', [0.1]), 'kind'),
     (('hydrostatic', [0.5, 1.0]), 'hydrostatic'),
