@@ -33,6 +33,8 @@ BEND, TWIST = 'bend', 'twist'
 # What the amount is: a strain, or an angle [rad].
 STRAINED, TURNED = (PULL, PUSH, SHEAR, HYDROSTATIC), (BEND, TWIST)
 _SECTIONS = ('groups.', 'supports.', 'drives.', 'loads.', 'tractions.', 'anchors.', 'initial')
+# Of a body within the weave.
+_NEIGHBOURS = 12
 # Below this angle [rad] a series is more exact than differences of sines.
 _SMALL = 0.01
 
@@ -196,11 +198,13 @@ def _unlike(name: str, others: Container[str]) -> str:
 
 
 def _within_faces(scene: Scene) -> tuple[Scene, np.ndarray]:
-    """The bare fabric with the bodies of all its outer faces held, and which they are."""
-    moved: set[int] = set()
-    for letter in 'xyz':
-        _, ends = _held(scene, {
-            f'face_{side}': f'{letter}_{side}' for side in ('min', 'max')})
-        moved.update(*(end.tolist() for end in ends))
-    base, [bodies] = _held(scene, {'outer_faces': 'ids ' + ' '.join(map(str, sorted(moved)))})
+    """
+    The bare fabric with its outermost bodies held, and which they are.
+
+    Those of the weave that lack a neighbour: also where a face has steps, as in bias.
+    """
+    count = len(scene.weave.position)
+    joined = np.bincount(scene.connectors.bodies.ravel(), minlength=count)[:count]
+    outer = np.flatnonzero(joined < _NEIGHBOURS)
+    base, [bodies] = _held(scene, {'outer_faces': 'ids ' + ' '.join(map(str, outer.tolist()))})
     return base, bodies
