@@ -88,9 +88,9 @@ def measure_curve(
     along the axis (pull, push) or across it (shear); all others are free. Or all bodies that lack
     a neighbour are displaced towards the centre (hydrostatic). Loads, supports and drives of the
     scene are left out; its planes and connector groups count. Each search begins where the last
-    one ended. Of the connectors beyond their break lengths the one that is farthest beyond breaks for
-    good, and the search goes on, until none is (the quasi-static order of de Arcangelis, Redner
-    and Herrmann 1985, J. Phys. Lett. 46, L585). Ends early where no equilibrium is found.
+    one ended. Of the connectors beyond their break lengths the one that is farthest beyond breaks
+    for good, and the search goes on, until none is (the quasi-static order of de Arcangelis,
+    Redner and Herrmann 1985, J. Phys. Lett. 46, L585). Ends early where no equilibrium is found.
 
     Each point says how many connectors are past their kink: where none is, a change of 1e-9 in
     angle or stiffness changes `stress - rest_stress` by less than 1e-6 of itself. What happens
