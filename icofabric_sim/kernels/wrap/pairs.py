@@ -54,6 +54,24 @@ def taut(wrapping: Wrapping, pose: Pose, edge: int, far: Pose, far_edge: int) ->
     """
     Way and place at either end of a connector between the midpoints of two named edges.
 
+    Where shells pass through each other the result depends on the end at which the search begins:
+    it is always that of the lower edge, so that whoever asks gets the same.
+    """
+    swaps = edge > far_edge
+    if swaps:
+        pose, far = far, pose
+        edge, far_edge = far_edge, edge
+    way, place, far_way, far_place = taut_from(wrapping, pose, edge, far, far_edge)
+    if swaps:
+        return far_way, far_place, way, place
+    return way, place, far_way, far_place
+
+
+@compiled
+def taut_from(wrapping: Wrapping, pose: Pose, edge: int, far: Pose, far_edge: int) -> Found:
+    """
+    The same, begun at the first end.
+
     Where shells pass through each other there may be none that is taut at both ends; they are
     then wound up in turn.
     """
