@@ -187,6 +187,31 @@ def test_a_length_never_changes_by_more_than_the_ends_move(distance):
     assert both > 500 and apart_ > 500
 
 
+def test_a_length_does_not_jump_where_shells_begin_to_touch():
+    # Contacts are springs: shells that they keep apart overlap by some thousandths of a.
+    wrapping = pack_wrapping(make_parameters({'connector.obstruction': 'wrap'}), 1.0)
+    generator, both, half = np.random.default_rng(12), 0, 1e-3
+    turns = rotation_quaternion(3.0 * generator.standard_normal((2000, 2, 3)))
+    low, high = np.full((2, len(turns)), [[2.0], [4.0]])
+    place = np.zeros((len(turns), 3))
+    for _ in range(40):
+        place[:, 0] = 0.5 * (low + high)
+        gap = contact.separation(
+            1.0, (np.zeros(3), turns[:, 0]), (place, turns[:, 1])).distance
+        low, high = np.where(gap < 0.0, place[:, 0], low), np.where(gap < 0.0, high, place[:, 0])
+    for distance, turn in zip(low, turns):
+        axes = axes_of(turn)
+        for edge in range(6):
+            apart_, overlapping = (
+                length_of(
+                    wrapping, [pose(np.array([x, 0.0, 0.0]), own) for x, own in zip(
+                        (0.0, distance + shift), axes)], (edge, edge ^ 1))
+                for shift in (half, -half))
+            assert abs(apart_[0] - overlapping[0]) < 2.001 * half
+            both += min(apart_[1]) >= 0
+    assert both > 1000
+
+
 def test_no_place_can_be_moved_to_shorten_a_way():
     # Stationary to rounding, also where both ends lie around their shells.
     wrapping = pack_wrapping(make_parameters({'connector.obstruction': 'wrap'}), 1.0)

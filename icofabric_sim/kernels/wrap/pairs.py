@@ -30,6 +30,7 @@ from icofabric_sim.kernels.wrap.path import (
     allowed,
     apart,
     around,
+    is_close,
     leaving,
     over,
     Point,
@@ -209,6 +210,9 @@ def can_be_taut(
         start, end = wrapping.ways[far_edge, far_way, 8], wrapping.ways[far_edge, far_way, 9]
     one = seen_from(pose, leaving(wrapping, far, far_edge, far_way, start))
     two = seen_from(pose, leaving(wrapping, far, far_edge, far_way, end))
+    if is_close(wrapping, one) or is_close(wrapping, two):
+        # One of them may be within the shell, where other rules hold.
+        return True
     if way < 0:
         first, second = wrapping.start[edge, 0], wrapping.start[edge, 1]
         return max(

@@ -154,11 +154,13 @@ class StepMonitor:
         if jumps and not abs(balance.error - explained) > balance.limit * balance.scale:
             others = f' ({len(jumps):,} connectors do so)' if len(jumps) > 1 else ''
             imbalance = trajectory.ledger.describe_imbalance(time)
+            apart = 'contact.mode auto' if trajectory.ledger.deepest_limit == math.inf else (
+                'a larger contact.stiffness')
             trajectory.return_to_saved()
             trajectory.fail(
                 f'connector.obstruction is wrap, {jumps[0]}{others}: {imbalance}. No step makes '
-                'that less. Start again: contact.mode auto keeps shells apart; the last good '
-                f'state, of t = {trajectory.saved_time:.9g} s, is kept')
+                f'that less. Start again: {apart} keeps shells apart; the last good state, of '
+                f't = {trajectory.saved_time:.9g} s, is kept')
         fault = find_fault(trajectory.packed, trajectory.state)
         imbalance, way_out = trajectory.ledger.describe_imbalance(time), self.way_out()
         if not self._is_given and abs(balance.error) < _ROUNDING * balance.scale:
