@@ -195,8 +195,7 @@ def test_a_length_that_jumps_between_overlapping_shells_is_a_right_reason(monkey
         run.advance_to(0.03)
     assert has_jumped(str(caught.value), run)
     assert not has_jumped('the energy does not balance', run)
-    monkeypatch.setattr(
-        refusals, 'separation', lambda *poses: SimpleNamespace(distance=1e-9))
+    monkeypatch.setattr(refusals, 'depths_of', lambda *poses: np.array([-1e-9]))
     assert not has_jumped(str(caught.value), run)
 
 

@@ -77,19 +77,31 @@ def jumps_between(
     if not len(which):
         return []
     energy = two.spring_energy - one.spring_energy
-    # Columns of these are the axes of a body.
-    axes = cosines_from_quaternions(two.orientation).transpose(0, 2, 1)
-    ends = [
-        np.ascontiguousarray(values[chosen]) for chosen in (first[which], second[which])
-        for values in (two.position, axes)]
-    distance = np.zeros(len(which))
-    signed_distances(half_edge, *ends, distance, np.zeros((len(which), 3)))
+    depths = depths_of(two, half_edge, first[which], second[which])
     jumps = [
         Jump(
             int(c), (int(first[c]), int(second[c])), float(one.connector_length[c]),
-            float(two.connector_length[c]), float(energy[c]), -float(apart))
-        for c, apart in zip(which, distance) if apart < 0.0]
+            float(two.connector_length[c]), float(energy[c]), float(depth))
+        for c, depth in zip(which, depths) if depth > 0.0]
     return sorted(jumps, key=lambda jump: -abs(jump.energy))
+
+
+def depths_of(
+    snapshot: Snapshot, half_edge: float, first: np.ndarray, second: np.ndarray
+) -> np.ndarray:
+    """
+    By how much the shells of bodies overlap [m], (p,); negative: how far they are apart.
+
+    Of `half_edge` [m]; bodies `first` and `second`, (p,) each.
+    """
+    # Columns of these are the axes of a body.
+    axes = cosines_from_quaternions(snapshot.orientation).transpose(0, 2, 1)
+    ends = [
+        np.ascontiguousarray(values[chosen]) for chosen in (first, second)
+        for values in (snapshot.position, axes)]
+    distance = np.zeros(len(first))
+    signed_distances(half_edge, *ends, distance, np.zeros((len(first), 3)))
+    return -distance
 
 
 def _most(

@@ -20,10 +20,11 @@ And which stops need no other run to be judged.
 import re
 from typing import Final
 
-from icofabric_sim.contact import separation
 from icofabric_sim.parameters.table import BY_NAME, FAMILIES
 from icofabric_sim.parameters.validation import ParameterError
 from icofabric_sim.simulation.simulation import Simulation
+from icofabric_sim.simulation.stepping.wrap_jumps import depths_of
+import numpy as np
 
 # Names that a refusal of a spoiled parameter may say in its place.
 PARTNERS: Final[dict[str, tuple[str, ...]]] = {
@@ -95,6 +96,7 @@ def has_jumped(text: str, run: Simulation) -> bool:
     *bodies, connector = (int(number) for number in named.groups())
     state = run.snapshot()
     ends = run.scene.connectors.bodies[connector].tolist()
-    one, other = ((state.position[body], state.orientation[body]) for body in bodies)
-    apart = separation(run.scene.geometry.half_edge, one, other).distance
-    return sorted(ends) == sorted(bodies) and bool(state.obstructed[connector]) and apart < 0.0
+    depths = depths_of(
+        state, run.scene.geometry.half_edge, np.array(bodies[:1]), np.array(bodies[1:]))
+    return sorted(ends) == sorted(bodies) and bool(state.obstructed[connector]) and bool(
+        depths[0] > 0.0)
