@@ -21,7 +21,8 @@ Runs commands that stand beside figures and promises of the pages, and compares 
 docs/claims.yaml says which figures: deterministic ones have to agree in every digit that the page
 prints, ratios of times within a factor. Of the pages (README.md and docs/tour.md) every command
 `.venv/bin/icofabric` is run, in the order of the page, in a folder of its own, and has to end with
-0. One that takes more than `--seconds` is ended, and counts as not seen.
+0; not those of verbs that serve, or go on for long. One that takes more than `--seconds` is ended,
+and counts as not seen.
 """
 
 import argparse
