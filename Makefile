@@ -42,7 +42,7 @@ help:
 	echo '             (ARGS="..." is handed on; PYTHON=python3.12 chooses the Python)'
 	echo 'make test    set up .venv, then lint, types and all tests (ARGS="..." for pytest)'
 	echo 'make check   lint, types and a selection of tests for the working day'
-	echo 'make test-long  what takes too long for make test'
+	echo 'make test-long  what takes too long for make test, and whether pages say what commands print'
 	echo 'make lint    set up .venv, then lint and types only'
 	echo 'make docs    set up .venv, then build the documentation site in build/site'
 	echo 'make clean   remove .venv and everything built; recorded runs stay'
@@ -84,6 +84,7 @@ check: lint
 test-long:
 	.ci/environment test
 	$(call stage,long tests (pytest),.venv/bin/python -m pytest -m long $(ARGS))
+	$(call stage,what pages say,.venv/bin/python benchmarks/claims.py)
 	$(call stage,$(EXAMPLES) times the random examples (pytest),ICOFABRIC_EXAMPLES=$(EXAMPLES) .venv/bin/python -m pytest -m examples $(ARGS))
 
 docs:

@@ -36,10 +36,12 @@ if TYPE_CHECKING:
     from icofabric_sim.simulation.model.snapshot import Snapshot
     from icofabric_sim.simulation.simulation import compile_scene, Simulation
     from icofabric_sim.simulation.stepping.methods import METHODS
+    from icofabric_sim.statics.cycles import measure_cycles
     from icofabric_sim.statics.equilibrium import Equilibrium, solve_equilibrium, step_loads
     from icofabric_sim.statics.modes import solve_modes, Spectrum
     from icofabric_sim.statics.periodic import Elasticity, homogenise, solve_bands
     from icofabric_sim.statics.stretching import measure_curve
+    from icofabric_sim.statics.turning import measure_turning
     from icofabric_sim.studies.sweep.sweep import sweep
 
 _HOMES = {
@@ -62,7 +64,9 @@ _HOMES = {
     'homogenise': 'statics.periodic',
     'load_scene': 'scene.scene',
     'measure_curve': 'statics.stretching',
+    'measure_cycles': 'statics.cycles',
     'measure_growth': 'simulation.divergence',
+    'measure_turning': 'statics.turning',
     'solve_bands': 'statics.periodic',
     'solve_equilibrium': 'statics.equilibrium',
     'solve_modes': 'statics.modes',
@@ -90,7 +94,9 @@ __all__ = [
     'homogenise',
     'load_scene',
     'measure_curve',
+    'measure_cycles',
     'measure_growth',
+    'measure_turning',
     'solve_bands',
     'solve_equilibrium',
     'solve_modes',

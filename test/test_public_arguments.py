@@ -259,6 +259,11 @@ def table(t):
         'Elasticity.poisson_ratio': (t.elasticity.poisson_ratio, {
             'direction': array((1.0, 0.0, 0.0), np.eye(3)[:1], bad=[(0, 0, 0)]),
             'across': array((0.0, 1.0, 0.0), [[0, 0, 1]], bad=[(0, 0, 0)])}),
+        'Elasticity.shear_modulus': (t.elasticity.shear_modulus, {
+            'normal': array((1.0, 0.0, 0.0), [[1, 0, 0]], bad=[(0, 0, 0), (0.0, 1.0, 0.0)]),
+            'along': array((0.0, 1.0, 0.0), [[0, 0, 1]], bad=[(0, 0, 0), (1.0, 1.0, 0.0)])}),
+        'Elasticity.along': (t.elasticity.along, {
+            'direction': array((1.0, 0.0, 0.0), [0, 0, 1], bad=[(0, 0, 0), np.eye(3)])}),
         'Elasticity.response': (t.elasticity.response, {
             'strain': array((0.0, 0.0, 1e-3, 0.0, 0.0, 0.0), [0, 0, 1, 0, 0, 0], bad=[
                 np.zeros(6), np.eye(6)])}),
@@ -348,6 +353,21 @@ def table(t):
             'progress': function(None, lambda done: None, optional=True)}),
         'measure_growth': (ico.measure_growth, {
             'scene': scene, 'duration': positive(1e-4), 'progress': function(lambda time: None)}),
+        'measure_cycles': (ico.measure_cycles, {
+            'scene': scene, 'kind': text('pull', 'shear', bad=['', 'pulls']),
+            'amounts': array([0.01, 0.02], (np.float32(0.01),), any_length=True, bad=[
+                [0.0, 0.1], [-0.1, 0.1], [0.2, 0.1], [0.1, 0.1], [[0.1]], 0.1]),
+            'count': integer(1, np.int64(2), bad=[0, -1]),
+            'axis': integer(0, np.int64(0), bad=[-1, 3]),
+            'about': integer(None, bad=[-1, 1, 3], optional=True),
+            'progress': function(None, lambda done: None, optional=True)}),
+        'measure_turning': (ico.measure_turning, {
+            'scene': scene, 'kind': text('bend', bad=['', 'bends', 'pull']),
+            'angles': array([0.01, 0.02], (np.float32(-0.01),), any_length=True, bad=[
+                [0.0, 0.1], [-0.1, 0.1], [0.2, 0.1], [0.1, 0.1], [[0.1]], 0.1]),
+            'axis': integer(0, np.int64(0), bad=[-1, 3]),
+            'about': integer(1, np.int64(2), None, bad=[-1, 0, 3], optional=True),
+            'progress': function(None, lambda done: None, optional=True)}),
         'solve_bands': (ico.solve_bands, {
             'scene': scene, 'wave_vectors': array(
                 [[1.0, 0.0, 0.0], [0.0, 2.0, 0.0]], [1, 0, 0], np.zeros((0, 3)),

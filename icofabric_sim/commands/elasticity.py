@@ -16,6 +16,8 @@
 import argparse
 from typing import Any, TYPE_CHECKING
 
+from icofabric_sim.commands import elastic_directions
+from icofabric_sim.commands.load_cases import LoadCases, STRAINED, TURNED
 from icofabric_sim.commands.report import add_json_numbers_argument, print_json, words_aside
 from icofabric_sim.commands.rest_outputs import (
     add_output_arguments,
@@ -24,14 +26,17 @@ from icofabric_sim.commands.rest_outputs import (
     RestOutputs,
 )
 from icofabric_sim.commands.scenes import add_scene_arguments, read_parameters
-from icofabric_sim.terminal import bad_input, InputError, Progress
+from icofabric_sim.terminal import bad_input, InputError
 
 if TYPE_CHECKING:
     from icofabric_sim.scene.scene import Scene
+    from icofabric_sim.statics.directional import Directional
     from icofabric_sim.statics.periodic import Elasticity
-    from icofabric_sim.statics.stretching import CurvePoint
 
-_KINDS = ('pull', 'push', 'shear')
+    # Directions by name, for each branch.
+    Judged = dict[str, list[tuple[str, Directional]]]
+
+_BY_ITSELF = ('pull', 'push', 'shear')
 _DIRECTIONS = {'x': (1, 0, 0), 'y': (0, 1, 0), 'z': (0, 0, 1), 'xy': (1, 1, 0), 'xyz': (1, 1, 1)}
 # Two directions across each, perpendicular to each other.
 _ACROSS = {'x': ('y', 'z'), 'y': ('z', 'x'), 'z': ('x', 'y'), 'xy': ('z', 'x-y'),
@@ -48,12 +53,27 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--strain', type=float, default=0.1, metavar='E',
         help='largest displacement of the moved end over the length (%(default)g)')
     parser.add_argument(
+        '--angle', type=float, default=0.1, metavar='RAD',
+        help='largest angle of one end against the other, of bend and twist [rad] (%(default)g)')
+    parser.add_argument(
         '--points', type=int, default=10, metavar='N', help='states of a curve (%(default)d)')
     parser.add_argument(
         '--axis', choices=('x', 'y', 'z'), default='x', help='from end to end (%(default)s)')
     parser.add_argument(
-        '--kinds', nargs='*', choices=_KINDS, default=_KINDS, metavar='KIND',
-        help='curves of the slab: pull, push, shear (default: all; none: constants only)')
+        '--about', choices=('x', 'y', 'z'),
+        help='axis that a bend turns about, across --axis (default: the next one, y for x)')
+    parser.add_argument(
+        '--cycles', type=int, default=0, metavar='N',
+        help='load and unload N times, and say what energy is lost (%(default)d: no way back)')
+    parser.add_argument(
+        '--kinds', nargs='*', choices=(*STRAINED, *TURNED), default=_BY_ITSELF, metavar='KIND',
+        help='curves of the slab: pull, push, shear, hydrostatic, bend, twist (default: pull '
+             'push shear; none: constants only)')
+    parser.add_argument(
+        '--direction', nargs=3, type=float, action='append', default=[],
+        metavar=('X', 'Y', 'Z'),
+        help="Young's modulus, Poisson's ratios and shear moduli of the endless fabric along this "
+             'direction, beside thirteen others; may be repeated')
     add_output_arguments(parser)
     add_json_numbers_argument(parser)
 
@@ -77,52 +97,70 @@ def _find(arguments: argparse.Namespace) -> tuple[dict[str, Any], bool]:
     outputs = outputs_of(arguments)
     if not arguments.points >= 1:
         raise InputError(f'--points must be at least 1, got {arguments.points}')
+    if arguments.cycles < 0:
+        raise InputError(f'--cycles must be at least 0, got {arguments.cycles}')
+    if not 0.0 < abs(arguments.angle) < float('inf'):
+        raise InputError(f'--angle must be a finite angle in rad, not 0, got {arguments.angle}')
+    axis = 'xyz'.index(arguments.axis)
+    about = None if arguments.about is None else 'xyz'.index(arguments.about)
     from icofabric_sim.scene.scene import Scene
     from icofabric_sim.statics.held import refuse_in_statics
     from icofabric_sim.statics.periodic import homogenise
-    from icofabric_sim.statics.stretching import curve_points
+    from icofabric_sim.statics.turning import check_about
     import numpy as np
 
     with bad_input():
         scene = Scene.from_parameters(parameters)
         if arguments.kinds:
             refuse_in_statics(scene)
-        constants = homogenise(scene)
-    print(f'{name}: the endless fabric')
-    print('\n'.join([*constants_text(constants), *rest_text(scene)]))
-    curves: dict[str, list[CurvePoint]] = {kind: [] for kind in arguments.kinds}
-    strains = arguments.strain * np.arange(1, arguments.points + 1) / arguments.points
+        check_about('bend', axis, about)
+        # Curves of the slab need no endless fabric.
+        alone = bool(arguments.kinds and scene.parameters.names('connector_groups'))
+        constants = None if alone else homogenise(scene)
+    judged: Judged = {} if constants is None else {
+        branch: elastic_directions.judged(one, arguments.direction)
+        for branch, one in _branches(constants).items()}
+    if constants is None:
+        print(f'{name}: no constants of an endless fabric, because connector_groups.* make '
+              'connectors differ from place to place')
+    else:
+        print(f'{name}: the endless fabric')
+        print('\n'.join([*constants_text(constants, judged), *rest_text(scene)]))
+    parts = np.arange(1, arguments.points + 1) / arguments.points
+    cases = LoadCases(
+        arguments.kinds, (arguments.strain * parts).tolist(), (arguments.angle * parts).tolist(),
+        axis, about, arguments.cycles)
     try:
-        for kind, points in curves.items():
-            with Progress(len(strains), 'states') as progress, bad_input():
-                points.extend(curve_points(
-                    scene, kind, strains.tolist(), axis='xyz'.index(arguments.axis),
-                    progress=progress.update))
+        cases.search(scene)
     finally:
         # Those of an interrupted search too.
-        curves = {kind: points for kind, points in curves.items() if points}
-        if curves:
-            print(f'{name}: its slab, held at both ends along {arguments.axis}, sides free; '
-                  'strains across are those of its middle third')
-            print('\n'.join(curve_text(curves, 'xyz'.index(arguments.axis))))
-        _write(outputs, constants, curves)
-    early = any(
-        len(points) < len(strains) or points[-1].verdict.startswith('not')
-        for points in curves.values())
+        if lines := cases.text(name):
+            print('\n'.join(lines))
+        if constants is not None:
+            _write(outputs, constants, judged)
+        if outputs.folder is not None:
+            cases.write(outputs)
     if outputs.picture is not None:
         from icofabric_sim.pictures.elastic_picture import draw_elasticity
         outputs.picture.parent.mkdir(parents=True, exist_ok=True)
-        draw_elasticity(outputs.picture, name, constants, curves)
+        draw_elasticity(outputs.picture, name, constants, cases.curves, cases.turns)
         print(f'drawn to {outputs.picture}')
-    branches = {key: _numbers(one) for key, one in constants.branches.items()}
+    if constants is None:
+        return {'scene': name, **cases.numbers()}, cases.early
+    branches = {key: _numbers(one, judged[key]) for key, one in constants.branches.items()}
     return {
-        'scene': name, **_numbers(constants), 'branch': constants.branch, 'branches': branches,
-        'curves': {kind: [
-            {key: value for key, value in point._asdict().items() if key != 'snapshot'}
-            for point in points] for kind, points in curves.items()}}, early
+        'scene': name, **_numbers(constants, judged[constants.branch]),
+        'branch': constants.branch, 'branches': branches, **cases.numbers()}, cases.early
 
 
-def _numbers(constants: 'Elasticity') -> dict[str, Any]:
+def _branches(constants: 'Elasticity') -> dict[str, 'Elasticity']:
+    """The constants by branch, '' where nothing is at its kink."""
+    return dict(constants.branches) or {'': constants}
+
+
+def _numbers(
+    constants: 'Elasticity', judged: list[tuple[str, 'Directional']]
+) -> dict[str, Any]:
     import numpy as np
     return {
         'order': _VOIGT, 'stiffness_pa': constants.stiffness, 'stress_pa': constants.stress,
@@ -131,7 +169,8 @@ def _numbers(constants: 'Elasticity') -> dict[str, Any]:
             label: constants.young_modulus(np.array(direction, float))
             for label, direction in _DIRECTIONS.items()},
         'bulk_modulus_pa': constants.bulk_modulus,
-        'poisson_ratio': {label: dict(ratios) for label, _, ratios in moduli(constants)}}
+        'poisson_ratio': {label: dict(ratios) for label, _, ratios in moduli(constants)},
+        'directions': elastic_directions.numbers(judged)}
 
 
 def moduli(
@@ -168,10 +207,12 @@ def one_sided_ratios(
     return [(side, -strain[side] / strain[label]) for side in _ACROSS[label]]
 
 
-def constants_text(constants: 'Elasticity') -> list[str]:
-    """Lines for the terminal."""
+def constants_text(
+    constants: 'Elasticity', judged: 'Judged'
+) -> list[str]:
+    """Lines for the terminal; `judged`: directions by branch."""
     if not constants.branches:
-        return [*_branch_text(constants), *_limits_text(constants)]
+        return [*_branch_text(constants, judged['']), *_limits_text(constants)]
     lines = [
         f'  {kink_text(constants.at_kink)} (of a cell)',
         '  Such a fabric has no single tangent: elastic constants depend on the kind and sign of',
@@ -180,7 +221,8 @@ def constants_text(constants: 'Elasticity') -> list[str]:
     lines += _one_sided_text(constants)
     for branch, said in _BRANCHES.items():
         lines.append(f'  bounds, {branch}: {said}')
-        lines += [f'  {line}' for line in _branch_text(constants.branches[branch])]
+        lines += [f'  {line}' for line in _branch_text(
+            constants.branches[branch], judged[branch])]
     return lines
 
 
@@ -256,7 +298,9 @@ def _limits_text(constants: 'Elasticity') -> list[str]:
                 f'{label} {limit:.4g}' for label, limit in limits if np.isfinite(limit))]
 
 
-def _branch_text(constants: 'Elasticity') -> list[str]:
+def _branch_text(
+    constants: 'Elasticity', judged: list[tuple[str, 'Directional']]
+) -> list[str]:
     import numpy as np
 
     largest = float(np.abs(constants.stiffness).max())
@@ -273,6 +317,7 @@ def _branch_text(constants: 'Elasticity') -> list[str]:
         lines.append(f"  Young's modulus along {label:3} {modulus:12.6g} Pa" + (
             f", Poisson's ratio {across}" if across else ''))
     lines.append(f'  bulk modulus              {constants.bulk_modulus:12.6g} Pa')
+    lines += elastic_directions.text(judged)
     lines.append(f'  density {constants.density:.6g} kg/m^3')
     if len(constants.soft_strains):
         lines.append(
@@ -281,35 +326,13 @@ def _branch_text(constants: 'Elasticity') -> list[str]:
     return lines
 
 
-def curve_text(curves: dict[str, list['CurvePoint']], axis: int) -> list[str]:
-    """Lines for the terminal; strains across `axis` are those of the middle of the slab."""
-    lines = []
-    for kind, points in curves.items():
-        sides = [number for number in range(3) if number != axis]
-        head = ''.join(f'{"strain " + 2 * "xyz"[side]:>11}' for side in sides)
-        lines.append(
-            f'  {kind:6} {"strain":>10} {"stress [Pa]":>14} {"stress/strain":>14}{head}')
-        for point in points:
-            more = f'  {point.obstructed} obstructed' if point.obstructed else ''
-            more += f'  {point.broken} broken' if point.broken else ''
-            more += f'  {point.touching} pairs touch' if point.touching else ''
-            more += f'  {point.at_kink} at their kink' if point.at_kink else ''
-            more += f'  {point.past_kink} past it' if point.past_kink else ''
-            lines.append(
-                f'         {point.strain:10.5g} {point.stress:14.6g} '
-                f'{point.stress / point.strain:14.6g}' + ''.join(
-                    f'{point.middle_strain[side]:11.3g}' for side in sides)
-                + f'  {point.verdict}{more}')
-    return lines
-
-
 def _write(
-    outputs: RestOutputs, constants: 'Elasticity', curves: dict[str, list['CurvePoint']]
+    outputs: RestOutputs, constants: 'Elasticity', judged: 'Judged'
 ) -> None:
     if outputs.folder is None:
         return
-    tables = {'stiffness.csv': constants} if not constants.branches else {
-        f'stiffness_{branch}.csv': one for branch, one in constants.branches.items()}
+    tables = {f'stiffness{branch and "_"}{branch}.csv': one
+              for branch, one in _branches(constants).items()}
     for file, one in tables.items():
         outputs.table(file, ('', *_VOIGT), (
             [label, *row] for label, row in zip(_VOIGT, one.stiffness.tolist())))
@@ -319,13 +342,13 @@ def _write(
             ('pull_along', 'young_modulus_pa', 'across', 'poisson_ratio', 'bulk_modulus_pa'),
             ([label, modulus, side, '' if ratio is None else ratio, one.bulk_modulus]
              for label, modulus, ratios in moduli(one) for side, ratio in ratios))
+    for file, found in zip(tables, judged.values()):
+        outputs.table(
+            file.replace('stiffness', 'directions'), elastic_directions.COLUMNS,
+            elastic_directions.rows(found))
     if constants.branches:
         import numpy as np
         outputs.table('one_sided.csv', ('strain', 'sign', 'modulus_pa', *_VOIGT), (
             [label, sign, found.modulus, *found.stress.tolist()]
             for number, label in enumerate(_VOIGT) for sign in (1, -1)
             for found in [constants.response(sign * np.eye(6)[number])]))
-    if curves:
-        from icofabric_sim.statics.stretching import CURVE_COLUMNS
-        outputs.table('curves.csv', ('kind', *CURVE_COLUMNS), (
-            [kind, *point.row()] for kind, points in curves.items() for point in points))

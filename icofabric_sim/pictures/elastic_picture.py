@@ -15,10 +15,12 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from icofabric_sim.pictures.figure_style import draw_line, line_styles
 from icofabric_sim.statics.periodic import Elasticity
 from icofabric_sim.statics.stretching import CurvePoint
+from icofabric_sim.statics.turning import TurnPoint
 import numpy as np
 
 _AROUND, _DOWN = 121, 61
@@ -27,15 +29,38 @@ _FEW_AROUND, _FEW_DOWN = 49, 25
 
 
 def draw_elasticity(
-    path: Path, title: str, constants: Elasticity, curves: Mapping[str, Sequence[CurvePoint]]
+    path: Path, title: str, constants: Elasticity | None,
+    curves: Mapping[str, Sequence[CurvePoint]],
+    turns: Mapping[str, Sequence[TurnPoint]]
 ) -> None:
-    """Draw to a PNG file; no display needed."""
+    """Draw to a PNG file; no display needed. `constants`: None where no endless fabric is."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(12.0 if curves else 6.0, 5.4), dpi=100, facecolor='white')
+    columns = (constants is not None) + bool(curves) + bool(turns)
+    figure = Figure(figsize=(6.0 * columns, 5.4), dpi=100, facecolor='white')
     FigureCanvasAgg(figure)
-    left = figure.add_subplot(1, 2 if curves else 1, 1, projection='3d')
+    if constants is not None:
+        _draw_moduli(figure.add_subplot(1, columns, 1, projection='3d'), constants)
+    if curves:
+        _draw_curves(
+            figure.add_subplot(1, columns, columns - bool(turns)), 'slab between two ends',
+            'strain', 'stress [Pa]', {
+                kind: [(point.strain, point.stress) for point in points]
+                for kind, points in curves.items()})
+    if turns:
+        _draw_curves(
+            figure.add_subplot(1, columns, columns), 'ends turned against each other',
+            'angle [rad]', 'moment [N m]', {
+                kind: [(point.angle, point.moment) for point in points]
+                for kind, points in turns.items()})
+    figure.suptitle(title)
+    # The same picture gives the same file.
+    figure.savefig(path, format='png', metadata={'Software': None})
+
+
+def _draw_moduli(left: Any, constants: Elasticity) -> None:
+    """Draw Young's modulus in every direction as a surface."""
     kinked = bool(constants.branches)
     around, rows = (_FEW_AROUND, _FEW_DOWN) if kinked else (_AROUND, _DOWN)
     across, down = np.meshgrid(
@@ -47,30 +72,31 @@ def draw_elasticity(
         modulus = constants.young_modulus(direction) if not kinked else np.array([
             [constants.pulled(one, sign).modulus for one in row] for row in direction])
         most = max(most, float(modulus.max()))
-        left.plot_surface(  # type: ignore[attr-defined]
+        left.plot_surface(
             *np.moveaxis(modulus[..., None] * direction, -1, 0), rcount=rows, ccount=around,
             color='#d9b26f' if sign > 0.0 else '#2c5f8a', linewidth=0.1, edgecolor='#00000022',
             alpha=0.35 if kinked and sign > 0.0 else None)
     most = most or 1.0
-    for set_limits in (left.set_xlim, left.set_ylim, left.set_zlim):  # type: ignore[attr-defined]
+    for set_limits in (left.set_xlim, left.set_ylim, left.set_zlim):
         set_limits(-most, most)
-    left.set_box_aspect((1, 1, 1))  # type: ignore[arg-type]
+    left.set_box_aspect((1, 1, 1))
     left.set_title("Young's modulus [Pa], endless fabric" + (
         ':\npulled (light) and pushed (dark)' if kinked else ''))
     left.set_xlabel('x')
     left.set_ylabel('y')
-    left.set_zlabel('z')  # type: ignore[attr-defined]
-    if curves:
-        right = figure.add_subplot(1, 2, 2)
-        for style, (kind, points) in zip(line_styles(len(curves)), curves.items()):
-            draw_line(
-                right, [0.0, *(point.strain for point in points)],
-                [0.0, *(point.stress for point in points)], style, kind)
-        right.set_xlabel('strain')
-        right.set_ylabel('stress [Pa]')
-        right.set_title('slab between two ends')
-        right.grid(alpha=0.3)
-        right.legend()
-    figure.suptitle(title)
-    # The same picture gives the same file.
-    figure.savefig(path, format='png', metadata={'Software': None})
+    left.set_zlabel('z')
+
+
+def _draw_curves(
+    axes: Any, title: str, along: str, up: str,
+    curves: Mapping[str, Sequence[tuple[float, float]]]
+) -> None:
+    """Draw lines that begin at 0."""
+    for style, (kind, points) in zip(line_styles(len(curves)), curves.items()):
+        x, y = zip((0.0, 0.0), *points)
+        draw_line(axes, x, y, style, kind)
+    axes.set_xlabel(along)
+    axes.set_ylabel(up)
+    axes.set_title(title)
+    axes.grid(alpha=0.3)
+    axes.legend()

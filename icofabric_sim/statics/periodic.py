@@ -28,6 +28,13 @@ import math
 from icofabric_sim import checks
 from icofabric_sim.parameters.validation import ParameterError
 from icofabric_sim.scene.scene import require_scene, Scene
+from icofabric_sim.statics.directional import (
+    Directional,
+    directional,
+    meets_soft,
+    pull_of,
+    shear_of,
+)
 from icofabric_sim.statics.fabric import Configuration, StaticFabric
 from icofabric_sim.statics.kinks import length_changes
 from icofabric_sim.statics.one_sided import CellEnergy, Response
@@ -231,7 +238,7 @@ class Elasticity:
         if checks.number('sign', sign, wish=wish) not in (1.0, -1.0):
             raise ValueError(f'sign must be {wish}, got {sign!r}')
         # n . strain n, of which the others leave nothing.
-        pull = _voigt(n[:, None] * n)
+        pull = pull_of(n)
         fixed, free = np.zeros(9), np.zeros((9, 8))
         fixed[:6] = sign * pull / float(pull @ pull)
         free[:6, :5] = np.linalg.svd(pull[None])[2][1:].T
@@ -253,8 +260,8 @@ class Elasticity:
         Modulus [Pa] for a pull along directions (..., 3); 0 where a strain without energy yields.
         """
         n = checks.directions('direction', direction)
-        pull = _voigt(n[..., :, None] * n[..., None, :])
-        yields = np.abs(pull @ self.soft_strains.T).max(axis=-1, initial=0.0) > 1e-6
+        pull = pull_of(n)
+        yields = meets_soft(pull, self.soft_strains)
         with np.errstate(divide='ignore'):
             modulus = 1.0 / np.einsum('...i,ij,...j', pull, self._compliance, pull)
         return np.where(yields, 0.0, modulus)
@@ -267,11 +274,43 @@ class Elasticity:
             checks.directions(name, value)
             for name, value in (('direction', direction), ('across', across)))
         checks.alike_rows('direction', n, 'across', m)
-        pull, side = (_voigt(v[..., :, None] * v[..., None, :]) for v in (n, m))
-        yields = np.abs(pull @ self.soft_strains.T).max(axis=-1, initial=0.0) > 1e-6
+        pull, side = pull_of(n), pull_of(m)
+        yields = meets_soft(pull, self.soft_strains)
         along = np.einsum('...i,ij,...j', pull, self._compliance, pull)
         ratio = -np.einsum('...i,ij,...j', side, self._compliance, pull) / along
         return np.where(yields, np.nan, ratio)
+
+    def shear_modulus(self, normal: np.ndarray, along: np.ndarray) -> np.ndarray:
+        """
+        Modulus [Pa] for a shear of the planes across `normal` along `along`, both (..., 3).
+
+        The stress over the angle, nothing held beside; 0 where a strain without energy yields.
+        ValueError where the two are not perpendicular.
+        """
+        n, m = (
+            checks.directions(name, value)
+            for name, value in (('normal', normal), ('along', along)))
+        checks.alike_rows('normal', n, 'along', m)
+        slant = np.abs((n * m).sum(axis=-1)).max(initial=0.0)
+        if slant > 1e-6:
+            raise ValueError(
+                'along must be perpendicular to normal: planes slide within themselves; the '
+                f'cosine between them is up to {slant:.3g}')
+        shear = shear_of(n, m)
+        yields = meets_soft(shear, self.soft_strains)
+        with np.errstate(divide='ignore'):
+            modulus = 1.0 / np.einsum('...i,ij,...j', shear, self._compliance, shear)
+        return np.where(yields, 0.0, modulus)
+
+    def along(self, direction: np.ndarray) -> Directional:
+        """
+        Young's modulus [Pa] along one direction (3,), and the extremes of what goes across.
+
+        Least and largest Poisson's ratio of the pull, and shear modulus [Pa] of the planes across
+        it, each with its direction. Says what is undefined, and why.
+        """
+        n = checks.directions('direction', direction, single=True)
+        return directional(self._compliance, self.soft_strains, n)
 
     @property
     def bulk_modulus(self) -> float:
@@ -279,7 +318,7 @@ class Elasticity:
         Pressure [Pa] over the loss of volume under it; 0 where a strain without energy yields.
         """
         alike = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
-        if np.abs(alike @ self.soft_strains.T).max(initial=0.0) > 1e-6:
+        if meets_soft(alike, self.soft_strains):
             return 0.0
         return float(1.0 / (alike @ self._compliance @ alike))
 
@@ -351,8 +390,3 @@ def _cell_energy(here: Configuration, motions: np.ndarray) -> CellEnergy:
     return CellEnergy(
         changes[at_kink], here.on(PULL).slope[at_kink], here.on(PUSH).slope[at_kink],
         _form(here.on(WITHOUT), motions), changes[elsewhere], here.stretched.stretch[elsewhere])
-
-
-def _voigt(tensor: np.ndarray) -> np.ndarray:
-    """Stress in Voigt's order, (..., 6)."""
-    return np.stack([tensor[..., i, j] for i, j in _VOIGT], axis=-1)

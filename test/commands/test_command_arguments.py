@@ -41,7 +41,9 @@ OPTIONS = {
         '--count': COUNTS, '--time': NUMBERS, '--animate': ('', 'a.png', 'small.yaml/a.gif'),
         '--bands': ('', 'a.gif', 'small.yaml/a.png')},
     'elasticity': {
-        '--strain': (*NUMBERS, '0'), '--points': COUNTS, '--kinds': ('x',), '--axis': ('w', '0'),
+        '--strain': (*NUMBERS, '0'), '--angle': ('x', 'nan', 'inf', '0', ''),
+        '--about': ('w', 'x'), '--cycles': ('x', '-1', '1.5', ''),
+        '--points': COUNTS, '--kinds': ('x',), '--axis': ('w', '0'),
         '--picture': ('', 'a.gif', 'small.yaml/a.png'), '--output': ('small.yaml',)},
 }
 CASES = [

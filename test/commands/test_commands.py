@@ -746,12 +746,72 @@ def test_elasticity_prints_constants_and_curves(
     for words in ("Poisson's ratio ", 'bulk modulus ', 'strain yy', 'strain zz'):
         assert words in done.out
     assert (tmp_path / 'e.png').read_bytes().startswith(b'\x89PNG')
-    alone = call('elasticity', 'free_slab', '--kinds')
+    alone = call(
+        'elasticity', 'free_slab', '--kinds', '--direction', '1', '2', '0', '--output', 'plain')
     assert alone.status == 0 and '3 strains cost no energy' in alone.out
+    for words in (
+            "along xy: no Poisson's ratio: it meets the strain xy, which costs no energy",
+            "along 1 2 0: Young's modulus 0 Pa", "along x: Poisson's ratio 0.30825 all round"):
+        assert words in alone.out
+    table = (tmp_path / 'plain' / 'directions.csv').read_text().splitlines()
+    assert len(table) == 15 and 'least_shear_modulus_pa' in table[0]
+    assert table[4].startswith('xy,') and table[4].endswith(',"it meets the strain xy, which '
+                                                            'costs no energy"')
+    assert call('elasticity', 'free_slab', '--kinds', '--direction', '0', '0', '0').status == 2
     # None where a pull meets nothing.
     assert re.search(r'along xy +0 Pa\n', alone.out)
     bad = call('elasticity', 'radial_arch')
     assert bad.status == 2 and 'weave.kind' in bad.err
+
+
+def test_elasticity_bends_twists_and_presses(
+        call: Callable[..., Result], tmp_path: Path) -> None:
+    size = ['-p', 'weave.size:=[5, 3, 3]', '-p', 'connector.break_length_extension:=0.127']
+    done = call(
+        'elasticity', 'stiff_cantilever', *size, '--points', '2', '--kinds', 'hydrostatic',
+        'bend', 'twist', '--about', 'z', '--angle', '-0.6', '--strain', '0.02', '--output', 'out',
+        '--picture', 'e.png')
+    assert done.status == 0, done.err
+    for words in ('EI [N m^2]', 'GJ [N m^2]', 'hydrostatic', 'turned against each other'):
+        assert words in done.out
+    rows = [line.split(',') for line in (tmp_path / 'out' / 'turns.csv').read_text().splitlines()]
+    assert rows[0][:4] == ['kind', 'angle_rad', 'moment_nm', 'rigidity_nm2'] and len(rows) == 5
+    assert [row[0] for row in rows[1:]] == ['bend', 'bend', 'twist', 'twist']
+    for _, angle, moment, rigidity, *_ in rows[1:]:
+        assert float(angle) in (-0.3, -0.6) and float(moment) < 0.0 < float(rigidity)
+    broken = (tmp_path / 'out' / 'breaks.csv').read_text().splitlines()
+    assert broken[0] == 'kind,strain_or_angle_rad,connector,side,length_m,released_j'
+    assert len(broken) > 1 and all('extension' in line for line in broken[1:])
+    assert (tmp_path / 'e.png').read_bytes().startswith(b'\x89PNG')
+    loop = call(
+        'elasticity', 'stiff_cantilever', *size, '--points', '2', '--kinds', 'pull', 'twist',
+        '--angle', '0.1', '--strain', '0.04', '--cycles', '2', '--output', 'loop')
+    assert loop.status == 0, loop.err
+    assert re.search(r'pull +cycle 1: .* J lost; breaks released .* broken', loop.out)
+    rows = [line.split(',') for line in
+            (tmp_path / 'loop' / 'cycles.csv').read_text().splitlines()]
+    assert rows[0] == ['kind', 'cycle', 'work_j', 'regained_j', 'lost_j', 'released_j', 'left_j',
+                       'broken']
+    assert [row[:2] for row in rows[1:]] == [
+        ['pull', '1'], ['pull', '2'], ['twist', '1'], ['twist', '2']]
+    assert float(rows[1][4]) > 0.05 * float(rows[1][2]) and int(rows[1][7]) > 0
+    assert abs(float(rows[3][4])) < 1e-9 * float(rows[3][2]) and rows[3][7] == '0'
+    groups = ['-p', 'groups.own:=level 1', '-p', 'connector_groups.own.between:=own own', '-p',
+              'connector_groups.own.stiffness:=300.0']
+    own = call('elasticity', 'stiff_cantilever', *size, *groups, '--kinds', 'pull', '--points',
+               '1', '--output', 'own', '--picture', 'own.png')
+    assert own.status == 0, own.err
+    assert 'no constants of an endless fabric' in own.out
+    written = {path.name for path in (tmp_path / 'own').iterdir()}
+    assert 'curves.csv' in written and not written & {'stiffness.csv', 'moduli.csv'}
+    assert (tmp_path / 'own.png').read_bytes().startswith(b'\x89PNG')
+    none = call('elasticity', 'stiff_cantilever', *size, *groups, '--kinds')
+    assert none.status == 2 and 'connector_groups' in none.err
+    for words, said in (
+            (('--about', 'x'), 'about must be an axis'), (('--angle', '0'), '--angle'),
+            (('--angle', 'nan'), '--angle')):
+        bad = call('elasticity', 'stiff_cantilever', *size, '--kinds', 'bend', *words)
+        assert bad.status == 2 and said in bad.err
 
 
 @pytest.mark.parametrize('length, words', [

@@ -70,11 +70,27 @@ def test_elasticity(said):
     x, y = np.eye(3)[:2]
     assert report['poisson_ratio']['x']['y'] == pytest.approx(
         float(found.poisson_ratio(x, y)), rel=1e-9)
+    assert len(report['directions']) == 13
+    assert report['directions']['xy']['shear_modulus_pa'] == pytest.approx(
+        found.along(x + y).shear_modulus, rel=1e-9)
     assert list(report['poisson_ratio']) == ['x', 'y', 'z', 'xy', 'xyz']
     first, second = report['curves']['pull']
     assert second['middle_strain'][1] < 0.0 < second['middle_strain'][0]
     assert second['end_force'][0] > 0.0
     assert second['strain'] == 0.02 and second['stress'] > first['stress'] > 0.0
+
+
+def test_turns(said):
+    report = said('elasticity', '--kinds', 'twist', '--points', '2', '--angle', '0.2')
+    first, second = report['turns']['twist']
+    assert second['angle'] == 0.2 and second['moment'] > first['moment'] > 0.0
+    assert second['end_moment'][0] == pytest.approx(second['moment'], rel=1e-9)
+    assert second['breaks'] == [] and not report['curves']
+    loop = said(
+        'elasticity', '--kinds', 'twist', '--points', '2', '--angle', '0.2', '--cycles', '1')
+    [cycle] = loop['cycles']['twist']
+    assert cycle['work'] > 0.0 and abs(cycle['lost']) < 1e-9 * cycle['work']
+    assert len(loop['turns']['twist']) == 4 and loop['turns']['twist'][-1]['rigidity'] is None
 
 
 def test_numbers_that_json_lacks_are_null(capsys):

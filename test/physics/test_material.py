@@ -64,6 +64,74 @@ def test_closed_form_from_the_least_angle_on(angle):
     assert np.isnan(found.poisson_ratio(np.array([1.0, 1.0, 1.0]), np.array([1.0, -1.0, 0.0])))
 
 
+@pytest.mark.parametrize('angle', [MINIMUM_ANGLE, -0.3648, -0.2, 0.0, 0.3, 0.6])
+def test_moduli_by_direction_have_closed_forms_and_say_what_is_undefined(angle):
+    """docs/material.md: cubic constants with C44 = 0, along an axis and along two diagonals."""
+    scene = woven(angle)
+    found, W, S = ico.homogenise(scene), scene.geometry.pitch, math.sin(2.0 * angle)
+    axis = found.along(X)
+    assert axis.undefined == ''
+    assert axis.poisson_ratio == pytest.approx([S / (2.0 + S)] * 2, abs=1e-12)
+    assert axis.young_modulus == pytest.approx(
+        K / W * (2.0 - S) * (1.0 + S) / (2.0 + S), rel=1e-12)
+    assert axis.shear_modulus == (0.0, 0.0)
+    # (C11 - C12) / 2: the only shear that costs energy, of planes across one face diagonal
+    # along the other.
+    shear = K / W * (2.0 - S) / 4.0
+    assert found.shear_modulus(X + Y, X - Y) == pytest.approx(shear, rel=1e-12)
+    assert found.shear_modulus([X, Y, X + Y], [Y, Z, Z]).tolist() == [0.0, 0.0, 0.0]
+    face = found.along(X + Y)
+    assert face.shear_modulus[0] == 0.0
+    assert face.shear_modulus[1] == pytest.approx(shear, rel=1e-12)
+    assert np.abs(face.shear_along @ np.array([X - Y, Z]).T / [math.sqrt(2.0), 1.0]) == (
+        pytest.approx(np.eye(2)[::-1], abs=1e-9))
+    assert face.young_modulus == 0.0 and np.isnan(face.poisson_ratio).all()
+    assert face.undefined == 'it meets the strain xy, which costs no energy'
+    cube = found.along(X - Y + Z)
+    assert np.isnan(cube.poisson_ratio).all() and cube.shear_modulus == (0.0, 0.0)
+    assert all(label in cube.undefined for label in ('yz', 'xz', 'xy'))
+    with pytest.raises(ValueError, match='along must be perpendicular to normal'):
+        found.shear_modulus(X, X + 0.1 * Y)
+
+
+@pytest.mark.parametrize('angle', [MINIMUM_ANGLE, -0.2, 0.3])
+@pytest.mark.parametrize('weave', [{}, {'kind': 'bias', 'azimuth': 0.4}])
+def test_extremes_by_direction_are_those_of_all_directions_across(angle, weave):
+    """Against stresses put on the stiffness one by one, where nothing is singular."""
+    scene = make_scene(
+        weave={'size': [3, 3, 3], 'connector_angle': float(angle), **weave},
+        connector={'stiffness': K, 'bending_stiffness': 0.02})
+    found = ico.homogenise(scene)
+    assert not len(found.soft_strains)
+    for direction in ([1.0, 2.0, 3.0], [1.0, 0.0, 0.0], [-1.0, 1.0, 0.2]):
+        one = found.along(np.array(direction))
+        n = one.direction
+        assert n @ direction == pytest.approx(np.linalg.norm(direction))
+        first = np.cross(n, [0.3, -0.5, 0.8])
+        first /= np.linalg.norm(first)
+        ways = np.outer(np.cos(np.linspace(0.0, np.pi, 721)), first) + np.outer(
+            np.sin(np.linspace(0.0, np.pi, 721)), np.cross(n, first))
+        xx, yy, zz, yz, xz, xy = np.linalg.solve(found.stiffness, [
+            *(n * n), n[1] * n[2], n[0] * n[2], n[0] * n[1]])
+        strain = np.array([[xx, xy / 2, xz / 2], [xy / 2, yy, yz / 2], [xz / 2, yz / 2, zz]])
+        along = n @ strain @ n
+        ratios = -np.einsum('ki,ij,kj->k', ways, strain, ways) / along
+        assert one.young_modulus == pytest.approx(1.0 / along, rel=1e-10)
+        assert one.poisson_ratio == pytest.approx([ratios.min(), ratios.max()], abs=1e-5)
+        assert ratios.min() >= one.poisson_ratio[0] - 1e-12
+        assert [float(found.poisson_ratio(n, m)) for m in one.poisson_across] == pytest.approx(
+            one.poisson_ratio, abs=1e-12)
+        moduli = []
+        for m in ways:
+            pair = np.outer(n, m) + np.outer(m, n)
+            stress = pair[[0, 1, 2, 1, 0, 0], [0, 1, 2, 2, 2, 1]]
+            moduli.append(1.0 / (stress @ np.linalg.solve(found.stiffness, stress)))
+        assert one.shear_modulus == pytest.approx([min(moduli), max(moduli)], rel=1e-4)
+        assert found.shear_modulus(n, ways) == pytest.approx(moduli, rel=1e-9)
+        assert found.shear_modulus([n, n], one.shear_along) == pytest.approx(
+            one.shear_modulus, rel=1e-9)
+
+
 def test_the_ratio_is_minus_a_half_at_the_least_angle_and_nought_at_level_connectors():
     least, level = (ico.homogenise(woven(angle)) for angle in (MINIMUM_ANGLE, 0.0))
     assert least.poisson_ratio(X, Y) == pytest.approx(-0.5, abs=1e-13)

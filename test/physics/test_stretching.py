@@ -140,8 +140,75 @@ def test_forces_under_a_part_of_the_loads_and_without_what_broke(broken):
     assert np.count_nonzero(here.tension == 0.0) == (3 if broken else 0)
 
 
+@pytest.mark.parametrize('angle', [-0.3, 0.0, 0.3])
+@pytest.mark.parametrize('size, kind', [
+    ((3, 3, 3), 'orthogonal'), ((6, 4, 5), 'orthogonal'), ((6, 5, 5), 'bias')])
+def test_all_outer_faces_meet_the_bulk_modulus_of_the_endless_fabric(size, kind, angle):
+    """
+    With all faces held as in the endless fabric, what is within rests there too.
+
+    So every connector has the energy that the closed form of docs/material.md gives it.
+    """
+    for section in ({}, STIFF):
+        scene = make_scene(
+            size, weave={'size': list(size), 'connector_angle': angle, 'kind': kind}, **section)
+        bulk = ico.homogenise(scene).bulk_modulus
+        small = 1e-6
+        points = ico.measure_curve(scene, 'hydrostatic', [small, 0.0499, 0.05, 0.0501])
+        assert all(point.verdict.startswith('equilibrium') for point in points)
+        assert points[0].stress == pytest.approx(3.0 * small * bulk, rel=1e-5)
+        place = 2.0 * scene.geometry.pitch**3
+        volume = scene.connector_count / 6.0 * place
+        assert points[0].energy == pytest.approx(4.5 * bulk * small**2 * volume, rel=1e-4)
+        # The work of the pressure is the energy stored.
+        volumes = volume * (1.0 - np.array([points[1].strain, points[3].strain]))**3
+        work = -points[2].stress * np.diff(volumes)[0]
+        assert points[3].energy - points[1].energy == pytest.approx(work, rel=1e-4)
+        assert points[2].end_force[0] < 0.0
+        assert points[2].middle_strain == pytest.approx([-0.05] * 3, rel=1e-9)
+
+
+def test_energy_under_pressure_is_that_of_connectors_between_scaled_places():
+    """Bodies do not turn, by symmetry: so the length of a connector follows from two places."""
+    scene = slab((5, 4, 4), 0.3)
+    strain = 0.02
+    [point] = ico.measure_curve(scene, 'hydrostatic', [strain])
+    first, second = scene.connectors.bodies.T
+    gap = scene.position[second] - scene.position[first]
+    ends = scene.connectors.points_body
+    length = np.linalg.norm((1.0 - strain) * gap + ends[:, 1] - ends[:, 0], axis=1)
+    energy = 250.0 * ((length - scene.geometry.connector_length)**2).sum()
+    assert energy > 0.0 and point.energy == pytest.approx(energy, rel=1e-9)
+
+
+@pytest.mark.parametrize('kind', ['pull', 'shear', 'hydrostatic', 'bend', 'twist'])
+def test_connectors_of_their_own_count_in_curves(kind):
+    """A group of all of them is the plain fabric; one of a part lies between the two."""
+    def measure(**sections):
+        scene = slab((5, 3, 3), **sections)
+        [point] = (ico.measure_turning if kind in ('bend', 'twist') else ico.measure_curve)(
+            scene, kind, [0.05])
+        return point.energy
+
+    bending = {'bending_stiffness': 0.02}
+    soft, stiff = (measure(connector={'stiffness': k, **bending}) for k in (500.0, 900.0))
+    count = slab((5, 3, 3)).body_count
+    # The name is that of a group of the load case itself.
+    for bodies in (range(count), range(count // 2)):
+        found = measure(
+            connector={'stiffness': 500.0, **bending},
+            groups={'moved_end': 'ids ' + ' '.join(map(str, bodies))}, connector_groups={
+                'own': {'between': 'moved_end moved_end', 'stiffness_extension': 900.0,
+                        'stiffness_compression': 900.0}})
+        if len(bodies) == count:
+            assert found == pytest.approx(stiff, rel=1e-9)
+        else:
+            assert soft * 1.01 < found < stiff / 1.01
+
+
 @pytest.mark.parametrize('arguments, word', [
     (('pull', []), 'strains'), (('pull', [0.2, 0.1]), 'strains'), (('twist', [0.1]), 'kind'),
+    (('hydrostatic', [0.5, 1.0]), 'hydrostatic'),
     (('push', [0.5, 1.0]), 'push'), (('pull', [-0.1]), 'strains')])
 def test_arguments_are_judged(arguments, word):
     with pytest.raises(ValueError, match=word):

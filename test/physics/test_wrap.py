@@ -14,6 +14,7 @@
 """Connectors that lie around the shells they are attached to (connector.obstruction: wrap)."""
 
 import logging
+import re
 
 from analytical import quaternion_product, rotation_quaternion
 from fabrics import (
@@ -28,6 +29,7 @@ from fabrics import (
     wrenches,
 )
 import icofabric_sim as ico
+from icofabric_sim import contact
 from icofabric_sim.geometry.icosahedron import face_geometry, inscribed_radius, vertices
 from icofabric_sim.kernels import monitor
 from icofabric_sim.kernels.flows import place_all
@@ -47,6 +49,14 @@ from wrap_oracle import shortest, shortest_of_all, Surface
 WRAP = {'connector.obstruction': 'wrap', 'contact.mode': 'never', 'solver.method': 'leapfrog'}
 # Long connectors keep the shells of a lively fabric out of each other.
 LOOSE = {**WRAP, 'weave.connector_length': 0.09}
+# Two shells, of which one turns through the other.
+PASSING = {
+    'weave.kind': 'orthogonal', 'weave.variant': 3, 'shell.edge_length': 0.0042,
+    'shell.density': 2970.0, 'shell.thickness': 0.00106, 'weave.connector_angle': 0.138,
+    'connector.stiffness': 364.0,
+    'initial_random.velocity_sigma': 0.00335, 'initial_random.spin_sigma': 139.0,
+    'initial_random.seed': 1447408702, 'groups.first': 'ids 0',
+    'initial.kick.group': 'first', 'initial.kick.angular_velocity': [-0.627, -0.665, 2.21]}
 # Beside equal springs, springs of their own and a law by table.
 CASES = {
     'plain': WRAP,
@@ -117,6 +127,21 @@ def test_ways_are_the_shortest_of_brute_force():
     assert seen.min() > 10 and longer <= 1
 
 
+def test_either_end_finds_the_same_ways_where_shells_pass_through_each_other():
+    wrapping = pack_wrapping(make_parameters({'connector.obstruction': 'wrap'}), 1.0)
+    generator, around = np.random.default_rng(11), 0
+    for distance in generator.uniform(0.5, 3.0, 400):
+        axes = axes_of(rotation_quaternion(3.0 * generator.standard_normal((2, 3))))
+        first, second = (
+            pose(np.array([x, 0.0, 0.0]), turn) for x, turn in zip((0.0, distance), axes))
+        edge = int(generator.integers(0, 6))
+        found = taut(wrapping, first, edge, second, edge ^ 1)
+        turned_round = taut(wrapping, second, edge ^ 1, first, edge)
+        assert turned_round == (*found[2:], *found[:2])
+        around += min(found[0], found[2]) >= 0
+    assert around > 50
+
+
 def test_no_other_pair_of_ways_is_shorter():
     # All pairs of 69 ways from either end. Of 8,000 poses like these none had a shorter one.
     wrapping = pack_wrapping(make_parameters({'connector.obstruction': 'wrap'}), 1.0)
@@ -160,6 +185,31 @@ def test_a_length_never_changes_by_more_than_the_ends_move(distance):
         before = lengths
     print(both, apart_)
     assert both > 500 and apart_ > 500
+
+
+def test_a_length_does_not_jump_where_shells_begin_to_touch():
+    # Contacts are springs: shells that they keep apart overlap by some thousandths of a.
+    wrapping = pack_wrapping(make_parameters({'connector.obstruction': 'wrap'}), 1.0)
+    generator, both, half = np.random.default_rng(12), 0, 1e-3
+    turns = rotation_quaternion(3.0 * generator.standard_normal((2000, 2, 3)))
+    low, high = np.full((2, len(turns)), [[2.0], [4.0]])
+    place = np.zeros((len(turns), 3))
+    for _ in range(40):
+        place[:, 0] = 0.5 * (low + high)
+        gap = contact.separation(
+            1.0, (np.zeros(3), turns[:, 0]), (place, turns[:, 1])).distance
+        low, high = np.where(gap < 0.0, place[:, 0], low), np.where(gap < 0.0, high, place[:, 0])
+    for distance, turn in zip(low, turns):
+        axes = axes_of(turn)
+        for edge in range(6):
+            apart_, overlapping = (
+                length_of(
+                    wrapping, [pose(np.array([x, 0.0, 0.0]), own) for x, own in zip(
+                        (0.0, distance + shift), axes)], (edge, edge ^ 1))
+                for shift in (half, -half))
+            assert abs(apart_[0] - overlapping[0]) < 2.001 * half
+            both += min(apart_[1]) >= 0
+    assert both > 1000
 
 
 def test_no_place_can_be_moved_to_shorten_a_way():
@@ -348,6 +398,32 @@ def test_a_stop_where_shells_may_pass_through_each_other_names_contact_mode(mode
     with pytest.raises(ico.SimulationError, match='does not balance') as caught:
         driver.monitor.fail_unbalanced(0.0)
     assert ('contact.mode auto keeps shells apart' in str(caught.value)) == (mode == 'never')
+
+
+@pytest.mark.parametrize('method, step', [('leapfrog', 5e-7), ('dop8', 0.0)])
+def test_a_length_that_jumps_where_shells_pass_through_each_other_is_named(method, step):
+    # The energy that a jump takes is the one that is missing, for any method and step.
+    simulation = ico.compile_scene(make_scene((1, 2, 2), {
+        **WRAP, **PASSING, 'solver.method': method, 'solver.step': step}))
+    with pytest.raises(ico.SimulationError, match='connector.obstruction is wrap') as caught:
+        simulation.advance_to(0.03)
+    numbers = re.search(
+        r'shells of bodies 0 and 1 pass through each other, by (\S+) m, .* connector 0 .* jumps '
+        r'from (\S+) m to (\S+) m, .* by (\S+) J: .* an error of (\S+) J', str(caught.value))
+    depth, before, after, energy, error = (float(number) for number in numbers.groups())
+    s, scene = simulation.snapshot(), simulation.scene
+    # The last good state is just before.
+    ends = zip(s.position, s.orientation)
+    assert depth == pytest.approx(
+        -contact.separation(scene.geometry.half_edge, *ends).distance, rel=0.05)
+    assert before == pytest.approx(s.connector_length[0], rel=1e-5)
+    assert abs(after - before) > 0.05 * before
+    k, rest = scene.connectors.stiffness, scene.connectors.natural_length
+    assert energy == pytest.approx(
+        0.5 * k * ((after - rest) ** 2 - (before - rest) ** 2), rel=1e-2)
+    assert error == pytest.approx(energy, rel=0.05)
+    assert abs(s.energy['balance_error']) < 0.05 * abs(error)
+    assert 'solver.tolerance' not in str(caught.value)
 
 
 def test_what_is_left_for_jumps_is_not_used_by_smooth_steps():

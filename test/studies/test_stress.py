@@ -34,10 +34,10 @@ from icofabric_sim.simulation.status import SimulationStatus
 from icofabric_sim.simulation.stepping import thread_team
 from icofabric_sim.simulation.stepping.methods import METHODS
 from icofabric_sim.studies.stress import judge as judge_module
-from icofabric_sim.studies.stress import report, scenes, windows, workers
+from icofabric_sim.studies.stress import refusals, report, scenes, windows, workers
 from icofabric_sim.studies.stress.judge import judge
 from icofabric_sim.studies.stress.kinds import Kind, KINDS, MOST, TERMS
-from icofabric_sim.studies.stress.refusals import first_name, is_right_refusal
+from icofabric_sim.studies.stress.refusals import first_name, has_jumped, is_right_refusal
 from icofabric_sim.studies.stress.scenes import draw_scene, kind_of, seeds_of, StressScene
 from icofabric_sim.studies.stress.shrink import shrink
 from icofabric_sim.studies.stress.verdict import Finding, Verdict
@@ -183,6 +183,20 @@ def test_stops_are_right_where_they_were_asked_for():
     finding = judge(with_values(
         connector__obstruction='stop', initial_random__spin_sigma=200.0))
     assert finding.verdict is Verdict.STOPPED and 'connector.obstruction' in finding.detail
+
+
+def test_a_length_that_jumps_between_overlapping_shells_is_a_right_reason(monkeypatch):
+    # Two bodies, one of which turns through the other.
+    found = judge(draw_scene(30673))
+    assert found.verdict is Verdict.STOPPED and 'connector 0 ' in found.detail
+    run = compile_scene(ico.Scene.from_parameters(draw_scene(30673).parameters))
+    assert not has_jumped(found.detail, run)
+    with pytest.raises(SimulationError) as caught:
+        run.advance_to(0.03)
+    assert has_jumped(str(caught.value), run)
+    assert not has_jumped('the energy does not balance', run)
+    monkeypatch.setattr(refusals, 'depths_of', lambda *poses: np.array([-1e-9]))
+    assert not has_jumped(str(caught.value), run)
 
 
 def test_what_takes_too_long_says_what_limits_it():

@@ -30,6 +30,7 @@ from icofabric_sim.kernels.wrap.path import (
     allowed,
     apart,
     around,
+    is_close,
     leaving,
     over,
     Point,
@@ -53,6 +54,24 @@ Found = tuple[int, float, int, float]
 def taut(wrapping: Wrapping, pose: Pose, edge: int, far: Pose, far_edge: int) -> Found:
     """
     Way and place at either end of a connector between the midpoints of two named edges.
+
+    Where shells pass through each other the result depends on the end at which the search begins:
+    it is always that of the lower edge, so that whoever asks gets the same.
+    """
+    swaps = edge > far_edge
+    if swaps:
+        pose, far = far, pose
+        edge, far_edge = far_edge, edge
+    way, place, far_way, far_place = taut_from(wrapping, pose, edge, far, far_edge)
+    if swaps:
+        return far_way, far_place, way, place
+    return way, place, far_way, far_place
+
+
+@compiled
+def taut_from(wrapping: Wrapping, pose: Pose, edge: int, far: Pose, far_edge: int) -> Found:
+    """
+    The same, begun at the first end.
 
     Where shells pass through each other there may be none that is taut at both ends; they are
     then wound up in turn.
@@ -191,6 +210,9 @@ def can_be_taut(
         start, end = wrapping.ways[far_edge, far_way, 8], wrapping.ways[far_edge, far_way, 9]
     one = seen_from(pose, leaving(wrapping, far, far_edge, far_way, start))
     two = seen_from(pose, leaving(wrapping, far, far_edge, far_way, end))
+    if is_close(wrapping, one) or is_close(wrapping, two):
+        # One of them may be within the shell, where other rules hold.
+        return True
     if way < 0:
         first, second = wrapping.start[edge, 0], wrapping.start[edge, 1]
         return max(

@@ -93,6 +93,17 @@ def over(wrapping: Wrapping, face: int, point: Point) -> float:
 
 
 @compiled
+def nearest_face(wrapping: Wrapping, point: Point) -> tuple[int, float]:
+    """The face that a point in body axes is highest over, and that height [m]: < 0 within."""
+    nearest, top = 0, -math.inf
+    for face in range(20):
+        height = over(wrapping, face, point)
+        if height > top:
+            nearest, top = face, height
+    return nearest, top
+
+
+@compiled
 def around(wrapping: Wrapping, edge: int, point: Point) -> tuple[int, float]:
     """
     The shortest way from the midpoint of an edge to a point in body axes, and where it leaves.
@@ -103,11 +114,7 @@ def around(wrapping: Wrapping, edge: int, point: Point) -> tuple[int, float]:
     if over(wrapping, wrapping.start[edge, 0], point) >= 0.0 or over(
             wrapping, wrapping.start[edge, 1], point) >= 0.0:
         return STRAIGHT, 0.0
-    nearest, top = 0, -math.inf
-    for face in range(20):
-        height = over(wrapping, face, point)
-        if height > top:
-            nearest, top = face, height
+    nearest, top = nearest_face(wrapping, point)
     slack = SLACK * wrapping.height
     shortest, chosen, place = math.inf, LOST, 0.0
     for number in range(wrapping.ways.shape[1]):
@@ -181,13 +188,32 @@ def within(wrapping: Wrapping, edge: int, way: int, place: float) -> bool:
 def allowed(wrapping: Wrapping, edge: int, way: int, place: float, point: Point) -> bool:
     """
     Whether a way to a point in body axes is taut, and passes all its edges between their ends.
+
+    To a point within the shell: whether it comes over the face that the point is nearest to, so
+    that nothing jumps where shells begin to touch.
     """
     if way == LOST:
         return True
     slack = SLACK * wrapping.height
+    nearest, top = -1, 0.0
+    if is_close(wrapping, point):
+        nearest, top = nearest_face(wrapping, point)
     if way == STRAIGHT:
-        return over(wrapping, wrapping.start[edge, 0], point) >= -slack or over(
-            wrapping, wrapping.start[edge, 1], point) >= -slack
-    return within(wrapping, edge, way, place) and over(
-        wrapping, wrapping.faces[edge, way, 0], point) <= slack and over(
-        wrapping, wrapping.faces[edge, way, 1], point) >= -slack
+        first, second = wrapping.start[edge, 0], wrapping.start[edge, 1]
+        if top < -slack:
+            return bool(nearest == first or nearest == second)
+        return over(wrapping, first, point) >= -slack or over(wrapping, second, point) >= -slack
+    if not within(wrapping, edge, way, place):
+        return False
+    on, following = wrapping.faces[edge, way, 0], wrapping.faces[edge, way, 1]
+    if top < -slack:
+        return bool(nearest == following)
+    return over(wrapping, on, point) <= slack and over(wrapping, following, point) >= -slack
+
+
+@compiled
+def is_close(wrapping: Wrapping, point: Point) -> bool:
+    """Whether a point in body axes is no farther from the centre than the corners."""
+    x, y, z = wrapping.corners[0, 0], wrapping.corners[0, 1], wrapping.corners[0, 2]
+    square: float = point[0] ** 2 + point[1] ** 2 + point[2] ** 2
+    return square <= x * x + y * y + z * z

@@ -129,6 +129,24 @@ class Snapshot(AsTable):
         return length
 
     @cached_property
+    def spring_energy(self) -> np.ndarray:
+        """Energies [J] of the connectors by their lengths, (c,); moments and anchors apart."""
+        connectors = self.packed.connectors
+        if connectors is None:
+            return np.zeros(0)
+        length = self.connector_length
+        stretch = length - connectors.natural_length
+        slope = np.where(stretch > 0.0, connectors.extension, connectors.compression)
+        each = 0.5 * slope * stretch**2
+        tables = self.packed.tables
+        for number, table in enumerate(tables.tables):
+            chosen = tables.of == number
+            each[chosen] = table.evaluate(length[chosen])[1]
+        if self.broken_since is not None:
+            each[~self.intact] = 0.0
+        return np.asarray(each)
+
+    @cached_property
     def lost(self) -> np.ndarray:
         """
         Connectors without a geodesic around their first (bit 0) or second (bit 1) body.
@@ -177,23 +195,16 @@ class Snapshot(AsTable):
         }
         connectors = self.packed.connectors
         if connectors is not None:
-            stretch = self.connector_length - connectors.natural_length
-            if self.broken_since is not None:
-                stretch[~self.intact] = 0.0
             tables = self.packed.tables
             if not tables.tables and len(connectors.extension) == 1 and (
                     connectors.extension[0] == connectors.compression[0]):
+                stretch = self.connector_length - connectors.natural_length
+                if self.broken_since is not None:
+                    stretch[~self.intact] = 0.0
                 np.square(stretch, out=stretch)
                 energy['connectors'] = 0.5 * float(connectors.extension[0]) * float(stretch.sum())
             else:
-                slope = np.where(stretch > 0.0, connectors.extension, connectors.compression)
-                each = 0.5 * slope * stretch**2
-                for number, table in enumerate(tables.tables):
-                    chosen = tables.of == number
-                    each[chosen] = table.evaluate(self.connector_length[chosen])[1]
-                if self.broken_since is not None:
-                    each[~self.intact] = 0.0
-                energy['connectors'] = float(each.sum())
+                energy['connectors'] = float(self.spring_energy.sum())
         if self.packed.moments is not None:
             moments, ends = self.packed.moments, self.connector_ends
             orientation = self._frozen()[1]

@@ -25,6 +25,7 @@ from icofabric_sim.simulation.stepping.methods import Method
 from icofabric_sim.simulation.stepping.motion_rates import MotionRates
 from icofabric_sim.simulation.stepping.obstruction import Obstruction
 from icofabric_sim.simulation.stepping.trajectory import Trajectory
+from icofabric_sim.simulation.stepping.wrap_jumps import jumps_between
 import numpy as np
 
 # Work between two health checks, in evaluations of the forces; a check costs about as much as one
@@ -145,8 +146,22 @@ class StepMonitor:
     def fail_unbalanced(self, time: float) -> None:
         """Stop because the energy does not balance, and go back to the last good state."""
         trajectory = self._trajectory
-        fault = find_fault(trajectory.packed, trajectory.state)
         balance = trajectory.ledger.balance
+        jumps = jumps_between(
+            trajectory.packed, trajectory.half_edge, trajectory.saved, trajectory.state,
+            trajectory.broken.since)
+        explained = sum(jump.energy for jump in jumps)
+        if jumps and not abs(balance.error - explained) > balance.limit * balance.scale:
+            others = f' ({len(jumps):,} connectors do so)' if len(jumps) > 1 else ''
+            imbalance = trajectory.ledger.describe_imbalance(time)
+            apart = 'contact.mode auto' if trajectory.ledger.deepest_limit == math.inf else (
+                'a larger contact.stiffness')
+            trajectory.return_to_saved()
+            trajectory.fail(
+                f'connector.obstruction is wrap, {jumps[0]}{others}: {imbalance}. No step makes '
+                f'that less. Start again: {apart} keeps shells apart; the last good state, of '
+                f't = {trajectory.saved_time:.9g} s, is kept')
+        fault = find_fault(trajectory.packed, trajectory.state)
         imbalance, way_out = trajectory.ledger.describe_imbalance(time), self.way_out()
         if not self._is_given and abs(balance.error) < _ROUNDING * balance.scale:
             way_out = (

@@ -33,7 +33,7 @@ from icofabric_sim.simulation.divergence import Companion, distance_between, Gro
 from icofabric_sim.simulation.errors import Interrupted, SimulationError
 from icofabric_sim.simulation.simulation import compile_scene, Simulation
 from icofabric_sim.simulation.stepping.thread_team import teams_of
-from icofabric_sim.studies.stress.refusals import first_name, is_right_refusal
+from icofabric_sim.studies.stress.refusals import first_name, has_jumped, is_right_refusal
 from icofabric_sim.studies.stress.scenes import StressScene
 from icofabric_sim.studies.stress.verdict import Finding, Verdict
 from icofabric_sim.studies.stress.windows import (
@@ -185,7 +185,7 @@ class _Judge:
         if other:
             return found._replace(verdict=Verdict.OTHER_BITS, detail=other)
         if failure is not None:
-            return self._stopped(found, str(failure), reason, scene, rate)
+            return self._stopped(found, str(failure), reason, run, rate)
         # From the start it may come to what a sensitive run does not come to.
         sensitive = growth is None or growth.is_sensitive or bool(growth.ended)
         if why := self._missed_stop(run, end, windows.stopped or ('' if sensitive else reason)):
@@ -236,10 +236,11 @@ class _Judge:
         return False
 
     def _stopped(
-        self, found: Finding, text: str, reason: str, scene: Scene, rate: float
+        self, found: Finding, text: str, reason: str, run: Simulation, rate: float
     ) -> Finding:
-        """The class of a run that stopped for `text`; the tighter one for `reason`."""
-        right = self._is_right(text, reason, scene, rate)
+        """The class of a `run` that stopped for `text`; the tighter one for `reason`."""
+        scene = run.scene
+        right = has_jumped(text, run) or self._is_right(text, reason, scene, rate)
         verdict = Verdict.STOPPED if right else Verdict.WRONGLY_STOPPED
         if right is None:
             verdict = Verdict.UNJUDGED
@@ -287,7 +288,9 @@ class _Judge:
         except Interrupted:
             run = alone
         except SimulationError as error:
-            verdict, detail = Verdict.UNJUDGED, f' beside a tighter run; alone it stops: {error}'
+            run = alone
+            verdict = Verdict.STOPPED if has_jumped(str(error), alone) else Verdict.UNJUDGED
+            detail = f' beside a tighter run; alone it stops: {error}'
         return _finding(
             self._stress, verdict,
             f'{run.status.step_count} steps to t = {run.time:.6g} s of '

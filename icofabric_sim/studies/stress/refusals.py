@@ -11,13 +11,20 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""Which refusals are right: those of a spoiled scene name what was spoiled, others are few."""
+"""
+Which refusals are right: those of a spoiled scene name what was spoiled, others are few.
+
+And which stops need no other run to be judged.
+"""
 
 import re
 from typing import Final
 
 from icofabric_sim.parameters.table import BY_NAME, FAMILIES
 from icofabric_sim.parameters.validation import ParameterError
+from icofabric_sim.simulation.simulation import Simulation
+from icofabric_sim.simulation.stepping.wrap_jumps import depths_of
+import numpy as np
 
 # Names that a refusal of a spoiled parameter may say in its place.
 PARTNERS: Final[dict[str, tuple[str, ...]]] = {
@@ -70,3 +77,26 @@ def first_name(text: str) -> str:
         if word in BY_NAME or word.split('.')[0] in FAMILIES:
             return str(word)
     return ''
+
+
+def has_jumped(text: str, run: Simulation) -> bool:
+    """
+    Whether a run that stopped for a jump of the length of a connector had to, by its last state.
+
+    That is: the two shells that `text` names do pass through each other there, nothing keeps them
+    apart, and a connector leads from one to the other around one of them.
+    """
+    parameters = run.scene.parameters
+    named = re.search(
+        r'connector\.obstruction is wrap, the shells of bodies (\d+) and (\d+) pass through each '
+        r'other, .* connector (\d+) ', text)
+    if named is None or parameters['connector.obstruction'] != 'wrap' or (
+            parameters['contact.mode'] != 'never'):
+        return False
+    *bodies, connector = (int(number) for number in named.groups())
+    state = run.snapshot()
+    ends = run.scene.connectors.bodies[connector].tolist()
+    depths = depths_of(
+        state, run.scene.geometry.half_edge, np.array(bodies[:1]), np.array(bodies[1:]))
+    return sorted(ends) == sorted(bodies) and bool(state.obstructed[connector]) and bool(
+        depths[0] > 0.0)

@@ -1,0 +1,220 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""Load cases of a slab in words and rows, for `icofabric elasticity`."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, TYPE_CHECKING
+
+from icofabric_sim.commands.rest_outputs import RestOutputs
+from icofabric_sim.terminal import bad_input, Progress
+
+if TYPE_CHECKING:
+    from icofabric_sim.scene.scene import Scene
+    from icofabric_sim.statics.cycles import Cycle
+    from icofabric_sim.statics.stretching import CurvePoint
+    from icofabric_sim.statics.turning import TurnPoint
+
+STRAINED, TURNED = ('pull', 'push', 'shear', 'hydrostatic'), ('bend', 'twist')
+BREAK_COLUMNS = (
+    'kind', 'strain_or_angle_rad', 'connector', 'side', 'length_m', 'released_j')
+
+
+@dataclass
+class LoadCases:
+    """What was asked for, and what has been found of it."""
+
+    kinds: Sequence[str]
+    strains: list[float]
+    angles: list[float]  # [rad]
+    axis: int  # from end to end
+    about: int | None  # of a bend
+    count: int  # of cycles; 0: there, and not back
+    curves: dict[str, list['CurvePoint']] = field(default_factory=dict)
+    turns: dict[str, list['TurnPoint']] = field(default_factory=dict)
+    cycles: dict[str, list['Cycle']] = field(default_factory=dict)
+    early: bool = False
+
+    def search(self, scene: 'Scene') -> None:
+        """Find the states of all kinds; those of an interrupted search stay."""
+        for kind in self.kinds:
+            points: list[Any] = []
+            found: dict[str, list[Any]] = self.curves if kind in STRAINED else self.turns
+            found[kind] = points
+            if self.count:
+                whole = self._cycle(scene, kind, points)
+            else:
+                whole = self._load(scene, kind, points)
+            self.early |= len(points) < whole or points[-1].verdict.startswith('not')
+
+    def _load(self, scene: 'Scene', kind: str, points: list[Any]) -> int:
+        """Add the states of a kind to `points`, and say how many there are to be."""
+        from icofabric_sim.statics.stretching import curve_points
+        from icofabric_sim.statics.turning import turn_points
+
+        amounts = self._amounts(kind)
+        with Progress(len(amounts), 'states') as progress, bad_input():
+            if kind in STRAINED:
+                points.extend(curve_points(
+                    scene, kind, amounts, axis=self.axis, progress=progress.update))
+            else:
+                points.extend(turn_points(
+                    scene, kind, amounts, axis=self.axis, about=self._about(kind),
+                    progress=progress.update))
+        return len(amounts)
+
+    def _cycle(self, scene: 'Scene', kind: str, points: list[Any]) -> int:
+        """The same there and back, `count` times."""
+        from icofabric_sim.statics.cycles import CycleRun
+
+        with bad_input():
+            run = CycleRun(
+                scene, kind, self._amounts(kind), count=self.count, axis=self.axis,
+                about=self._about(kind))
+        try:
+            with Progress(len(run.path), 'states') as progress, bad_input():
+                for point in run.points():
+                    points.append(point)
+                    progress.update(len(points))
+        finally:
+            self.cycles[kind] = run.cycles()
+        return len(run.path)
+
+    def _amounts(self, kind: str) -> list[float]:
+        return self.strains if kind in STRAINED else self.angles
+
+    def _about(self, kind: str) -> int | None:
+        return self.about if kind == 'bend' else None
+
+    def text(self, name: str) -> list[str]:
+        """Lines for the terminal."""
+        lines, letter = [], 'xyz'[self.axis]
+        curves, turns = _any(self.curves), _any(self.turns)
+        if curves:
+            lines.append(
+                f'{name}: its slab, held at both ends along {letter}, sides free (hydrostatic: '
+                'all faces held); strains across are those of its middle third')
+            lines += curve_text(curves, self.axis)
+        if turns:
+            lines.append(
+                f'{name}: its slab, its ends along {letter} turned against each other, sides free')
+            lines += turn_text(turns)
+        return lines + cycle_text(self.cycles)
+
+    def write(self, outputs: RestOutputs) -> None:
+        """Tables of all that was found."""
+        if curves := _any(self.curves):
+            from icofabric_sim.statics.stretching import CURVE_COLUMNS
+            outputs.table('curves.csv', ('kind', *CURVE_COLUMNS), (
+                [kind, *point.row()] for kind, points in curves.items() for point in points))
+        if turns := _any(self.turns):
+            from icofabric_sim.statics.turning import TURN_COLUMNS
+            outputs.table('turns.csv', ('kind', *TURN_COLUMNS), (
+                [kind, *turned.row()] for kind, states in turns.items() for turned in states))
+        if cycles := _any(self.cycles):
+            from icofabric_sim.statics.cycles import CYCLE_COLUMNS
+            outputs.table('cycles.csv', ('kind', 'cycle', *CYCLE_COLUMNS), (
+                [kind, number, *cycle[:-1]] for kind, found in cycles.items()
+                for number, cycle in enumerate(found, start=1)))
+        broken = break_rows([*curves.items(), *turns.items()])
+        if broken:
+            outputs.table('breaks.csv', BREAK_COLUMNS, broken)
+
+    def numbers(self) -> dict[str, Any]:
+        """For programs."""
+        return {
+            'curves': {kind: [_state(one) for one in found]
+                       for kind, found in self.curves.items()},
+            'turns': {kind: [_state(one) for one in found] for kind, found in self.turns.items()},
+            'cycles': {kind: [_without(cycle._asdict(), 'points') for cycle in found]
+                       for kind, found in self.cycles.items()}}
+
+
+def _any(found: Mapping[str, list[Any]]) -> dict[str, list[Any]]:
+    """Those kinds of which there is something."""
+    return {kind: points for kind, points in found.items() if points}
+
+
+def _state(point: 'CurvePoint | TurnPoint') -> dict[str, Any]:
+    """A state without its snapshot."""
+    return {**_without(point._asdict(), 'snapshot'),
+            'breaks': [each._asdict() for each in point.breaks]}
+
+
+def _without(fields: dict[str, Any], name: str) -> dict[str, Any]:
+    return {key: value for key, value in fields.items() if key != name}
+
+
+def curve_text(curves: Mapping[str, Sequence['CurvePoint']], axis: int) -> list[str]:
+    """Lines for the terminal; strains across `axis` are those of the middle of the slab."""
+    lines = []
+    for kind, points in curves.items():
+        sides = [number for number in range(3) if number != axis]
+        head = ''.join(f'{"strain " + 2 * "xyz"[side]:>11}' for side in sides)
+        lines.append(
+            f'  {kind:11} {"strain":>10} {"stress [Pa]":>14} {"stress/strain":>14}{head}')
+        for point in points:
+            lines.append(
+                f'              {point.strain:10.5g} {point.stress:14.6g} '
+                f'{_over(point.stress, point.strain):>14}' + ''.join(
+                    f'{point.middle_strain[side]:11.3g}' for side in sides)
+                + f'  {point.verdict}{_more(point)}')
+    return lines
+
+
+def turn_text(turns: Mapping[str, Sequence['TurnPoint']]) -> list[str]:
+    """Lines for the terminal."""
+    lines = []
+    for kind, points in turns.items():
+        stiffness = 'EI [N m^2]' if kind == 'bend' else 'GJ [N m^2]'
+        lines.append(f'  {kind:11} {"angle [rad]":>11} {"moment [N m]":>14} {stiffness:>14}')
+        for point in points:
+            rigidity = f'{point.rigidity:14.6g}' if point.angle else f'{"":14}'
+            lines.append(
+                f'              {point.angle:10.5g} {point.moment:14.6g} {rigidity}'
+                f'  {point.verdict}{_more(point)}')
+    return lines
+
+
+def cycle_text(cycles: Mapping[str, Sequence['Cycle']]) -> list[str]:
+    """Lines for the terminal."""
+    return [
+        f'  {kind:11} cycle {number}: {cycle.work:.6g} J there, {cycle.regained:.6g} J back, '
+        f'{cycle.lost:.3g} J lost' + (
+            f'; breaks released {cycle.released:.6g} J, {cycle.broken} broken'
+            if cycle.broken else '')
+        for kind, found in cycles.items() for number, cycle in enumerate(found, start=1)]
+
+
+def break_rows(
+    cases: Iterable[tuple[str, Sequence['CurvePoint | TurnPoint']]]
+) -> list[list[object]]:
+    """Rows of `BREAK_COLUMNS`: what broke in each case, in its order."""
+    return [
+        [kind, each.amount, each.connector, each.side, each.length, each.released]
+        for kind, points in cases for point in points for each in point.breaks]
+
+
+def _over(stress: float, strain: float) -> str:
+    return f'{stress / strain:.6g}' if strain else ''
+
+
+def _more(point: 'CurvePoint | TurnPoint') -> str:
+    """What is to be known of a state beside its verdict."""
+    parts = [
+        f'  {count} {words}' for count, words in (
+            (point.obstructed, 'obstructed'), (point.broken, 'broken'),
+            (point.touching, 'pairs touch'), (point.at_kink, 'at their kink'),
+            (point.past_kink, 'past it')) if count]
+    return ''.join(parts)

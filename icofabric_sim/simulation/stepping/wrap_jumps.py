@@ -1,0 +1,120 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+Jumps of the lengths of connectors around shells that pass through each other.
+
+The shortest way around two shells changes with their poses without a jump while they keep out of
+each other. Where they overlap it may not be taut any more, and another one, longer or shorter,
+takes its place: the energy of the connector jumps with its length, whatever the step.
+"""
+
+from typing import NamedTuple
+
+from icofabric_sim.geometry.icosahedron import vertices
+from icofabric_sim.geometry.rotations import cosines_from_quaternions
+from icofabric_sim.kernels.contact.many import signed_distances
+from icofabric_sim.kernels.records import State
+from icofabric_sim.simulation.model.packing import PackedScene
+from icofabric_sim.simulation.model.snapshot import Snapshot
+import numpy as np
+
+# Rounding of angles by an arc cosine near 1, or somewhat more [rad].
+_ROUNDING = 1e-7
+
+
+class Jump(NamedTuple):
+    """A connector whose length jumped between two states."""
+
+    connector: int
+    bodies: tuple[int, int]
+    before: float  # length [m]
+    after: float  # [m]
+    energy: float  # that it has more [J]
+    depth: float  # least shift that parts the two shells after it [m]
+
+    def __str__(self) -> str:
+        """Say what jumped, by how much, and why."""
+        first, second = self.bodies
+        return (
+            f'the shells of bodies {first} and {second} pass through each other, by '
+            f'{self.depth:.3g} m, and the shortest way of connector {self.connector} around them '
+            f'jumps from {self.before:.6g} m to {self.after:.6g} m, which changes its energy by '
+            f'{self.energy:.3g} J')
+
+
+def jumps_between(
+    packed: PackedScene, half_edge: float, before: State, after: State,
+    broken_since: np.ndarray | None
+) -> list[Jump]:
+    """
+    Connectors around overlapping shells of `half_edge` [m] whose length jumped, largest first.
+
+    `broken_since` (c,) [s], NaN while unbroken; None: all are whole.
+    """
+    connectors = packed.connectors
+    if connectors is None or packed.model.wrapping is None:
+        return []
+    one, two = (
+        Snapshot(
+            0.0, *packed.layout.unpack(state), len(connectors.first), packed, {}, broken_since)
+        for state in (before, after))
+    first, second = connectors.first, connectors.second
+    change = np.abs(two.connector_length - one.connector_length)
+    with np.errstate(all='ignore'):
+        most = _most(one, two, first, second, float(np.linalg.norm(vertices(half_edge)[0])))
+    which = np.flatnonzero(((one.obstructed > 0) | (two.obstructed > 0)) & (change > most))
+    if not len(which):
+        return []
+    energy = two.spring_energy - one.spring_energy
+    depths = depths_of(two, half_edge, first[which], second[which])
+    jumps = [
+        Jump(
+            int(c), (int(first[c]), int(second[c])), float(one.connector_length[c]),
+            float(two.connector_length[c]), float(energy[c]), float(depth))
+        for c, depth in zip(which, depths) if depth > 0.0]
+    return sorted(jumps, key=lambda jump: -abs(jump.energy))
+
+
+def depths_of(
+    snapshot: Snapshot, half_edge: float, first: np.ndarray, second: np.ndarray
+) -> np.ndarray:
+    """
+    By how much the shells of bodies overlap [m], (p,); negative: how far they are apart.
+
+    Of `half_edge` [m]; bodies `first` and `second`, (p,) each.
+    """
+    # Columns of these are the axes of a body.
+    axes = cosines_from_quaternions(snapshot.orientation).transpose(0, 2, 1)
+    ends = [
+        np.ascontiguousarray(values[chosen]) for chosen in (first, second)
+        for values in (snapshot.position, axes)]
+    distance = np.zeros(len(first))
+    signed_distances(half_edge, *ends, distance, np.zeros((len(first), 3)))
+    return -distance
+
+
+def _most(
+    one: Snapshot, two: Snapshot, first: np.ndarray, second: np.ndarray, radius: float
+) -> np.ndarray:
+    """
+    By how much the motion of shells of `radius` [m] can change lengths between them [m], (c,).
+
+    From the bodies `first` to the bodies `second`, (c,).
+    """
+    shift = two.position - one.position
+    # The product of two unit quaternions is the cosine of half the angle between them.
+    cosine = np.abs((one.orientation * two.orientation).sum(axis=1))
+    angle = 2.0 * np.arccos(np.minimum(cosine, 1.0))
+    moved = np.linalg.norm(shift[second] - shift[first], axis=1)
+    return np.asarray(moved + radius * (angle[first] + angle[second] + _ROUNDING))
