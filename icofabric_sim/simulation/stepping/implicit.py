@@ -50,6 +50,8 @@ _SOLVED, _ROUNDED = 1e-13, 1e-9
 # A correction that is not smaller than this part of the one before asks for a matrix of its own.
 _SLOW = 0.2
 _MOST, _HALVINGS = 40, 12
+# How often a chosen step that cannot be solved is halved.
+_PARTS = 10
 _WHOLE = np.ones(1)
 # Matrices that are kept: of the step, of its halves in trials, and of steps that inputs cut.
 _KEPT = 3
@@ -68,6 +70,7 @@ class MidpointSteps:
 
     def __init__(self, scene: Scene, packed: PackedScene) -> None:
         """Solve for the bodies of a scene."""
+        self._given = scene.parameters['solver.step'] > 0.0
         driven = [drive.bodies for drive in scene.drives.values()]
         bodies = np.concatenate([np.zeros(0, np.int64), *driven])
         self._layout, self._half_edge = packed.layout, scene.geometry.half_edge
@@ -92,14 +95,19 @@ class MidpointSteps:
         last, done = len(model.blocks.slot), 0
         while done < count:
             start, end = origin + (index + done) * h, origin + (index + done + 1) * h
-            if not self._step(model, loads, state, saved, work, team, watch, start, h):
-                if check_interval < NEVER:
-                    raise ElsewhereError(
-                        f'the equations of a step of {h:.6g} s from t = {start:.9g} s on could '
-                        'not be solved; take a smaller solver.step, or 0 to have it chosen')
-                # A trial: steps of this length are none.
-                state.position[:] = math.inf
-                return 0, count, since_check
+            is_trial = check_interval >= NEVER
+            parts = 0 if self._given or is_trial else _PARTS
+            if not self._step(model, loads, state, saved, work, team, watch, start, h, parts):
+                if is_trial:
+                    # Steps of this length are none.
+                    state.position[:] = math.inf
+                    return 0, count, since_check
+                raise ElsewhereError(
+                    f'the equations of a step of {h:.6g} s from t = {start:.9g} s on could '
+                    'not be solved' + (
+                        '; take a smaller solver.step, or 0 to have it chosen' if self._given
+                        else f', nor those of steps {2**_PARTS} times as short; take another '
+                        'solver.method'))
             place_blocks(model, loads, state, work, end, 0, last)
             done += 1
             since_check += 1
@@ -114,9 +122,24 @@ class MidpointSteps:
 
     def _step(
         self, model: Model, loads: Loads, state: State, saved: State, work: Work, team: Team,
+        watch: Watch | None, start: float, h: float, parts: int
+    ) -> bool:
+        """
+        Take a step of `h` [s] from `start` [s] on; whether it could be solved.
+
+        One that cannot be is taken as two halves, and these, up to `parts` times.
+        """
+        if self._whole(model, loads, state, saved, work, team, watch, start, h):
+            return True
+        return parts > 0 and all(
+            self._step(model, loads, state, saved, work, team, watch, begin, 0.5 * h, parts - 1)
+            for begin in (start, start + 0.5 * h))
+
+    def _whole(
+        self, model: Model, loads: Loads, state: State, saved: State, work: Work, team: Team,
         watch: Watch | None, start: float, h: float
     ) -> bool:
-        """Take a step of `h` [s] from `start` [s] on; whether it could be solved."""
+        """Take it as one step, or none."""
         trail, last = work.trail, len(model.blocks.slot)
         assert trail is not None
         middle, slope, velocity = trail.stage, trail.slopes[0], self._velocity
