@@ -84,7 +84,7 @@ class EventLoop:
         parameters = scene.parameters
         # Each rank takes its steps by one thread, and a device takes all of them.
         threads = parameters['solver.threads'] if ranks is None and device is None else 1
-        if parameters['solver.method'] == 'implicit_midpoint':
+        if parameters['solver.method'] in ('implicit_midpoint', 'sdirk4'):
             # Solving takes most of the time, and is done by one.
             threads = 1
         self._thread_team, self._broad_phase = ThreadTeam(threads, packed), None

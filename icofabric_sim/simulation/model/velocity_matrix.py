@@ -21,7 +21,7 @@ vectors that are 1 at all bodies of one number give the whole matrix, of any fab
 
 from typing import Any
 
-from icofabric_sim.kernels.integrators.midpoint import assemble, tangent_springs
+from icofabric_sim.kernels.integrators.diagonal import assemble, tangent_springs
 from icofabric_sim.kernels.records import LINK_COUNT, Model, State, Variety
 from icofabric_sim.simulation.model.layout import aligned_empty
 from icofabric_sim.simulation.model.packing import PackedScene
@@ -32,7 +32,7 @@ _COLOURS, _STEPS = 13, np.array([1, 3, 4])
 
 class VelocityMatrix:
     """
-    The matrix 1 + M^-1/2 (h^2/4 H + h/2 C) M^-1/2 of a fabric, H and C those of its configuration.
+    The matrix 1 + M^-1/2 (g^2 H + g C) M^-1/2 of a fabric, H and C those of its configuration.
 
     H is the second derivative of the energy, C what damping and drag make of velocities; rows and
     columns are the six freedoms of each body, body by body. Held freedoms and driven bodies stay
@@ -75,16 +75,16 @@ class VelocityMatrix:
         self._moved, self._turns = room(18 * slots), room(3, slots)
         self._vector, self._product = room(6, slots), room(6, slots)
 
-    def factors(self, model: Model, middle: State, points: np.ndarray, h: float) -> 'Factors':
-        """Factor it for a step `h` [s] in a configuration whose attachment `points` are placed."""
+    def factors(self, model: Model, state: State, points: np.ndarray, g: float) -> 'Factors':
+        """Factor it for a time `g` [s] in a configuration whose attachment `points` are placed."""
         from scipy.sparse.linalg import splu
 
         tangent_springs(
-            model.links, model.damping, model, points, middle.position.shape[1], h, self._slopes,
+            model.links, model.damping, model, points, state.position.shape[1], g, self._slopes,
             self._rest)
         root_m, root_i = np.sqrt(model.inverse_mass), np.sqrt(model.inverse_inertia)
         assemble(
-            self._tangent(model, h), middle, points, self._moved, self._turns, root_m, root_i,
+            self._tangent(model, g), state, points, self._moved, self._turns, root_m, root_i,
             self._colour, self._slot, self._pair, self._vector, self._product, self._blocks)
         blocks = self._blocks
         if self._apart.any():
@@ -92,8 +92,8 @@ class VelocityMatrix:
         own = blocks[self._own]
         own[:, range(6), range(6)] += 1.0
         if model.drag is not None:
-            own[:, range(3), range(3)] += 0.5 * h * model.drag.linear * model.inverse_mass
-            own[:, range(3, 6), range(3, 6)] += 0.5 * h * model.drag.angular * (
+            own[:, range(3), range(3)] += g * model.drag.linear * model.inverse_mass
+            own[:, range(3, 6), range(3, 6)] += g * model.drag.angular * (
                 model.inverse_inertia)
         matrix, places = self._pattern
         blocks[self._own] = own
@@ -102,9 +102,9 @@ class VelocityMatrix:
             matrix, permc_spec='NATURAL', diag_pivot_thresh=0.0,
             options={'SymmetricMode': True}), self._order)
 
-    def _tangent(self, model: Model, h: float) -> Model:
-        """The model with the springs of a step, and moments that are as much weaker."""
-        part, links = 0.25 * h * h, model.links
+    def _tangent(self, model: Model, g: float) -> Model:
+        """The model with the springs of a stage, and moments that are as much weaker."""
+        part, links = g * g, model.links
         if links is not None:
             links = links._replace(
                 variety=Variety(self._slopes, self._slopes, self._rest), tables=None)

@@ -12,25 +12,27 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Steps by the implicit midpoint rule, each solved by Newton's method.
+Steps by diagonally implicit Runge-Kutta methods, each stage solved by Newton's method.
 
-Stable for steps of any length: what vibrates or is damped faster than a step is not followed, but
-does not grow. The matrix of the step is that of the state that was saved last, so that it follows
-from the state alone, and serves until the next health check; where it does not lead to the
+Stable for steps of any length: what is damped or vibrates faster than a step is not followed, but
+does not grow. The matrix of the stages is that of the state that was saved last, so that it
+follows from the state alone, and serves until the next health check; where it does not lead to the
 solution fast enough it is made anew on the way there.
 """
 
+from collections.abc import Callable
 import math
 from typing import NamedTuple
 
 from icofabric_sim.kernels.flows import place_all
-from icofabric_sim.kernels.integrators.embedded import FIRST, look, slope_at
-from icofabric_sim.kernels.integrators.midpoint import (
-    finish,
+from icofabric_sim.kernels.integrators.diagonal import (
+    end_stage,
+    end_step,
     residual,
     take_velocities,
-    to_middle,
+    to_stage,
 )
+from icofabric_sim.kernels.integrators.embedded import look, slope_at
 from icofabric_sim.kernels.integrators.splitting import NEVER
 from icofabric_sim.kernels.loads import keep_work
 from icofabric_sim.kernels.meters import add_flow
@@ -52,24 +54,44 @@ _SLOW = 0.2
 _MOST, _HALVINGS = 40, 12
 # How often a chosen step that cannot be solved is halved.
 _PARTS = 10
-_WHOLE = np.ones(1)
 # Matrices that are kept: of the step, of its halves in trials, and of steps that inputs cut.
 _KEPT = 3
 
 
-class _Kept(NamedTuple):
-    """Factors for a step [s], and the state whose they are."""
+class Tableau(NamedTuple):
+    """A diagonally implicit method: the same diagonal in all stages, so one matrix serves all."""
 
-    step: float
+    diagonal: float
+    stages: tuple[np.ndarray, ...]  # weights of the slopes before each, (0,), (1,), ...
+    step: np.ndarray
+
+
+TABLEAUS = {
+    'implicit_midpoint': Tableau(0.5, (np.zeros(0),), np.ones(1)),
+    # Hairer and Wanner 1996, Solving Ordinary Differential Equations II, table IV.6.5.
+    'sdirk4': Tableau(
+        0.25,
+        tuple(np.array(row) for row in (
+            (), (1 / 2,), (17 / 50, -1 / 25), (371 / 1360, -137 / 2720, 15 / 544),
+            (25 / 24, -49 / 48, 125 / 16, -85 / 12))),
+        np.array([25 / 24, -49 / 48, 125 / 16, -85 / 12, 1 / 4])),
+}
+
+
+class _Kept(NamedTuple):
+    """Factors for a time g [s], and the state whose they are."""
+
+    time: float
     state: State
     factors: Factors
 
 
-class MidpointSteps:
-    """Takes steps of a fabric by the implicit midpoint rule."""
+class ImplicitSteps:
+    """Takes steps of a fabric by a diagonally implicit method."""
 
-    def __init__(self, scene: Scene, packed: PackedScene) -> None:
+    def __init__(self, scene: Scene, packed: PackedScene, tableau: Tableau) -> None:
         """Solve for the bodies of a scene."""
+        self._tableau = tableau
         self._given = scene.parameters['solver.step'] > 0.0
         driven = [drive.bodies for drive in scene.drives.values()]
         bodies = np.concatenate([np.zeros(0, np.int64), *driven])
@@ -142,32 +164,57 @@ class MidpointSteps:
         """Take it as one step, or none."""
         trail, last = work.trail, len(model.blocks.slot)
         assert trail is not None
-        middle, slope, velocity = trail.stage, trail.slopes[0], self._velocity
-        take_velocities(model, state, velocity)
-        factors, own, before = self._factors(model, saved, work, h), False, math.inf
+        tableau, slopes, base = self._tableau, trail.slopes, trail.start
+        g = tableau.diagonal * h
+        take_velocities(model, state, self._velocity)
+        for number, weights in enumerate(tableau.stages):
+            end_stage(model, state, slopes, weights, h, base)
+            time = start + (float(weights.sum()) + tableau.diagonal) * h
 
-        def look_at(velocity: np.ndarray) -> np.ndarray:
-            to_middle(model, state, velocity, h, middle)
-            slope_at(
-                model, loads, middle, work, trail, FIRST, team, watch, start + 0.5 * h, 0, last)
-            residual(model, state, velocity, slope, h, self._residual)
-            return self._layout.gather(self._residual) * self._free
+            def look_at(
+                velocity: np.ndarray, *, base: State = base, number: int = number,
+                time: float = time
+            ) -> np.ndarray:
+                to_stage(model, base, velocity, g, trail.stage)
+                slope_at(
+                    model, loads, trail.stage, work, trail, np.int64(number), team, watch, time,
+                    0, last)
+                residual(model, base, velocity, slopes[number], g, self._residual)
+                return self._layout.gather(self._residual) * self._free
 
+            if not self._solve(look_at, model, saved, trail.stage, work, g):
+                return False
+        end_step(model, state, slopes, tableau.step, h)
+        add_work(loads, h, tableau.step, 0, last)
+        add_flow(work.spent, model.blocks.slot, h, tableau.step, 0, last)
+        return True
+
+    def _solve(
+        self, look_at: Callable[[np.ndarray], np.ndarray], model: Model, saved: State,
+        stage: State, work: Work, g: float
+    ) -> bool:
+        """
+        Find velocities of a stage by Newton's method from the present ones; whether they are found.
+
+        `look_at` returns the residual (n, 6) that velocities (6, s) leave.
+        """
+        velocity = self._velocity
+        factors, own, before = self._factors(model, saved, work, g), False, math.inf
         left = look_at(velocity)
         size = self._size(left)
         for _ in range(_MOST):
             if not math.isfinite(size):
                 return False
             change = factors.solve((left * self._root).ravel()).reshape(left.shape) / self._root
-            correction = h * float(np.abs(change * self._part).max(initial=0.0))
+            correction = g * float(np.abs(change * self._part).max(initial=0.0))
             if not math.isfinite(correction):
                 return False
             is_slow = correction > _SLOW * before
             if is_slow and correction <= _ROUNDED:
-                break
+                return True
             if is_slow and not own:
                 # The velocities are those of the last look.
-                factors, own, before = self._matrix.factors(model, middle, work.points, h), (
+                factors, own, before = self._matrix.factors(model, stage, work.points, g), (
                     True), math.inf
                 continue
             before, own = correction, False
@@ -185,33 +232,29 @@ class MidpointSteps:
             velocity[:] = other
             left, size = found, found_size
             if correction <= _SOLVED:
-                break
-        else:
-            return False
-        finish(model, state, velocity, slope, h)
-        add_work(loads, h, _WHOLE, 0, last)
-        add_flow(work.spent, model.blocks.slot, h, _WHOLE, 0, last)
-        return True
+                return True
+        return False
 
     def _size(self, left: np.ndarray) -> float:
         """Of a residual, as energies count it."""
         with np.errstate(over='ignore', invalid='ignore'):
             return float(np.sqrt(((left * self._root)**2).sum()))
 
-    def _factors(self, model: Model, saved: State, work: Work, h: float) -> Factors:
-        """Factors for steps of `h` [s], of the state that was saved last."""
+    def _factors(self, model: Model, saved: State, work: Work, g: float) -> Factors:
+        """Factors for a time `g` [s], of the state that was saved last."""
         for kept in self._kept:
-            if kept.step == h and all(
+            if kept.time == g and all(
                     np.array_equal(one, other) for one, other in zip(kept.state, saved)):
                 return kept.factors
         place_all(model, saved, work, 0, len(model.blocks.slot))
         found = _Kept(
-            h, State(*(part.copy() for part in saved)),
-            self._matrix.factors(model, saved, work.points, h))
-        self._kept = [kept for kept in self._kept if kept.step != h][1 - _KEPT:] + [found]
+            g, State(*(part.copy() for part in saved)),
+            self._matrix.factors(model, saved, work.points, g))
+        self._kept = [kept for kept in self._kept if kept.time != g][1 - _KEPT:] + [found]
         return found.factors
 
 
 def implicit_method(scene: Scene, packed: PackedScene, name: str) -> Method:
     """Return the method `name` with the steps of a scene."""
-    return METHODS[name]._replace(advance=MidpointSteps(scene, packed).advance)
+    return METHODS[name]._replace(
+        advance=ImplicitSteps(scene, packed, TABLEAUS[name]).advance)

@@ -153,11 +153,16 @@ METHODS: dict[str, Method] = {
         source='Dormand and Prince, in Hairer, Norsett and Wanner 1993, Solving Ordinary '
         'Differential Equations I, II.10: DOP853, an embedded pair with dense output',
         kicks=(), drifts=(), advance=partial(fixed_pair, DOP8)),
-    # A step takes about four evaluations, and as long as some hundred where its matrix is new.
+    # Stages are so many evaluations, most of whose time goes into solving.
     'implicit_midpoint': Method(
         order=2, symplectic=False, adaptive=False, stages=4, stability=math.inf, chosen=1e4,
         error=3e-2, implicit=True,
-        source='Hairer, Lubich and Wanner 2006, Geometric Numerical Integration, II.1.1; with '
-        'rotations as Krysl and Endres 2005, Int. J. Numer. Meth. Eng. 62, 2154',
+        source='Hairer, Lubich and Wanner 2006, Geometric Numerical Integration, II.1.1',
+        kicks=(), drifts=(), advance=_needs_scene),
+    'sdirk4': Method(
+        order=4, symplectic=False, adaptive=False, stages=20, stability=math.inf, chosen=1e4,
+        error=3e-2, implicit=True,
+        source='Hairer and Wanner 1996, Solving Ordinary Differential Equations II, IV.6: '
+        'singly diagonally implicit, L-stable and stiffly accurate',
         kicks=(), drifts=(), advance=_needs_scene),
 }

@@ -12,15 +12,15 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-The implicit midpoint rule: what a step needs of kernels; simulation/stepping/implicit.py solves.
+Diagonally implicit Runge-Kutta methods: what a stage needs; simulation/stepping/implicit.py solves.
 
-With v the velocities and spins in the middle of a step, x_m = x + h/2 v and R_m = exp(h/2 omega) R
-the configuration there, and a the accelerations in it:
+With g the diagonal of the tableau times the step, and x*, q*, v* what the stages before make of the
+state, a stage is the solution of
 
-    v = v_0 + h/2 a(x_m, R_m, v),    v_1 = v_0 + h a,    x_1 = x + h v,    R_1 = exp(h omega) R.
+    x = x* + g v,    q = q* + g omega q / 2,    v = v* + g a(x, q, v, omega).
 
-The inertia is isotropic, so spins in world axes change as velocities do, and what bodies do to
-each other in the middle of the step leaves momentum and angular momentum as they are.
+Its unknowns are the velocities and spins: x follows, and q = (1 + g omega / 2) q* / (1 + (g omega /
+2)^2). The inertia is isotropic, so spins in world axes change as velocities do.
 """
 
 from icofabric_sim.kernels.connectors import slope_of
@@ -28,7 +28,7 @@ from icofabric_sim.kernels.hessian import hessian_times
 from icofabric_sim.kernels.law_tables import tabled_pull, tabled_slope
 from icofabric_sim.kernels.monitor import rows_of
 from icofabric_sim.kernels.records import Damping, Links, Model, State, Variety
-from icofabric_sim.kernels.rotations import rotate
+from icofabric_sim.kernels.rhs import combine, normalise
 from icofabric_sim.kernels.runtime.compiled import compiled
 from icofabric_sim.kernels.runtime.lanes import (
     bits,
@@ -62,73 +62,97 @@ def take_velocities(model: Model, state: State, velocity: np.ndarray) -> None:
 
 
 @compiled
-def to_middle(
-    model: Model, state: State, velocity: np.ndarray, h: float, middle: State
+def to_stage(
+    model: Model, base: State, velocity: np.ndarray, g: float, stage: State
 ) -> None:
-    """Where velocities (6, s) lead in half of a step `h` [s]."""
-    half, turn, turned = splat(0.5 * h), rows_of(state.orientation), rows_of(middle.orientation)
+    """Where velocities (6, s) lead from `base` in `g` [s], and they themselves, into `stage`."""
+    time = splat(g)
     for block in range(model.blocks.slot.shape[0]):
         s = model.blocks.slot[block]
         for k in range(3):
-            store(middle.position, k, s, fma(
-                half, load(velocity, k, s), load(state.position, k, s)))
-            store(middle.linear_velocity, k, s, load(velocity, k, s))
-            store(middle.angular_velocity, k, s, load(velocity, k + 3, s))
-        for k in range(turn.shape[0]):
-            store(turned, k, s, load(turn, k, s))
-        rotate(
-            middle.orientation, s, 0.5 * h, load(velocity, 3, s), load(velocity, 4, s),
-            load(velocity, 5, s))
+            store(stage.position, k, s, fma(
+                time, load(velocity, k, s), load(base.position, k, s)))
+            store(stage.linear_velocity, k, s, load(velocity, k, s))
+            store(stage.angular_velocity, k, s, load(velocity, k + 3, s))
+        turn(base.orientation, velocity, g, stage.orientation, s)
+
+
+@compiled
+def turn(
+    base: np.ndarray, velocity: np.ndarray, g: float, result: np.ndarray, s: int
+) -> None:
+    """Solve q = q* + g omega q / 2, or e = e* + g omega x e for each axis, for a block."""
+    part = splat(0.5 * g if base.ndim == 2 else g)
+    ux, uy = part * load(velocity, 3, s), part * load(velocity, 4, s)
+    uz = part * load(velocity, 5, s)
+    scale = splat(1.0) / fma(ux, ux, fma(uy, uy, fma(uz, uz, splat(1.0))))
+    if base.ndim == 2:
+        zero = splat(0.0)
+        x, y, z, w = load(base, 0, s), load(base, 1, s), load(base, 2, s), load(base, 3, s)
+        store(result, 0, s, scale * (x + fma(ux, w, fma(uy, z, zero - uz * y))))
+        store(result, 1, s, scale * (y + fma(uy, w, fma(uz, x, zero - ux * z))))
+        store(result, 2, s, scale * (z + fma(uz, w, fma(ux, y, zero - uy * x))))
+        store(result, 3, s, scale * (w - fma(ux, x, fma(uy, y, uz * z))))
+    else:
+        for i in range(3):
+            axis, turned = base[i], result[i]
+            x, y, z = load(axis, 0, s), load(axis, 1, s), load(axis, 2, s)
+            along = fma(ux, x, fma(uy, y, uz * z))
+            store(turned, 0, s, scale * (x + uy * z - uz * y + along * ux))
+            store(turned, 1, s, scale * (y + uz * x - ux * z + along * uy))
+            store(turned, 2, s, scale * (z + ux * y - uy * x + along * uz))
 
 
 @compiled
 def residual(
-    model: Model, state: State, velocity: np.ndarray, slope: np.ndarray, h: float,
+    model: Model, base: State, velocity: np.ndarray, slope: np.ndarray, g: float,
     result: np.ndarray
 ) -> None:
-    """v - v_0 - h/2 a, (6, s); `slope` as in kernels/rhs.py."""
-    half, row = splat(-0.5 * h), 3 + rows_of(state.orientation).shape[0]
+    """v - v* - g a, (6, s); `slope` as in kernels/rhs.py."""
+    time, row = splat(-g), 3 + rows_of(base.orientation).shape[0]
     for block in range(model.blocks.slot.shape[0]):
         s = model.blocks.slot[block]
         for k in range(3):
-            store(result, k, s, fma(half, load(slope, row + k, s), load(
-                velocity, k, s) - load(state.linear_velocity, k, s)))
-            store(result, k + 3, s, fma(half, load(slope, row + 3 + k, s), load(
-                velocity, k + 3, s) - load(state.angular_velocity, k, s)))
+            store(result, k, s, fma(time, load(slope, row + k, s), load(
+                velocity, k, s) - load(base.linear_velocity, k, s)))
+            store(result, k + 3, s, fma(time, load(slope, row + 3 + k, s), load(
+                velocity, k + 3, s) - load(base.angular_velocity, k, s)))
 
 
 @compiled
-def finish(model: Model, state: State, velocity: np.ndarray, slope: np.ndarray, h: float) -> None:
-    """Take the step whose middle is known."""
-    step, row = splat(h), 3 + rows_of(state.orientation).shape[0]
+def end_stage(
+    model: Model, state: State, slopes: np.ndarray, weights: np.ndarray, h: float, base: State
+) -> None:
+    """Put into `base` what the stages so far make of a state: of as many as there are weights."""
+    for block in range(model.blocks.slot.shape[0]):
+        combine(state, slopes, weights, h, base, model.blocks.slot[block])
+
+
+@compiled
+def end_step(
+    model: Model, state: State, slopes: np.ndarray, weights: np.ndarray, h: float
+) -> None:
+    """Take the step whose stages are known."""
     for block in range(model.blocks.slot.shape[0]):
         s = model.blocks.slot[block]
-        rotate(
-            state.orientation, s, h, load(velocity, 3, s), load(velocity, 4, s),
-            load(velocity, 5, s))
-        for k in range(3):
-            store(state.position, k, s, fma(
-                step, load(velocity, k, s), load(state.position, k, s)))
-            store(state.linear_velocity, k, s, fma(
-                step, load(slope, row + k, s), load(state.linear_velocity, k, s)))
-            store(state.angular_velocity, k, s, fma(
-                step, load(slope, row + 3 + k, s), load(state.angular_velocity, k, s)))
+        combine(state, slopes, weights, h, state, s)
+        normalise(state.orientation, s)
 
 
 @compiled
 def tangent_springs(
     links: Links | None, damping: Damping | None, model: Model, points: np.ndarray, stride: int,
-    h: float, slopes: np.ndarray, rest: np.ndarray
+    g: float, slopes: np.ndarray, rest: np.ndarray
 ) -> None:
     """
-    Springs (12, s) that resist as connectors do to a change of velocities in a step `h` [s].
+    Springs (12, s) that resist as connectors do to a change of velocities that act for `g` [s].
 
-    Those of length l, tension f, slope k and damping c get the slope h^2/4 k + h/2 c and the
-    tension h^2/4 f at l.
+    Those of length l, tension f, slope k and damping c get the slope g^2 k + g c and the tension
+    g^2 f at l.
     """
     if links is None:
         return
-    quarter, half = splat(0.25 * h * h), splat(0.5 * h)
+    time, square_time = splat(g), splat(g * g)
     for block in range(model.blocks.slot.shape[0]):
         s = model.blocks.slot[block]
         for link in range(12):
@@ -142,8 +166,8 @@ def tangent_springs(
             k, pull = law_at(links.variety, links, link, s, square, length)
             pull = tabled_pull(links.tables, links.variety, link, s, length, pull)
             k = tabled_slope(links.tables, links.variety, link, s, length, k)
-            pull = quarter * pull
-            k = fma(quarter, k, half * damping_of(damping, link, s))
+            pull = square_time * pull
+            k = fma(square_time, k, time * damping_of(damping, link, s))
             size = maximum(pull, splat(0.0) - pull)
             least = maximum(splat(_FLAT) * size / length, splat(_SMALLEST))
             k = where(maximum(k, splat(0.0) - k) > least, k, least)
