@@ -185,7 +185,9 @@ def test_nobody_waits_for_steps_of_others(client):
 def test_too_many_requests_are_refused(client):
     # A million steps may be done before all have asked; this is not.
     client.set(advance_duration=1e6)
+    began = client.clock
     futures = [client.begin('~/advance', 'std_srvs/srv/Trigger')]
+    client.wait_for(lambda: client.clock > began, 'the advance')
 
     def refused():
         return [future.result() for future in futures if future.done()]
