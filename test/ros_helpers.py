@@ -38,6 +38,7 @@ import pytest
 pytest.importorskip('rclpy', reason='rclpy is not installed on this machine')
 
 import rclpy  # noqa: E402 - after the environment that it reads
+from rclpy.duration import Duration  # noqa: E402
 from rclpy.executors import SingleThreadedExecutor  # noqa: E402
 from rclpy.parameter import Parameter  # noqa: E402
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy  # noqa: E402
@@ -359,6 +360,10 @@ class Client:
 
     def settle(self):
         """Wait until what was sent before has reached the simulation."""
+        # Topics and services have ways of their own: a request may overtake a message.
+        for topic, publisher in self._publishers.items():
+            if not publisher.wait_for_all_acked(Duration(seconds=PATIENCE)):
+                pytest.fail(f'the node did not get what was sent on {topic} in {PATIENCE} s')
         for _ in range(2):  # messages that arrive first are handled first
             self.get('step_count')
 
