@@ -24,11 +24,12 @@ Its unknowns are the velocities and spins: x follows, and q = (1 + g omega / 2) 
 """
 
 from icofabric_sim.kernels.connectors import slope_of
+from icofabric_sim.kernels.drives import place_row
 from icofabric_sim.kernels.hessian import hessian_times
 from icofabric_sim.kernels.law_tables import tabled_pull, tabled_slope
 from icofabric_sim.kernels.monitor import rows_of
-from icofabric_sim.kernels.records import Damping, Links, Model, State, Variety
-from icofabric_sim.kernels.rhs import combine, normalise
+from icofabric_sim.kernels.records import Damping, Links, Loads, Model, State, Variety
+from icofabric_sim.kernels.rhs import combine, normalise, step_error
 from icofabric_sim.kernels.runtime.compiled import compiled
 from icofabric_sim.kernels.runtime.lanes import (
     bits,
@@ -130,13 +131,39 @@ def end_stage(
 
 @compiled
 def end_step(
-    model: Model, state: State, slopes: np.ndarray, weights: np.ndarray, h: float
+    model: Model, state: State, slopes: np.ndarray, weights: np.ndarray, h: float, target: State
 ) -> None:
-    """Take the step whose stages are known."""
+    """Put into `target` where a step from a state leads, or a part of it, by its stages."""
     for block in range(model.blocks.slot.shape[0]):
         s = model.blocks.slot[block]
-        combine(state, slopes, weights, h, state, s)
-        normalise(state.orientation, s)
+        combine(state, slopes, weights, h, target, s)
+        normalise(target.orientation, s)
+
+
+@compiled
+def place_paths(model: Model, loads: Loads, state: State, time: float) -> None:
+    """Put driven bodies on their paths at `time` [s]."""
+    for block in range(model.blocks.slot.shape[0]):
+        for m in range(loads.start[block], loads.start[block + 1]):
+            place_row(loads.drives, loads, state, m, model.blocks.slot[block], time)
+
+
+@compiled
+def stage_error(
+    model: Model, slopes: np.ndarray, weights: np.ndarray, turn_rows: int, scales: np.ndarray
+) -> float:
+    """
+    Error of a step for each second, the largest of all bodies, see kernels/rhs.py.
+
+    `weights`: those of the step less those of the embedded method.
+    """
+    largest = 0.0
+    for block in range(model.blocks.slot.shape[0]):
+        error, _ = step_error(
+            slopes, turn_rows, weights, weights, scales, 1e300, model.blocks.slot[block])
+        if not error <= largest:
+            largest = error
+    return largest
 
 
 @compiled

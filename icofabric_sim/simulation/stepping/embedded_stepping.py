@@ -21,10 +21,10 @@ a step is taken that ends there, and the event happens when the next step begins
 outputs nor the pieces in which a run is asked for touch the sequence.
 """
 
+from functools import partial
 from typing import Any
 
 from icofabric_sim.kernels.integrators import embedded
-from icofabric_sim.kernels.integrators.embedded import adaptive_pair, DOP8
 from icofabric_sim.kernels.integrators.splitting import NEVER
 from icofabric_sim.kernels.monitor import UNSOUND
 from icofabric_sim.kernels.records import Model, State, Team
@@ -45,6 +45,8 @@ class EmbeddedStepping:
 
     def __init__(self, pieces: Pieces, given: float) -> None:
         """Advance the trajectory of these `pieces`; `given`: `solver.step` [s], 0: none."""
+        assert pieces.trajectory.method.embedded is not None
+        self._kernels = pieces.trajectory.method.embedded
         self._pieces, self._given = pieces, given
         self._step = StepInProgress(pieces.trajectory, pieces.contact, pieces.trials)
         self._samples = StepSamples(pieces, active=needs_samples(pieces))
@@ -165,14 +167,18 @@ class EmbeddedStepping:
 
     def is_ready(self, *, touching: bool) -> bool:
         """Whether the kernels of all steps are compiled, if `touching` of those with contacts."""
+        take = self._kernels.take
+        given = take.args if isinstance(take, partial) else ()
+        function = take.func if isinstance(take, partial) else take
         return self._uniform.is_ready(touching=touching) and self._pieces.calls.is_ready(
-            (adaptive_pair, self._arguments), touching=touching)
+            (function, lambda model, team: (*given, *self._arguments(model, team))),
+            touching=touching)
 
     def _arguments(self, model: Model, team: Team) -> tuple[Any, ...]:
         pieces, trajectory = self._pieces, self._pieces.trajectory
         return (
-            DOP8, model, trajectory.loads, trajectory.state, trajectory.saved, trajectory.work,
-            team, self._step.control.numbers, 1, 0, pieces.monitor.interval,
+            model, trajectory.loads, trajectory.state, trajectory.saved, trajectory.work, team,
+            self._step.control.numbers, 1, 0, pieces.monitor.interval,
             pieces.contact.watching(), trajectory.ledger.numbers)
 
     def state_tree(self, tree: dict[str, Any]) -> None:
@@ -255,8 +261,8 @@ class EmbeddedStepping:
         pieces, trajectory, checks = self._pieces, self._pieces.trajectory, self._pieces.monitor
         watch, control = pieces.contact.watching(), self._step.control
         status, done, checks.since_check = pieces.calls.timed(
-            lambda team: adaptive_pair(
-                DOP8, trajectory.model, trajectory.loads, trajectory.state, trajectory.saved,
+            lambda team: self._kernels.take(
+                trajectory.model, trajectory.loads, trajectory.state, trajectory.saved,
                 trajectory.work, team, control.numbers, count, checks.since_check,
                 checks.interval, watch, trajectory.ledger.numbers))
         return int(status), int(done)

@@ -22,27 +22,59 @@ solution fast enough it is made anew on the way there.
 
 from collections.abc import Callable
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+from icofabric_sim.kernels.contact.clearance import CLEAR, find_clear, NEAR, NO_ROOM
+from icofabric_sim.kernels.contact.displacement import forget_ways, has_missed, ways_of
+from icofabric_sim.kernels.contact.rebuild_check import can_look_farther
 from icofabric_sim.kernels.flows import place_all
 from icofabric_sim.kernels.integrators.diagonal import (
     end_stage,
     end_step,
+    place_paths,
     residual,
+    stage_error,
     take_velocities,
     to_stage,
 )
-from icofabric_sim.kernels.integrators.embedded import look, slope_at
+from icofabric_sim.kernels.integrators.embedded import (
+    CLEAR_TOTAL,
+    CLOSE,
+    FLOOR,
+    GOAL,
+    HELD,
+    IS_CLEAR,
+    KINK,
+    LAST,
+    LENGTH,
+    LIST_FULL,
+    LONGEST,
+    look,
+    NEXT,
+    RATE,
+    REFUSED,
+    SCALES,
+    SHORTEST,
+    slope_at,
+    some,
+    START,
+    TOLERANCE,
+    TOO_FAR,
+    TOO_SHORT,
+    TOTAL,
+)
 from icofabric_sim.kernels.integrators.splitting import NEVER
 from icofabric_sim.kernels.loads import keep_work
 from icofabric_sim.kernels.meters import add_flow
-from icofabric_sim.kernels.records import Loads, Model, State, Team, Watch, Work
+from icofabric_sim.kernels.monitor import LIMIT, save, SCALE
+from icofabric_sim.kernels.records import Loads, Model, State, Team, Trail, Watch, Work
 from icofabric_sim.kernels.rhs import add_work, place_blocks
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.errors import ElsewhereError
 from icofabric_sim.simulation.model.layout import aligned_empty
 from icofabric_sim.simulation.model.packing import PackedScene
 from icofabric_sim.simulation.model.velocity_matrix import Factors, VelocityMatrix
+from icofabric_sim.simulation.stepping.embedded_kernels import EmbeddedKernels
 from icofabric_sim.simulation.stepping.methods import Method, METHODS
 import numpy as np
 
@@ -52,10 +84,26 @@ _SOLVED, _ROUNDED = 1e-13, 1e-9
 # A correction that is not smaller than this part of the one before asks for a matrix of its own.
 _SLOW = 0.2
 _MOST, _HALVINGS = 40, 12
+# Steps are aimed at this part of the tolerance, and become so many times as long at once; those that
+# would grow by less than the last number stay as they are.
+_AIM, _SHRINK, _GROW, _WORTH = 0.4, 0.2, 4.0, 1.4
+# The estimate, of order 3, over the error of order 4.
+_ESTIMATE, _POWER = 1.0, 1.0 / 3.0
+# No limit.
+_ANY = 1e300
+# Steps that are short after one in which something may touch.
+_HOLD = 8.0
 # How often a chosen step that cannot be solved is halved.
-_PARTS = 10
+_PARTS = 16
+# Part of solver.energy_limit that a step may err by.
+_LOST = 0.02
 # Matrices that are kept: of the step, of its halves in trials, and of steps that inputs cut.
 _KEPT = 3
+
+
+def _even(h: float) -> float:
+    """Nearest power of the root of 2 below a length [s]."""
+    return 2.0 ** (math.floor(2.0 * math.log2(h)) / 2.0)
 
 
 class Tableau(NamedTuple):
@@ -64,17 +112,27 @@ class Tableau(NamedTuple):
     diagonal: float
     stages: tuple[np.ndarray, ...]  # weights of the slopes before each, (0,), (1,), ...
     step: np.ndarray
+    # The same less those of the embedded method, and weights by powers of the part of a step, from
+    # the first on, for states within it; None: there is no embedded method.
+    error: np.ndarray | None
+    dense: np.ndarray | None
 
 
 TABLEAUS = {
-    'implicit_midpoint': Tableau(0.5, (np.zeros(0),), np.ones(1)),
+    'implicit_midpoint': Tableau(0.5, (np.zeros(0),), np.ones(1), None, None),
     # Hairer and Wanner 1996, Solving Ordinary Differential Equations II, table IV.6.5.
     'sdirk4': Tableau(
         0.25,
         tuple(np.array(row) for row in (
             (), (1 / 2,), (17 / 50, -1 / 25), (371 / 1360, -137 / 2720, 15 / 544),
             (25 / 24, -49 / 48, 125 / 16, -85 / 12))),
-        np.array([25 / 24, -49 / 48, 125 / 16, -85 / 12, 1 / 4])),
+        np.array([25 / 24, -49 / 48, 125 / 16, -85 / 12, 1 / 4]),
+        np.array([-3 / 16, -27 / 32, 25 / 32, 0.0, 1 / 4]),
+        np.array([
+            [11 / 3, 11 / 2, -125 / 18, 0.0, -11 / 9],
+            [-463 / 72, -385 / 16, 20125 / 432, -85 / 4, 557 / 108],
+            [217 / 36, 661 / 24, -8875 / 216, 85 / 6, -359 / 54],
+            [-20 / 9, -10.0, 250 / 27, 0.0, 80 / 27]])),
 }
 
 
@@ -103,10 +161,16 @@ class ImplicitSteps:
             [1.0 / packed.model.inverse_mass, 1.0 / packed.model.inverse_inertia], 3))
         # What a velocity moves in a second, in parts of a and rad.
         self._part = np.repeat([1.0 / self._half_edge, 1.0], 3)
+        self._base = packed.layout.like(packed.layout.pack(scene.initial))
         slots = packed.layout.slot_count
         self._velocity, self._residual = (aligned_empty((6, slots)) for _ in range(2))
         self._velocity[:] = self._residual[:] = 0.0
         self._kept: list[_Kept] = []
+
+    @property
+    def kept_slopes(self) -> tuple[int, ...] | None:
+        """Numbers of the slopes that states within a step need; None: it has no such states."""
+        return None if self._tableau.dense is None else tuple(range(len(self._tableau.stages)))
 
     def advance(
         self, model: Model, loads: Loads, state: State, saved: State, work: Work, team: Team,
@@ -117,10 +181,11 @@ class ImplicitSteps:
         last, done = len(model.blocks.slot), 0
         while done < count:
             start, end = origin + (index + done) * h, origin + (index + done + 1) * h
-            is_trial = check_interval >= NEVER
-            parts = 0 if self._given or is_trial else _PARTS
-            if not self._step(model, loads, state, saved, work, team, watch, start, h, parts):
-                if is_trial:
+            parts = 0 if self._given else _PARTS
+            allowed = _LOST * ledger[LIMIT] * ledger[SCALE] if ledger[LIMIT] > 0.0 else math.inf
+            if not self._step(
+                    model, loads, state, saved, work, team, watch, start, h, parts, allowed):
+                if check_interval >= NEVER:
                     # Steps of this length are none.
                     state.position[:] = math.inf
                     return 0, count, since_check
@@ -142,29 +207,175 @@ class ImplicitSteps:
                 return int(status), done, int(since_check)
         return 0, done, int(since_check)
 
+    def take(
+        self, model: Model, loads: Loads, state: State, saved: State, work: Work, team: Team,
+        control: np.ndarray, count: int, since_check: int, check_interval: int,
+        watch: Watch | None, ledger: np.ndarray
+    ) -> tuple[int, int, int]:
+        """
+        Take up to `count` steps until one ends after control[GOAL], as `adaptive_pair`.
+
+        Steps are refused too where they probably err by too much energy. Their lengths are powers
+        of the root of 2, so that a matrix serves more of them.
+        """
+        trail, last = some(work.trail), len(model.blocks.slot)
+        weights, error_weights = self._tableau.step, self._tableau.error
+        assert error_weights is not None
+        turn_rows, scales = trail.slopes.shape[1] - 9, control[SCALES:]
+        tolerance = float(max(control[TOLERANCE], control[FLOOR]))
+        done = status = 0
+        while done < count and control[START] + control[LENGTH] <= control[GOAL] and not status:
+            start, h = float(control[START] + control[LENGTH]), float(control[NEXT])
+            accepted = False
+            while not accepted:
+                forget_ways(watch, 0)
+                error = math.inf
+                if self._find_stages(model, loads, state, saved, work, team, watch, start, h):
+                    end_step(model, state, trail.slopes, weights, h, trail.stage)
+                    ways_of(watch, model.blocks, trail.stage, start + h, 0, 0, last)
+                    error = _ESTIMATE * stage_error(
+                        model, trail.slopes, error_weights, turn_rows, scales)
+                unknown = has_missed(watch, 0)
+                again = unknown and can_look_farther(watch, start)
+                change, clear = _GROW, CLEAR
+                if tolerance < _ANY and error < math.inf:
+                    error = max(error, tolerance * self._energy_part(work, ledger, h))
+                    change = min(_GROW, max(_SHRINK, (
+                        _AIM * tolerance / max(error, 1e-300)) ** _POWER))
+                accepted = error <= tolerance and not unknown or (
+                    h <= control[KINK] and error < math.inf and not unknown)
+                if accepted and h > control[CLOSE]:
+                    clear = find_clear(
+                        watch, model.blocks, state, trail, len(weights), team, start, h, 0,
+                        last)
+                    accepted = clear == CLEAR
+                    again = clear == NO_ROOM
+                if accepted:
+                    self._accept(model, loads, state, work, control, error, start, h)
+                elif again:
+                    status, accepted, change = TOO_FAR if unknown else LIST_FULL, True, 1.0
+                else:
+                    control[REFUSED] += 1.0
+                    if h <= control[SHORTEST]:
+                        status, accepted = TOO_SHORT, True
+                    change = min(change, _SHRINK if error == math.inf else 0.5)
+                    if clear == NEAR:
+                        control[HELD] = _HOLD
+                if tolerance < _ANY:
+                    h = _even(h * change) if change < 1.0 or change >= _WORTH else h
+                h = min(max(h, float(control[SHORTEST])), float(control[LONGEST]))
+                if control[HELD] > 0.0:
+                    h = min(h, float(control[CLOSE]))
+                control[NEXT] = h
+            if not status:
+                slope_at(
+                    model, loads, state, work, trail, LAST, team, watch,
+                    float(control[START] + control[LENGTH]), 0, last)
+                done += 1
+                since_check += 1
+                status, since_check = look(
+                    model, loads, state, saved, work, team, since_check, check_interval, watch,
+                    ledger, done, float(control[START] + control[LENGTH]), 0.0, 0, last)
+        return int(status), done, int(since_check)
+
+    def _accept(
+        self, model: Model, loads: Loads, state: State, work: Work, control: np.ndarray,
+        error: float, start: float, h: float
+    ) -> None:
+        """Go on from the end of a step of `h` [s] from `start` [s] on."""
+        trail, last, weights = some(work.trail), len(model.blocks.slot), self._tableau.step
+        control[HELD] = max(control[HELD] - 1.0, 0.0)
+        control[IS_CLEAR] = 1.0 if h > control[CLOSE] else 0.0
+        control[CLEAR_TOTAL] += control[IS_CLEAR] * error * h
+        control[TOTAL] += error * h
+        control[RATE] = error
+        save(model, state, trail.start, 0, last)
+        save(model, trail.stage, state, 0, last)
+        keep_work(loads, 0, last)
+        add_work(loads, h, weights, 0, last)
+        add_flow(work.spent, model.blocks.slot, h, weights, 0, last)
+        control[START], control[LENGTH] = start, h
+
+    def _energy_part(self, work: Work, ledger: np.ndarray, h: float) -> float:
+        """Energy that a step of `h` [s] probably errs by, in parts of what it may."""
+        allowed = _LOST * float(ledger[LIMIT] * ledger[SCALE])
+        if not ledger[LIMIT] > 0.0:
+            return 0.0
+        error = self._energy_error(work, h)
+        return error / allowed if allowed > 0.0 else 0.0
+
+    def prepare(self, *_: Any) -> None:
+        """Do nothing: states within a step come from its stages."""
+
+    def dense_state(
+        self, model: Model, loads: Loads, state: State, team: Team, trail: Trail, time: float,
+        h: float, x: float, target: State
+    ) -> None:
+        """State at the part `x` of the step in progress, which begins at `time` [s]."""
+        end_step(model, trail.start, trail.slopes, self._weights_at(x), h, target)
+        place_paths(model, loads, target, time + x * h)
+
+    def dense_sum(self, rates: np.ndarray, before: Any, after: Any, h: float, x: float) -> Any:
+        """What a step of length `h` adds up from `rates` by its part `x`."""
+        weights = self._weights_at(x)
+        return before + h * np.tensordot(weights, rates[:len(weights)], axes=1)
+
+    def _weights_at(self, x: float) -> np.ndarray:
+        dense = self._tableau.dense
+        assert dense is not None
+        return np.asarray(x ** np.arange(1.0, len(dense) + 1.0) @ dense)
+
     def _step(
         self, model: Model, loads: Loads, state: State, saved: State, work: Work, team: Team,
-        watch: Watch | None, start: float, h: float, parts: int
+        watch: Watch | None, start: float, h: float, parts: int, allowed: float
     ) -> bool:
         """
         Take a step of `h` [s] from `start` [s] on; whether it could be solved.
 
-        One that cannot be is taken as two halves, and these, up to `parts` times.
+        One that cannot be, or errs by more than the `allowed` energy [J], is taken as two halves,
+        and these, up to `parts` times.
         """
-        if self._whole(model, loads, state, saved, work, team, watch, start, h):
-            return True
-        return parts > 0 and all(
-            self._step(model, loads, state, saved, work, team, watch, begin, 0.5 * h, parts - 1)
-            for begin in (start, start + 0.5 * h))
+        is_solved = self._find_stages(model, loads, state, saved, work, team, watch, start, h)
+        if parts > 0 and not (is_solved and self._energy_error(work, h) <= allowed):
+            return all(
+                self._step(
+                    model, loads, state, saved, work, team, watch, begin, 0.5 * h, parts - 1,
+                    allowed)
+                for begin in (start, start + 0.5 * h))
+        if is_solved:
+            last, weights = len(model.blocks.slot), self._tableau.step
+            end_step(model, state, some(work.trail).slopes, weights, h, state)
+            add_work(loads, h, weights, 0, last)
+            add_flow(work.spent, model.blocks.slot, h, weights, 0, last)
+        return is_solved
 
-    def _whole(
+    def _energy_error(self, work: Work, h: float) -> float:
+        """
+        Energy [J] that a step of `h` [s] probably errs by, of its present stages.
+
+        By what the embedded method makes of velocities: where motion dies out within a step, the
+        energy that it leaves is not counted right.
+        """
+        weights, trail = self._tableau.error, some(work.trail)
+        if weights is None:
+            return 0.0
+        row = trail.slopes.shape[1] - 6
+        gather, root = self._layout.gather, self._root * self._free
+        differences = sum(
+            weight * gather(slope[row:]) for weight, slope in zip(weights, trail.slopes) if weight)
+        before = np.concatenate([self._base.linear_velocity, self._base.angular_velocity])
+        with np.errstate(over='ignore', invalid='ignore'):
+            error = 0.5 * h * h * float(((differences * root)**2).sum())
+            kinetic = 0.5 * float(((gather(before) * root)**2).sum())
+            return 2.0 * math.sqrt(error * max(error, kinetic))
+
+    def _find_stages(
         self, model: Model, loads: Loads, state: State, saved: State, work: Work, team: Team,
         watch: Watch | None, start: float, h: float
     ) -> bool:
-        """Take it as one step, or none."""
-        trail, last = work.trail, len(model.blocks.slot)
-        assert trail is not None
-        tableau, slopes, base = self._tableau, trail.slopes, trail.start
+        """Find the slopes of a step of `h` [s] from `start` [s] on; whether they are found."""
+        trail, last = some(work.trail), len(model.blocks.slot)
+        tableau, slopes, base = self._tableau, trail.slopes, self._base
         g = tableau.diagonal * h
         take_velocities(model, state, self._velocity)
         for number, weights in enumerate(tableau.stages):
@@ -184,9 +395,6 @@ class ImplicitSteps:
 
             if not self._solve(look_at, model, saved, trail.stage, work, g):
                 return False
-        end_step(model, state, slopes, tableau.step, h)
-        add_work(loads, h, tableau.step, 0, last)
-        add_flow(work.spent, model.blocks.slot, h, tableau.step, 0, last)
         return True
 
     def _solve(
@@ -256,5 +464,8 @@ class ImplicitSteps:
 
 def implicit_method(scene: Scene, packed: PackedScene, name: str) -> Method:
     """Return the method `name` with the steps of a scene."""
-    return METHODS[name]._replace(
-        advance=ImplicitSteps(scene, packed, TABLEAUS[name]).advance)
+    steps = ImplicitSteps(scene, packed, TABLEAUS[name])
+    embedded = None if steps.kept_slopes is None else EmbeddedKernels(
+        steps.take, steps.prepare, steps.dense_state, steps.dense_sum, steps.kept_slopes)
+    return METHODS[name]._replace(advance=steps.advance, embedded=embedded)
+

@@ -20,6 +20,7 @@ from typing import Any, NamedTuple, Protocol
 
 from icofabric_sim.kernels.integrators.embedded import DOP8, fixed_pair
 from icofabric_sim.kernels.integrators.splitting import splitting
+from icofabric_sim.simulation.stepping.embedded_kernels import DOP8_KERNELS, EmbeddedKernels
 import numpy as np
 
 # Order that methods with `mends_kinks` have where the slopes of connectors jump.
@@ -77,6 +78,8 @@ class Method(NamedTuple):
     mends_kinks: bool = False
     # Whether each step is the solution of equations (implicit.py), and stable however long it is.
     implicit: bool = False
+    # What accepts or refuses the steps of an adaptive one.
+    embedded: EmbeddedKernels | None = None
     # Who holds the state between two calls, where other processes or a device take the steps.
     holder: 'StateHolder | None' = None
 
@@ -152,7 +155,7 @@ METHODS: dict[str, Method] = {
         error=6.7e-8,
         source='Dormand and Prince, in Hairer, Norsett and Wanner 1993, Solving Ordinary '
         'Differential Equations I, II.10: DOP853, an embedded pair with dense output',
-        kicks=(), drifts=(), advance=partial(fixed_pair, DOP8)),
+        kicks=(), drifts=(), advance=partial(fixed_pair, DOP8), embedded=DOP8_KERNELS),
     # Stages are so many evaluations, most of whose time goes into solving.
     'implicit_midpoint': Method(
         order=2, symplectic=False, adaptive=False, stages=4, stability=math.inf, chosen=1e4,
@@ -160,7 +163,7 @@ METHODS: dict[str, Method] = {
         source='Hairer, Lubich and Wanner 2006, Geometric Numerical Integration, II.1.1',
         kicks=(), drifts=(), advance=_needs_scene),
     'sdirk4': Method(
-        order=4, symplectic=False, adaptive=False, stages=20, stability=math.inf, chosen=1e4,
+        order=4, symplectic=False, adaptive=True, stages=20, stability=math.inf, chosen=1e4,
         error=3e-2, implicit=True,
         source='Hairer and Wanner 1996, Solving Ordinary Differential Equations II, IV.6: '
         'singly diagonally implicit, L-stable and stiffly accurate',

@@ -16,13 +16,7 @@
 import math
 from typing import Any
 
-from icofabric_sim.kernels.integrators import dop853, embedded
-from icofabric_sim.kernels.integrators.embedded import (
-    dense_state,
-    dense_sum,
-    DOP8,
-    prepare_dense,
-)
+from icofabric_sim.kernels.integrators import embedded
 from icofabric_sim.kernels.records import Loads, Meter, State, Trail
 from icofabric_sim.simulation.state_tree import StateTree
 from icofabric_sim.simulation.stepping.contact_scheduler import ContactScheduler
@@ -30,11 +24,6 @@ from icofabric_sim.simulation.stepping.embedded_control import EmbeddedControl
 from icofabric_sim.simulation.stepping.trajectory import Trajectory
 from icofabric_sim.simulation.stepping.trial_steps import TrialSteps
 import numpy as np
-
-# Slopes of a step that states within it need, but for those that dense output adds to them.
-_SLOPES = [
-    k for k in range(len(dop853.STAGES) + 1)
-    if any(len(row) > k and row[k] for row in (*dop853.DENSE_STAGES, *dop853.DENSE))]
 
 
 class StepInProgress:
@@ -48,6 +37,9 @@ class StepInProgress:
         self, trajectory: Trajectory, contact: ContactScheduler, trials: TrialSteps
     ) -> None:
         """Belong to a `trajectory` with an embedded control."""
+        assert trajectory.method.embedded is not None
+        self._kernels = trajectory.method.embedded
+        self._kept = list(self._kernels.slopes)
         self._trajectory, self._contact, self._trials = trajectory, contact, trials
         self._has_dense = False
         self._room: State | None = None
@@ -110,8 +102,8 @@ class StepInProgress:
             return
         trajectory, trail, length = self._trajectory, self.trail, self.length
         loads, watch = self._trials.copy_loads(), self._contact.watching(trial=True)
-        trajectory.thread_team.run(lambda team: prepare_dense(
-            DOP8, trajectory.model, loads, trajectory.work, team, trail, watch, trajectory.time,
+        trajectory.thread_team.run(lambda team: self._kernels.prepare(
+            trajectory.model, loads, trajectory.work, team, trail, watch, trajectory.time,
             length))
         self._has_dense = True
         trajectory.require_body_force()
@@ -126,8 +118,8 @@ class StepInProgress:
             for row, source in zip(self._room, trajectory.state):
                 np.copyto(row, source)
         target = self._room
-        trajectory.thread_team.run(lambda team: dense_state(
-            DOP8, trajectory.model, trajectory.loads, trajectory.state, team, trail,
+        trajectory.thread_team.run(lambda team: self._kernels.state(
+            trajectory.model, trajectory.loads, trajectory.state, team, trail,
             trajectory.time, length, part, target))
         return target
 
@@ -146,8 +138,8 @@ class StepInProgress:
             return self._trajectory.stretches()
         if not rest > 0.0:
             return losses.start
-        found = dense_sum(
-            DOP8, losses.slopes.reshape(len(losses.slopes), -1), losses.start.ravel(),
+        found = self._kernels.sum(
+            losses.slopes.reshape(len(losses.slopes), -1), losses.start.ravel(),
             losses.stretch.ravel(), self.length, rest / self.length)
         return np.asarray(found).reshape(losses.stretch.shape)
 
@@ -173,8 +165,8 @@ class StepInProgress:
         if not rest > 0.0:
             return _total(before)
         rates = np.array([_total(row) for row in power])
-        return dense_sum(
-            DOP8, rates, _total(before), _total(after), self.length, rest / self.length)
+        return float(self._kernels.sum(
+            rates, _total(before), _total(after), self.length, rest / self.length))
 
     @property
     def _is_within(self) -> bool:
@@ -190,12 +182,12 @@ class StepInProgress:
         if not self.length > 0.0:
             return
         tree['start'] = trajectory.by_body(self.start)
-        tree['slopes'] = gather(self.trail.slopes[_SLOPES])
+        tree['slopes'] = gather(self.trail.slopes[self._kept])
         if 'loads' in tree:
             rows = trajectory.rows_by_body(trajectory.loads)
-            tree['loads']['power'] = trajectory.loads.power[:, rows][_SLOPES]
+            tree['loads']['power'] = trajectory.loads.power[:, rows][self._kept]
         for name, meter in trajectory.meters().items():
-            tree[f'{name}_power'] = gather(meter.power[_SLOPES])
+            tree[f'{name}_power'] = gather(meter.power[self._kept])
 
     def load_control(self, tree: StateTree) -> None:
         """Go on with the numbers of there: the time of the trajectory is one of them."""
@@ -214,22 +206,22 @@ class StepInProgress:
             return
         layout, slopes = trajectory.packed.layout, self.trail.slopes
         trajectory.take_back(self.start, tree.part('start'))
-        found = tree.array('slopes', (layout.body_count, len(_SLOPES), slopes.shape[1]))
+        found = tree.array('slopes', (layout.body_count, len(self._kept), slopes.shape[1]))
         slopes[:] = 0.0
-        for k, number in enumerate(_SLOPES):
+        for k, number in enumerate(self._kept):
             slopes[number][:, layout.slot] = found[:, k].T
         self._load_power(trajectory.loads, tree)
         for name, meter in trajectory.meters().items():
-            power = tree.array(f'{name}_power', (layout.body_count, len(_SLOPES)))
-            for number, values in zip(_SLOPES, power.T):
+            power = tree.array(f'{name}_power', (layout.body_count, len(self._kept)))
+            for number, values in zip(self._kept, power.T):
                 meter.power[number, layout.slot] = values
 
     def _load_power(self, loads: Loads, tree: StateTree) -> None:
         if not len(loads.wrench):
             return
         rows = self._trajectory.rows_by_body(loads)
-        power = tree.part('loads').array('power', (len(_SLOPES), len(rows)))
-        for number, values in zip(_SLOPES, power):
+        power = tree.part('loads').array('power', (len(self._kept), len(rows)))
+        for number, values in zip(self._kept, power):
             loads.power[number, rows] = values
 
 

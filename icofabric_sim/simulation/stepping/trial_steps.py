@@ -17,7 +17,6 @@ from collections.abc import Callable
 import math
 from typing import Any
 
-from icofabric_sim.kernels.integrators.embedded import adaptive_pair, DOP8
 from icofabric_sim.kernels.integrators.splitting import NEVER
 from icofabric_sim.kernels.meters import flowed
 from icofabric_sim.kernels.records import Loads, Model, State, Team, Trail, Work
@@ -112,10 +111,10 @@ class TrialSteps:
         model, watch = self._copy_model(), self._contact.watching(trial=True)
 
         def advance(team: Team) -> tuple[int, int, int]:
-            taken: tuple[int, int, int] = adaptive_pair(
-                DOP8, model, loads, state, trajectory.saved, work, team, control.numbers, count,
-                0, NEVER, watch, ledger)
-            return taken
+            assert trajectory.method.embedded is not None
+            return trajectory.method.embedded.take(
+                model, loads, state, trajectory.saved, work, team, control.numbers, count, 0,
+                NEVER, watch, ledger)
 
         # Where a connector may have broken the kernel returns early.
         while count > 0:

@@ -1,0 +1,49 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""What accepts or refuses the steps of an adaptive method, and makes states within them."""
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any, NamedTuple
+
+from icofabric_sim.kernels.integrators import dop853
+from icofabric_sim.kernels.integrators.embedded import (
+    adaptive_pair,
+    dense_state,
+    dense_sum,
+    DOP8,
+    prepare_dense,
+)
+
+
+class EmbeddedKernels(NamedTuple):
+    """
+    Each is called as its namesake of kernels/integrators/embedded.py, after the pair.
+
+    `slopes`: numbers of those that states within a step need, but for what
+    `prepare` makes.
+    """
+
+    take: Callable[..., tuple[int, int, int]]
+    prepare: Callable[..., None]
+    state: Callable[..., None]
+    sum: Callable[..., Any]
+    slopes: tuple[int, ...]
+
+
+DOP8_KERNELS = EmbeddedKernels(
+    partial(adaptive_pair, DOP8), partial(prepare_dense, DOP8), partial(dense_state, DOP8),
+    partial(dense_sum, DOP8), tuple(
+        k for k in range(len(dop853.STAGES) + 1)
+        if any(len(row) > k and row[k] for row in (*dop853.DENSE_STAGES, *dop853.DENSE))))
