@@ -12,15 +12,16 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Diagonally implicit Runge-Kutta methods: what a stage needs; simulation/stepping/implicit.py solves.
+Diagonally implicit Runge-Kutta methods: what a stage needs; stepping/implicit.py solves it.
 
-With g the diagonal of the tableau times the step, and x*, q*, v* what the stages before make of the
-state, a stage is the solution of
+With g the diagonal of the tableau times the step, and x*, q*, v* what the stages before make of
+the state, a stage is the solution of
 
     x = x* + g v,    q = q* + g omega q / 2,    v = v* + g a(x, q, v, omega).
 
-Its unknowns are the velocities and spins: x follows, and q = (1 + g omega / 2) q* / (1 + (g omega /
-2)^2). The inertia is isotropic, so spins in world axes change as velocities do.
+Its unknowns are the velocities and spins: x follows, and with u = g omega / 2 also
+q = (1 + u) q* / (1 + u^2). The inertia is isotropic, so spins in world axes change as velocities
+do.
 """
 
 from icofabric_sim.kernels.connectors import slope_of
@@ -34,7 +35,6 @@ from icofabric_sim.kernels.runtime.compiled import compiled
 from icofabric_sim.kernels.runtime.lanes import (
     bits,
     fma,
-    LANES,
     load,
     load_at,
     maximum,
@@ -109,7 +109,7 @@ def residual(
     model: Model, base: State, velocity: np.ndarray, slope: np.ndarray, g: float,
     result: np.ndarray
 ) -> None:
-    """v - v* - g a, (6, s); `slope` as in kernels/rhs.py."""
+    """V - v* - g a, (6, s); `slope` as in kernels/rhs.py."""
     time, row = splat(-g), 3 + rows_of(base.orientation).shape[0]
     for block in range(model.blocks.slot.shape[0]):
         s = model.blocks.slot[block]

@@ -56,7 +56,6 @@ from icofabric_sim.kernels.integrators.embedded import (
     SCALES,
     SHORTEST,
     slope_at,
-    some,
     START,
     TOLERANCE,
     TOO_FAR,
@@ -84,8 +83,8 @@ _SOLVED, _ROUNDED = 1e-13, 1e-9
 # A correction that is not smaller than this part of the one before asks for a matrix of its own.
 _SLOW = 0.2
 _MOST, _HALVINGS = 40, 12
-# Steps are aimed at this part of the tolerance, and become so many times as long at once; those that
-# would grow by less than the last number stay as they are.
+# Steps are aimed at this part of the tolerance, and become so many times as long at once; those
+# that would grow by less than the last number stay as they are.
 _AIM, _SHRINK, _GROW, _WORTH = 0.4, 0.2, 4.0, 1.4
 # The estimate, of order 3, over the error of order 4.
 _ESTIMATE, _POWER = 1.0, 1.0 / 3.0
@@ -104,6 +103,12 @@ _KEPT = 3
 def _even(h: float) -> float:
     """Nearest power of the root of 2 below a length [s]."""
     return 2.0 ** (math.floor(2.0 * math.log2(h)) / 2.0)
+
+
+def _trail(work: Work) -> Trail:
+    """Room for the stages, which is there."""
+    assert work.trail is not None
+    return work.trail
 
 
 class Tableau(NamedTuple):
@@ -218,7 +223,7 @@ class ImplicitSteps:
         Steps are refused too where they probably err by too much energy. Their lengths are powers
         of the root of 2, so that a matrix serves more of them.
         """
-        trail, last = some(work.trail), len(model.blocks.slot)
+        trail, last = _trail(work), len(model.blocks.slot)
         weights, error_weights = self._tableau.step, self._tableau.error
         assert error_weights is not None
         turn_rows, scales = trail.slopes.shape[1] - 9, control[SCALES:]
@@ -283,7 +288,7 @@ class ImplicitSteps:
         error: float, start: float, h: float
     ) -> None:
         """Go on from the end of a step of `h` [s] from `start` [s] on."""
-        trail, last, weights = some(work.trail), len(model.blocks.slot), self._tableau.step
+        trail, last, weights = _trail(work), len(model.blocks.slot), self._tableau.step
         control[HELD] = max(control[HELD] - 1.0, 0.0)
         control[IS_CLEAR] = 1.0 if h > control[CLOSE] else 0.0
         control[CLEAR_TOTAL] += control[IS_CLEAR] * error * h
@@ -344,7 +349,7 @@ class ImplicitSteps:
                 for begin in (start, start + 0.5 * h))
         if is_solved:
             last, weights = len(model.blocks.slot), self._tableau.step
-            end_step(model, state, some(work.trail).slopes, weights, h, state)
+            end_step(model, state, _trail(work).slopes, weights, h, state)
             add_work(loads, h, weights, 0, last)
             add_flow(work.spent, model.blocks.slot, h, weights, 0, last)
         return is_solved
@@ -356,7 +361,7 @@ class ImplicitSteps:
         By what the embedded method makes of velocities: where motion dies out within a step, the
         energy that it leaves is not counted right.
         """
-        weights, trail = self._tableau.error, some(work.trail)
+        weights, trail = self._tableau.error, _trail(work)
         if weights is None:
             return 0.0
         row = trail.slopes.shape[1] - 6
@@ -374,7 +379,7 @@ class ImplicitSteps:
         watch: Watch | None, start: float, h: float
     ) -> bool:
         """Find the slopes of a step of `h` [s] from `start` [s] on; whether they are found."""
-        trail, last = some(work.trail), len(model.blocks.slot)
+        trail, last = _trail(work), len(model.blocks.slot)
         tableau, slopes, base = self._tableau, trail.slopes, self._base
         g = tableau.diagonal * h
         take_velocities(model, state, self._velocity)
@@ -402,7 +407,7 @@ class ImplicitSteps:
         stage: State, work: Work, g: float
     ) -> bool:
         """
-        Find velocities of a stage by Newton's method from the present ones; whether they are found.
+        Find velocities of a stage by Newton's method, from the present ones; whether it did.
 
         `look_at` returns the residual (n, 6) that velocities (6, s) leave.
         """
@@ -468,4 +473,3 @@ def implicit_method(scene: Scene, packed: PackedScene, name: str) -> Method:
     embedded = None if steps.kept_slopes is None else EmbeddedKernels(
         steps.take, steps.prepare, steps.dense_state, steps.dense_sum, steps.kept_slopes)
     return METHODS[name]._replace(advance=steps.advance, embedded=embedded)
-
