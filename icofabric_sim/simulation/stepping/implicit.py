@@ -77,9 +77,9 @@ from icofabric_sim.simulation.stepping.embedded_kernels import EmbeddedKernels
 from icofabric_sim.simulation.stepping.methods import Method, METHODS
 import numpy as np
 
-# Corrections of a step, in parts of a or rad, that are small enough; where rounding is larger, so
-# that they do not shrink, the second.
-_SOLVED, _ROUNDED = 1e-13, 1e-9
+# Corrections of a stage, in parts of a or rad, that are small enough: this, or the second of what a
+# chosen step may err by. Where rounding is larger, so that they do not shrink, the third.
+_SOLVED, _SOLVED_PART, _ROUNDED = 1e-13, 1e-3, 1e-9
 # A correction that is not smaller than this part of the one before asks for a matrix of its own.
 _SLOW = 0.2
 _MOST, _HALVINGS = 40, 12
@@ -87,7 +87,7 @@ _MOST, _HALVINGS = 40, 12
 # that would grow by less than the last number stay as they are.
 _AIM, _SHRINK, _GROW, _WORTH = 0.4, 0.2, 4.0, 1.4
 # The estimate, of order 3, over the error of order 4.
-_ESTIMATE, _POWER = 1.0, 1.0 / 3.0
+_ESTIMATE, _POWER = 3.0, 1.0 / 3.0
 # No limit.
 _ANY = 1e300
 # Steps that are short after one in which something may touch.
@@ -95,7 +95,7 @@ _HOLD = 8.0
 # How often a chosen step that cannot be solved is halved.
 _PARTS = 16
 # Part of solver.energy_limit that a step may err by.
-_LOST = 0.02
+_LOST = 0.05
 # Matrices that are kept: of the step, of its halves in trials, and of steps that inputs cut.
 _KEPT = 3
 
@@ -156,6 +156,7 @@ class ImplicitSteps:
         """Solve for the bodies of a scene."""
         self._tableau = tableau
         self._given = scene.parameters['solver.step'] > 0.0
+        self._solved = 0.0 if self._given else _SOLVED_PART * scene.parameters['solver.tolerance']
         driven = [drive.bodies for drive in scene.drives.values()]
         bodies = np.concatenate([np.zeros(0, np.int64), *driven])
         self._layout, self._half_edge = packed.layout, scene.geometry.half_edge
@@ -398,20 +399,20 @@ class ImplicitSteps:
                 residual(model, base, velocity, slopes[number], g, self._residual)
                 return self._layout.gather(self._residual) * self._free
 
-            if not self._solve(look_at, model, saved, trail.stage, work, g):
+            if not self._solve(look_at, model, saved, trail.stage, work, g, h):
                 return False
         return True
 
     def _solve(
         self, look_at: Callable[[np.ndarray], np.ndarray], model: Model, saved: State,
-        stage: State, work: Work, g: float
+        stage: State, work: Work, g: float, h: float
     ) -> bool:
         """
         Find velocities of a stage by Newton's method, from the present ones; whether it did.
 
         `look_at` returns the residual (n, 6) that velocities (6, s) leave.
         """
-        velocity = self._velocity
+        velocity, solved = self._velocity, max(_SOLVED, self._solved * h)
         factors, own, before = self._factors(model, saved, work, g), False, math.inf
         left = look_at(velocity)
         size = self._size(left)
@@ -444,7 +445,7 @@ class ImplicitSteps:
                 return False
             velocity[:] = other
             left, size = found, found_size
-            if correction <= _SOLVED:
+            if correction <= solved:
                 return True
         return False
 

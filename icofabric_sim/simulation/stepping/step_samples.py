@@ -54,6 +54,9 @@ _NOT = -1.0
 
 def needs_samples(pieces: Pieces) -> bool:
     """Whether what steps probably err by is too rough a guess."""
+    if pieces.trajectory.method.implicit:
+        # It is the error of the embedded method, which is larger.
+        return False
     return pieces.trajectory.packed.spends or _is_kinked(pieces)
 
 
