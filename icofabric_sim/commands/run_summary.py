@@ -22,7 +22,7 @@ from icofabric_sim.running.run_records import Errors, Status, step_limit
 from icofabric_sim.scene.summary import Row, times, vector
 from icofabric_sim.simulation.divergence import Growth
 from icofabric_sim.simulation.simulation import Simulation
-from icofabric_sim.simulation.stepping.methods import METHODS
+from icofabric_sim.simulation.stepping.methods import facts_of
 import numpy as np
 
 # Less of the compiler [s] is not worth a line.
@@ -147,7 +147,7 @@ def step_reason(simulation: Simulation) -> str:
     rate, limit = simulation.status.largest_frequency, step_limit(simulation)
     if simulation.scene.parameters['solver.step'] > 0.0:
         return f'{text}, given as solver.step; the limit is {limit:.6g} s'
-    if limit == math.inf and METHODS[simulation.status.method_name].adaptive:
+    if limit == math.inf and facts_of(simulation.status.method_name).adaptive:
         when = 'to begin with' if simulation.status.step_count == 0 else (
             f'at last, {simulation.time / simulation.status.step_count:.3g} s on average')
         return f'{text} {when}: each is as long as its error allows'

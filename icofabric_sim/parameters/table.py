@@ -342,8 +342,7 @@ STATIC: tuple[Specification, ...] = (
         'auto',
         '',
         'integration method; auto: the one with the least work for the tolerance in this scene',
-        choices=(
-            'auto', 'leapfrog', 'srkn4', 'srkn6', 'srkn8', 'dop8', 'implicit_midpoint', 'sdirk4'),
+        choices=('auto', 'leapfrog', 'srkn4', 'srkn6', 'srkn8', 'dop8', 'sdirk4'),
     ),
     _s(
         'solver.tolerance',

@@ -25,7 +25,7 @@ from typing import NamedTuple
 from icofabric_sim.messages.schedule import NANOSECONDS, seconds
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.simulation import compile_scene, Simulation
-from icofabric_sim.simulation.stepping.methods import METHODS
+from icofabric_sim.simulation.stepping.methods import facts_of
 import numpy as np
 
 # Disturbance of the third run, relative to a and in rad: far above rounding, far below 1.
@@ -87,7 +87,7 @@ def cross_check(
     half_edge = scene.geometry.half_edge
     rounding = ROUNDINGS_PER_EVALUATION * np.finfo(float).eps
     end = round(duration * NANOSECONDS)
-    stages = METHODS[quaternions.status.method_name].stages
+    stages = facts_of(quaternions.status.method_name).stages
     between = max(_EVALUATIONS_BETWEEN // stages, 1) * quaternions.status.step
     count = min(math.ceil(duration / between), _LARGEST_COUNT)
     rows: list[Comparison] = []

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 from icofabric_sim.simulation.inputs import Inputs
 from icofabric_sim.simulation.simulation import Simulation
-from icofabric_sim.simulation.stepping.methods import METHODS
+from icofabric_sim.simulation.stepping.methods import facts_of
 import numpy as np
 
 
@@ -96,7 +96,7 @@ def step_limit(simulation: Simulation) -> float:
     A frequency that contacts may reach some time limits no step that adapts.
     """
     given = simulation.scene.parameters['solver.step'] > 0.0
-    if METHODS[simulation.status.method_name].adaptive and not given:
+    if facts_of(simulation.status.method_name).adaptive and not given:
         return math.inf
     return simulation.status.stability_limit
 

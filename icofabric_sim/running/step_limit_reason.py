@@ -20,7 +20,7 @@ from icofabric_sim.kernels.runtime.kernel_guard import is_compiler_free, no_comp
 from icofabric_sim.messages.schedule import seconds
 from icofabric_sim.running.run_records import step_limit
 from icofabric_sim.simulation.simulation import Simulation
-from icofabric_sim.simulation.stepping.methods import METHODS
+from icofabric_sim.simulation.stepping.methods import facts_of
 
 # A step above this part of the stability limit is chosen by that, with its safety.
 _NEAR = 0.5
@@ -79,7 +79,7 @@ def _kind(simulation: Simulation) -> str:
     tolerance = f'solver.tolerance {parameters["solver.tolerance"]:g}'
     if parameters['solver.step'] > 0.0:
         return 'solver.step, which is given'
-    if METHODS[status.method_name].adaptive:
+    if facts_of(status.method_name).adaptive:
         return f'accuracy (the error of each step, {tolerance})'
     if status.step > _NEAR * step_limit(simulation):
         return 'stability'

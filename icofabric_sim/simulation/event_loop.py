@@ -40,14 +40,17 @@ from icofabric_sim.simulation.stepping.faults import stiffest_term, too_fast
 from icofabric_sim.simulation.stepping.method_needs import (
     ADAPTIVE,
     contact_losses,
+    is_damped,
     required_method,
+    why_not_implicit,
 )
 from icofabric_sim.simulation.stepping.method_selection import (
     Choice,
     choose_method,
+    for_damping,
     method_near_contact,
 )
-from icofabric_sim.simulation.stepping.methods import Method, METHODS
+from icofabric_sim.simulation.stepping.methods import facts_of, Method
 from icofabric_sim.simulation.stepping.obstruction import Obstruction
 from icofabric_sim.simulation.stepping.thread_team import ThreadTeam
 import numpy as np
@@ -82,16 +85,6 @@ class EventLoop:
         # When a step has to end for an input that was taken already [s]; infinite: no step has.
         self._cut_due = math.inf
         parameters = scene.parameters
-        # Each rank takes its steps by one thread, and a device takes all of them.
-        threads = parameters['solver.threads'] if ranks is None and device is None else 1
-        if parameters['solver.method'] in ('implicit_midpoint', 'sdirk4'):
-            # Solving takes most of the time, and is done by one.
-            threads = 1
-        self._thread_team, self._broad_phase = ThreadTeam(threads, packed), None
-        if packed.contact is not None:
-            self._broad_phase = BroadPhase(
-                packed.contact, packed.layout, packed.model, self._thread_team.size)
-        self._obstruction = Obstruction(parameters['connector.obstruction'], packed)
         # Name of the method in METHODS, and why it was chosen.
         self.method = Choice(parameters['solver.method'], 'given as solver.method')
         is_chosen = self.method.name == 'auto'
@@ -110,7 +103,13 @@ class EventLoop:
                 ADAPTIVE, 'connectors around their shells change to other geodesics, and only '
                 'steps that adapt see where')
         if self.method.name == 'auto' and required is not None:
-            self.method = required
+            stiff = None
+            if is_damped(scene) and not fixed > 0.0 and not (
+                    why_not_implicit(scene, outside=packed.external is not None)):
+                stiff = for_damping(
+                    parameters['solver.tolerance'], frequency.rate, packed.velocity_rate,
+                    scene.body_count)
+            self.method = stiff or required
             loads = self._loads()
         elif self.method.name == 'auto':
             liveliness = self._liveliness(frequency.rate)
@@ -127,7 +126,16 @@ class EventLoop:
                 damped=parameters['contact.damping'] * liveliness * scene.geometry.half_edge)
             # With the room that this method needs.
             loads = self._loads()
-        method = METHODS[self.method.name]
+        method = facts_of(self.method.name)
+        # Each rank takes its steps by one thread, a device takes all of them, and what implicit
+        # steps take most of their time for, to solve, is done by one.
+        is_shared = ranks is None and device is None and not method.implicit
+        threads = parameters['solver.threads'] if is_shared else 1
+        self._thread_team, self._broad_phase = ThreadTeam(threads, packed), None
+        if packed.contact is not None:
+            self._broad_phase = BroadPhase(
+                packed.contact, packed.layout, packed.model, self._thread_team.size)
+        self._obstruction = Obstruction(parameters['connector.obstruction'], packed)
         if method.symplectic and not fixed > 0.0:
             self._warn_of_jumps(runs_through_contacts=method.runs_through_contacts)
         if ranks is not None:
@@ -206,7 +214,7 @@ class EventLoop:
         before, self.method = self.method, self.near_method
         try:
             return self._make_driver(
-                METHODS[self.method.name], self.driver.trajectory.state, self._loads(again=True),
+                facts_of(self.method.name), self.driver.trajectory.state, self._loads(again=True),
                 self.driver.rates.frequency, begins=False).is_ready()
         finally:
             self.method = before
@@ -238,7 +246,7 @@ class EventLoop:
             self._broad_phase.counts_listed = True
         try:
             after = self._make_driver(
-                METHODS[choice.name], state, self._loads(again=True), before.rates.frequency)
+                facts_of(choice.name), state, self._loads(again=True), before.rates.frequency)
         except BaseException:
             self.method = was
             raise
@@ -441,6 +449,6 @@ class EventLoop:
     def _loads(self, *, again: bool = False) -> Loads:
         """What acts now, for the kernels; `again`: what they had last."""
         # While the method is being chosen: rows without room for Runge-Kutta stages.
-        symplectic = self.method.name == 'auto' or METHODS[self.method.name].symplectic
+        symplectic = self.method.name == 'auto' or facts_of(self.method.name).symplectic
         pack = self.inputs.pack_again if again else self.inputs.pack
         return pack(self._packed.layout, stages=0 if symplectic else 16)

@@ -18,7 +18,7 @@ from collections.abc import Iterator
 from icofabric_sim.parameters.validation import ParameterError
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.stepping.method_needs import required_method
-from icofabric_sim.simulation.stepping.methods import METHODS
+from icofabric_sim.simulation.stepping.methods import facts_of, METHODS
 
 _ONE, _CPU = 'or run it in one process', 'or solver.device cpu'
 _SHARED = 'is not shared by ranks'
@@ -85,7 +85,7 @@ def _require(
 
 
 def _require_method(name: str, lacks: str, alone: str) -> None:
-    if not METHODS[name].symplectic:
+    if not facts_of(name).symplectic:
         shared = ', '.join(other for other, method in METHODS.items() if method.symplectic)
         raise ParameterError(
             'solver.method',

@@ -74,11 +74,11 @@ from icofabric_sim.simulation.model.layout import aligned_empty
 from icofabric_sim.simulation.model.packing import PackedScene
 from icofabric_sim.simulation.model.velocity_matrix import Factors, VelocityMatrix
 from icofabric_sim.simulation.stepping.embedded_kernels import EmbeddedKernels
-from icofabric_sim.simulation.stepping.methods import Method, METHODS
+from icofabric_sim.simulation.stepping.methods import facts_of, Method
 import numpy as np
 
-# Corrections of a stage, in parts of a or rad, that are small enough: this, or the second of what a
-# chosen step may err by. Where rounding is larger, so that they do not shrink, the third.
+# Corrections of a stage, in parts of a or rad, that are small enough: this, or the second of what
+# a chosen step may err by. Where rounding is larger, so that they do not shrink, the third.
 _SOLVED, _SOLVED_PART, _ROUNDED = 1e-13, 1e-3, 1e-9
 # A correction that is not smaller than this part of the one before asks for a matrix of its own.
 _SLOW = 0.2
@@ -124,7 +124,6 @@ class Tableau(NamedTuple):
 
 
 TABLEAUS = {
-    'implicit_midpoint': Tableau(0.5, (np.zeros(0),), np.ones(1), None, None),
     # Hairer and Wanner 1996, Solving Ordinary Differential Equations II, table IV.6.5.
     'sdirk4': Tableau(
         0.25,
@@ -473,4 +472,4 @@ def implicit_method(scene: Scene, packed: PackedScene, name: str) -> Method:
     steps = ImplicitSteps(scene, packed, TABLEAUS[name])
     embedded = None if steps.kept_slopes is None else EmbeddedKernels(
         steps.take, steps.prepare, steps.dense_state, steps.dense_sum, steps.kept_slopes)
-    return METHODS[name]._replace(advance=steps.advance, embedded=embedded)
+    return facts_of(name)._replace(advance=steps.advance, embedded=embedded)

@@ -17,7 +17,7 @@ from icofabric_sim.parameters.validation import ParameterError
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.stepping.events import why_events
 from icofabric_sim.simulation.stepping.method_selection import Choice
-from icofabric_sim.simulation.stepping.methods import METHODS
+from icofabric_sim.simulation.stepping.methods import facts_of, IMPLICIT, METHODS
 
 ADAPTIVE = 'dop8'
 # Methods up to this order lose least where forces jump.
@@ -33,19 +33,49 @@ def required_method(scene: Scene, *, outside: bool = False) -> Choice | None:
     """
     reason = 'a body force may depend on velocities' if outside else _reason(scene)
     given, others = scene.parameters['solver.method'], ''
-    if not reason and given != 'auto' and not METHODS[given].runs_through_contacts:
+    if given in IMPLICIT:
+        lacks = why_not_implicit(scene, outside=outside)
+        if lacks:
+            raise ParameterError(
+                'solver.method',
+                f'solver.method {given} cannot integrate this scene yet: {lacks}; take '
+                f'{ADAPTIVE} or auto')
+        return None
+    if not reason and given != 'auto' and not facts_of(given).runs_through_contacts:
         reason = contact_losses(scene)
         others = ', '.join(
             ['', *(name for name, method in METHODS.items() if method.runs_through_contacts)])
     if not reason:
         _refuse_blind_steps(scene)
         return None
-    if given != 'auto' and METHODS[given].symplectic:
+    if given != 'auto' and facts_of(given).symplectic:
         raise ParameterError(
             'solver.method',
             f'solver.method {given} cannot integrate this scene: {reason}; take '
             f'{ADAPTIVE}{others} or auto')
     return Choice(ADAPTIVE, reason)
+
+
+def why_not_implicit(scene: Scene, *, outside: bool = False) -> str:
+    """Say what in a scene implicit steps cannot follow, and the way out; '': nothing."""
+    parameters = scene.parameters
+    if outside:
+        return 'it has a body force, whose derivative is not known'
+    if scene.body_count + len(parameters.names('planes')) > 1 and (
+            parameters['contact.mode'] != 'never'):
+        return f"contact.mode is {parameters['contact.mode']}, where never would do"
+    if parameters['connector.obstruction'] == 'wrap':
+        return 'connector.obstruction is wrap, where warn or stop would do'
+    if scene.anchors:
+        return f'it has anchors ({next(iter(scene.anchors))})'
+    if parameters['charge.per_body'] != 0.0 or any(parameters['charge.dipole']):
+        return 'bodies are charged (charge.per_body, charge.dipole)'
+    return why_events(scene)
+
+
+def is_damped(scene: Scene) -> bool:
+    """Whether connectors are damped."""
+    return bool(scene.connector_count and scene.connectors.damping.any())
 
 
 def _refuse_blind_steps(scene: Scene) -> None:
@@ -54,7 +84,7 @@ def _refuse_blind_steps(scene: Scene) -> None:
     given = parameters['solver.method']
     if (scene.connector_count and parameters['connector.obstruction'] == 'wrap'
             and not parameters['solver.step'] > 0.0 and given != 'auto'
-            and METHODS[given].symplectic and METHODS[given].order > _LOW_ORDER):
+            and facts_of(given).symplectic and facts_of(given).order > _LOW_ORDER):
         raise ParameterError(
             'solver.method',
             f'solver.method {given} cannot choose its steps with connector.obstruction wrap: '
@@ -67,7 +97,7 @@ def _reason(scene: Scene) -> str:
     """Name the first term that needs it, if any."""
     # Forces that depend on velocities are named here; events within a step name themselves.
     parameters = scene.parameters
-    if scene.connector_count and scene.connectors.damping.any():
+    if is_damped(scene):
         return 'connectors are damped, by forces that depend on velocities'
     for name in ('drag.linear', 'drag.angular'):
         if parameters[name] > 0.0:

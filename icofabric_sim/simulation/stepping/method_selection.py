@@ -24,7 +24,7 @@ import math
 from typing import NamedTuple
 
 from icofabric_sim.simulation.stepping.accuracy_probe import AIM
-from icofabric_sim.simulation.stepping.methods import KINK_ORDER, Method, METHODS
+from icofabric_sim.simulation.stepping.methods import facts_of, KINK_ORDER, Method, METHODS
 
 # Where slopes jump: what methods that mend kinks add in a second to motion of 1 a/s at step x
 # frequency 1, measured on S1 with 100 and 500 N/m.
@@ -38,6 +38,11 @@ WILD = 0.009
 # end at each. And how much damping may add to a push at expected speeds, in parts of it. Measured:
 # docs/decisions/steps_through_contacts.md.
 MANY_LOSING, MANY_FREE, LOOSE_CONTACTS, _MOST_DAMPED = 16, 64, 0.01, 10.0
+
+
+# Costs of dop8 and of sdirk4 where connectors are damped, see `for_damping`, and by how much the
+# second has to be less.
+_DAMPED_STEP, _IMPLICIT_STEP, _SMALL_FACTORS, _FACTORS, _GAIN = 25.0, 10.0, 10.0, 0.16, 3.0
 
 
 class Choice(NamedTuple):
@@ -107,6 +112,28 @@ def choose_method(
         f'({others})')
 
 
+def for_damping(
+    tolerance: float, frequency: float, damping: float, bodies: int
+) -> Choice | None:
+    """
+    An implicit method, where steps of dop8 that follow the damping cost more; None: they do not.
+
+    `frequency` [rad/s] of the fastest vibration, `damping` [rad/s]: the largest rate at which
+    forces that depend on velocities slow bodies down. Steps of dop8 are about 25 over that rate,
+    those of sdirk4 about 10 tolerance^(1/3) over the frequency, and one of the second costs as
+    much as ten of the first, of many bodies 0.16 for each (docs/decisions/implicit_steps.md).
+    """
+    explicit = damping / _DAMPED_STEP
+    implicit = frequency / (_IMPLICIT_STEP * tolerance ** (1.0 / 3.0)) * max(
+        _SMALL_FACTORS, _FACTORS * bodies)
+    if not explicit > _GAIN * implicit:
+        return None
+    return Choice(
+        'sdirk4', f'connectors are damped so strongly that motion dies out at rates up to '
+        f'{damping:.3g} rad/s, beside vibrations up to {frequency:.3g} rad/s: implicit steps do '
+        'not follow the first')
+
+
 def method_near_contact(
     first: Choice, *, is_possible: bool, loose: bool
 ) -> Choice | None:
@@ -115,7 +142,7 @@ def method_near_contact(
 
     `is_possible`: shells can touch; `loose`: no connector holds them, which has been judged.
     """
-    if not is_possible or loose or METHODS[first.name].adaptive:
+    if not is_possible or loose or facts_of(first.name).adaptive:
         return None
     return Choice(
         'dop8', f'{first.name} until shells are near each other, where a contact may begin within '

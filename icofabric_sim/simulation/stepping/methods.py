@@ -156,12 +156,11 @@ METHODS: dict[str, Method] = {
         source='Dormand and Prince, in Hairer, Norsett and Wanner 1993, Solving Ordinary '
         'Differential Equations I, II.10: DOP853, an embedded pair with dense output',
         kicks=(), drifts=(), advance=partial(fixed_pair, DOP8), embedded=DOP8_KERNELS),
-    # Stages are so many evaluations, most of whose time goes into solving.
-    'implicit_midpoint': Method(
-        order=2, symplectic=False, adaptive=False, stages=4, stability=math.inf, chosen=1e4,
-        error=3e-2, implicit=True,
-        source='Hairer, Lubich and Wanner 2006, Geometric Numerical Integration, II.1.1',
-        kicks=(), drifts=(), advance=_needs_scene),
+}
+
+# Methods whose steps are solutions of equations; only damping that is beyond all others asks for
+# one. A stage counts as some evaluations, and takes as long as many more.
+IMPLICIT: dict[str, Method] = {
     'sdirk4': Method(
         order=4, symplectic=False, adaptive=True, stages=20, stability=math.inf, chosen=1e4,
         error=3e-2, implicit=True,
@@ -169,3 +168,8 @@ METHODS: dict[str, Method] = {
         'singly diagonally implicit, L-stable and stiffly accurate',
         kicks=(), drifts=(), advance=_needs_scene),
 }
+
+
+def facts_of(name: str) -> Method:
+    """Return the facts of a method, explicit or implicit."""
+    return METHODS[name] if name in METHODS else IMPLICIT[name]

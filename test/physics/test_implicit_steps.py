@@ -1,0 +1,158 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""Implicit steps: their order, momenta, tolerance where damping is stiff, and the same bits."""
+
+import icofabric_sim as ico
+import numpy as np
+import pytest
+
+FABRIC = {
+    'weave': {'size': [3, 3, 3]},
+    'contact': {'mode': 'never'},
+    'initial_random': {'velocity_sigma': 0.05, 'spin_sigma': 2.0, 'seed': 3},
+}
+# Beside a critical damping of about 4 N s/m.
+STIFF = {**FABRIC, 'connector': {'damping': 400.0}}
+EVERYTHING = {
+    'weave': {'size': [3, 3, 3]},
+    'contact': {'mode': 'never'},
+    'gravity': [0.0, 0.0, -9.81],
+    'groups': {'top': 'z_max', 'low': 'z_min'},
+    'supports': {'group': 'top'},
+    'drives': {'pull': {'group': 'low', 'velocity': [0.02, 0.0, 0.0]}},
+    'connector': {
+        'damping': 100.0, 'stiffness_extension': 500.0, 'stiffness_compression': 400.0,
+        'bending_stiffness': 1e-3, 'twisting_stiffness': 1e-3},
+    'drag': {'linear': 0.01, 'angular': 1e-6},
+}
+
+
+def run(scene, method, time, *, step=0.0, tolerance=1e-6, form='quaternion'):
+    simulation = ico.compile_scene(ico.Scene.from_parameters({
+        **scene, 'solver': {'method': method, 'step': step, 'tolerance': tolerance}}),
+        rotation=form)
+    simulation.advance_to(time)
+    assert simulation.status.method_name == method or method == 'auto'
+    return simulation
+
+
+def distance(one, other, edge=0.02):
+    """Largest difference of places over a, and of orientations [rad]."""
+    turn = np.abs((one.orientation * other.orientation).sum(axis=1))
+    return max(
+        np.abs(one.position - other.position).max() / (0.5 * edge),
+        2.0 * np.sqrt(np.maximum(1.0 - turn.min()**2, 0.0)))
+
+
+def bits(simulation):
+    snapshot = simulation.snapshot()
+    return [getattr(snapshot, name).tobytes() for name in (
+        'position', 'orientation', 'linear_velocity', 'angular_velocity')]
+
+
+@pytest.mark.parametrize('form', ['quaternion', 'direction_cosines'])
+def test_order_is_four(form):
+    exact = run(FABRIC, 'dop8', 0.04, tolerance=1e-10).snapshot()
+    errors = [
+        distance(run(FABRIC, 'sdirk4', 0.04, step=step, form=form).snapshot(), exact)
+        for step in (1e-3, 5e-4, 2.5e-4)]
+    orders = np.log2(np.divide(errors[:-1], errors[1:]))
+    assert errors[-1] < 1e-4 and (orders > 3.7).all() and (orders < 4.4).all()
+
+
+def test_momentum_stays_to_rounding_and_angular_momentum_within_the_order():
+    found = []
+    for step in (1e-3, 5e-4):
+        simulation = run(FABRIC, 'sdirk4', 0.0, step=step)
+        before = simulation.snapshot()
+        simulation.advance_to(0.05)
+        after = simulation.snapshot()
+        momenta = [s.linear_velocity.sum(axis=0) for s in (before, after)]
+        scale = np.abs(before.linear_velocity).sum()
+        assert np.abs(after.position - before.position).max() > 1e-4
+        assert np.abs(momenta[1] - momenta[0]).max() < 1e-13 * scale
+        found.append(np.abs(angular(simulation, after) - angular(simulation, before)).max())
+    assert found[0] > 8.0 * found[1]
+
+
+def angular(simulation, snapshot):
+    """Angular momentum over the mass of a body [m^2/s]."""
+    geometry = simulation.scene.geometry
+    return (np.cross(snapshot.position, snapshot.linear_velocity).sum(axis=0)
+            + geometry.inertia / geometry.mass * snapshot.angular_velocity.sum(axis=0))
+
+
+@pytest.mark.parametrize('tolerance', [1e-3, 1e-5, 1e-7])
+def test_the_tolerance_is_kept_where_damping_is_stiff(tolerance):
+    duration = 0.02
+    exact = run(STIFF, 'dop8', duration, tolerance=1e-10)
+    implicit = run(STIFF, 'sdirk4', duration, tolerance=tolerance)
+    error = distance(implicit.snapshot(), exact.snapshot())
+    assert error < tolerance * duration
+    assert error < 3.0 * implicit.status.error_estimate
+    assert implicit.status.step_count < exact.status.step_count / 4.0
+    # Nearly all of the energy that connectors resist is gone, and accounted for.
+    assert exact.snapshot().energy['dissipated'] > 0.0
+    assert implicit.snapshot().energy['dissipated'] == pytest.approx(
+        exact.snapshot().energy['dissipated'], rel=1e-2)
+
+
+def test_everything_that_it_integrates():
+    exact = run(EVERYTHING, 'dop8', 0.05, tolerance=1e-9)
+    implicit = run(EVERYTHING, 'sdirk4', 0.05, tolerance=1e-5)
+    assert np.abs(exact.snapshot().linear_velocity).max() > 0.01
+    assert distance(implicit.snapshot(), exact.snapshot()) < 1e-5 * 0.05
+
+
+def test_states_within_a_step_are_as_good_as_its_end():
+    exact, implicit = (run(STIFF, 'dop8', 0.0, tolerance=1e-9), run(
+        STIFF, 'sdirk4', 0.0, tolerance=1e-5))
+    for time in np.linspace(1e-3, 0.02, 40):
+        exact.advance_to(time)
+        implicit.advance_to(time)
+        assert distance(implicit.snapshot(), exact.snapshot()) < 1e-5 * 0.02
+    assert implicit.status.step_count < 4000
+
+
+def test_pieces_and_checkpoints_give_the_same_bits():
+    whole, pieces = run(STIFF, 'sdirk4', 0.03), run(STIFF, 'sdirk4', 0.0)
+    for time in (0.001, 0.0047, 0.0123, 0.02):
+        pieces.advance_to(time)
+        pieces.snapshot()
+    kept = pieces.checkpoint()
+    pieces.advance_to(0.03)
+    assert bits(pieces) == bits(whole)
+    restored = run(STIFF, 'sdirk4', 0.0)
+    restored.restore(kept)
+    restored.advance_to(0.03)
+    assert bits(restored) == bits(whole)
+
+
+def test_auto_takes_them_where_damping_is_far_beyond_the_vibrations():
+    for damping, method in ((0.5, 'dop8'), (4000.0, 'sdirk4')):
+        simulation = run(
+            {**FABRIC, 'connector': {'damping': damping}}, 'auto', 0.0, tolerance=1e-4)
+        assert simulation.status.method_name == method
+
+
+@pytest.mark.parametrize('changes, named', [
+    ({'contact': {'mode': 'auto'}}, 'contact.mode is auto'),
+    ({'connector': {'obstruction': 'wrap'}}, 'connector.obstruction is wrap'),
+    ({'connector': {'break_length_extension': 0.1}}, 'connectors that break'),
+    ({'charge': {'per_body': 1e-9}}, 'charge.per_body'),
+])
+def test_what_they_cannot_follow_is_refused_by_name(changes, named):
+    with pytest.raises(ValueError, match=named) as error:
+        run({**FABRIC, **changes}, 'sdirk4', 0.0)
+    assert 'solver.method sdirk4' in str(error.value) and 'take dop8' in str(error.value)
