@@ -25,7 +25,7 @@ from icofabric_sim.parameters.table import (
     Specification,
     STATIC,
 )
-from icofabric_sim.simulation.stepping.methods import Method, METHODS
+from icofabric_sim.simulation.stepping.methods import IMPLICIT, Method, METHODS
 
 # What each entry of the column means, after its words.
 _EFFECTS = {
@@ -96,7 +96,7 @@ def text() -> str:
     parts.append('\nNAME: a letter, then letters, digits, single underscores.')
     parts.append('\n')
     parts.append(_METHODS)
-    parts += [method_row(name, method) for name, method in METHODS.items()]
+    parts += [method_row(name, method) for name, method in {**METHODS, **IMPLICIT}.items()]
     return ''.join(parts)
 
 

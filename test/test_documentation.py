@@ -26,7 +26,7 @@ from icofabric_sim.commands.main import VERBS
 from icofabric_sim.messages.topics import STRAIN_CLASSES, TOPICS
 from icofabric_sim.parameters.table import Change, FAMILIES, STATIC
 from icofabric_sim.ros.standard_services import ACTION, SERVICES, topic_name
-from icofabric_sim.simulation.stepping.methods import METHODS
+from icofabric_sim.simulation.stepping.methods import IMPLICIT, METHODS
 import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -159,10 +159,10 @@ def test_page_of_the_node_names_every_service_and_no_other():
 def test_page_of_accuracy_names_every_method_and_which_auto_takes():
     text = (ROOT / 'docs' / 'accuracy.md').read_text(encoding='utf-8')
     sheet, _, choice = text.partition('| `auto` takes |')
-    assert re.findall(r'^\| `(\w+)` \|', sheet, re.MULTILINE) == [*METHODS]
+    assert re.findall(r'^\| `(\w+)` \|', sheet, re.MULTILINE) == [*METHODS, *IMPLICIT]
     taken = set(re.findall(r'`(\w+)`', ' '.join(
         line.split('|')[2] for line in re.findall(r'^\|[^-].*\|$', choice, re.MULTILINE))))
-    assert taken == {*METHODS}
+    assert taken == {*METHODS, *IMPLICIT}
 
 
 def quoted(text):

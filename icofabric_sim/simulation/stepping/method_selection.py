@@ -42,7 +42,7 @@ MANY_LOSING, MANY_FREE, LOOSE_CONTACTS, _MOST_DAMPED = 16, 64, 0.01, 10.0
 
 # Costs of dop8 and of sdirk4 where connectors are damped, see `for_damping`, and by how much the
 # second has to be less.
-_DAMPED_STEP, _IMPLICIT_STEP, _SMALL_FACTORS, _FACTORS, _GAIN = 25.0, 10.0, 10.0, 0.16, 3.0
+_DAMPED_STEP, _IMPLICIT_STEP, _SMALL_FACTORS, _FACTORS, _GAIN = 25.0, 7.0, 10.0, 0.16, 3.0
 
 
 class Choice(NamedTuple):
@@ -120,7 +120,7 @@ def for_damping(
 
     `frequency` [rad/s] of the fastest vibration, `damping` [rad/s]: the largest rate at which
     forces that depend on velocities slow bodies down. Steps of dop8 are about 25 over that rate,
-    those of sdirk4 about 10 tolerance^(1/3) over the frequency, and one of the second costs as
+    those of sdirk4 about 7 tolerance^(1/3) over the frequency, and one of the second costs as
     much as ten of the first, of many bodies 0.16 for each (docs/decisions/implicit_steps.md).
     """
     explicit = damping / _DAMPED_STEP
