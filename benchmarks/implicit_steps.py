@@ -15,7 +15,7 @@
 Error against time of implicit steps and of `dop8` where connectors are damped beyond the critical.
 
 Run from the repository root: .venv/bin/python benchmarks/implicit_steps.py
-Every run does the same motion, alternately; errors are those beside `dop8` at 1e-10, in parts of a.
+Every run does the same motion, alternately; errors are those beside `dop8` at 1e-10.
 """
 
 import argparse
@@ -65,7 +65,8 @@ def main() -> None:
                     error = float(np.abs(simulation.snapshot().position - places).max()) / edge
                     rows.setdefault(method, []).append(
                         (seconds, simulation.status.step_count, error))
-            times = {method: np.median([row[0] for row in found]) for method, found in rows.items()}
+            times = {
+                method: np.median([row[0] for row in found]) for method, found in rows.items()}
             for method, found in rows.items():
                 print(f'{damping:8g} N s/m {tolerance:8g} {method:7} {times[method]:8.3f} s '
                       f'{found[0][1]:7,} steps, error {found[0][2]:.1e} a', flush=True)
