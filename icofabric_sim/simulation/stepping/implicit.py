@@ -24,9 +24,6 @@ from collections.abc import Callable
 import math
 from typing import Any, NamedTuple
 
-from icofabric_sim.kernels.contact.clearance import CLEAR, find_clear, NEAR, NO_ROOM
-from icofabric_sim.kernels.contact.displacement import forget_ways, has_missed, ways_of
-from icofabric_sim.kernels.contact.rebuild_check import can_look_farther
 from icofabric_sim.kernels.flows import place_all
 from icofabric_sim.kernels.integrators.diagonal import (
     end_stage,
@@ -39,15 +36,11 @@ from icofabric_sim.kernels.integrators.diagonal import (
 )
 from icofabric_sim.kernels.integrators.embedded import (
     CLEAR_TOTAL,
-    CLOSE,
     FLOOR,
     GOAL,
-    HELD,
     IS_CLEAR,
-    KINK,
     LAST,
     LENGTH,
-    LIST_FULL,
     LONGEST,
     look,
     NEXT,
@@ -58,7 +51,6 @@ from icofabric_sim.kernels.integrators.embedded import (
     slope_at,
     START,
     TOLERANCE,
-    TOO_FAR,
     TOO_SHORT,
     TOTAL,
 )
@@ -84,14 +76,14 @@ _SOLVED, _SOLVED_PART, _ROUNDED = 1e-13, 1e-3, 1e-9
 _SLOW = 0.2
 _MOST, _HALVINGS = 40, 12
 # Steps are aimed at this part of the tolerance, and become so many times as long at once; those
-# that would grow by less than the last number stay as they are.
+# that would grow by less than the last number stay as they are. One that is refused becomes at
+# most so many times as long.
 _AIM, _SHRINK, _GROW, _WORTH = 0.4, 0.2, 4.0, 1.4
+_LESS = 0.5
 # The estimate, of order 3, over the error of order 4.
 _ESTIMATE, _POWER = 3.0, 1.0 / 3.0
 # No limit.
 _ANY = 1e300
-# Steps that are short after one in which something may touch.
-_HOLD = 8.0
 # How often a chosen step that cannot be solved is halved.
 _PARTS = 16
 # Part of solver.energy_limit that a step may err by.
@@ -232,45 +224,27 @@ class ImplicitSteps:
         while done < count and control[START] + control[LENGTH] <= control[GOAL] and not status:
             start, h = float(control[START] + control[LENGTH]), float(control[NEXT])
             accepted = False
-            while not accepted:
-                forget_ways(watch, 0)
-                error = math.inf
+            while not accepted and not status:
+                error, change = math.inf, _SHRINK
                 if self._find_stages(model, loads, state, saved, work, team, watch, start, h):
                     end_step(model, state, trail.slopes, weights, h, trail.stage)
-                    ways_of(watch, model.blocks, trail.stage, start + h, 0, 0, last)
                     error = _ESTIMATE * stage_error(
                         model, trail.slopes, error_weights, turn_rows, scales)
-                unknown = has_missed(watch, 0)
-                again = unknown and can_look_farther(watch, start)
-                change, clear = _GROW, CLEAR
                 if tolerance < _ANY and error < math.inf:
-                    error = max(error, tolerance * self._energy_part(work, ledger, h))
+                    error = max(error, tolerance * self._energy_part(state, work, ledger, h))
                     change = min(_GROW, max(_SHRINK, (
                         _AIM * tolerance / max(error, 1e-300)) ** _POWER))
-                accepted = error <= tolerance and not unknown or (
-                    h <= control[KINK] and error < math.inf and not unknown)
-                if accepted and h > control[CLOSE]:
-                    clear = find_clear(
-                        watch, model.blocks, state, trail, len(weights), team, start, h, 0,
-                        last)
-                    accepted = clear == CLEAR
-                    again = clear == NO_ROOM
+                accepted = error <= tolerance
                 if accepted:
                     self._accept(model, loads, state, work, control, error, start, h)
-                elif again:
-                    status, accepted, change = TOO_FAR if unknown else LIST_FULL, True, 1.0
                 else:
                     control[REFUSED] += 1.0
                     if h <= control[SHORTEST]:
-                        status, accepted = TOO_SHORT, True
-                    change = min(change, _SHRINK if error == math.inf else 0.5)
-                    if clear == NEAR:
-                        control[HELD] = _HOLD
+                        status = TOO_SHORT
+                    change = min(change, _LESS)
                 if tolerance < _ANY:
                     h = _even(h * change) if change < 1.0 or change >= _WORTH else h
                 h = min(max(h, float(control[SHORTEST])), float(control[LONGEST]))
-                if control[HELD] > 0.0:
-                    h = min(h, float(control[CLOSE]))
                 control[NEXT] = h
             if not status:
                 slope_at(
@@ -289,9 +263,8 @@ class ImplicitSteps:
     ) -> None:
         """Go on from the end of a step of `h` [s] from `start` [s] on."""
         trail, last, weights = _trail(work), len(model.blocks.slot), self._tableau.step
-        control[HELD] = max(control[HELD] - 1.0, 0.0)
-        control[IS_CLEAR] = 1.0 if h > control[CLOSE] else 0.0
-        control[CLEAR_TOTAL] += control[IS_CLEAR] * error * h
+        control[IS_CLEAR] = 1.0
+        control[CLEAR_TOTAL] += error * h
         control[TOTAL] += error * h
         control[RATE] = error
         save(model, state, trail.start, 0, last)
@@ -301,12 +274,14 @@ class ImplicitSteps:
         add_flow(work.spent, model.blocks.slot, h, weights, 0, last)
         control[START], control[LENGTH] = start, h
 
-    def _energy_part(self, work: Work, ledger: np.ndarray, h: float) -> float:
+    def _energy_part(
+        self, state: State, work: Work, ledger: np.ndarray, h: float
+    ) -> float:
         """Energy that a step of `h` [s] probably errs by, in parts of what it may."""
         allowed = _LOST * float(ledger[LIMIT] * ledger[SCALE])
         if not ledger[LIMIT] > 0.0:
             return 0.0
-        error = self._energy_error(work, h)
+        error = self._energy_error(state, work, h)
         return error / allowed if allowed > 0.0 else 0.0
 
     def prepare(self, *_: Any) -> None:
@@ -341,7 +316,7 @@ class ImplicitSteps:
         and these, up to `parts` times.
         """
         is_solved = self._find_stages(model, loads, state, saved, work, team, watch, start, h)
-        if parts > 0 and not (is_solved and self._energy_error(work, h) <= allowed):
+        if parts > 0 and not (is_solved and self._energy_error(state, work, h) <= allowed):
             return all(
                 self._step(
                     model, loads, state, saved, work, team, watch, begin, 0.5 * h, parts - 1,
@@ -354,9 +329,9 @@ class ImplicitSteps:
             add_flow(work.spent, model.blocks.slot, h, weights, 0, last)
         return is_solved
 
-    def _energy_error(self, work: Work, h: float) -> float:
+    def _energy_error(self, state: State, work: Work, h: float) -> float:
         """
-        Energy [J] that a step of `h` [s] probably errs by, of its present stages.
+        Energy [J] that a step of `h` [s] from a state probably errs by, of its present stages.
 
         By what the embedded method makes of velocities: where motion dies out within a step, the
         energy that it leaves is not counted right.
@@ -368,7 +343,7 @@ class ImplicitSteps:
         gather, root = self._layout.gather, self._root * self._free
         differences = sum(
             weight * gather(slope[row:]) for weight, slope in zip(weights, trail.slopes) if weight)
-        before = np.concatenate([self._base.linear_velocity, self._base.angular_velocity])
+        before = np.concatenate([state.linear_velocity, state.angular_velocity])
         with np.errstate(over='ignore', invalid='ignore'):
             error = 0.5 * h * h * float(((differences * root)**2).sum())
             kinetic = 0.5 * float(((gather(before) * root)**2).sum())
