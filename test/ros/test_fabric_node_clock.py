@@ -101,7 +101,9 @@ def test_a_second_clock_is_told_by_both(tmp_path):
         assert '/two/icofabric' in status.values['clock']
         assert status.values['clock'] in status.message and status.level == WARN
         for node, other in ((one, '/two/icofabric'), (two, '/one/icofabric')):
-            found = node.lines('/clock is published by')
+            # The log is written beside the diagnostics.
+            found = client.wait_for(lambda node=node: node.lines('/clock is published by'),
+                                    f'the line that names {other}')
             assert len(found) == 1 and other in found[0] and '[WARN]' in found[0]
         assert two.stop() == 0
         status_of(client, '/one/icofabric', lambda status: 'clock' not in status.values)

@@ -23,7 +23,8 @@ from icofabric_sim.kernels.contact.many import touch_planes
 from icofabric_sim.kernels.contact.pair import contact_scratch, OUT_SIZE
 from icofabric_sim.kernels.integrators.embedded import DOP8
 from icofabric_sim.simulation.errors import SimulationError
-from icofabric_sim.simulation.stepping import embedded_stepping
+from icofabric_sim.simulation.stepping.embedded_kernels import kernels_of
+from icofabric_sim.simulation.stepping.methods import METHODS
 from icofabric_sim.studies.named import (
     arenstorf,
     bouncing,
@@ -240,7 +241,8 @@ def test_a_fault_in_the_tableau_is_found(monkeypatch):
     weights = np.array(DOP8.step)
     weights[5] += 1e-3
     weights[6] -= 1e-3
-    monkeypatch.setattr(embedded_stepping, 'DOP8', DOP8._replace(step=weights))
+    monkeypatch.setitem(METHODS, 'dop8', METHODS['dop8']._replace(
+        embedded=kernels_of(DOP8._replace(step=weights))))
     curve = next(arenstorf.PROBLEM.solve(False))
     assert 'allowed' in curve.fault and curve.observed_order < 4.0
 

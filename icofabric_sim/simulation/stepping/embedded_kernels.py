@@ -22,7 +22,7 @@ from icofabric_sim.kernels.integrators.embedded import (
     adaptive_pair,
     dense_state,
     dense_sum,
-    DOP8,
+    Pair,
     prepare_dense,
 )
 
@@ -42,8 +42,10 @@ class EmbeddedKernels(NamedTuple):
     slopes: tuple[int, ...]
 
 
-DOP8_KERNELS = EmbeddedKernels(
-    partial(adaptive_pair, DOP8), partial(prepare_dense, DOP8), partial(dense_state, DOP8),
-    partial(dense_sum, DOP8), tuple(
-        k for k in range(len(dop853.STAGES) + 1)
-        if any(len(row) > k and row[k] for row in (*dop853.DENSE_STAGES, *dop853.DENSE))))
+def kernels_of(pair: Pair) -> EmbeddedKernels:
+    """Return what takes the steps of an explicit pair of the stages of DOP853."""
+    return EmbeddedKernels(
+        partial(adaptive_pair, pair), partial(prepare_dense, pair), partial(dense_state, pair),
+        partial(dense_sum, pair), tuple(
+            k for k in range(len(dop853.STAGES) + 1)
+            if any(len(row) > k and row[k] for row in (*dop853.DENSE_STAGES, *dop853.DENSE))))

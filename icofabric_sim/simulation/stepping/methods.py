@@ -20,7 +20,7 @@ from typing import Any, NamedTuple, Protocol
 
 from icofabric_sim.kernels.integrators.embedded import DOP8, fixed_pair
 from icofabric_sim.kernels.integrators.splitting import splitting
-from icofabric_sim.simulation.stepping.embedded_kernels import DOP8_KERNELS, EmbeddedKernels
+from icofabric_sim.simulation.stepping.embedded_kernels import EmbeddedKernels, kernels_of
 import numpy as np
 
 # Order that methods with `mends_kinks` have where the slopes of connectors jump.
@@ -155,7 +155,7 @@ METHODS: dict[str, Method] = {
         error=6.7e-8,
         source='Dormand and Prince, in Hairer, Norsett and Wanner 1993, Solving Ordinary '
         'Differential Equations I, II.10: DOP853, an embedded pair with dense output',
-        kicks=(), drifts=(), advance=partial(fixed_pair, DOP8), embedded=DOP8_KERNELS),
+        kicks=(), drifts=(), advance=partial(fixed_pair, DOP8), embedded=kernels_of(DOP8)),
 }
 
 # Methods whose steps are solutions of equations; only damping that is beyond all others asks for
