@@ -130,8 +130,9 @@ class EventLoop:
         # Each rank takes its steps by one thread, a device takes all of them, and what implicit
         # steps take most of their time for, to solve, is done by one.
         is_shared = ranks is None and device is None and not method.implicit
-        threads = parameters['solver.threads'] if is_shared else 1
-        self._thread_team, self._broad_phase = ThreadTeam(threads, packed), None
+        self._thread_team = ThreadTeam(
+            parameters['solver.threads'], packed, is_shared=is_shared)
+        self._broad_phase = None
         if packed.contact is not None:
             self._broad_phase = BroadPhase(
                 packed.contact, packed.layout, packed.model, self._thread_team.size)

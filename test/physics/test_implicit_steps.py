@@ -14,6 +14,7 @@
 """Implicit steps: their order, momenta, tolerance where damping is stiff, and the same bits."""
 
 import icofabric_sim as ico
+from icofabric_sim.simulation.stepping.thread_team import teams_of
 import numpy as np
 import pytest
 
@@ -137,6 +138,15 @@ def test_pieces_and_checkpoints_give_the_same_bits():
     restored.restore(kept)
     restored.advance_to(0.03)
     assert bits(restored) == bits(whole)
+
+
+def test_one_thread_takes_them_whatever_is_asked_for():
+    """A second one would wait at the first barrier for ever."""
+    alone = run(FABRIC, 'sdirk4', 0.01)
+    with teams_of(2):
+        beside = run(FABRIC, 'sdirk4', 0.01)
+    assert beside.status.thread_count == 1 and beside.status.step_count > 0
+    assert bits(alone) == bits(beside)
 
 
 def test_auto_takes_them_where_damping_is_far_beyond_the_vibrations():

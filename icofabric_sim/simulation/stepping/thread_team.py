@@ -84,9 +84,13 @@ def size_for(wanted: int, body_count: int) -> int:
 class ThreadTeam:
     """As many threads as `wanted` (0: one for each core), and as the number of bodies is worth."""
 
-    def __init__(self, wanted: int, packed: PackedScene) -> None:
-        """Start with the thread of the caller; others start when they are first needed."""
-        self.size = size_for(wanted, packed.layout.body_count)
+    def __init__(self, wanted: int, packed: PackedScene, *, is_shared: bool = True) -> None:
+        """
+        Start with the thread of the caller; others start when they are first needed.
+
+        `is_shared`: whether the work can be shared at all.
+        """
+        self.size = size_for(wanted, packed.layout.body_count) if is_shared else 1
         if compile_notice.is_forbidden:
             # A thread that finds its kernel missing would leave the others at their barrier.
             self.size = 1
