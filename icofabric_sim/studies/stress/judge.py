@@ -332,8 +332,8 @@ class _Judge:
             threads = compile_scene(run.scene)
         restored = compile_scene(run.scene)
         # Implicit steps take one thread whatever is asked for.
-        is_alone = facts_of(run.status.method_name).implicit
-        if threads.status.thread_count != 2 - is_alone or restored.status.thread_count != 1:
+        wanted = 1 if facts_of(run.status.method_name).implicit else 2
+        if threads.status.thread_count != wanted or restored.status.thread_count != 1:
             raise RuntimeError('the judge asked for two threads beside one, and has '
                                f'{threads.status.thread_count} and {restored.status.thread_count}')
         shared = threads.status.busy_thread_count == 2
