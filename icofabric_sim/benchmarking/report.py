@@ -23,7 +23,7 @@ from icofabric_sim.benchmarking.solver import StepSolver
 from icofabric_sim.benchmarking.step_speed import CHECKED, STEP, StepSpeed
 from icofabric_sim.benchmarking.timing import Spread
 from icofabric_sim.benchmarking.work_precision import TARGETS, WorkPrecision
-from icofabric_sim.pictures.figure_style import COLORS, line_styles
+from icofabric_sim.pictures.precision_picture import draw_work_precision, HEADER, read_points
 
 # How far the observed order may be off before it is remarked upon.
 _ORDER_SLACK = 0.3
@@ -87,8 +87,7 @@ def write_work_precision(result: WorkPrecision, folder: Path) -> list[Path]:
     points = folder / f'{name}.csv'
     with open(points, 'w', newline='', encoding='utf-8') as file:
         table = csv.writer(file)
-        table.writerow(['solver', 'tool', 'setting_kind', 'setting', 'error', 'time_s',
-                        'time_low_s', 'time_high_s', 'rounds'])
+        table.writerow(HEADER)
         for curve in result.curves:
             kind = 'steps' if isinstance(curve.solver, StepSolver) else 'tolerance'
             for point in curve.points:
@@ -109,8 +108,13 @@ def write_work_precision(result: WorkPrecision, folder: Path) -> list[Path]:
                     table.writerow([
                         curve.solver.label, f'{target:g}', *(f'{v:.6e}' for v in spread),
                         int(beyond), *('' if ratio is None else [f'{v:.4g}' for v in ratio])])
+    if not any(curve.points for curve in result.curves):
+        return [points, targets]
     picture = folder / f'{name}.png'
-    draw_work_precision(result, picture)
+    draw_work_precision(
+        read_points(points), picture,
+        title=f'{result.scene.name}: {result.scene.body_count} bodies, '
+              f'{result.reference.duration:g} s')
     return [points, targets, picture]
 
 
@@ -129,36 +133,6 @@ def write_step_speed(result: StepSpeed, folder: Path) -> list[Path]:
                 *('' if ratio is None else [f'{value:.4g}' for value in ratio]),
                 f'{row.error:.3e}', result.rounds])
     return [path]
-
-
-def draw_work_precision(result: WorkPrecision, path: Path) -> None:
-    """Error over time of every curve."""
-    from matplotlib.figure import Figure
-    figure = Figure(figsize=(8.0, 6.0), layout='constrained')
-    axes = figure.add_subplot()
-    colours: dict[str, str] = {}
-    for curve in result.curves:
-        if not curve.points:
-            continue
-        tool = curve.solver.tool
-        colour = colours.setdefault(tool, COLORS[len(colours) % len(COLORS)])
-        marker = line_styles(len(COLORS))[COLORS.index(colour)].marker
-        shade = sum(line.get_color() == colour for line in axes.lines)
-        spreads = [Spread.of(point.times) for point in curve.points]
-        errors = [point.error for point in curve.points]
-        axes.plot([spread.median for spread in spreads], errors, color=colour, marker=marker,
-                  markersize=4, linestyle=('-', '--', ':', '-.')[shade % 4],
-                  label=curve.solver.label)
-        for spread, error in zip(spreads, errors):
-            axes.plot([spread.low, spread.high], [error, error], color='0.6', linewidth=1,
-                      zorder=0)
-    axes.set(xscale='log', yscale='log', xlabel='time [s], one thread',
-             ylabel='error at the end (over a, rad)')
-    axes.set_title(f'{result.scene.name}: {result.scene.body_count} bodies, '
-                   f'{result.reference.duration:g} s', fontsize='medium')
-    axes.grid(alpha=0.3)
-    axes.legend(fontsize='small')
-    figure.savefig(path, dpi=150)
 
 
 def _convergence_rows(result: WorkPrecision) -> list[list[str]]:

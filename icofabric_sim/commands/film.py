@@ -46,7 +46,8 @@ _MOST_RATE = 240.0
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the verb takes."""
     add_scene_arguments(parser, 'SCENE|BAG')
-    parser.add_argument('film', metavar='FILE', help='the film: a file that ends in .mp4 or .gif')
+    parser.add_argument(
+        'film', metavar='FILE', help='the film: a file that ends in .mp4, .webp or .gif')
     parser.add_argument(
         '--rate', type=float, default=30.0, metavar='R',
         help='pictures for each second of the film (%(default)g)')
@@ -56,6 +57,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--duration', type=float, metavar='S',
         help='of a scene: the simulated time [s]; needed where it has no duration of its own')
+    parser.add_argument(
+        '--small', action='store_true',
+        help='for a web page: an MP4 or a WebP of a fifth of the bytes, a little less sharp')
     add_picture_arguments(parser, '1280x720')
 
 
@@ -83,7 +87,8 @@ def main(arguments: argparse.Namespace) -> int:
 def _check(arguments: argparse.Namespace, path: Path) -> tuple[int, int]:
     from icofabric_sim.pictures.film import FASTEST_GIF, SUFFIXES
     if path.suffix.lower() not in SUFFIXES:
-        raise InputError(f'{path} does not name a film: give a file that ends in .mp4 or .gif')
+        raise InputError(
+            f'{path} does not name a film: give a file that ends in .mp4, .webp or .gif')
     if not 0.0 < arguments.rate <= _MOST_RATE:
         raise InputError(
             f'--rate must be above 0 and at most {_MOST_RATE:g} pictures a second, got '
@@ -92,6 +97,8 @@ def _check(arguments: argparse.Namespace, path: Path) -> tuple[int, int]:
         raise InputError(
             f'--rate of a GIF is at most {FASTEST_GIF:g} pictures a second, got '
             f'{arguments.rate:g}; an MP4 shows more')
+    if path.suffix.lower() == '.gif' and arguments.small:
+        raise InputError('--small is for a film that ends in .mp4 or .webp; a GIF has one form')
     if not 1e-6 <= arguments.speed <= 1e6:
         raise InputError(f'--speed must lie in 1e-06 to 1e+06, got {arguments.speed:g}')
     size = picture_size(arguments.size)
@@ -129,7 +136,7 @@ def _film_bag(
         with Progress(len(times), 'pictures') as progress:
             count = write_film(
                 path, pictures.renderer, pictures.moments(), rate=rate, legend=legend,
-                progress=progress.update)
+                small=arguments.small, progress=progress.update)
     return _said(count, rate, path)
 
 
@@ -171,7 +178,7 @@ def _film_scene(arguments: argparse.Namespace, path: Path, size: tuple[int, int]
     with Progress(len(moments), 'pictures') as progress:
         count = write_film(
             path, renderer, moments, rate=arguments.rate, legend=spread_moments(moments)[::3],
-            progress=progress.update)
+            small=arguments.small, progress=progress.update)
     return _said(count, arguments.rate, path)
 
 

@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""`icofabric plot BAG`."""
+"""`icofabric plot BAG KIND`, and of the table of a benchmark."""
 
 import argparse
 import math
@@ -21,18 +21,22 @@ import re
 from icofabric_sim.commands.bags import bag_errors, bag_path
 from icofabric_sim.terminal import bad_input, InputError, require_place
 
-_KINDS = ('energy', 'displacement', 'force', 'tension', 'spectrum', 'stress')
+_WORK = 'work-precision'
+_KINDS = ('energy', 'displacement', 'force', 'tension', 'spectrum', 'stress', _WORK)
 _SMALLEST, _LARGEST = 2.0, 40.0  # inches
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the verb takes."""
-    parser.add_argument('bag', metavar='BAG', help='folder of a recorded run, or its file')
+    parser.add_argument(
+        'bag', metavar='BAG',
+        help='folder of a recorded run, or its file; for work-precision: work_precision.csv')
     parser.add_argument(
         'kind', choices=_KINDS, metavar='KIND',
         help='energy: energies and their balance; displacement, force: of groups over time; '
              'tension: how many connectors have which, at four times; spectrum: of the '
-             'displacements; stress: over strain, between two groups')
+             'displacements; stress: over strain, between two groups; work-precision: error over '
+             'time of the solvers in a table of `icofabric benchmark work-precision`')
     parser.add_argument(
         '--output', metavar='FILE',
         help='the figure, a file that ends in .png or .svg (default: BAG_KIND.png beside the bag)')
@@ -69,6 +73,8 @@ def main(arguments: argparse.Namespace) -> int:
         raise InputError(
             f'--to {arguments.end:g} s is before --from {arguments.start:g} s, or is no time')
     require_place('--output', path)
+    if arguments.kind == _WORK:
+        return _plot_work(arguments, source, path, size)
     with bad_input(), bag_errors(source), RecordedRun(source) as run:
         try:
             plot_run(
@@ -78,6 +84,25 @@ def main(arguments: argparse.Namespace) -> int:
             raise
         except ValueError as error:
             raise InputError(f'--{error}') from error
+    print(f'{arguments.kind} in {path}')
+    return 0
+
+
+def _plot_work(
+    arguments: argparse.Namespace, source: Path, path: Path, size: tuple[float, float]
+) -> int:
+    from icofabric_sim.pictures.precision_picture import draw_work_precision, read_points
+    for option, given in (
+            ('--groups', arguments.groups), ('--axis', arguments.axis),
+            ('--from', math.isfinite(arguments.start)), ('--to', math.isfinite(arguments.end))):
+        if given:
+            raise InputError(f'{option} is of recorded runs; {_WORK} takes a table')
+    if not source.is_file():
+        raise InputError(
+            f'{source}: no such file; {_WORK} takes the table that icofabric benchmark '
+            f'{_WORK} --output FOLDER writes')
+    with bad_input():
+        draw_work_precision(read_points(source), path, size=size)
     print(f'{arguments.kind} in {path}')
     return 0
 

@@ -14,6 +14,7 @@
 """`icofabric view`: look at a scene, or at a recorded run, in a browser, and pull at it."""
 
 import argparse
+from collections.abc import Callable
 from pathlib import Path
 import threading
 import time
@@ -25,7 +26,10 @@ from icofabric_sim.commands.scenes import add_scene_arguments, read_parameters
 from icofabric_sim.terminal import bad_input, InputError
 
 if TYPE_CHECKING:
+    from icofabric_sim.parameters.validation import Parameters
+    from icofabric_sim.simulation.simulation import Simulation
     from icofabric_sim.viewer.hands import Hands
+    from icofabric_sim.viewer.page import Page
     from icofabric_sim.viewer.sight import Sight
 
 
@@ -62,26 +66,35 @@ def main(arguments: argparse.Namespace) -> int:
 
 
 def _show_scene(arguments: argparse.Namespace) -> int:
-    from icofabric_sim.running.diagnostics import HealthReport
-    from icofabric_sim.running.recording import BagSink, summarise_run
-    from icofabric_sim.running.runner import Runner
     from icofabric_sim.scene.scene import Scene
     from icofabric_sim.simulation.simulation import compile_scene
-    from icofabric_sim.viewer.local import RunHands, SightSink
     from icofabric_sim.viewer.sight import Sight
     _, parameters = read_parameters(arguments)
     with bad_input():
         scene = Scene.from_parameters(parameters)
         simulation = compile_scene(scene)
         simulation.warm_up()
+    return _show_run(arguments, Sight(), simulation, parameters)
+
+
+def _show_run(
+    arguments: argparse.Namespace, sight: 'Sight', simulation: 'Simulation',
+    parameters: 'Parameters', before: 'Page | None' = None
+) -> int:
+    """Run and show a simulation; at the address of a page that was `before`, if any."""
+    from icofabric_sim.running.diagnostics import HealthReport
+    from icofabric_sim.running.recording import BagSink, summarise_run
+    from icofabric_sim.running.runner import Runner
+    from icofabric_sim.viewer.local import RunHands, SightSink
+    with bad_input():
         bag = BagSink(parameters['record.path'], simulation, live=True, parameters=parameters)
-    sight, report = Sight(), HealthReport('/icofabric')
+    report = HealthReport('/icofabric')
     runner = Runner(
         simulation, [bag, SightSink(sight)], parameters=parameters,
         report=lambda status: report.bytes(status, {}, {}, {}))
     thread = threading.Thread(target=runner.run, name='simulation', daemon=True)
     try:
-        _serve(arguments, sight, RunHands(runner), thread)
+        _serve(arguments, sight, RunHands(runner), thread, before=before)
     finally:
         runner.stop()
         if thread.ident is not None:
@@ -92,41 +105,51 @@ def _show_scene(arguments: argparse.Namespace) -> int:
 
 def _show_bag(arguments: argparse.Namespace, path: Path) -> int:
     from icofabric_sim.running.replay.player import Player
+    from icofabric_sim.running.replay.report import ReplayReport
     from icofabric_sim.running.replay.source import ReplaySource
     from icofabric_sim.viewer.local import ReplayHands, SightSink
     from icofabric_sim.viewer.sight import Sight
     with bag_errors(path):
         source = ReplaySource(path)
-    sight = Sight()
+    sight, report = Sight(), ReplayReport('/icofabric', source)
     with source:
-        player = Player(source, SightSink(sight), stay=True)
+        player = Player(source, SightSink(sight), stay=True, report=report.message)
+        hands = ReplayHands(player)
         thread = threading.Thread(target=player.run, name='replay', daemon=True)
         try:
-            _serve(arguments, sight, ReplayHands(player), thread)
+            page = _serve(
+                arguments, sight, hands, thread, until=lambda: hands.going_on is not None)
         finally:
             player.stop()
             if thread.ident is not None:
                 thread.join()
-    return 0
+    if hands.going_on is None:
+        return 0
+    return _show_run(arguments, sight, *hands.going_on, before=page)
 
 
 def _serve(
-    arguments: argparse.Namespace, sight: 'Sight', hands: 'Hands', thread: threading.Thread
-) -> None:
+    arguments: argparse.Namespace, sight: 'Sight', hands: 'Hands', thread: threading.Thread, *,
+    until: Callable[[], bool] = lambda: False, before: 'Page | None' = None
+) -> 'Page':
+    """Serve a page until interrupted, or `until` says so; it is closed when this returns."""
     from icofabric_sim.viewer.page import Page
+    port = arguments.port if before is None else before.port
     with bad_input():
         page = Page(
-            sight, None if arguments.read_only else hands, host=arguments.host,
-            port=arguments.port, rate=arguments.rate)
+            sight, None if arguments.read_only else hands, host=arguments.host, port=port,
+            rate=arguments.rate, token='' if before is None else before.token)
     try:
-        print(page.address, flush=True)
-        if arguments.open:
+        if before is None or page.address != before.address:
+            print(page.address, flush=True)
+        if arguments.open and before is None:
             webbrowser.open(page.address)
         thread.start()
         # The page stays when the run has come to its end.
-        while True:
+        while not until():
             time.sleep(0.2)
     except KeyboardInterrupt:
         print('the page is closed', flush=True)
     finally:
         page.close()
+    return page

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Films of recorded runs and of scenes: MP4 by ffmpeg, which imageio-ffmpeg carries, and GIF.
+Films of recorded runs and of scenes: MP4 by ffmpeg, which imageio-ffmpeg carries, WebP and GIF.
 
 The encoder is given one thread and no time of its own, so the same moments give the same film.
 """
@@ -35,7 +35,7 @@ from icofabric_sim.simulation.simulation import Simulation
 import numpy as np
 
 FILM_SIZE = (1280, 720)
-SUFFIXES = ('.mp4', '.gif')
+SUFFIXES = ('.mp4', '.webp', '.gif')
 Progress = Callable[[float], None]
 # Moments from which the scale of colours is found, and those whose marks the legend explains.
 _SAMPLED = 24
@@ -43,6 +43,10 @@ _SAMPLED = 24
 FASTEST_GIF = 50.0
 # Pictures from which the colours of a GIF are taken.
 _COLOR_SAMPLES = 6
+# How good, and how slow to make: the constant rate factor and preset of x264, the quality and
+# method of WebP. `small` films have a fifth of the bytes.
+_MP4 = {False: ('18', 'veryfast'), True: ('30', 'slow')}
+_WEBP = {False: (85, 4), True: (40, 6)}
 
 
 class FilmError(Exception):
@@ -108,25 +112,29 @@ def spread_moments(moments: list[Moment]) -> list[Moment]:
 
 def write_film(
     path: Path, renderer: Renderer, moments: Iterable[Moment], *, rate: float,
-    legend: Iterable[Moment] = (), progress: Progress = lambda count: None
+    small: bool = False, legend: Iterable[Moment] = (), progress: Progress = lambda count: None
 ) -> int:
     """
-    Draw moments to an MP4 or a GIF of `rate` pictures a second; returns how many there are.
+    Draw moments to a film of `rate` pictures a second; returns how many there are.
 
-    What is seen in the moments `legend` is explained from the start. FilmError where the encoder
-    fails; nothing is left of a film that was broken off.
+    The suffix of `path` says which form it has. `small`: for a web page, fewer bytes for a picture
+    that is a little less sharp. What is seen in the moments `legend` is explained from the start.
+    FilmError where the encoder fails; nothing is left of a film that was broken off.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_name(f'.{path.stem}.part{path.suffix}')
     count = 0
     explained = list(legend)
     try:
-        if path.suffix.lower() == '.gif':
+        suffix = path.suffix.lower()
+        if suffix == '.gif':
             samples = [renderer.picture(moment, legend=explained)
                        for moment in explained[:_COLOR_SAMPLES]]
             encode = _gif(part, rate, samples)
+        elif suffix == '.webp':
+            encode = _webp(part, rate, small)
         else:
-            encode = _mp4(part, rate, renderer.size)
+            encode = _mp4(part, rate, renderer.size, small)
         with encode as add:
             for moment in moments:
                 add(renderer.picture(moment, legend=[moment, *explained]))
@@ -140,11 +148,14 @@ def write_film(
 
 
 @contextmanager
-def _mp4(path: Path, rate: float, size: tuple[int, int]) -> Iterator[Callable[[Any], None]]:
+def _mp4(
+    path: Path, rate: float, size: tuple[int, int], small: bool
+) -> Iterator[Callable[[Any], None]]:
+    factor, preset = _MP4[small]
     command = [
         encoder(), '-loglevel', 'error', '-y', '-f', 'rawvideo', '-pix_fmt', 'rgb24',
         '-s', f'{size[0]}x{size[1]}', '-r', f'{rate:.9g}', '-i', '-', '-an',
-        '-c:v', 'libx264', '-preset', 'veryfast', '-crf', '18', '-pix_fmt', 'yuv420p',
+        '-c:v', 'libx264', '-preset', preset, '-crf', factor, '-pix_fmt', 'yuv420p',
         '-threads', '1', '-movflags', '+faststart', '-fflags', '+bitexact',
         '-flags:v', '+bitexact', '-map_metadata', '-1', '-f', 'mp4', str(path)]
     with subprocess.Popen(
@@ -192,11 +203,27 @@ def _gif(
 
     yield add
     if frames:
-        # Each picture ends at the hundredth of a second that is nearest to its time.
-        ends = np.rint(100.0 * np.arange(len(frames) + 1) / rate)
         frames[0].save(
             path, format='GIF', save_all=True, append_images=frames[1:], loop=0,
-            duration=(10 * np.diff(ends)).astype(int).tolist())
+            duration=_durations(len(frames), rate, 10))
+
+
+@contextmanager
+def _webp(path: Path, rate: float, small: bool) -> Iterator[Callable[[Any], None]]:
+    """A film that plays where pictures are shown, in all colours; it waits in memory."""
+    frames: list[Any] = []
+    yield frames.append
+    if frames:
+        quality, method = _WEBP[small]
+        frames[0].save(
+            path, format='WEBP', save_all=True, append_images=frames[1:], loop=0,
+            quality=quality, method=method, duration=_durations(len(frames), rate, 1))
+
+
+def _durations(count: int, rate: float, unit: int) -> list[int]:
+    """For how long [ms] each picture stands; it ends at the multiple of `unit` nearest its end."""
+    ends = np.rint(1000.0 / unit * np.arange(count + 1) / rate)
+    return list((unit * np.diff(ends)).astype(int).tolist())
 
 
 def film_times(start: float, end: float, rate: float, speed: float) -> np.ndarray:

@@ -60,15 +60,11 @@ class GoingLive:
         return future
 
     def _build(self, time: int) -> None:
-        # Imported here: they bring the compiler, and a replay has no need of it.
-        from icofabric_sim.bag.recorded_run import RecordedRun
-        from icofabric_sim.running.replay.resimulation import resimulate_to
+        # Imported here: it brings the compiler, and a replay has no need of it.
+        from icofabric_sim.running.replay.going_on import simulate_from
 
-        with RecordedRun(self._path, self._fabric) as run:
-            simulation = resimulate_to(run, time, on_time=self._note)
-            self._parameters = run.parameters_at(time)
-        simulation.warm_up()
-        self._simulation = simulation
+        self._simulation, self._parameters = simulate_from(
+            self._path, self._fabric, time, self._note)
 
     def _note(self, time: int) -> None:
         if self.abandoned:

@@ -164,7 +164,7 @@ class ViewerNode(Node):
             return
         port, token = self._options['port'], ''
         if self.page is not None:
-            port, token = self.page.server.get_port(), self.page.token
+            port, token = self.page.port, self.page.token
             self.page.close()
         self.hands.is_replay = bool(is_replay)
         self.page = Page(

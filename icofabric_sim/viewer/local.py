@@ -17,6 +17,7 @@ from collections.abc import Callable
 from concurrent.futures import Future
 import logging
 import math
+import threading
 from typing import Any
 
 from icofabric_sim.messages import PointStampedBytes
@@ -156,6 +157,9 @@ class ReplayHands:
     def __init__(self, player: Player) -> None:
         """Act on `player`, from any thread."""
         self._player = player
+        # Once a simulation is ready to go on from the record: with its parameters.
+        self.going_on: tuple[Simulation, Parameters] | None = None
+        self._builds = threading.Lock()
 
     def pull(self, body: int, point: tuple[float, float, float] | None) -> None:
         """What was recorded cannot be pulled at."""
@@ -169,8 +173,38 @@ class ReplayHands:
             return _then(player.reset(), _at('back at the start'))
         if name == 'step':
             return _then(player.step(), _at('one frame on'))
+        if name == 'continue':
+            return self._go_on()
         raise ValueError(
             f'{name} needs a node: play the bag with replay_node, and see it with viewer_node')
+
+    def _go_on(self) -> 'Future[str]':
+        """Simulate from the present recorded moment on; the answer comes when that is ready."""
+        answer: Future[str] = Future()
+        if not self._builds.acquire(blocking=False):
+            raise ValueError('the simulation is being built already')
+        player, was_paused = self._player, self._player.paused
+
+        def build() -> None:
+            from icofabric_sim.running.replay.going_on import simulate_from
+            try:
+                time = player.set_paused(True).result()
+                simulation, parameters = simulate_from(
+                    player.source.path, player.source.fabric, time)
+            except Exception as error:  # noqa: BLE001 - the page shows it
+                self._builds.release()
+                if not was_paused:
+                    player.set_paused(False)
+                answer.set_exception(ValueError(f'this run cannot go on: {error}'))
+            else:
+                answer.set_result(f'goes on as a simulation, t = {seconds(time):.9g} s')
+                # Where it was recorded to, and how long it was to last, is over.
+                self.going_on = simulation, parameters.with_changes({
+                    'record.path': '', 'duration': 0.0, 'real_time_factor': player.rate,
+                    'start_paused': was_paused})
+
+        threading.Thread(target=build, name='rebuilding', daemon=True).start()
+        return answer
 
     def change(self, name: str, value: Any) -> 'Future[str]':
         """Set rate, loop or the time to go to."""

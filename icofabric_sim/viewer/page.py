@@ -89,7 +89,7 @@ class Page:
             self.server: Any = viser.ViserServer(
                 host=host, port=port, label='icofabric', verbose=False)
         self._close_tunnels()
-        self._host = host
+        self._host, self.port = host, int(self.server.get_port())
         self.stage = Stage(self.server.scene, sight)
         can_pull = hands is not None and not hands.is_replay
         self.grip = Grip(hands.pull) if hands is not None and can_pull else None
@@ -114,7 +114,7 @@ class Page:
         """The address to open."""
         host = 'localhost' if self._guard.is_local else self._host
         token = f'/?token={self._guard.token}' if self._guard.token else '/'
-        return f'http://{host}:{self.server.get_port()}{token}'
+        return f'http://{host}:{self.port}{token}'
 
     def close(self) -> None:
         """End it: pages are told, and what they hold is let go."""

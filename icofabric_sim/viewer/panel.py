@@ -22,6 +22,7 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from importlib import import_module
 import threading
+import time
 from typing import Any, NamedTuple
 
 from icofabric_sim.messages.markers import STRAIN_CLASSES
@@ -31,6 +32,11 @@ from icofabric_sim.viewer.stage import rgb, Stage
 import numpy as np
 
 LEVELS = ('OK', 'WARN', 'ERROR', 'STALE')
+# For so long after the last touch the time of a record's slider is the user's [s].
+_TOUCHED = 1.5
+# Of plots: colours of Okabe and Ito, told apart by all, and dashes for those who see none.
+_LOOKS: tuple[tuple[str, tuple[float, ...]], ...] = (
+    ('#0072b2', ()), ('#d55e00', (6, 4)), ('#009e73', (2, 3)), ('#cc79a7', (8, 3, 2, 3)))
 
 
 class Slider(NamedTuple):
@@ -117,6 +123,9 @@ class Panel:
         self.follow = -1
         self._controls: dict[str, tuple[Any, Callable[[Any], Any]]] = {}
         self._told: dict[str, Any] = {}  # the values that the controls were set to last
+        self._seek: Any = None  # the slider of the time of a record
+        self._sought = 0.0  # when somebody has touched it, on the monotonic clock
+        self._groups: tuple[str, ...] = ()  # of the plot of displacements
         self._wishes = None if hands is None else Wishes(hands.change, self._answered)
         gui = server.gui
         gui.configure_theme(show_logo=False, show_share_button=False)
@@ -163,11 +172,35 @@ class Panel:
                     value = shown(fabric.parameters[name])
                     if self._told.get(name) != value:
                         self._told[name] = handle.value = value
+        self._show_time()
         if len(sight.curves) > 1:
-            curves = np.array(sight.curves, float).T
-            columns = dict(zip(Curve._fields, curves))
-            for handle, names in self._plots:
-                handle.data = (columns['time'], *(columns[name] for name in names))
+            self._show_curves(list(sight.curves), () if fabric is None else tuple(fabric.groups))
+
+    def _show_time(self) -> None:
+        """Have the slider of a record go with the time, unless somebody holds it."""
+        span, slider = self._sight.span, self._seek
+        if span is None or slider is None or time.monotonic() - self._sought < _TOUCHED:
+            return
+        start, end = span
+        # A slider without length cannot be drawn.
+        self._set(slider, 'min', start)
+        self._set(slider, 'max', max(end, start + 0.001))
+        self._set(slider, 'value', round(float(np.clip(self._sight.time * 1e-9, start, end)), 3))
+
+    def _show_curves(self, curves: list[Curve], groups: tuple[str, ...]) -> None:
+        curves = [item for item in curves if len(item.groups) == len(groups)]
+        if len(curves) < 2:
+            return
+        if groups != self._groups:
+            self._groups = groups
+            handle, _ = self._plots[-1]
+            handle.series = self._series(('largest', *(f'of {name}' for name in groups)))
+        columns = dict(zip(Curve._fields, zip(*curves)))
+        for handle, names in self._plots:
+            lines = [np.array(columns[name]) for name in names]
+            if handle is self._plots[-1][0]:
+                lines += list(np.array(columns['groups']).reshape(len(curves), -1).T)
+            handle.data = (np.array(columns['time']), *lines)
 
     def is_open(self, name: str) -> bool:
         """No change is under way on a page that is read only."""
@@ -185,7 +218,8 @@ class Panel:
         self._server.gui.add_html(
             '<div style="padding:0 1em 0.5em;font-size:0.8em;line-height:1.35"><b>connectors by '
             f'strain (l - D) / D</b>{rows}<div>black: broken; green: anchors; purple: runs into '
-            'its own shell. Grey-blue shells are held.</div></div>')
+            'its own shell. Grey-blue shells are held. Lines from shells: forces (red) and '
+            'torques (yellow), the largest two edges long; purple marks: contacts.</div></div>')
 
     def _lay_out_run(self, hands: Hands) -> None:
         gui = self._server.gui
@@ -211,7 +245,14 @@ class Panel:
             with gui.add_folder('Replay'):
                 self._control('rate', gui.add_slider('rate', 0.0, 10.0, 0.05, 1.0), float)
                 self._control('loop', gui.add_checkbox('loop', False), bool)
-                self._control('seek', gui.add_number('go to [s]', 0.0, min=0.0), float)
+                self._seek = gui.add_slider('go to [s]', 0.0, 1.0, 0.001, 0.0)
+
+                @self._seek.on_update
+                def _(event: Any) -> None:
+                    # Not where it goes with the time by itself.
+                    if event.client is not None:
+                        self._sought = time.monotonic()
+                        self.wish('seek', float(event.target.value))
             return
         with gui.add_folder('Fabric'):
             for item in SLIDERS:
@@ -245,23 +286,24 @@ class Panel:
     def _lay_out_plots(self) -> None:
         uplot = import_module('viser.uplot')
         self._plots: list[tuple[Any, tuple[str, ...]]] = []
-        looks: tuple[tuple[str, tuple[float, ...]], ...] = (
-            ('#3060c0', ()), ('#d07020', (6, 4)), ('#208040', (2, 3)))
         with self._server.gui.add_folder('Plots', expand_by_default=False):
             for title, names in (
                     ('energy [J]', ('kinetic', 'connectors', 'balance_error')),
                     ('pace (simulated over wall time)', ('pace',)),
-                    ('largest displacement [m]', ('displacement',))):
-                series = [uplot.Series(label='t [s]')]
-                series += [
-                    uplot.Series(
-                        label=name.replace('_', ' '), stroke=color, width=2, dash=dash)
-                    for name, (color, dash) in zip(names, looks)]
-                empty = np.zeros(2)
+                    ('displacement [m]', ('displacement',))):
+                labels = ('largest',) if names == ('displacement',) else names
                 handle = self._server.gui.add_uplot(
-                    (np.array([0.0, 1.0]), *(empty for _ in names)), tuple(series), title=title,
-                    scales={'x': uplot.Scale(time=False)}, aspect=1.8)
+                    (np.array([0.0, 1.0]), *(np.zeros(2) for _ in names)), self._series(labels),
+                    title=title, scales={'x': uplot.Scale(time=False)}, aspect=1.8)
                 self._plots.append((handle, names))
+
+    @staticmethod
+    def _series(labels: tuple[str, ...]) -> tuple[Any, ...]:
+        """Time, and lines that differ in colour and in dash."""
+        uplot = import_module('viser.uplot')
+        return (uplot.Series(label='t [s]'), *(
+            uplot.Series(label=label.replace('_', ' '), stroke=color, width=2, dash=dash)
+            for label, (color, dash) in zip(labels, _LOOKS)))
 
     def _control(
         self, name: str, handle: Any, shown: Callable[[Any], Any],

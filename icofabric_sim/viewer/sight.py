@@ -48,6 +48,8 @@ TOPICS = (
 # Samples of each curve.
 _SAMPLES = 600
 _PACE = 'real-time factor'
+# Groups of the scene whose displacement is drawn: more lines could not be told apart.
+_MOST_GROUPS = 3
 
 
 class Fabric(NamedTuple):
@@ -56,6 +58,13 @@ class Fabric(NamedTuple):
     parameters: Parameters
     scene: Scene
     held: np.ndarray  # (n,) bool: a support holds its place
+
+    @property
+    def groups(self) -> dict[str, np.ndarray]:
+        """The first groups of the scene that can move: their bodies, by name."""
+        moving = {name: bodies for name, bodies in self.scene.groups.items()
+                  if not self.held[bodies].all()}
+        return dict(list(moving.items())[:_MOST_GROUPS])
 
 
 class Curve(NamedTuple):
@@ -67,6 +76,7 @@ class Curve(NamedTuple):
     balance_error: float
     pace: float  # simulated over wall time
     displacement: float  # [m] largest from the start of the scene
+    groups: tuple[float, ...] = ()  # [m] of the middles of `Fabric.groups`
 
 
 class Sight:
@@ -146,13 +156,22 @@ class Sight:
             self.curves.clear()
         if self.curves and time == self.curves[-1].time:
             return
-        away = np.linalg.norm(poses[:, :3] - fabric.scene.position, axis=1).max()
+        shift = poses[:, :3] - fabric.scene.position
+        away = np.linalg.norm(shift, axis=1).max()
+        groups = tuple(
+            float(np.linalg.norm(shift[bodies].mean(axis=0))) for bodies in fabric.groups.values())
         energy = self.energy
         kinetic, connectors, balance_error = (
             energy.get(name, np.nan) for name in ('kinetic', 'connectors', 'balance error'))
         self.curves.append(Curve(
             time, kinetic, connectors, balance_error, _number(self.figures.get(_PACE, '')),
-            float(away)))
+            float(away), groups))
+
+    @property
+    def span(self) -> tuple[float, float] | None:
+        """From when to when a record goes [s], as its replay reports; None: nothing says so."""
+        start, end = (_number(self.figures.get(name, '')) for name in ('start [s]', 'end [s]'))
+        return (start, end) if start <= end else None
 
     def _take_lines(self, item: MarkerPoints) -> None:
         if item.namespace != 'connectors':

@@ -102,6 +102,29 @@ def test_film_of_a_scene_shows_what_a_run_of_it_does(
         assert dark[0].mean() > 0.03 and (dark[0] != dark[1]).mean() < 0.04
 
 
+@pytest.mark.parametrize('rate', [12.0, 24.0])
+def test_webp_plays_at_the_speed_that_was_asked_for(
+        bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], rate: float) -> None:
+    films = [tmp_path / name for name in ('film.webp', 'small.webp')]
+    for film, more in zip(films, ([], ['--small'])):
+        assert main([
+            'film', str(bag), str(film), '--size', '320x320', '--rate', str(rate), '--speed',
+            '0.5', *more]) == 0
+    capsys.readouterr()
+    frames = frames_of(films[0])
+    times = []
+    with Image.open(films[0]) as image:
+        for number in range(image.n_frames):
+            image.seek(number)
+            image.load()
+            times.append(image.info['duration'])
+    # The run of 0.3 s at half its speed, and the last picture.
+    assert len(frames) == len(times) == round(0.6 * rate - 0.5) + 1
+    assert sum(times) == pytest.approx(1000.0 * len(times) / rate, abs=1.0)
+    assert (np.abs(frames[0] - frames[-1]).max(axis=2) > 30).mean() > 0.03
+    assert films[1].stat().st_size < 0.8 * films[0].stat().st_size
+
+
 def test_film_as_mp4(bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     imageio_ffmpeg = pytest.importorskip('imageio_ffmpeg')
     film = tmp_path / 'films' / 'swing.mp4'
@@ -126,7 +149,8 @@ def test_what_a_film_refuses(
     scene = scene_file(tmp_path)
     film = str(tmp_path / 'film.gif')
     for words, named in (
-        ([str(bag), str(tmp_path / 'film.avi')], '.mp4 or .gif'),
+        ([str(bag), str(tmp_path / 'film.avi')], '.mp4, .webp or .gif'),
+        ([str(bag), film, '--small'], '--small'),
         ([str(bag), film, '--rate', '0'], '--rate'), ([str(bag), film, '--rate', 'nan'], '--rate'),
         ([str(bag), film, '--speed', '0'], '--speed'),
         ([str(bag), film, '--speed', '1e-310'], '--speed'),

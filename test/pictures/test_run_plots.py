@@ -48,14 +48,45 @@ def test_styles_differ_in_every_way() -> None:
         assert len(set(part)) == len(COLORS)
 
 
-def test_colours_differ_in_lightness_or_for_all_who_confuse_them() -> None:
+# What people see who lack cones for red, green or blue (Vienot, Brettel and Mollon 1999 for the
+# first two; Machado, Oliveira and Fernandes 2009 for the third), from linear RGB, and in grey.
+SEEN = {
+    'all cones': np.eye(3),
+    'no red': [[0.112, 0.112, 0.004], [0.888, 0.888, -0.004], [0.0, 0.0, 1.0]],
+    'no green': [[0.293, 0.293, -0.021], [0.707, 0.707, 0.021], [0.0, 0.0, 1.0]],
+    'no blue': [[1.256, -0.078, 0.005], [-0.077, 0.931, 0.691], [-0.179, 0.148, 0.304]],
+}
+
+
+@pytest.mark.parametrize('eyes', SEEN)
+def test_colours_differ_for_all_who_confuse_them(eyes: str) -> None:
     rgb = np.array([[int(color[k:k + 2], 16) for k in (1, 3, 5)] for color in COLORS]) / 255.0
-    linear = rgb ** 2.2
-    # Red and green confused (deuteranopia, Vienot 1999).
-    seen = linear @ np.array([[0.293, 0.293, -0.021], [0.707, 0.707, 0.021], [0.0, 0.0, 1.0]])
+    seen = np.clip(rgb ** 2.2 @ np.array(SEEN[eyes]), 0.0, 1.0) ** (1.0 / 2.2)
     for k in range(len(COLORS)):
         for other in range(k):
+            # Black and white are 1.7 apart.
             assert np.linalg.norm(seen[k] - seen[other]) > 0.1, (COLORS[k], COLORS[other])
+
+
+def test_the_confusions_are_those_of_the_literature() -> None:
+    # Grey stays grey; a red and a green of the same other cones' answer become one.
+    for name, matrix in SEEN.items():
+        assert np.ones(3) @ np.array(matrix) == pytest.approx(np.ones(3), abs=0.01), name
+    for name in ('no red', 'no green'):
+        confused = np.linalg.svd(np.array(SEEN[name]).T)
+        assert confused[1][-1] < 0.01
+        assert np.abs(confused[2][-1, :2]).min() > 0.05
+
+
+def test_scales_of_pictures_are_told_apart_by_all() -> None:
+    from icofabric_sim.pictures.measures import QUANTITIES, Scale
+    for name in QUANTITIES:
+        scale = Scale(QUANTITIES[name], 1.0)
+        ends = scale.colors(np.array([-1.0, 0.0, 1.0] if scale.quantity.signed else [0.0, 1.0]))
+        for eyes, matrix in SEEN.items():
+            seen = np.clip(ends ** 2.2 @ np.array(matrix), 0.0, 1.0) ** (1.0 / 2.2)
+            apart = np.linalg.norm(seen[:, None] - seen[None], axis=2)
+            assert (apart + 9.0 * np.eye(len(seen))).min() > 0.3, (name, eyes)
 
 
 def test_displacements_and_forces_are_those_of_the_simulation(bag: Path) -> None:
@@ -155,3 +186,35 @@ def test_what_a_plot_refuses(
         assert main(['plot', str(bag), *words, *output]) == status, words
         error = capsys.readouterr().err
         assert named in error and len(error.splitlines()) == (status > 0)
+
+
+TABLE = """solver,tool,setting_kind,setting,error,time_s,time_low_s,time_high_s,rounds
+ours,icofabric_sim,steps,100,1e-4,0.01,0.009,0.012,3
+ours,icofabric_sim,steps,200,1e-6,0.02,0.019,0.022,3
+ours too,icofabric_sim,steps,200,2e-6,0.03,0.029,0.032,3
+theirs,scipy,tolerance,1e-6,1e-5,0.4,0.39,0.41,3
+"""
+
+
+def test_work_and_precision_are_drawn_from_their_table(
+        tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    table, svg = tmp_path / 'work_precision.csv', tmp_path / 'drawn.svg'
+    table.write_text(TABLE, 'utf-8')
+    words = ['plot', str(table), 'work-precision', '--size', '5x4']
+    assert main([*words, '--output', str(svg)]) == 0
+    said = svg.read_text('utf-8')
+    for label in ('ours', 'ours too', 'theirs', 'time [s], one thread'):
+        assert f'<!-- {label} -->' in said
+    # A colour for each tool; solvers of one tool differ in dash.
+    assert COLORS[0] in said and COLORS[1] in said and COLORS[2] not in said
+    assert ElementTree.parse(svg).getroot().get('width') == '360pt'
+    assert main(words) == 0
+    assert imread(tmp_path / 'work_precision_work-precision.png').shape[:2] == (640, 800)
+    capsys.readouterr()
+    other = tmp_path / 'other.csv'
+    other.write_text('a,b\n1,2\n', 'utf-8')
+    for path, more, named in (
+            (other, [], 'no table of work'), (tmp_path / 'none.csv', [], 'no such file'),
+            (table, ['--axis', 'x'], '--axis')):
+        assert main(['plot', str(path), 'work-precision', *more]) == 2
+        assert named in capsys.readouterr().err

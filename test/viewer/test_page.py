@@ -23,6 +23,7 @@ from icofabric_sim.messages import decode_point_stamped
 from icofabric_sim.messages.topics import POSES, STRAIN_CLASSES
 from icofabric_sim.parameters.text import dump_parameters
 from icofabric_sim.running.replay.player import Player
+from icofabric_sim.running.replay.report import ReplayReport
 from icofabric_sim.running.replay.source import ReplaySource
 from icofabric_sim.viewer.local import ReplayHands, SightSink
 from icofabric_sim.viewer.page import Page
@@ -188,6 +189,67 @@ def test_record_is_shown_and_scrubbed(tmp_path):
             page.close()
             player.stop()
             thread.join(60.0)
+
+
+def test_the_slider_of_a_record_goes_with_its_time_and_a_record_goes_on_as_a_run(tmp_path):
+    record_run(tmp_path / 'bag', ico.Scene.from_parameters(SCENE))
+    sight = Sight()
+    with ReplaySource(tmp_path / 'bag') as source:
+        report = ReplayReport('/icofabric', source)
+        player = Player(
+            source, SightSink(sight), stay=True, report=report.message)
+        hands = ReplayHands(player)
+        page = Page(sight, hands, port=18080)
+        thread = threading.Thread(target=player.run, daemon=True)
+        thread.start()
+        try:
+            with PageClient(page.port) as client:
+                client.wait_for(lambda: client.shells() is not None, 'no shells')
+                end = source.end * 1e-9
+                client.wait_for(lambda: sight.span == (0.0, end), 'the span is not known')
+                # It was played to its end.
+                client.wait_for(
+                    lambda: client.controls[client.control('go to [s]')]['value'] == end,
+                    'the slider stays')
+                assert client.controls[client.control('go to [s]')]['max'] == end
+                client.set('go to [s]', 0.05)
+                client.wait_for(lambda: player.now == 50_000_000, 'not there')
+                client.press('continue')
+                client.wait_for(lambda: hands.going_on is not None, 'it does not go on')
+                client.wait_for(partial(client.shown, 'goes on as a simulation'), 'no answer')
+        finally:
+            page.close()
+            player.stop()
+            thread.join(60.0)
+    simulation, parameters = hands.going_on
+    # The state of the recorded run at that moment, to the last bit.
+    again = ico.compile_scene(ico.Scene.from_parameters(SCENE))
+    again.advance_to(0.05)
+    assert simulation.time == 0.05
+    assert (simulation.snapshot().position == again.snapshot().position).all()
+    assert parameters['record.path'] == '' and parameters['duration'] == 0.0
+
+
+def test_plots_have_the_displacements_of_groups(shown, client):
+    client.wait_for(lambda: client.shells() is not None, 'no shells')
+    shown.runner.set_paused(False).result(60.0)
+    place = shown.position(1)
+    client.drag('start', 1, place, place)
+    client.drag('update', 1, place, place + [0.0, 0.0, 0.3])
+    client.wait_for(
+        lambda: shown.sight.curves and shown.sight.curves[-1].displacement > 0.01, 'no curves')
+    client.drag('end', 1, place, place)
+    shown.runner.set_paused(True).result(60.0)
+    groups = shown.sight.fabric.groups
+    assert groups
+    last = shown.sight.curves[-1]
+    assert len(last.groups) == len(groups)
+    # The middle of a group has gone no farther than the body that has gone farthest.
+    assert 0.0 < max(last.groups) <= last.displacement
+    handle, _ = shown.page.panel._plots[-1]
+    client.wait_for(lambda: len(handle.data) == 2 + len(groups), 'the groups are not drawn')
+    assert [line.get('label') for line in handle.series] == [
+        't [s]', 'largest', *(f'of {name}' for name in groups)]
 
 
 def test_rates_change_no_fabric_and_what_is_woven_does(shown):
