@@ -3,7 +3,7 @@
 
 SHELL := /bin/bash
 .DEFAULT_GOAL := help
-.PHONY: help run test test-long check lint docs clean
+.PHONY: help run test test-long check lint docs films clean
 .SILENT:
 
 # What a sourced ROS installation, or another environment of ROS wheels, leaves in the shell
@@ -45,6 +45,7 @@ help:
 	echo 'make test-long  what takes too long for make test, and whether pages say what commands print'
 	echo 'make lint    set up .venv, then lint and types only'
 	echo 'make docs    set up .venv, then build the documentation site in build/site'
+	echo 'make films   set up .venv, then make the films of docs/gallery.md anew (half an hour)'
 	echo 'make clean   remove .venv and everything built; recorded runs stay'
 
 run:
@@ -91,6 +92,10 @@ docs:
 	.ci/environment docs
 	$(call stage,documentation (sphinx),.venv/bin/python -m sphinx -q -W --keep-going -b html docs build/site)
 	echo 'The site begins at build/site/index.html'
+
+films:
+	.ci/environment test
+	$(call stage,films (icofabric film),.venv/bin/python docs/draw_gallery.py $(ARGS))
 
 clean:
 	rm -rf .venv build install log dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .coverage

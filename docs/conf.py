@@ -15,7 +15,9 @@
 
 import dataclasses
 import inspect
+from pathlib import Path
 import re
+import shutil
 from typing import Any
 
 from icofabric_sim.version import __version__
@@ -75,5 +77,15 @@ def add_fields(
     lines.append('')
 
 
+def copy_films(app: Any, error: Exception | None) -> None:
+    """Put the films of the gallery where its page looks for them: Sphinx copies pictures only."""
+    target = Path(app.outdir) / 'gallery'
+    if error is None and app.builder.format == 'html':
+        target.mkdir(exist_ok=True)
+        for film in sorted((Path(app.srcdir) / 'gallery').glob('*.mp4')):
+            shutil.copy2(film, target)
+
+
 def setup(app: Any) -> None:
     app.connect('autodoc-process-docstring', add_fields)
+    app.connect('build-finished', copy_films)

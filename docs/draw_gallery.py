@@ -40,7 +40,7 @@ def commands(text: str) -> dict[str, list[list[str]]]:
     return found
 
 
-def main(words: list[str]) -> int:
+def main(words: list[str] | None = None) -> int:
     """Run the commands of the scenes that are named, or of all."""
     parser = argparse.ArgumentParser(description='Pictures and films of docs/gallery.md.')
     parser.add_argument('scenes', nargs='*', metavar='SCENE', help='these (default: all)')
@@ -65,4 +65,4 @@ def main(words: list[str]) -> int:
 
 
 if __name__ == '__main__':
-    sys.exit(main(sys.argv[1:]))
+    sys.exit(main())

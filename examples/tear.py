@@ -14,7 +14,7 @@
 """
 A tearing test: a slab is pulled slowly until it breaks; stress, strain, and what breaks when.
 
-    .venv/bin/python examples/tear.py runs/tear.csv
+    .venv/bin/python examples/tear.py runs/tear.csv --picture runs/tear.png
 """
 
 import argparse
@@ -22,6 +22,7 @@ import csv
 from pathlib import Path
 
 import icofabric_sim as ico
+from matplotlib.figure import Figure
 import numpy as np
 
 SCENE = {'weave.size': [5, 3, 3], 'weave.connector_angle': 0.3, 'contact.mode': 'never',
@@ -43,11 +44,33 @@ def tear(strains):
     return scene, points, broken
 
 
+def draw(points, broken, path):
+    """Draw stress over strain, with the number of connectors that broke at each strain."""
+    figure = Figure(figsize=(6.4, 4.0), layout='constrained')
+    axes = figure.add_subplot()
+    strain = [100.0 * point.strain for point in points]
+    stress = [point.stress for point in points]
+    axes.plot(strain, stress, marker='o', color='#0072b2')
+    for place, high, new in zip(strain, stress, broken):
+        if new:
+            axes.plot(place, high, marker='X', markersize=9, color='#d55e00')
+            axes.annotate(f'{len(new)} break', (place, high), xytext=(5, 7),
+                          textcoords='offset points')
+    axes.set_xlabel('strain [%]')
+    axes.set_ylabel('stress [Pa]')
+    axes.set_ylim(bottom=0.0)
+    axes.grid(alpha=0.3)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, dpi=100)
+
+
 def main():
     """Tear, print, write."""
     parser = argparse.ArgumentParser(description=__doc__.strip().splitlines()[0])
     parser.add_argument('table', type=Path, help='a CSV file for strain and stress')
-    path = parser.parse_args().table
+    parser.add_argument('--picture', type=Path, help='draw the curve: .png or .svg')
+    arguments = parser.parse_args()
+    path = arguments.table
     scene, points, broken = tear(np.linspace(0.02, 0.3, 15))
     for point, new in zip(points, broken):
         names = ', '.join(
@@ -64,6 +87,8 @@ def main():
         table.writerow(('strain', 'stress_pa', 'broken', 'broken_now'))
         table.writerows((point.strain, point.stress, point.broken, ' '.join(map(str, new)))
                         for point, new in zip(points, broken))
+    if arguments.picture is not None:
+        draw(points, broken, arguments.picture)
 
 
 if __name__ == '__main__':

@@ -18,8 +18,13 @@ from pathlib import Path
 
 from icofabric_sim.terminal import bad_input, InputError, require_place
 
-_HELD = {'side': 'x_min', 'top': 'z_max', 'bottom': 'z_min'}
-_FREE = {'side': 'x_max', 'top': 'z_min', 'bottom': 'z_max', 'none': 'x_max'}
+_CORNERS = ' or '.join(f'x_{along} and y_{across}'
+                       for along in ('min', 'max') for across in ('min', 'max'))
+_HELD = {'side': 'x_min', 'top': 'z_max', 'bottom': 'z_min', 'corners': _CORNERS}
+_FREE = {'side': 'x_max', 'top': 'z_min', 'bottom': 'z_max', 'none': 'x_max',
+         'corners': 'not x_min and not x_max or not y_min and not y_max'}
+# Hooks hold corners, which are free to turn.
+_FIX = {'corners': 'tx ty tz'}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -46,7 +51,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
              'fabric folds and hangs like a net (%(default)g)')
     parser.add_argument(
         '--held', choices=(*_HELD, 'none'), default='side',
-        help='the layer that is held in place (%(default)s)')
+        help='what is held in place: a layer, or the four upright edges as by hooks, for a '
+             'hammock (%(default)s)')
     parser.add_argument('--floor', type=float, metavar='Z', help='a floor at this height [m]')
     parser.add_argument('--no-gravity', action='store_true', help='no weight')
     parser.add_argument(
@@ -112,7 +118,7 @@ def scene_text(arguments: argparse.Namespace, name: str) -> str:
     lines.append(f'      free: {_FREE[held]}')
     if held != 'none':
         lines += ['    supports:', '      hold:', '        group: held',
-                  '        fix: all  # or some of: tx ty tz rotation']
+                  f'        fix: {_FIX.get(held, "all")}  # all, or some of: tx ty tz rotation']
     lines += [
         '    loads:', '      push:  # pushed by messages on ~/loads/push, or here:',
         '        group: free', '        share: total  # among the bodies of the group',

@@ -43,7 +43,7 @@ from icofabric_sim.pictures.fabric_polygons import (
 )
 from icofabric_sim.pictures.light import Lighting
 from icofabric_sim.pictures.measures import connector_ends, Scale
-from icofabric_sim.pictures.moment import Moment
+from icofabric_sim.pictures.moment import Moment, Push
 from icofabric_sim.pictures.scenery import Ground, grounds, moved_plate, place_plate, plates
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.scene.shell_gaps import find_contacts
@@ -97,7 +97,8 @@ class Framing:
         if self.bodies is None:
             kept = np.concatenate([
                 kept, *([anchor_points(moment)] if scene.anchors else ()),
-                *(moved_plate(plate, moment)[0] for plate in plates(scene))])
+                *(moved_plate(plate, moment)[0] for plate in plates(scene)),
+                *(_arrow_ends(moment, push) for push in moment.pushes)])
         kept = kept - self.target_of(moment)
         self._points.append(kept[np.unique(np.argmax(kept @ _DIRECTIONS.T, axis=0))])
         self.radius = max(self.radius, 1.15 * circumscribed_radius(scene.shell.half_edge))
@@ -122,6 +123,20 @@ class Framing:
         """The camera for an area of this shape; about what is followed."""
         target = None if self.follow is None else np.zeros(3)
         return fit_camera(self.view, self.points, max(self.radius, 1e-9), area, target=target)
+
+
+def _is_outward(moment: Moment, push: Push) -> bool:
+    """Whether a force points away from the middle of the fabric."""
+    return float(push.force @ (push.point - moment.position.mean(axis=0))) > 0.0
+
+
+def _arrow_ends(moment: Moment, push: Push) -> np.ndarray:
+    """Tail and tip (2, 3) [m] of the arrow of a force: outside of the fabric, if that can be."""
+    edge = moment.scene.shell.edge_length
+    along = push.force / np.linalg.norm(push.force)
+    away = 1.2 * edge if _is_outward(moment, push) else -(_ARROW + 1.2) * edge
+    tail = push.point + away * along
+    return np.array([tail, tail + _ARROW * edge * along])
 
 
 def _reach(position: np.ndarray) -> float:
@@ -337,12 +352,8 @@ class Renderer:
         """Draw a force; returns where its label stands [pixels], the label, and its anchor."""
         edge = moment.scene.shell.edge_length
         size = float(np.linalg.norm(push.force))
-        along = push.force / size
-        outward = float(along @ (push.point - moment.position.mean(axis=0))) > 0.0
-        reach = _ARROW * edge
-        tail = push.point + (1.2 * edge * along if outward else -(reach + 1.2 * edge) * along)
-        tip = tail + reach * along
-        ends = camera.project(np.array([tail, tip]), area)
+        outward = _is_outward(moment, push)
+        ends = camera.project(_arrow_ends(moment, push), area)
         shaft = ends[1] - ends[0]
         length = max(float(np.linalg.norm(shaft)), 1.0)
         unit = shaft / length

@@ -38,7 +38,9 @@ _STYLE: dict[Any, Any] = {
     'font.size': 9.0, 'axes.titlesize': 9.5, 'axes.labelsize': 9.0, 'legend.fontsize': 8.0,
     'axes.spines.top': False, 'axes.spines.right': False, 'axes.linewidth': 0.8,
     'axes.grid': True, 'grid.color': '0.9', 'grid.linewidth': 0.6, 'lines.linewidth': 1.3,
-    'legend.frameon': False, 'axes.axisbelow': True, 'svg.hashsalt': 'icofabric_sim',
+    # Legible where it lies over lines.
+    'legend.frameon': True, 'legend.fancybox': False, 'legend.framealpha': 0.85,
+    'legend.edgecolor': 'none', 'axes.axisbelow': True, 'svg.hashsalt': 'icofabric_sim',
     'figure.facecolor': 'white', 'axes.formatter.useoffset': False}
 
 

@@ -117,7 +117,9 @@ def plates(scene: Scene) -> list[Plate]:
     found = []
     for name in scene.parameters.names('supports'):
         bodies = scene.groups[scene.parameters[f'supports.{name}.group']]
-        if held_bodies(scene)[bodies].all():
+        # Bodies that are free to turn hang on hooks, not on a plate.
+        if held_bodies(scene)[bodies].all() and scene.supports is not None and (
+                scene.supports.rotation[bodies].all()):
             found += _plate(scene, bodies, held=True)
     for drive in scene.drives.values():
         found += _plate(scene, drive.bodies, held=False)
@@ -125,7 +127,7 @@ def plates(scene: Scene) -> list[Plate]:
 
 
 def _plate(scene: Scene, bodies: np.ndarray, *, held: bool) -> list[Plate]:
-    """The plate of a group: none unless it is one layer, with no other body beyond it."""
+    """The plate of a group: none unless it is most of a layer, with no other body beyond it."""
     places, half_edge = scene.position[bodies], scene.shell.half_edge
     others = np.delete(scene.position, bodies, axis=0)
     if len(bodies) < 3 or not len(others):
@@ -137,7 +139,9 @@ def _plate(scene: Scene, bodies: np.ndarray, *, held: bool) -> list[Plate]:
             break
         for sign in (1.0, -1.0):
             inwards = sign * (others[:, axis] - places[:, axis].mean())
-            if not (inwards.min() > -0.5 * half_edge and inwards.max() > half_edge):
+            beside = np.abs(inwards) <= 0.5 * half_edge
+            if not (inwards.min() > -0.5 * half_edge and inwards.max() > half_edge
+                    and beside.sum() <= len(bodies)):
                 continue
             across = [other for other in range(3) if other != axis]
             if min(high[across] - low[across]) < half_edge:

@@ -46,8 +46,7 @@ def draw_sweep(
     over = [one for one in columns if one in table.varied] or table.varied
     across = [one for one in over if _is_numeric(table[one])][:_MOST_COLUMNS]
     measures = [one for one in columns if one not in table.varied]
-    up = measures or [
-        one for one in table.kept if _is_numeric(table[one]) and _differs(table[one])]
+    up = measures or _telling(table)
     for one in measures:
         if one not in table.kept or not _is_numeric(table[one]):
             raise ValueError(
@@ -108,10 +107,25 @@ def _is_numeric(values: np.ndarray) -> bool:
     return values.ndim == 1 and values.dtype.kind in 'iuf'
 
 
-def _differs(values: np.ndarray) -> bool:
-    """More than rounding does."""
+def _telling(table: SweepTable) -> list[str]:
+    """Columns of numbers that differ from run to run by more than rounding of their like."""
+    numbers = [one for one in table.kept if _is_numeric(table[one])]
+    largest: dict[str, float] = {}
+    for one in numbers:
+        unit = table.units.get(one, '') or one
+        largest[unit] = max(largest.get(unit, 0.0), _size(table[one]))
+    return [one for one in numbers if _differs(
+        table[one], largest[table.units.get(one, '') or one])]
+
+
+def _size(values: np.ndarray) -> float:
+    return float(np.abs(values[np.isfinite(values)]).max(initial=0.0))
+
+
+def _differs(values: np.ndarray, largest: float) -> bool:
+    """More than rounding does, of values of a unit of which some are as large as `largest`."""
     finite = values[np.isfinite(values)]
-    return bool(len(finite) > 1 and np.ptp(finite) > 1e-9 * np.abs(finite).max())
+    return bool(len(finite) > 1 and np.ptp(finite) > 1e-9 * largest)
 
 
 def _spans_decades(values: np.ndarray) -> bool:

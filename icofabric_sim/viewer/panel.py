@@ -270,7 +270,7 @@ class Panel:
     def _lay_out_view(self) -> None:
         gui, section = self._server.gui, self._stage.section
         with gui.add_folder('View'):
-            follow = gui.add_number('follow body (-1: none)', -1, min=-1, step=1)
+            follow = gui.add_number('follow body', -1, min=-1, step=1, hint='its number; -1: none')
             axis = gui.add_dropdown('cut across', ('off', 'x', 'y', 'z'))
             place = gui.add_slider('cut at [m]', -2.0, 2.0, 0.001, 0.0)
 

@@ -132,6 +132,22 @@ def test_a_new_scene_is_one_and_says_what_was_chosen(
     assert not (tmp_path / 'x.yaml').exists()
 
 
+def test_a_hammock_hangs_by_its_corners_which_are_free_to_turn(
+        tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / 'hammock.yaml'
+    assert main(['new', str(path), '--size', '5', '5', '2', '--held', 'corners']) == 0
+    capsys.readouterr()
+    scene = load_scene(path)
+    held, place = scene.groups['held'], scene.position[:, :2]
+    ends = [(axis.min(), axis.max()) for axis in place.T]
+    corners = [number for number, (x, y) in enumerate(place)
+               if x in ends[0] and y in ends[1]]
+    assert held.tolist() == corners and len(held) >= 4
+    assert scene.supports.translation[held].all() and not scene.supports.rotation.any()
+    # All others bear the push.
+    assert sorted([*scene.groups['free'], *held]) == list(range(scene.body_count))
+
+
 def test_quiet_runs_show_their_results_only(
         tmp_path: Path, capsys: pytest.CaptureFixture[str],
         monkeypatch: pytest.MonkeyPatch) -> None:

@@ -84,6 +84,16 @@ def test_shadows_fall_along_the_light_onto_the_plane() -> None:
     assert np.isnan(ceiling.shadows(points, lighting)).all()
 
 
+def test_hooks_and_corners_have_no_plate() -> None:
+    layer = {'weave.size': [3, 3, 3], 'groups.held': 'z_min', 'supports.held.group': 'held'}
+    assert len(plates(Scene.from_parameters(layer))) == 1
+    assert not plates(Scene.from_parameters({**layer, 'supports.held.fix': 'tx ty tz'}))
+    # A few bodies of a layer are no layer.
+    corners = 'z_min and x_min and y_min or z_min and x_max or z_min and y_max and x_min'
+    few = {**layer, 'weave.size': [7, 7, 3], 'groups.held': corners}
+    assert not plates(Scene.from_parameters(few))
+
+
 def test_plates_hold_layers_at_a_side_and_move_with_them() -> None:
     parameters = {
         'weave.size': [3, 3, 3], 'groups.wall': 'x_min', 'supports.wall.group': 'wall',
