@@ -36,8 +36,8 @@ VERBS = {
     'elasticity': 'find the elastic constants of a fabric, and stress against strain of its slab',
     'info': 'describe a scene or a recorded run',
     'render': 'draw a recorded run to pictures',
-    'plot': 'plot energies, displacements, forces, tensions or spectra of a recorded run',
-    'film': 'film a recorded run or a scene: MP4 or GIF',
+    'plot': 'plot energies, displacements, forces, tensions, spectra or stress of a recorded run',
+    'film': 'film a recorded run or a scene: MP4, WebP or GIF',
     'view': 'look at a scene or a recorded run in a browser, and pull at it',
     'sweep': 'run a scene for many values of its parameters, on all cores or a cluster',
     'tables': 'print the tables of the document, and draw its Figure 5',
@@ -65,6 +65,12 @@ class _Parser(argparse.ArgumentParser):
     """Says in one line what is wrong."""
 
     def error(self, message: str) -> NoReturn:
+        import difflib
+        import re
+        wrong = re.match(r"argument VERB: invalid choice: '([^']+)'", message)
+        near = difflib.get_close_matches(wrong[1], VERBS, 1) if wrong else []
+        if wrong and near:
+            message = f'there is no verb {wrong[1]}; did you mean {near[0]}?'
         print(f'{self.prog}: {message} (see {self.prog} --help)', file=sys.stderr)
         sys.exit(BAD_INPUT)
 
@@ -157,7 +163,8 @@ def _run(words: list[str]) -> int:
         with quiet(arguments.quiet):
             return int(arguments.main(arguments))
     except InputError as error:
-        raise located(error, getattr(arguments, 'scene', '')) from error
+        given = getattr(arguments, 'parameter', None) or []
+        raise located(error, getattr(arguments, 'scene', ''), given) from error
 
 
 def _one_line(error: Exception) -> str:

@@ -14,7 +14,9 @@
 """The argument SCENE with its overrides, for all verbs that take one."""
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
+import re
 from typing import TYPE_CHECKING
 
 from icofabric_sim.terminal import bad_input, InputError
@@ -51,16 +53,27 @@ def read_parameters(arguments: argparse.Namespace) -> tuple[str, 'Parameters']:
         return path.stem, make_parameters(flat)
 
 
-def located(error: InputError, scene: str) -> InputError:
-    """The error with the line of the scene file that it is about, where that can be said."""
+_DOTTED = re.compile(r'[a-z]\w*(?:\.[A-Za-z_]\w*)+(?=[:, ])')
+
+
+def located(error: InputError, scene: str, given: Sequence[str] = ()) -> InputError:
+    """
+    The error with the line of the scene file that it is about, where that can be said.
+
+    `given` are the parameters `NAME:=VALUE` that the command line has put in the file's place.
+    """
     from icofabric_sim.parameters.ready_scenes import find_scene
     from icofabric_sim.parameters.validation import ParameterError
     cause = error.__cause__
-    if not scene or not isinstance(cause, ParameterError):
+    # Parts of the scene that do not know of parameters begin with the name of one.
+    begun = _DOTTED.match(str(error))
+    name = cause.name if isinstance(cause, ParameterError) else begun[0] if begun else ''
+    if (not scene or not name or not isinstance(cause, ValueError)
+            or name in {words.partition(':=')[0] for words in given}):
         return error
     try:
         path = find_scene(scene)
-        line = line_of(path, cause.name)
+        line = line_of(path, name)
     except (ValueError, OSError):
         return error
     return InputError(f'{error} ({path}, line {line})') if line else error

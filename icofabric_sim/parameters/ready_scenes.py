@@ -13,6 +13,7 @@
 # limitations under the License.
 """Where the ready scenes are: in a clone, or in the share folder of an installation."""
 
+import difflib
 from pathlib import Path
 
 _PACKAGE = 'icofabric_sim'
@@ -40,9 +41,11 @@ def find_scene(scene: str) -> Path:
     if not path.is_file():
         reason = 'is a folder' if path.is_dir() else 'does not exist'
         names = ', '.join(ready) or 'none is installed'
+        near = difflib.get_close_matches(scene, ready, 1)
+        hint = f'did you mean {near[0]}? ' if near else ''
         raise ValueError(
-            f'{scene} {reason}: give the parameter file (.yaml) of a scene, or the name of a '
-            f'ready scene ({names})'
+            f'{scene} {reason}: {hint}give the parameter file (.yaml) of a scene, or the name of '
+            f'a ready scene ({names})'
         )
     return path
 

@@ -27,7 +27,7 @@ from typing import Any, NamedTuple
 
 from icofabric_sim.messages.markers import STRAIN_CLASSES
 from icofabric_sim.viewer.hands import Hands
-from icofabric_sim.viewer.sight import Curve, Sight
+from icofabric_sim.viewer.sight import Curve, Fabric, Sight
 from icofabric_sim.viewer.stage import rgb, Stage
 import numpy as np
 
@@ -123,6 +123,7 @@ class Panel:
         self.follow = -1
         self._controls: dict[str, tuple[Any, Callable[[Any], Any]]] = {}
         self._told: dict[str, Any] = {}  # the values that the controls were set to last
+        self._spanned = -1  # the fabric that the slider of the cut spans
         self._seek: Any = None  # the slider of the time of a record
         self._sought = 0.0  # when somebody has touched it, on the monotonic clock
         self._groups: tuple[str, ...] = ()  # of the plot of displacements
@@ -172,9 +173,20 @@ class Panel:
                     value = shown(fabric.parameters[name])
                     if self._told.get(name) != value:
                         self._told[name] = handle.value = value
+            self._span_cut(fabric)
         self._show_time()
         if len(sight.curves) > 1:
             self._show_curves(list(sight.curves), () if fabric is None else tuple(fabric.groups))
+
+    def _span_cut(self, fabric: Fabric) -> None:
+        """Have the slider of the cut reach beyond the fabric as woven by half its size."""
+        if self._spanned == self._sight.fabric_number:
+            return
+        self._spanned = self._sight.fabric_number
+        low, high = fabric.scene.position.min(), fabric.scene.position.max()
+        beyond = 0.5 * (high - low) + fabric.scene.geometry.pitch
+        self._set(self._cut, 'min', round(float(low - beyond), 3))
+        self._set(self._cut, 'max', round(float(high + beyond), 3))
 
     def _show_time(self) -> None:
         """Have the slider of a record go with the time, unless somebody holds it."""
@@ -185,7 +197,8 @@ class Panel:
         # A slider without length cannot be drawn.
         self._set(slider, 'min', start)
         self._set(slider, 'max', max(end, start + 0.001))
-        self._set(slider, 'value', round(float(np.clip(self._sight.time * 1e-9, start, end)), 3))
+        now = float(np.clip(self._sight.time * 1e-9, start, end))
+        self._set(slider, 'value', round(now, 3))
 
     def _show_curves(self, curves: list[Curve], groups: tuple[str, ...]) -> None:
         curves = [item for item in curves if len(item.groups) == len(groups)]
@@ -272,7 +285,7 @@ class Panel:
         with gui.add_folder('View'):
             follow = gui.add_number('follow body', -1, min=-1, step=1, hint='its number; -1: none')
             axis = gui.add_dropdown('cut across', ('off', 'x', 'y', 'z'))
-            place = gui.add_slider('cut at [m]', -2.0, 2.0, 0.001, 0.0)
+            place = self._cut = gui.add_slider('cut at [m]', -2.0, 2.0, 0.001, 0.0)
 
             @follow.on_update
             def _(_: Any) -> None:

@@ -86,6 +86,14 @@ def test_errors_about_meaning_name_the_line_of_the_file(
     path.write_text(text.replace('level 9', 'x_min').replace('group: tip', 'group: top'), 'utf-8')
     assert main(['info', str(path)]) == 2
     assert f'({path}, line 8)' in capsys.readouterr().err
+    # Also where a part of the scene speaks that does not know of parameters.
+    path.write_text(text.replace(
+        'size: [3, 3, 3]', 'connector_angle: 14.3').replace('level 9', 'x_min'), 'utf-8')
+    assert main(['info', str(path)]) == 2
+    assert f'({path}, line 4)' in capsys.readouterr().err
+    # Not where the command line takes the place of that line.
+    assert main(['info', str(path), '-p', 'weave.connector_angle:=14.4']) == 2
+    assert 'line 4' not in capsys.readouterr().err
     # What no file says has no line.
     path.write_text(text.replace('level 9', 'x_min'), 'utf-8')
     assert main(['info', str(path), '-p', 'connector.stiffness:=-1.0']) == 2
@@ -98,6 +106,15 @@ def test_the_line_is_that_of_the_deepest_name_given() -> None:
     assert lines[line_of(path, 'supports.wall.fix') - 1].strip() == 'fix: all'
     assert lines[line_of(path, 'supports.wall') - 1].strip() == 'wall:'
     assert line_of(path, 'solver.step') == 0
+
+
+def test_misspelt_scenes_and_verbs_are_answered_by_the_nearest_name(
+        capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(['info', 'hangin_slab']) == 2
+    assert 'did you mean hanging_slab?' in capsys.readouterr().err
+    with pytest.raises(SystemExit):
+        main(['rnder', 'x'])
+    assert 'did you mean render?' in capsys.readouterr().err
 
 
 # Quiet, new, completion.

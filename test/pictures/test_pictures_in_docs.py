@@ -30,6 +30,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 GALLERY = (ROOT / 'docs' / 'gallery.md').read_text('utf-8')
 LARGEST = 150_000  # [bytes]
+LARGEST_FILM = 300_000  # [bytes]
 
 
 def section(name: str) -> str:
@@ -65,8 +66,53 @@ def test_every_ready_scene_is_in_the_gallery(name: str) -> None:
         assert (np.abs(corner - np.rint(255.0 * color)).max(axis=1) <= 6.0).sum() >= 3
 
 
+def boxes(data: bytes) -> dict[bytes, bytes]:
+    """The boxes of an MP4 file (ISO/IEC 14496-12), by type."""
+    found, place = {}, 0
+    while place + 8 <= len(data):
+        size = int.from_bytes(data[place:place + 4], 'big')
+        assert size >= 8
+        found[data[place + 4:place + 8]] = data[place + 8:place + size]
+        place += size
+    return found
+
+
+@pytest.mark.parametrize('name', ready_scenes())
+def test_every_ready_scene_has_a_film_of_ten_seconds_that_its_command_makes(name: str) -> None:
+    text = section(name)
+    path = ROOT / 'docs' / 'gallery' / f'{name}.mp4'
+    video, = re.findall('<video src="([^"]+)" width="([0-9]+)" height="([0-9]+)"', text)
+    film, = (shlex.split(line) for line in text.splitlines() if ' film ' in line[:40])
+    assert ROOT / 'docs' / video[0] == path == ROOT / film[3]
+    assert 'x'.join(video[1:]) == film[film.index('--size') + 1] and '--small' in film
+    assert 20_000 < path.stat().st_size < LARGEST_FILM
+    data = path.read_bytes()
+    # Players can begin before they have all of it: the index comes first.
+    assert data.index(b'moov') < data.index(b'mdat')
+    header = boxes(boxes(data)[b'moov'])[b'mvhd']
+    assert header[0] == 0
+    ticks, length = (int.from_bytes(header[k:k + 4], 'big') for k in (12, 16))
+    rate = float(film[film.index('--rate') + 1])
+    # The first picture and the last are both shown.
+    assert length / ticks == pytest.approx(10.0 + 1.0 / rate, abs=0.01)
+
+
+def test_the_script_of_the_gallery_runs_its_commands() -> None:
+    commands = runpy.run_path(str(ROOT / 'docs' / 'draw_gallery.py'))['commands'](GALLERY)
+    assert list(commands) == re.findall(r'^## (\w+)$', GALLERY, re.MULTILINE)
+    for name, lines in commands.items():
+        assert [line[1] for line in lines] == ['run', 'render', 'film'], name
+
+
+def test_the_index_of_the_gallery_leads_to_every_scene() -> None:
+    index = GALLERY.partition('\n## ')[0]
+    for name in ready_scenes():
+        assert f'(gallery/{name}.png)](#{name})<br>`{name}`' in index
+
+
 def test_the_gallery_shows_nothing_else() -> None:
-    shown = {path.stem for path in (ROOT / 'docs' / 'gallery').iterdir()}
+    shown = {path.stem for path in (ROOT / 'docs' / 'gallery').iterdir()
+             if not path.name.startswith('.')}
     assert shown == set(ready_scenes()) == set(re.findall(r'^## (\w+)$', GALLERY, re.MULTILINE))
 
 

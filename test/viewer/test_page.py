@@ -130,6 +130,13 @@ def test_section_hides_what_lies_beyond(shown):
     assert stage.section.shows(points).all()
 
 
+def test_the_slider_of_the_cut_spans_the_fabric(shown, client):
+    position = shown.runner.simulation.scene.position
+    slider = client.controls[client.control('cut at [m]')]
+    client.wait_for(lambda: slider['max'] < 1.0, 'it does not span the fabric')
+    assert slider['min'] < position.min() < position.max() < slider['max']
+
+
 def test_other_pages_are_refused_at_the_socket(shown):
     with pytest.raises(InvalidStatus) as refused:
         PageClient(shown.port, additional_headers={'Origin': 'http://evil.example'})
@@ -212,6 +219,8 @@ def test_the_slider_of_a_record_goes_with_its_time_and_a_record_goes_on_as_a_run
                     lambda: client.controls[client.control('go to [s]')]['value'] == end,
                     'the slider stays')
                 assert client.controls[client.control('go to [s]')]['max'] == end
+                client.press('pause')
+                client.wait_for(lambda: player.paused, 'it goes on')
                 client.set('go to [s]', 0.05)
                 client.wait_for(lambda: player.now == 50_000_000, 'not there')
                 client.press('continue')
