@@ -25,6 +25,7 @@ from icofabric_sim.pictures.measures import QUANTITIES, Scale
 from icofabric_sim.scene.weave_tables import TABLE_5
 from matplotlib.image import imread
 import numpy as np
+from PIL import Image
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -95,6 +96,19 @@ def test_every_ready_scene_has_a_film_of_ten_seconds_that_its_command_makes(name
     rate = float(film[film.index('--rate') + 1])
     # The first picture and the last are both shown.
     assert length / ticks == pytest.approx(10.0 + 1.0 / rate, abs=0.01)
+
+
+def test_the_moving_picture_at_the_top_is_what_its_command_says() -> None:
+    text = (ROOT / 'docs' / 'decisions' / 'pictures.md').read_text('utf-8')
+    film, = (shlex.split(line) for line in text.splitlines() if ' film folded_slab ' in line)
+    path = ROOT / film[3]
+    for page, name in (('README.md', 'docs/folded.webp'), ('docs/index.md', 'folded.webp')):
+        assert f']({name})' in (ROOT / page).read_text('utf-8')
+    assert path.stat().st_size < LARGEST_FILM
+    with Image.open(path) as picture:
+        assert f'{picture.width}x{picture.height}' == film[film.index('--size') + 1]
+        seconds, rate = (float(film[film.index(word) + 1]) for word in ('--duration', '--rate'))
+        assert picture.n_frames == seconds * rate + 1
 
 
 def test_the_script_of_the_gallery_runs_its_commands() -> None:
