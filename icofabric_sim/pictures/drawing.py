@@ -430,24 +430,38 @@ class Renderer:
                   font=small, anchor='mb')
         left = max(right, left + 3.0 * size) + 2.0 * size
         end = self._colour_bar(draw, width, middle) if self.scale is not None else 0.98 * width
+        reaches = {label: 2.8 * size + font.getlength(label) for label in self._legend}
+        # What does not fit into one row goes into two.
+        rows = [middle] if left + sum(reaches.values()) <= end else [
+            middle - 0.85 * size, middle + 0.85 * size]
+        place, height = left, rows.pop(0)
         for label, color in self._legend.items():
-            reach = 1.4 * size + font.getlength(label) + 1.4 * size
-            if left + reach > end:
-                break
-            tone = tuple(round(255 * float(part)) for part in np.clip(color, 0.0, 1.0))
-            if label in ('anchor', 'broken connector'):
-                draw.line([(left - 0.4 * size, middle), (left + 0.7 * size, middle)], fill=tone,
-                          width=max(size // 4, 2))
-            elif label == 'contact':
-                draw.ellipse([left - 0.35 * size, middle - 0.35 * size, left + 0.35 * size,
-                              middle + 0.35 * size], fill=tone)
-            else:
-                angles = np.arange(6) * (math.pi / 3.0) + math.pi / 6.0
-                draw.polygon(_flat(np.stack(
-                    [left + 0.6 * size * np.cos(angles), middle + 0.6 * size * np.sin(angles)],
-                    axis=1)), fill=tone, outline=_FAINT_COLOR)
-            draw.text((left + 1.1 * size, middle), label, fill=TEXT_COLOR, font=font, anchor='lm')
-            left += reach
+            if place + reaches[label] > end:
+                if not rows:
+                    break
+                place, height = left, rows.pop(0)
+            self._explain(draw, label, color, (place, height))
+            place += reaches[label]
+
+    def _explain(
+        self, draw: Any, label: str, color: np.ndarray, spot: tuple[float, float]
+    ) -> None:
+        """Draw an item of the legend: a mark as it is in the picture, and its name."""
+        size, (left, middle) = self._text, spot
+        tone = tuple(round(255 * float(part)) for part in np.clip(color, 0.0, 1.0))
+        if label in ('anchor', 'broken connector'):
+            draw.line([(left - 0.4 * size, middle), (left + 0.7 * size, middle)], fill=tone,
+                      width=max(size // 4, 2))
+        elif label == 'contact':
+            draw.ellipse([left - 0.35 * size, middle - 0.35 * size, left + 0.35 * size,
+                          middle + 0.35 * size], fill=tone)
+        else:
+            angles = np.arange(6) * (math.pi / 3.0) + math.pi / 6.0
+            draw.polygon(_flat(np.stack(
+                [left + 0.6 * size * np.cos(angles), middle + 0.6 * size * np.sin(angles)],
+                axis=1)), fill=tone, outline=_FAINT_COLOR)
+        draw.text((left + 1.1 * size, middle), label, fill=TEXT_COLOR, font=_font(size),
+                  anchor='lm')
 
     def _colour_bar(self, draw: Any, width: int, middle: float) -> float:
         """Draw the scale of colours at the right; returns where it begins [pixels]."""

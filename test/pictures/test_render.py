@@ -449,3 +449,23 @@ def test_bag_without_its_scene_cannot_be_drawn(
         recorder.write('/robot/poses', 0, PoseArrayBytes('world', 2).stamped(0))
     assert main(['render', str(tmp_path / 'bag')]) == 1
     assert 'does not hold its scene' in capsys.readouterr().err
+
+
+def test_a_small_picture_explains_all_that_is_in_it() -> None:
+    scene = Scene.from_parameters({
+        'weave.size': [3, 3, 3], 'groups.wall': 'x_min', 'supports.wall.group': 'wall'})
+    whole = at_rest(scene)
+    broken = whole._replace(broken=np.array([0]))
+    feet = []
+    for moment in (whole, broken):
+        renderer = Renderer(
+            frame_moments([moment]), size=(480, 330), color='strain',
+            scale=Scale(QUANTITIES['strain'], 0.01))
+        feet.append(np.asarray(renderer.picture(moment)).astype(int)[300:, :330])
+    dark = [(np.abs(foot - np.rint(255.0 * BROKEN_COLOR)).max(axis=2) <= 2).sum()
+            for foot in feet]
+    # The mark of broken connectors, a bar.
+    assert dark[0] == 0 and dark[1] > 10
+    # Beside what was there before.
+    for color in (FREE_COLOR, HELD_COLOR):
+        assert (np.abs(feet[1] - np.rint(255.0 * color)).max(axis=2) <= 2).sum() > 20
