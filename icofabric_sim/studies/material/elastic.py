@@ -21,8 +21,10 @@ from icofabric_sim.studies.material.part import (
     angles,
     BENDING_UNIT,
     closed_form,
+    fixed,
     Found,
     K,
+    Level,
     modulus_unit,
     Part,
     Row,
@@ -36,14 +38,15 @@ _TABLE_ANGLES = 5
 # Of slabs.
 SLAB_ANGLES: Final = (-0.3, 0.3)
 SLAB_BENDING: Final = 0.1
-_SIZES = ((5, 3, 3), (7, 3, 3), (11, 3, 3), (7, 5, 5), (11, 5, 5), (9, 7, 7), (13, 7, 7))
 _QUICK_SIZES = ((5, 3, 3), (7, 3, 3))
+_SIZES = (*_QUICK_SIZES, (11, 3, 3), (7, 5, 5), (11, 5, 5), (9, 7, 7), (13, 7, 7))
+_LARGE_SIZES = (*_SIZES, (15, 9, 9), (21, 11, 11), (27, 15, 15))
 
 
-def _endless(quick: bool) -> dict[str, Stage]:
+def _endless(level: Level) -> dict[str, Stage]:
     cases = [
         {'weave.connector_angle': angle, 'connector.bending_stiffness': ratio * BENDING_UNIT}
-        for ratio in BENDINGS for angle in angles(6 if quick else 24, 0.75)]
+        for ratio in BENDINGS for angle in angles(level.pick(6, 24, 60), 0.75)]
     return {'endless': Stage(
         cases, ('elasticity',), ('moduli',), 0.05,
         {'weave.size': [3, 3, 3], 'connector.stiffness': K})}
@@ -73,9 +76,9 @@ def _endless_tables(found: Found) -> list[Table]:
     chosen = [there[round(place * (len(there) - 1) / (_TABLE_ANGLES - 1))]
               for place in range(_TABLE_ANGLES)]
     rows = [
-        (f'{one["bending"]:g}', f'{one["angle"]:.4f}', *(f'{one[name]:.3f}' for name in (
-            'C11', 'C12', 'C44', 'nu')), f'{closed_form(one["angle"]):.3f}',
-         *(f'{one[name]:.3f}' for name in ('K', 'x', 'xy', 'xyz')))
+        (f'{one["bending"]:g}', fixed(one['angle'], 4), *(fixed(one[name], 3) for name in (
+            'C11', 'C12', 'C44', 'nu')), fixed(closed_form(one['angle']), 3),
+         *(fixed(one[name], 3) for name in ('K', 'x', 'xy', 'xyz')))
         for one in every if one['angle'] in chosen]
     return [Table(
         'Elastic constants of the endless fabric in k / W', (
@@ -89,15 +92,16 @@ CONSTANTS = Part(
     'constants', 'Elastic constants of the endless fabric', _endless, _endless_tables)
 
 
-def _slabs(quick: bool) -> dict[str, Stage]:
+def _slabs(level: Level) -> dict[str, Stage]:
     common: dict[str, Any] = {
         'connector.stiffness': K, 'connector.bending_stiffness': SLAB_BENDING * BENDING_UNIT}
     kinds = [{'weave.kind': kind, 'weave.connector_angle': angle}
              for kind in ('orthogonal', 'bias') for angle in SLAB_ANGLES]
-    sizes = _QUICK_SIZES if quick else _SIZES
+    sizes = level.pick(_QUICK_SIZES, _SIZES, _LARGE_SIZES)
     cases = [{**kind, 'weave.size': list(size)} for kind in kinds for size in sizes]
     return {
-        'pulled': Stage(cases, ('curve',), ('strength pull 0.001 1 x',), 0.3 if quick else 1.5, common),
+        'pulled': Stage(
+            cases, ('curve',), ('strength pull 0.001 1 x',), level.pick(0.2, 0.5, 10.0), common),
         'endless': Stage(
             kinds, ('elasticity',), ('moduli',), 0.05, {**common, 'weave.size': [5, 5, 5]})}
 
@@ -140,9 +144,9 @@ def _slab_tables(found: Found) -> list[Table]:
             'weave', 'angle [rad]', 'positions', 'E over that of the endless fabric',
             'change by 0.001', 'ratio across y', 'across z', 'endless: E W / k', 'across y',
             'across z'),
-        [(row['kind'], row['angle'], row['size'], f'{row["young"]:.3f}', f'{row["curved"]:.1g}',
-          f'{row["y"]:.3f}', f'{row["z"]:.3f}', f'{row["endless"]:.3f}',
-          f'{row["endless_y"]:.3f}', f'{row["endless_z"]:.3f}') for row in slab_rows(found)])]
+        [(row['kind'], row['angle'], row['size'], fixed(row['young'], 3), f'{row["curved"]:.1g}',
+          fixed(row['y'], 3), fixed(row['z'], 3), fixed(row['endless'], 3),
+          fixed(row['endless_y'], 3), fixed(row['endless_z'], 3)) for row in slab_rows(found)])]
 
 
 SLABS = Part('slabs', 'Slabs between two held ends beside the endless fabric', _slabs,

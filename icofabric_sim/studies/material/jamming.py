@@ -23,9 +23,11 @@ from typing import Any, Final
 
 from icofabric_sim.scene.weave_geometry import MINIMUM_LENGTH_RATIO
 from icofabric_sim.studies.material.part import (
+    fixed,
     Found,
     K,
     LEAST,
+    Level,
     modulus_unit,
     Part,
     Row,
@@ -62,41 +64,42 @@ def _contact(stiffness: float) -> dict[str, Any]:
     return {'contact.mode': 'auto' if stiffness else 'never', 'contact.stiffness': stiffness * K}
 
 
-def _stages(quick: bool) -> dict[str, Stage]:
+def _stages(level: Level) -> dict[str, Stage]:
     base = {'connector.stiffness': K}
-    slab = [5, 3, 3] if quick else [7, 5, 5]
-    free = {**base, 'weave.size': [3, 3, 3] if quick else [5, 5, 5]}
-    held = {**base, 'weave.size': slab}
+    quick = level is Level.QUICK
+    free_size = level.pick([3, 3, 3], [5, 5, 5], [7, 7, 7])
+    slab = level.pick([5, 3, 3], [7, 5, 5], [9, 7, 7])
+    short = level.pick([5, 3, 3], [5, 3, 3], [7, 5, 5])
     free_ratios = (1.05, RATIO) if quick else _FREE_RATIOS
     ratios = (1.0, RATIO, 0.9) if quick else RATIOS
     contacts = (0.0, CONTACT) if quick else (0.0, *CONTACTS)
     map_angles = _MAP_ANGLES[::3] if quick else _MAP_ANGLES
     map_ratios = _MAP_RATIOS[::4] if quick else _MAP_RATIOS
-    sizes = ([5, 3, 3], [7, 3, 3]) if quick else (
-        [5, 5, 5], [7, 5, 5], [9, 5, 5], [7, 7, 7], [9, 7, 7])
-    points = 6 if quick else 10
+    sizes = ([5, 3, 3], [7, 3, 3], [5, 5, 5], [7, 5, 5], [9, 5, 5], [9, 7, 7], [13, 9, 9])
+    sizes = sizes[:level.pick(2, 5, 7)]
+    points = level.pick(6, 10, 20)
     far = [f'strength {kind} {_FAR:g} {points} x' for kind in ('shear', 'push', 'pull')]
+    free, held = ({**base, 'weave.size': size} for size in (free_size, slab))
     return {
         'free': Stage(
             [_tight(LEAST, ratio, **_contact(stiffness))
              for stiffness in (0.0, CONTACT) for ratio in free_ratios],
-            ('statics',), ('contacts', 'tension'), 0.2 if quick else 1.0, free),
+            ('statics',), ('contacts', 'tension'), level.pick(0.2, 1.5, 20.0), free),
         'held': Stage(
             [_tight(LEAST, ratio, **_contact(stiffness))
              for stiffness in contacts for ratio in ratios],
-            ('curve',), (_SHEAR,), 0.5 if quick else 1.5, held),
+            ('curve',), (_SHEAR,), level.pick(0.5, 5.0, 40.0), held),
         'size': Stage(
             [_tight(LEAST, RATIO, **_contact(stiffness), **{'weave.size': size})
              for stiffness in (0.0, CONTACT) for size in sizes],
-            ('curve',), (_SHEAR,), 0.3 if quick else 3.0, base),
+            ('curve',), (_SHEAR,), level.pick(0.3, 3.0, 30.0), base),
         'map': Stage(
             [_tight(angle, ratio, **_contact(stiffness))
              for stiffness in (0.0, CONTACT) for angle in map_angles for ratio in map_ratios],
-            ('curve',), (_SHEAR,), 0.3 if quick else 0.8,
-            {**base, 'weave.size': [5, 3, 3] if quick else [5, 5, 5]}),
+            ('curve',), (_SHEAR,), level.pick(0.3, 0.3, 5.0), {**base, 'weave.size': short}),
         'far': Stage(
             [_tight(LEAST, RATIO, **_contact(stiffness)) for stiffness in (0.0, CONTACT)],
-            ('curve',), far, 5.0 if quick else 40.0, held)}
+            ('curve',), far, level.pick(5.0, 8.0, 200.0), {**base, 'weave.size': short})}
 
 
 def contact_of(row: Row) -> float:
@@ -130,8 +133,8 @@ def _tables(found: Found) -> list[Table]:
     counted = [
         (f'{ratio:g}', _count(rows[0.0]), _count(rows[CONTACT]),
          rows[CONTACT]['statics.touching'],
-         f'{rows[CONTACT]["statics.overlap"] / 0.01:.4f}',
-         f'{rows[CONTACT]["statics.pull"]:.3f}') for ratio, rows in free.items()]
+         fixed(rows[CONTACT]['statics.overlap'] / 0.01, 4),
+         fixed(rows[CONTACT]['statics.pull'], 3)) for ratio, rows in free.items()]
     held: dict[float, list[str]] = {}
     for row in found['held']:
         held.setdefault(contact_of(row), []).append(
@@ -179,7 +182,7 @@ def _map_table(found: Found) -> tuple[tuple[str, ...], list[tuple[Any, ...]]]:
     touching, free = map_of(found, CONTACT), map_of(found, 0.0)
     ratios = sorted({ratio for row in touching.values() for ratio in row}, reverse=True)
     return (('angle', 'jams below', *(f'{ratio:g}' for ratio in ratios)), [
-        (f'{angle:.4f}', f'{jams_below(angle):.3f}', *(
+        (fixed(angle, 4), fixed(jams_below(angle), 3), *(
             f'{_short(row[ratio])} ({_short(free[angle][ratio])})' for ratio in ratios))
         for angle, row in touching.items()])
 
@@ -201,11 +204,11 @@ def _short(value: float) -> str:
 JAM = Part('jam', 'However: pre-tension and face contact', _stages, _tables)
 
 
-def _check(quick: bool) -> dict[str, Stage]:
-    word = 'independent shear 0.001 1 x' if quick else 'independent shear 0.002 2 x'
+def _check(level: Level) -> dict[str, Stage]:
+    word = level.pick(*['independent shear 0.001 1 x'] * 2, 'independent shear 0.004 4 x')
     return {'scipy': Stage(
         [_tight(LEAST, RATIO, **_contact(CONTACT))], ('curve',), (word,),
-        40.0 if quick else 80.0, {'connector.stiffness': K, 'weave.size': [3, 3, 3]})}
+        level.pick(40.0, 40.0, 160.0), {'connector.stiffness': K, 'weave.size': [3, 3, 3]})}
 
 
 def _check_tables(found: Found) -> list[Table]:

@@ -14,8 +14,9 @@
 """Records of the study: stages of runs, parts, tables; and what all parts share."""
 
 from collections.abc import Callable, Mapping, Sequence
+from enum import IntEnum
 import math
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple, TypeVar
 
 from icofabric_sim.scene.weave_geometry import (
     geometry_from_angle,
@@ -24,6 +25,7 @@ from icofabric_sim.scene.weave_geometry import (
 )
 from icofabric_sim.studies.sweep.table import SweepTable
 
+_T = TypeVar('_T')
 # Half an edge of a shell [m] and stiffness of a connector [N/m]; results are in units of them.
 HALF_EDGE: Final = 0.01
 K: Final = 500.0
@@ -32,6 +34,18 @@ LEAST: Final = MINIMUM_ANGLE
 BENDING_UNIT: Final = K * HALF_EDGE**2
 
 Row = Mapping[str, Any]
+
+
+class Level(IntEnum):
+    """How much of a study is done."""
+
+    QUICK = 0  # some minutes of one core
+    USUAL = 1  # what docs/study.md shows
+    LARGE = 2  # larger slabs and more values, hours of one core
+
+    def pick(self, quick: _T, usual: _T, large: _T) -> _T:
+        """What belongs to it."""
+        return (quick, usual, large)[self]
 
 
 class Stage(NamedTuple):
@@ -68,7 +82,7 @@ class Part(NamedTuple):
 
     name: str
     title: str
-    stages: Callable[[bool], dict[str, Stage]]  # of a quick study, or of a whole one
+    stages: Callable[[Level], dict[str, Stage]]
     tables: Callable[[Found], list[Table]]
 
 
@@ -104,6 +118,14 @@ def cell(value: Any) -> str:
     if isinstance(value, int) or (value == int(value) and abs(value) < 1e6):
         return f'{int(value):,}'
     return f'{value:.3g}'
+
+
+def fixed(value: float, digits: int) -> str:
+    """A value with so many digits behind the point; a dash where there is none."""
+    if not math.isfinite(value):
+        return '-'
+    text = f'{value:.{digits}f}'
+    return text.removeprefix('-') if not float(text) else text
 
 
 def angles(count: int, last: float) -> list[float]:

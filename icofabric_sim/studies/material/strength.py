@@ -19,10 +19,12 @@ from typing import Any, Final
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.studies.material.part import (
     BENDING_UNIT,
+    fixed,
     Found,
     HALF_EDGE,
     K,
     LEAST,
+    Level,
     modulus_unit,
     Part,
     Row,
@@ -39,12 +41,11 @@ BENDING: Final = 0.1
 BREAKS_AT: Final = 1.1
 KINDS: Final = ('pull', 'push', 'shear')
 STRAIN: Final = 0.3
-_SIZE, _QUICK_SIZE = [7, 5, 5], [5, 3, 3]
 # Energy in a cycle: up to this strain.
 CYCLE_STRAIN: Final = 0.15
 # A fall: speed [m/s], and simulated time [s] of it.
 SPEED: Final = 1.0
-_DURATION, _QUICK_DURATION = 0.1, 0.06
+_DURATION, _LARGE_DURATION = 0.06, 0.15
 _GAP = 1e-4  # [m] between the slab and the floor at the start
 
 
@@ -59,30 +60,31 @@ def _base(size: list[int]) -> dict[str, Any]:
             'connector.bending_stiffness': BENDING * BENDING_UNIT}
 
 
-def _stages(quick: bool) -> dict[str, Stage]:
+def _stages(level: Level) -> dict[str, Stage]:
+    quick = level is Level.QUICK
     there = _QUICK_ANGLES if quick else ANGLES
-    points = 6 if quick else 8
+    points = level.pick(6, 10, 12)
     keep = [f'strength {kind} {STRAIN:g} {points} x' for kind in KINDS]
     cycles = [f'cycle {kind} {CYCLE_STRAIN:g} {points // 2} x' for kind in ('pull', 'push')]
-    size = _QUICK_SIZE if quick else _SIZE
+    size = level.pick([5, 3, 3], [5, 3, 3], [9, 5, 5])
     found = {
         'curves': Stage(
             [_fabric(angle, **{'weave.kind': kind}) for kind, chosen in (
                 ('orthogonal', there), ('bias', there if quick else _BIAS_ANGLES))
-             for angle in chosen], ('curve',), keep, 3.0 if quick else 15.0, _base(size)),
+             for angle in chosen], ('curve',), keep, level.pick(2.5, 4.0, 60.0), _base(size)),
         'cycles': Stage(
-            [_fabric(angle) for angle in there], ('curve',), cycles, 1.5 if quick else 8.0,
+            [_fabric(angle) for angle in there], ('curve',), cycles, level.pick(1.5, 2.0, 30.0),
             _base(size))}
     # Of one angle: more points, a larger slab, contacts of another stiffness.
     doubled = [f'strength {kind} {STRAIN:g} {2 * points} x' for kind in KINDS]
     angle = there[0] if quick else ANGLES[1]
     found['finer'] = Stage(
-        [_fabric(angle)], ('curve',), doubled, 4.0 if quick else 30.0, _base(size))
+        [_fabric(angle)], ('curve',), doubled, level.pick(4.0, 8.0, 120.0), _base(size))
     found['others'] = Stage(
-        [_fabric(angle, **{'weave.size': [7, 3, 3] if quick else [9, 5, 5]}),
+        [_fabric(angle, **{'weave.size': level.pick([7, 3, 3], [7, 3, 3], [11, 7, 7])}),
          _fabric(angle, **{'weave.size': size, 'contact.stiffness': 20.0 * K}),
          _fabric(angle, **{'weave.size': size, 'contact.stiffness': 2000.0 * K})],
-        ('curve',), keep, 15.0 if quick else 20.0,
+        ('curve',), keep, level.pick(15.0, 20.0, 200.0),
         {name: value for name, value in _base(size).items() if name != 'weave.size'})
     return found
 
@@ -112,7 +114,7 @@ _EVENTS = ('first touch', 'first connector through a shell', 'first fall (buckli
 
 def _tables(found: Found) -> list[Table]:
     rows = [
-        (row['weave.kind'], f'{row["weave.connector_angle"]:.4f}', kind, *events_of(row, kind))
+        (row['weave.kind'], fixed(row['weave.connector_angle'], 4), kind, *events_of(row, kind))
         for row in found['curves'] for kind in KINDS]
     checks: list[tuple[Any, ...]] = []
     angle = found['finer'][0]['weave.connector_angle']
@@ -125,10 +127,10 @@ def _tables(found: Found) -> list[Table]:
         for kind in ('pull', 'push'):
             name = f'curve.cycle.{kind}.x'
             cycles.append((
-                f'{row["weave.connector_angle"]:.4f}', kind, *(
-                    f'{1e3 * row[f"{name}.{what}"]:.2f}' for what in (
+                fixed(row['weave.connector_angle'], 4), kind, *(
+                    fixed(1e3 * row[f'{name}.{what}'], 2) for what in (
                         'work', 'regained', 'lost', 'released', 'left')),
-                f'{row[f"{name}.lost"] / row[f"{name}.work"]:.2f}', row[f'{name}.broken']))
+                fixed(row[f'{name}.lost'] / row[f'{name}.work'], 2), row[f'{name}.broken']))
     return [
         Table(f'Slabs between two held ends, bending stiffness {BENDING:g} k a^2, connectors that '
               f'break at {BREAKS_AT:g} L: strains at which things happen',
@@ -150,15 +152,15 @@ def _falling(angle: float, size: list[int], **more: Any) -> dict[str, Any]:
             **more}
 
 
-def _falls(quick: bool) -> dict[str, Stage]:
-    there = _QUICK_ANGLES if quick else ANGLES
-    size = _QUICK_SIZE if quick else [5, 5, 5]
+def _falls(level: Level) -> dict[str, Stage]:
+    there = level.pick(_QUICK_ANGLES, ANGLES, ANGLES)
+    size = level.pick([5, 3, 3], [5, 3, 3], [7, 7, 7])
     base = {
         'connector.stiffness': K, 'connector.bending_stiffness': BENDING * BENDING_UNIT,
         'planes.floor.normal': [0.0, 0.0, 1.0], 'groups.whole': 'all',
         'initial.throw.group': 'whole', 'initial.throw.linear_velocity': [0.0, 0.0, -SPEED],
-        'duration': _QUICK_DURATION if quick else _DURATION, 'solver.energy_limit': 0.05}
-    seconds = 10.0 if quick else 40.0
+        'duration': level.pick(_DURATION, _DURATION, _LARGE_DURATION), 'solver.energy_limit': 0.05}
+    seconds = level.pick(10.0, 10.0, 120.0)
     keep = ('centre', 'energies', 'extremes')
     angle = there[-1]
     return {
@@ -166,7 +168,7 @@ def _falls(quick: bool) -> dict[str, Stage]:
             [_falling(angle, size) for angle in there], ('run',), keep, seconds, base),
         'finer': Stage(
             [_falling(angle, size, **{'solver.tolerance': 1e-8}),
-             _falling(angle, [7, 3, 3] if quick else [5, 5, 7])],
+             _falling(angle, level.pick([7, 3, 3], [5, 3, 5], [9, 9, 9]))],
             ('run',), keep, 2.0 * seconds, base)}
 
 
@@ -182,8 +184,8 @@ def _rebound(row: Row) -> float:
 
 
 def _fall_row(name: str, row: Row) -> tuple[Any, ...]:
-    return (name, f'{row["weave.connector_angle"]:.4f}', f'{_rebound(row):.3f}',
-            f'{taken(row):.3f}', f'{row["run.stretch"]:.3f}', f'{row["run.compression"]:.3f}',
+    return (name, fixed(row['weave.connector_angle'], 4), fixed(_rebound(row), 3),
+            fixed(taken(row), 3), fixed(row['run.stretch'], 3), fixed(row['run.compression'], 3),
             f'{row["run.balance_worst"]:.1g}' if math.isfinite(row['run.balance_worst']) else '-')
 
 

@@ -16,10 +16,21 @@
 import math
 from typing import Any, Final
 
-from icofabric_sim.studies.material.part import Found, K, LEAST, Part, Row, Stage, Table
+from icofabric_sim.studies.material.part import (
+    fixed,
+    Found,
+    K,
+    LEAST,
+    Level,
+    Part,
+    Row,
+    Stage,
+    Table,
+)
 
 _SIZES = ((3, 3, 3), (5, 5, 5), (7, 7, 7), (9, 9, 9), (9, 5, 3), (4, 6, 8), (9, 9, 2))
 _QUICK_SIZES = ((3, 3, 3), (5, 5, 5), (4, 6, 8))
+_LARGE_SIZES = (*_SIZES, (10, 10, 9), (21, 7, 5), (13, 13, 3))
 ANGLES: Final = (LEAST, 0.0, 0.4)
 _BIAS_SIZES = ((6, 6, 6), (8, 8, 8), (10, 10, 6))
 PLACES: Final = ('corner', 'edge', 'face', 'within')
@@ -50,17 +61,17 @@ def of_surface(normal: tuple[float, float, float]) -> float:
     return (2.0 * first + second) / (2.0 * math.hypot(*normal))
 
 
-def _stages(quick: bool) -> dict[str, Stage]:
-    sizes = _QUICK_SIZES if quick else _SIZES
+def _stages(level: Level) -> dict[str, Stage]:
+    sizes = level.pick(_QUICK_SIZES, _SIZES, _LARGE_SIZES)
     return {
         'slabs': Stage(
             [{'weave.size': list(size), 'weave.connector_angle': angle}
              for size in sizes for angle in ANGLES], ('mechanisms',), ('places',),
-            0.5 if quick else 6.0, {'connector.stiffness': K}),
+            level.pick(0.1, 0.6, 1.5), {'connector.stiffness': K}),
         'bias': Stage(
             [{'weave.size': list(size), 'weave.kind': 'bias', 'weave.connector_angle': 0.0}
-             for size in (_BIAS_SIZES[:1] if quick else _BIAS_SIZES)], ('mechanisms',),
-            ('places',), 0.5 if quick else 4.0, {'connector.stiffness': K})}
+             for size in level.pick(_BIAS_SIZES[:1], _BIAS_SIZES, _BIAS_SIZES)], ('mechanisms',),
+            ('places',), 1.0, {'connector.stiffness': K})}
 
 
 def _size(row: Row) -> tuple[int, int, int]:
@@ -77,16 +88,16 @@ def _tables(found: Found) -> list[Table]:
     for row in found['slabs']:
         size = _size(row)
         rows.append((
-            'x'.join(map(str, size)), f'{row["weave.connector_angle"]:.4f}',
+            'x'.join(map(str, size)), fixed(row['weave.connector_angle'], 4),
             row['mechanisms.freedoms'], row['mechanisms.connectors'], row['mechanisms.count'],
-            expected(size)[0], row['mechanisms.self_stresses'], f'{_share(row):.2f}',
-            *(f'{row[f"mechanisms.at.{place}"]:.2f}' for place in PLACES)))
+            expected(size)[0], row['mechanisms.self_stresses'], fixed(_share(row), 2),
+            *(fixed(row[f'mechanisms.at.{place}'], 2) for place in PLACES)))
     bias = [(
         'x'.join(map(str, _size(row))), row['mechanisms.freedoms'], row['mechanisms.connectors'],
-        row['mechanisms.count'], row['mechanisms.self_stresses'], f'{_cut(row):.0f}')
+        row['mechanisms.count'], row['mechanisms.self_stresses'], fixed(_cut(row), 0))
         for row in found['bias']]
     surfaces = [
-        (name, f'{of_surface(normal):.3f}') for name, normal in (
+        (name, fixed(of_surface(normal), 3)) for name, normal in (
             ('(111), the top of bias', (1.0, 1.0, 1.0)), ('(100), a face of a slab', (1, 0, 0)),
             ('(110)', (1, 1, 0)), ('(211)', (2, 1, 1)), ('(210), the most', (2, 1, 0)))]
     return [

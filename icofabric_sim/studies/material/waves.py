@@ -19,8 +19,10 @@ from typing import Final
 from icofabric_sim.studies.material.part import (
     angles,
     BENDING_UNIT,
+    fixed,
     Found,
     K,
+    Level,
     Part,
     Row,
     Stage,
@@ -35,7 +37,7 @@ _SAMPLES, _MORE = 6, 14
 _BETWEEN = 2
 
 
-def _stages(quick: bool) -> dict[str, Stage]:
+def _stages(level: Level) -> dict[str, Stage]:
     base = {'weave.size': [3, 3, 3], 'connector.stiffness': K}
 
     def cases(count: int, bendings: tuple[float, ...]) -> list[dict[str, float]]:
@@ -44,10 +46,12 @@ def _stages(quick: bool) -> dict[str, Stage]:
                 for ratio in bendings for angle in angles(count, 0.7)]
 
     return {
-        'map': Stage(cases(5, _QUICK) if quick else cases(14, BENDINGS), ('bands',),
-                     (f'gap {_SAMPLES}',), 0.1, base),
-        'finer': Stage(cases(3, (1.0,) if quick else (0.1, 1.0, 10.0)), ('bands',),
-                       (f'gap {_MORE}',), 0.8, base)}
+        'map': Stage(
+            level.pick(cases(5, _QUICK), cases(14, BENDINGS), cases(50, BENDINGS)), ('bands',),
+            (f'gap {_SAMPLES}',), 0.02, base),
+        'finer': Stage(
+            cases(3, level.pick((1.0,), (0.1, 1.0, 10.0), BENDINGS)), ('bands',),
+            (f'gap {_MORE}',), 0.05, base)}
 
 
 def gap_of(row: Row) -> float:
@@ -77,10 +81,10 @@ def _tables(found: Found) -> list[Table]:
     return [Table(
         'Gap above the third band over its middle, by bending stiffness / (k a^2)',
         ('angle [rad]', *(f'{bending:g}' for bending in bendings)),
-        [(f'{angle:.3f}', *(f'{gaps[bending]:.3f}' for bending in bendings))
+        [(fixed(angle, 3), *(fixed(gaps[bending], 3) for bending in bendings))
          for angle, gaps in sorted(by_angle.items())],
         f'{_MORE} waves along each axis of the zone instead of {_SAMPLES} change it by at most '
-        f'{unsure_by(found):.1g}.')]
+        f'{unsure_by(found):.1g}: the edges of the bands lie on the path along its symmetries.')]
 
 
 WAVES = Part('waves', 'Gaps between waves of places and of rotations', _stages, _tables)
