@@ -37,13 +37,13 @@ from icofabric_sim.studies.material.part import (
 )
 
 # D over L, and stiffness of contacts over that of connectors.
-RATIOS: Final = (1.0, 0.99, 0.97, 0.95, 0.9, 0.8, 0.7)
+RATIOS: Final = (0.999, 0.99, 0.97, 0.95, 0.9, 0.8, 0.7)
 CONTACTS: Final = (20.0, 200.0, 2000.0)
 CONTACT: Final = 200.0
 RATIO: Final = 0.97
-_FREE_RATIOS = (1.05, *RATIOS)
+_FREE_RATIOS = (1.05, 1.001, *RATIOS)
 _MAP_ANGLES = (LEAST, -0.34, -0.3, -0.25, -0.2, -0.1, 0.0)
-_MAP_RATIOS = (1.0, 0.98, 0.95, 0.92, 0.88, 0.84, 0.8, 0.75)
+_MAP_RATIOS = (0.999, 0.98, 0.95, 0.92, 0.88, 0.84, 0.8, 0.75)
 _SHEAR = 'strength shear 0.001 1 x'
 _FAR: Final = 0.3
 
@@ -71,7 +71,7 @@ def _stages(level: Level) -> dict[str, Stage]:
     slab = level.pick([5, 3, 3], [7, 5, 5], [9, 7, 7])
     short = level.pick([5, 3, 3], [5, 3, 3], [7, 5, 5])
     free_ratios = (1.05, RATIO) if quick else _FREE_RATIOS
-    ratios = (1.0, RATIO, 0.9) if quick else RATIOS
+    ratios = (0.999, RATIO, 0.9) if quick else RATIOS
     contacts = (0.0, CONTACT) if quick else (0.0, *CONTACTS)
     map_angles = _MAP_ANGLES[::3] if quick else _MAP_ANGLES
     map_ratios = _MAP_RATIOS[::4] if quick else _MAP_RATIOS
