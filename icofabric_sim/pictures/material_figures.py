@@ -170,7 +170,10 @@ def _jam(plots: Sequence[Any], found: Found) -> None:
     for (stiffness, points), style in zip(curves.items(), line_styles(len(curves))):
         x, y = zip(*points)
         draw_line(held, x, y, style, _contact_name(stiffness))
-    _label(held, 'D / L', 'shear modulus [k / W]', 'between held ends, least angle')
+    # Room for the legend above the curves.
+    held.set_ylim(None, 1.5 * held.get_ylim()[1])
+    held.legend(ncols=2)
+    _label(held, 'D / L', 'shear modulus [k / W]', 'between held ends, least angle', legend=False)
     _phases(plane, found)
 
 
@@ -185,8 +188,9 @@ def _phases(plot: Any, found: Found) -> None:
     ratios = sorted({ratio for row in touching.values() for ratio in row})
     values = np.array([[touching[angle].get(ratio, math.nan) for angle in there]
                        for ratio in ratios])
+    # Slack where it was not computed.
     image = plot.imshow(
-        np.clip(values, 0.0, None), origin='lower', aspect='auto', cmap=_MAP,
+        np.nan_to_num(np.clip(values, 0.0, None)), origin='lower', aspect='auto', cmap=_MAP,
         extent=(-0.5, len(there) - 0.5, -0.5, len(ratios) - 0.5))
     plot.figure.colorbar(image, ax=plot, label='shear modulus [k / W]')
     plot.set_xticks(range(len(there)), [f'{angle:.2f}' for angle in there], rotation=45)
@@ -195,11 +199,11 @@ def _phases(plot: Any, found: Found) -> None:
              for angle in there]
     plot.plot(range(len(there)), limit, color='white', linewidth=2.5)
     plot.plot(range(len(there)), limit, color='#d55e00', linestyle='--', linewidth=1.3,
-              label='L$_{min}$ / L: below it faces press')
+              label='L$_{min}$ / L: below it free slabs jam')
     plot.set_ylim(-0.5, len(ratios) - 0.5)
     plot.grid(visible=False)
     plot.legend(loc='lower left', facecolor='white', frameon=True, framealpha=0.9)
-    _label(plot, _ANGLE, 'D / L', f'K / k = {CONTACT:g}', legend=False)
+    _label(plot, _ANGLE, 'D / L', f'between held ends, K / k = {CONTACT:g}', legend=False)
 
 
 def _strength(plots: Sequence[Any], found: Found) -> None:

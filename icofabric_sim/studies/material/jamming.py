@@ -87,7 +87,9 @@ def _stages(level: Level) -> dict[str, Stage]:
             ('statics',), ('contacts', 'tension'), level.pick(0.2, 1.5, 20.0), free),
         'held': Stage(
             [_tight(LEAST, ratio, **_contact(stiffness))
-             for stiffness in contacts for ratio in ratios],
+             for stiffness in contacts for ratio in ratios
+             # Stiffest contacts that hardly press: no rest is found.
+             if (stiffness, ratio) != (CONTACTS[-1], RATIOS[0])],
             ('curve',), (_SHEAR,), level.pick(0.5, 5.0, 40.0), held),
         'size': Stage(
             [_tight(LEAST, RATIO, **_contact(stiffness), **{'weave.size': size})
@@ -95,7 +97,9 @@ def _stages(level: Level) -> dict[str, Stage]:
             ('curve',), (_SHEAR,), level.pick(0.3, 3.0, 30.0), base),
         'map': Stage(
             [_tight(angle, ratio, **_contact(stiffness))
-             for stiffness in (0.0, CONTACT) for angle in map_angles for ratio in map_ratios],
+             for stiffness in (0.0, CONTACT) for angle in map_angles for ratio in map_ratios
+             # Open weaves that are hardly tight are slack.
+             if angle == LEAST or ratio != map_ratios[0]],
             ('curve',), (_SHEAR,), level.pick(0.3, 0.3, 5.0), {**base, 'weave.size': short}),
         'far': Stage(
             [_tight(LEAST, RATIO, **_contact(stiffness)) for stiffness in (0.0, CONTACT)],
@@ -135,10 +139,9 @@ def _tables(found: Found) -> list[Table]:
          rows[CONTACT]['statics.touching'],
          fixed(rows[CONTACT]['statics.overlap'] / 0.01, 4),
          fixed(rows[CONTACT]['statics.pull'], 3)) for ratio, rows in free.items()]
-    held: dict[float, list[str]] = {}
+    held: dict[float, dict[float, str]] = {}
     for row in found['held']:
-        held.setdefault(contact_of(row), []).append(
-            _both(row))
+        held.setdefault(contact_of(row), {})[ratio_of(row)] = _both(row)
     ratios = list(dict.fromkeys(ratio_of(row) for row in found['held']))
     size = [(_size(row), _named(contact_of(row)), _both(row),
              row['curve.shear.x.touching'], row['curve.shear.x.verdict'])
@@ -154,7 +157,8 @@ def _tables(found: Found) -> list[Table]:
         Table('Shear modulus in k / W between two held ends, from a strain of 0.0001 to 0.0003, '
               'and to 0.001 where that is another one',
               ('contact', *(f'D / L = {ratio:g}' for ratio in ratios)),
-              [(_named(stiffness), *values) for stiffness, values in held.items()]),
+              [(_named(stiffness), *(values.get(ratio, '-') for ratio in ratios))
+               for stiffness, values in held.items()]),
         Table(f'By size, D / L = {RATIO:g}', (
             'positions', 'contact', 'G W / k', 'pairs that press',
             'verdict'), size),
@@ -183,7 +187,8 @@ def _map_table(found: Found) -> tuple[tuple[str, ...], list[tuple[Any, ...]]]:
     ratios = sorted({ratio for row in touching.values() for ratio in row}, reverse=True)
     return (('angle', 'jams below', *(f'{ratio:g}' for ratio in ratios)), [
         (fixed(angle, 4), fixed(jams_below(angle), 3), *(
-            f'{_short(row[ratio])} ({_short(free[angle][ratio])})' for ratio in ratios))
+            f'{_short(row[ratio])} ({_short(free[angle][ratio])})' if ratio in row else '-'
+            for ratio in ratios))
         for angle, row in touching.items()])
 
 

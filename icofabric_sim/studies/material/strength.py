@@ -33,9 +33,8 @@ from icofabric_sim.studies.material.part import (
     woven,
 )
 
-ANGLES: Final = (LEAST, -0.2, 0.0, 0.3)
-_BIAS_ANGLES = (-0.2, 0.3)
-_QUICK_ANGLES = (-0.3, 0.3)
+ANGLES: Final = (LEAST, -0.3, 0.0, 0.3)
+_FEW_ANGLES = (-0.3, 0.3)
 BENDING: Final = 0.1
 # Connectors break when they are so many times as long as woven.
 BREAKS_AT: Final = 1.1
@@ -61,30 +60,29 @@ def _base(size: list[int]) -> dict[str, Any]:
 
 
 def _stages(level: Level) -> dict[str, Stage]:
-    quick = level is Level.QUICK
-    there = _QUICK_ANGLES if quick else ANGLES
-    points = level.pick(6, 10, 12)
+    there = level.pick(_FEW_ANGLES, ANGLES, ANGLES)
+    points = level.pick(6, 6, 12)
     keep = [f'strength {kind} {STRAIN:g} {points} x' for kind in KINDS]
     cycles = [f'cycle {kind} {CYCLE_STRAIN:g} {points // 2} x' for kind in ('pull', 'push')]
     size = level.pick([5, 3, 3], [5, 3, 3], [9, 5, 5])
     found = {
         'curves': Stage(
             [_fabric(angle, **{'weave.kind': kind}) for kind, chosen in (
-                ('orthogonal', there), ('bias', there if quick else _BIAS_ANGLES))
-             for angle in chosen], ('curve',), keep, level.pick(2.5, 4.0, 60.0), _base(size)),
+                ('orthogonal', there), ('bias', _FEW_ANGLES))
+             for angle in chosen], ('curve',), keep, level.pick(2.5, 2.5, 60.0), _base(size)),
         'cycles': Stage(
-            [_fabric(angle) for angle in there], ('curve',), cycles, level.pick(1.5, 2.0, 30.0),
+            [_fabric(angle) for angle in there], ('curve',), cycles, level.pick(1.5, 1.5, 30.0),
             _base(size))}
     # Of one angle: more points, a larger slab, contacts of another stiffness.
     doubled = [f'strength {kind} {STRAIN:g} {2 * points} x' for kind in KINDS]
-    angle = there[0] if quick else ANGLES[1]
+    angle = _FEW_ANGLES[0]
     found['finer'] = Stage(
-        [_fabric(angle)], ('curve',), doubled, level.pick(4.0, 8.0, 120.0), _base(size))
+        [_fabric(angle)], ('curve',), doubled, level.pick(4.0, 4.0, 120.0), _base(size))
     found['others'] = Stage(
         [_fabric(angle, **{'weave.size': level.pick([7, 3, 3], [7, 3, 3], [11, 7, 7])}),
          _fabric(angle, **{'weave.size': size, 'contact.stiffness': 20.0 * K}),
          _fabric(angle, **{'weave.size': size, 'contact.stiffness': 2000.0 * K})],
-        ('curve',), keep, level.pick(15.0, 20.0, 200.0),
+        ('curve',), keep, level.pick(15.0, 15.0, 200.0),
         {name: value for name, value in _base(size).items() if name != 'weave.size'})
     return found
 
@@ -153,7 +151,7 @@ def _falling(angle: float, size: list[int], **more: Any) -> dict[str, Any]:
 
 
 def _falls(level: Level) -> dict[str, Stage]:
-    there = level.pick(_QUICK_ANGLES, ANGLES, ANGLES)
+    there = level.pick(_FEW_ANGLES, ANGLES, ANGLES)
     size = level.pick([5, 3, 3], [5, 3, 3], [7, 7, 7])
     base = {
         'connector.stiffness': K, 'connector.bending_stiffness': BENDING * BENDING_UNIT,
@@ -168,7 +166,7 @@ def _falls(level: Level) -> dict[str, Stage]:
             [_falling(angle, size) for angle in there], ('run',), keep, seconds, base),
         'finer': Stage(
             [_falling(angle, size, **{'solver.tolerance': 1e-8}),
-             _falling(angle, level.pick([7, 3, 3], [5, 3, 5], [9, 9, 9]))],
+             _falling(angle, level.pick([7, 3, 3], [7, 3, 3], [9, 9, 9]))],
             ('run',), keep, 2.0 * seconds, base)}
 
 
