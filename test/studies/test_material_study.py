@@ -258,7 +258,7 @@ def test_scipy_finds_the_same_rest_from_elsewhere():
     ({'connector.bending_stiffness': 0.01}, 'connector.bending_stiffness'),
     ({'contact.stiffness': 0.0}, 'give the stiffness of contacts'),
     ({'connector.stiffness_compression': 10.0}, 'one stiffness for both directions'),
-    ({'planes.floor.offset': -1.0}, 'no planes')])
+    ({'planes.floor.offset': -1.0, 'planes.floor.normal': [0.0, 0.0, 1.0]}, 'no planes')])
 def test_what_the_independent_code_has_no_term_for_is_refused_by_name(changes, said):
     with pytest.raises(ParameterError, match=said):
         require_plain(tight(**changes))
