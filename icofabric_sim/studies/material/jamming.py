@@ -210,7 +210,8 @@ JAM = Part('jam', 'However: pre-tension and face contact', _stages, _tables)
 
 
 def _check(level: Level) -> dict[str, Stage]:
-    word = level.pick(*['independent shear 0.001 1 x'] * 2, 'independent shear 0.004 4 x')
+    points = level.pick(1, 1, 4)
+    word = f'independent shear {0.001 * points:g} {points} x'
     return {'scipy': Stage(
         [_tight(LEAST, RATIO, **_contact(CONTACT))], ('curve',), (word,),
         level.pick(40.0, 40.0, 160.0), {'connector.stiffness': K, 'weave.size': [3, 3, 3]})}
