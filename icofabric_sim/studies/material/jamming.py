@@ -75,7 +75,7 @@ def _stages(level: Level) -> dict[str, Stage]:
     contacts = (0.0, CONTACT) if quick else (0.0, *CONTACTS)
     map_angles = _MAP_ANGLES[::3] if quick else _MAP_ANGLES
     map_ratios = _MAP_RATIOS[::4] if quick else _MAP_RATIOS
-    sizes = ([5, 3, 3], [7, 3, 3], [5, 5, 5], [7, 5, 5], [9, 5, 5], [9, 7, 7], [13, 9, 9])
+    sizes = [[5, 3, 3], [7, 3, 3], [5, 5, 5], [7, 5, 5], [9, 5, 5], [9, 7, 7], [13, 9, 9]]
     sizes = sizes[:level.pick(2, 5, 7)]
     points = level.pick(6, 10, 20)
     far = [f'strength {kind} {_FAR:g} {points} x' for kind in ('shear', 'push', 'pull')]
