@@ -40,6 +40,7 @@ VERBS = {
     'film': 'film a recorded run or a scene: MP4, WebP or GIF',
     'view': 'look at a scene or a recorded run in a browser, and pull at it',
     'sweep': 'run a scene for many values of its parameters, on all cores or a cluster',
+    'study': 'answer what kind of material it is: all figures and tables of docs/study.md',
     'tables': 'print the tables of the document, and draw its Figure 5',
     'stress': 'judge random scenes: accuracy, stability, refusals, bits',
     'benchmark': 'measure speed and accuracy beside other tools',

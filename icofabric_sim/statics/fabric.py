@@ -260,7 +260,8 @@ class Configuration:
         fabric, zero = self.fabric, np.zeros_like(self.position)
         books: Mapping[str, float] = {
             'work_in': 0.0, 'spent': 0.0, 'start': 0.0, 'potential': 0.0,
-            'anchors': self.pulled.energy}
+            'anchors': self.pulled.energy,
+            'contact': 0.0 if self.touching is None else self.touching.energy}
         arrays = self.position, self.orientation, zero, zero.copy()
         for array in arrays:
             array.flags.writeable = False
@@ -271,8 +272,7 @@ class Configuration:
     @cached_property
     def energy(self) -> float:
         """Potential energy [J] of the fabric and of the dead loads."""
-        pushed = 0.0 if self.touching is None else self.touching.energy
-        return float(self.snapshot.energy['total']) + self.acting.energy + pushed
+        return float(self.snapshot.energy['total']) + self.acting.energy
 
     @cached_property
     def force(self) -> np.ndarray:

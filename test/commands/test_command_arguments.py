@@ -20,7 +20,7 @@ import pytest
 SCENE_VERBS = ('run', 'statics', 'modes', 'elasticity', 'info')
 BAG_VERBS = ('verify', 'info', 'render', 'recover')
 # Verbs that need nothing beside their name.
-WITHOUT_WORDS = ('benchmark', 'stress', 'tables', 'warm')
+WITHOUT_WORDS = ('benchmark', 'stress', 'study', 'tables', 'warm')
 NO_SCENES = ('nothing', '', 'folder', 'mixed.yaml', 'garbage.yaml', 'unknown.yaml', 'x\ny')
 NO_BAGS = ('nothing', '', 'folder', 'garbage.yaml')
 OVERRIDES = (
@@ -66,6 +66,9 @@ CASES = [
         ('--rounds', '0'), ('--rounds', 'x'), ('--largest', '0'), ('--peers', 'x'),
         ('--output', 'small.yaml'))),
     ('benchmark', 'nothing'),
+    *(('study', f'{option}={value}') for option, value in (
+        ('--part', 'nothing'), ('--part', ''), ('--workers', '-1'), ('--workers', 'x'),
+        ('--output', 'small.yaml'), ('--store', 'small.yaml/a'))),
     *(('tables', number) for number in ('0', '11', '-1', '1.5', 'x', '')),
     ('tables', '--size', '0', '1', '1'), ('tables', '--size', '3', '3'),
     *(('tables', f'--figure={file}') for file in ('', 'a.gif', 'small.yaml/a.png')),

@@ -26,38 +26,22 @@ from icofabric_sim import checks
 from icofabric_sim.checks import shown
 from icofabric_sim.parameters.validation import ParameterError, Parameters
 from icofabric_sim.scene.scene import Scene
+from icofabric_sim.studies.sweep.phrases import Column, curve_arguments, Failed, Phrase
 import numpy as np
 
-RUN, STATICS, MODES, ELASTICITY, BANDS, CURVE = VERBS = (
-    'run', 'statics', 'modes', 'elasticity', 'bands', 'curve')
+RUN, STATICS, MODES, ELASTICITY, BANDS, CURVE, MECHANISMS = VERBS = (
+    'run', 'statics', 'modes', 'elasticity', 'bands', 'curve', 'mechanisms')
 _VOIGT = ('xx', 'yy', 'zz', 'yz', 'xz', 'xy')
 _DIRECTIONS = {'x': (1, 0, 0), 'y': (0, 1, 0), 'z': (0, 0, 1), 'xy': (1, 1, 0), 'xyz': (1, 1, 1)}
-_CURVES = ('pull', 'push', 'shear')
 # Energies that a fabric at rest has.
 _AT_REST = ('connectors', 'gravity', 'contact', 'field', 'total')
 # Name of the bag in the folder of a run.
 BAG: Final = 'bag'
-# Points between two neighbouring corners of the path through the zone.
-_BAND_POINTS = 24
-
-
-class Column(NamedTuple):
-    """One value of a run."""
-
-    name: str
-    unit: str
-    value: float | int | str
-
-
-class Phrase(NamedTuple):
-    """A word that says what is kept, and its arguments."""
-
-    word: str
-    arguments: tuple[str, ...]
-
-    def __str__(self) -> str:
-        """Return it as it is written."""
-        return ' '.join((self.word, *self.arguments))
+# Points between two neighbouring corners of the path through the zone; waves along each axis of
+# it, by default.
+_BAND_POINTS, _BAND_SAMPLES = 24, 6
+# Words whose arguments are those of a curve.
+_OF_CURVES: Final = ('curve', 'strength', 'cycle', 'independent')
 
 
 class Work(NamedTuple):
@@ -93,14 +77,34 @@ WORDS: Final[dict[str, Word]] = {
     'frequencies': Word((MODES,), 'frequencies [COUNT]', 'the lowest frequencies [rad/s]'),
     'moduli': Word(
         (ELASTICITY,), 'moduli', "stiffness [Pa], Young's moduli [Pa], density [kg/m^3]"),
-    'gap': Word((BANDS,), 'gap', 'the widest gap between the bands, and the highest frequency'),
+    'gap': Word(
+        (BANDS,), 'gap [COUNT]', 'the widest gap between the bands, and the highest frequency; '
+        'COUNT: waves along each axis of the zone, beside those on the path through it'),
     'curve': Word(
         (CURVE,), 'curve KIND STRAIN [POINTS [AXIS]]',
         'stress [Pa] of the slab at strains up to STRAIN; KIND: pull, push or shear'),
+    'strength': Word(
+        (CURVE,), 'strength KIND STRAIN [POINTS [AXIS]]',
+        "modulus and Poisson's ratios at small strain; first touch, first fall of the stress "
+        '(buckling), first break, the most stress'),
+    'cycle': Word(
+        (CURVE,), 'cycle KIND STRAIN [POINTS [AXIS]]',
+        'work of one way there and back, what comes back and what is lost [J]'),
+    'independent': Word(
+        (CURVE,), 'independent KIND STRAIN [POINTS [AXIS]]',
+        "energies [J] of a slab of point springs and contact beside those of SciPy's minimiser "
+        'and of forces that are written anew'),
+    'places': Word(
+        (MECHANISMS,), 'places', 'motions without energy of the woven fabric, counted, and where '
+        'they are: corners, edges, faces, depth'),
+    'contacts': Word(
+        (STATICS,), 'contacts', 'pairs that touch at rest, their deepest overlap and force'),
+    'centre': Word((RUN,), 'centre', 'velocity and kinetic energy of the centre of mass'),
 }
 DEFAULTS: Final = {
     RUN: ('energies', 'extremes'), STATICS: ('energies', 'tension'), MODES: ('frequencies 6',),
-    ELASTICITY: ('moduli',), BANDS: ('gap',), CURVE: ('curve pull 0.1 10 x',)}
+    ELASTICITY: ('moduli',), BANDS: ('gap',), CURVE: ('curve pull 0.1 10 x',),
+    MECHANISMS: ('places',)}
 _FREQUENCIES = 6
 
 
@@ -140,7 +144,9 @@ def _parse(text: Any) -> Phrase:
         raise ValueError(f'keep: {shown(text)} must be: {usage}')
     if phrase.word == 'frequencies':
         frequency_count(phrase)
-    if phrase.word == 'curve':
+    if phrase.word == 'gap':
+        sample_count(phrase)
+    if phrase.word in _OF_CURVES:
         curve_arguments(phrase)
     return phrase
 
@@ -155,22 +161,14 @@ def frequency_count(phrase: Phrase) -> int:
     return int(text)
 
 
-def curve_arguments(phrase: Phrase) -> tuple[str, list[float], int]:
-    """Kind, strains and axis of a phrase."""
-    kind, largest, points, axis = (*phrase.arguments, *('10', 'x')[len(phrase.arguments) - 2:])
-    checks.choice('keep: curve: KIND', kind, _CURVES)
-    checks.choice('keep: curve: AXIS', axis, ('x', 'y', 'z'))
-    try:
-        strain = float(largest)
-    except ValueError:
-        raise ValueError(f'keep: curve: STRAIN must be a number, got {shown(largest)}') from None
-    # A push leaves nothing at a strain of 1.
-    checks.number('keep: curve: STRAIN', strain, above=0.0, below=1.0 if kind == 'push' else 100.0)
-    if not points.isdecimal() or not 1 <= int(points) <= 1000:
-        raise ValueError(
-            f'keep: curve: POINTS must be an integer from 1 to 1000, got {shown(points)}')
-    count = int(points)
-    return kind, [strain * number / count for number in range(1, count + 1)], 'xyz'.index(axis)
+def sample_count(phrase: Phrase) -> int:
+    """How many waves along each axis of the zone a phrase asks for."""
+    if not phrase.arguments:
+        return _BAND_SAMPLES
+    text = phrase.arguments[0]
+    if not text.isdecimal() or not 1 <= int(text) <= 100:
+        raise ValueError(f'keep: gap takes a count from 1 to 100, got {shown(text)}')
+    return int(text)
 
 
 def check_end(work: Work, parameters: Parameters) -> None:
@@ -198,15 +196,17 @@ def check_work(work: Work, scene: Scene) -> None:
                 'connector.stiffness_extension', 'connector.stiffness_extension is not '
                 'connector.stiffness_compression, and the connectors are at their natural length: '
                 'waves do not superpose there, so that there are no bands; give one stiffness')
+    if MECHANISMS in work.verbs:
+        from icofabric_sim.statics.floppy import require_dense
+        require_dense(scene)
+    if any(phrase.word == 'independent' for phrase in work.keep):
+        from icofabric_sim.studies.sweep.independent import require_plain
+        require_plain(scene)
     for phrase in work.keep:
         if phrase.word in ('displacement', 'reaction') and phrase.arguments[0] not in scene.groups:
             raise ValueError(
                 f'keep: {phrase}: there is no such group; known: {", ".join(scene.groups)}; '
                 f'groups.{phrase.arguments[0]} defines it')
-
-
-class Failed(Exception):
-    """The physics of a run says no; the message is the reason."""
 
 
 def carry_out(work: Work, scene: Scene, folder: Path) -> list[Column]:
@@ -271,6 +271,8 @@ def _run(phrases: Sequence[Phrase], scene: Scene, folder: Path) -> list[Column]:
                 Column('stretch', '', monitor.stretch.value),
                 Column('compression', '', monitor.compression.value),
                 Column('farthest', 'm', monitor.displacement.value)]
+        elif phrase.word == 'centre':
+            columns += _centre(scene, last)
     return columns
 
 
@@ -292,6 +294,12 @@ def _statics(phrases: Sequence[Phrase], scene: Scene) -> tuple[list[Column], Any
             columns += [
                 Column('pull', 'N', float(np.max(found.tension, initial=0.0))),
                 Column('push', 'N', float(np.min(found.tension, initial=0.0)))]
+        elif phrase.word == 'contacts':
+            there = found.touching
+            columns += [
+                Column('touching', '', 0 if there is None else len(there.pairs)),
+                Column('overlap', 'm', 0.0 if there is None else there.depth),
+                Column('press', 'N', 0.0 if there is None else there.largest_force)]
         else:
             name = phrase.arguments[0]
             force = found.reaction[scene.groups[name], :3].sum(axis=0).tolist()
@@ -336,7 +344,8 @@ def _elasticity(phrases: Sequence[Phrase], scene: Scene, folder: Path) -> list[C
 def _bands(phrases: Sequence[Phrase], scene: Scene, folder: Path) -> list[Column]:
     from icofabric_sim.statics.periodic import band_path, sample_zone, solve_bands
     # The path finds extremes on lines of symmetry, the grid those elsewhere.
-    vectors = np.concatenate([band_path(scene, _BAND_POINTS)[0], sample_zone(scene, 6)])
+    samples = max(map(sample_count, phrases))
+    vectors = np.concatenate([band_path(scene, _BAND_POINTS)[0], sample_zone(scene, samples)])
     frequencies = solve_bands(scene, vectors)
     lowest, highest = frequencies.min(axis=0), frequencies.max(axis=0)
     gaps = lowest[1:] - highest[:-1]
@@ -348,13 +357,20 @@ def _bands(phrases: Sequence[Phrase], scene: Scene, folder: Path) -> list[Column
         Column('gap', 'rad/s', float(gaps[widest]) if there else 0.0),
         Column('gap.above_band', '', widest if there else -1),
         Column('gap.from', 'rad/s', float(highest[widest]) if there else np.nan),
-        Column('gap.to', 'rad/s', float(lowest[widest + 1]) if there else np.nan)]
+        Column('gap.to', 'rad/s', float(lowest[widest + 1]) if there else np.nan),
+        *(Column(f'{number}.{end}', 'rad/s', float(values[number]))
+          for number in range(len(lowest))
+          for end, values in (('lowest', lowest), ('highest', highest)))]
 
 
 def _curve(phrases: Sequence[Phrase], scene: Scene, folder: Path) -> list[Column]:
     from icofabric_sim.statics.stretching import measure_curve
+    from icofabric_sim.studies.sweep.slab_outcomes import SLAB_WORDS
     columns: list[Column] = []
     for phrase in phrases:
+        if phrase.word in SLAB_WORDS:
+            columns += SLAB_WORDS[phrase.word](phrase, scene)
+            continue
         kind, strains, axis = curve_arguments(phrase)
         points = measure_curve(scene, kind, strains, axis=axis)
         name = f'{kind}.{"xyz"[axis]}'
@@ -372,8 +388,20 @@ def _curve(phrases: Sequence[Phrase], scene: Scene, folder: Path) -> list[Column
     return columns
 
 
+def _mechanisms(phrases: Sequence[Phrase], scene: Scene, folder: Path) -> list[Column]:
+    from icofabric_sim.statics.floppy import find_floppy
+    found = find_floppy(scene)
+    return [
+        Column('freedoms', '', found.counts.freedoms),
+        Column('connectors', '', found.counts.connectors),
+        Column('count', '', found.counts.mechanisms),
+        Column('self_stresses', '', found.counts.self_stresses),
+        Column('turning', '', float(found.turning.sum())),
+        *(Column(f'at.{name}', '', value) for name, value in found.by_place().items())]
+
+
 _VERBS: Final[dict[str, Callable[[Sequence[Phrase], Scene, Path], list[Column]]]] = {
-    RUN: _run, ELASTICITY: _elasticity, BANDS: _bands, CURVE: _curve}
+    RUN: _run, ELASTICITY: _elasticity, BANDS: _bands, CURVE: _curve, MECHANISMS: _mechanisms}
 
 
 def _energies(snapshot: Any) -> list[Column]:
@@ -390,3 +418,12 @@ def _displacement(scene: Scene, snapshot: Any, group: str) -> list[Column]:
         *(Column(f'displacement.{group}.{axis}', 'm', value)
           for axis, value in zip('xyz', middle)),
         Column(f'displacement.{group}.most', 'm', most)]
+
+
+def _centre(scene: Scene, snapshot: Any) -> list[Column]:
+    mass = scene.body_count * float(scene.shell.mass)
+    velocity = snapshot.linear_velocity.mean(axis=0).tolist()
+    return [
+        *(Column(f'centre.velocity.{axis}', 'm/s', value)
+          for axis, value in zip('xyz', velocity)),
+        Column('centre.kinetic', 'J', 0.5 * mass * sum(value * value for value in velocity))]

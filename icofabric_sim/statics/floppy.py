@@ -1,0 +1,112 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+Where the motions without energy of a woven fabric are.
+
+The null space of the compatibility matrix has a projector P, whose trace is the number of
+mechanisms. The part of the trace that belongs to a body says how many of its six freedoms are in
+mechanisms: it does not depend on which basis of the null space is taken. In coordinates scaled by
+the roots of masses and inertias, as frequencies are.
+"""
+
+from typing import NamedTuple
+
+from icofabric_sim.parameters.validation import ParameterError
+from icofabric_sim.scene.scene import require_scene, Scene
+from icofabric_sim.statics.fabric import StaticFabric
+from icofabric_sim.statics.mechanisms import compatibility_matrix, Counts
+from icofabric_sim.statics.one_thread import one_thread
+import numpy as np
+
+# Freedoms of a dense decomposition: 10 s of one core.
+_MOST = 3_000
+# Singular values below this part of the largest are zero (docs/statics.md).
+_ZERO = 1e-9
+# Layers below the faces of a slab that are told apart.
+LAYERS = 4
+CORNER, EDGE, FACE, WITHIN = PLACES = ('corner', 'edge', 'face', 'within')
+
+
+class Floppy(NamedTuple):
+    """Counts, and how many freedoms of each body are in motions without energy."""
+
+    counts: Counts
+    content: np.ndarray  # (n,) of 6 freedoms; the sum is the number of mechanisms
+    turning: np.ndarray  # (n,) the part of it in rotations
+    place: np.ndarray  # (n,) number in PLACES; -1: the fabric is not an orthogonal slab
+    depth: np.ndarray  # (n,) layers below the nearest face
+
+    def by_place(self) -> dict[str, float]:
+        """Mean content of the bodies of each place, and of each of the first layers; NaN: none."""
+        found = {name: _mean(self.content[self.place == number])
+                 for number, name in enumerate(PLACES)}
+        whole = self.place[0] >= 0 if len(self.place) else False
+        return found | {
+            f'depth.{layer}': _mean(self.content[self.depth == layer]) if whole else np.nan
+            for layer in range(LAYERS)}
+
+
+def require_dense(scene: Scene) -> None:
+    """Refuse fabrics that are too large for a dense decomposition, or that have no connector."""
+    freedoms = 6 * scene.body_count
+    if freedoms > _MOST:
+        raise ParameterError(
+            'weave.size', f'weave.size: where mechanisms are is found for at most {_MOST:,} '
+            f'freedoms, and these {scene.body_count:,} bodies have {freedoms:,}; take a smaller '
+            'slab (`modes` counts those of larger ones)')
+    if not scene.connector_count:
+        raise ParameterError(
+            'weave.size', 'weave.size: the fabric has no connector, so all motions cost no energy')
+
+
+@one_thread()
+def find_floppy(scene: Scene) -> Floppy:
+    """
+    Find where the mechanisms of the woven fabric are, by its connectors alone.
+
+    Supports count; contact, bending and twisting stiffness do not. ParameterError for more than
+    3,000 freedoms.
+    """
+    require_scene(scene)
+    require_dense(scene)
+    here = StaticFabric(scene, contact=False).start
+    matrix = compatibility_matrix(here)
+    connectors, freedoms = matrix.shape
+    _, values, rows = np.linalg.svd(matrix, full_matrices=False)
+    rank = int(np.count_nonzero(values > _ZERO * max(float(values[0]), 1e-300)))
+    stretched = np.zeros(6 * scene.body_count)
+    free = here.fabric.free.ravel()
+    stretched[free] = (rows[:rank] ** 2).sum(axis=0)
+    share = np.where(free, 1.0 - stretched, 0.0).reshape(-1, 6)
+    place, depth = _places(scene)
+    return Floppy(
+        Counts(freedoms, connectors, rank), share.sum(axis=1), share[:, 3:].sum(axis=1), place,
+        depth)
+
+
+def _places(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
+    """Corner, edge, face or within, and layers below the nearest face, of an orthogonal slab."""
+    count = scene.body_count
+    parameters = scene.parameters
+    if parameters['weave.kind'] != 'orthogonal' or parameters['weave.region'] or (
+            len(scene.weave.position) != count):
+        return np.full(count, -1), np.full(count, -1)
+    grid = np.asarray(scene.weave.grid)
+    below = np.minimum(grid - grid.min(axis=0), grid.max(axis=0) - grid)
+    outer = (below == 0).sum(axis=1)
+    return np.array([3, 2, 1, 0])[outer], below.min(axis=1)
+
+
+def _mean(values: np.ndarray) -> float:
+    return float(values.mean()) if len(values) else float('nan')

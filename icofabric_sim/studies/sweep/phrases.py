@@ -1,0 +1,64 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""Phrases that say what is kept of a run, and the columns that they become."""
+
+from typing import NamedTuple
+
+from icofabric_sim import checks
+from icofabric_sim.checks import shown
+
+_CURVES = ('pull', 'push', 'shear')
+
+
+class Column(NamedTuple):
+    """One value of a run."""
+
+    name: str
+    unit: str
+    value: float | int | str
+
+
+class Phrase(NamedTuple):
+    """A word that says what is kept, and its arguments."""
+
+    word: str
+    arguments: tuple[str, ...]
+
+    def __str__(self) -> str:
+        """Return it as it is written."""
+        return ' '.join((self.word, *self.arguments))
+
+
+class Failed(Exception):
+    """The physics of a run says no; the message is the reason."""
+
+
+def curve_arguments(phrase: Phrase) -> tuple[str, list[float], int]:
+    """Kind, strains and axis of a phrase such as `curve pull 0.1 10 x`."""
+    kind, largest, points, axis = (*phrase.arguments, *('10', 'x')[len(phrase.arguments) - 2:])
+    name = f'keep: {phrase.word}'
+    checks.choice(f'{name}: KIND', kind, _CURVES)
+    checks.choice(f'{name}: AXIS', axis, ('x', 'y', 'z'))
+    try:
+        strain = float(largest)
+    except ValueError:
+        raise ValueError(f'{name}: STRAIN must be a number, got {shown(largest)}') from None
+    # A push leaves nothing at a strain of 1.
+    checks.number(
+        f'{name}: STRAIN', strain, above=0.0, below=1.0 if kind == 'push' else 100.0)
+    if not points.isdecimal() or not 1 <= int(points) <= 1000:
+        raise ValueError(
+            f'{name}: POINTS must be an integer from 1 to 1000, got {shown(points)}')
+    count = int(points)
+    return kind, [strain * number / count for number in range(1, count + 1)], 'xyz'.index(axis)

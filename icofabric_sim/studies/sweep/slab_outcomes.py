@@ -1,0 +1,149 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""What is kept of a slab between two ends beside its stresses: strength, cycles, a check."""
+
+from collections.abc import Callable, Sequence
+import math
+from typing import Final
+
+from icofabric_sim.scene.scene import Scene
+from icofabric_sim.statics.cycles import measure_cycles
+from icofabric_sim.statics.stretching import CurvePoint, measure_curve
+from icofabric_sim.studies.sweep.independent import compare_energies
+from icofabric_sim.studies.sweep.phrases import Column, curve_arguments, Failed, Phrase
+import numpy as np
+
+# Strains between which moduli are measured.
+SMALL: Final = (1e-4, 3e-4, 1e-3)
+# A stress that falls by less than this part has not fallen.
+_FALL = 1e-3
+
+
+def _strength(phrase: Phrase, scene: Scene) -> list[Column]:
+    """
+    Small strains first, then even steps.
+
+    The stress falls for the first time where a state has less of it than the one before, and
+    nothing broke on the way: the slab has buckled.
+    """
+    kind, strains, axis = curve_arguments(phrase)
+    small = [strain for strain in SMALL if strain < (1.0 - 1e-9) * strains[0]]
+    points = measure_curve(scene, kind, [*small, *strains], axis=axis)
+    states = _at_rest(phrase, points)
+    across = [number for number in range(3) if number != axis]
+    name = f'{kind}.{"xyz"[axis]}'
+    first = states[0]
+    along = first.middle_strain[axis]
+    stress = np.array([state.stress for state in states])
+    most = int(np.argmax(stress))
+    columns = [
+        # Of states that follow from each other: without any strain there may be another one near.
+        Column(f'{name}.modulus', 'Pa', _slope(states, *SMALL[:2])),
+        Column(f'{name}.modulus_beyond', 'Pa', _slope(states, *SMALL[1:])),
+        Column(f'{name}.secant', 'Pa', (first.stress - first.rest_stress) / first.strain),
+        *(Column(f'{name}.poisson.{"xyz"[number]}', '',
+                 -first.middle_strain[number] / along if abs(along) > 1e-3 * first.strain
+                 else math.nan) for number in across)]
+    return [
+        *columns,
+        Column(f'{name}.verdict', '', first.verdict),
+        Column(f'{name}.rest_stress', 'Pa', first.rest_stress),
+        Column(f'{name}.most', 'Pa', float(stress[most])),
+        Column(f'{name}.most_at', '', states[most].strain),
+        Column(f'{name}.buckles_at', '', _buckling(states)),
+        Column(f'{name}.buckles_under', 'Pa', _buckling_stress(states)),
+        Column(f'{name}.unstable_at', '', _first(
+            states, lambda state: state.verdict == 'equilibrium, unstable')),
+        Column(f'{name}.touches_at', '', _first(states, lambda state: state.touching > 0)),
+        Column(f'{name}.obstructed_at', '', _first(states, lambda state: state.obstructed > 0)),
+        Column(f'{name}.breaks_at', '', _first(states, lambda state: state.broken > 0)),
+        Column(f'{name}.broken', '', states[-1].broken),
+        Column(f'{name}.touching', '', max(state.touching for state in states)),
+        Column(f'{name}.energy', 'J', states[-1].energy),
+        Column(f'{name}.reached', '', states[-1].strain),
+        Column(f'{name}.residual', '', max(state.residual for state in states)),
+        *(Column(f'{name}.strains', '', ' '.join(f'{state.strain:.6g}' for state in states)),
+          Column(f'{name}.stresses', 'Pa', ' '.join(f'{value:.6g}' for value in stress)))]
+
+
+def _at_rest(phrase: Phrase, points: Sequence[CurvePoint]) -> list[CurvePoint]:
+    states = [point for point in points if not point.verdict.startswith('not')]
+    if not states:
+        raise Failed(f'{phrase}: no equilibrium at the first strain')
+    return states
+
+
+def _slope(states: Sequence[CurvePoint], first: float, second: float) -> float:
+    """Slope of the stress between two strains [Pa]; NaN where it was not measured there."""
+    stress = {round(state.strain, 12): state.stress for state in states}
+    if first not in stress or second not in stress:
+        return math.nan
+    return (stress[second] - stress[first]) / (second - first)
+
+
+def _buckling(states: Sequence[CurvePoint]) -> float:
+    fall = _fall(states)
+    return math.nan if fall is None else fall.strain
+
+
+def _buckling_stress(states: Sequence[CurvePoint]) -> float:
+    fall = _fall(states)
+    return math.nan if fall is None else fall.stress
+
+
+def _fall(states: Sequence[CurvePoint]) -> CurvePoint | None:
+    """The last state before the stress falls for the first time with nothing broken."""
+    for before, after in zip(states, states[1:]):
+        if after.broken:
+            return None
+        if before.stress > 0.0 and after.stress < (1.0 - _FALL) * before.stress:
+            return before
+    return None
+
+
+def _first(states: Sequence[CurvePoint], holds: Callable[[CurvePoint], bool]) -> float:
+    return next((state.strain for state in states if holds(state)), math.nan)
+
+
+def _cycle(phrase: Phrase, scene: Scene) -> list[Column]:
+    kind, strains, axis = curve_arguments(phrase)
+    cycles = measure_cycles(scene, kind, strains, axis=axis)
+    if not cycles or not math.isfinite(cycles[0].work):
+        raise Failed(f'{phrase}: no equilibrium on the way')
+    cycle = cycles[0]
+    name = f'cycle.{kind}.{"xyz"[axis]}'
+    return [
+        Column(f'{name}.work', 'J', cycle.work), Column(f'{name}.regained', 'J', cycle.regained),
+        Column(f'{name}.lost', 'J', cycle.lost), Column(f'{name}.released', 'J', cycle.released),
+        Column(f'{name}.left', 'J', cycle.left), Column(f'{name}.broken', '', cycle.broken)]
+
+
+def _independent(phrase: Phrase, scene: Scene) -> list[Column]:
+    kind, strains, axis = curve_arguments(phrase)
+    columns = []
+    for found in compare_energies(scene, kind, strains, axis):
+        name = f'independent.{kind}.{"xyz"[axis]}.{found.strain:.6g}'
+        columns += [
+            Column(f'{name}.engine', 'J', found.engine),
+            Column(f'{name}.scipy', 'J', found.scipy),
+            Column(f'{name}.engine_slope', 'J', found.engine_slope),
+            Column(f'{name}.scipy_slope', 'J', found.scipy_slope),
+            Column(f'{name}.apart', '', found.apart),
+            Column(f'{name}.gradient', '', found.gradient),
+            Column(f'{name}.touching', '', found.touching)]
+    return columns
+
+
+SLAB_WORDS: Final[dict[str, Callable[[Phrase, Scene], list[Column]]]] = {
+    'strength': _strength, 'cycle': _cycle, 'independent': _independent}
