@@ -17,6 +17,7 @@ import csv
 from dataclasses import replace
 from functools import partial
 import json
+import math
 import os
 import time
 from types import SimpleNamespace
@@ -37,7 +38,12 @@ from icofabric_sim.studies.stress import judge as judge_module
 from icofabric_sim.studies.stress import refusals, report, scenes, windows, workers
 from icofabric_sim.studies.stress.judge import judge
 from icofabric_sim.studies.stress.kinds import Kind, KINDS, MOST, TERMS
-from icofabric_sim.studies.stress.refusals import first_name, has_jumped, is_right_refusal
+from icofabric_sim.studies.stress.refusals import (
+    first_name,
+    has_jumped,
+    is_right_refusal,
+    moment_of,
+)
 from icofabric_sim.studies.stress.scenes import draw_scene, kind_of, seeds_of, StressScene
 from icofabric_sim.studies.stress.shrink import shrink
 from icofabric_sim.studies.stress.verdict import Finding, Verdict
@@ -423,6 +429,51 @@ def test_a_stop_for_a_given_step_is_right_where_a_shorter_one_goes_on(longest, v
     plant(judge_module, 'compile_scene', stopping)
     finding = judge(with_values(solver__step=1.2e-3))
     assert finding.verdict is verdict, finding
+
+
+@pytest.mark.parametrize('moment, verdict', [
+    ('5e-3', Verdict.STOPPED), ('0.015', Verdict.WRONGLY_STOPPED)])
+def test_a_stop_for_a_given_step_is_right_where_a_shorter_one_stops_later(moment, verdict, plant):
+    """And for another reason: what ends all runs came after the step was too long."""
+    def stopping(given):
+        run = compile_scene(given)
+        if step := given.parameters['solver.step']:
+            advance = run.advance_to
+
+            def stop(time):
+                if step == 1.2e-3:
+                    raise SimulationError(f'solver.step has become unsafe at t = {moment} s')
+                advance(0.01)
+                raise SimulationError('Give a larger contact.stiffness')
+
+            run.advance_to = stop
+        return run
+
+    plant(judge_module, 'compile_scene', stopping)
+    finding = judge(with_values(solver__step=1.2e-3))
+    assert finding.verdict is verdict, finding
+
+
+@pytest.mark.parametrize('text, moment', [
+    ('unsafe at t = 0.00311721759 s: the', 0.00311721759), ('from t = 1e-05 s on', 1e-5),
+    ('the time = 3 s', math.inf), ('t = soon', math.inf)])
+def test_moments_in_sentences_are_those_of_stops(text, moment):
+    assert moment_of(text) == moment
+
+
+def test_a_run_that_no_other_can_take_over_is_left_to_its_own_checks(monkeypatch):
+    """On the way to infinity: chosen steps cannot begin there, which is no stop of the run."""
+    class Refusing(Aside):
+        def take_over(self, other, keep_motion):
+            raise SimulationError('the motion is too fast for any step')
+
+    scene = ico.Scene.from_parameters(PLAIN.parameters)
+    monkeypatch.setattr(windows, 'compile_scene', lambda scene: Refusing(scene, [True]))
+    run = Aside(scene, [True])
+    judged = Windows(run, 1e4, lambda: False)
+    judged.follow(0.001)
+    added = judged.result()
+    assert run.time >= 0.001 and added.unjudged == added.windows > 0 and 'too fast' in added.why
 
 
 def test_what_was_run_in_part_is_judged_again_to_there(plant):

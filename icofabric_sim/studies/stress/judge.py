@@ -34,7 +34,12 @@ from icofabric_sim.simulation.errors import Interrupted, SimulationError
 from icofabric_sim.simulation.simulation import compile_scene, Simulation
 from icofabric_sim.simulation.stepping.methods import facts_of
 from icofabric_sim.simulation.stepping.thread_team import teams_of
-from icofabric_sim.studies.stress.refusals import first_name, has_jumped, is_right_refusal
+from icofabric_sim.studies.stress.refusals import (
+    first_name,
+    has_jumped,
+    is_right_refusal,
+    moment_of,
+)
 from icofabric_sim.studies.stress.scenes import StressScene
 from icofabric_sim.studies.stress.verdict import Finding, Verdict
 from icofabric_sim.studies.stress.windows import (
@@ -390,9 +395,10 @@ class _Judge:
         """
         Whether a run with a shorter given step does not stop; None: there was no time.
 
-        Or stops as the tighter one does, for its `reason`.
+        Or stops as the tighter one does, for its `reason`, or later than this one and for another
+        reason: then the step was too long before the bodies came to what ends all runs.
         """
-        clock = self._clock.another()
+        clock, moment = self._clock.another(), moment_of(text)
         for part in _SHORTER:
             run = compile_scene(scene.with_changes({'solver.step': part * step}))
             run.should_stop = clock.is_over
@@ -401,7 +407,7 @@ class _Judge:
             except SimulationError as error:
                 name = first_name(str(error))
                 if name != first_name(text):
-                    return bool(name) and name == first_name(reason)
+                    return run.time > moment or (bool(name) and name == first_name(reason))
             except Interrupted:
                 return None
             else:

@@ -111,14 +111,14 @@ class Windows:
                 run.advance_to(before + gap)
                 run.advance_steps(1)
             start = run.time
-            for other in self._others:
-                other.reset_time()
-                other.take_over(run, keep_motion=True)
+            fault = self._take_over()
             run.advance_to(max(start + 0.999 * period, run.time))
             run.advance_steps(1)
             if self._others:
                 self._count += 1
                 try:
+                    if fault is not None:
+                        raise fault
                     self._compare(before, start)
                 except SimulationError as error:
                     self._skip(f'the tighter run stopped: {error}')
@@ -132,6 +132,21 @@ class Windows:
         return Added(
             self._error, self._tolerance * self._run.time + self._rounding, self._rounding,
             self._count, self._unjudged, self._why, self._broken)
+
+    def _take_over(self) -> SimulationError | None:
+        """
+        Have the others begin where the run is; why they cannot.
+
+        A run with a given step may be on its way to infinity, where none with chosen ones begins.
+        It is for its next health check to see that.
+        """
+        for other in self._others:
+            try:
+                other.reset_time()
+                other.take_over(self._run, keep_motion=True)
+            except SimulationError as error:
+                return error
+        return None
 
     def _compiled(self) -> list[Simulation]:
         """Return the reference and the one that is displaced from it."""
