@@ -205,6 +205,12 @@ def test_a_length_that_jumps_between_overlapping_shells_is_a_right_reason(monkey
     assert not has_jumped(str(caught.value), run)
 
 
+def test_steps_through_forces_of_bands_that_jump_are_within_the_promise():
+    """As at kinks, their estimates are up to twice too small: 1.8 times the promise was added."""
+    finding = judge(draw_scene(1))
+    assert finding.verdict is Verdict.WITHIN and finding.unjudged == 0 < finding.windows, finding
+
+
 def test_what_takes_too_long_says_what_limits_it():
     finding = judge(with_values(duration=2000.0), seconds=0.3)
     assert finding.verdict is Verdict.SLOW and 'the fastest motion' in finding.detail
