@@ -33,7 +33,7 @@ from icofabric_sim.simulation.errors import Interrupted, SimulationError
 from icofabric_sim.simulation.simulation import compile_scene, Simulation
 from icofabric_sim.simulation.status import SimulationStatus
 from icofabric_sim.simulation.stepping import thread_team
-from icofabric_sim.simulation.stepping.methods import METHODS
+from icofabric_sim.simulation.stepping.methods import IMPLICIT, METHODS
 from icofabric_sim.studies.stress import judge as judge_module
 from icofabric_sim.studies.stress import refusals, report, scenes, windows, workers
 from icofabric_sim.studies.stress.judge import judge
@@ -79,23 +79,30 @@ def test_a_seed_is_one_scene():
         seed for seed in range(3, 1000) if kind_of(seed) in (7, 9)][:5]
 
 
+PINNED_LATER = (
+    (2**32, 27, 1.89597), (2**32 + 221, 56, 0.0253176), (5 * 10**9, 18, 0.356136))
+
+
 def test_seeds_mean_what_they_meant(monkeypatch):
     pinned = (
         (0, 26, 0.0518346), (1, 28, 0.312626), (154, 0, 0.00983245), (300, 28, 1.347),
-        (1946, 3, 0.444586), (2**32 - 1, 47, 1.90257))
+        (1946, 3, 0.444586), (2**32 - 1, 47, 1.90257), *PINNED_LATER)
     for grown in (KINDS, (*KINDS, Kind('dop8', ('mutual',)))):
         monkeypatch.setattr(scenes, 'KINDS', grown)
         for seed, kind, duration in pinned:
             assert kind_of(seed) == kind, seed
             assert draw_scene(seed).duration == pytest.approx(duration, rel=1e-4), seed
     # A longer list needs another version, so that every kind is drawn and no seed changes alone.
-    assert scenes.DRAWN_KINDS == len(KINDS) and scenes.VERSION == 1
+    assert scenes.VERSIONS == ((2**32, 55), (2**33, len(KINDS)))
+    assert [scenes.version_of(seed) for seed in (2**32 - 1, 2**32)] == [1, 2]
+    # Kinds that only later seeds draw are found there.
+    assert next(seeds_of(0, 1, {60})) >= 2**32 > next(seeds_of(0, 1, {54, 60}))
 
 
 def test_kinds_are_few_and_their_terms_are_known():
     assert len({*KINDS}) == len(KINDS) <= MOST
     for kind in KINDS:
-        assert kind.method in ('auto', *ico.METHODS)
+        assert kind.method in ('auto', *ico.METHODS, *IMPLICIT)
         assert [*kind.terms] == [term for term in TERMS if term in kind.terms], kind
     assert {term for kind in KINDS for term in kind.terms} == {*TERMS}
 
