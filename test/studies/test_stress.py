@@ -351,7 +351,7 @@ def test_windows_whose_reference_stops_are_not_within(text, verdict, plant):
     (NOT_SHORT, Verdict.UNJUDGED), (OBSTRUCTED, Verdict.SILENT)])
 def test_a_run_that_goes_on_where_the_tighter_one_stops_is_not_within(text, verdict, plant):
     calm = Growth(np.zeros(1), np.ones(1), np.zeros(1), False, '')
-    plant(judge_module._Judge, '_whole', lambda *words: (calm, 0.0, text))
+    plant(judge_module, 'far_tighter', lambda *words: (calm, 0.0, text))
     finding = judge(PLAIN)
     assert finding.verdict is verdict and text in finding.detail, finding
 
@@ -509,7 +509,7 @@ def test_time_of_the_compiler_is_processor_time(monkeypatch):
     times = iter([10.0, 1.0, 3.0, 4.0, 4.5, 20.0])
     monkeypatch.setattr(judge_module.time, 'process_time', lambda: next(times))
     compiler = judge_module._CompilerTime()
-    clock = judge_module._Clock(1.0, compiler)
+    clock = judge_module.Clock(1.0, compiler)
     compiler.on_start(None)
     compiler.on_start(None)
     compiler.on_end(None)
