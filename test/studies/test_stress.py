@@ -158,6 +158,7 @@ def test_refusals_name_what_was_given():
     ('', ValueError('the duration cannot be'), False),
     ('', ValueError('solver.tolerance must be larger'), False),
     ('', ValueError('solver.step 3 s is beyond the stability limit'), True),
+    ('', ValueError('they overlap; move them apart, or set contact.mode never'), True),
     ('', ParameterError('groups.low', 'groups.low: z_min selects no body of the 3'), True)])
 def test_refusals_are_right_for_what_was_spoiled(spoiled, error, right):
     assert is_right_refusal(error, spoiled) is right
@@ -657,7 +658,7 @@ def test_one_scene_by_the_command_and_its_table(tmp_path, capsys):
 
 def test_figures_that_are_not_finite_are_valid_json(capsys, monkeypatch):
     found = Finding(7, 0, Verdict.SILENT, growth=float('inf'), added=float('nan'))
-    monkeypatch.setattr(workers, 'judge_all', lambda seeds, processes: iter([found]))
+    monkeypatch.setattr(workers, 'judge_all', lambda seeds, **words: iter([found]))
     assert main(['stress', '--seed', '7', '--json']) == 1
     said = json.loads(capsys.readouterr().out, parse_constant=pytest.fail)
     assert said['growth'] is said['added'] is None and said['seed'] == 7
