@@ -468,6 +468,23 @@ def test_a_stop_for_a_given_step_is_right_where_a_shorter_one_stops_later(moment
     assert finding.verdict is verdict, finding
 
 
+@pytest.mark.parametrize('method, verdict', [
+    ('sdirk4', Verdict.STOPPED), ('dop8', Verdict.WRONGLY_STOPPED)])
+def test_a_stop_of_implicit_steps_is_right_where_chosen_ones_go_on(method, verdict, plant):
+    def stopping(given):
+        run = compile_scene(given)
+        if given.parameters['solver.step'] > 0.0:
+            def stop(time):
+                raise SimulationError('no solution; take a smaller solver.step, or 0')
+
+            run.advance_to = stop
+        return run
+
+    plant(judge_module, 'compile_scene', stopping)
+    finding = judge(with_values(solver__step=1.2e-3, solver__method=method))
+    assert finding.verdict is verdict, finding
+
+
 @pytest.mark.parametrize('text, moment', [
     ('unsafe at t = 0.00311721759 s: the', 0.00311721759), ('from t = 1e-05 s on', 1e-5),
     ('the time = 3 s', math.inf), ('t = soon', math.inf)])
