@@ -46,7 +46,7 @@ def main_map(arguments: argparse.Namespace) -> int:
         HEAD,
         map_stability,
         methods_of,
-        PRODUCTS,
+        products_of,
         STEPS,
     )
     for name in (*OF_RANDOM_SCENES, 'named', 'problem', 'long', 'list'):
@@ -63,7 +63,9 @@ def main_map(arguments: argparse.Namespace) -> int:
         print(HEAD)
     with rows_as_they_come(
             Cell._fields, cell_line, table=table, as_json=arguments.json,
-            total=sum(len(methods_of(name)) for name in FABRICS) * len(PRODUCTS)) as take:
+            total=sum(
+                len(products_of(method)) for name in FABRICS for method in methods_of(name))
+    ) as take:
         for cell in map_stability(steps=steps):
             cells.append(cell)
             take(cell, len(cells))

@@ -14,6 +14,7 @@
 """`icofabric stress`: random scenes, judged; known answers; stability; predictability."""
 
 import argparse
+from itertools import islice
 import os
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -62,6 +63,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--coverage', action='store_true',
         help='say, too, in how many scenes each parameter was not at its default')
+    parser.add_argument(
+        '--peer', choices=('mujoco',),
+        help='judge that program instead, with those scenes that it can express (loads are left '
+        'out): pip install mujoco')
     add_named_arguments(parser)
     add_map_arguments(parser)
     add_predictability_arguments(parser)
@@ -97,6 +102,8 @@ def main(arguments: argparse.Namespace) -> int:
             print(f'{number:3}  {KINDS[number]}')
         return 0
     single = arguments.seed is not None and arguments.scenes is None
+    if arguments.peer is not None:
+        _require_peer(arguments, single)
     if arguments.shrink and not single:
         raise InputError('--shrink needs --seed, without --scenes: it makes one scene minimal')
     if arguments.output is not None:
@@ -105,6 +112,11 @@ def main(arguments: argparse.Namespace) -> int:
         return _shrink(arguments)
     if single:
         seeds = [arguments.seed]
+    elif arguments.peer is not None:
+        from icofabric_sim.studies.stress.peers import is_expressible
+        seeds = list(islice(
+            filter(is_expressible, seeds_of(arguments.seed or 0, LARGEST_SEED, kinds)),
+            arguments.scenes or _SCENES))
     else:
         seeds = list(seeds_of(arguments.seed or 0, arguments.scenes or _SCENES, kinds))
     findings, interrupted = _judge(arguments, seeds)
@@ -112,6 +124,19 @@ def main(arguments: argparse.Namespace) -> int:
     if interrupted:
         raise KeyboardInterrupt
     return int(any(finding.is_fault for finding in findings))
+
+
+def _require_peer(arguments: argparse.Namespace, single: bool) -> None:
+    """Refuse what does not go with --peer, and a program that is not installed."""
+    from icofabric_sim.studies.stress.mujoco_run import INSTALL, is_installed
+    from icofabric_sim.studies.stress.peers import is_expressible
+    if arguments.shrink:
+        raise InputError('--shrink does not go with --peer; leave one out')
+    if not is_installed():
+        raise InputError(f'--peer {arguments.peer} is not installed: {INSTALL}')
+    if single and not is_expressible(arguments.seed):
+        raise InputError(f'--peer {arguments.peer} cannot express the scene of --seed '
+                         f'{arguments.seed}; give --scenes N, too, to begin there')
 
 
 def _kinds(text: str | None, count: int) -> set[int]:
@@ -135,12 +160,15 @@ def _judge(
     arguments: argparse.Namespace, seeds: list[int]
 ) -> tuple[list['Finding'], bool]:
     """What was found, and whether the user ended it."""
+    from icofabric_sim.studies.stress.judge import judge
+    from icofabric_sim.studies.stress.peers import judge_mujoco
     from icofabric_sim.studies.stress.workers import judge_all
     findings: list[Finding] = []
     try:
         with Progress(len(seeds), 'scenes') as progress:
             for finding in judge_all(
-                    seeds, processes=min(arguments.processes, len(seeds))):
+                    seeds, processes=min(arguments.processes, len(seeds)),
+                    judge_one=judge if arguments.peer is None else judge_mujoco):
                 findings.append(finding)
                 if arguments.json:
                     _print_json(finding)

@@ -14,10 +14,11 @@
 """A picture of the map of stability: drift of the energy against step times frequency."""
 
 from collections.abc import Sequence
+import math
 from pathlib import Path
 
 from icofabric_sim.pictures.figure_style import line_styles, make_figure, paper_style
-from icofabric_sim.simulation.stepping.methods import METHODS
+from icofabric_sim.simulation.stepping.methods import facts_of
 from icofabric_sim.studies.stability_map import Cell
 
 
@@ -40,7 +41,9 @@ def draw_map(path: Path, cells: Sequence[Cell]) -> None:
                     plot.loglog(
                         places, [30.0 * 5.0**number] * len(places), mark, color=style.color,
                         markersize=4)
-                plot.axvline(METHODS[method].stability, color=style.color, linewidth=0.5)
+                limit = facts_of(method).stability
+                if math.isfinite(limit):
+                    plot.axvline(limit, color=style.color, linewidth=0.5)
             plot.set_ylabel(f'{fabric}: energy error')
         plots[0].legend(fontsize=7, ncols=len(methods), loc='upper left')
         plots[-1].set_xlabel('step times largest frequency')

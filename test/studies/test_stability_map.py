@@ -18,7 +18,7 @@ import json
 import math
 
 from icofabric_sim.commands.main import main
-from icofabric_sim.simulation.stepping.methods import METHODS
+from icofabric_sim.simulation.stepping.methods import facts_of, IMPLICIT, METHODS
 from icofabric_sim.studies import stability_map
 from icofabric_sim.studies.stability_map import Cell, map_stability
 import pytest
@@ -26,16 +26,32 @@ import pytest
 
 def test_steps_are_refused_where_the_theory_says():
     cells = [*map_stability(('free',), products=(0.2, 1.9, 2.1, 3.0, 3.3, 5.0, 6.5), steps=200)]
-    assert len(cells) == 7 * len(METHODS) and not any(cell.fault for cell in cells)
+    assert len(cells) == 7 * len((*METHODS, *IMPLICIT)) and not any(cell.fault for cell in cells)
     for cell in cells:
-        assert (cell.outcome == 'refused') == (cell.product > METHODS[cell.method].stability)
+        facts = facts_of(cell.method)
+        assert (cell.outcome == 'refused') == (cell.product > facts.stability)
         if cell.outcome == 'ran':
-            assert cell.steps == 200 and cell.norm < 1e-14 and cell.momentum < 1e-13
+            assert cell.steps == (20 if facts.implicit else 200)
+            assert cell.norm < 1e-14 and cell.momentum < 1e-13
             assert 0.0 < cell.energy < 1.0
     # Of order 2 the energy swings by the square of the step.
     swings = [next(map_stability(('free',), ('leapfrog',), products=(product,), steps=400)).energy
               for product in (0.1, 0.4)]
     assert swings[1] / swings[0] == pytest.approx(16.0, rel=0.2)
+
+
+def test_implicit_steps_have_no_limit_and_gain_no_energy(monkeypatch):
+    for fabric in ('free', 'hanging'):
+        cells = [*map_stability((fabric,), ('sdirk4',), products=(0.2, 2.0, 20.0), steps=1000)]
+        assert [cell.outcome for cell in cells] == ['ran'] * 3
+        assert not any(cell.fault for cell in cells)
+        assert all(cell.steps == 100 and cell.norm < 1e-14 for cell in cells)
+        # Long steps take the fast vibrations away.
+        assert cells[0].energy < 1e-5 < 1e-3 < cells[2].energy
+    # As an explicit method would beyond its limit, or one with a wrong sign.
+    monkeypatch.setattr(stability_map, '_drifts', lambda *words: (0.5, 0.02, 0.0, 0.0))
+    (cell,) = map_stability(('free',), ('sdirk4',), products=(0.2,), steps=1000)
+    assert 'gains 0.02' in cell.fault
 
 
 def test_driven_and_tensioned_fabrics_have_the_limit_of_their_own_frequency():

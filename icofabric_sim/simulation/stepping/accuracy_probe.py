@@ -272,6 +272,14 @@ class AccuracyProbe:
                 square = max(square, max(slip / self._half_edge**2, spin) / rate**2)
         return math.sqrt(square) if math.isfinite(square) else math.inf
 
+    def slip(self, first: State, second: State) -> float:
+        """Largest difference [1/s] of the velocities of a body over a, or of its spins."""
+        with np.errstate(over='ignore', invalid='ignore'):
+            square = max(
+                _apart(first.linear_velocity, second.linear_velocity) / self._half_edge**2,
+                _apart(first.angular_velocity, second.angular_velocity))
+        return math.sqrt(square) if math.isfinite(square) else math.inf
+
     def floor(self, fastest: float) -> float:
         """What rounding adds to the error in each second: no step gives less."""
         extent = 1.0 + float(np.abs(self._trajectory.state.position).max()) / self._half_edge

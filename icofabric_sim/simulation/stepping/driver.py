@@ -120,7 +120,8 @@ class Driver:
         has_jumps = broad_phase is not None or packed.model.wrapping is not None
         self.errors = StepErrors(
             probe, None if is_adaptive or not has_jumps else TouchingErrors(
-                self.trajectory, self.contact, self.rates, self.trials, probe.distance))
+                self.trajectory, self.contact, self.rates, self.trials, probe.distance,
+                probe.slip))
         self.monitor = StepMonitor(
             self.trajectory, self.rates, obstruction, given=self._is_given, tolerance=tolerance,
             differences=differences)

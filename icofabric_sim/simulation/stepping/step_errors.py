@@ -52,7 +52,7 @@ class StepErrors:
 
     def estimate(self, time: float) -> float:
         """Errors added from the start to a present `time` [s], as if none had grown or faded."""
-        touching = 0.0 if self.touching is None else self.touching.total
+        touching = 0.0 if self.touching is None else self.touching.estimate(time)
         return self.probe.estimate(time) + touching
 
     def begin(self, time: float) -> None:
@@ -73,6 +73,8 @@ class StepErrors:
     def jump(self, time: float) -> None:
         """Count what was added until `time` [s], where the state jumps."""
         self.probe.close(time)
+        if self.touching is not None:
+            self.touching.settle(self.touching.estimate(time))
         self.returned_to = -math.inf
 
     def restart_touching(self, time: float) -> None:
@@ -89,7 +91,7 @@ class StepErrors:
         """Have a `total` of errors at the present time."""
         self.probe.total = total
         if self.touching is not None:
-            self.touching.total = 0.0
+            self.touching.settle(0.0)
 
     def rebase(self, time: float) -> None:
         """Begin at another `time` [s]: nothing has moved yet."""

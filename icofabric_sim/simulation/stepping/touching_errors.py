@@ -22,6 +22,9 @@ So are stretches in which bands around shells may change to another geodesic. Er
 take each other back within a period, and those of a state grow: a stretch of several shortest
 periods is repeated period by period, and where bands are and nothing can touch, one that is
 shorter goes on to a later health check.
+
+Where nothing vibrates no force takes an error of velocity back: it moves loose bodies on for as
+long as they fly. So it is counted with the time that passes until shells touch again.
 """
 
 from collections.abc import Callable
@@ -51,19 +54,24 @@ class TouchingErrors:
 
     def __init__(
         self, trajectory: Trajectory, contact: ContactScheduler, rates: MotionRates,
-        trials: TrialSteps, distance: Callable[[State, State, float], float]
+        trials: TrialSteps, distance: Callable[[State, State, float], float],
+        slip: Callable[[State, State], float]
     ) -> None:
         """
-        Measure on the `trajectory` by `trials`, and the `distance` of two states.
+        Measure on the `trajectory` by `trials`, the `distance` of two states and their `slip`.
 
-        Its third argument is a frequency [rad/s]: of what errors of velocities make later. Where
+        The third argument of `distance` is a frequency [rad/s]: of what errors of velocities make
+        later. `slip` [1/s] is the rate at which bodies part that nothing draws back. Where
         connectors lie around shells forces jump at any time: every stretch counts as one in which
         shells touch.
         """
         self._always = trajectory.model.wrapping is not None
         self._trajectory, self._contact, self._rates = trajectory, contact, rates
-        self._trials, self._distance = trials, distance
-        self.total = 0.0
+        self._trials, self._distance, self._slip_of = trials, distance, slip
+        # Errors by the end [s] of the last stretch in which shells touched. From there on bodies
+        # part at `_slip` [1/s], but for where they go on touching.
+        self.total = self._slip = self._since = 0.0
+        self._stays = False
         self._runs_through = trajectory.method.runs_through_contacts
         self._interval = 0  # steps from one health check to the next
         self.restart()
@@ -77,7 +85,21 @@ class TouchingErrors:
 
     def begin(self, time: float) -> None:
         """Begin a stretch at `time` [s], whose state is saved; inf: it cannot be judged."""
+        self._stays = False
+        self._begin(time)
+
+    def _begin(self, time: float) -> None:
         self._start, self._touched, self._is_kept = time, self._always, False
+
+    def estimate(self, time: float) -> float:
+        """Errors that were added by a present `time` [s]."""
+        if self._stays or not self._slip > 0.0:
+            return self.total
+        return self.total + self._slip * max(time - self._since, 0.0)
+
+    def settle(self, total: float) -> None:
+        """Have a `total` of errors at the present time, of which none moves bodies on."""
+        self.total, self._slip = total, 0.0
 
     def spoil(self) -> None:
         """Something else than steps of one length is part of this stretch."""
@@ -132,6 +154,12 @@ class TouchingErrors:
                 0.0 < length and length + 0.5 * self._interval * step < period):
             # A later health check will judge it.
             return
+        if self._touched:
+            # Where they lie on each other contacts draw them back: of a row of such stretches the
+            # first counts.
+            self.total, self._since, self._stays = self.estimate(time), time, True
+        else:
+            self._stays = False
         self._waiting += self._touched
         count = round(length / step) if 0.0 < length < math.inf else 0
         whole = count > 0 and abs(length - count * step) < 1e-6 * step
@@ -140,12 +168,20 @@ class TouchingErrors:
             whole = whole and self._contact.searched <= self._start
         if self._touched and whole and self._waiting >= self._every:
             windows = max(round(length / period), 1) if period > 0.0 else 1
+            slip = 0.0
+
+            def compare(one: State, other: State) -> float:
+                nonlocal slip
+                if not rate_now > 0.0:
+                    slip = self._slip_of(one, other)
+                return self._distance(one, other, rate_now)
+
             error = self._trials.compare_behind(
-                self._start, count, min(windows, count), lambda one, other: self._distance(
-                    one, other, rate_now))
+                self._start, count, min(windows, count), compare)
             if error is not None:
                 added = max(_RICHARDSON * error - rate * length, 0.0)
                 self.total += self._waiting * added
+                self._slip += self._waiting * _RICHARDSON * slip
                 self._waiting = 0
                 self._left = max(self._left - 1, 0)
                 if self._runs_through:
@@ -160,7 +196,7 @@ class TouchingErrors:
                 elif not self._left:
                     self._every = min(2 * self._every, _MOST)
                     self._left = _SAMPLES * self._every
-        self.begin(time)
+        self._begin(time)
 
     def state_tree(self) -> dict[str, Any]:
         """What was measured, and when it will be again."""
@@ -168,6 +204,8 @@ class TouchingErrors:
             'total': self.total, 'every': self._every, 'left': self._left,
             'waiting': self._waiting, 'start': self._start, 'touched': self._touched,
             'sum': self._sum, 'squares': self._squares}
+        if self._slip > 0.0:
+            tree |= {'slip': self._slip, 'since': self._since, 'stays': self._stays}
         if self._is_kept and self._trajectory.saved_time != self._start < math.inf:
             tree['earlier'] = self._trials.earlier_tree()
         return tree
@@ -175,6 +213,10 @@ class TouchingErrors:
     def load_state(self, tree: StateTree) -> None:
         """Go on from there."""
         self.total = tree.number('total', 0.0, finite=False)
+        self._slip, self._since, self._stays = 0.0, 0.0, False
+        if 'slip' in tree:
+            self._slip = tree.number('slip', 0.0, finite=False)
+            self._since, self._stays = tree.number('since'), tree.flag('stays')
         self._every, self._left = tree.count('every', 1, _MOST_THROUGH), tree.count('left')
         self._sum = tree.number('sum', 0.0, finite=False)
         self._squares = tree.number('squares', 0.0, finite=False)

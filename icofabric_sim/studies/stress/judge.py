@@ -19,29 +19,35 @@ run with a companion from the start, and the same run by two threads that goes o
 in its middle.
 """
 
+from collections.abc import Callable
 import logging
 import math
 from pathlib import Path
 import tempfile
 import time
 import traceback
-from typing import Final
+from typing import Any, Final
 
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.checkpoint import Checkpoint
-from icofabric_sim.simulation.divergence import Companion, distance_between, Growth
+from icofabric_sim.simulation.divergence import Growth
 from icofabric_sim.simulation.errors import Interrupted, SimulationError
 from icofabric_sim.simulation.simulation import compile_scene, Simulation
 from icofabric_sim.simulation.stepping.methods import facts_of
 from icofabric_sim.simulation.stepping.thread_team import teams_of
-from icofabric_sim.studies.stress.refusals import first_name, has_jumped, is_right_refusal
+from icofabric_sim.studies.stress.refusals import (
+    first_name,
+    has_jumped,
+    is_right_refusal,
+    moment_of,
+)
 from icofabric_sim.studies.stress.scenes import StressScene
 from icofabric_sim.studies.stress.verdict import Finding, Verdict
 from icofabric_sim.studies.stress.windows import (
     Added,
+    far_tighter,
     is_physical,
     rate_of,
-    reference_scene,
     Windows,
 )
 from numba.core import event
@@ -83,7 +89,7 @@ class _CompilerTime(event.Listener):  # type: ignore[misc]
             self.seconds += time.process_time() - self._began
 
 
-class _Clock:
+class Clock:
     """Processor time without that of the compiler, since it was made."""
 
     def __init__(self, limit: float, compiler: _CompilerTime) -> None:
@@ -97,15 +103,29 @@ class _Clock:
     def is_over(self, part: float = 1.0) -> bool:
         return self.seconds > part * self.limit
 
-    def another(self) -> '_Clock':
+    def another(self) -> 'Clock':
         """Return a clock that begins now, with the same limit."""
-        return _Clock(self.limit, self._compiler)
+        return Clock(self.limit, self._compiler)
 
 
 def judge(stress: StressScene, *, seconds: float = SECONDS) -> Finding:
     """Run a scene within so much processor time [s], and class it."""
+    return judged_by(
+        stress, seconds,
+        lambda scene, parameters, clock: _Judge(scene, clock, parameters).finding())
+
+
+def judged_by(
+    stress: StressScene, seconds: float,
+    look: Callable[[StressScene, dict[str, Any], Clock], Finding]
+) -> Finding:
+    """
+    What `look` finds of a scene with its parameters, by a clock of so much processor time [s].
+
+    An error of the program is a crash.
+    """
     compiler = _CompilerTime()
-    clock = _Clock(seconds, compiler)
+    clock = Clock(seconds, compiler)
     logger = logging.getLogger('icofabric_sim')
     handler = _Silent()
     logger.addHandler(handler)
@@ -113,7 +133,7 @@ def judge(stress: StressScene, *, seconds: float = SECONDS) -> Finding:
     try:
         with event.install_listener('numba:compile', compiler), (
                 tempfile.TemporaryDirectory()) as folder:
-            finding = _Judge(stress, clock, Path(folder)).finding()
+            finding = look(stress, stress.placed(Path(folder)), clock)
     except Exception as error:  # noqa: BLE001 - what it finds are such errors
         place = traceback.extract_tb(error.__traceback__)[-1]
         finding = _finding(
@@ -139,9 +159,10 @@ def _finding(stress: StressScene, verdict: Verdict, detail: str) -> Finding:
 class _Judge:
     """One scene; each step of `finding` may end it."""
 
-    def __init__(self, stress: StressScene, clock: _Clock, folder: Path) -> None:
-        self._stress, self._clock = stress, clock
-        self._parameters = stress.placed(folder)
+    def __init__(
+        self, stress: StressScene, clock: Clock, parameters: dict[str, Any]
+    ) -> None:
+        self._stress, self._clock, self._parameters = stress, clock, parameters
 
     def finding(self) -> Finding:
         stress = self._stress
@@ -175,7 +196,9 @@ class _Judge:
         # Where the run stopped the other one has to come to what it stopped for, which may be in a
         # window that ends later than all.
         late = end + _LATER * stress.duration if end > stress.duration else stress.duration
-        growth, distance, reason = self._whole(run, rate, end if failure is None else late)
+        growth, distance, reason = far_tighter(
+            run, rate, end if failure is None else late,
+            lambda: self._clock.is_over(_WHOLE_PART))
         other, compared, shared = self._other_bits(run, end, failure)
         found = _finding(stress, Verdict.WITHIN, '')._replace(
             method=run.status.method_name, bodies=scene.body_count, steps=run.status.step_count,
@@ -206,16 +229,17 @@ class _Judge:
         elif not compares:
             return found._replace(
                 verdict=Verdict.UNJUDGED, detail='there was no time for the tighter run')
-        verdict = self._classed(found, run, growth, distance)
+        lacks = run.status.error_estimate_lacks
+        verdict = classed(found, lacks, growth, distance)
         if verdict.verdict in (Verdict.SILENT, Verdict.BETWEEN) and compares:
             # Single windows may stand for many: look at all of them.
             again = self._all_windows(scene, rate, end)
             if again is not None:
                 added = again
-                verdict = self._classed(
+                verdict = classed(
                     found._replace(
                         added=again.error, promised=again.promised, windows=again.windows,
-                        unjudged=again.unjudged), run, growth, distance)
+                        unjudged=again.unjudged), lacks, growth, distance)
         if verdict.is_fault or verdict.verdict is Verdict.BETWEEN:
             return verdict
         why = added.broken or added.why or (reason and f'the tighter run stopped: {reason}')
@@ -299,29 +323,6 @@ class _Judge:
                 method=run.status.method_name, bodies=run.scene.body_count,
                 steps=run.status.step_count, time=run.time)
 
-    def _whole(
-        self, run: Simulation, rate: float, end: float
-    ) -> tuple[Growth | None, float, str]:
-        """
-        A far tighter run from the start: growth, distance at the end, and why it stopped.
-
-        Where it stopped the growth is that until then, and there is no distance.
-        """
-        reference = compile_scene(reference_scene(run.scene, rate))
-        reference.should_stop = lambda: self._clock.is_over(_WHOLE_PART)
-        companion = Companion(reference)
-        try:
-            for part in range(1, 9):
-                reference.advance_to(end * part / 8.0)
-                companion.look()
-        except SimulationError as error:
-            return companion.result(), 0.0, str(error)
-        except Interrupted:
-            return None, 0.0, ''
-        distance = distance_between(
-            run.snapshot(), reference.snapshot(), run.scene.geometry.half_edge)
-        return companion.result(), distance, ''
-
     def _other_bits(
         self, run: Simulation, end: float, failure: SimulationError | None
     ) -> tuple[str, bool, bool]:
@@ -390,48 +391,60 @@ class _Judge:
         """
         Whether a run with a shorter given step does not stop; None: there was no time.
 
-        Or stops as the tighter one does, for its `reason`.
+        Or stops as the tighter one does, for its `reason`, or later than this one and for another
+        reason: then the step was too long before the bodies came to what ends all runs.
         """
-        clock = self._clock.another()
-        for part in _SHORTER:
+        clock, moment = self._clock.another(), moment_of(text)
+        # Given implicit steps leave the energy uncounted that dies out within one, short or long;
+        # chosen ones are the other way out that they name.
+        is_implicit = facts_of(compile_scene(scene).status.method_name).implicit
+        for part in (*_SHORTER, 0.0) if is_implicit else _SHORTER:
             run = compile_scene(scene.with_changes({'solver.step': part * step}))
             run.should_stop = clock.is_over
             try:
                 run.advance_to(self._stress.duration)
             except SimulationError as error:
                 name = first_name(str(error))
-                if name != first_name(text):
-                    return bool(name) and name == first_name(reason)
+                if name == first_name(text):
+                    continue
+                if run.time > moment or (name and name == first_name(reason)):
+                    return True
+                if not is_implicit:
+                    return False
             except Interrupted:
                 return None
             else:
                 return True
         return False
 
-    def _classed(
-        self, found: Finding, run: Simulation, growth: Growth | None, distance: float
-    ) -> Finding:
-        """The class of a run that came to its end."""
-        added, promised, lacks = found.added, found.promised, run.status.error_estimate_lacks
-        told = FACTOR * found.estimate >= added
-        chaotic = growth is not None and (growth.is_sensitive or bool(growth.ended))
-        if not added <= promised:
-            ratio = f'{added:.3g} added, {promised:.3g} promised, {found.estimate:.3g} said'
-            if not found.is_given and added <= FACTOR * promised:
-                return found._replace(verdict=Verdict.BETWEEN, detail=ratio)
-            if told:
-                return found._replace(verdict=Verdict.SAID, detail=ratio)
+
+def classed(found: Finding, lacks: str, growth: Growth | None, distance: float) -> Finding:
+    """
+    The class of a run that came to its end.
+
+    `lacks`: what its estimate may not cover; `distance` at the end from a tighter run, where small
+    displacements had that `growth`.
+    """
+    added, promised = found.added, found.promised
+    told = FACTOR * found.estimate >= added
+    chaotic = growth is not None and (growth.is_sensitive or bool(growth.ended))
+    if not added <= promised:
+        ratio = f'{added:.3g} added, {promised:.3g} promised, {found.estimate:.3g} said'
+        if not found.is_given and added <= FACTOR * promised:
+            return found._replace(verdict=Verdict.BETWEEN, detail=ratio)
+        if told:
+            return found._replace(verdict=Verdict.SAID, detail=ratio)
+        if lacks:
+            return found._replace(verdict=Verdict.EXCUSED, detail=f'{ratio}; {lacks}')
+        return found._replace(verdict=Verdict.SILENT, detail=ratio)
+    if chaotic:
+        return found._replace(verdict=Verdict.CHAOTIC)
+    if growth is not None:
+        # The bound that `icofabric run` prints.
+        bound = max(promised, found.estimate) * growth.largest
+        if not distance <= FACTOR * bound:
+            said = f'{distance:.3g} at the end, {bound:.3g} said'
             if lacks:
-                return found._replace(verdict=Verdict.EXCUSED, detail=f'{ratio}; {lacks}')
-            return found._replace(verdict=Verdict.SILENT, detail=ratio)
-        if chaotic:
-            return found._replace(verdict=Verdict.CHAOTIC)
-        if growth is not None:
-            # The bound that `icofabric run` prints.
-            bound = max(promised, found.estimate) * growth.largest
-            if not distance <= FACTOR * bound:
-                said = f'{distance:.3g} at the end, {bound:.3g} said'
-                if lacks:
-                    return found._replace(verdict=Verdict.EXCUSED, detail=f'{said}; {lacks}')
-                return found._replace(verdict=Verdict.SILENT, detail=said)
-        return found
+                return found._replace(verdict=Verdict.EXCUSED, detail=f'{said}; {lacks}')
+            return found._replace(verdict=Verdict.SILENT, detail=said)
+    return found

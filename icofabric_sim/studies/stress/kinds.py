@@ -15,7 +15,8 @@
 The kinds of random scenes: which terms they have, and which method integrates them.
 
 Each kind has kernels of its own, so kinds are drawn before values. A number keeps its meaning:
-new kinds go to the end, where there is room for them (`MOST`).
+new kinds go to the end, where there is room for them (`MOST`), and to another version of the seeds
+(`scenes.VERSIONS`).
 """
 
 from collections.abc import Iterator
@@ -105,5 +106,18 @@ KINDS: Final = tuple(_kinds("""
     auto: loaded heavy held touching loose
     srkn8: loaded bent twisted kinked
     dop8: heavy dragged charged magnetic driven
+    sdirk4:
+    sdirk4: damped
+    sdirk4: loaded heavy held damped
+    sdirk4: bent twisted damped
+    sdirk4: kinked damped
+    sdirk4: tabled damped
+    sdirk4: damped dragged driven
+    sdirk4: damped pressed
+    sdirk4: loaded heavy held grouped damped dragged
+    auto: loaded heavy held damped
 """))
 assert len(KINDS) <= MOST
+# The kind of scenes for which `auto` may take implicit steps.
+AUTO_DAMPED: Final = Kind('auto', ('loaded', 'heavy', 'held', 'damped'))
+assert AUTO_DAMPED in KINDS

@@ -17,6 +17,7 @@ Which refusals are right: those of a spoiled scene name what was spoiled, others
 And which stops need no other run to be judged.
 """
 
+import math
 import re
 from typing import Final
 
@@ -48,7 +49,9 @@ REFUSED_BY_CHANCE: Final = (
     ('initial.kick.', 'disagrees with drives.'),
     ('connector.break_length_', 'at which they would break at once'),
     ('connector_groups.seam.between', 'no connector leads from one to the other'),
-    ('drives.table.', 'the velocity would jump at the start'))
+    ('drives.table.', 'the velocity would jump at the start'),
+    # A ball, or a body that begins elsewhere, in another shell.
+    ('contact.mode', 'move them apart'))
 
 
 def is_right_refusal(error: ValueError, spoiled: str) -> bool:
@@ -77,6 +80,12 @@ def first_name(text: str) -> str:
         if word in BY_NAME or word.split('.')[0] in FAMILIES:
             return str(word)
     return ''
+
+
+def moment_of(text: str) -> float:
+    """Time [s] at which a run stopped, as its sentence says first; infinite: it does not say."""
+    found = re.search(r'\bt = (-?\d[\d.]*(?:e[+-]?\d+)?) s', text)
+    return float(found.group(1)) if found else math.inf
 
 
 def has_jumped(text: str, run: Simulation) -> bool:

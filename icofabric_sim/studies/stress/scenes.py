@@ -29,14 +29,14 @@ from icofabric_sim import checks
 from icofabric_sim.geometry.shell import Shell
 from icofabric_sim.parameters.text import dump_parameters
 from icofabric_sim.scene.weave_geometry import geometry_from_angle
-from icofabric_sim.studies.stress.kinds import Kind, KINDS
+from icofabric_sim.simulation.stepping.methods import IMPLICIT
+from icofabric_sim.studies.stress.kinds import AUTO_DAMPED, Kind, KINDS
 import numpy as np
 
-# A seed draws the same scene as long as this number stays. It draws among so many kinds, the first
-# of the list; where the list grows both are raised, and seeds mean other scenes.
-VERSION: Final = 1
-DRAWN_KINDS: Final = 55
-LARGEST_SEED: Final = 2**32 - 1
+# Seeds below each number draw among so many kinds, the first of the list. Where the list grows
+# another version follows: no seed means another scene.
+VERSIONS: Final = ((2**32, 55), (2**33, 65))
+LARGEST_SEED: Final = VERSIONS[-1][0] - 1
 # Share of scenes with a value that must be refused.
 _SPOILED = 0.06
 # Fabrics stay small, so that each can be judged in seconds.
@@ -74,8 +74,8 @@ class StressScene:
         """The scene as a parameter file, with its files named as if they lay beside it."""
         kind = KINDS[self.kind]
         head = (
-            f'# Seed {self.seed} of icofabric stress (seeds of version {VERSION}), kind '
-            f'{self.kind}: {kind}.\n')
+            f'# Seed {self.seed} of icofabric stress (seeds of version {version_of(self.seed)}), '
+            f'kind {self.kind}: {kind}.\n')
         if self.spoiled:
             head += f'# To be refused for {self.spoiled}.\n'
         return head + dump_parameters(
@@ -100,21 +100,39 @@ class StressScene:
 
 
 def draw_scene(seed: int) -> StressScene:
-    """The scene of a seed, 0 to 2^32 - 1."""
+    """The scene of a seed, 0 to 2^33 - 1."""
     seed = checks.count('seed', seed, 0, LARGEST_SEED)
-    generator = np.random.default_rng([VERSION, seed])
-    kind = int(generator.integers(DRAWN_KINDS))
+    generator, kind = _begun(seed)
     return _Draw(generator, KINDS[kind]).scene(seed, kind)
 
 
 def kind_of(seed: int) -> int:
     """Number of the kind that a seed draws."""
-    return int(np.random.default_rng([VERSION, seed]).integers(DRAWN_KINDS))
+    return _begun(seed)[1]
+
+
+def version_of(seed: int) -> int:
+    """Version of the seeds to which one belongs, from 1."""
+    return next(number for number, (end, _) in enumerate(VERSIONS, 1) if seed < end)
+
+
+def _begun(seed: int) -> tuple[np.random.Generator, int]:
+    """What draws the scene of a seed, and the kind that it drew first."""
+    version = version_of(seed)
+    generator = np.random.default_rng([version, seed])
+    return generator, int(generator.integers(VERSIONS[version - 1][1]))
 
 
 def seeds_of(first: int, count: int, kinds: Collection[int]) -> Iterator[int]:
-    """The first `count` seeds, from `first` on, whose kinds are among `kinds`."""
+    """
+    The first `count` seeds, from `first` on, whose kinds are among `kinds`.
+
+    Where all of these are of later versions, from the first one that may draw them.
+    """
     found, seed = 0, first
+    for end, drawn in VERSIONS:
+        if min(kinds) >= drawn:
+            seed = max(seed, end)
     while found < count and seed <= LARGEST_SEED:
         if kind_of(seed) in kinds:
             found += 1
@@ -308,8 +326,17 @@ class _Draw:
 
     def _damped(self) -> None:
         # Critical at about 1; now and then far beyond.
-        part = self.log(-3.0, 0.0) if self.chance(0.8) else self.log(0.0, 2.0)
+        if self._is_stiff:
+            # What implicit steps are for.
+            part = self.log(-2.0, 1.0) if self.chance(0.4) else self.log(1.0, 3.0)
+        else:
+            part = self.log(-3.0, 0.0) if self.chance(0.8) else self.log(0.0, 2.0)
         self.values['connector.damping'] = self.mass * self.rate * part
+
+    @property
+    def _is_stiff(self) -> bool:
+        """Whether steps may be implicit."""
+        return self.kind.method in IMPLICIT or self.kind == AUTO_DAMPED
 
     def _dragged(self) -> None:
         part = self.log(-3.0, 0.0) if self.chance(0.8) else self.log(0.0, 2.0)
@@ -456,8 +483,12 @@ class _Draw:
         values['solver.threads'] = 1
         if not self.chance(0.15):
             # For each radian of the fastest motion from 1e-10 to 1e-3; below, rounding rules.
-            values['solver.tolerance'] = min(self.rate * self.log(-9.5, -3.0), 1e9)
-        if self.chance(0.25):
+            # Of order 4 steps are for the looser ones.
+            powers = (-6.5, -2.0) if self._is_stiff else (-9.5, -3.0)
+            values['solver.tolerance'] = min(self.rate * self.log(*powers), 1e9)
+        if self.kind.method in IMPLICIT and self.chance(0.25):
+            values['solver.step'] = self.log(-1.3, 1.2) * 2.0 / (_FASTEST * self.rate)
+        elif self.kind.method not in IMPLICIT and self.chance(0.25):
             # Around the limit of leapfrog, 2 over the largest frequency.
             values['solver.step'] = self.log(-1.3, 0.2) * 2.0 / (_FASTEST * self.rate)
         if self.chance(0.1):

@@ -20,11 +20,16 @@ more than was allowed at its end, a displaced companion says how much of that is
 
 from collections.abc import Callable
 import math
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple, Protocol
 
 from icofabric_sim.scene.scene import Scene
-from icofabric_sim.simulation.divergence import Companion, DISPLACEMENT, distance_between
-from icofabric_sim.simulation.errors import SimulationError
+from icofabric_sim.simulation.divergence import (
+    Companion,
+    DISPLACEMENT,
+    distance_between,
+    Growth,
+)
+from icofabric_sim.simulation.errors import Interrupted, SimulationError
 from icofabric_sim.simulation.simulation import compile_scene, Simulation
 import numpy as np
 
@@ -38,6 +43,29 @@ _ROUNDING: Final = 256.0 * np.finfo(float).eps
 # Words of stops that are not about steps: `connector.obstruction: stop`, overlaps too deep.
 _PHYSICAL: Final = (
     'connector.obstruction is stop', 'Give a larger contact.stiffness', 'move them apart')
+
+
+class Run(Protocol):
+    """What is followed: a simulation, or what another program computes of its scene."""
+
+    should_stop: Callable[[], bool] | None
+
+    @property
+    def scene(self) -> Scene:
+        """The scene."""
+
+    @property
+    def time(self) -> float:
+        """Time [s] of the present state."""
+
+    def advance_to(self, time: float) -> None:
+        """Go on to a time [s], or a little later where steps have one length."""
+
+    def advance_steps(self, count: int) -> object:
+        """Take whole steps."""
+
+    def snapshot(self) -> Any:
+        """The state: position, orientation, intact."""
 
 
 class Added(NamedTuple):
@@ -72,19 +100,54 @@ def is_physical(text: str) -> bool:
     return any(words in text for words in _PHYSICAL)
 
 
+def go_on(run: Simulation, other: Simulation) -> float:
+    """Have `other` go on where a run is; returns by how much its clock is behind that [s]."""
+    other.reset_time()
+    other.take_over(run, keep_motion=True)
+    return 0.0
+
+
+def far_tighter(
+    run: Run, rate: float, end: float, should_stop: Callable[[], bool]
+) -> tuple[Growth | None, float, str]:
+    """
+    A far tighter run from the start: growth, distance at the `end` [s], and why it stopped.
+
+    Where it stopped the growth is that until then, and there is no distance; no growth: there was
+    no time.
+    """
+    reference = compile_scene(reference_scene(run.scene, rate))
+    reference.should_stop = should_stop
+    companion = Companion(reference)
+    try:
+        for part in range(1, 9):
+            reference.advance_to(end * part / 8.0)
+            companion.look()
+    except SimulationError as error:
+        return companion.result(), 0.0, str(error)
+    except Interrupted:
+        return None, 0.0, ''
+    distance = distance_between(
+        run.snapshot(), reference.snapshot(), run.scene.geometry.half_edge)
+    return companion.result(), distance, ''
+
+
 class Windows:
     """One run, followed window by window; `result` says what was found so far."""
 
     def __init__(
-        self, run: Simulation, rate: float, should_stop: Callable[[], bool], *,
-        compare: bool = True, most: float = WINDOWS
+        self, run: Run, rate: float, should_stop: Callable[[], bool], *,
+        compare: bool = True, most: float = WINDOWS,
+        hand_over: Callable[[Any, Simulation], float] = go_on
     ) -> None:
         """
         Follow `run`, whose fastest motion has the `rate` [rad/s].
 
-        `compare`: whether references go beside it; `most`: windows, at most. `should_stop` ends an
-        advance of each of them with Interrupted.
+        `compare`: whether references go beside it; `most`: windows, at most; `hand_over` brings
+        one of these to where the run is. `should_stop` ends an advance of each of them with
+        Interrupted.
         """
+        self._hand_over, self._earlier = hand_over, 0.0
         self._run, self._rate, self._most = run, rate, most
         self._half_edge = run.scene.geometry.half_edge
         self._tolerance = float(str(run.scene.parameters['solver.tolerance']))
@@ -111,14 +174,14 @@ class Windows:
                 run.advance_to(before + gap)
                 run.advance_steps(1)
             start = run.time
-            for other in self._others:
-                other.reset_time()
-                other.take_over(run, keep_motion=True)
+            fault = self._take_over()
             run.advance_to(max(start + 0.999 * period, run.time))
             run.advance_steps(1)
             if self._others:
                 self._count += 1
                 try:
+                    if fault is not None:
+                        raise fault
                     self._compare(before, start)
                 except SimulationError as error:
                     self._skip(f'the tighter run stopped: {error}')
@@ -133,6 +196,20 @@ class Windows:
             self._error, self._tolerance * self._run.time + self._rounding, self._rounding,
             self._count, self._unjudged, self._why, self._broken)
 
+    def _take_over(self) -> SimulationError | None:
+        """
+        Have the others begin where the run is; why they cannot.
+
+        A run with a given step may be on its way to infinity, where none with chosen ones begins.
+        It is for its next health check to see that.
+        """
+        for other in self._others:
+            try:
+                self._earlier = self._hand_over(self._run, other)
+            except SimulationError as error:
+                return error
+        return None
+
     def _compiled(self) -> list[Simulation]:
         """Return the reference and the one that is displaced from it."""
         others = [compile_scene(self._reference) for _ in range(2)]
@@ -146,14 +223,15 @@ class Windows:
 
     def _compare(self, before: float, start: float) -> None:
         run, (reference, mark) = self._run, self._others
-        reference.advance_to(run.time)
+        end = run.time - self._earlier
+        reference.advance_to(end)
         one, two = run.snapshot(), reference.snapshot()
         error, length = distance_between(one, two, self._half_edge), run.time - start
         rounding = _ROUNDING * (1.0 + float(np.abs(one.position).max()) / self._half_edge)
         allowed = self._tolerance * length + rounding
         if not error <= allowed:
             companion = Companion(mark)
-            mark.advance_to(run.time)
+            mark.advance_to(end)
             companion.look()
             growth = companion.result()
             if growth.at_least or growth.ended:

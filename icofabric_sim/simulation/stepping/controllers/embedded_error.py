@@ -191,9 +191,11 @@ class EmbeddedError:
 
     @property
     def _has_kinks(self) -> bool:
-        """Whether tensions of connectors have kinks."""
-        links = self._pieces.trajectory.model.links
-        return has_jumps(links) or (links is not None and links.tables is not None)
+        """Whether tensions of connectors have kinks, or jump where bands change their way."""
+        model = self._pieces.trajectory.model
+        links = model.links
+        return has_jumps(links) or model.wrapping is not None or (
+            links is not None and links.tables is not None)
 
     def _kinked_rate(self, rate: float) -> float:
         """Square [1/s^2] of the fastest motion where forces may have kinks; 0: they have none."""

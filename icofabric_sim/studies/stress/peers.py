@@ -1,0 +1,182 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+Random scenes in another program, under the same judge: windows beside tighter runs of ours.
+
+The part of a scene that it can express is run there: springs, dampers along them, gravity,
+supports. Loads are left out for both. It knows no tolerance, so its step is the one with which its
+method keeps that of the scene on an oscillation; a given step is taken as it is. It says nothing
+of its errors, so what is more than three times too large is silently wrong, as with ours.
+"""
+
+import math
+from typing import Any, Final
+
+from icofabric_sim.scene.scene import Scene
+from icofabric_sim.simulation.errors import Interrupted, SimulationError
+from icofabric_sim.simulation.simulation import compile_scene, Simulation
+from icofabric_sim.studies.stress import mujoco_run
+from icofabric_sim.studies.stress.judge import classed, Clock, judged_by, SECONDS
+from icofabric_sim.studies.stress.kinds import KINDS
+from icofabric_sim.studies.stress.mujoco_run import MuJoCoRun
+from icofabric_sim.studies.stress.scenes import draw_scene, StressScene
+from icofabric_sim.studies.stress.verdict import Finding, Verdict
+from icofabric_sim.studies.stress.windows import far_tighter, rate_of, Windows
+import numpy as np
+
+PEERS: Final = ('mujoco',)
+# Error of the classical Runge-Kutta method in a radian of an oscillation, by step times frequency:
+# x^4 / 120. Half of the tolerance is aimed at. At most so many radians; and for damping.
+_ERROR, _AIM, _LONGEST, _DAMPED = 1.0 / 120.0, 0.5, 0.5, 0.5
+# Parts of a step that are tried where it stops.
+_SHORTER = (1 / 4, 1 / 16)
+# Parts of the time for the windows, and for those and the run from the start.
+_WINDOWS_PART, _WHOLE_PART = 0.6, 0.9
+# A scene of which less than this part of the duration was simulated is judged alone.
+_ENOUGH = 0.25
+
+
+def is_expressible(seed: int) -> bool:
+    """Whether the scene of a seed is one that both can run: nothing in it is spoiled either."""
+    scene = draw_scene(seed)
+    known = {*mujoco_run.TERMS, *mujoco_run.LEFT_OUT}
+    return not scene.spoiled and {*KINDS[scene.kind].terms} <= known
+
+
+def judge_mujoco(stress: StressScene, *, seconds: float = SECONDS) -> Finding:
+    """Run a scene in MuJoCo within so much processor time [s], and class it."""
+    return judged_by(stress, seconds, _judge)
+
+
+def _judge(stress: StressScene, parameters: dict[str, Any], seconds: Clock) -> Finding:
+    try:
+        scene = Scene.from_parameters(_expressible(parameters))
+        rate = rate_of(compile_scene(scene.with_changes({
+            'solver.step': 0.0, 'solver.method': 'dop8'})))
+    except ValueError as error:
+        # Ours refuses it: there is nothing to compare.
+        return Finding(stress.seed, stress.kind, Verdict.REFUSED, ' '.join(str(error).split()))
+    given = float(str(scene.parameters['solver.step']))
+    step = given or _step(scene, rate)
+    run = MuJoCoRun(scene, step, rate)
+    windows = Windows(
+        run, rate, lambda: seconds.is_over(_WINDOWS_PART), hand_over=_put)
+    failure = ''
+    try:
+        windows.follow(stress.duration)
+    except SimulationError as error:
+        failure = str(error)
+    except Interrupted:
+        if not run.time > _ENOUGH * stress.duration:
+            return _alone(stress, MuJoCoRun(scene, step, rate), rate, seconds)
+    run.should_stop = None
+    added = windows.result()
+    found = Finding(
+        stress.seed, stress.kind, Verdict.WITHIN, method='MuJoCo RK4', bodies=scene.body_count,
+        steps=run.step_count, is_given=given > 0.0, time=run.time, added=added.error,
+        promised=added.promised, windows=added.windows, unjudged=added.unjudged)
+    if failure:
+        right = _goes_on(scene, step, rate, stress.duration)
+        return found._replace(
+            verdict=Verdict.STOPPED if right else Verdict.WRONGLY_STOPPED, detail=failure)
+    if other := _other_bits(run, scene, step, rate):
+        return found._replace(verdict=Verdict.OTHER_BITS, compared=True, detail=other)
+    growth, distance, reason = far_tighter(
+        run, rate, run.time, lambda: seconds.is_over(_WHOLE_PART))
+    found = found._replace(compared=True, growth=0.0 if growth is None else growth.largest)
+    verdict = classed(found, '', growth, distance)
+    why = added.why or (reason and f'the tighter run stopped: {reason}')
+    if why and not verdict.is_fault:
+        return verdict._replace(
+            verdict=Verdict.UNJUDGED,
+            detail=f'{added.unjudged} of {added.windows} windows; {why}')
+    return verdict
+
+
+def _alone(stress: StressScene, run: MuJoCoRun, rate: float, seconds: Clock) -> Finding:
+    """The class of a run beside which tighter ones took too long."""
+    clock = seconds.another()
+    run.should_stop = lambda: clock.is_over(_WINDOWS_PART)
+    verdict, words = Verdict.UNJUDGED, 'the tighter run takes too long'
+    try:
+        run.advance_to(stress.duration)
+    except SimulationError as error:
+        right = _goes_on(run.scene, run.step, rate, stress.duration)
+        verdict, words = (
+            Verdict.STOPPED if right else Verdict.WRONGLY_STOPPED), str(error)
+    except Interrupted:
+        verdict, words = Verdict.SLOW, (
+            f'{run.step_count} steps of {run.step:.3g} s to t = {run.time:.6g} s of '
+            f'{stress.duration:.6g} s')
+    return Finding(
+        stress.seed, stress.kind, verdict, words, method='MuJoCo RK4', bodies=run.scene.body_count,
+        steps=run.step_count, time=run.time)
+
+
+def _expressible(parameters: dict[str, Any]) -> dict[str, Any]:
+    """The scene without what only ours has: loads, limits of its own health checks."""
+    return {
+        name: value for name, value in parameters.items()
+        if not name.startswith('loads.') and name not in (
+            'solver.energy_limit', 'connector.obstruction')}
+
+
+def _step(scene: Scene, rate: float) -> float:
+    """The step [s] with which the method keeps the tolerance on an oscillation."""
+    tolerance = float(str(scene.parameters['solver.tolerance'])) / rate
+    step = min((_AIM * tolerance / _ERROR) ** 0.25, _LONGEST) / rate
+    damping = float(np.max(scene.connectors.damping, initial=0.0))
+    if damping > 0.0:
+        shell, width = scene.shell, 0.5 * scene.geometry.cube_width
+        fastest = 24.0 * damping * (1.0 / shell.mass + width**2 / shell.inertia)
+        step = min(step, _DAMPED / fastest)
+    return step
+
+
+def _put(run: Any, other: Simulation) -> float:
+    """Have a tighter run begin where MuJoCo is; returns by how much its clock is behind [s]."""
+    state = run.snapshot()
+    other.reset_time()
+    other.set_state(
+        position=state.position, orientation=state.orientation,
+        linear_velocity=state.linear_velocity, angular_velocity=state.angular_velocity)
+    return float(run.time)
+
+
+def _other_bits(run: MuJoCoRun, scene: Scene, step: float, rate: float) -> str:
+    """What a saved state in the middle changes; '': nothing."""
+    first, second = (MuJoCoRun(scene, step, rate) for _ in range(2))
+    half = run.step_count // 2
+    try:
+        first.advance_steps(half)
+        second.restore(first.saved(), half)
+        second.advance_steps(run.step_count - half)
+    except SimulationError as error:
+        return f'stopped elsewhere: {error}'
+    same = np.array_equal(run.saved(), second.saved(), equal_nan=True)
+    return '' if same else f'the state at t = {run.time!r} s differs'
+
+
+def _goes_on(scene: Scene, step: float, rate: float, duration: float) -> bool:
+    """Whether it does not stop with a shorter step."""
+    for part in _SHORTER:
+        run = MuJoCoRun(scene, part * step, rate)
+        if not math.isfinite(duration / run.step):
+            return False
+        try:
+            run.advance_to(duration)
+        except SimulationError:
+            continue
+        return True
+    return False
