@@ -45,8 +45,8 @@ import numpy as np
 
 __all__ = [
     'BROKEN', 'CHECKPOINT', 'CLOCK', 'CONNECTORS', 'CONTACTS', 'DIAGNOSTICS', 'ENERGIES',
-    'ENERGY', 'EVENTS', 'ICOSAHEDRA', 'MARKERS', 'Outputs', 'POSES', 'REACTIONS', 'STATE',
-    'STRAIN_CLASSES', 'StrainClass', 'TENSIONS', 'Topic', 'TOPICS', 'WEAVE']
+    'ENERGY', 'EVENTS', 'ICOSAHEDRA', 'MARKERS', 'MEASURED', 'Outputs', 'POSES', 'REACTIONS',
+    'STATE', 'STRAIN_CLASSES', 'StrainClass', 'TENSIONS', 'Topic', 'TOPICS', 'WEAVE']
 
 
 class Topic(NamedTuple):
@@ -71,6 +71,7 @@ ENERGY = Topic('~/energy', Float64MultiArrayBytes.TYPE, False, 10, True)
 REACTIONS = Topic('~/reactions', Float64MultiArrayBytes.TYPE, False, 10, False)
 TENSIONS = Topic('~/tensions', Float64MultiArrayBytes.TYPE, False, 10, False)
 CONTACTS = Topic('~/contacts', Float64MultiArrayBytes.TYPE, False, 10, False)
+MEASURED = REACTIONS, TENSIONS, CONTACTS  # in a bag where record.measured asks for them
 # What has broken so far, in the order in which it did.
 BROKEN = Topic('~/broken', Float64MultiArrayBytes.TYPE, True, 1, True)
 WEAVE = Topic('~/weave', StringBytes.TYPE, True, 1, True)

@@ -520,6 +520,13 @@ STATIC: tuple[Specification, ...] = (
         AT_ONCE,
         choices=('none', 'zstd'),
     ),
+    _s(
+        'record.measured',
+        False,
+        '',
+        'record `~/reactions`, `~/tensions` and `~/contacts` too, from the next bag on',
+        AT_ONCE,
+    ),
 )
 
 _PROFILE = (

@@ -40,9 +40,9 @@ from icofabric_sim.simulation.model.snapshot import Snapshot
 from icofabric_sim.simulation.stepping.driver import Driver
 import numpy as np
 
-# Accelerations of paths are central differences of their velocities over so many radians of the
-# fastest motion: off by 2e-7 of themselves at most.
-_RADIANS = 1e-3
+# Accelerations of paths are central differences of their velocities over this time [s], or so many
+# radians of the fastest wave or spin: off by 2e-7 of themselves at most. A cubic has no error.
+_SPAN, _RADIANS = 1e-4, 1e-3
 
 
 class ContactForces(NamedTuple):
@@ -156,7 +156,7 @@ class LoadCells:
         np.add.at(force, touching.bodies[shells, 1], touching.second[shells])
         masses = np.repeat(
             [1.0 / packed.model.inverse_mass, 1.0 / packed.model.inverse_inertia], 3)
-        inertial = masses * self._path_acceleration(driver, loads, state, time)
+        inertial = masses * self._path_acceleration(loads, state, time)
         position = packed.layout.gather(state.position)
         on_bodies, rows = np.zeros_like(force), []
         for mine in self._held.values():
@@ -217,17 +217,15 @@ class LoadCells:
             [1.0 / packed.model.inverse_mass, 1.0 / packed.model.inverse_inertia], 3)
         return layout.gather(slope[-6:]) * masses
 
-    def _path_acceleration(
-        self, driver: Driver, loads: Loads, state: State, time: float
-    ) -> np.ndarray:
+    def _path_acceleration(self, loads: Loads, state: State, time: float) -> np.ndarray:
         """Accelerations [m/s^2], [rad/s^2] that paths prescribe, (n, 6); 0 of other bodies."""
         layout, drives = self._packed.layout, loads.drives
         if drives is None:
             return np.zeros((layout.body_count, 6))
         rate = max(
-            driver.rates.frequency.rate, float(np.abs(drives.rate).max(initial=0.0)),
+            float(np.abs(drives.rate).max(initial=0.0)),
             float(np.abs(state.angular_velocity).max(initial=0.0)))
-        span = _RADIANS / rate if rate > 0.0 else 1.0
+        span = min(_SPAN, _RADIANS / rate) if rate > 0.0 else _SPAN
         ends = []
         for moment in (time - span, time + span):
             there = layout.like(state)
