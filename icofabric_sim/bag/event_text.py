@@ -35,6 +35,7 @@ _NAMES = {
     'checkpoint_saved': ('checkpoint saved', 'checkpoints saved'),
     'checkpoint_restored': ('checkpoint restored', 'checkpoints restored'),
     'state_set': ('body put elsewhere', 'bodies put elsewhere'),
+    'equilibrium': ('call of ~/solve_equilibrium', 'calls of ~/solve_equilibrium'),
     'failed': ('failure', 'failures'),
     'stalled': ('standstill', 'standstills'),
     'change_refused': ('change that could not be built', 'changes that could not be built'),
@@ -95,6 +96,7 @@ def describe_event(event: RecordedEvent) -> str:
             f'goes on from the checkpoint of t = {facts.get("of")} s in {facts.get("path")}'),
         'record': 'recording on' if facts.get('on') else 'recording off',
         'state_set': f'body {facts.get("body")} was put elsewhere',
+        'equilibrium': f'brought to rest: {facts.get("verdict")}',
     }
     return texts.get(event.name, event.name) + _dropped(facts)
 

@@ -39,13 +39,14 @@ from icofabric_sim.parameters.validation import Parameters
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.contact.broad_phase import Touching
 from icofabric_sim.simulation.input_types import Wrench
+from icofabric_sim.simulation.load_cells import ContactForces, Reactions
 from icofabric_sim.simulation.model.snapshot import Snapshot
 import numpy as np
 
 __all__ = [
-    'BROKEN', 'CHECKPOINT', 'CLOCK', 'CONNECTORS', 'DIAGNOSTICS', 'ENERGIES', 'ENERGY', 'EVENTS',
-    'ICOSAHEDRA', 'MARKERS', 'Outputs', 'POSES', 'STATE', 'STRAIN_CLASSES', 'StrainClass', 'Topic',
-    'TOPICS', 'WEAVE']
+    'BROKEN', 'CHECKPOINT', 'CLOCK', 'CONNECTORS', 'CONTACTS', 'DIAGNOSTICS', 'ENERGIES',
+    'ENERGY', 'EVENTS', 'ICOSAHEDRA', 'MARKERS', 'MEASURED', 'Outputs', 'POSES', 'REACTIONS',
+    'STATE', 'STRAIN_CLASSES', 'StrainClass', 'TENSIONS', 'Topic', 'TOPICS', 'WEAVE']
 
 
 class Topic(NamedTuple):
@@ -66,6 +67,11 @@ ICOSAHEDRA = Topic('~/icosahedra', MarkerBytes.TYPE, False, 8, False)
 # They follow from what a bag holds.
 MARKERS = Topic('~/markers', ActingMarkers.TYPE, False, 8, False)
 ENERGY = Topic('~/energy', Float64MultiArrayBytes.TYPE, False, 10, True)
+# What a test rig would measure; it follows from the motion.
+REACTIONS = Topic('~/reactions', Float64MultiArrayBytes.TYPE, False, 10, False)
+TENSIONS = Topic('~/tensions', Float64MultiArrayBytes.TYPE, False, 10, False)
+CONTACTS = Topic('~/contacts', Float64MultiArrayBytes.TYPE, False, 10, False)
+MEASURED = REACTIONS, TENSIONS, CONTACTS  # in a bag where record.measured asks for them
 # What has broken so far, in the order in which it did.
 BROKEN = Topic('~/broken', Float64MultiArrayBytes.TYPE, True, 1, True)
 WEAVE = Topic('~/weave', StringBytes.TYPE, True, 1, True)
@@ -76,8 +82,8 @@ EVENTS = Topic('~/events', StringBytes.TYPE, False, 100, True)
 # Checkpoints, so that a bag can be simulated again from there.
 CHECKPOINT = Topic('~/checkpoint', 'std_msgs/msg/UInt8MultiArray', False, 1, True)
 TOPICS = (
-    POSES, CONNECTORS, ICOSAHEDRA, MARKERS, STATE, ENERGY, BROKEN, WEAVE, CLOCK, DIAGNOSTICS,
-    EVENTS)
+    POSES, CONNECTORS, ICOSAHEDRA, MARKERS, STATE, ENERGY, REACTIONS, TENSIONS, CONTACTS, BROKEN,
+    WEAVE, CLOCK, DIAGNOSTICS, EVENTS)
 
 # Label and name in a snapshot of each number in `~/energy` [J].
 ENERGIES = {
@@ -136,6 +142,33 @@ class Outputs:
         """`~/energy`: the energies [J] that its label names."""
         self._energy.values[:] = [snapshot.energy[name] for name in ENERGIES.values()]
         return self._energy.to_bytes()
+
+    def reactions(self, reactions: Reactions) -> bytes:
+        """`~/reactions`: [k, 9] force [N], torque [N m] about a point, that point [m], world."""
+        message = Float64MultiArrayBytes(
+            (', '.join(reactions.names), 'force torque point'), (len(reactions.names), 9))
+        return message.filled(partial(
+            _write_columns, [reactions.force, reactions.torque, reactions.point]))
+
+    def tensions(self, tensions: np.ndarray) -> bytes:
+        """`~/tensions`: [m, 2] connector, and the force [N] along it, of those published."""
+        chosen = self.scene.published_connectors
+        message = Float64MultiArrayBytes(('row', 'connector, tension'), (len(chosen), 2))
+        return message.filled(partial(
+            _write_columns, [chosen[:, None].astype(float), tensions[chosen, None]]))
+
+    def contacts(self, contacts: ContactForces) -> bytes:
+        """
+        `~/contacts`: [m, 9] first and second body, point [m], force [N] on the first, overlap [m].
+
+        World frame. A second body of -1 - k is the plane k, whose names are the first label.
+        """
+        message = Float64MultiArrayBytes(
+            (f'planes: {", ".join(contacts.planes)}',
+             'first, second, point, force on first, overlap'), (len(contacts.bodies), 9))
+        return message.filled(partial(_write_columns, [
+            contacts.bodies.astype(float), contacts.point, contacts.force,
+            contacts.overlap[:, None]]))
 
     def broken(self, snapshot: Snapshot) -> bytes:
         """

@@ -420,6 +420,14 @@ STATIC: tuple[Specification, ...] = (
         AT_ONCE,
         **_positive(maximum=1e6),
     ),
+    _s(
+        'publish.connectors',
+        '',
+        '',
+        'connectors in `~/tensions`: two group names, as in `connector_groups.NAME.between`, for '
+        'those that lead from one to the other (`all` is any body); empty: all connectors',
+        FIXED,
+    ),
     _s('publish_clock', True, '', 'publish /clock', FIXED),
     _s('frame_id', 'world', '', 'frame of all that is published', FIXED),
     _s('start_paused', False, '', 'start in pause', FIXED),
@@ -511,6 +519,13 @@ STATIC: tuple[Specification, ...] = (
         'none, or zstd: chunks of mcap, messages of sqlite3',
         AT_ONCE,
         choices=('none', 'zstd'),
+    ),
+    _s(
+        'record.measured',
+        False,
+        '',
+        'record `~/reactions`, `~/tensions` and `~/contacts` too, from the next bag on',
+        AT_ONCE,
     ),
 )
 

@@ -50,6 +50,7 @@ class Verbs:
             (Trigger, '~/step', self._step),
             (Trigger, '~/advance', self._advance),
             (Trigger, '~/clear_loads', self._clear_loads),
+            (Trigger, '~/solve_equilibrium', self._solve_equilibrium),
             (SetBool, '~/record', self._record),
             (Trigger, '~/save_checkpoint', self._save),
             (Trigger, '~/restore_checkpoint', self._restore),
@@ -95,6 +96,15 @@ class Verbs:
             return self._runner.clear_loads()
 
         return await self._answer(response, begin, _at('no wrench acts'), at_once=True)
+
+    async def _solve_equilibrium(
+        self, request: Trigger.Request, response: Trigger.Response
+    ) -> Trigger.Response:
+        def begin() -> 'Future[Any]':
+            self._inputs.take_all()
+            return self._runner.solve_equilibrium()
+
+        return await self._answer(response, begin, str)
 
     async def _record(
         self, request: SetBool.Request, response: SetBool.Response

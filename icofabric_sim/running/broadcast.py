@@ -22,6 +22,7 @@ from icofabric_sim.messages import StringBytes, topics, UInt8MultiArrayBytes
 from icofabric_sim.messages.schedule import Schedule, seconds
 from icofabric_sim.messages.topics import Outputs, Topic
 from icofabric_sim.parameters.validation import Parameters
+from icofabric_sim.running.load_cell_kernels import LoadCellKernels
 from icofabric_sim.running.run_records import Status
 from icofabric_sim.simulation.simulation import Simulation
 import numpy as np
@@ -33,7 +34,9 @@ if TYPE_CHECKING:
 _REPORT_INTERVAL = 1.0
 MOVING = (
     topics.CLOCK, topics.POSES, topics.CONNECTORS, topics.ICOSAHEDRA, topics.MARKERS, topics.STATE,
-    topics.ENERGY, topics.BROKEN)
+    topics.ENERGY, topics.REACTIONS, topics.TENSIONS, topics.CONTACTS, topics.BROKEN)
+# What is measured by kernels that steps may lack.
+_MEASURED = topics.REACTIONS, topics.CONTACTS
 _RATES = {
     topics.CLOCK: 'clock_rate',
     topics.POSES: 'publish_rate',
@@ -42,6 +45,9 @@ _RATES = {
     topics.MARKERS: 'marker_rate',
     topics.STATE: 'publish_rate',
     topics.ENERGY: 'publish_rate',
+    topics.REACTIONS: 'publish_rate',
+    topics.TENSIONS: 'publish_rate',
+    topics.CONTACTS: 'publish_rate',
     topics.BROKEN: 'publish_rate',
 }
 
@@ -111,6 +117,7 @@ class Broadcast:
         # First, for a scene that they cannot be laid out for.
         self._outputs = outputs or Outputs(simulation.scene)
         self.simulation = simulation
+        self._cells: LoadCellKernels | None = None
         self._can_break = simulation.scene.connectors.limits is not None
         self._breaks_told: int | None = None
         self.set_rates(simulation.scene.parameters)
@@ -214,8 +221,16 @@ class Broadcast:
             if topic is topics.BROKEN and (live_only or not self._is_news_of_breaks()):
                 continue
             receivers = self._receivers(topic, only, live_only=live_only)
-            if receivers:
+            if receivers and not self._is_awaited(topic):
                 self._send(topic, now, self._build(topic, now), receivers)
+
+    def _is_awaited(self, topic: Topic) -> bool:
+        """Whether a live run has yet to get the kernels that measure a topic."""
+        if self._report is None or topic not in _MEASURED:
+            return False
+        if self._cells is None:
+            self._cells = LoadCellKernels(self.simulation)
+        return not self._cells.are_ready
 
     def _is_news_of_breaks(self) -> bool:
         """Whether more has broken than was sent; the message stays, so nothing is sent twice."""
@@ -241,6 +256,12 @@ class Broadcast:
     def _build(self, topic: Topic, now: int) -> Iterable[bytes]:
         if topic is topics.CLOCK:
             return [self._outputs.clock(now)]
+        if topic is topics.REACTIONS:
+            return [self._outputs.reactions(self.simulation.reactions())]
+        if topic is topics.TENSIONS:
+            return [self._outputs.tensions(self.simulation.tensions())]
+        if topic is topics.CONTACTS:
+            return [self._outputs.contacts(self.simulation.contacts())]
         snapshot = self.simulation.snapshot()
         if topic is topics.POSES:
             return [self._outputs.poses(snapshot, now)]

@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING
 from icofabric_sim.bag.folder import BagError, next_free_path
 from icofabric_sim.messages import decode_string
 from icofabric_sim.messages.schedule import nanoseconds_not_before
-from icofabric_sim.messages.topics import CHECKPOINT, EVENTS, Topic, TOPICS, WEAVE
+from icofabric_sim.messages.topics import CHECKPOINT, EVENTS, MEASURED, Topic, TOPICS, WEAVE
 from icofabric_sim.parameters.named_files import with_files
 from icofabric_sim.parameters.text import dump_parameters
 from icofabric_sim.parameters.validation import Parameters
@@ -150,6 +150,7 @@ class BagSink:
         self.recorder: 'BagRecorder | None' = None  # of the present bag, else of the last one
         self.is_recording = False
         self._closing: 'list[BagRecorder]' = []  # whose disk has not finished yet
+        self._measured = False  # whether what a test rig would measure goes into the bag
         self._earlier = 0  # messages that earlier bags dropped or lost
         self._warned = -_WARNING_INTERVAL
         # Messages of the present bag by topic, and whether it says how many it lacks.
@@ -198,7 +199,8 @@ class BagSink:
 
     def wants(self, topic: Topic) -> bool:
         """Whether the topic goes into the bag."""
-        return topic.recorded and self._taking() is not None
+        asked = topic.recorded or (topic in MEASURED and self._measured)
+        return asked and self._taking() is not None
 
     def send(self, topic: Topic, nanoseconds: int, data: bytes) -> None:
         """Record an output; a scene, an event or a checkpoint is never dropped."""
@@ -325,6 +327,7 @@ class BagSink:
             self._earlier = self.dropped
         self._given, self._left_out, self._says_left_out = Counter(), Counter(), True
         self.recorder, self.is_recording = recorder, True
+        self._measured = bool(parameters['record.measured'])
         for topic in TOPICS:
             if topic.recorded:
                 self._add(recorder, topic)

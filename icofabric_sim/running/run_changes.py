@@ -37,6 +37,7 @@ from icofabric_sim.running.broadcast import Broadcast
 from icofabric_sim.running.complaints import Complaints
 from icofabric_sim.running.pace import Pace
 from icofabric_sim.running.received_inputs import ReceivedInputs
+from icofabric_sim.running.rest import Rest
 from icofabric_sim.running.reweave import lost_wrenches, Reweaver
 from icofabric_sim.running.run_events import do_event, is_jump, replace_simulation
 from icofabric_sim.running.run_records import begins_anew, Status
@@ -81,6 +82,7 @@ class RunChanges:
             lambda: state.simulation.status.has_contacts, pace.has_time)
         # A slider sends fifty changes a second.
         self._said = Complaints(_LOGGER.info)
+        self.rest = Rest(state, time, broadcast, post)
         # Who waits for the fabric that is being built.
         self._builds: 'list[Future[str]]' = []
 

@@ -27,6 +27,7 @@ from icofabric_sim.parameters.changes import restarts_motion
 from icofabric_sim.parameters.validation import Parameters
 from icofabric_sim.running.entities import checked_parts, set_body_state, STATE_PARTS
 from icofabric_sim.simulation.simulation import Simulation
+import numpy as np
 
 # A pause goes on once an advance has come to its end.
 _RUNS_AFTER = {
@@ -60,6 +61,12 @@ def do_event(
     elif name == 'state_set':
         parts = {part: facts[part] for part in STATE_PARTS if part in facts}
         set_body_state(simulation, int(facts['body']), checked_parts(parts))
+    elif name == 'equilibrium':
+        still = np.zeros((simulation.scene.body_count, 3))
+        simulation.set_state(
+            position=np.array(facts['position'], dtype=float),
+            orientation=np.array(facts['orientation'], dtype=float),
+            linear_velocity=still, angular_velocity=still)
     elif name == 'failed':
         simulation.advance_to(seconds(int(facts['target'])))
 
@@ -100,6 +107,7 @@ def shown_after(name: str, *, running: bool) -> Shown:
     """What a run sends after an event; a failed one only where its state is finite."""
     if name in ('reset', 'reweave', 'checkpoint_restored'):
         return Shown.ANEW
-    if name in ('step', 'advanced', 'failed') or (name == 'state_set' and not running):
+    if name in ('step', 'advanced', 'failed', 'equilibrium') or (
+            name == 'state_set' and not running):
         return Shown.PRESENT
     return Shown.NOTHING

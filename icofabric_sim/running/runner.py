@@ -233,6 +233,17 @@ class Runner:
         """Put one body elsewhere, see entities.py; results in the time [ns] at which that was."""
         return self.post(lambda: self.changes.set_body_state(body, parts))
 
+    def solve_equilibrium(self) -> 'Future[Any]':
+        """
+        Bring the paused fabric to rest under what acts on it, see rest.py; results in a sentence.
+
+        The search does not hold up the run. RuntimeError or ValueError where it moves, is changed
+        meanwhile, or no equilibrium is found: then it stays as it is.
+        """
+        found: Future[Any] = Future()
+        self.post(lambda: self.changes.rest.seek(found))
+        return found
+
     def change(
         self, parameters: Parameters, scene: Scene | None = None,
         built: 'Future[str] | None' = None,

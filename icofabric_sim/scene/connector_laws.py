@@ -124,7 +124,11 @@ def spread_over(
 
 def between(parameters: Parameters, name: str) -> tuple[str, str]:
     """The two groups that `connector_groups.NAME.between` names."""
-    key = f'connector_groups.{name}.between'
+    return two_groups(parameters, f'connector_groups.{name}.between')
+
+
+def two_groups(parameters: Parameters, key: str) -> tuple[str, str]:
+    """The two groups that the parameter `key` names; ParameterError where it does not."""
     words = parameters[key].split()
     if len(words) != 2:
         raise ParameterError(
@@ -137,6 +141,21 @@ def between(parameters: Parameters, name: str) -> tuple[str, str]:
                 key, f'{key}: there is no group {word!r}; known: {known}. '
                 f'Define it with groups.{word}')
     return words[0], words[1]
+
+
+def chosen_connectors(
+    parameters: Parameters, key: str, groups: Mapping[str, np.ndarray], bodies: np.ndarray
+) -> np.ndarray:
+    """Numbers of the connectors, with their `bodies` (c, 2), between the two groups of `key`."""
+    if not parameters[key].strip():
+        return np.arange(len(bodies))
+    first, second = two_groups(parameters, key)
+    chosen = np.flatnonzero(connectors_between(groups[first], groups[second], bodies))
+    if not len(chosen):
+        raise ParameterError(
+            key, f'{key} {first!r} {second!r}: no connector leads from one to the other; name two '
+            'groups that are joined')
+    return chosen
 
 
 def connectors_between(first: np.ndarray, second: np.ndarray, bodies: np.ndarray) -> np.ndarray:

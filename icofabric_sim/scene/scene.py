@@ -37,6 +37,7 @@ from icofabric_sim.scene.available_memory import available_memory
 from icofabric_sim.scene.breakage import BreakLimits, make_limits
 from icofabric_sim.scene.connector_laws import (
     between,
+    chosen_connectors,
     ConnectorLaws,
     ConnectorTables,
     general_law,
@@ -126,6 +127,7 @@ class Scene:
     anchor_law: tuple[float, float, float]  # k_e [N/m], k_c [N/m], D [m]
     initial: initial.InitialState
     electric: Electric
+    published_connectors: np.ndarray  # (m,) numbers of those in `~/tensions`
     files: Mapping[str, NamedFile]  # that were read, by the names that parameters give them
 
     @classmethod
@@ -220,6 +222,8 @@ class Scene:
             anchors=make_anchors(checked, len(position), drives, geometry.half_edge),
             anchor_law=general_law(checked, geometry.connector_length),
             initial=start,
+            published_connectors=chosen_connectors(
+                checked, 'publish.connectors', groups, weave.connector_bodies),
             files=files,
         )
 

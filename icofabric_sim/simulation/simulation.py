@@ -41,6 +41,12 @@ from icofabric_sim.simulation.input_types import (
     Vector,
     Wrench,
 )
+from icofabric_sim.simulation.load_cells import (
+    ContactForces,
+    LoadCells,
+    Reactions,
+    tensions_of,
+)
 from icofabric_sim.simulation.model.body_force import as_body_force, BodyForce, Force
 from icofabric_sim.simulation.model.packing import pack_scene
 from icofabric_sim.simulation.model.snapshot import Snapshot
@@ -151,6 +157,7 @@ class Simulation:
         self._lacks_kernels = False
         self._cached: Snapshot | None = None
         self._cached_at = 0
+        self._cells: LoadCells | None = None
 
     @property
     def _driver(self) -> Driver:
@@ -205,6 +212,33 @@ class Simulation:
                 self._books(state), self._driver.trajectory.broken.since, self._anchors())
             self._cached_at = self._event_loop.changes
         return self._cached
+
+    def reactions(self) -> Reactions:
+        """What supports, drives, anchors and planes bear at the present time."""
+        with self._deferred:
+            state = self._driver.state_at(self.time)
+            return self._load_cells.reactions(
+                self._driver, state, self.time, self.inputs.anchor_points(self.time))
+
+    def contacts(self) -> ContactForces:
+        """What touches at the present time: where, and the force, with damping and friction."""
+        with self._deferred:
+            return self._load_cells.contacts(self._driver, self._driver.state_at(self.time))
+
+    def tensions(self) -> np.ndarray:
+        """
+        Forces [N] along the connectors at the present time, (c,), positive where they pull.
+
+        By their laws and dampers; moments apart. 0 of broken ones. ValueError for dampers of
+        connectors that lie around shells.
+        """
+        return tensions_of(self.scene, self.snapshot())
+
+    @property
+    def _load_cells(self) -> LoadCells:
+        if self._cells is None:
+            self._cells = LoadCells(self.scene, self.packed)
+        return self._cells
 
     def apply_wrench(
         self,

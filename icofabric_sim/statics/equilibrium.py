@@ -145,6 +145,14 @@ def solve_equilibrium(
     fabric = StaticFabric(
         scene, held_time(scene, time), load_factor=load_factor,
         broken_since=None if start is None else start.broken_since)
+    return seek(fabric, start, tolerance, largest_step_count, progress)
+
+
+def seek(
+    fabric: StaticFabric, start: Snapshot | None, tolerance: float, largest_step_count: int,
+    progress: Callable[[Progress], None] | None
+) -> Equilibrium:
+    """Find where a `fabric` comes to rest; see `solve_equilibrium`."""
     here = fabric.start
     if start is not None:
         given = fabric.configuration('start', start)

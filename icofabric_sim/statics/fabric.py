@@ -52,7 +52,8 @@ class StaticFabric:
 
     def __init__(
         self, scene: Scene, time: float = 0.0, *, only: np.ndarray | None = None,
-        contact: bool = True, load_factor: float = 1.0, broken_since: np.ndarray | None = None
+        contact: bool = True, load_factor: float = 1.0, broken_since: np.ndarray | None = None,
+        inputs: Inputs | None = None
     ) -> None:
         """
         Hold loads, drives and points of anchors as they are at `time` [s].
@@ -61,6 +62,7 @@ class StaticFabric:
         `contact`: whether shells and planes push each other, where the scene has it.
         `load_factor`: of weight, electric fields, loads and tractions.
         `broken_since`: as in snapshots (c,); connectors that have broken are left out.
+        `inputs`: what acts in place of the scene's own loads and drives; not used elsewhere.
         Raises ParameterError for what has no place in statics.
         """
         refuse_in_statics(scene, contact=contact)
@@ -80,7 +82,7 @@ class StaticFabric:
         if load_factor != 1.0:
             self.packed = _with_factor(self.packed, load_factor)
         self.layout, model = self.packed.layout, self.packed.model
-        inputs = Inputs(scene)
+        inputs = inputs or Inputs(scene)
         while inputs.next_time <= time:
             inputs.apply_next()
         loads = inputs.pack(self.layout)

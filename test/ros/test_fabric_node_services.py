@@ -19,6 +19,7 @@ from icofabric_sim.bag import BagReader
 from icofabric_sim.messages import decode_string
 from icofabric_sim.ros.answers import MOST
 from icofabric_sim.simulation.checkpoint import Checkpoint
+import numpy as np
 import pytest
 from ros_helpers import Client, NodeProcess, write_scene
 
@@ -65,6 +66,20 @@ def steps(client, count):
     pose = client.wait_for(
         lambda: next((pose for pose in reversed(poses) if pose.nanoseconds == end), None), 'poses')
     return end, pose.values.tobytes()
+
+
+def test_a_paused_fabric_without_forces_comes_to_rest_where_its_connectors_are_unstrained(client):
+    steps(client, 50)
+    answer = client.call('~/solve_equilibrium')
+    assert answer.success and 'equilibrium, with mechanisms' in answer.message, answer.message
+    end, poses = steps(client, 10)
+    assert steps(client, 10)[0] > end
+    again = steps(client, 10)[1]
+    moved = np.frombuffer(again).reshape(-1, 7) - np.frombuffer(poses).reshape(-1, 7)
+    assert abs(moved).max() < 1e-12  # 20 steps at 0.05 m/s would be 1e-4 m
+    client.call('~/pause', 'std_srvs/srv/SetBool', data=False)
+    refused = client.call('~/solve_equilibrium')
+    assert not refused.success and 'pause it first' in refused.message
 
 
 def test_nothing_to_record_to(client):

@@ -90,6 +90,7 @@ OTHERS = {
     'solver.method': 'srkn4',
     'record.split_size': 4096,
     'frame_id': 'map',
+    'publish.connectors': 'tip wall',
     'checkpoint.path': 'elsewhere',
     'record.path': 'elsewhere',
     'groups.it': 'y_max',

@@ -42,6 +42,12 @@ _POSE = (
 _STATE = (
     *_POSE, *(f'velocity {axis} [m/s]' for axis in 'xyz'),
     *(f'angular velocity {axis} [rad/s]' for axis in 'xyz'))
+_REACTION = tuple(
+    f'{what} {axis}' for what in ('force [N]', 'torque [N m]', 'point [m]') for axis in 'xyz')
+_TENSION = 'connector', 'tension [N]'
+_CONTACT = (
+    'first body', 'second body', *(f'point {axis} [m]' for axis in 'xyz'),
+    *(f'force {axis} [N]' for axis in 'xyz'), 'overlap [m]')
 # The growth is that of one displacement, and a run may add some times what it was asked to: so
 # many times the bound that follows is still called consistent.
 _ROOM = 10.0
@@ -102,7 +108,21 @@ class ExactComparison:
                 data, self._outputs.energy(snapshot()),
                 lambda message: decoded(decode_float64_multi_array, message),
                 tuple(f'{label} energy [J]' for label in topics.ENERGIES))
+        if topic in topics.MEASURED:
+            return self._measured(topic, simulation, data)
         raise ValueError(f'nothing compares {topic.name}')
+
+    def _measured(self, topic: Topic, simulation: Simulation, data: bytes) -> str:
+        assert self._outputs is not None
+        if topic is topics.REACTIONS:
+            again, names = self._outputs.reactions(simulation.reactions()), _REACTION
+        elif topic is topics.TENSIONS:
+            again, names = self._outputs.tensions(simulation.tensions()), _TENSION
+        else:
+            again, names = self._outputs.contacts(simulation.contacts()), _CONTACT
+        return _values(
+            data, again, lambda message: self._run.decoded(decode_float64_multi_array, message),
+            names, what='row')
 
     def _connectors(self, simulation: Simulation, time: int, data: bytes) -> str:
         recorded = self._run.decoded(decode_marker_points, data)

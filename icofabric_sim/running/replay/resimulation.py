@@ -43,7 +43,7 @@ Act = Callable[[Simulation], object]
 # States of the run that can be read again.
 OUTPUTS = (
     topics.POSES, topics.STATE, topics.ENERGY, topics.BROKEN, topics.CONNECTORS, topics.CLOCK,
-    topics.CHECKPOINT)
+    topics.CHECKPOINT, *topics.MEASURED)
 _BY_NAME = {topic.name: topic for topic in OUTPUTS}
 # Wall time between two calls of `on_time` [s].
 _RESPONSE = 0.1
@@ -247,7 +247,7 @@ class Resimulation:
             self._on_jump(False)
         elif event.name == 'failed':
             self._fail(event)
-        elif event.name == 'state_set':
+        elif event.name in ('state_set', 'equilibrium'):
             self._set_state(event)
         elif event.name in ('pause', 'step', 'advance'):
             self.counts[f'{event.name}s'] += 1
@@ -261,7 +261,7 @@ class Resimulation:
             self._do(event)
         except (IndexError, KeyError, TypeError, ValueError, SimulationError) as error:
             raise Departure(
-                event.nanoseconds, f'a recorded body cannot be put there: {error}') from error
+                event.nanoseconds, f'recorded bodies cannot be put there: {error}') from error
         self.counts['states set'] += 1
         self._on_jump(True)
 

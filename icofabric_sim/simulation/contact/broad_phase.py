@@ -412,6 +412,11 @@ class BroadPhase:
         energy = float(contact_look(self.contacts, state)[0])
         return energy, self.stretches.energy(self.contacts, stretches)
 
+    @property
+    def bodies(self) -> np.ndarray:
+        """The pairs that are listed, (p, 2); the second one -1 - k: plane k."""
+        return self._bodies
+
     def touching(self, state: State, stretches: np.ndarray | None = None) -> Touching:
         """What touches in a state near the last search, with `stretches` of friction springs."""
         if self.contacts is None:

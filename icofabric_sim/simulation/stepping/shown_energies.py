@@ -36,6 +36,8 @@ class ShownEnergies:
         self._spent = self._work = self._friction = 0.0
         # Energies of the anchors, and of the contacts with their friction springs.
         self.anchors = self.contact = 0.0
+        # (p, 4) [m] of friction springs in the state that was shown last, until the next one.
+        self.stretches: np.ndarray | None = None
         # Potential energy of a body force where the balance begins.
         self.potential_start = 0.0
 
@@ -67,7 +69,7 @@ class ShownEnergies:
 
         `work` of the present loads, energy `spent` and `given` until then [J].
         """
-        trajectory = self._trajectory
+        trajectory, self.stretches = self._trajectory, stretches
         self._work, self._spent, self.given = work + self.moving(state), spent, given
         energy, self._friction = self._contact.energies(state, stretches)
         self.contact = energy + self._friction

@@ -1,0 +1,51 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""Kernels that measure reactions and contacts, made ready in a thread once somebody listens."""
+
+from contextlib import suppress
+import threading
+from typing import Any
+
+from icofabric_sim.simulation.precompile import LARGEST
+from icofabric_sim.simulation.simulation import Simulation
+
+
+class LoadCellKernels:
+    """Those of one simulation; a large one loads them where they are used."""
+
+    def __init__(self, simulation: Simulation) -> None:
+        """Begin to load them, or to compile them where they are not on disk."""
+        self._thread: threading.Thread | None = None
+        if simulation.scene.body_count <= LARGEST:
+            has_contacts = simulation.status.has_contacts
+            self._thread = threading.Thread(
+                target=_load, args=(simulation, has_contacts), name='load cells', daemon=True)
+            self._thread.start()
+
+    @property
+    def are_ready(self) -> bool:
+        """Whether measuring compiles nothing that is known now."""
+        return self._thread is None or not self._thread.is_alive()
+
+
+def _load(simulation: Simulation, has_contacts: bool) -> None:
+    """Measure another simulation of the same kind."""
+    # Whatever is wrong is said where it is needed.
+    with suppress(Exception):
+        scene = simulation.scene
+        changes: dict[str, Any] = {'solver.threads': 1}
+        if has_contacts:
+            changes['contact.mode'] = 'always'
+        other = Simulation(scene.with_changes(changes), rotation=simulation.rotation)
+        other.reactions()

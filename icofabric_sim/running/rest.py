@@ -1,0 +1,114 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+A paused fabric is brought to rest: the search beside the run, its result between two steps.
+
+What was found is an event with all positions and orientations, so a record repeats it without
+searching.
+"""
+
+from collections.abc import Callable
+from concurrent.futures import Future
+import threading
+from typing import Any, TYPE_CHECKING
+
+from icofabric_sim.messages.schedule import seconds
+from icofabric_sim.running.broadcast import Broadcast
+from icofabric_sim.running.run_events import do_event
+from icofabric_sim.running.run_state import RunState
+from icofabric_sim.running.time_advance import TimeAdvance
+from icofabric_sim.simulation.errors import SimulationError
+
+if TYPE_CHECKING:
+    from icofabric_sim.statics.equilibrium import Equilibrium
+    from icofabric_sim.statics.present import Present
+
+_STAYS = 'the fabric stays as it is'
+
+
+class Rest:
+    """Searches for the equilibrium of a run; one at a time."""
+
+    def __init__(
+        self, state: RunState, time: TimeAdvance, broadcast: Broadcast,
+        post: Callable[[Callable[[], Any]], object]
+    ) -> None:
+        """Change `state`; `post` brings a call into the thread of the run."""
+        self._state, self._time, self._broadcast, self._post = state, time, broadcast, post
+        self._is_seeking = False
+
+    def seek(self, found: 'Future[Any]') -> None:
+        """Begin to search, in the thread of the run; `found` gets a sentence, or the reason."""
+        try:
+            self._require_still()
+            # A run seldom needs it.
+            from icofabric_sim.statics.present import present_of
+            present = present_of(self._state.simulation)
+        except Exception as error:  # noqa: BLE001 - the caller gets it
+            found.set_exception(error)
+            return
+        self._is_seeking = True
+        threading.Thread(
+            target=self._search, args=(present, found), name='equilibrium', daemon=True).start()
+
+    def _require_still(self) -> None:
+        self._state.require_sound('no equilibrium is sought')
+        if self._is_seeking:
+            raise RuntimeError('an equilibrium is being sought already')
+        if not self._state.paused or self._time.requests.current is not None:
+            raise RuntimeError(f'the fabric moves, pause it first (~/pause); {_STAYS}')
+
+    def _search(self, present: 'Present', found: 'Future[Any]') -> None:
+        from icofabric_sim.statics.present import rest_of
+        try:
+            result = rest_of(present)
+            if not result.converged:
+                raise RuntimeError(f'{result.verdict}: {result.reason}; {_STAYS}')
+        except Exception as error:  # noqa: BLE001 - the caller gets it
+            self._is_seeking = False
+            found.set_exception(error)
+            return
+        self._post(lambda: self._take(present, result, found))
+
+    def _take(self, present: 'Present', result: 'Equilibrium', found: 'Future[Any]') -> None:
+        """Put the fabric where it rests, in the thread of the run."""
+        self._is_seeking = False
+        try:
+            found.set_result(self._put(present, result))
+        except Exception as error:  # noqa: BLE001 - the caller gets it
+            found.set_exception(error)
+
+    def _put(self, present: 'Present', result: 'Equilibrium') -> str:
+        state = self._state
+        self._require_still()
+        # Taken once for each change of the motion or of what acts.
+        if state.simulation.snapshot() is not present.snapshot:
+            raise RuntimeError(
+                f'the fabric or what acts on it was changed during the search; {_STAYS}')
+        facts = {
+            'verdict': result.verdict, 'residual': result.residual,
+            'mechanism_count': result.mechanism_count,
+            'position': result.snapshot.position.tolist(),
+            'orientation': result.snapshot.orientation.tolist()}
+        before = state.simulation.checkpoint()
+        try:
+            do_event(state.simulation, state.now, 'equilibrium', facts)
+        except (SimulationError, ValueError) as error:
+            state.simulation.restore(before)
+            raise ValueError(
+                f'the equilibrium cannot be taken: {error}; {_STAYS}') from error
+        self._time.begin_anew()
+        self._broadcast.event(state.now, 'equilibrium', **facts)
+        self._time.show_after('equilibrium')
+        return f'{result.verdict}, residual {result.residual:.2g}, t = {seconds(state.now):.9f} s'

@@ -1,0 +1,312 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+What a test rig would measure: reactions of supports, drives, anchors and planes, and contacts.
+
+A body that is held or driven obeys M a = F + R, with F all else that acts on it (connectors with
+their moments and damping, weight, fields, drag, loads, anchors, contacts) and a the acceleration
+that its support or path prescribes: the reaction is R = M a - F, and Lambda alpha - N of torques.
+F is computed by the right-hand side of Runge-Kutta methods in a model that holds nothing.
+"""
+
+from typing import Any, NamedTuple
+
+from icofabric_sim.geometry.rotations import cosines_from_quaternions
+from icofabric_sim.kernels.contact.forces import contact_look
+from icofabric_sim.kernels.contact.losses import lose_some
+from icofabric_sim.kernels.drives import place_driven
+from icofabric_sim.kernels.external import ask_alone
+from icofabric_sim.kernels.records import Contacts, Loads, State
+from icofabric_sim.kernels.rhs import find_slopes, place_blocks
+from icofabric_sim.kernels.runtime.lanes import LANES
+from icofabric_sim.parameters.validation import Parameters
+from icofabric_sim.scene.planes import make_planes
+from icofabric_sim.scene.scene import Scene
+from icofabric_sim.scene.supports import fixed_freedoms
+from icofabric_sim.simulation.model.layout import aligned_empty
+from icofabric_sim.simulation.model.packing import PackedScene
+from icofabric_sim.simulation.model.snapshot import Snapshot
+from icofabric_sim.simulation.stepping.driver import Driver
+import numpy as np
+
+# Accelerations of paths are central differences of their velocities over this time [s], or so many
+# radians of the fastest wave or spin: off by 2e-7 of themselves at most. A cubic has no error.
+_SPAN, _RADIANS = 1e-4, 1e-3
+
+
+class ContactForces(NamedTuple):
+    """What touches in one state, with all that acts between the two."""
+
+    bodies: np.ndarray  # (m, 2) int32; the second one -1 - k: plane k
+    point: np.ndarray  # (m, 3) [m] where the force acts, world
+    force: np.ndarray  # (m, 3) [N] on the first body, damping and friction included, world
+    overlap: np.ndarray  # (m,) [m]
+    planes: tuple[str, ...]  # names
+    # (m, 6) force [N] and torque about its centre [N m] on the first body, and on the second.
+    first: np.ndarray
+    second: np.ndarray
+
+
+class Reactions(NamedTuple):
+    """
+    What supports, drives, anchors and planes do to bodies, in that order; world frame.
+
+    With weight, fields, drag and loads their sum is the rate of the momentum. Where two supports
+    hold the same freedom of a body the first one bears it.
+    """
+
+    names: tuple[str, ...]  # supports.NAME, drives.NAME, anchors.NAME, planes.NAME
+    # (k, 3) [m] mean of the present centres of its bodies; of an anchor its point in the world, of
+    # a plane the foot of the perpendicular from the origin
+    point: np.ndarray
+    force: np.ndarray  # (k, 3) [N] on all of its bodies
+    torque: np.ndarray  # (k, 3) [N m] about that point
+    # (n, 6) forces [N] and torques about its centre [N m] of supports and drives on each body, 0
+    # along what is free.
+    on_bodies: np.ndarray
+
+
+class LoadCells:
+    """Measures one run; holds room of its own, some 2 kB for each body, and changes nothing."""
+
+    def __init__(self, scene: Scene, packed: PackedScene) -> None:
+        """Prepare for a `scene`."""
+        self._scene, self._packed = scene, packed
+        self._held = self._held_by_name()
+        model, layout = packed.model, packed.layout
+        if model.supports is not None:
+            there = layout.spread(np.ones((layout.body_count, 3)))
+            model = model._replace(supports=model.supports._replace(
+                inverse_mass=model.inverse_mass * there,
+                inverse_inertia=model.inverse_inertia * there[:1]))
+        self._model = model._replace(contacts=None)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What bears: supports, drives, anchors and planes."""
+        return names_of(self._scene.parameters)
+
+    def _held_by_name(self) -> dict[str, np.ndarray]:
+        """Freedoms (n, 6) that each support and drive bears; each freedom once."""
+        scene, held = self._scene, {}
+        taken = np.zeros((scene.body_count, 6), bool)
+        for name in scene.parameters.names('supports'):
+            mine = np.zeros_like(taken)
+            fixed = fixed_freedoms(scene.parameters, name)
+            bodies = scene.groups[scene.parameters[f'supports.{name}.group']]
+            for axis, word in enumerate(('tx', 'ty', 'tz')):
+                mine[bodies, axis] = word in fixed
+            mine[bodies, 3:] = 'rotation' in fixed
+            held[f'supports.{name}'] = mine & ~taken
+            taken |= mine
+        for name, drive in scene.drives.items():
+            mine = np.zeros_like(taken)
+            mine[drive.bodies] = True
+            held[f'drives.{name}'] = mine & ~taken
+            taken |= mine
+        return held
+
+    def contacts(self, driver: Driver, state: State) -> ContactForces:
+        """What touches in the `state` that the driver showed last, near its last search."""
+        phase = driver.contact.broad_phase
+        planes = () if phase is None else phase.setup.names
+        contacts = None if phase is None else phase.contacts
+        if contacts is None:
+            empty = np.zeros((0, 3))
+            return ContactForces(
+                np.zeros((0, 2), np.int32), empty, empty, np.zeros(0), planes,
+                np.zeros((0, 6)), np.zeros((0, 6)))
+        assert phase is not None
+        contact_look(contacts, state)
+        which, found = contacts.aside[:, 9] > 0.0, contacts.aside.copy()
+        _lose(contacts, found, state, driver.shown.stretches)
+        found, bodies = found[which], phase.bodies[which]
+        place = state.position[:, self._packed.layout.slot].T
+        other = np.where(bodies[:, 1] >= 0, bodies[:, 1], bodies[:, 0])
+        push = phase.setup.stiffness * found[:, :9]
+        return ContactForces(
+            bodies, found[:, 15:18] + 0.5 * (place[bodies[:, 0]] + place[other]), push[:, :3],
+            found[:, 11].copy(), planes, push[:, :6],
+            np.concatenate([-push[:, :3], push[:, 6:9]], axis=1))
+
+    def reactions(
+        self, driver: Driver, state: State, time: float, anchored: np.ndarray
+    ) -> Reactions:
+        """
+        Reactions in the `state` of `time` [s] that the driver showed last.
+
+        `anchored` (a, 3) [m]: points of the anchors in the world.
+        """
+        touching, packed = self.contacts(driver, state), self._packed
+        loads = driver.trajectory.loads
+        force = self._forces(loads, state, time)
+        np.add.at(force, touching.bodies[:, 0], touching.first)
+        shells = touching.bodies[:, 1] >= 0
+        np.add.at(force, touching.bodies[shells, 1], touching.second[shells])
+        masses = np.repeat(
+            [1.0 / packed.model.inverse_mass, 1.0 / packed.model.inverse_inertia], 3)
+        inertial = masses * self._path_acceleration(loads, state, time)
+        position = packed.layout.gather(state.position)
+        on_bodies, rows = np.zeros_like(force), []
+        for mine in self._held.values():
+            part = np.where(mine, inertial - force, 0.0)
+            on_bodies += part
+            rows.append(_resultant(part, position, np.any(mine, axis=1)))
+        for end, pull in zip(anchored, self._pulls(state, anchored)):
+            rows.append((end, pull, np.zeros(3)))
+        for number, plane in enumerate(make_planes(self._scene.parameters)):
+            mine, foot = touching.bodies[:, 1] == -1 - number, plane[3] * plane[:3]
+            push = touching.force[mine]
+            moment = np.cross(position[touching.bodies[mine, 0]] - foot, push)
+            moment += touching.first[mine, 3:]
+            rows.append((foot, push.sum(axis=0), moment.sum(axis=0)))
+        point, total, torque = (
+            np.array([row[k] for row in rows]).reshape(-1, 3) for k in range(3))
+        return Reactions(self.names, point, total, torque, on_bodies)
+
+    def _pulls(self, state: State, anchored: np.ndarray) -> np.ndarray:
+        """Forces [N] of the anchors on their bodies, (a, 3)."""
+        anchors = list(self._scene.anchors.values())
+        if not anchors:
+            return np.zeros((0, 3))
+        now = self._packed.layout.unpack(state)
+        bodies = [anchor.body for anchor in anchors]
+        axes = cosines_from_quaternions(now.orientation[bodies]).reshape(-1, 3, 3)
+        arm = np.einsum('ai,aij->aj', np.array([anchor.arm for anchor in anchors]), axes)
+        along = anchored - now.position[bodies] - arm
+        length = np.linalg.norm(along, axis=1)
+        extension, compression, natural = self._scene.anchor_law
+        stretch = length - natural
+        tension = np.where(stretch > 0.0, extension, compression) * stretch
+        # One of no length has no direction.
+        return np.asarray(along * (tension / np.where(length > 0.0, length, np.inf))[:, None])
+
+    def _forces(self, loads: Loads, state: State, time: float) -> np.ndarray:
+        """Forces [N] and torques [N m] on all bodies (n, 6), contacts and paths apart."""
+        packed, layout = self._packed, self._packed.layout
+        work = layout.room(
+            packed.model.links, state, damped=packed.model.damping is not None,
+            metered=packed.spends)
+        work = work._replace(breakage=packed.breakage)
+        if packed.external is not None:
+            work = work._replace(given=layout.meter(), external=packed.external)
+        power = aligned_empty((1, LANES * len(loads.wrench)))
+        loads = loads._replace(power=power, lanes=np.where(
+            _is_path(loads), 0, loads.lanes).astype(loads.lanes.dtype))
+        there = layout.like(state)
+        for target, source in zip(there, state):
+            np.copyto(target, source)
+        slope = np.zeros((18 if layout.cosines else 13, layout.slot_count))
+        last = len(self._model.blocks.slot)
+        place_blocks(self._model, loads, there, work, time, 0, last)
+        if work.external is not None:
+            ask_alone(work.external, there, time)
+        find_slopes(self._model, loads, there, work, time, slope, 0, 0, last)
+        masses = np.repeat(
+            [1.0 / packed.model.inverse_mass, 1.0 / packed.model.inverse_inertia], 3)
+        return layout.gather(slope[-6:]) * masses
+
+    def _path_acceleration(self, loads: Loads, state: State, time: float) -> np.ndarray:
+        """Accelerations [m/s^2], [rad/s^2] that paths prescribe, (n, 6); 0 of other bodies."""
+        layout, drives = self._packed.layout, loads.drives
+        if drives is None:
+            return np.zeros((layout.body_count, 6))
+        rate = max(
+            float(np.abs(drives.rate).max(initial=0.0)),
+            float(np.abs(state.angular_velocity).max(initial=0.0)))
+        span = min(_SPAN, _RADIANS / rate) if rate > 0.0 else _SPAN
+        ends = []
+        for moment in (time - span, time + span):
+            there = layout.like(state)
+            for target, source in zip(there, state):
+                np.copyto(target, source)
+            place_driven(self._model, loads, there, moment)
+            ends.append(np.concatenate([
+                layout.gather(there.linear_velocity), layout.gather(there.angular_velocity)],
+                axis=1))
+        return np.asarray((ends[1] - ends[0]) / (2.0 * span))
+
+
+def _lose(
+    contacts: Contacts, pushes: np.ndarray, state: State, stretches: np.ndarray | None
+) -> None:
+    """
+    Change `pushes` (p, 19), which a look at a `state` found, by damping and friction.
+
+    By the law of the steps, with `stretches` (p, 4) [m] of the friction springs, on copies.
+    """
+    losses = contacts.losses
+    if losses is None:
+        return
+    if stretches is None or stretches.shape != losses.stretch.shape:
+        stretches = losses.stretch
+    aside = losses._replace(
+        power=losses.power.copy(), stretch=np.array(stretches), held=losses.held.copy(),
+        slopes=losses.slopes.copy())
+    lose_some(
+        aside, contacts._replace(result=pushes, losses=aside), state, 0, 0, len(contacts.pairs))
+
+
+def tensions_of(scene: Scene, snapshot: Snapshot) -> np.ndarray:
+    """Forces [N] along the connectors, (c,), by their laws and dampers; 0 of broken ones."""
+    connectors, length = scene.connectors, snapshot.connector_length
+    if not len(length):
+        return length
+    laws, tables, damping = connectors.laws, connectors.tables, connectors.damping
+    stretch = length - laws.natural_length
+    tension = np.where(stretch > 0.0, laws.extension, laws.compression) * stretch
+    for number, table in enumerate(tables.tables):
+        chosen = tables.of == number
+        tension[chosen] = table.evaluate(length[chosen])[0]
+    if np.any(damping):
+        if snapshot.packed.model.wrapping is not None:
+            raise ValueError(
+                'tensions of damped connectors that lie around shells are not known: '
+                'connector.obstruction wrap with connector.damping')
+        ends, bodies = snapshot.connector_ends, connectors.bodies
+        arm = ends - snapshot.position[bodies]
+        moving = snapshot.linear_velocity[bodies] + np.cross(
+            snapshot.angular_velocity[bodies], arm)
+        along = ends[:, 1] - ends[:, 0]
+        rate = ((moving[:, 1] - moving[:, 0]) * along).sum(axis=1) / np.where(
+            length > 0.0, length, np.inf)
+        tension = tension + damping * rate
+    return np.where(snapshot.intact, tension, 0.0)
+
+
+def names_of(parameters: Parameters) -> tuple[str, ...]:
+    """Names of what bears in a scene."""
+    return tuple(
+        f'{section}.{name}' for section in ('supports', 'drives', 'anchors', 'planes')
+        for name in parameters.names(section))
+
+
+def _is_path(loads: Loads) -> np.ndarray:
+    """Rows of the loads that put bodies on a path, (m,) bool."""
+    if loads.drives is None:
+        return np.zeros(len(loads.wrench), bool)
+    number = -1 - loads.wrench
+    return np.asarray((number >= 0) & (number < len(loads.drives.start)))
+
+
+def _resultant(
+    wrench: np.ndarray, position: np.ndarray, mine: np.ndarray
+) -> tuple[np.ndarray, Any, Any]:
+    """Mean place [m] of the bodies that are meant, and sum of their wrenches about it."""
+    if not mine.any():
+        return np.zeros(3), np.zeros(3), np.zeros(3)
+    point = position[mine].mean(axis=0)
+    force = wrench[mine, :3]
+    torque = wrench[mine, 3:] + np.cross(position[mine] - point, force)
+    return point, force.sum(axis=0), torque.sum(axis=0)
