@@ -28,6 +28,7 @@ from icofabric_sim.simulation.stepping.faults import too_fast
 from icofabric_sim.simulation.stepping.method_selection import longest_at_kinks
 from icofabric_sim.simulation.stepping.methods import Method
 from icofabric_sim.simulation.stepping.pieces import Pieces, StepChoice
+from icofabric_sim.simulation.stepping.step_monitor import LARGEST_DIFFERENCE
 import numpy as np
 
 # Step times frequency, in parts of what the method chooses at most: too long (shorten it), too
@@ -40,8 +41,8 @@ _GROWN, _NEAR = 1.1, 0.9
 _LARGEST, _SMALLEST = 0.4, 0.02
 # Shortest periods until the next measurement, which costs three: at first, and at most.
 _FIRST_GAP, _LARGEST_GAP = 2, 64
-# Parts of the motion so far, of which none is left without a measurement; of smooth motion, which
-# shows in the differences between steps when it becomes rougher, all of it.
+# Parts of the motion so far, of which none is left without a measurement; all of it where smooth
+# motion that becomes rougher shows in differences of the order of the method.
 _PARTS, _SMOOTH_PARTS = 2, 1
 # The same where inputs come so often that the roughness of the motion cannot be judged.
 _LARGEST_BLIND_GAP = 16
@@ -299,7 +300,7 @@ class MeasuredStep:
         steps = errors.steps_of_period(step, fastest)
         errors.pace(
             math.inf if jumped else change, first=_FIRST_GAP, largest=largest, unit=steps * step,
-            part=_SMOOTH_PARTS if rough >= 0.0 and errors.is_smooth else _PARTS)
+            part=_SMOOTH_PARTS if rough >= 0.0 and self._shows_errors else _PARTS)
         errors.end(error)
         steps *= errors.gap
         errors.checks_left = -(-steps // self._pieces.monitor.interval)
@@ -308,6 +309,12 @@ class MeasuredStep:
         self._expect(rough * (step / before) ** order)
         errors.step = math.inf if step >= cap else step
         return step
+
+    @property
+    def _shows_errors(self) -> bool:
+        """Whether the differences that are watched grow as the errors do."""
+        return self._pieces.errors.probe.is_smooth and (
+            self._pieces.trajectory.order <= LARGEST_DIFFERENCE)
 
     def _expect(self, rough: float) -> None:
         """Note how rough the motion is with the error that was measured; more asks for another."""
