@@ -56,39 +56,61 @@ def add_connectors(
     if links is None:
         zero = splat(0.0)
         return zero, zero, zero, zero, zero, zero
-    return pulls(links.attachment, links, kinks, part, points, position, block, s)
+    return alike_or_not(kinks, links, part, points, position, block, s)
+
+
+@inlined
+def alike_or_not(
+    kinks: Kinks | None, links: Links, part: float, points: np.ndarray, position: np.ndarray,
+    block: int, s: int
+) -> Six:
+    """The same; where all connectors are of one law and on one side of its kink, as springs."""
+    if kinks is None:
+        return pulls(
+            links.attachment, links, None, part, links.variety, links.stiffness,
+            links.natural_length, points, position, block, s)
+    else:
+        if kinks.alike[0] > 0.0:
+            return pulls(
+                links.attachment, links, None, part, None, kinks.alike[0], kinks.alike[1],
+                points, position, block, s)
+        return pulls(
+            links.attachment, links, kinks, part, links.variety, links.stiffness,
+            links.natural_length, points, position, block, s)
 
 
 @inlined
 def pulls(
     attachment: np.ndarray | None, links: Links, kinks: Kinks | None, part: float,
-    points: np.ndarray, position: np.ndarray, block: int, s: int
+    variety: Variety | None, stiffness: float, natural_length: float, points: np.ndarray,
+    position: np.ndarray, block: int, s: int
 ) -> Six:
     """The same for connectors that attach on the body axes, or anywhere."""
+    k, minus_rest = splat(stiffness), splat(-stiffness * natural_length)
     if attachment is None:
-        return pulls_on_axes(links, kinks, part, points, position.shape[1], block, s)
+        return pulls_on_axes(
+            links, kinks, part, variety, k, minus_rest, points, position.shape[1], block, s)
     else:
-        return pulls_anywhere(links, kinks, part, points, position, block, s)
+        return pulls_anywhere(
+            links, kinks, part, variety, k, minus_rest, points, position, block, s)
 
 
 @compiled
 def pulls_anywhere(
-    links: Links, kinks: Kinks | None, part: float, points: np.ndarray, position: np.ndarray,
-    block: int, s: int
+    links: Links, kinks: Kinks | None, part: float, variety: Variety | None, stiffness: Vector,
+    minus_rest: Vector, points: np.ndarray, position: np.ndarray, block: int, s: int
 ) -> Six:
     """The same for any attachment points."""
     zero, stride = splat(0.0), position.shape[1]
     fx, fy, fz, tx, ty, tz = zero, zero, zero, zero, zero, zero
-    stiffness = splat(links.stiffness)
-    minus_rest = splat(-links.stiffness * links.natural_length)
     x, y, z = load(position, 0, s), load(position, 1, s), load(position, 2, s)
     for edge in range(6):
         at = 3 * edge * stride + s
         px, py = load_at(points, at), load_at(points, at + stride)
         pz = load_at(points, at + 2 * stride)
         ax, ay, az = edge_pull(
-            links, kinks, part, points, stride, block, s, 2 * edge, stiffness, minus_rest,
-            px, py, pz)
+            links, kinks, part, variety, points, stride, block, s, 2 * edge, stiffness,
+            minus_rest, px, py, pz)
         fx, fy, fz = fx + ax, fy + ay, fz + az
         sx, sy, sz = px - x, py - y, pz - z
         tx = fma(sy, az, tx - sz * ay)
@@ -99,25 +121,23 @@ def pulls_anywhere(
 
 @inlined
 def pulls_on_axes(
-    links: Links, kinks: Kinks | None, part: float, points: np.ndarray, stride: int, block: int,
-    s: int
+    links: Links, kinks: Kinks | None, part: float, variety: Variety | None, stiffness: Vector,
+    minus_rest: Vector, points: np.ndarray, stride: int, block: int, s: int
 ) -> Six:
     """The same for points on the body axes, as far out on either side; `stride` slots each row."""
     zero = splat(0.0)
     fx, fy, fz, tx, ty, tz = zero, zero, zero, zero, zero, zero
-    stiffness = splat(links.stiffness)
-    minus_rest = splat(-links.stiffness * links.natural_length)
     for pair in range(3):
         at = 6 * pair * stride + s
         px, py = load_at(points, at), load_at(points, at + stride)
         pz, mx = load_at(points, at + 2 * stride), load_at(points, at + 3 * stride)
         my, mz = load_at(points, at + 4 * stride), load_at(points, at + 5 * stride)
         ax, ay, az = edge_pull(
-            links, kinks, part, points, stride, block, s, 4 * pair, stiffness, minus_rest,
-            px, py, pz)
+            links, kinks, part, variety, points, stride, block, s, 4 * pair, stiffness,
+            minus_rest, px, py, pz)
         bx, by, bz = edge_pull(
-            links, kinks, part, points, stride, block, s, 4 * pair + 2, stiffness, minus_rest,
-            mx, my, mz)
+            links, kinks, part, variety, points, stride, block, s, 4 * pair + 2, stiffness,
+            minus_rest, mx, my, mz)
         fx, fy, fz = fx + (ax + bx), fy + (ay + by), fz + (az + bz)
         # Both arms lie on one axis of the body: arm x (pull at the first - pull at the second),
         # with twice the arm here.
@@ -152,9 +172,9 @@ def arm_of(
 
 @inlined
 def edge_pull(
-    links: Links, kinks: Kinks | None, part: float, points: np.ndarray, stride: int, block: int,
-    s: int, first_link: int, stiffness: Vector, minus_rest: Vector, px: Vector, py: Vector,
-    pz: Vector
+    links: Links, kinks: Kinks | None, part: float, variety: Variety | None, points: np.ndarray,
+    stride: int, block: int, s: int, first_link: int, stiffness: Vector, minus_rest: Vector,
+    px: Vector, py: Vector, pz: Vector
 ) -> tuple[Vector, Vector, Vector]:
     """Pull [N] of the two connectors at one edge, whose points are p."""
     zero = splat(0.0)
@@ -166,8 +186,7 @@ def edge_pull(
         uz = load_at(points, place + 2 * stride) - pz
         square = maximum(fma(ux, ux, fma(uy, uy, uz * uz)), splat(_SMALLEST))
         factor = law_factor(
-            links.tables, kinks, part, links.variety, block, link, s, square, stiffness,
-            minus_rest)
+            links.tables, kinks, part, variety, block, link, s, square, stiffness, minus_rest)
         factor = where(bits(links.present[block, link]), factor, zero)
         fx, fy, fz = fma(factor, ux, fx), fma(factor, uy, fy), fma(factor, uz, fz)
     return fx, fy, fz

@@ -26,7 +26,7 @@ from icofabric_sim.kernels.contact.forces import add_contact
 from icofabric_sim.kernels.contact.losses import begin_lead, end_lead, losses_of, spend
 from icofabric_sim.kernels.drives import is_wrench, place_row, resist
 from icofabric_sim.kernels.fields import add_coulomb, add_dipole
-from icofabric_sim.kernels.loads import kick_load, work_load
+from icofabric_sim.kernels.loads import kick_load, kick_load_again, work_load
 from icofabric_sim.kernels.moments import add_bending, add_twisting
 from icofabric_sim.kernels.records import (
     Gravity,
@@ -145,7 +145,7 @@ def push(
             if loads is not None:
                 for m in range(loads.start[block], loads.start[block + 1]):
                     if is_wrench(loads.drives, loads.anchors, loads.wrench[m]):
-                        kick_load(
+                        kick_load_again(
                             model, loads, state.orientation, state.linear_velocity,
                             state.angular_velocity, m, s, time, again)
                     kick_anchor(loads.anchors, model, loads, state, m, s, time, again)

@@ -22,16 +22,27 @@ forces in every stage. After the step e is known better, as the quintic through 
 impulse and first moment that are still missing act in two kicks along the connectors, at the end
 of the step and half a step before it, to which all drift freely. All of them are equal and
 opposite along a connector. See docs/decisions/kinks.md.
+
+Where every connector is several times as far from its kink as points can move in the step, none of
+this is done: the state where the step begins decides. Lengths need not be computed for that while
+bodies are near where they were when this was last seen (`moved_of`, a bound), so a fabric that is
+far from its kinks takes the steps of plain springs.
 """
+
+import math
 
 from icofabric_sim.kernels.drives import resist
 from icofabric_sim.kernels.flows import accelerate, kick
 from icofabric_sim.kernels.records import Kinks, Links, Loads, Model, State, Work
+from icofabric_sim.kernels.rotations import rows_of
 from icofabric_sim.kernels.runtime.compiled import compiled, inlined
 from icofabric_sim.kernels.runtime.lanes import (
     any_lane,
     bits,
+    fabs,
     fma,
+    lane,
+    LANES,
     load,
     load_at,
     maximum,
@@ -68,6 +79,16 @@ _CUBIC = (
 
 # Rows of Kinks.start, twelve each: stretch, rate and half the second derivative of a step.
 _STRETCH, _RATE, _CURVE = 0, 12, 24
+
+# Numbers of a thread in Kinks.ranges: how far points move in a step, and have moved from the state
+# that is kept; the least distance from a kink, the least and the largest stretch.
+_REACH, _MOVED, _NEAREST, _LOWEST, _HIGHEST = 0, 1, 2, 3, 4
+# Moves of a point that a connector has to be from its kink: two, as both its ends move, and as
+# many for what is not foretold.
+_SAFE = 4.0
+# What rounding may make of a distance.
+_ROUNDED = 0.999
+FAR_AWAY = 1e300
 
 Four = tuple[Vector, Vector, Vector, Vector]
 Sextuple = tuple[Vector, Vector, Vector, Vector, Vector, Vector]
@@ -110,6 +131,160 @@ def note_motion(
             kinks.seconds, at + stride, ay + (bz * rx - bx * rz) + (oz * tx - ox * tz))
         store_at(
             kinks.seconds, at + 2 * stride, az + (bx * ry - by * rx) + (ox * ty - oy * tx))
+
+
+@compiled
+def reach_of(
+    kinks: Kinks, links: Links | None, state: State, h: float, kick: float, s: int
+) -> Vector:
+    """
+    How far attachment points of a block move in a step of `h` [s], about [m].
+
+    From the velocities before and after its first kick of `kick` [s].
+    """
+    zero = splat(0.0)
+    if links is None:
+        return zero
+    v, o, a, b = zero, zero, zero, zero
+    per = splat(1.0 / kick)
+    for k in range(3):
+        w, q = load(kinks.before, k, s), load(kinks.before, k + 3, s)
+        more = per * (load(state.linear_velocity, k, s) - w)
+        turn = per * (load(state.angular_velocity, k, s) - q)
+        v, o, a, b = fma(w, w, v), fma(q, q, o), fma(more, more, a), fma(turn, turn, b)
+    radius = splat(links.half_width)
+    speed = fma(radius, sqrt(o), sqrt(v))
+    rate = fma(radius, sqrt(b) + o, sqrt(a))
+    return splat(h) * fma(splat(0.5 * h), rate, speed)
+
+
+@compiled
+def moved_of(kinks: Kinks, links: Links | None, state: State, s: int) -> Vector:
+    """How far attachment points of a block are from where they were in the state kept [m]."""
+    zero = splat(0.0)
+    if links is None:
+        return zero
+    shift, turn = zero, zero
+    for k in range(3):
+        d = load(state.position, k, s) - load(kinks.kept_position, k, s)
+        shift = fma(d, d, shift)
+    turns = rows_of(state.orientation)
+    for k in range(turns.shape[0]):
+        d = load(turns, k, s) - load(kinks.kept_orientation, k, s)
+        turn = fma(d, d, turn)
+    # A point turns by no more than twice the change of the quaternion, or that of the cosines.
+    factor = 2.0 if turns.shape[0] == 4 else 1.0
+    return fma(splat(factor * links.half_width), sqrt(turn), sqrt(shift))
+
+
+@compiled
+def keep_state(kinks: Kinks, state: State, s: int) -> None:
+    """Keep where a block is."""
+    for k in range(3):
+        store(kinks.kept_position, k, s, load(state.position, k, s))
+    turns = rows_of(state.orientation)
+    for k in range(turns.shape[0]):
+        store(kinks.kept_orientation, k, s, load(turns, k, s))
+
+
+@compiled
+def note_reach(kinks: Kinks, member: int, reach: Vector, moved: Vector) -> None:
+    """What a thread found."""
+    kinks.ranges[8 * member + _REACH] = most_of_lanes(reach, 0.0)
+    kinks.ranges[8 * member + _MOVED] = most_of_lanes(moved, 0.0)
+
+
+@compiled
+def note_stretches(
+    kinks: Kinks, member: int, nearest: Vector, lowest: Vector, highest: Vector
+) -> None:
+    """What a thread found."""
+    minus = splat(-1.0)
+    kinks.ranges[8 * member + _NEAREST] = -most_of_lanes(minus * nearest, -FAR_AWAY)
+    kinks.ranges[8 * member + _LOWEST] = -most_of_lanes(minus * lowest, -FAR_AWAY)
+    kinks.ranges[8 * member + _HIGHEST] = most_of_lanes(highest, -FAR_AWAY)
+
+
+@compiled
+def most_of_lanes(value: Vector, least: float) -> float:
+    """Largest number of a vector; infinite where one is not a number."""
+    largest = least
+    for i in range(LANES):
+        number = lane(value, i)
+        if not number <= largest:
+            largest = number if number == number else math.inf
+    return largest
+
+
+@compiled
+def largest_of(kinks: Kinks, row: int, size: int) -> float:
+    """Over all threads."""
+    largest = kinks.ranges[row]
+    for member in range(1, size):
+        largest = max(largest, kinks.ranges[8 * member + row])
+    return float(largest)
+
+
+@compiled
+def least_of(kinks: Kinks, row: int, size: int) -> float:
+    """Over all threads."""
+    least = kinks.ranges[row]
+    for member in range(1, size):
+        least = min(least, kinks.ranges[8 * member + row])
+    return float(least)
+
+
+@compiled
+def stays_far(kinks: Kinks, size: int) -> bool:
+    """Whether all are far from their kinks, seen from how far bodies have moved."""
+    if not kinks.margin[0] > 0.0:
+        return False
+    left = _ROUNDED * kinks.margin[0] - 2.0 * largest_of(kinks, _MOVED, size)
+    return left > _SAFE * largest_of(kinks, _REACH, size)
+
+
+@compiled
+def is_far(kinks: Kinks, size: int) -> bool:
+    """Whether they are, seen from their lengths."""
+    return least_of(kinks, _NEAREST, size) > _SAFE * largest_of(kinks, _REACH, size)
+
+
+@compiled
+def note_margin(kinks: Kinks, size: int, far: bool) -> None:
+    """Keep how far they are from their kinks, and on which side; or that some are not far."""
+    kinks.margin[0] = kinks.margin[1] = 0.0
+    if far:
+        kinks.margin[0] = least_of(kinks, _NEAREST, size)
+        if least_of(kinks, _LOWEST, size) > 0.0:
+            kinks.margin[1] = 1.0
+        elif largest_of(kinks, _HIGHEST, size) < 0.0:
+            kinks.margin[1] = -1.0
+
+
+@compiled
+def choose_law(kinks: Kinks, far: bool) -> None:
+    """Whether all connectors are springs of one stiffness in this step, and which."""
+    kinks.alike[0] = 0.0
+    if far and kinks.margin[1] != 0.0:
+        kinks.alike[0] = kinks.uniform[0 if kinks.margin[1] > 0.0 else 1]
+        kinks.alike[1] = kinks.uniform[2]
+
+
+@compiled
+def forget_crossings(kinks: Kinks, first: int, last: int) -> None:
+    """None acts in blocks first to last."""
+    for block in range(first, last):
+        for link in range(12):
+            kinks.active[block, link] = 0
+
+
+@compiled
+def has_crossings(kinks: Kinks, block: int) -> bool:
+    """Whether some act on a block."""
+    for link in range(12):
+        if kinks.active[block, link] != 0:
+            return True
+    return False
 
 
 @compiled
@@ -257,15 +432,16 @@ def side_of(kinks: Kinks, links: Links, block: int, link: int, s: int) -> tuple[
 @compiled
 def foretell(
     links: Links | None, kinks: Kinks, points: np.ndarray, h: float, block: int, s: int
-) -> bool:
+) -> tuple[bool, Vector, Vector, Vector]:
     """
     Choose the slopes of a step of `h` [s] for the connectors of a block, and foretell crossings.
 
-    Whether any is foretold.
+    Whether any is foretold; the least distance from a kink, the least and the largest stretch [m].
     """
     found = False
+    nearest, lowest, highest = splat(FAR_AWAY), splat(FAR_AWAY), splat(-FAR_AWAY)
     if links is None:
-        return found
+        return found, nearest, lowest, highest
     stride, zero = kinks.start.shape[1], splat(0.0)
     for link in range(12):
         at = 3 * (link >> 1) * stride + s
@@ -278,6 +454,12 @@ def foretell(
         store(kinks.slope, link, s, where(
             e > zero, load(kinks.extension, link, s), load(kinks.compression, link, s)))
         side, jump = side_of(kinks, links, block, link, s)
+        counts = jump * jump > zero
+        away = where(counts, e, splat(FAR_AWAY))
+        lowest = where(away < lowest, away, lowest)
+        away = fabs(away)
+        nearest = where(away < nearest, away, nearest)
+        highest = maximum(where(counts, e, splat(-FAR_AWAY)), highest)
         c = (side * e, side * v, side * a, zero, zero, zero)
         beyond = where(
             value_of(c, splat(0.5)) < zero, splat(1.0),
@@ -287,7 +469,7 @@ def foretell(
         if crosses:
             found = True
             store_forces(kinks, moments_foretold(c), side * jump, link, s)
-    return found
+    return found, nearest, lowest, highest
 
 
 @inlined

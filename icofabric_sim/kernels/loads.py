@@ -48,7 +48,7 @@ from icofabric_sim.kernels.runtime.lanes import (
     Vector,
     where,
 )
-from icofabric_sim.kernels.tractions import mean_traction_power, traction_wrench
+from icofabric_sim.kernels.tractions import mean_traction_power, three_at, traction_wrench
 from icofabric_sim.kernels.turning import mean_of_turning, turned
 import numpy as np
 
@@ -64,6 +64,55 @@ def kick_load(
     The force acts at its point, the torque adds to the moment of the force.
     """
     force, torque = wrench_of_row(loads.tractions, loads, orientation, m, s)
+    keep_wrench(loads.tractions, loads, m, force, torque)
+    kick_by(model, loads, velocity, spin, m, s, time, h, force, torque)
+
+
+@compiled
+def kick_load_again(
+    model: Model, loads: Loads, orientation: np.ndarray, velocity: np.ndarray, spin: np.ndarray,
+    m: int, s: int, time: float, h: float
+) -> None:
+    """The same, directly after a `kick_load` of this row at the same `time` and orientations."""
+    force, torque = kept_wrench(loads.tractions, loads, orientation, m, s)
+    kick_by(model, loads, velocity, spin, m, s, time, h, force, torque)
+
+
+@compiled
+def keep_wrench(
+    tractions: Tractions | None, loads: Loads, m: int, force: Three, torque: Three
+) -> None:
+    """Keep the wrench of a surface force, which is a sum of many numbers."""
+    if tractions is None:
+        return
+    else:
+        if loads.wrench[m] >= tractions.first:
+            at = 6 * LANES * tractions.place[m]
+            for k in range(3):
+                store_at(tractions.kept, at + k * LANES, force[k])
+                store_at(tractions.kept, at + (k + 3) * LANES, torque[k])
+
+
+@compiled
+def kept_wrench(
+    tractions: Tractions | None, loads: Loads, orientation: np.ndarray, m: int, s: int
+) -> tuple[Three, Three]:
+    """Force [N] and torque [N m] that `keep_wrench` has kept; of other loads they are computed."""
+    if tractions is None:
+        return wrench_of(loads, orientation, loads.wrench[m], s)
+    else:
+        if loads.wrench[m] >= tractions.first:
+            at = 6 * LANES * tractions.place[m]
+            return three_at(tractions.kept, at), three_at(tractions.kept, at + 3 * LANES)
+        return wrench_of(loads, orientation, loads.wrench[m], s)
+
+
+@compiled
+def kick_by(
+    model: Model, loads: Loads, velocity: np.ndarray, spin: np.ndarray, m: int, s: int,
+    time: float, h: float, force: Three, torque: Three
+) -> None:
+    """Add what a force [N] and a torque [N m] of row `m` give in `h` [s]."""
     h = h * factor_of(loads.varying, loads.wrench[m], time)
     mx, my, mz, inertia = inverses(
         model.supports, model.inverse_mass, model.inverse_inertia, s)

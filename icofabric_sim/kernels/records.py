@@ -224,6 +224,7 @@ class Tractions(Record):
     # (54 LANES r,) [N], [N m] without friction: sums of n n F and of (p x n) n F, the first two
     # in body axes, the last in world axes
     sliding: np.ndarray | None
+    kept: np.ndarray  # (6 LANES r,) [N], [N m] wrench of the last kick, world axes
     force: np.ndarray  # (LANES r,) [N] bound of the force on each body; not for kernels
     moment: np.ndarray  # (LANES r,) [N m] the same of the torque
 
@@ -459,7 +460,8 @@ class Kinks(Record):
     """
     Connectors whose slope jumps at their natural length, within one step; see kernels/kinks.py.
 
-    Nothing is kept from step to step. Rows by connectors at each body, as those of a `Variety`.
+    Rows by connectors at each body, as those of a `Variety`. From step to step only a state is
+    kept from which no connector was near its kink: it spares work, and changes no bit.
     """
 
     extension: np.ndarray  # (12, s) k_e [N/m]
@@ -475,6 +477,16 @@ class Kinks(Record):
     rates: np.ndarray  # (18 s,) velocities [m/s] of the attachment points
     seconds: np.ndarray  # (18 s,) accelerations [m/s^2] of these
     found: np.ndarray  # (8 t,) whether a thread has found crossings in this step
+    ranges: np.ndarray  # (8 t,) [m] what each thread found, see kernels/kinks.py
+    # (3,) k_e and k_c [N/m] and natural length [m] where all connectors have the same; else zeros
+    uniform: np.ndarray
+    # (2,) stiffness [N/m] and natural length [m] of all connectors in this step; 0: not alike
+    alike: np.ndarray
+    # (2,) least distance [m] of a connector from its kink in the state that is kept, 0: none is;
+    # and 1 or -1 where all were longer, or all shorter, than by nature
+    margin: np.ndarray
+    kept_position: np.ndarray  # (3, s) [m]
+    kept_orientation: np.ndarray  # (4, s) or (9, s)
 
 
 class Trail(Record):

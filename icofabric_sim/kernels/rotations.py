@@ -45,6 +45,15 @@ Nine = tuple[Vector, Vector, Vector, Vector, Vector, Vector, Vector, Vector, Vec
 
 
 @compiled
+def rows_of(orientation: np.ndarray) -> np.ndarray:
+    """Orientations as (4, s) or (9, s)."""
+    if orientation.ndim == 3:
+        return orientation.reshape(9, orientation.shape[2])
+    else:
+        return orientation
+
+
+@compiled
 def to_world(
     orientation: np.ndarray, s: int, x: float, y: float, z: float
 ) -> tuple[float, float, float]:

@@ -47,8 +47,12 @@ import numpy as np
 # Numbers of a body in the arrays of `Tractions`.
 TURNING, FIXED, SLIDING = 6, 12, 54
 
+_NODES = (0.5 - FAR, 0.5 - NEAR, 0.5, 0.5 + NEAR, 0.5 + FAR)
+_WEIGHTS = (FAR_WEIGHT, NEAR_WEIGHT, MIDDLE_WEIGHT, NEAR_WEIGHT, FAR_WEIGHT)
+
 # What turns while a body is in free flight: see `power_of_turning` and `sliding_parts`.
 Four = tuple[Vector, Vector, Vector, Vector]
+Six = tuple[Vector, Vector, Vector, Vector, Vector, Vector]
 Sliding = tuple[Nine, Nine, Three]
 
 
@@ -147,8 +151,8 @@ def mean_traction_power(
     """
     Mean power [W] of a row on a block over a drift of `h` from `time` on, before it moves.
 
-    Exact where it is steady and not without friction; else by a Gauss rule of order 10, beyond
-    that of any method.
+    Exact where it is steady, but for products of what turns without friction: these, and what is
+    not steady, by a Gauss rule of order 10, beyond that of any method.
     """
     axes = axes_of_lanes(state.orientation, s)
     velocity, spin = state.linear_velocity, state.angular_velocity
@@ -156,11 +160,11 @@ def mean_traction_power(
     omega = load(spin, 0, s), load(spin, 1, s), load(spin, 2, s)
     parts = power_of_turning(tractions.turning, row, axes, v, omega)
     parts = add_power_of_fixed(tractions.fixed, row, axes, v, omega, parts)
-    if sliding is None:
-        if is_steady(varying, w):
-            mean = power_of(parts, mean_turn_factors(h, omega[0], omega[1], omega[2]))
-            return splat(factor_of(varying, w, time)) * mean
     slid = sliding_parts(sliding, row, axes, v, omega)
+    if is_steady(varying, w):
+        factors = mean_turn_factors(h, omega[0], omega[1], omega[2])
+        mean = add_mean_sliding(slid, factors, omega, h, power_of(parts, factors))
+        return splat(factor_of(varying, w, time)) * mean
     near = power_then(varying, w, parts, slid, omega, time, (0.5 - NEAR) * h) + power_then(
         varying, w, parts, slid, omega, time, (0.5 + NEAR) * h)
     far = power_then(varying, w, parts, slid, omega, time, (0.5 - FAR) * h) + power_then(
@@ -293,6 +297,41 @@ def seen(axes: Nine, v: Three) -> Three:
         fma(axes[0], v[0], fma(axes[1], v[1], axes[2] * v[2])),
         fma(axes[3], v[0], fma(axes[4], v[1], axes[5] * v[2])),
         fma(axes[6], v[0], fma(axes[7], v[1], axes[8] * v[2])))
+
+
+@compiled
+def mean_products(h: float, omega: Three) -> Six:
+    """Means over a time from 0 to `h` [s] of the products of the three `turn_factors`."""
+    zero = splat(0.0)
+    aa, ab, ac, bb, bc, cc = zero, zero, zero, zero, zero, zero
+    for node in range(5):
+        weight = splat(_WEIGHTS[node])
+        one, two, three = turn_factors(_NODES[node] * h, omega[0], omega[1], omega[2])
+        first, second, third = weight * one, weight * two, weight * three
+        aa, ab, ac = fma(first, one, aa), fma(first, two, ab), fma(first, three, ac)
+        bb, bc, cc = fma(second, two, bb), fma(second, three, bc), fma(third, three, cc)
+    return aa, ab, ac, bb, bc, cc
+
+
+@compiled
+def add_mean_sliding(
+    slid: Sliding | None, factors: Three, omega: Three, h: float, power: Vector
+) -> Vector:
+    """Add its mean over a time from 0 to `h` [s]; `factors`: the means of these."""
+    if slid is None:
+        return power
+    else:
+        forces, speeds, torques = slid
+        power = fma(factors[0], torques[0], fma(
+            factors[1], torques[1], fma(factors[2], torques[2], power)))
+        aa, ab, ac, bb, bc, cc = mean_products(h, omega)
+        for k in range(3):
+            f, g, e = forces[k], forces[k + 3], forces[k + 6]
+            u, v, w = speeds[k], speeds[k + 3], speeds[k + 6]
+            power = fma(f, fma(aa, u, fma(ab, v, ac * w)), power)
+            power = fma(g, fma(ab, u, fma(bb, v, bc * w)), power)
+            power = fma(e, fma(ac, u, fma(bc, v, cc * w)), power)
+        return power
 
 
 @compiled

@@ -26,7 +26,25 @@ from icofabric_sim.kernels.flows import (
     push,
     push_kept,
 )
-from icofabric_sim.kernels.kinks import account, foretell, keep_velocities, note_motion, strike
+from icofabric_sim.kernels.kinks import (
+    account,
+    choose_law,
+    FAR_AWAY,
+    foretell,
+    forget_crossings,
+    has_crossings,
+    is_far,
+    keep_state,
+    keep_velocities,
+    moved_of,
+    note_margin,
+    note_motion,
+    note_reach,
+    note_stretches,
+    reach_of,
+    stays_far,
+    strike,
+)
 from icofabric_sim.kernels.records import (
     Contacts,
     Kinks,
@@ -38,7 +56,7 @@ from icofabric_sim.kernels.records import (
     Work,
 )
 from icofabric_sim.kernels.runtime.compiled import compiled
-from icofabric_sim.kernels.runtime.lanes import splat, Vector
+from icofabric_sim.kernels.runtime.lanes import maximum, splat, Vector, where
 from icofabric_sim.kernels.runtime.team import own_blocks, wait_for_all
 import numpy as np
 
@@ -52,31 +70,54 @@ def kinked_steps(
     """
     Take `count` steps of length `h` [s], the first from origin + index h on, as `steps` does.
 
-    For methods that begin and end with a kick.
+    For methods that begin and end with a kick. Where all connectors are far from their kinks the
+    steps are those of plain springs.
     """
     first, last = own_blocks(team, model.blocks.slot.shape[0])
     order, count_own = team.sweep.drifts, last - first
     # A literal would be a type of its own, and compile the drift once more.
     begin: int = np.int64(0)  # type: ignore[assignment]
     stages = drifts.shape[0]
-    most = splat(0.0)
-    place_all(model, state, work, first, last)
+    zero = splat(0.0)
+    most = zero
+    placed = False
     for step in range(index, index + count):
         now, end = origin + step * h, origin + (step + 1) * h
         for block in range(first, last):
             keep_velocities(kinks, state, model.blocks.slot[block])
         push_kept(model, loads, state, work, now, kicks[0] * h, first, last)
-        for block in range(first, last):
-            note_motion(
-                model.links, kinks, state, work.points, kicks[0] * h, model.blocks.slot[block])
-        wait_for_all(team)
-        found = False
+        reach, moved = zero, zero
         for block in range(first, last):
             s = model.blocks.slot[block]
-            if foretell(model.links, kinks, work.points, h, block, s):
-                found = True
-                strike(model, loads, kinks, state, work, 0, kicks[0] * h, block, s)
+            reach = maximum(reach, reach_of(kinks, model.links, state, h, kicks[0] * h, s))
+            if kinks.margin[0] > 0.0:
+                moved = maximum(moved, moved_of(kinks, model.links, state, s))
+        note_reach(kinks, team.member, reach, moved)
         wait_for_all(team)
+        far = stays_far(kinks, team.size)
+        if not far:
+            if not placed:
+                place_all(model, state, work, first, last)
+            for block in range(first, last):
+                note_motion(
+                    model.links, kinks, state, work.points, kicks[0] * h,
+                    model.blocks.slot[block])
+            wait_for_all(team)
+            look(model, kinks, work, h, team.member, first, last)
+            wait_for_all(team)
+            far = is_far(kinks, team.size)
+            if far:
+                forget_crossings(kinks, first, last)
+                for block in range(first, last):
+                    keep_state(kinks, state, model.blocks.slot[block])
+            else:
+                strike_foretold(model, loads, kinks, state, work, kicks[0] * h, first, last)
+            if team.member == 0:
+                note_margin(kinks, team.size, far)
+            wait_for_all(team)
+        if team.member == 0:
+            choose_law(kinks, far)
+        placed = True
         part = 0.0
         for stage in range(stages):
             whole = drifts[stage] * h
@@ -88,19 +129,21 @@ def kinked_steps(
                 touch_all(contacts, state.position, state.orientation, team)
             most = note_own(watch, model, state, after, first, last, most)
             ends = stage + 1 == stages
-            if ends:
+            if ends and not far:
                 for block in range(first, last):
                     keep_velocities(kinks, state, model.blocks.slot[block])
             push(
                 model, loads, state, work, kinks, part, after, kicks[stage + 1] * h, 0.0, ends,
                 order, begin, count_own)
-            if ends:
+            if ends and not far:
                 for block in range(first, last):
                     note_motion(
                         model.links, kinks, state, work.points, -kicks[stages] * h,
                         model.blocks.slot[block])
             wait_for_all(team)
             now = after
+        if far:
+            continue
         found = False
         for block in range(first, last):
             if account(
@@ -127,6 +170,32 @@ def kinked_steps(
             wait_for_all(team)
     note_ways(watch, team.member, most)
     wait_for_all(team)
+
+
+@compiled
+def look(
+    model: Model, kinks: Kinks, work: Work, h: float, member: int, first: int, last: int
+) -> None:
+    """Foretell crossings of blocks first to last, and note how far from kinks these are."""
+    nearest, lowest, highest = splat(FAR_AWAY), splat(FAR_AWAY), splat(-FAR_AWAY)
+    for block in range(first, last):
+        _, near, low, high = foretell(
+            model.links, kinks, work.points, h, block, model.blocks.slot[block])
+        nearest = where(near < nearest, near, nearest)
+        lowest = where(low < lowest, low, lowest)
+        highest = maximum(high, highest)
+    note_stretches(kinks, member, nearest, lowest, highest)
+
+
+@compiled
+def strike_foretold(
+    model: Model, loads: Loads | None, kinks: Kinks, state: State, work: Work, h: float,
+    first: int, last: int
+) -> None:
+    """What foretold crossings add in the first kick of `h` [s]."""
+    for block in range(first, last):
+        if has_crossings(kinks, block):
+            strike(model, loads, kinks, state, work, 0, h, block, model.blocks.slot[block])
 
 
 @compiled

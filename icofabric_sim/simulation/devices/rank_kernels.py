@@ -101,7 +101,7 @@ def strike_foretold(
     """Foretell the crossings of a step of `h` [s], and what they add to its first kick."""
     for block in range(first, last):
         s = model.blocks.slot[block]
-        if foretell(model.links, kinks, work.points, h, block, s):
+        if foretell(model.links, kinks, work.points, h, block, s)[0]:
             strike(model, loads, kinks, state, work, 0, kick, block, s)
 
 

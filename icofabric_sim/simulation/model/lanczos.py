@@ -18,6 +18,7 @@ H is the Hessian of a configuration (kernels/hessian.py), M the masses and inert
 are squared frequencies [1/s^2]. From three-term recurrences: two vectors are kept, not a basis.
 """
 
+from functools import lru_cache
 import math
 from time import perf_counter
 from typing import NamedTuple
@@ -28,6 +29,9 @@ from icofabric_sim.kernels.tridiagonal import largest_eigenvalue
 from icofabric_sim.simulation.model.layout import aligned_empty, Layout
 from icofabric_sim.simulation.stepping.portions import Portions
 import numpy as np
+
+# Bodies up to which the noise that an iteration starts from is kept.
+_FEW = 2_000
 
 
 class Largest(NamedTuple):
@@ -128,6 +132,18 @@ def find_largest(run: Lanczos, upper: float, accuracy: float, every: int) -> Lar
     return Largest(value, weights)
 
 
+def _noise(count: int, seed: int) -> np.ndarray:
+    """Normal numbers (6, n); those of few bodies are kept, as drawing takes a step's time."""
+    return (_kept_noise if count <= _FEW else _drawn_noise)(count, seed)
+
+
+def _drawn_noise(count: int, seed: int) -> np.ndarray:
+    return np.random.RandomState(seed).standard_normal((6, count))
+
+
+_kept_noise = lru_cache(maxsize=8)(_drawn_noise)
+
+
 def start_vector(
     layout: Layout, supports: Supports | None, seed: int = 1
 ) -> np.ndarray:
@@ -138,8 +154,7 @@ def start_vector(
     """
     start = aligned_empty((6, layout.slot_count))
     start[:] = 0.0
-    start[:, layout.slot] = np.random.RandomState(seed).standard_normal(
-        (6, layout.body_count))
+    start[:, layout.slot] = _noise(layout.body_count, seed)
     if supports is not None:
         start[:3] *= supports.inverse_mass > 0.0
         start[3:] *= supports.inverse_inertia > 0.0

@@ -77,8 +77,14 @@ def has_jumps(links: Links | None) -> bool:
         np.array_equal(links.variety.extension, links.variety.compression))
 
 
-def kinks_room(links: Links | None, slots: int, blocks: int) -> Kinks | None:
-    """Room for steps in which slopes jump; None where none does, or laws are by table."""
+def kinks_room(
+    links: Links | None, slots: int, blocks: int, *, turns: int = 4
+) -> Kinks | None:
+    """
+    Room for steps in which slopes jump; None where none does, or laws are by table.
+
+    `turns`: numbers of an orientation.
+    """
     if links is None or links.variety is None or not has_jumps(links):
         return None
     variety = links.variety
@@ -93,7 +99,18 @@ def kinks_room(links: Links | None, slots: int, blocks: int) -> Kinks | None:
         natural_length=variety.natural_length, slope=room(12, slots), forces=room(48, slots),
         start=room(36, slots), active=np.zeros((blocks, 12), np.uint8),
         before=room(6, slots), rates=room(18 * slots), seconds=room(18 * slots),
-        found=np.zeros(8 * _MOST_THREADS))
+        found=np.zeros(8 * _MOST_THREADS), ranges=np.zeros(8 * _MOST_THREADS),
+        uniform=_uniform_law(links.variety), alike=np.zeros(2), margin=np.zeros(2),
+        kept_position=room(3, slots), kept_orientation=room(turns, slots))
+
+
+def _uniform_law(variety: Variety) -> np.ndarray:
+    """k_e, k_c [N/m] and natural length [m] of all connectors; zeros where they differ."""
+    laws = np.stack([rows.ravel() for rows in variety])
+    # Zeros where there is no connector.
+    laws = laws[:, laws.any(axis=0)]
+    same = laws.shape[1] and np.array_equal(laws.min(axis=1), laws.max(axis=1))
+    return laws[:, 0].copy() if same else np.zeros(3)
 
 
 @dataclass(frozen=True)
@@ -200,7 +217,8 @@ class Layout:
 
     def kinks(self, links: Links | None) -> Kinks | None:
         """Room for steps in which slopes jump; None where none does, or laws are by table."""
-        return kinks_room(links, self.slot_count, len(self.blocks.slot))
+        return kinks_room(
+            links, self.slot_count, len(self.blocks.slot), turns=9 if self.cosines else 4)
 
     def meter(self) -> Meter:
         """Nothing has flowed yet."""

@@ -134,7 +134,9 @@ def pack_tractions(
 
     force, moment = spread('force', 1), spread('moment', 1)
     assert force is not None and moment is not None
+    kept = aligned_empty((len(mine) * 6 * LANES,))
+    kept[:] = 0.0
     return Tractions(
-        first=first, place=place, turning=spread('turning', TURNING),
+        kept=kept, first=first, place=place, turning=spread('turning', TURNING),
         fixed=spread('fixed', FIXED), sliding=spread('sliding', SLIDING), force=force,
         moment=moment)

@@ -218,7 +218,7 @@ class AccuracyProbe:
             return 0.0
         count, scale, power = self.steps_of_period(step, fastest), 1.0, 2.0**self._trajectory.order
         shortest, most = least * step, _LARGEST_MEASUREMENT
-        if given and self._is_smooth():
+        if given and self.is_smooth:
             most = _SMOOTH_MEASUREMENT
         if count > most:
             longer = 2.0 * math.pi / fastest / most
@@ -242,7 +242,8 @@ class AccuracyProbe:
             error = max(error, _ROUNDED * self.floor(fastest))
         return error
 
-    def _is_smooth(self) -> bool:
+    @property
+    def is_smooth(self) -> bool:
         """Whether no force jumps or has a kink in the present motion."""
         model, links = self._trajectory.model, self._trajectory.model.links
         return (

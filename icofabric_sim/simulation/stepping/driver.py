@@ -60,6 +60,8 @@ Result = TypeVar('Result')
 
 # Velocities over a that a chosen step may be wrong by, beside the tolerance for a second.
 _BESIDE_TOLERANCE = 100.0
+# A change of the largest frequency, in parts of it, with which the accuracy is measured anew.
+_CHANGED = 0.1
 # Errors that were added are at most so many times their estimate (docs/decisions/accuracy.md).
 _ESTIMATED_WITHIN = 3.0
 
@@ -418,6 +420,7 @@ class Driver:
                 # Kernels do not save where a contact may be behind.
                 self.trajectory.save(time)
         if status & (monitor.RATE_HIGH | monitor.RATE_LOW):
+            before = self.rates.fabric.rate
             checks.examine()
             if not self._is_given:
                 step, limit = self.trajectory.step, self.rates.limit
@@ -427,7 +430,9 @@ class Driver:
                         'longer than stable (limit %.3g s): their energy may be wrong; %s',
                         time, checks.interval, limit, checks.way_out(),
                     )
-                self.choose_step(probe=True)
+                # The bound alone may have grown.
+                changed = abs(self.rates.fabric.rate - before) > _CHANGED * before
+                self.choose_step(probe=changed)
             self._require_stable(time)
 
     def _is_explained(self, time: float) -> bool:

@@ -129,7 +129,7 @@ METHODS: dict[str, Method] = {
     'srkn4': _symmetric(
         (0.0829844064174052, 0.396309801498368, -0.0390563049223486),
         (0.245298957184271, 0.604872665711080),
-        first='kick', odd_kicks=True, order=4, stability=3.16, chosen=1.2, error=4e-6,
+        first='kick', odd_kicks=True, order=4, stability=3.16, chosen=1.9, error=4e-6,
         mends_kinks=True,
         source='Blanes and Moan 2002, J. Comput. Appl. Math. 142, 313: SRKN 6b'),
     'srkn6': _symmetric(
@@ -137,7 +137,7 @@ METHODS: dict[str, Method] = {
          -0.0115113874206879),
         (0.123229775946271, 0.290553797799558, -0.127049212625417, -0.246331761062075,
          0.357208872795928),
-        first='kick', odd_kicks=False, order=6, stability=3.14, chosen=1.5, error=2.6e-8,
+        first='kick', odd_kicks=False, order=6, stability=3.14, chosen=1.9, error=2.6e-8,
         mends_kinks=True,
         source='Blanes and Moan 2002, J. Comput. Appl. Math. 142, 313: SRKN 11b'),
     'srkn8': _symmetric(

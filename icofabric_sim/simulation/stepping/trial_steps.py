@@ -290,6 +290,8 @@ class TrialSteps:
     def _copy_work(self) -> Work:
         """The same room, with meters of its own."""
         work, layout = self._trajectory.work, self._trajectory.packed.layout
+        if work.spent is None and work.given is None:
+            return work
         spent, given = (
             None if meter is None else layout.meter() for meter in (work.spent, work.given))
         return work._replace(spent=spent, given=given)

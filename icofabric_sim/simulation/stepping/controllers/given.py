@@ -25,8 +25,8 @@ from icofabric_sim.simulation.stepping.pieces import Pieces, StepChoice
 # Shortest periods until the next measurement, at most: it is for the report only.
 _LARGEST_GAP = 128
 # Parts of the motion so far, of which none is left without a measurement: errors of high order
-# rise and fall tenfold within a few periods.
-_PARTS = 4
+# rise and fall tenfold within a few periods. Of smooth motion that keeps its energy half will do.
+_PARTS, _SMOOTH_PARTS = 4, 2
 
 RANK = 0
 
@@ -91,6 +91,7 @@ class GivenStep:
     def _measure(self, fastest: float, *, jumped: bool) -> None:
         """Measure what the step adds; `jumped`: what acts is new."""
         errors, step = self._pieces.errors.probe, self._pieces.trajectory.step
+        method = self._pieces.trajectory.method
         errors.begin()
         if errors.is_new or jumped:
             errors.gap = 1
@@ -108,7 +109,8 @@ class GivenStep:
         first = max(math.ceil(min(errors.span / unit, steps)), 1)
         errors.pace(
             math.inf if jumped else change, first=first,
-            largest=max(_LARGEST_GAP * steps // interval, first), unit=unit, part=_PARTS)
+            largest=max(_LARGEST_GAP * steps // interval, first), unit=unit,
+            part=_SMOOTH_PARTS if errors.is_smooth and method.symplectic else _PARTS)
         errors.end(error)
         errors.checks_left = errors.gap
         errors.is_new = False

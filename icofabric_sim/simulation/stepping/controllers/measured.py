@@ -23,21 +23,27 @@ import math
 from icofabric_sim.simulation.contact.broad_phase import LOOK_AFTER
 from icofabric_sim.simulation.model.layout import has_jumps
 from icofabric_sim.simulation.stepping.accuracy_probe import AIM
+from icofabric_sim.simulation.stepping.energy_swing import longest_ratio
 from icofabric_sim.simulation.stepping.faults import too_fast
 from icofabric_sim.simulation.stepping.method_selection import longest_at_kinks
 from icofabric_sim.simulation.stepping.methods import Method
 from icofabric_sim.simulation.stepping.pieces import Pieces, StepChoice
+from icofabric_sim.simulation.stepping.step_monitor import LARGEST_DIFFERENCE
 import numpy as np
 
 # Step times frequency, in parts of what the method chooses at most: too long (shorten it), too
 # short (lengthen it).
 _LONGEST, _SHORTEST = 1.25, 0.4
+# The exact frequency is computed again once its bound has grown so many times, and where steps
+# come so near to the limit of the method.
+_GROWN, _NEAR = 1.1, 0.9
 # The range of the measured error rate in which a step is kept, in parts of the tolerance.
 _LARGEST, _SMALLEST = 0.4, 0.02
 # Shortest periods until the next measurement, which costs three: at first, and at most.
 _FIRST_GAP, _LARGEST_GAP = 2, 64
-# Parts of the motion so far, of which none is left without a measurement.
-_PARTS = 2
+# Parts of the motion so far, of which none is left without a measurement; all of it where smooth
+# motion that becomes rougher shows in differences of the order of the method.
+_PARTS, _SMOOTH_PARTS = 2, 1
 # The same where inputs come so often that the roughness of the motion cannot be judged.
 _LARGEST_BLIND_GAP = 16
 # A measurement comes early once the motion is this many times as rough as at the last, and so
@@ -78,12 +84,15 @@ def _largest_ratio(method: Method, energy_limit: float) -> float:
     """
     Step times frequency at which the energy of a vibration swings by half of its limit.
 
-    That of leapfrog by (w h)^2 / 4 of itself, whatever is tolerated of the motion; those of higher
-    order, at the steps that are chosen, by less than the limits that are in use.
+    That of leapfrog by (w h)^2 / 4 of itself, whatever is tolerated of the motion.
     """
-    if method.implicit or method.order > 2 or not energy_limit > 0.0:
+    if method.implicit or not energy_limit > 0.0:
         return math.inf
-    return math.sqrt(2.0 * energy_limit)
+    if method.order <= 2:
+        return math.sqrt(2.0 * energy_limit)
+    if not method.symplectic:
+        return math.inf
+    return longest_ratio(method.kicks, method.drifts, method.chosen, 0.5 * energy_limit)
 
 
 def _largest_ratio_at_kinks(method: Method, energy_limit: float, error: float) -> float:
@@ -172,7 +181,7 @@ class MeasuredStep:
             trajectory.fail(too_fast(trajectory.time, rates.fastest_term()))
         # Above the first the exact frequency is computed again once its bound has grown; near the
         # limit of the method at every health check.
-        near = min(1.05 * ledger.rate, 0.9 * method.stability / step)
+        near = min(_GROWN * ledger.rate, _NEAR * method.stability / step)
         ledger.high = max(_LONGEST * chosen / step, near)
         # Of contacts the bound of the frequency at health checks knows nothing. Nor does a lower
         # one make steps longer that contacts or crossings to come keep short.
@@ -291,7 +300,7 @@ class MeasuredStep:
         steps = errors.steps_of_period(step, fastest)
         errors.pace(
             math.inf if jumped else change, first=_FIRST_GAP, largest=largest, unit=steps * step,
-            part=_PARTS)
+            part=_SMOOTH_PARTS if rough >= 0.0 and self._shows_errors else _PARTS)
         errors.end(error)
         steps *= errors.gap
         errors.checks_left = -(-steps // self._pieces.monitor.interval)
@@ -300,6 +309,12 @@ class MeasuredStep:
         self._expect(rough * (step / before) ** order)
         errors.step = math.inf if step >= cap else step
         return step
+
+    @property
+    def _shows_errors(self) -> bool:
+        """Whether the differences that are watched grow as the errors do."""
+        return self._pieces.errors.probe.is_smooth and (
+            self._pieces.trajectory.order <= LARGEST_DIFFERENCE)
 
     def _expect(self, rough: float) -> None:
         """Note how rough the motion is with the error that was measured; more asks for another."""
