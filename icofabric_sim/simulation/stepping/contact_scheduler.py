@@ -76,9 +76,10 @@ class ContactScheduler:
         if self.broad_phase is not None:
             self.broad_phase.counts_listed = False
 
-    def count_touching(self) -> bool:
-        """Count what touches at a health check; whether that changes the frequency."""
-        return self.broad_phase is not None and self.broad_phase.count_touching()
+    def count_touching(self) -> None:
+        """Count what touches at a health check, as stiff as it is, for the frequency."""
+        if self.broad_phase is not None:
+            self.broad_phase.count_touching(self._trajectory.state)
 
     @property
     def velocity_rate(self) -> float:

@@ -165,6 +165,9 @@ class EmbeddedError:
         """What touches is in the error of each step."""
         return False
 
+    def follow_swing(self) -> None:
+        """It is never asked for."""
+
     def follow_jump(self) -> bool:
         """The next step reuses nothing of the one before, and is no longer than a first one."""
         control = self._control
