@@ -52,7 +52,9 @@ print(json.dumps(rows))
 """
 
 
-def run(tree: Path, path: Path, changes: dict[str, object], times: list[float]) -> list[list[float]]:
+def run(
+    tree: Path, path: Path, changes: dict[str, object], times: list[float]
+) -> list[list[float]]:
     """Seconds, steps, deepest overlap so far over a, contacts and error, of each part."""
     python = tree / '.venv/bin/python'
     done = subprocess.run(

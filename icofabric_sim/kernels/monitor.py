@@ -68,7 +68,7 @@ RATE_HIGH, RATE_LOW, NOT_FINITE, UNBALANCED, LIVELIER, ROUGHER, OBSTRUCTING = (
 # kernels/contact/rebuild_check.py.
 TOO_DEEP, DEEP = 2048, 4096
 # Contacts make more energy swing in a step than may.
-SWINGS = 8192
+SWINGS = 32768
 # Not to be saved as a state from which a run can go on.
 UNSOUND = NOT_FINITE | UNBALANCED
 # Places in the ledger. What a look finds: the rate sqrt(bound) + SPIN_WEIGHT x largest spin

@@ -58,8 +58,6 @@ from icofabric_sim.kernels.runtime.lanes import splat
 from icofabric_sim.kernels.runtime.team import own_blocks, tell_all, TILE, wait_for_all
 import numpy as np
 
-# Steps after which it is asked how much energy contacts make swing: a collision takes ten or more.
-_OFTEN = 4
 # An interval that never ends: no health checks.
 NEVER = 2**62
 
@@ -243,7 +241,8 @@ def splitting(
         ahead = min(ahead, stride - since_check % stride)
         guarded = is_guarded(model.contacts, ledger) and check_interval < NEVER
         if guarded:
-            ahead = min(ahead, _OFTEN - since_check % _OFTEN)
+            # A collision that is damped much may be over within a few.
+            ahead = min(ahead, 1)
         # Step ends are sampled in windows of as many steps as the difference has, one after the
         # other; only in the last before a look where a step is a single evaluation.
         sampled = -1
@@ -277,7 +276,6 @@ def splitting(
             ledger[REGULAR] += ahead
         examined = since_check >= check_interval
         watched = watch is not None and since_check % stride == 0
-        guarded = guarded and (examined or since_check % _OFTEN == 0)
         status = 0
         if guarded and team.member == 0:
             ledger[SWING] = max(ledger[SWING], swing_of(

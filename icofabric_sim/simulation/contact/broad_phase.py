@@ -137,6 +137,8 @@ class BroadPhase:
         # Whether all that is listed counts for the frequency, or only what touches; how many
         # contacts as stiff as any a body had at the last health check, at least one.
         self.counts_listed, self._touching = True, 1.0
+        # Whether more may be listed than can touch: steps do not follow what is listed.
+        self.lists_by_few_axes = False
         self._mobility = float(model.inverse_mass), float(model.inverse_inertia)
         self._sums = np.zeros(layout.slot_count)
         self._scratch = contact_scratch()
@@ -288,7 +290,7 @@ class BroadPhase:
         np.copyto(watch.reference, state.position)
         np.copyto(watch.turned, state.orientation)
         self._take(self._lists.find(
-            state, least, limits[MOST], few_axes=not self.counts_listed), least)
+            state, least, limits[MOST], few_axes=self.lists_by_few_axes), least)
         if time < self._wary_until:
             # Bodies may become so fast before the next search that a step leads to its reach.
             reach = math.sqrt(limits[LATE])
@@ -525,7 +527,7 @@ class BroadPhase:
         if listed > 0.0:
             self._lists.survey(there, np.empty(3))
             near = self._lists.find(
-                there, min(listed, most), most, few_axes=not self.counts_listed)
+                there, min(listed, most), most, few_axes=self.lists_by_few_axes)
         self.stretches.forget()
         self._take(near._replace(reach=reach), listed)
         limits[MOST_STRIDE] = tree.count('most_stride', 1)

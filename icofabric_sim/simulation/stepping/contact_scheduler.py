@@ -75,6 +75,12 @@ class ContactScheduler:
         """Let only what touches add to the frequency, not all that may: steps run through it."""
         if self.broad_phase is not None:
             self.broad_phase.counts_listed = False
+            self.list_by_few_axes()
+
+    def list_by_few_axes(self) -> None:
+        """Search faster, as more may be listed than can touch: steps do not follow that."""
+        if self.broad_phase is not None:
+            self.broad_phase.lists_by_few_axes = True
 
     def count_touching(self) -> None:
         """Count what touches at a health check, as stiff as it is, for the frequency."""

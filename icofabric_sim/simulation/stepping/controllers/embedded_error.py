@@ -80,6 +80,7 @@ class EmbeddedError:
         """Write into the control of the trajectory."""
         self._pieces, self._given = pieces, choice.given
         self._output_period = choice.output_period
+        pieces.contact.list_by_few_axes()
 
     @property
     def _control(self) -> EmbeddedControl:

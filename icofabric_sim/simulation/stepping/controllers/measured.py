@@ -164,8 +164,6 @@ class MeasuredStep:
         contact = math.inf
         if through:
             free, contact = rates.fastest(contacts=False), self._contact_step()
-            ledger.swing = 0.0
-            ledger.swing_limit = _ANY if self._is_shortest else self._largest_swing
             cap = min(chosen / free if free > 0.0 else math.inf, contact)
         longest, stable = pieces.contact.longest_step, cap
         self.held_back = longest < cap
@@ -178,6 +176,11 @@ class MeasuredStep:
                 trajectory.save()
             step = self._measure(
                 step, rounded_down(cap), rate, jumped=not probe, held=cap == contact)
+        if through:
+            ledger.swing, ledger.swing_limit = 0.0, self._largest_swing
+            if step * math.sqrt(pieces.contact.least_rate) <= self._contact_ratios[1]:
+                # As short as any collision asks for.
+                ledger.swing_limit = _ANY
         if not trajectory.time + step > trajectory.time:
             # It would be lost in the time that it is added to.
             trajectory.fail(too_fast(trajectory.time, rates.fastest_term()))
@@ -216,12 +219,6 @@ class MeasuredStep:
                 left *= _FEWER
             most *= left
         return max(most, least), least
-
-    @property
-    def _is_shortest(self) -> bool:
-        """Whether steps are as short as any collision asks for."""
-        most, least = self._contact_ratios
-        return most * self._pieces.trajectory.ledger.swing_part <= least
 
     @property
     def _largest_swing(self) -> float:
@@ -277,8 +274,11 @@ class MeasuredStep:
 
     def follow_swing(self) -> None:
         """Let the next steps be half as long: collisions made too much energy swing."""
-        ledger = self._pieces.trajectory.ledger
-        ledger.swing_part, ledger.swing = 0.5 * ledger.swing_part, 0.0
+        trajectory = self._pieces.trajectory
+        most, least = self._contact_ratios
+        ratio = 0.5 * trajectory.step * math.sqrt(self._pieces.contact.least_rate)
+        while trajectory.ledger.swing_part * most > max(ratio, least):
+            trajectory.ledger.swing_part *= 0.5
 
     def follow_jump(self) -> bool:
         """Propose another step."""
