@@ -52,10 +52,10 @@ _TRIES = 8
 # Product of step and the bound of a contact's frequency for methods that run through contacts: at
 # most, from the second tolerance [1/s] on; and the largest square of that with what touches, as
 # stiff as it is: 4 is the limit of stability. Where collisions lose energy the balance errs by a
-# part of that, as the square of the step, up to 0.007 with 1.0. So steps become shorter from a
+# part of that, as the square of the step, 0.01 of it with 1.0. So steps become shorter from a
 # quarter of its limit on, and longer by the last factor once what moves is below the part before
 # that of its scale.
-_CONTACT, _LOOSE, _STABLE, _CALM, _CALMER = 1.0, 0.1, 2.9, 0.125, 1.4
+_CONTACT, _LOOSE, _STABLE, _CALM, _CALMER = 0.8, 0.1, 2.9, 0.0625, 1.75
 # Stiffer contacts shorten the step by powers of this; a step that is shorter than this part of
 # what contacts allow becomes longer. So one contact more or less hardly ever matters.
 _FEWER, _RELAXED = 2.0**-0.25, 0.8
