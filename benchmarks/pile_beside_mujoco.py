@@ -133,7 +133,7 @@ def main() -> None:
         run_own(pile((3, 3, 6), **ours), 0.0, 0.1)
         for stiffness in given.stiffnesses:
             own = pile(tuple(given.size), **ours, **{'contact.stiffness': stiffness})
-            runs[f'{method}, K = {stiffness:.0e} N/m'] = partial(
+            runs[f'{method}, K = {stiffness:g} N/m'] = partial(
                 run_own, own, given.begin, given.until)
     seen: dict[str, dict[str, float]] = {}
     for _ in range(given.rounds):

@@ -68,6 +68,8 @@ RATE_HIGH, RATE_LOW, NOT_FINITE, UNBALANCED, LIVELIER, ROUGHER, OBSTRUCTING = (
 # Shells that overlap too deeply, and more than they should. Others are in
 # kernels/contact/rebuild_check.py.
 TOO_DEEP, DEEP = 2048, 4096
+# Contacts make more energy swing in a step than may.
+SWINGS = 32768
 # Not to be saved as a state from which a run can go on.
 UNSOUND = NOT_FINITE | UNBALANCED
 # Places in the ledger. What a look finds: the rate sqrt(bound) + SPIN_WEIGHT x largest spin
@@ -107,7 +109,11 @@ BASE_LINKED, BASE_BENT, BASE_FIELD, BASE_ANCHORED, BASE_CONTACT, WORKED = 40, 41
 # of a number that counts as rounding; from them the energy that rounding may make [J], at most so
 # far. What the tolerance may make of it [J]; looks so far.
 TENSIONS, EXTENT, BODIES, ROUNDING, NOISE, FLOOR, LOOKS = 46, 47, 48, 49, 50, 51, 52
-LEDGER_COUNT = 53
+# Where steps run through contacts: the largest energy [J] that swung in a step because of them
+# (kernels/contact/stiffness.py), the part of the scale up to which it may (inf: it is not asked
+# for), and the part of the longest step that is left because of that.
+SWING, SWING_LIMIT, SWING_PART = 53, 54, 55
+LEDGER_COUNT = 56
 # Evaluations of the forces between two looks, or somewhat more: each rounds places once.
 _ROUNDINGS = 100.0
 

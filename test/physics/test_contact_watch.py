@@ -27,6 +27,7 @@ from icofabric_sim.kernels.contact.displacement import (
     ways_of,
 )
 from icofabric_sim.kernels.contact.gap import axes_of, widest_gap
+from icofabric_sim.kernels.contact.listing import arrange, find_both
 from icofabric_sim.kernels.contact.pair import contact_scratch, OUT_SIZE, touch_pair, touch_plane
 from icofabric_sim.kernels.contact.rebuild_check import look_around
 from icofabric_sim.kernels.contact.search import find_close, sort_cubes
@@ -157,6 +158,66 @@ def test_nothing_else_touches_before_a_way_is_as_long_as_the_reach(seed):
                 assert pair in listed
                 changed += not touching(position, before, *pair)
     assert changed > 2
+
+
+@pytest.mark.parametrize('seed', range(2))
+def test_few_axes_list_all_that_can_touch_whatever_axes_were_kept(seed):
+    generator = np.random.default_rng(seed)
+    layout = make_layout(np.zeros((0, 3), np.int32), 140)
+    position, rotation = crowd(generator)
+    state = packed_state(layout, position, rotation.as_quat())
+    lists, fresh = NeighbourList(SETUP, layout), NeighbourList(SETUP, layout)
+    for one in (lists, fresh):
+        one.survey(state, np.empty(3))
+    exact = lists.find(state, 0.05, 0.4)
+    found = lists.find(state, 0.05, 0.4, few_axes=True)
+    assert found.reach == exact.reach == 0.05
+    more = {tuple(pair) for pair in found.pairs.tolist()}
+    assert more >= {tuple(pair) for pair in exact.pairs.tolist()}
+    assert len(exact.pairs) <= len(found.pairs) < 1.5 * len(exact.pairs)
+    np.testing.assert_array_equal(
+        fresh.find(state, 0.05, 0.4, few_axes=True).pairs, found.pairs)
+    # Where nothing is near the reach is that of all axes.
+    apart = packed_state(layout, 3.0 * position, rotation.as_quat())
+    reaches = []
+    for few_axes in (True, False):
+        lists.survey(apart, np.empty(3))
+        reaches.append(lists.find(apart, 1e-6, 0.4, few_axes=few_axes))
+    assert len(reaches[1].pairs) or reaches[0].reach == reaches[1].reach
+
+
+def test_lists_are_arranged_by_blocks_slots_and_pairs():
+    generator = np.random.default_rng(3)
+    layout = make_layout(np.zeros((0, 3), np.int32), 61)
+    lists = []
+    for _ in range(2):
+        pairs = {(int(min(a, b)), int(max(a, b))) for a, b in generator.integers(61, size=(150, 2))
+                 if a != b}
+        planes = {(int(a), -1 - int(k)) for a, k in generator.integers((61, 3), size=(40, 2))}
+        lists.append(np.array(
+            sorted(pairs) + sorted(planes, key=lambda pair: (pair[0], -pair[1])), np.int32))
+    pairs, others = lists
+    which = np.flatnonzero(pairs[:, 1] >= 0)
+    slots = np.empty_like(pairs)
+    entries = len(pairs) + len(which)
+    slot, entry = np.empty(entries, np.int32), np.empty(entries, np.int32)
+    start = np.zeros(len(layout.blocks.slot) + 1, np.int32)
+    arrange(pairs, layout.slot, layout.blocks.slot, np.empty(layout.slot_count, np.int64), slots,
+            start, slot, entry)
+    bodies = np.concatenate([pairs[:, 0], pairs[which, 1]])
+    number = np.arange(len(pairs))
+    numbers = np.concatenate([2 * number, 2 * number[which] + 1])
+    order = np.lexsort((numbers, layout.slot[bodies], layout.block_of(bodies)))
+    np.testing.assert_array_equal(slot, layout.slot[bodies][order])
+    np.testing.assert_array_equal(entry, numbers[order])
+    np.testing.assert_array_equal(
+        np.diff(start), np.bincount(layout.block_of(bodies), minlength=len(start) - 1))
+    np.testing.assert_array_equal(slots[which, 1], layout.slot[pairs[which, 1]])
+    here, there = np.empty(len(pairs), np.int64), np.empty(len(pairs), np.int64)
+    both = find_both(pairs, others, here, there)
+    shared = {tuple(pair) for pair in pairs.tolist()} & {tuple(pair) for pair in others.tolist()}
+    assert both == len(shared) > 10
+    np.testing.assert_array_equal(pairs[here[:both]], others[there[:both]])
 
 
 @pytest.mark.parametrize('curve', [0.0, 2.0])

@@ -18,6 +18,8 @@ The inertia is isotropic, so the kinetic flow is free flight and one rotation ab
 axis, both exact; the potential flow changes velocities only. See docs/decisions/.
 """
 
+import math
+
 from icofabric_sim.kernels.contact.displacement import (
     add_ways,
     farthest,
@@ -28,6 +30,7 @@ from icofabric_sim.kernels.contact.displacement import (
 from icofabric_sim.kernels.contact.forces import deepest_overlap
 from icofabric_sim.kernels.contact.losses import losses_of, save_stretches, touch_ahead
 from icofabric_sim.kernels.contact.rebuild_check import judge_ways, MISSED
+from icofabric_sim.kernels.contact.stiffness import swing_of
 from icofabric_sim.kernels.flows import drift, push, push_kept
 from icofabric_sim.kernels.integrators.kinked import kinked_steps
 from icofabric_sim.kernels.loads import has_rows, keep_work
@@ -35,6 +38,7 @@ from icofabric_sim.kernels.monitor import (
     DEEPEST_LIMIT,
     examine,
     judge_roughness,
+    least_scale,
     REGULAR,
     ROUGHER,
     ROUGHEST,
@@ -42,6 +46,9 @@ from icofabric_sim.kernels.monitor import (
     sample,
     save,
     SAVED_AT,
+    SWING,
+    SWING_LIMIT,
+    SWINGS,
     TOO_DEEP,
     UNSOUND,
 )
@@ -184,6 +191,14 @@ def stride_of(watch: Watch | None, check_interval: int) -> int:
 
 
 @compiled
+def is_guarded(contacts: Contacts | None, ledger: np.ndarray) -> bool:
+    """Whether it is asked how much energy contacts make swing in a step."""
+    if contacts is None:
+        return False
+    return ledger[SWING_LIMIT] < math.inf
+
+
+@compiled
 def splitting(
     kicks: np.ndarray,
     drifts: np.ndarray,
@@ -224,6 +239,10 @@ def splitting(
         # Read anew: a look on the way may change it.
         stride = stride_of(watch, check_interval)
         ahead = min(ahead, stride - since_check % stride)
+        guarded = is_guarded(model.contacts, ledger) and check_interval < NEVER
+        if guarded:
+            # A collision that is damped much may be over within a few.
+            ahead = min(ahead, 1)
         # Step ends are sampled in windows of as many steps as the difference has, one after the
         # other; only in the last before a look where a step is a single evaluation.
         sampled = -1
@@ -258,10 +277,15 @@ def splitting(
         examined = since_check >= check_interval
         watched = watch is not None and since_check % stride == 0
         status = 0
+        if guarded and team.member == 0:
+            ledger[SWING] = max(ledger[SWING], swing_of(
+                model.contacts, model.inverse_mass, model.inverse_inertia, h))
+            if ledger[SWING] > ledger[SWING_LIMIT] * least_scale(ledger):
+                status |= SWINGS
         if examined:
             since_check = 0
             if team.member == 0:
-                status = examine(
+                status |= examine(
                     model, loads, state, work, origin + (index + done) * h, ledger)
                 status |= judge_roughness(
                     work, ledger, differences if stages < 4 else check_interval)
@@ -270,9 +294,9 @@ def splitting(
                 watch, farthest(watch, team.size), state, origin + (index + done) * h, h)
             if deepest_overlap(model.contacts, team.size) > ledger[DEEPEST_LIMIT]:
                 status |= TOO_DEEP
-        if examined or watched:
+        if examined or watched or guarded:
             status = tell_all(team, status)
-        if examined and status & (UNSOUND | ROUGHER | TOO_DEEP | MISSED) == 0:
+        if examined and status & (UNSOUND | ROUGHER | TOO_DEEP | MISSED | SWINGS) == 0:
             if team.member == 0:
                 ledger[SAVED_AT] = done
             save(model, state, saved, first, last)

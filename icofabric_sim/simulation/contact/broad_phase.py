@@ -42,8 +42,10 @@ from icofabric_sim.kernels.contact.displacement import (
     STRIDE,
 )
 from icofabric_sim.kernels.contact.forces import contact_look
+from icofabric_sim.kernels.contact.listing import arrange
 from icofabric_sim.kernels.contact.pair import contact_scratch, OUT_SIZE
 from icofabric_sim.kernels.contact.rebuild_check import least_reach
+from icofabric_sim.kernels.contact.stiffness import largest_stiffness
 from icofabric_sim.kernels.records import Contacts, Model, State, Watch
 from icofabric_sim.simulation.contact.friction_state import FrictionState
 from icofabric_sim.simulation.contact.neighbour_list import Near, NeighbourList
@@ -132,9 +134,14 @@ class BroadPhase:
         self._listed, self._missed = 0.0, False
         # Longest step [s] up to a time [s]: bodies became faster there than a search had seen.
         self._wary_step, self._wary_until = math.inf, -math.inf
-        # Whether all that is listed counts for the frequency, or only what touches; the most
-        # pairs of a body that touched at the last health check.
-        self.counts_listed, self._touching = True, 1
+        # Whether all that is listed counts for the frequency, or only what touches; how many
+        # contacts as stiff as any a body had at the last health check, at least one.
+        self.counts_listed, self._touching = True, 1.0
+        # Whether more may be listed than can touch: steps do not follow what is listed.
+        self.lists_by_few_axes = False
+        self._mobility = float(model.inverse_mass), float(model.inverse_inertia)
+        self._sums = np.zeros(layout.slot_count)
+        self._scratch = contact_scratch()
         shape = (4, layout.slot_count) if not layout.cosines else (3, 3, layout.slot_count)
         self.limits = np.zeros(LIMIT_COUNT)
         self.limits[[LEAST, MOST, SKIN]] = (
@@ -282,7 +289,8 @@ class BroadPhase:
         least = min(max(float(least_reach(limits, speed)), displacement), float(limits[MOST]))
         np.copyto(watch.reference, state.position)
         np.copyto(watch.turned, state.orientation)
-        self._take(self._lists.find(state, least, limits[MOST]), least)
+        self._take(self._lists.find(
+            state, least, limits[MOST], few_axes=self.lists_by_few_axes), least)
         if time < self._wary_until:
             # Bodies may become so fast before the next search that a step leads to its reach.
             reach = math.sqrt(limits[LATE])
@@ -301,13 +309,14 @@ class BroadPhase:
         if self.contacts is None:
             self.stretches.forget()
         self.rate = 0.0
-        if len(near.pairs):
+        if len(near.pairs) and not self.counts_listed:
+            self.rate = self.least_rate * self._touching
+        elif len(near.pairs):
             # The form of a pair is at most that times the kinetic form of its two bodies, so all
             # together are for each body at most as many times that as it has pairs.
             pair = near.pairs[:, 1] >= 0
             share = np.bincount(np.concatenate([near.pairs[:, 0], near.pairs[pair, 1]]))
-            self.rate = self.least_rate * float(
-                share.max() if self.counts_listed else self._touching)
+            self.rate = self.least_rate * float(share.max())
 
     @property
     def search_time(self) -> float:
@@ -379,20 +388,19 @@ class BroadPhase:
                 'bodies moved so far in one step (up to %.3g m/s) that a contact may have been '
                 'seen late: %s', self.limits[SPEED], way_out)
 
-    def count_touching(self) -> bool:
+    def count_touching(self, state: State) -> None:
         """
-        Let the pairs count that touched at the last health check; whether the frequency changes.
+        Let the pairs count that touch in a `state` that was looked at, as stiff as they are.
 
-        Only where not all that is listed counts.
+        Only where not all that is listed counts. What touches next may be as stiff as any.
         """
         if self.contacts is None or self.counts_listed or not len(self._bodies):
-            return False
-        bodies = self._bodies[self.contacts.aside[:, 9] > 0.0]
-        bodies = np.concatenate([bodies[:, 0], bodies[bodies[:, 1] >= 0, 1]])
-        most = int(np.bincount(bodies).max()) if len(bodies) else 1
-        changed, self._touching = most != self._touching, most
-        self.rate = self.least_rate * most
-        return changed
+            return
+        found = float(largest_stiffness(
+            self.contacts, state.position, *self._mobility, self.stretches.push_rate,
+            self.stretches.stiffness if self.setup.friction > 0.0 else 0.0, self._sums))
+        self._touching = max(found / self.least_rate, 1.0)
+        self.rate = self.least_rate * self._touching
 
     def forget_displacements(self) -> None:
         """Judge none that were noted before the last search."""
@@ -453,7 +461,7 @@ class BroadPhase:
         self.found, self._announced = None, False
         self._caution, self._missed = 1.0, False
         self.calm()
-        self.tests, self._touching = 0, 1
+        self.tests, self._touching = 0, 1.0
 
     def announce(self) -> None:
         """Warn of what was found, once."""
@@ -513,7 +521,7 @@ class BroadPhase:
         self._announced, self.tests = tree.flag('announced'), tree.count('tests')
         self.found = self._judged(tree.entries('found')) if 'found' in tree else None
         if not self.counts_listed:
-            self._touching = tree.count('touching', 1)
+            self._touching = max(tree.number('touching', 1.0), 1.0)
         late, listed = tree.number('late', 0.0, finite=False), tree.number('listed', 0.0)
         reach, most = math.sqrt(late), float(limits[MOST])
         if not reach <= 1.0001 * most:
@@ -523,7 +531,8 @@ class BroadPhase:
         near = Near(reach, np.zeros((0, 2), np.int32))
         if listed > 0.0:
             self._lists.survey(there, np.empty(3))
-            near = self._lists.find(there, min(listed, most), most)
+            near = self._lists.find(
+                there, min(listed, most), most, few_axes=self.lists_by_few_axes)
         self.stretches.forget()
         self._take(near._replace(reach=reach), listed)
         limits[MOST_STRIDE] = tree.count('most_stride', 1)
@@ -553,18 +562,11 @@ class BroadPhase:
     def _pack(self, near: Near) -> Contacts:
         """Contacts for the kernels: each pair once, and what acts on each block, in order."""
         layout, count = self._layout, len(near.pairs)
-        slots = near.pairs.copy()
-        slots[:, 0] = layout.slot[near.pairs[:, 0]]
-        pair = np.flatnonzero(near.pairs[:, 1] >= 0)
-        slots[pair, 1] = layout.slot[near.pairs[pair, 1]]
-        number = np.arange(count, dtype=np.int32)
-        slot = np.concatenate([slots[:, 0], slots[pair, 1]])
-        entry = np.concatenate([2 * number, 2 * number[pair] + 1])
-        bodies = np.concatenate([near.pairs[:, 0], near.pairs[pair, 1]])
-        block = layout.block_of(bodies) if count else np.zeros(0, np.int32)
-        order = np.lexsort((entry, slot, block))
+        slots, room = np.empty((count, 2), np.int32), np.empty(layout.slot_count, np.int64)
+        entries = count + int(np.count_nonzero(near.pairs[:, 1] >= 0))
+        slot, entry = np.empty(entries, np.int32), np.empty(entries, np.int32)
         start = np.zeros(len(layout.blocks.slot) + 1, np.int32)
-        np.cumsum(np.bincount(block, minlength=len(start) - 1), out=start[1:])
+        arrange(near.pairs, layout.slot, layout.blocks.slot, room, slots, start, slot, entry)
         rows = self._rows
         rows[:] = 0.0
         threads = self._threads
@@ -575,14 +577,14 @@ class BroadPhase:
             planes=self.setup.planes,
             result=np.zeros((count, OUT_SIZE)),
             start=start,
-            slot=slot[order].astype(np.int32),
-            entry=entry[order].astype(np.int32),
+            slot=slot,
+            entry=entry,
             rows=rows,
             deepest=np.zeros(8 * threads),
             tests=np.zeros(8 * threads),
             first=np.zeros((threads, 4, 3)),
             second=np.zeros((threads, 4, 3)),
             aside=np.zeros((count, OUT_SIZE)),
-            scratch=contact_scratch(),
+            scratch=self._scratch,
             losses=self.stretches.room(near.pairs, self._rows.shape[1], slot),
         )

@@ -17,6 +17,7 @@ import math
 from typing import Any
 
 from icofabric_sim.geometry.icosahedron import circumscribed_radius
+from icofabric_sim.kernels.contact.listing import find_both
 from icofabric_sim.kernels.records import ContactLosses, Contacts
 from icofabric_sim.simulation.contact.setup import ContactSetup
 from icofabric_sim.simulation.model.layout import aligned_empty
@@ -56,8 +57,9 @@ class FrictionState:
         # its square is at most that times the sum of the squares of places and a times angles.
         radius = circumscribed_radius(1.0)
         most = 2.0 * (1.0 + radius**2 + _PATCH) if setup.friction > 0.0 else 0.0
-        # [1/s^2] what a contact adds to the squared frequency of its bodies at most.
-        self.least_rate = lightest * (CURVATURE * setup.stiffness + most * self.stiffness)
+        # [1/s^2] what a contact adds to the squared frequency of its bodies at most; its push.
+        self.push_rate = lightest * CURVATURE * setup.stiffness
+        self.least_rate = self.push_rate + lightest * most * self.stiffness
         # The dashpot is as quick as that, so that it asks for no shorter steps.
         self.lag = self.least_rate ** -0.5
         # [1/s] the rate at which the dashpot changes velocities, and damping for each m of depth.
@@ -89,7 +91,9 @@ class FrictionState:
             stretch, held, start, stage, saved, np.zeros((_SLOPES, rows, 4)), lead,
             np.zeros((len(pairs), 9)), lost)
         if before is not None and rows:
-            here, there = _places_of_both(pairs, old)
+            here, there = np.empty(len(pairs), np.int64), np.empty(len(pairs), np.int64)
+            both = int(find_both(pairs, old, here, there))
+            here, there = here[:both], there[:both]
             for name in _ROWS:
                 getattr(losses, name)[here] = getattr(before, name)[there]
             losses.slopes[:, here] = before.slopes[:, there]

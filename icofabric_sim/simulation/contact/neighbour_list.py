@@ -16,6 +16,7 @@
 from typing import NamedTuple
 
 from icofabric_sim.geometry.icosahedron import circumscribed_radius
+from icofabric_sim.kernels.contact.listing import list_pairs
 from icofabric_sim.kernels.contact.search import find_reach, refresh, survey
 from icofabric_sim.kernels.records import Nearby, State
 from icofabric_sim.simulation.contact.setup import ContactSetup
@@ -73,6 +74,7 @@ class NeighbourList:
             following=np.zeros(count, np.int32),
         )
         self._is_made, self._way = False, 0.0
+        self._listed = np.zeros((0, 2), np.int32)
 
     def survey(self, state: State, frame: np.ndarray) -> float:
         """
@@ -84,14 +86,19 @@ class NeighbourList:
         frame[:] = self.nearby.velocity
         return float(speed)
 
-    def find(self, state: State, least: float, most: float) -> Near:
+    def find(self, state: State, least: float, most: float, *, few_axes: bool = False) -> Near:
         """
         Pairs that can touch before a body of the state surveyed last has moved by `least` [m].
 
         Where there is none the reach is longer, up to `most`: as long as there is none.
+        `few_axes`: more may be listed, in a tenth of the time.
         """
         self._refresh(state.position, most)
         nearby = self.nearby
+        if few_axes:
+            listed = self._list(state.position, least)
+            if len(listed):
+                return Near(least, listed)
         reach = max(find_reach(nearby, state.position, least, most), least)
         count, which = (int(number) for number in nearby.counts)
         near = np.flatnonzero(nearby.gaps[:count] < 2.0 * reach)
@@ -103,6 +110,13 @@ class NeighbourList:
         order = np.lexsort((plane, body))
         pairs[len(near):, 0], pairs[len(near):, 1] = body[order], -1 - plane[order]
         return Near(reach, pairs)
+
+    def _list(self, position: np.ndarray, least: float) -> np.ndarray:
+        """Pairs that few axes do not show to be apart by twice `least` [m]."""
+        while (count := int(list_pairs(
+                self.nearby, position, least, self._listed)[0])) > len(self._listed):
+            self._listed = np.zeros((count + count // 4, 2), np.int32)
+        return self._listed[:count].copy()
 
     def _refresh(self, position: np.ndarray, most: float) -> None:
         """

@@ -75,10 +75,17 @@ class ContactScheduler:
         """Let only what touches add to the frequency, not all that may: steps run through it."""
         if self.broad_phase is not None:
             self.broad_phase.counts_listed = False
+            self.list_by_few_axes()
 
-    def count_touching(self) -> bool:
-        """Count what touches at a health check; whether that changes the frequency."""
-        return self.broad_phase is not None and self.broad_phase.count_touching()
+    def list_by_few_axes(self) -> None:
+        """Search faster, as more may be listed than can touch: steps do not follow that."""
+        if self.broad_phase is not None:
+            self.broad_phase.lists_by_few_axes = True
+
+    def count_touching(self) -> None:
+        """Count what touches at a health check, as stiff as it is, for the frequency."""
+        if self.broad_phase is not None:
+            self.broad_phase.count_touching(self._trajectory.state)
 
     @property
     def velocity_rate(self) -> float:

@@ -112,6 +112,10 @@ class Ledger:
     obstructed_limit = At(monitor.OBSTRUCTED_LIMIT)
     obstructed_every = At(monitor.OBSTRUCTED_EVERY)
     until_obstructed = At(monitor.UNTIL_OBSTRUCTED)
+    swing_limit = At(monitor.SWING_LIMIT)  # part of the scale; inf: it is not asked for
+    # What contacts make swing, and the part of the longest step that is left because of that.
+    swing = At(monitor.SWING)  # [J]
+    swing_part = At(monitor.SWING_PART)
     # How steps were taken.
     saved_at = At(monitor.SAVED_AT)  # steps of the last call when the state was saved; -1: never
     regular = At(monitor.REGULAR)  # steps of one length until now
@@ -137,8 +141,9 @@ class Ledger:
         self.numbers[[
             monitor.EARLIER_WORK, monitor.SCALE, monitor.WORST, monitor.LOST,
             monitor.DEEPEST_EVER, monitor.NOISE, monitor.LOOKS]] = 0.0
-        self.lively = self.rough_limit = math.inf
-        self.numbers[[monitor.REGULAR, monitor.ROUGHEST]] = 0.0
+        self.lively = self.rough_limit = self.swing_limit = math.inf
+        self.numbers[[monitor.REGULAR, monitor.ROUGHEST, monitor.SWING]] = 0.0
+        self.swing_part = 1.0
         self.rough = -1.0
 
     def continue_from(self, before: 'Ledger') -> None:

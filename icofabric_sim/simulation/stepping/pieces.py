@@ -80,6 +80,11 @@ class StepController(Protocol):
     def follow_touching(self) -> bool:
         """A health check has counted what touches; whether to propose a step that runs through."""
 
+    def follow_swing(self) -> None:
+        """
+        Contacts made more energy swing than `ledger.swing_limit`, in steps that are taken again.
+        """
+
     def follow_jump(self) -> bool:
         """Forces have jumped: nothing from before is reused; whether to propose a step."""
 

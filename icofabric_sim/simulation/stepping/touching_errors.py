@@ -41,8 +41,9 @@ from icofabric_sim.simulation.stepping.trial_steps import TrialSteps
 # So many stretches are measured, then twice as many that stand for two each, and so on up to the
 # second number. Few of them make most of the error: which kink lies where in its step is chance.
 _SAMPLES, _MOST = 128, 8
-# Where steps run through contacts: each stands for twice as many once errors as those of so many
-# stretches that are alike have been seen; the least such number, and that up to which it grows.
+# Where steps run through contacts every stretch counts while something is near, and one in which
+# nothing touches adds nothing. Each that is measured stands for twice as many once errors as those
+# of so many that are alike have been seen; the least such number, and that up to which it grows.
 # One that errs far more makes it half as many. What was seen fades by this at each.
 _ALIKE, _MOST_THROUGH, _FADES = 8.0, 32, 0.99
 # A kink in a force leaves an error of order 2.
@@ -81,6 +82,8 @@ class TouchingErrors:
         self._every, self._left, self._waiting = 1, _SAMPLES, 0
         # Sums of the errors of measured stretches, and of their squares.
         self._sum = self._squares = 0.0
+        # Whether one could not be measured, as there was a search within it.
+        self._is_starved = False
         self.begin(math.inf)
 
     def begin(self, time: float) -> None:
@@ -114,6 +117,11 @@ class TouchingErrors:
     def is_due(self) -> bool:
         """Whether the next stretch in which shells touch is to be measured."""
         return self._waiting + 1 >= self._every
+
+    @property
+    def needs_search(self) -> bool:
+        """Whether the next stretch has to begin with a search, or again could not be measured."""
+        return self.is_due and self._is_starved
 
     def prepare(self, step: float, since_check: int, interval: int, count: int) -> int:
         """
@@ -160,12 +168,18 @@ class TouchingErrors:
             self.total, self._since, self._stays = self.estimate(time), time, True
         else:
             self._stays = False
-        self._waiting += self._touched
+        self._waiting += self._touched or (
+            self._runs_through and self._contact.contacts is not None)
         count = round(length / step) if 0.0 < length < math.inf else 0
         whole = count > 0 and abs(length - count * step) < 1e-6 * step
         if self._runs_through:
             # Pairs must be known from where it began: a search on the way knows others.
-            whole = whole and self._contact.searched <= self._start
+            known = self._contact.searched <= self._start
+            if self._touched and whole and self._waiting >= self._every:
+                self._is_starved = not known
+            whole = whole and known
+            if not self._touched and self._waiting >= self._every:
+                self._waiting = 0
         if self._touched and whole and self._waiting >= self._every:
             windows = max(round(length / period), 1) if period > 0.0 else 1
             slip = 0.0
@@ -203,7 +217,7 @@ class TouchingErrors:
         tree: dict[str, Any] = {
             'total': self.total, 'every': self._every, 'left': self._left,
             'waiting': self._waiting, 'start': self._start, 'touched': self._touched,
-            'sum': self._sum, 'squares': self._squares}
+            'sum': self._sum, 'squares': self._squares, 'starved': self._is_starved}
         if self._slip > 0.0:
             tree |= {'slip': self._slip, 'since': self._since, 'stays': self._stays}
         if self._is_kept and self._trajectory.saved_time != self._start < math.inf:
@@ -223,5 +237,6 @@ class TouchingErrors:
         self._waiting = tree.count('waiting')
         self._start = tree.number('start', finite=False)
         self._touched, self._is_kept = tree.flag('touched'), 'earlier' in tree
+        self._is_starved = tree.flag('starved')
         if self._is_kept:
             self._trials.load_earlier(tree.part('earlier'))

@@ -176,6 +176,22 @@ class UniformStepping:
         pieces.choose_step(probe=True)
         self._is_back = True
 
+    def _take_again(self) -> None:
+        """Return to the saved state: collisions asked for shorter steps from there on."""
+        pieces, trajectory, errors = self._pieces, self._pieces.trajectory, self._pieces.errors
+        # The errors of what was shown up to there stay counted.
+        errors.probe.close(trajectory.time)
+        trajectory.return_to_saved()
+        trajectory.return_work()
+        trajectory.ledger.regular = 0.0
+        errors.begin(trajectory.saved_time)
+        pieces.monitor.since_check = 0
+        pieces.controller.follow_swing()
+        pieces.contact.search(trajectory.saved_time, *pieces.controller.outlook())
+        pieces.contact.forget_displacements()
+        pieces.choose_step()
+        self._is_back = True
+
     @property
     def _is_judged(self) -> bool:
         """Whether steps may lead beyond a contact: those that no kernel refuses."""
@@ -319,6 +335,9 @@ class UniformStepping:
                 trajectory.save(time)
             # Nothing was missed, so the state is as good as any.
             status &= ~MISSED
+        if status & monitor.SWINGS:
+            self._take_again()
+            return int(done)
         # An unsound state must not be saved: the run ends below.
         rougher = status & monitor.ROUGHER and not status & monitor.UNSOUND
         if rougher and not self._accept(time):
@@ -371,7 +390,7 @@ class UniformStepping:
             return
         if pieces.controller.follow_touching():
             pieces.choose_step()
-        if touching.is_due and contact.searched < time:
+        if touching.needs_search and contact.searched < time:
             before = contact.rate
             contact.search(time, *pieces.controller.outlook())
             # Kernels may have noted some from where the search before was.

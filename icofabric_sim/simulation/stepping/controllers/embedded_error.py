@@ -80,6 +80,7 @@ class EmbeddedError:
         """Write into the control of the trajectory."""
         self._pieces, self._given = pieces, choice.given
         self._output_period = choice.output_period
+        pieces.contact.list_by_few_axes()
 
     @property
     def _control(self) -> EmbeddedControl:
@@ -164,6 +165,9 @@ class EmbeddedError:
     def follow_touching(self) -> bool:
         """What touches is in the error of each step."""
         return False
+
+    def follow_swing(self) -> None:
+        """It is never asked for."""
 
     def follow_jump(self) -> bool:
         """The next step reuses nothing of the one before, and is no longer than a first one."""

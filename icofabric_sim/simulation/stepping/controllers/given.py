@@ -84,6 +84,9 @@ class GivenStep:
         """Nothing changes the step."""
         return False
 
+    def follow_swing(self) -> None:
+        """Nothing changes the step."""
+
     def follow_jump(self) -> bool:
         """Have the error measured anew where loads are faster."""
         return True

@@ -41,6 +41,8 @@ _GROWN, _NEAR = 1.1, 0.9
 _LARGEST, _SMALLEST = 0.4, 0.02
 # Shortest periods until the next measurement, which costs three: at first, and at most.
 _FIRST_GAP, _LARGEST_GAP = 2, 64
+# The same where contacts keep steps short, whose errors are measured behind the steps.
+_LARGEST_GAP_HELD = 512
 # Parts of the motion so far, of which none is left without a measurement; all of it where smooth
 # motion that becomes rougher shows in differences of the order of the method.
 _PARTS, _SMOOTH_PARTS = 2, 1
@@ -54,20 +56,27 @@ _LARGEST_CHANGE = 0.1, 4.0
 _TRIES = 8
 
 # Product of step and the bound of a contact's frequency for methods that run through contacts: at
-# most, from the second tolerance [1/s] on; and how many contacts of one body are stable with it.
-_CONTACT, _LOOSE, _STABLE_CONTACTS = 0.7, 0.1, 6.0
-# More contacts of one body shorten the step by powers of this; a step that is shorter than this
-# part of what contacts allow becomes longer. So one contact more or less hardly ever matters.
+# most, from the second tolerance [1/s] on; and the largest square of that with what touches, as
+# stiff as it is: 4 is the limit of stability. Where collisions lose energy the balance errs by a
+# part of that, as the square of the step, 0.01 of it with 1.0. So steps become shorter from a
+# quarter of its limit on, and longer by the last factor once what moves is below the part before
+# that of its scale.
+_CONTACT, _LOOSE, _STABLE, _CALM, _CALMER = 0.8, 0.1, 2.9, 0.0625, 1.75
+# Stiffer contacts shorten the step by powers of this; a step that is shorter than this part of
+# what contacts allow becomes longer. So one contact more or less hardly ever matters.
 _FEWER, _RELAXED = 2.0**-0.25, 0.8
 # Health checks that a search looks ahead there: one costs as much as some thousand tests of pairs
 # that are apart.
 _SEARCHED = 3.0
 # A face that hits a face comes near the bound of the frequency, and its energy swings by up to
 # 0.01 of the largest at so many times the step at which that of a vibration at the bound swings
-# by half of that (measured over phases of drops at 3 m/s). What a collision can swing is a part of
-# the energy that moves and is in contacts: where that is below _CALM of the scale of the balance
-# steps are twice as long, as it swings by the square of the step.
-_FACES, _CALM = 2.5, 0.125
+# by half of that (measured over phases of drops at 3 m/s). No collision asks for shorter steps.
+_FACES = 2.5
+# Collisions that make more swing than this part of the limit of the balance are taken again with
+# half of the step. Once no more than this part of that would swing, steps are twice as long.
+_SWINGS, _SWUNG = 0.25, 0.5
+# No limit: it is only noted.
+_ANY = 1e300
 # Where slopes of connectors jump, methods that mend kinks add up to _DRIFT * ratio^_DRIFT_ORDER
 # of the energy for each radian of the fastest vibration: measured for stiffness ratios from 1.25
 # to 50, whatever the size and the amplitude (docs/decisions/kinks.md). With srkn8 it strays at
@@ -176,6 +185,11 @@ class MeasuredStep:
                 trajectory.save()
             step = self._measure(
                 step, rounded_down(cap), rate, jumped=not probe, held=cap == contact)
+        if through:
+            ledger.swing, ledger.swing_limit = 0.0, self._largest_swing
+            if step * math.sqrt(pieces.contact.least_rate) <= self._contact_ratios[1]:
+                # As short as any collision asks for.
+                ledger.swing_limit = _ANY
         if not trajectory.time + step > trajectory.time:
             # It would be lost in the time that it is added to.
             trajectory.fail(too_fast(trajectory.time, rates.fastest_term()))
@@ -192,19 +206,34 @@ class MeasuredStep:
     def _contact_step(self) -> float:
         """Step [s] that runs through contacts."""
         contact = self._pieces.contact
-        least, rate = contact.least_rate, contact.rate
-        part = self._pieces.errors.probe.tolerance / _LOOSE
-        trajectory = self._pieces.trajectory
-        ledger = trajectory.ledger
-        most = _CONTACT * math.sqrt(min(part, 1.0))
-        ratio, scale = _FACES * _largest_ratio(trajectory.method, ledger.limit), ledger.scale
-        moving = ledger.kinetic + ledger.contact
-        while ratio < most and moving < _CALM * scale:
-            ratio, moving = 2.0 * ratio, 4.0 * moving
-        step = min(most, ratio) / math.sqrt(least)
-        while step * step * rate > _STABLE_CONTACTS * _CONTACT**2:
+        most, least = self._contact_ratios
+        ratio = max(most * self._pieces.trajectory.ledger.swing_part, least)
+        step = ratio / math.sqrt(contact.least_rate)
+        while step * step * contact.rate > _STABLE:
             step *= _FEWER
         return step
+
+    @property
+    def _contact_ratios(self) -> tuple[float, float]:
+        """Longest and shortest step for collisions, times the bound of a contact's frequency."""
+        pieces = self._pieces
+        trajectory, ledger = pieces.trajectory, pieces.trajectory.ledger
+        most = _CONTACT * math.sqrt(min(pieces.errors.probe.tolerance / _LOOSE, 1.0))
+        least = min(most, _FACES * _largest_ratio(trajectory.method, ledger.limit))
+        if ledger.kinetic + ledger.contact < _CALM * ledger.scale:
+            most *= _CALMER
+        if ledger.limit > 0.0:
+            left, wanted = 1.0, 1.5 - 2.0 * ledger.balance.error_in_parts / ledger.limit
+            while left > wanted and left * most > least:
+                left *= _FEWER
+            most *= left
+        return max(most, least), least
+
+    @property
+    def _largest_swing(self) -> float:
+        """Part of the scale of the balance that contacts may make swing in a step."""
+        limit = self._pieces.trajectory.ledger.limit
+        return _SWINGS * limit if limit > 0.0 else _ANY
 
     def _longest_at_kinks(self) -> float:
         """Step [s] for crossings to come, which no present motion shows: slack connectors."""
@@ -244,8 +273,21 @@ class MeasuredStep:
 
     def follow_touching(self) -> bool:
         """Propose another step where what touches, and moves, asks for a shorter or longer one."""
+        ledger = self._pieces.trajectory.ledger
+        allowed = self._largest_swing * ledger.balance.scale
+        if ledger.swing_part < 1.0 and 4.0 * ledger.swing <= _SWUNG * allowed:
+            ledger.swing_part *= 2.0
+        ledger.swing = 0.0
         step, wanted = self._pieces.trajectory.step, self._contact_step()
         return step > wanted or step < _RELAXED * min(wanted, self._pieces.errors.probe.step)
+
+    def follow_swing(self) -> None:
+        """Let the next steps be half as long: collisions made too much energy swing."""
+        trajectory = self._pieces.trajectory
+        most, least = self._contact_ratios
+        ratio = 0.5 * trajectory.step * math.sqrt(self._pieces.contact.least_rate)
+        while trajectory.ledger.swing_part * most > max(ratio, least):
+            trajectory.ledger.swing_part *= 0.5
 
     def follow_jump(self) -> bool:
         """Propose another step."""
@@ -296,7 +338,9 @@ class MeasuredStep:
             low = 0.25 * AIM
         rough = trajectory.ledger.rough
         is_held = held and step >= cap
-        largest = _LARGEST_GAP if rough >= 0.0 or is_held else _LARGEST_BLIND_GAP
+        largest = _LARGEST_GAP if rough >= 0.0 else _LARGEST_BLIND_GAP
+        if is_held:
+            largest = _LARGEST_GAP_HELD
         steps = errors.steps_of_period(step, fastest)
         errors.pace(
             math.inf if jumped else change, first=_FIRST_GAP, largest=largest, unit=steps * step,

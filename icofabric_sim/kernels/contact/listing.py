@@ -1,0 +1,141 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+Which pairs may touch before bodies have moved by so much, in one call; and room to compute them.
+
+For methods that run through contacts, whose steps do not follow what is listed: more may be listed
+than can touch. So few axes are tried for each pair, the line of centres and the faces of both
+(gap.py), and the answer depends on where bodies are, not on the axes kept.
+"""
+
+from icofabric_sim.kernels.contact.gap import gap_along
+from icofabric_sim.kernels.contact.search import axes_row, plane_gaps
+from icofabric_sim.kernels.records import Nearby
+from icofabric_sim.kernels.runtime.compiled import compiled
+from icofabric_sim.kernels.runtime.lanes import LANES
+import numpy as np
+
+# The line of centres and ten normals of faces of either body.
+_FEW_AXES = 21
+
+
+@compiled
+def list_pairs(
+    nearby: Nearby, position: np.ndarray, least: float, listed: np.ndarray
+) -> tuple[int, int]:
+    """
+    Pairs (p, 2) of bodies that may touch before any has moved by `least` [m], then with planes.
+
+    In the order of neighbour_list.py, plane k as -1 - k. Returns how many there are, and how many
+    of them are with planes; only as many as there is room for are written. Axes of bodies must be
+    in place (`survey`).
+    """
+    which, slots = nearby.counts[1], nearby.slots
+    pairs, codes, wanted = nearby.pairs[which], nearby.codes[which], 2.0 * least
+    farthest = (wanted + 2.0 * nearby.radius) ** 2
+    count = 0
+    for p in range(nearby.counts[0]):
+        b, c = pairs[p, 0], pairs[p, 1]
+        s, t = slots[b], slots[c]
+        dx, dy = position[0, t] - position[0, s], position[1, t] - position[1, s]
+        dz = position[2, t] - position[2, s]
+        if not dx * dx + dy * dy + dz * dz < farthest:
+            continue
+        first, second = axes_row(nearby.axes, b), axes_row(nearby.axes, c)
+        kept, apart = codes[p], False
+        if kept < _FEW_AXES:
+            apart = gap_along(kept, nearby.half_edge, dx, dy, dz, first, second) >= wanted
+        code = 0
+        while not apart and code < _FEW_AXES:
+            apart = gap_along(code, nearby.half_edge, dx, dy, dz, first, second) >= wanted
+            if apart:
+                codes[p] = code
+            code += 1
+        if not apart:
+            if count < listed.shape[0]:
+                listed[count, 0], listed[count, 1] = b, c
+            count += 1
+    with_planes = 0
+    if plane_gaps(nearby, position) < least:
+        for b in range(slots.shape[0]):
+            for k in range(nearby.planes.shape[0]):
+                if nearby.to_planes[k, b] < least:
+                    if count < listed.shape[0]:
+                        listed[count, 0], listed[count, 1] = b, -1 - k
+                    count += 1
+                    with_planes += 1
+    return count, with_planes
+
+
+@compiled
+def arrange(
+    pairs: np.ndarray, slot_of: np.ndarray, blocks: np.ndarray, room: np.ndarray,
+    slots: np.ndarray, start: np.ndarray, slot: np.ndarray, entry: np.ndarray
+) -> None:
+    """
+    Slots (p, 2) of pairs (p, 2) of bodies, and what acts on each block: see `Contacts`.
+
+    `blocks`: first slots of the blocks (b,); `room` for one number of each slot. Entries of a
+    block are by slots, and those of a slot in the order of the pairs.
+    """
+    for s in range(room.shape[0]):
+        room[s] = 0
+    for p in range(pairs.shape[0]):
+        slots[p, 0] = slot_of[pairs[p, 0]]
+        room[slots[p, 0]] += 1
+        slots[p, 1] = pairs[p, 1]
+        if pairs[p, 1] >= 0:
+            slots[p, 1] = slot_of[pairs[p, 1]]
+            room[slots[p, 1]] += 1
+    at = 0
+    for block in range(blocks.shape[0]):
+        start[block] = at
+        for s in range(blocks[block], blocks[block] + LANES):
+            count = room[s]
+            room[s] = at
+            at += count
+    start[blocks.shape[0]] = at
+    for p in range(pairs.shape[0]):
+        for side in range(2):
+            s = slots[p, side]
+            if s >= 0:
+                e = room[s]
+                room[s] = e + 1
+                slot[e], entry[e] = s, 2 * p + side
+
+
+@compiled
+def comes_before(a: int, b: int, c: int, d: int) -> bool:
+    """Whether the pair (a, b) comes before (c, d) in a list: planes last, by their numbers."""
+    if (b < 0) != (d < 0):
+        return d < 0
+    if a != c:
+        return a < c
+    return b > d if b < 0 else b < d
+
+
+@compiled
+def find_both(
+    pairs: np.ndarray, others: np.ndarray, here: np.ndarray, there: np.ndarray
+) -> int:
+    """Places in two lists of the pairs that both have; returns how many these are."""
+    count, q = 0, 0
+    for p in range(pairs.shape[0]):
+        a, b = pairs[p, 0], pairs[p, 1]
+        while q < others.shape[0] and comes_before(others[q, 0], others[q, 1], a, b):
+            q += 1
+        if q < others.shape[0] and others[q, 0] == a and others[q, 1] == b:
+            here[count], there[count] = p, q
+            count += 1
+    return count
