@@ -44,6 +44,8 @@ import numpy as np
 
 # A gap of more than this part of a proves that two shells are apart, whatever the rounding.
 _APART = 1e-9
+# Parts of the pairs that each of several threads takes, and pairs of a part at least.
+_PARTS, _LEAST_PART = 8, 32
 
 
 @compiled
@@ -58,12 +60,27 @@ def touch_all(
     if contacts is None:
         return
     count = contacts.pairs.shape[0]
-    touch_some(
-        contacts, position, orientation, team.scratch, contacts.result, team.member,
-        count * team.member // team.size, count * (team.member + 1) // team.size)
+    part = part_of(count, team)
+    contacts.deepest[8 * team.member] = 0.0
+    for first in range(part * team.member, count, part * team.size):
+        touch_some(
+            contacts, position, orientation, team.scratch, contacts.result, team.member, first,
+            min(first + part, count))
     wait_for_all(team)
     first, last = own_blocks(team, contacts.start.shape[0] - 1)
     add_up(contacts, contacts.result, contacts.rows, first, last)
+
+
+@compiled
+def part_of(count: int, team: Team) -> int:
+    """
+    Size of the parts of `count` pairs that threads take in turns.
+
+    Pairs that lie next to each other are alike, and some kinds take ten times as long as others.
+    """
+    if team.size == 1:
+        return max(count, 1)
+    return max(count // (_PARTS * team.size), _LEAST_PART)
 
 
 @compiled
@@ -127,7 +144,7 @@ def touch_some(
         deepest = max(deepest, take_lanes(
             contacts, position, orientation, pairs, own, other, scratch, room, marks, result,
             POINTS, POINTS_WAIT, points))
-    contacts.deepest[8 * member] = deepest
+    contacts.deepest[8 * member] = max(contacts.deepest[8 * member], deepest)
     contacts.deepest[8 * member + 1] = max(contacts.deepest[8 * member + 1], deepest)
     contacts.tests[8 * member] += last - first
 

@@ -135,6 +135,8 @@ class BroadPhase:
         # Whether all that is listed counts for the frequency, or only what touches; the most
         # pairs of a body that touched at the last health check.
         self.counts_listed, self._touching = True, 1
+        # And of all bodies together.
+        self.touching_pairs = 0
         shape = (4, layout.slot_count) if not layout.cosines else (3, 3, layout.slot_count)
         self.limits = np.zeros(LIMIT_COUNT)
         self.limits[[LEAST, MOST, SKIN]] = (
@@ -388,6 +390,7 @@ class BroadPhase:
         if self.contacts is None or self.counts_listed or not len(self._bodies):
             return False
         bodies = self._bodies[self.contacts.aside[:, 9] > 0.0]
+        self.touching_pairs = len(bodies)
         bodies = np.concatenate([bodies[:, 0], bodies[bodies[:, 1] >= 0, 1]])
         most = int(np.bincount(bodies).max()) if len(bodies) else 1
         changed, self._touching = most != self._touching, most
@@ -448,7 +451,7 @@ class BroadPhase:
         self.found, self._announced = None, False
         self._caution, self._missed = 1.0, False
         self.calm()
-        self.tests, self._touching = 0, 1
+        self.tests, self._touching, self.touching_pairs = 0, 1, 0
 
     def announce(self) -> None:
         """Warn of what was found, once."""
@@ -480,7 +483,7 @@ class BroadPhase:
             'most_stride': int(limits[MOST_STRIDE]), 'caution': self._caution,
             'missed': self._missed, 'announced': self._announced, 'tests': self.tests}
         if not self.counts_listed:
-            tree['touching'] = self._touching
+            tree['touching'], tree['touching_pairs'] = self._touching, self.touching_pairs
         if self.is_wary:
             tree['wary_step'], tree['wary_until'] = self._wary_step, self._wary_until
         if self.found is not None:
@@ -509,6 +512,7 @@ class BroadPhase:
         self.found = self._judged(tree.entries('found')) if 'found' in tree else None
         if not self.counts_listed:
             self._touching = tree.count('touching', 1)
+            self.touching_pairs = tree.count('touching_pairs')
         late, listed = tree.number('late', 0.0, finite=False), tree.number('listed', 0.0)
         reach, most = math.sqrt(late), float(limits[MOST])
         if not reach <= 1.0001 * most:

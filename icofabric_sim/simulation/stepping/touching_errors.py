@@ -40,8 +40,9 @@ from icofabric_sim.simulation.stepping.trial_steps import TrialSteps
 _SAMPLES, _MOST = 128, 8
 # Where steps run through contacts: each stands for twice as many once errors as those of so many
 # stretches that are alike have been seen; the least such number, and that up to which it grows.
-# One that errs far more makes it half as many. What was seen fades by this at each.
-_ALIKE, _MOST_THROUGH, _FADES = 8.0, 32, 0.99
+# One that errs far more makes it half as many. What was seen fades by this at each. Where many
+# pairs touch a stretch counts as one for each so many of them.
+_ALIKE, _MOST_THROUGH, _FADES, _CROWD = 8.0, 32, 0.99, 64.0
 # A kink in a force leaves an error of order 2.
 _RICHARDSON = 4.0 / 3.0
 
@@ -64,6 +65,8 @@ class TouchingErrors:
         self._trajectory, self._contact, self._rates = trajectory, contact, rates
         self._trials, self._distance = trials, distance
         self.total = 0.0
+        # What the last stretch that was measured erred by [1/s], and its step [s].
+        self._rate = self._step = 0.0
         self._runs_through = trajectory.method.runs_through_contacts
         self._interval = 0  # steps from one health check to the next
         self.restart()
@@ -72,7 +75,7 @@ class TouchingErrors:
         """Forget the stretch in progress: the state has jumped. The sum goes on."""
         self._every, self._left, self._waiting = 1, _SAMPLES, 0
         # Sums of the errors of measured stretches, and of their squares.
-        self._sum = self._squares = 0.0
+        self._sum = self._squares = self._rate = self._step = 0.0
         self.begin(math.inf)
 
     def begin(self, time: float) -> None:
@@ -87,6 +90,12 @@ class TouchingErrors:
         """End a stretch at the health check of `time` [s]: steps get another length."""
         if time > self._start:
             self.end(time, rate, is_last=True)
+
+    def rate_with(self, step: float) -> float:
+        """Error [1/s] of steps of `step` [s] by what was measured last; infinite: nothing was."""
+        if not (self._runs_through and self._step > 0.0):
+            return math.inf
+        return self._rate * max(step / self._step, 1.0) ** 2
 
     @property
     def is_due(self) -> bool:
@@ -144,6 +153,7 @@ class TouchingErrors:
                 self._start, count, min(windows, count), lambda one, other: self._distance(
                     one, other, rate_now))
             if error is not None:
+                self._rate, self._step = _RICHARDSON * error / length, step
                 added = max(_RICHARDSON * error - rate * length, 0.0)
                 self.total += self._waiting * added
                 self._waiting = 0
@@ -153,6 +163,7 @@ class TouchingErrors:
                     self._squares = _FADES**2 * self._squares + added * added
                     # In how many that are alike the sum would be as uncertain.
                     alike = self._sum**2 / self._squares if self._squares > 0.0 else math.inf
+                    alike *= max(self._contact.touching_pairs / _CROWD, 1.0)
                     if alike >= _ALIKE * self._every:
                         self._every = min(2 * self._every, _MOST_THROUGH)
                     elif alike < 0.125 * _ALIKE * self._every:
@@ -167,7 +178,7 @@ class TouchingErrors:
         tree: dict[str, Any] = {
             'total': self.total, 'every': self._every, 'left': self._left,
             'waiting': self._waiting, 'start': self._start, 'touched': self._touched,
-            'sum': self._sum, 'squares': self._squares}
+            'sum': self._sum, 'squares': self._squares, 'rate': self._rate, 'step': self._step}
         if self._is_kept and self._trajectory.saved_time != self._start < math.inf:
             tree['earlier'] = self._trials.earlier_tree()
         return tree
@@ -178,6 +189,8 @@ class TouchingErrors:
         self._every, self._left = tree.count('every', 1, _MOST_THROUGH), tree.count('left')
         self._sum = tree.number('sum', 0.0, finite=False)
         self._squares = tree.number('squares', 0.0, finite=False)
+        self._rate = tree.number('rate', 0.0, finite=False)
+        self._step = tree.number('step', 0.0)
         self._waiting = tree.count('waiting')
         self._start = tree.number('start', finite=False)
         self._touched, self._is_kept = tree.flag('touched'), 'earlier' in tree
