@@ -37,11 +37,10 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 GRAVITY, STIFFNESS, DAMPING = 9.81, 1e6, 2.0  # [m/s^2], [N/m], [s/m]
-# Room below the lowest vertex at the start [m]; between neighbours [m].
+# Room below the lowest vertices at the start [m], and between neighbours [m].
 LOWEST, HIGHEST, SPACING = 0.01, 0.03, 0.1
 ACCURACIES = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
-OWN = (('leapfrog', 1.0), ('leapfrog', 1e-2), ('dop8', 1.0), ('dop8', 1e-2), ('dop8', 1e-4),
-       ('dop8', 1e-6))
+OWN = (('leapfrog', 1.0), ('leapfrog', 1e-2), ('dop8', 1.0), ('dop8', 1e-2), ('dop8', 1e-4))
 
 
 def build(method: str, tolerance: float, size: tuple[int, int, int]) -> ico.Scene:
@@ -188,7 +187,8 @@ def main() -> None:
     rows += [(f'Drake {scheme}, accuracy {accuracy:g}',
               lambda scheme=scheme, accuracy=accuracy: drake_run(  # type: ignore[misc]
                   scheme, accuracy, scene, given.until))
-             for scheme in ('cenic', 'runge_kutta3') for accuracy in ACCURACIES]
+             for scheme, accuracies in (('cenic', ACCURACIES), ('runge_kutta3', ACCURACIES[:3]))
+             for accuracy in accuracies]
     for label, run in rows:
         found, taken, steps = run()
         error = float(np.abs(found - exact).max()) / a
