@@ -56,9 +56,9 @@ _FEWER, _RELAXED = 2.0**-0.25, 0.8
 # Health checks that a search looks ahead there: one costs as much as some thousand tests of pairs
 # that are apart.
 _SEARCHED = 3.0
-# The same where more than so many pairs touch: what is listed and apart then costs more, as it is
-# too much for a cache.
-_SEARCHED_IN_CROWDS, _CROWD = 1.0, 1_000
+# The same where more than so many pairs are listed: those that are apart then cost more than
+# searches, as they are too many for a cache.
+_SEARCHED_IN_CROWDS, _CROWD = 1.0, 4_000
 # A face that hits a face comes near the bound of the frequency, and its energy swings by up to
 # 0.01 of the largest at so many times the step at which that of a vibration at the bound swings
 # by half of that (measured over phases of drops at 3 m/s). What a collision can swing is a part of
@@ -133,7 +133,8 @@ class MeasuredStep:
         """Contacts are stiffer than the fabric, whose frequency is of an earlier state."""
         method = self._pieces.trajectory.method
         if self._runs_through:
-            crowd = self._pieces.contact.touching_pairs > _CROWD
+            listed = self._pieces.contact.contacts
+            crowd = listed is not None and len(listed.pairs) > _CROWD
             searched = _SEARCHED_IN_CROWDS if crowd else _SEARCHED
             return self._contact_step(), searched * self._pieces.monitor.interval
         return (
