@@ -51,7 +51,7 @@ NEWTON_STEPS = 3
 # Of the way to the stages: drag for mass [1/s], damping of contacts [s/m], tolerance.
 DRAG, DAMPING, TOLERANCE = 50.0, 5.0, 1.0
 # Runs of each row from the same state, and time after which there is no other [s].
-RUNS, ENOUGH = 3, 5.0
+RUNS, ENOUGH = 2, 5.0
 # Simulated time between two looks at the fold [s].
 SPACING = 5e-3
 # Room below the lowest shell at the start [m].
