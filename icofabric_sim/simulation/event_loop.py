@@ -113,6 +113,7 @@ class EventLoop:
             loads = self._loads()
         elif self.method.name == 'auto':
             liveliness = self._liveliness(frequency.rate)
+            possible = 0 if packed.contact is None else scene.body_count
             self.method = choose_method(
                 parameters['solver.tolerance'],
                 liveliness,
@@ -122,7 +123,8 @@ class EventLoop:
                 strain=expected_strain(scene, liveliness, frequency.rate),
                 contact='' if packed.contact is None else packed.contact.expected,
                 losses=contact_losses(scene),
-                loose=0 if scene.connector_count or packed.contact is None else scene.body_count,
+                loose=0 if scene.connector_count else possible,
+                woven=possible if scene.connector_count else 0,
                 damped=parameters['contact.damping'] * liveliness * scene.geometry.half_edge)
             # With the room that this method needs.
             loads = self._loads()

@@ -26,7 +26,9 @@ from icofabric_sim.simulation.stepping.controllers.measured import MeasuredStep
 from icofabric_sim.simulation.stepping.method_selection import (
     choose_method,
     LOOSE_CONTACTS,
+    LOOSE_WOVEN,
     MANY_FREE,
+    MANY_WOVEN,
 )
 from icofabric_sim.simulation.stepping.trial_steps import TrialSteps
 import numpy as np
@@ -259,7 +261,9 @@ def test_what_contacts_keep_short_is_measured_and_searched_for_seldom(monkeypatc
     simulation.advance_to(0.5)
     checks = (simulation.status.step_count - before) / driver.monitor.interval
     assert simulation.status.contact_count == 1 and checks > 20.0
-    assert 0 < counts['measured'] < 0.5 * checks
+    # What is measured behind the steps says how they err.
+    assert counts['measured'] < 0.5 * checks
+    assert 0.0 < driver.errors.touching.rate_with(driver.trajectory.step) < np.inf
     assert 0 < counts['search'] < 0.9 * checks
 
 
@@ -278,6 +282,12 @@ def test_auto_takes_it_for_many_loose_shells_and_loose_tolerances():
     # Without losses steps that end at each contact cost less, until there are more.
     assert choose_method(1.0, 1.0, contact='c', loose=MANY_FREE).name == 'leapfrog'
     assert choose_method(1.0, 1.0, contact='c', loose=MANY_FREE - 1).name == 'dop8'
+    # Connected shells begin and cease to touch as often once there are thousands.
+    assert choose_method(LOOSE_WOVEN, 1.0, contact='c', woven=MANY_WOVEN).name == 'leapfrog'
+    assert choose_method(LOOSE_WOVEN, 1.0, losses='l', woven=MANY_WOVEN).name == 'leapfrog'
+    assert choose_method(LOOSE_WOVEN, 1.0, contact='c', woven=MANY_WOVEN - 1).name == 'dop8'
+    assert choose_method(0.5 * LOOSE_WOVEN, 1.0, contact='c', woven=MANY_WOVEN).name == 'dop8'
+    assert choose_method(LOOSE_WOVEN, 1.0, woven=MANY_WOVEN).name != 'leapfrog'
 
 
 def test_the_bits_are_the_same_in_pieces_from_checkpoints_and_for_any_mode():

@@ -116,6 +116,13 @@ def test_size_of_a_crew(wanted, cores, bodies, size, monkeypatch, caplog):
     assert not caplog.records
 
 
+def test_loose_shells_are_worth_more_threads_each(monkeypatch):
+    monkeypatch.setattr(thread_team, 'core_count', lambda: 2)
+    monkeypatch.setattr(thread_team, 'BODIES_PER_THREAD', 1_000)
+    assert [thread_team.size_for(0, bodies, loose=True) for bodies in (999, 1_000)] == [1, 2]
+    assert thread_team.size_for(0, 1_000) == 1
+
+
 def test_more_threads_than_cores_are_clamped_with_a_warning(monkeypatch, caplog):
     monkeypatch.setattr(thread_team, 'core_count', lambda: 2)
     monkeypatch.setattr(thread_team, 'BODIES_PER_THREAD', 1)

@@ -25,110 +25,438 @@ the normal n of the facet (axis.py) through q:
 with the gap along n, less than 0, and h where it would be 0: the extent of both bodies along n.
 So all that is left of the integrals is the contact point and the area.
 
-Frame: axes of A, its centre at the origin, lengths over a.
+Pairs of bodies are computed side by side, one in each lane, those of two edges and those of a
+vertex and a face apart, in frames of the features (shape.py), in which all edges, all vertices
+and all faces look alike. What a pair gets depends on its own lane alone, so the bits are the same
+in whatever company it is.
+
+Frame: axes of a feature of the first body, its centre at the origin, lengths over a.
 """
 
-import math
+from typing import Any
 
 from icofabric_sim.kernels.contact.axis import (
-    cross,
-    dot,
     FACE_OF_FIRST,
     FACE_OF_SECOND,
-    turn_from,
-    turn_to,
-    within,
+    OVERLAPPING,
+    SLANT,
+    SLOPING,
+    WITHIN,
 )
+from icofabric_sim.kernels.contact.gap import Axes
 from icofabric_sim.kernels.contact.shape import (
-    EDGE_FACES,
-    EDGE_MIDDLES,
-    EDGE_WAYS,
-    farthest_vertex,
+    EDGE_FRAMES,
+    FACE_ACROSS,
+    FACE_FRAMES,
+    FACE_OUT,
     INNER,
-    NORMALS,
+    MIDDLE,
     OPPOSITE,
-    RIDGES,
+    OUTER,
+    OWN_RIDGES,
+    OWN_SPOKES,
+    reach_lanes,
+    SIDE_ACROSS,
+    SIDE_ALONG,
+    SIDE_OUT,
+    SLOPE,
     SPOKE_COUNT,
     SPOKE_ROOM,
     SPOKES,
+    VERTEX_FRAMES,
     VERTICES,
 )
 from icofabric_sim.kernels.runtime.compiled import compiled
 from icofabric_sim.kernels.runtime.lanes import (
     any_lane,
+    fabs,
     fma,
     LANES,
     load_at,
+    maximum,
     splat,
     sqrt,
     store_at,
+    Vector,
+    where,
 )
 import numpy as np
 
 # In the room of a pair: of the triangles between spokes their areas, these times the sums of two
-# corners, and areas as seen along an axis, SPOKE_ROOM each; three sides with what limits them.
-_FAN, _RIDGES = 256, 296
+# corners, and areas as seen along an axis, SPOKE_ROOM each.
+_FAN = 256
+# Of pairs that are computed side by side: rows of LANES numbers. The way from the first centre to
+# the second, matrices from body to world axes of both, frames of their features; then instead the
+# first 19 numbers of `out` of a pair (pair.py), the overlap along the line of centres, whether
+# there is one apex, and whether a search would find no other facet, 1 or 0.
+WAY, OWN_AXES, OTHER_AXES, OWN_FRAME, OTHER_FRAME, ROWS = 0, 3, 12, 21, 30, 39
+ALONG_CENTRES, FOUND, SURE = 19, 20, 21
+# Numbers of facets (axis.py) with one apex are so many more; those of a face so many more for each
+# number of the vertex in it.
+APEX_UNIT = 4096
 
 Found = tuple[bool, float, float, float, float]
+# Vectors of three and of nine rows.
+Three = tuple[Any, Any, Any]
+Nine = tuple[Any, Any, Any, Any, Any, Any, Any, Any, Any]
 
 
 @compiled
-def one_apex(
-    room: np.ndarray, number: int, cx: float, cy: float, cz: float, nx: float, ny: float,
-    nz: float, gap: float, x: float, y: float, z: float
-) -> Found:
+def put_features(
+    room: np.ndarray, at: int, lane: int, dx: float, dy: float, dz: float, first: Axes,
+    second: Axes, number: int
+) -> bool:
     """
-    Whether the overlap of bodies has one apex; contact point (3) and squared area between them.
+    Write a pair into a lane; the way (3) from the first to the second has no negative first part.
 
-    `number`, unit normal (3), gap (below 0) and deepest point (3) of the facet, as of
-    `find_facet`; c is the second centre.
+    `number`: of the facet, with APEX_UNIT. Whether the bodies are exchanged: that with the vertex
+    comes first there.
     """
-    if number < FACE_OF_FIRST:
-        return edge_across_edge(room, number, cx, cy, cz, x, y, z)
-    between = nx * cx + ny * cy + nz * cz
-    out = between / (between - gap)
-    face = number & 31
-    if number >= FACE_OF_SECOND:
-        # A vertex of A in a face of B.
+    facet = number % APEX_UNIT
+    if facet < FACE_OF_FIRST:
+        put_lane(room, at, lane, dx, dy, dz, first, second)
+        put_frame(room, at + LANES * OWN_FRAME, lane, EDGE_FRAMES, (facet - 1) >> 5)
+        put_frame(room, at + LANES * OTHER_FRAME, lane, EDGE_FRAMES, (facet - 1) & 31)
+        return False
+    exchanged, face = facet < FACE_OF_SECOND, facet & 31
+    if exchanged:
+        put_lane(room, at, lane, -dx, -dy, -dz, second, first)
+    else:
+        put_lane(room, at, lane, dx, dy, dz, first, second)
+        # The facet is that of the sum: the face itself looks the other way.
         face = OPPOSITE[face]
-        for k in range(3):
-            put_ridge(room, k, turn_to(
-                room, RIDGES[face, k, 0], RIDGES[face, k, 1], RIDGES[face, k, 2]), (cx, cy, cz))
-        vertex = farthest_vertex(nx, ny, nz)
-        return cone(room, vertex, nx, ny, nz, -gap, out, 3)
-    # The other way round, in the axes of B with its centre at the origin.
-    ux, uy, uz = turn_from(room, -nx, -ny, -nz)
-    bx, by, bz = turn_from(room, -cx, -cy, -cz)
-    for k in range(3):
-        put_ridge(room, k, turn_from(
-            room, RIDGES[face, k, 0], RIDGES[face, k, 1], RIDGES[face, k, 2]), (bx, by, bz))
-    vertex = farthest_vertex(ux, uy, uz)
-    found, px, py, pz, square = cone(room, vertex, ux, uy, uz, -gap, out, 3)
-    px, py, pz = turn_to(room, px, py, pz)
-    return found, cx + px, cy + py, cz + pz, square
+    put_frame(room, at + LANES * OWN_FRAME, lane, VERTEX_FRAMES, number // APEX_UNIT - 1)
+    put_frame(room, at + LANES * OTHER_FRAME, lane, FACE_FRAMES, face)
+    return exchanged
 
 
 @compiled
-def put_ridge(
-    room: np.ndarray, k: int, ridge: tuple[float, float, float],
-    centre: tuple[float, float, float]
+def put_lane(
+    room: np.ndarray, at: int, lane: int, dx: float, dy: float, dz: float, own: Axes, other: Axes
 ) -> None:
-    """Write a side of a pyramid about a centre; beyond it points have ridge . x > limit."""
-    at = _RIDGES + 4 * k
-    room[at], room[at + 1], room[at + 2] = ridge[0], ridge[1], ridge[2]
-    room[at + 3] = dot(ridge, centre)
+    """Write the way and the matrices of a pair."""
+    to = at + lane
+    room[to], room[to + LANES], room[to + 2 * LANES] = dx, dy, dz
+    for row in range(3):
+        for column in range(3):
+            place = LANES * (3 * row + column)
+            room[to + LANES * OWN_AXES + place] = own[3 * column + row]
+            room[to + LANES * OTHER_AXES + place] = other[3 * column + row]
+
+
+@compiled
+def put_frame(room: np.ndarray, at: int, lane: int, frames: np.ndarray, k: int) -> None:
+    """Write a frame of a feature."""
+    for n in range(9):
+        room[at + LANES * n + lane] = frames[k, n]
+
+
+@compiled
+def three_rows(room: np.ndarray, at: int) -> Three:
+    """Load a vector."""
+    return load_at(room, at), load_at(room, at + LANES), load_at(room, at + 2 * LANES)
+
+
+@compiled
+def nine_rows(room: np.ndarray, at: int) -> Nine:
+    """Load a matrix, row by row."""
+    return (load_at(room, at), load_at(room, at + LANES), load_at(room, at + 2 * LANES),
+            load_at(room, at + 3 * LANES), load_at(room, at + 4 * LANES),
+            load_at(room, at + 5 * LANES), load_at(room, at + 6 * LANES),
+            load_at(room, at + 7 * LANES), load_at(room, at + 8 * LANES))
+
+
+@compiled
+def dot(one: Three, two: Three) -> Vector:
+    """Scalar products."""
+    return fma(one[0], two[0], fma(one[1], two[1], one[2] * two[2]))
+
+
+@compiled
+def cross(one: Three, two: Three) -> Three:
+    """Cross products."""
+    return (one[1] * two[2] - one[2] * two[1], one[2] * two[0] - one[0] * two[2],
+            one[0] * two[1] - one[1] * two[0])
+
+
+@compiled
+def turned(matrix: Nine, x: Three) -> Three:
+    """Matrices times vectors."""
+    return (
+        fma(matrix[0], x[0], fma(matrix[1], x[1], matrix[2] * x[2])),
+        fma(matrix[3], x[0], fma(matrix[4], x[1], matrix[5] * x[2])),
+        fma(matrix[6], x[0], fma(matrix[7], x[1], matrix[8] * x[2])))
+
+
+@compiled
+def turned_back(matrix: Nine, x: Three) -> Three:
+    """Their transposes times vectors."""
+    return (
+        fma(matrix[0], x[0], fma(matrix[3], x[1], matrix[6] * x[2])),
+        fma(matrix[1], x[0], fma(matrix[4], x[1], matrix[7] * x[2])),
+        fma(matrix[2], x[0], fma(matrix[5], x[1], matrix[8] * x[2])))
+
+
+@compiled
+def product(one: Nine, two: Nine) -> Nine:
+    """Products of matrices."""
+    x = turned(one, (two[0], two[3], two[6]))
+    y = turned(one, (two[1], two[4], two[7]))
+    z = turned(one, (two[2], two[5], two[8]))
+    return x[0], y[0], z[0], x[1], y[1], z[1], x[2], y[2], z[2]
+
+
+@compiled
+def transposed_product(one: Nine, two: Nine) -> Nine:
+    """The transpose of one times the other."""
+    return product(
+        (one[0], one[3], one[6], one[1], one[4], one[7], one[2], one[5], one[8]), two)
+
+
+@compiled
+def store_three(room: np.ndarray, at: int, x: Three) -> None:
+    """Write a vector."""
+    store_at(room, at, x[0])
+    store_at(room, at + LANES, x[1])
+    store_at(room, at + 2 * LANES, x[2])
+
+
+@compiled
+def put_results(
+    room: np.ndarray, at: int, half_edge: float, own: Nine, other: Nine, frame: Nine, way: Three,
+    n: Three, between: Vector, gap: Vector, apex: Three, point: Three, square: Vector
+) -> None:
+    """
+    Write what pairs of one apex do: the first 19 numbers of `out`, and the overlap at the centres.
+
+    `frame`: from the features' axes to the world's; normal n, apex and contact point (3) in the
+    former, lengths over a; `between`: along n from centre to centre. `way` [m] in the world.
+    """
+    a, zero, half = splat(half_edge), splat(0.0), splat(0.5)
+    part = splat(INNER) / (between - gap)
+    delta = (zero - gap) * part * a
+    size = zero - delta * part
+    force = size * n[0], size * n[1], size * n[2]
+    torque = turned(frame, cross((a * apex[0], a * apex[1], a * apex[2]), force))
+    force = turned(frame, force)
+    x = turned(frame, point)
+    back = cross(way, force)
+    store_three(room, at, force)
+    store_three(room, at + 3 * LANES, torque)
+    # Angular momentum is kept.
+    store_three(room, at + 6 * LANES, (
+        back[0] - torque[0], back[1] - torque[1], back[2] - torque[2]))
+    store_at(room, at + 9 * LANES, half * (delta * delta))
+    store_at(room, at + 10 * LANES, delta)
+    store_at(room, at + 11 * LANES, maximum((zero - gap) * a, zero))
+    store_three(room, at + 12 * LANES, turned(frame, n))
+    store_three(room, at + 15 * LANES, (
+        a * x[0] - half * way[0], a * x[1] - half * way[1], a * x[2] - half * way[2]))
+    store_at(room, at + 18 * LANES, (a * a) * (a * a) * square)
+    length = sqrt(dot(way, way))
+    u = way[0] / length, way[1] / length, way[2] / length
+    first, second = turned_back(own, u), turned_back(other, u)
+    store_at(room, at + ALONG_CENTRES * LANES, a * (
+        reach_lanes(first[0], first[1], first[2])
+        + reach_lanes(second[0], second[1], second[2])) - length)
+
+
+@compiled
+def edges_across(room: np.ndarray, at: int, half_edge: float) -> None:
+    """
+    Pairs of an edge across an edge, side by side: the overlap is a tetrahedron.
+
+    Its corners are where either edge goes through the two faces at the other, which is so if each
+    is on the edge and in the face. See `put_features` for what is in the room, before and after.
+    """
+    one, zero, middle = splat(1.0), splat(0.0), splat(MIDDLE)
+    own, other = nine_rows(room, at + LANES * OWN_AXES), nine_rows(room, at + LANES * OTHER_AXES)
+    frame = product(own, nine_rows(room, at + LANES * OWN_FRAME))
+    second = product(other, nine_rows(room, at + LANES * OTHER_FRAME))
+    way = three_rows(room, at)
+    # The frame of the second edge in that of the first: columns along it, to its middle, across.
+    q = transposed_product(frame, second)
+    a = splat(half_edge)
+    c = turned_back(frame, (way[0] / a, way[1] / a, way[2] / a))
+    f = q[0], q[3], q[6]
+    to_middle = middle * q[1], middle * q[4], middle * q[7]
+    # The normal is across both edges; the first has (1, 0, 0).
+    length = sqrt(fma(f[1], f[1], f[2] * f[2]))
+    sure = where(splat(max(SLANT, WITHIN)) < length, one, zero)
+    length = where(fma(f[1], c[2], zero - f[2] * c[1]) < zero, zero - length, length)
+    scale = one / length
+    n: Three = (zero, zero - f[2] * scale, f[1] * scale)
+    between = fma(n[1], c[1], n[2] * c[2])
+    rising, falling = middle * n[1], fma(n[1], to_middle[1], n[2] * to_middle[2])
+    far = rising - falling
+    gap = between - far
+    # Where the line of centres leaves through the parallelogram of both.
+    part, out = far / between, between / far
+    r = (fma(part, c[0], to_middle[0]), fma(part, c[1], to_middle[1] - middle),
+         fma(part, c[2], to_middle[2]))
+    along = scale * fma(r[2] * f[0] - r[0] * f[2], n[1], (r[0] * f[1] - r[1] * f[0]) * n[2])
+    beside = scale * (r[1] * n[2] - r[2] * n[1])
+    inner = splat(1.0 - WITHIN)
+    sure = where(fabs(along) < inner, sure, zero)
+    sure = where(fabs(beside) < inner, sure, zero)
+    sure = where(gap < splat(-OVERLAPPING), sure, zero)
+    slope, part = splat(SLOPE), splat(1.0 - SLOPING)
+    sure = where(slope * fabs(n[2]) < part * rising, sure, zero)
+    sure = where(
+        slope * fabs(fma(n[1], q[5], n[2] * q[8])) < zero - part * falling, sure, zero)
+    apex: Three = (out * along, out * middle, zero)
+    # The first edge and the faces of the second, in the frame of that.
+    found = where(gap < zero, one, zero)
+    start = turned_back(q, (zero - c[0], middle - c[1], zero - c[2]))
+    ways: Three = (q[0], q[1], q[2])
+    s0, found = through(start, ways, splat(FACE_ACROSS), splat(SIDE_ACROSS), found)
+    s1, found = through(start, ways, splat(-FACE_ACROSS), splat(-SIDE_ACROSS), found)
+    # The second edge and the faces of the first.
+    start = to_middle[0] + c[0], to_middle[1] + c[1], to_middle[2] + c[2]
+    t0, found = through(start, f, splat(FACE_ACROSS), splat(SIDE_ACROSS), found)
+    t1, found = through(start, f, splat(-FACE_ACROSS), splat(-SIDE_ACROSS), found)
+    b0 = fma(t0, f[0], start[0]), fma(t0, f[1], start[1]), fma(t0, f[2], start[2])
+    b1 = fma(t1, f[0], start[0]), fma(t1, f[1], start[1]), fma(t1, f[2], start[2])
+    rest = middle - apex[1]
+    u0, u1 = (s0 - apex[0], rest, zero), (s1 - apex[0], rest, zero)
+    w0 = b0[0] - apex[0], b0[1] - apex[1], b0[2]
+    w1 = b1[0] - apex[0], b1[1] - apex[1], b1[2]
+    # Twice the areas of the four triangles.
+    t00, t01 = extent(cross(u0, w0)), extent(cross(u0, w1))
+    t10, t11 = extent(cross(u1, w0)), extent(cross(u1, w1))
+    total = t00 + t01 + (t10 + t11)
+    found = where(zero < total, found, zero)
+    scale, half = splat(0.25) / total, splat(0.5)
+    p0, p1, r0, r1 = t00 + t01, t10 + t11, t00 + t10, t01 + t11
+    point: Three = (
+        fma(half, apex[0], scale * (p0 * s0 + p1 * s1 + (r0 * b0[0] + r1 * b1[0]))),
+        fma(half, apex[1], scale * ((p0 + p1) * middle + (r0 * b0[1] + r1 * b1[1]))),
+        scale * (r0 * b0[2] + r1 * b1[2]))
+    y, z, x = b1[1] - b0[1], b1[2] - b0[2], half * (s1 - s0)
+    put_results(
+        room, at, half_edge, own, other, frame, way, n, between, gap, apex, point,
+        (x * x) * fma(y, y, z * z))
+    store_at(room, at + FOUND * LANES, found)
+    store_at(room, at + SURE * LANES, sure)
+
+
+@compiled
+def through(
+    start: Three, ways: Three, across: Vector, side: Vector, found: Vector
+) -> tuple[Vector, Vector]:
+    """
+    Where lines go through the plane of a face at an edge, in its frame: how far along from start.
+
+    And `found`, where that is within 1 and in the face; 0 elsewhere. `across`, `side`: of its
+    normal and of its other sides, positive for one of the two faces.
+    """
+    one, zero, out = splat(1.0), splat(0.0), splat(FACE_OUT)
+    s = (splat(INNER) - fma(out, start[1], across * start[2])) / (
+        fma(out, ways[1], across * ways[2]))
+    found = where(fabs(s) < one, found, zero)
+    x, y, z = fma(s, ways[0], start[0]), fma(s, ways[1], start[1]), fma(s, ways[2], start[2])
+    found = where(zero < across * z, found, zero)
+    beyond = fma(splat(SIDE_ALONG), fabs(x), fma(splat(SIDE_OUT), y, side * z))
+    return s, where(beyond < zero, found, zero)
+
+
+@compiled
+def extent(vector: Three) -> Vector:
+    """Length of a vector."""
+    return sqrt(dot(vector, vector))
+
+
+@compiled
+def vertices_in_faces(room: np.ndarray, at: int, half_edge: float) -> None:
+    """
+    Pairs of a vertex of the first body in a face of the second, side by side.
+
+    The overlap is a pyramid whose sides are the faces at the vertex. See `put_features` for what
+    is in the room, before and after.
+    """
+    one, zero, high = splat(1.0), splat(0.0), splat(OUTER)
+    own, other = nine_rows(room, at + LANES * OWN_AXES), nine_rows(room, at + LANES * OTHER_AXES)
+    frame = product(own, nine_rows(room, at + LANES * OWN_FRAME))
+    second = product(other, nine_rows(room, at + LANES * OTHER_FRAME))
+    way = three_rows(room, at)
+    q = transposed_product(frame, second)
+    a = splat(half_edge)
+    c = turned_back(frame, (way[0] / a, way[1] / a, way[2] / a))
+    # Out of the face, against its normal.
+    n: Three = (zero - q[2], zero - q[5], zero - q[8])
+    between = dot(n, c)
+    far = fma(high, n[2], splat(INNER))
+    gap = between - far
+    part, out = far / between, between / far
+    # Where the line of centres leaves the sum, seen from the second centre.
+    b = turned_back(q, (
+        zero - part * c[0], zero - part * c[1], high - part * c[2]))
+    sure = where(zero < between, one, zero)
+    sure = where(gap < splat(-OVERLAPPING), sure, zero)
+    found, depth, half = where(gap < zero, one, zero), zero - gap, splat(0.5)
+    for side in range(3):
+        along = fma(splat(OWN_RIDGES[side, 0]), b[0], fma(
+            splat(OWN_RIDGES[side, 1]), b[1], splat(OWN_RIDGES[side, 2]) * b[2]))
+        sure = where(along < splat(-WITHIN), sure, zero)
+    apex: Three = (zero, zero, out * high)
+    total, seen, tx, ty, tz = zero, zero, zero, zero, zero
+    # Where edges from the vertex leave the other side: they are so much farther back.
+    ux, uy, uz = zero, zero, zero
+    for number in range(SPOKE_COUNT + 1):
+        spoke = number if number < SPOKE_COUNT else 0
+        wx, wy, wz = (splat(OWN_SPOKES[spoke, 0]), splat(OWN_SPOKES[spoke, 1]),
+                      splat(OWN_SPOKES[spoke, 2]))
+        back = zero - fma(n[0], wx, fma(n[1], wy, n[2] * wz))
+        sure = where(splat(SLOPING) < back, sure, zero)
+        found = where(depth < back, found, zero)
+        part = depth / back
+        wx, wy, wz = part * wx, part * wy, fma(part, wz, high)
+        y = turned_back(q, (wx - c[0], wy - c[1], wz - c[2]))
+        for side in range(3):
+            along = fma(splat(OWN_RIDGES[side, 0]), y[0], fma(
+                splat(OWN_RIDGES[side, 1]), y[1], splat(OWN_RIDGES[side, 2]) * y[2]))
+            found = where(along < zero, found, zero)
+        if number > 0:
+            p = cross((ux, uy, uz - apex[2]), (wx, wy, wz - apex[2]))
+            area = half * extent(p)
+            total = total + area
+            tx = fma(area, ux + wx, tx)
+            ty = fma(area, uy + wy, ty)
+            tz = fma(area, uz + wz, tz)
+            seen = fma(half, dot(n, p), seen)
+        ux, uy, uz = wx, wy, wz
+    found = where(zero < total, found, zero)
+    scale = splat(0.25) / total
+    put_results(
+        room, at, half_edge, own, other, frame, way, n, between, gap, apex,
+        (scale * tx, scale * ty, fma(half, apex[2], scale * tz)), seen * seen)
+    store_at(room, at + FOUND * LANES, found)
+    store_at(room, at + SURE * LANES, sure)
+
+
+@compiled
+def take_lane(
+    room: np.ndarray, at: int, lane: int, exchanged: bool, number: int, out: np.ndarray
+) -> None:
+    """Write `out` of a pair from its lane; of bodies that are exchanged the other way round."""
+    for k in range(19):
+        out[k] = room[at + LANES * k + lane]
+    out[19] = number
+    if exchanged:
+        for k in range(3):
+            out[k], out[12 + k] = -out[k], -out[12 + k]
+            out[3 + k], out[6 + k] = out[6 + k], out[3 + k]
 
 
 @compiled
 def cone(
-    room: np.ndarray, vertex: int, nx: float, ny: float, nz: float, height: float, out: float,
-    sides: int
+    room: np.ndarray, vertex: int, nx: float, ny: float, nz: float, height: float, out: float
 ) -> Found:
     """
-    The same for a vertex that is by `height` beyond a plane with the unit normal n.
+    Whether the overlap of a shell and a plane has one apex; contact point (3), area squared.
 
-    In the axes of its body; `out` times the vertex is the apex. So many sides of room[_RIDGES:]
-    limit the plane.
+    For a vertex that is by `height` beyond a plane with the unit normal n. In the axes of its
+    body; `out` times the vertex is the apex.
     """
     vx, vy, vz = VERTICES[vertex, 0], VERTICES[vertex, 1], VERTICES[vertex, 2]
     qx, qy, qz = out * vx, out * vy, out * vz
@@ -145,11 +473,6 @@ def cone(
         beside |= any_lane(back < high)
         part = high / back
         ux, uy, uz = fma(part, ux, x), fma(part, uy, y), fma(part, uz, z)
-        for side in range(sides):
-            ridge = _RIDGES + 4 * side
-            beside |= any_lane(fma(splat(room[ridge]), ux, fma(
-                splat(room[ridge + 1]), uy, splat(room[ridge + 2]) * uz)) > splat(
-                    room[ridge + 3]))
         # The same of the next edges.
         at += 3 * SPOKE_ROOM
         wx, wy, wz = (load_at(SPOKES, at), load_at(SPOKES, at + SPOKE_ROOM),
@@ -180,78 +503,3 @@ def cone(
     scale = 0.25 / total
     return (True, 0.5 * qx + scale * tx, 0.5 * qy + scale * ty, 0.5 * qz + scale * tz,
             seen * seen)
-
-
-@compiled
-def edge_across_edge(
-    room: np.ndarray, number: int, cx: float, cy: float, cz: float, x: float, y: float, z: float
-) -> Found:
-    """
-    The same for two edges: the overlap is a tetrahedron.
-
-    Its corners are where either edge goes through the two faces at the other, which is so if each
-    is on the edge and in the face.
-    """
-    own, other = (number - 1) >> 5, (number - 1) & 31
-    ex, ey, ez = EDGE_WAYS[own >> 1, 0], EDGE_WAYS[own >> 1, 1], EDGE_WAYS[own >> 1, 2]
-    ax, ay, az = EDGE_MIDDLES[own, 0], EDGE_MIDDLES[own, 1], EDGE_MIDDLES[own, 2]
-    fx, fy, fz = turn_to(
-        room, EDGE_WAYS[other >> 1, 0], EDGE_WAYS[other >> 1, 1], EDGE_WAYS[other >> 1, 2])
-    bx, by, bz = turn_to(
-        room, EDGE_MIDDLES[other, 0], EDGE_MIDDLES[other, 1], EDGE_MIDDLES[other, 2])
-    # The first edge and the faces of B, in its axes.
-    mx, my, mz = turn_from(room, ax - cx, ay - cy, az - cz)
-    wx, wy, wz = turn_from(room, ex, ey, ez)
-    face, second = EDGE_FACES[other, 0], EDGE_FACES[other, 1]
-    s0 = through(face, mx, my, mz, wx, wy, wz)
-    s1 = through(second, mx, my, mz, wx, wy, wz)
-    found = abs(s0) <= 1.0 and abs(s1) <= 1.0
-    found &= within(face, mx + s0 * wx, my + s0 * wy, mz + s0 * wz, 0.0)
-    found &= within(second, mx + s1 * wx, my + s1 * wy, mz + s1 * wz, 0.0)
-    # The second edge and the faces of A.
-    bx, by, bz = bx + cx, by + cy, bz + cz
-    face, second = EDGE_FACES[own, 0], EDGE_FACES[own, 1]
-    t0 = through(face, bx, by, bz, fx, fy, fz)
-    t1 = through(second, bx, by, bz, fx, fy, fz)
-    found &= abs(t0) <= 1.0 and abs(t1) <= 1.0
-    b0 = bx + t0 * fx, by + t0 * fy, bz + t0 * fz
-    b1 = bx + t1 * fx, by + t1 * fy, bz + t1 * fz
-    found &= within(face, b0[0], b0[1], b0[2], 0.0)
-    found &= within(second, b1[0], b1[1], b1[2], 0.0)
-    if not found:
-        return False, 0.0, 0.0, 0.0, 0.0
-    a0 = ax + s0 * ex, ay + s0 * ey, az + s0 * ez
-    a1 = ax + s1 * ex, ay + s1 * ey, az + s1 * ez
-    u0, u1 = (a0[0] - x, a0[1] - y, a0[2] - z), (a1[0] - x, a1[1] - y, a1[2] - z)
-    w0, w1 = (b0[0] - x, b0[1] - y, b0[2] - z), (b1[0] - x, b1[1] - y, b1[2] - z)
-    # Twice the areas of the four triangles.
-    t00, t01 = extent(cross(u0, w0)), extent(cross(u0, w1))
-    t10, t11 = extent(cross(u1, w0)), extent(cross(u1, w1))
-    total = t00 + t01 + (t10 + t11)
-    if not total > 0.0:
-        return False, 0.0, 0.0, 0.0, 0.0
-    scale = 0.25 / total
-    p0, p1, r0, r1 = t00 + t01, t10 + t11, t00 + t10, t01 + t11
-    seen = cross((a1[0] - a0[0], a1[1] - a0[1], a1[2] - a0[2]),
-                 (b1[0] - b0[0], b1[1] - b0[1], b1[2] - b0[2]))
-    return (
-        True,
-        0.5 * x + scale * (p0 * a0[0] + p1 * a1[0] + (r0 * b0[0] + r1 * b1[0])),
-        0.5 * y + scale * (p0 * a0[1] + p1 * a1[1] + (r0 * b0[1] + r1 * b1[1])),
-        0.5 * z + scale * (p0 * a0[2] + p1 * a1[2] + (r0 * b0[2] + r1 * b1[2])),
-        0.25 * dot(seen, seen))
-
-
-@compiled
-def through(
-    face: int, x: float, y: float, z: float, ux: float, uy: float, uz: float
-) -> float:
-    """Where a line goes through the plane of a face, in body axes: how far along from x."""
-    nx, ny, nz = NORMALS[face, 0], NORMALS[face, 1], NORMALS[face, 2]
-    return (INNER - (nx * x + ny * y + nz * z)) / (nx * ux + ny * uy + nz * uz)
-
-
-@compiled
-def extent(vector: tuple[float, float, float]) -> float:
-    """Length of a vector."""
-    return math.sqrt(dot(vector, vector))

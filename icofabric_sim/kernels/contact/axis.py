@@ -67,7 +67,7 @@ APART, OVERLAP, UNSURE = 0, 1, 2
 # Numbers of lanes.
 NUMBERS = np.arange(float(LANES))
 # Edges at a smaller angle [rad] are left to refinement.
-_SLANT = 1e-5
+SLANT = 1e-5
 # Both ends of an edge of a facet are so far out alike.
 _LEVEL = 1e-9
 # The line of centres may miss a facet by this.
@@ -75,7 +75,7 @@ _BESIDE = 1e-9
 # A facet that was kept counts if the line passes this far within it (edges are 2 long), if it is
 # this far from being parallel to another, and at an overlap of more than that: then a search finds
 # just this one, whatever rounding does.
-_WITHIN, _SLOPING, _OVERLAPPING = 1e-3, 1e-6, 1e-12
+WITHIN, SLOPING, OVERLAPPING = 1e-3, 1e-6, 1e-12
 # Numbers of facets: 1 + 32 times an edge of the first body + one of the second (numbers of
 # EDGE_MIDDLES); these plus a face of the first, or of the second. 0: none of these.
 FACE_OF_FIRST, FACE_OF_SECOND = 1024, 2048
@@ -85,6 +85,7 @@ FACE_OF_FIRST, FACE_OF_SECOND = 1024, 2048
 MATRIX, PORTAL, FACET, OWN_NUMBERS, OTHER_NUMBERS = 0, 9, 488, 512, 528
 # Directions of edges of either body, six times AXIS_COUNT numbers each; lanes.
 OWN, OTHER, ALONG, MOST, OVER, WHICH = 256, 352, 448, 464, 472, 480
+FACET_ROOM = 544
 Nine = tuple[float, float, float, float, float, float, float, float, float]
 
 
@@ -336,7 +337,7 @@ def facet_of_face(
         ax, ay, az = part * cx - bx, part * cy - by, part * cz - bz
         inside = within(face, ax, ay, az, margin)
     if margin > 0.0:
-        inside &= between > 0.0 and lead(ux, uy, uz) > _SLOPING
+        inside &= between > 0.0 and lead(ux, uy, uz) > SLOPING
     return inside, nx, ny, nz, gap, out * ax, out * ay, out * az
 
 
@@ -358,7 +359,7 @@ def facet_of_edges(
     n = cross(e, f)
     length = math.sqrt(dot(n, n))
     # Edges that are nearly parallel have a cross product of rounding only.
-    if not length > max(_SLANT, margin):
+    if not length > max(SLANT, margin):
         return False, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     if dot(n, (cx, cy, cz)) < 0.0:
         length = -length
@@ -378,11 +379,11 @@ def facet_of_edges(
         m = turn_from(room, nx, ny, nz)
         sloping, rising = EDGE_SLOPES[own], nx * a[0] + ny * a[1] + nz * a[2]
         inside &= abs(nx * sloping[0] + ny * sloping[1] + nz * sloping[2]) < (
-            1.0 - _SLOPING) * rising
+            1.0 - SLOPING) * rising
         sloping = EDGE_SLOPES[other]
         rising = -(nx * b[0] + ny * b[1] + nz * b[2])
         inside &= abs(m[0] * sloping[0] + m[1] * sloping[1] + m[2] * sloping[2]) < (
-            1.0 - _SLOPING) * rising
+            1.0 - SLOPING) * rising
     return (inside, nx, ny, nz, gap, out * (a[0] + own_part * e[0]),
             out * (a[1] + own_part * e[1]), out * (a[2] + own_part * e[2]))
 
@@ -398,10 +399,10 @@ def find_facet_again(
     """
     if number > 0:
         if number < FACE_OF_FIRST:
-            inside, nx, ny, nz, gap, x, y, z = facet_of_edges(room, number, cx, cy, cz, _WITHIN)
+            inside, nx, ny, nz, gap, x, y, z = facet_of_edges(room, number, cx, cy, cz, WITHIN)
         else:
-            inside, nx, ny, nz, gap, x, y, z = facet_of_face(room, number, cx, cy, cz, _WITHIN)
-        if inside and gap < -_OVERLAPPING:
+            inside, nx, ny, nz, gap, x, y, z = facet_of_face(room, number, cx, cy, cz, WITHIN)
+        if inside and gap < -OVERLAPPING:
             room[FACET] = number
             return OVERLAP, nx, ny, nz, gap, x, y, z
     return find_facet(room, cx, cy, cz)
@@ -457,7 +458,7 @@ def beyond_edges(
     # As products, because a division takes as long as all of the rest.
     most, over, which = splat(out), splat(1.0), splat(-1.0)
     # Of edges that are nearly parallel the product is rounding only.
-    least, zero = splat(2.0 * INNER * _SLANT), splat(0.0)
+    least, zero = splat(2.0 * INNER * SLANT), splat(0.0)
     for k in range(0, other, LANES):
         px, py, pz = (load_at(room, OTHER + k), load_at(room, OTHER + AXIS_COUNT + k),
                       load_at(room, OTHER + 2 * AXIS_COUNT + k))
@@ -514,7 +515,7 @@ def across_edges(
     if dot(n, (cx, cy, cz)) < 0.0:
         n = -n[0], -n[1], -n[2]
     length = math.sqrt(dot(n, n))
-    if not length > _SLANT:
+    if not length > SLANT:
         return refine(room, cx, cy, cz)
     # Others may have the same normal: the edges that are farthest along it.
     nx, ny, nz = n[0] / length, n[1] / length, n[2] / length
@@ -528,7 +529,7 @@ def across_edges(
     own, other = own >> 1, other >> 1
     n = cross((EDGE_WAYS[own, 0], EDGE_WAYS[own, 1], EDGE_WAYS[own, 2]), turn_to(
         room, EDGE_WAYS[other, 0], EDGE_WAYS[other, 1], EDGE_WAYS[other, 2]))
-    if not math.sqrt(dot(n, n)) > _WITHIN:
+    if not math.sqrt(dot(n, n)) > WITHIN:
         return refine(room, cx, cy, cz)
     inside, nx, ny, nz, gap, x, y, z = facet_of_edges(room, number, cx, cy, cz, 0.0)
     if gap > ROUNDING:

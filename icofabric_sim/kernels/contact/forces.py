@@ -21,17 +21,31 @@ with the opposite sign, to the last bit.
 """
 
 from icofabric_sim.kernels.connectors import Six
-from icofabric_sim.kernels.contact.gap import Axes, axes_of, gap_along, support
-from icofabric_sim.kernels.contact.pair import Scratch, touch_pair_again, touch_plane
+from icofabric_sim.kernels.contact.apex import (
+    ALONG_CENTRES,
+    APEX_UNIT,
+    edges_across,
+    FOUND,
+    put_features,
+    SURE,
+    take_lane,
+    vertices_in_faces,
+)
+from icofabric_sim.kernels.contact.axis import FACE_OF_FIRST
+from icofabric_sim.kernels.contact.gap import Axes, axes_of, support
+from icofabric_sim.kernels.contact.pair import LINE, Scratch, touch_pair_again, touch_plane
+from icofabric_sim.kernels.contact.surface import EDGES, EDGES_WAIT, POINTS, POINTS_WAIT
 from icofabric_sim.kernels.records import Contacts, State, Team
 from icofabric_sim.kernels.runtime.borrowed import borrowed
 from icofabric_sim.kernels.runtime.compiled import compiled
-from icofabric_sim.kernels.runtime.lanes import load
+from icofabric_sim.kernels.runtime.lanes import LANES, load
 from icofabric_sim.kernels.runtime.team import own_blocks, wait_for_all
 import numpy as np
 
 # A gap of more than this part of a proves that two shells are apart, whatever the rounding.
 _APART = 1e-9
+# Parts of the pairs that each of several threads takes, and pairs of a part at least.
+_PARTS, _LEAST_PART = 8, 32
 
 
 @compiled
@@ -46,12 +60,27 @@ def touch_all(
     if contacts is None:
         return
     count = contacts.pairs.shape[0]
-    touch_some(
-        contacts, position, orientation, team.scratch, contacts.result, team.member,
-        count * team.member // team.size, count * (team.member + 1) // team.size)
+    part = part_of(count, team)
+    contacts.deepest[8 * team.member] = 0.0
+    for first in range(part * team.member, count, part * team.size):
+        touch_some(
+            contacts, position, orientation, team.scratch, contacts.result, team.member, first,
+            min(first + part, count))
     wait_for_all(team)
     first, last = own_blocks(team, contacts.start.shape[0] - 1)
     add_up(contacts, contacts.result, contacts.rows, first, last)
+
+
+@compiled
+def part_of(count: int, team: Team) -> int:
+    """
+    Size of the parts of `count` pairs that threads take in turns.
+
+    Pairs that lie next to each other are alike, and some kinds take ten times as long as others.
+    """
+    if team.size == 1:
+        return max(count, 1)
+    return max(count // (_PARTS * team.size), _LEAST_PART)
 
 
 @compiled
@@ -59,39 +88,136 @@ def touch_some(
     contacts: Contacts, position: np.ndarray, orientation: np.ndarray, scratch: Scratch,
     result: np.ndarray, member: int, first: int, last: int
 ) -> None:
-    """Evaluate the pairs first to last."""
-    deepest = 0.0
+    """
+    Evaluate the pairs first to last.
+
+    Those that had one apex when they were evaluated last wait until there are enough to fill the
+    lanes of a vector; all others are evaluated one by one.
+    """
+    deepest, edges, points = 0.0, 0, 0
     # Views of arrays that count references would take longer than to reject a pair.
     pairs, planes, result = borrowed(contacts.pairs), borrowed(contacts.planes), borrowed(result)
     position, orientation = borrowed(position), borrowed(orientation)
     own, other = borrowed(contacts.first)[member], borrowed(contacts.second)[member]
+    room, marks = borrowed(scratch.room), borrowed(scratch.marks)
     half_edge = contacts.half_edge
     for p in range(first, last):
         s, t = pairs[p, 0], pairs[p, 1]
         out = result[p]
-        axes = axes_of(orientation, s)
         if t < 0:
-            set_place(position, axes, s, own)
+            set_place(position, axes_of(orientation, s), s, own)
             plane = planes[-1 - t]
             touch_plane(half_edge, plane[:3], plane[3], own[0], own[1:], scratch, out)
             deepest = max(deepest, out[11])
             continue
-        others = axes_of(orientation, t)
-        dx, dy = position[0, t] - position[0, s], position[1, t] - position[1, s]
-        dz = position[2, t] - position[2, s]
-        if is_apart(half_edge, dx, dy, dz, axes, others, out):
-            for k in range(12):
-                out[k] = 0.0
-            continue
-        set_place(position, axes, s, own)
-        set_place(position, others, t, other)
-        if touch_pair_again(half_edge, own[0], own[1:], other[0], other[1:], scratch, out):
-            # No axis shows less than the depth.
-            out[11] = min(out[11], -gap_along(0, half_edge, dx, dy, dz, axes, others))
-        deepest = max(deepest, out[11])
-    contacts.deepest[8 * member] = deepest
+        number = int(out[19])
+        if number < APEX_UNIT:
+            deepest = max(deepest, touch_alone(
+                half_edge, position, orientation, s, t, own, other, scratch, out))
+        elif number % APEX_UNIT < FACE_OF_FIRST:
+            marks[EDGES_WAIT + edges] = put_pair(
+                room, EDGES, edges, position, orientation, s, t, p, number)
+            edges += 1
+            if edges == LANES:
+                edges_across(room, EDGES, half_edge)
+                deepest = max(deepest, take_lanes(
+                    contacts, position, orientation, pairs, own, other, scratch, room, marks,
+                    result, EDGES, EDGES_WAIT, edges))
+                edges = 0
+        else:
+            marks[POINTS_WAIT + points] = put_pair(
+                room, POINTS, points, position, orientation, s, t, p, number)
+            points += 1
+            if points == LANES:
+                vertices_in_faces(room, POINTS, half_edge)
+                deepest = max(deepest, take_lanes(
+                    contacts, position, orientation, pairs, own, other, scratch, room, marks,
+                    result, POINTS, POINTS_WAIT, points))
+                points = 0
+    if edges > 0:
+        edges_across(room, EDGES, half_edge)
+        deepest = max(deepest, take_lanes(
+            contacts, position, orientation, pairs, own, other, scratch, room, marks, result,
+            EDGES, EDGES_WAIT, edges))
+    if points > 0:
+        vertices_in_faces(room, POINTS, half_edge)
+        deepest = max(deepest, take_lanes(
+            contacts, position, orientation, pairs, own, other, scratch, room, marks, result,
+            POINTS, POINTS_WAIT, points))
+    contacts.deepest[8 * member] = max(contacts.deepest[8 * member], deepest)
     contacts.deepest[8 * member + 1] = max(contacts.deepest[8 * member + 1], deepest)
     contacts.tests[8 * member] += last - first
+
+
+@compiled
+def touch_alone(
+    half_edge: float, position: np.ndarray, orientation: np.ndarray, s: int, t: int,
+    own: np.ndarray, other: np.ndarray, scratch: Scratch, out: np.ndarray
+) -> float:
+    """Evaluate a pair of shells; returns their overlap [m]."""
+    axes, others = axes_of(orientation, s), axes_of(orientation, t)
+    dx, dy = position[0, t] - position[0, s], position[1, t] - position[1, s]
+    dz = position[2, t] - position[2, s]
+    if is_apart(half_edge, dx, dy, dz, axes, others, out):
+        for k in range(12):
+            out[k] = 0.0
+        out[19] = 0.0
+        return 0.0
+    set_place(position, axes, s, own)
+    set_place(position, others, t, other)
+    if touch_pair_again(half_edge, own[0], own[1:], other[0], other[1:], scratch, out):
+        # No axis shows less than the depth.
+        out[11] = min(out[11], scratch.room[LINE])
+    return float(out[11])
+
+
+@compiled
+def put_pair(
+    room: np.ndarray, at: int, lane: int, position: np.ndarray, orientation: np.ndarray, s: int,
+    t: int, p: int, number: int
+) -> int:
+    """Write pair `p` of slots `s` and `t` into a lane; its number, and whether it is exchanged."""
+    first, second = axes_of(orientation, s), axes_of(orientation, t)
+    dx, dy = position[0, t] - position[0, s], position[1, t] - position[1, s]
+    dz = position[2, t] - position[2, s]
+    # The same arithmetic whichever body comes first, as in `meet`.
+    swapped = dx < 0.0 or (dx == 0.0 and (dy < 0.0 or (dy == 0.0 and dz < 0.0)))
+    if swapped:
+        dx, dy, dz = -dx, -dy, -dz
+        first, second = second, first
+    exchanged = put_features(room, at, lane, dx, dy, dz, first, second, number)
+    return 2 * p + (1 if exchanged != swapped else 0)
+
+
+@compiled
+def take_lanes(
+    contacts: Contacts, position: np.ndarray, orientation: np.ndarray, pairs: np.ndarray,
+    own: np.ndarray, other: np.ndarray, scratch: Scratch, room: np.ndarray, marks: np.ndarray,
+    result: np.ndarray, at: int, waiting: int, count: int
+) -> float:
+    """
+    Take what pairs do from their lanes; returns the deepest overlap [m].
+
+    Of those that have no one apex any longer, or whose facet may be another, each is evaluated
+    alone.
+    """
+    deepest, left = 0.0, 0
+    for lane in range(count):
+        mark = marks[waiting + lane]
+        if room[at + LANES * FOUND + lane] == 1.0 and room[at + LANES * SURE + lane] == 1.0:
+            out = result[mark >> 1]
+            take_lane(room, at, lane, mark & 1 == 1, int(out[19]), out)
+            out[11] = min(out[11], room[at + LANES * ALONG_CENTRES + lane])
+            deepest = max(deepest, out[11])
+        else:
+            marks[waiting + left] = mark
+            left += 1
+    for k in range(left):
+        p = marks[waiting + k] >> 1
+        deepest = max(deepest, touch_alone(
+            contacts.half_edge, position, orientation, pairs[p, 0], pairs[p, 1], own, other,
+            scratch, result[p]))
+    return deepest
 
 
 @compiled

@@ -24,8 +24,20 @@ the products of their edges (15 times 15). If two shells do not overlap one of t
 import math
 
 from icofabric_sim.geometry.icosahedron import EDGES, FACES, inscribed_radius, vertices
-from icofabric_sim.kernels.contact.shape import reach
+from icofabric_sim.kernels.contact.shape import reach, reach_lanes
 from icofabric_sim.kernels.runtime.compiled import compiled
+from icofabric_sim.kernels.runtime.lanes import (
+    any_lane,
+    fabs,
+    fma,
+    lane,
+    LANES,
+    load_at,
+    maximum,
+    rsqrt,
+    splat,
+    where,
+)
 import numpy as np
 
 _CORNERS = vertices(1.0)
@@ -47,6 +59,14 @@ _NORMALS, _WAYS = _halved(_ALL_NORMALS), _halved(_ALL_WAYS)
 _RHO = inscribed_radius(1.0)
 _FIRST_EDGE = 1 + 2 * len(_NORMALS)
 AXIS_COUNT = _FIRST_EDGE + len(_WAYS) ** 2
+# x, y, z and number of these, filled up to whole vectors: with the first, and with nothing.
+_ROOM = 16
+_NORMAL_ROWS = np.concatenate([
+    np.concatenate([row, np.full(_ROOM - len(row), row[0])])
+    for row in (*_NORMALS.T, 1.0 + np.arange(len(_NORMALS)))])
+_WAY_ROWS = np.concatenate([
+    np.concatenate([row, np.zeros(_ROOM - len(row))])
+    for row in (*_WAYS.T, np.arange(float(len(_WAYS))))])
 # Squared sine of an angle between edges below which they count as parallel: the same axis is then
 # found from a face normal.
 _PARALLEL = 1e-12
@@ -134,16 +154,84 @@ def widest_gap(
     """
     Largest gap [m] of two shells along any of the axes, and its number.
 
-    The search ends early where a gap is at least `wanted` [m].
+    The search ends early where a gap is at least `wanted` [m]. Axes are tried side by side.
     """
-    best, found = -math.inf, 0
-    for code in range(AXIS_COUNT):
-        gap = gap_along(code, half_edge, dx, dy, dz, first, second)
-        if gap > best:
-            best, found = gap, code
-            if best >= wanted:
+    gap = gap_along(0, half_edge, dx, dy, dz, first, second)
+    if gap >= wanted:
+        return gap, 0
+    best, which = splat(gap), splat(0.0)
+    a, rho, enough = splat(half_edge), splat(_RHO), splat(wanted)
+    # The way between the centres in the axes of both; the second's axes in those of the first.
+    ax, ay, az = (
+        splat(first[0] * dx + first[1] * dy + first[2] * dz),
+        splat(first[3] * dx + first[4] * dy + first[5] * dz),
+        splat(first[6] * dx + first[7] * dy + first[8] * dz))
+    bx, by, bz = (
+        splat(second[0] * dx + second[1] * dy + second[2] * dz),
+        splat(second[3] * dx + second[4] * dy + second[5] * dz),
+        splat(second[6] * dx + second[7] * dy + second[8] * dz))
+    q0, q1, q2 = (scalar(second, 0, first, 0), scalar(second, 0, first, 3),
+                  scalar(second, 0, first, 6))
+    q3, q4, q5 = (scalar(second, 3, first, 0), scalar(second, 3, first, 3),
+                  scalar(second, 3, first, 6))
+    q6, q7, q8 = (scalar(second, 6, first, 0), scalar(second, 6, first, 3),
+                  scalar(second, 6, first, 6))
+    v0, v1, v2, v3, v4, v5, v6, v7, v8 = (
+        splat(q0), splat(q1), splat(q2), splat(q3), splat(q4), splat(q5), splat(q6), splat(q7),
+        splat(q8))
+    for k in range(0, _ROOM, LANES):
+        x, y, z = (load_at(_NORMAL_ROWS, k), load_at(_NORMAL_ROWS, _ROOM + k),
+                   load_at(_NORMAL_ROWS, 2 * _ROOM + k))
+        number = load_at(_NORMAL_ROWS, 3 * _ROOM + k)
+        shown = fabs(fma(x, ax, fma(y, ay, z * az))) - a * (rho + reach_lanes(
+            fma(v0, x, fma(v1, y, v2 * z)), fma(v3, x, fma(v4, y, v5 * z)),
+            fma(v6, x, fma(v7, y, v8 * z))))
+        which = where(best < shown, number, which)
+        best = maximum(shown, best)
+        shown = fabs(fma(x, bx, fma(y, by, z * bz))) - a * (rho + reach_lanes(
+            fma(v0, x, fma(v3, y, v6 * z)), fma(v1, x, fma(v4, y, v7 * z)),
+            fma(v2, x, fma(v5, y, v8 * z))))
+        which = where(best < shown, number + splat(float(_NORMALS.shape[0])), which)
+        best = maximum(shown, best)
+    found = any_lane(enough < best)
+    for k in range(0, _ROOM, LANES):
+        if found:
+            break
+        # Edges of the second in the axes of both.
+        x, y, z = (load_at(_WAY_ROWS, k), load_at(_WAY_ROWS, _ROOM + k),
+                   load_at(_WAY_ROWS, 2 * _ROOM + k))
+        tx, ty, tz = (fma(v0, x, fma(v3, y, v6 * z)), fma(v1, x, fma(v4, y, v7 * z)),
+                      fma(v2, x, fma(v5, y, v8 * z)))
+        for way in range(_WAYS.shape[0]):
+            ux, uy, uz = _WAYS[way, 0], _WAYS[way, 1], _WAYS[way, 2]
+            ex, ey, ez = splat(ux), splat(uy), splat(uz)
+            nx, ny, nz = ey * tz - ez * ty, ez * tx - ex * tz, ex * ty - ey * tx
+            fx, fy, fz = (splat(q0 * ux + q1 * uy + q2 * uz), splat(q3 * ux + q4 * uy + q5 * uz),
+                          splat(q6 * ux + q7 * uy + q8 * uz))
+            square = fma(nx, nx, fma(ny, ny, nz * nz))
+            shown = rsqrt(square) * (fabs(fma(nx, ax, fma(ny, ay, nz * az))) - a * (
+                reach_lanes(nx, ny, nz)
+                + reach_lanes(fy * z - fz * y, fz * x - fx * z, fx * y - fy * x)))
+            shown = where(splat(_PARALLEL) < square, shown, best)
+            number = load_at(_WAY_ROWS, 3 * _ROOM + k) + splat(
+                float(_FIRST_EDGE + _WAYS.shape[0] * way))
+            which = where(best < shown, number, which)
+            best = maximum(shown, best)
+            if any_lane(enough < best):
+                found = True
                 break
-    return best, found
+    most = 0
+    for k in range(1, LANES):
+        most = k if lane(best, k) > lane(best, most) else most
+    code = int(lane(which, most))
+    # As whoever kept that axis computes it.
+    return max(gap, gap_along(code, half_edge, dx, dy, dz, first, second)), code
+
+
+@compiled
+def scalar(one: Axes, i: int, two: Axes, j: int) -> float:
+    """Scalar product of two body axes that begin at these places."""
+    return one[i] * two[j] + one[i + 1] * two[j + 1] + one[i + 2] * two[j + 2]
 
 
 @compiled

@@ -31,7 +31,7 @@ first touch the push is zero, and so are damping and the limit of friction: noth
 
 import math
 
-from icofabric_sim.kernels.contact.forces import add_up, touch_all, touch_some
+from icofabric_sim.kernels.contact.forces import add_up, part_of, touch_all, touch_some
 from icofabric_sim.kernels.contact.laws import (
     damping_factor,
     depth_rate,
@@ -90,21 +90,19 @@ def touch_and_lose(
     losses: ContactLosses, contacts: Contacts, state: State, index: int, team: Team
 ) -> None:
     """The same with losses."""
-    first, last = own_pairs(contacts.pairs.shape[0], team)
-    touch_some(
-        contacts, state.position, state.orientation, team.scratch, contacts.result, team.member,
-        first, last)
-    lose_some(losses, contacts, state, index, first, last)
+    count = contacts.pairs.shape[0]
+    part = part_of(count, team)
+    contacts.deepest[8 * team.member] = 0.0
+    for first in range(part * team.member, count, part * team.size):
+        last = min(first + part, count)
+        touch_some(
+            contacts, state.position, state.orientation, team.scratch, contacts.result,
+            team.member, first, last)
+        lose_some(losses, contacts, state, index, first, last)
     wait_for_all(team)
     first, last = own_blocks(team, contacts.start.shape[0] - 1)
     add_up(contacts, contacts.result, contacts.rows, first, last)
     add_up_taken(losses, contacts, first, last)
-
-
-@compiled
-def own_pairs(count: int, team: Team) -> tuple[int, int]:
-    """First of `count` pairs that a thread evaluates, and the one after its last."""
-    return count * team.member // team.size, count * (team.member + 1) // team.size
 
 
 @compiled
@@ -187,12 +185,16 @@ def touch_ahead(
     if losses is None:
         touch_all(contacts, state.position, state.orientation, team)
     else:
-        first, last = own_pairs(contacts.pairs.shape[0], team)
-        touch_some(
-            contacts, state.position, state.orientation, team.scratch, contacts.result,
-            team.member, first, last)
-        lose_ahead(
-            losses, contacts, state, inverse_mass, inverse_inertia, h, step, first, last)
+        count = contacts.pairs.shape[0]
+        part = part_of(count, team)
+        contacts.deepest[8 * team.member] = 0.0
+        for first in range(part * team.member, count, part * team.size):
+            last = min(first + part, count)
+            touch_some(
+                contacts, state.position, state.orientation, team.scratch, contacts.result,
+                team.member, first, last)
+            lose_ahead(
+                losses, contacts, state, inverse_mass, inverse_inertia, h, step, first, last)
         wait_for_all(team)
         first, last = own_blocks(team, contacts.start.shape[0] - 1)
         add_up(contacts, contacts.result, contacts.rows, first, last)
@@ -391,16 +393,18 @@ def combine_stretches(
     """
     if losses is None:
         return
-    first, last = own_pairs(losses.stretch.shape[0], team)
+    count = losses.stretch.shape[0]
+    part = part_of(count, team)
     begin, slopes = losses.held, losses.slopes
     if again:
         begin = losses.start
-    for p in range(first, last):
-        for k in range(4):
-            total = 0.0
-            for j in range(weights.shape[0]):
-                total += weights[j] * slopes[j, p, k]
-            losses.stage[p, k] = begin[p, k] + h * total
+    for first in range(part * team.member, count, part * team.size):
+        for p in range(first, min(first + part, count)):
+            for k in range(4):
+                total = 0.0
+                for j in range(weights.shape[0]):
+                    total += weights[j] * slopes[j, p, k]
+                losses.stage[p, k] = begin[p, k] + h * total
 
 
 @compiled
@@ -408,11 +412,13 @@ def accept_stretches(losses: ContactLosses | None, team: Team) -> None:
     """A step has been taken: its stage is the state, and what was held is where it began."""
     if losses is None:
         return
-    first, last = own_pairs(losses.stretch.shape[0], team)
-    for p in range(first, last):
-        for k in range(4):
-            losses.start[p, k] = losses.held[p, k]
-            losses.stretch[p, k] = losses.stage[p, k]
+    count = losses.stretch.shape[0]
+    part = part_of(count, team)
+    for first in range(part * team.member, count, part * team.size):
+        for p in range(first, min(first + part, count)):
+            for k in range(4):
+                losses.start[p, k] = losses.held[p, k]
+                losses.stretch[p, k] = losses.stage[p, k]
 
 
 @compiled
@@ -420,10 +426,12 @@ def repeat_stretches(losses: ContactLosses | None, team: Team) -> None:
     """The last slope of a step is the first of the next."""
     if losses is None:
         return
-    first, last = own_pairs(losses.stretch.shape[0], team)
-    for p in range(first, last):
-        for k in range(4):
-            losses.slopes[0, p, k] = losses.slopes[_LAST, p, k]
+    count = losses.stretch.shape[0]
+    part = part_of(count, team)
+    for first in range(part * team.member, count, part * team.size):
+        for p in range(first, min(first + part, count)):
+            for k in range(4):
+                losses.slopes[0, p, k] = losses.slopes[_LAST, p, k]
 
 
 @compiled
@@ -431,10 +439,12 @@ def save_stretches(losses: ContactLosses | None, team: Team) -> None:
     """Keep the stretches of a sound state."""
     if losses is None:
         return
-    first, last = own_pairs(losses.stretch.shape[0], team)
-    for p in range(first, last):
-        for k in range(4):
-            losses.saved[p, k] = losses.stretch[p, k]
+    count = losses.stretch.shape[0]
+    part = part_of(count, team)
+    for first in range(part * team.member, count, part * team.size):
+        for p in range(first, min(first + part, count)):
+            for k in range(4):
+                losses.saved[p, k] = losses.stretch[p, k]
 
 
 @compiled
@@ -450,21 +460,23 @@ def stretch_error(
     largest, probable = 0.0, 0.0
     if losses is None:
         return largest, probable
-    first, last = own_pairs(losses.stretch.shape[0], team)
-    for p in range(first, last):
-        square_5, square_3 = 0.0, 0.0
-        for k in range(4):
-            first_sum, second_sum = 0.0, 0.0
-            for j in range(error_5.shape[0]):
-                value = losses.slopes[j, p, k]
-                first_sum += error_5[j] * value
-                second_sum += error_3[j] * value
-            square_5 += first_sum * first_sum
-            square_3 += second_sum * second_sum
-        sum_ = max(scale * (square_5 + 0.01 * square_3), 1e-300)
-        error = scale * square_5 / math.sqrt(sum_)
-        if not error <= largest:
-            largest = error
-        probable = max(probable, lane(probable_error(
-            splat(scale * square_5), splat(scale * square_3), smooth), 0))
+    count = losses.stretch.shape[0]
+    part = part_of(count, team)
+    for first in range(part * team.member, count, part * team.size):
+        for p in range(first, min(first + part, count)):
+            square_5, square_3 = 0.0, 0.0
+            for k in range(4):
+                first_sum, second_sum = 0.0, 0.0
+                for j in range(error_5.shape[0]):
+                    value = losses.slopes[j, p, k]
+                    first_sum += error_5[j] * value
+                    second_sum += error_3[j] * value
+                square_5 += first_sum * first_sum
+                square_3 += second_sum * second_sum
+            sum_ = max(scale * (square_5 + 0.01 * square_3), 1e-300)
+            error = scale * square_5 / math.sqrt(sum_)
+            if not error <= largest:
+                largest = error
+            probable = max(probable, lane(probable_error(
+                splat(scale * square_5), splat(scale * square_3), smooth), 0))
     return largest, probable

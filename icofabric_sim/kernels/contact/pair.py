@@ -28,9 +28,20 @@ change the signs of all results and no other bit.
 
 import math
 
-from icofabric_sim.kernels.contact.apex import cone, one_apex
+from icofabric_sim.kernels.contact.apex import (
+    ALONG_CENTRES,
+    APEX_UNIT,
+    cone,
+    edges_across,
+    FOUND,
+    put_features,
+    take_lane,
+    vertices_in_faces,
+)
 from icofabric_sim.kernels.contact.axis import (
     APART,
+    FACE_OF_FIRST,
+    FACE_OF_SECOND,
     FACET,
     find_facet,
     find_facet_again,
@@ -39,12 +50,21 @@ from icofabric_sim.kernels.contact.axis import (
     put_farthest,
     turn,
     turn_back,
+    turn_from,
 )
-from icofabric_sim.kernels.contact.shape import farthest_vertex, INNER, OUTER, reach, VERTICES
+from icofabric_sim.kernels.contact.gap import Axes
+from icofabric_sim.kernels.contact.shape import (
+    farthest_vertex,
+    INNER,
+    OUTER,
+    reach,
+    VERTICES,
+)
 from icofabric_sim.kernels.contact.surface import (
     add_all,
     add_plane,
     add_surface,
+    ALONE,
     contact_scratch,
     M0,
     M1,
@@ -61,20 +81,23 @@ from icofabric_sim.kernels.contact.surface import (
 )
 from icofabric_sim.kernels.runtime.borrowed import borrowed
 from icofabric_sim.kernels.runtime.compiled import compiled
+from icofabric_sim.kernels.runtime.lanes import LANES
 import numpy as np
 
 __all__ = ['contact_scratch', 'OUT_SIZE', 'Scratch', 'touch_pair', 'touch_plane']
 
 # Numbers in `out` of a pair: force on A (3), torques about their centres on A and B (3 each),
 # delta^2 / 2, delta, overlap, unit axis from A to B (3), contact point (3), squared area between,
-# number of the facet that the line of centres leaves through (axis.py).
+# number of the facet that the line of centres leaves through (axis.py, apex.py).
 OUT_SIZE = 20
 # Centres closer than this times a coincide: no direction leads apart.
-_COINCIDE = 1e-6
+COINCIDE = 1e-6
 # From this overlap over a on the surface between the bodies may be in several pieces.
 _DEEP = 0.5
 # Overlaps of less volume than this times a^3 are none; depths are then 1e-66 a.
 _NOTHING = 1e-200
+# In the room, after a pair that touches: its overlap [m] along the line of centres.
+LINE = ALONE + LANES * ALONG_CENTRES
 
 
 @compiled
@@ -147,29 +170,25 @@ def press(
 ) -> bool:
     """The same for a body at the origin and another at d, whose first number is not negative."""
     cx, cy, cz = approach(half_edge, dx, dy, dz, ra, rb, room)
-    if not max(abs(cx), max(abs(cy), abs(cz))) > _COINCIDE:
+    if not max(abs(cx), max(abs(cy), abs(cz))) > COINCIDE:
         out[9] = 0.5 * (INNER * half_edge) ** 2
         out[10] = INNER * half_edge
         out[11] = 2.0 * INNER * half_edge
         out[12] = 1.0
+        room[LINE] = out[11]
         return True
-    verdict, ux, uy, uz, gap, x, y, z = find_facet_again(room, number, cx, cy, cz)
+    verdict, ux, uy, uz, gap, x, y, z = find_facet_again(
+        room, number % APEX_UNIT, cx, cy, cz)
     if verdict == APART:
         out[12], out[13], out[14] = turn(ra, ux, uy, uz)
         return False
     number = int(room[FACET])
     out[19] = number
-    found = False
-    if number > 0 and gap < 0.0:
-        found, px, py, pz, square = one_apex(
-            room, number, cx, cy, cz, ux, uy, uz, gap, x, y, z)
-        if found:
-            lean(half_edge, ra, ux, uy, uz, gap, ux * cx + uy * cy + uz * cz - gap, x, y, z, out)
-            out[15], out[16], out[17] = turn(ra, half_edge * px, half_edge * py, half_edge * pz)
-            out[18] = (half_edge * half_edge) ** 2 * square
-    if not found:
-        found, ux, uy, uz, gap = press_surface(
-            half_edge, ra, verdict, cx, cy, cz, ux, uy, uz, gap, x, y, z, room, marks, out)
+    if number > 0 and gap < 0.0 and press_apex(
+            half_edge, dx, dy, dz, ra, rb, number, ux, uy, uz, room, out):
+        return True
+    found, ux, uy, uz, gap = press_surface(
+        half_edge, ra, verdict, cx, cy, cz, ux, uy, uz, gap, x, y, z, room, marks, out)
     out[12], out[13], out[14] = turn(ra, ux, uy, uz)
     if not found:
         return False
@@ -179,7 +198,46 @@ def press(
     out[7] = -out[4] + (dz * out[0] - dx * out[2])
     out[8] = -out[5] + (dx * out[1] - dy * out[0])
     out[15], out[16], out[17] = out[15] - 0.5 * dx, out[16] - 0.5 * dy, out[17] - 0.5 * dz
+    length = math.sqrt(cx * cx + cy * cy + cz * cz)
+    ux, uy, uz = cx / length, cy / length, cz / length
+    vx, vy, vz = turn_from(room, ux, uy, uz)
+    room[LINE] = half_edge * (reach(ux, uy, uz) + reach(vx, vy, vz) - length)
     return True
+
+
+@compiled
+def press_apex(
+    half_edge: float, dx: float, dy: float, dz: float, ra: np.ndarray, rb: np.ndarray,
+    number: int, ux: float, uy: float, uz: float, room: np.ndarray, out: np.ndarray
+) -> bool:
+    """
+    The same where the overlap has one apex; False, and nothing, where it has not.
+
+    By what computes pairs side by side, in a lane of its own: so the bits are the same.
+    """
+    number += APEX_UNIT
+    if number >= APEX_UNIT + FACE_OF_SECOND:
+        number += APEX_UNIT * farthest_vertex(ux, uy, uz)
+    elif number >= APEX_UNIT + FACE_OF_FIRST:
+        vx, vy, vz = turn_from(room, -ux, -uy, -uz)
+        number += APEX_UNIT * farthest_vertex(vx, vy, vz)
+    exchanged = put_features(
+        room, ALONE, 0, dx, dy, dz, axes_in(ra), axes_in(rb), number)
+    if number % APEX_UNIT < FACE_OF_FIRST:
+        edges_across(room, ALONE, half_edge)
+    else:
+        vertices_in_faces(room, ALONE, half_edge)
+    if room[ALONE + LANES * FOUND] != 1.0:
+        return False
+    take_lane(room, ALONE, 0, exchanged, number, out)
+    return True
+
+
+@compiled
+def axes_in(matrix: np.ndarray) -> Axes:
+    """World components of the body axes, the columns of a matrix."""
+    return (matrix[0, 0], matrix[1, 0], matrix[2, 0], matrix[0, 1], matrix[1, 1], matrix[2, 1],
+            matrix[0, 2], matrix[1, 2], matrix[2, 2])
 
 
 @compiled
@@ -265,7 +323,7 @@ def are_apart(
         return True
     room = borrowed(scratch.room)
     cx, cy, cz = approach(half_edge, dx, dy, dz, borrowed(ra), borrowed(rb), room)
-    if not max(abs(cx), max(abs(cy), abs(cz))) > _COINCIDE:
+    if not max(abs(cx), max(abs(cy), abs(cz))) > COINCIDE:
         return False
     return find_facet(room, cx, cy, cz)[0] == APART
 
@@ -340,7 +398,7 @@ def meet_plane(
     vertex = farthest_vertex(-nx, -ny, -nz)
     # Depths below the plane and below the faces at the vertex are alike this far out.
     part = (INNER + height) / (INNER + far)
-    found, px, py, pz, square = cone(room, vertex, -nx, -ny, -nz, overlap, part, 0)
+    found, px, py, pz, square = cone(room, vertex, -nx, -ny, -nz, overlap, part)
     if found:
         x, y, z = (part * VERTICES[vertex, 0], part * VERTICES[vertex, 1],
                    part * VERTICES[vertex, 2])

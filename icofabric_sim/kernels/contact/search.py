@@ -22,7 +22,9 @@ away (M. Teschner et al. 2003, Optimized Spatial Hashing).
 
 import math
 
+from icofabric_sim.kernels.contact.axis import FACET_ROOM, find_facet, OVERLAP
 from icofabric_sim.kernels.contact.gap import Axes, axes_of, gap_along, plane_gap, widest_gap
+from icofabric_sim.kernels.contact.pair import approach, COINCIDE
 from icofabric_sim.kernels.records import Nearby, State
 from icofabric_sim.kernels.runtime.compiled import compiled
 import numpy as np
@@ -211,7 +213,8 @@ def find_reach(nearby: Nearby, position: np.ndarray, least: float, most: float) 
     Longest way of all bodies [m] before anything can touch, at most `most`.
 
     It depends on where bodies are, not on the axes kept. Where it is less than `least` all gaps
-    of less than twice that are exact. Axes of bodies must be in place (`survey`).
+    of less than twice that are exact, but for those of bodies that overlap, which are less than 0.
+    Axes of bodies must be in place (`survey`).
     """
     gaps, known = nearby.gaps, nearby.known
     # The pair that seems to be closest comes first: then few others need be searched.
@@ -223,10 +226,32 @@ def find_reach(nearby: Nearby, position: np.ndarray, least: float, most: float) 
         if gaps[p] < 2.0 * reach and not known[p]:
             reach = min(0.5 * search_gap(nearby, position, p, 2.0 * reach), reach)
     if reach < least:
+        room, places = np.zeros(FACET_ROOM), np.zeros((2, 4, 3))
         for p in range(nearby.counts[0]):
-            if gaps[p] < 2.0 * least and not known[p]:
+            # Those that overlap are listed whatever their gap is, and to try all axes takes long.
+            if gaps[p] < 2.0 * least and not known[p] and not (
+                    gaps[p] < 0.0 and overlap(nearby, position, p, room, places)):
                 search_gap(nearby, position, p, 2.0 * least)
     return reach
+
+
+@compiled
+def overlap(
+    nearby: Nearby, position: np.ndarray, p: int, room: np.ndarray, places: np.ndarray
+) -> bool:
+    """Whether the line of centres shows that a pair overlaps; False: it may do so all the same."""
+    for side in range(2):
+        b = nearby.pairs[nearby.counts[1], p, side]
+        for k in range(3):
+            places[side, 0, k] = position[k, nearby.slots[b]]
+            for axis in range(3):
+                places[side, 1 + k, axis] = nearby.axes[b, 3 * axis + k]
+    cx, cy, cz = approach(
+        nearby.half_edge, places[1, 0, 0] - places[0, 0, 0], places[1, 0, 1] - places[0, 0, 1],
+        places[1, 0, 2] - places[0, 0, 2], places[0, 1:], places[1, 1:], room)
+    if not max(abs(cx), max(abs(cy), abs(cz))) > COINCIDE:
+        return True
+    return find_facet(room, cx, cy, cz)[0] == OVERLAP
 
 
 @compiled

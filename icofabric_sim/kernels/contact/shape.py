@@ -114,6 +114,40 @@ SPOKE_EDGES = np.array([[
     for k, vertex in enumerate(VERTICES)])
 
 
+def _frames(first: np.ndarray, third: np.ndarray) -> np.ndarray:
+    """Right-handed frames as columns in body axes, (n, 9), with given first or third axes."""
+    first = first - (first * third).sum(axis=1, keepdims=True) * third
+    first = first / np.linalg.norm(first, axis=1, keepdims=True)
+    columns = np.stack([first, np.cross(third, first), third], axis=2)
+    return np.ascontiguousarray(columns.reshape(-1, 9))
+
+
+def _unit(rows: np.ndarray) -> np.ndarray:
+    return rows / np.linalg.norm(rows, axis=1, keepdims=True)
+
+
+# Frames in which all edges look alike (along the edge, its middle, across), all vertices (towards
+# the first edge from it, across, outwards) and all faces (towards the first neighbour, across,
+# outwards); what one has there, any other has.
+_SIDES = np.cross(EDGE_WAYS[np.arange(30) // 2], _unit(EDGE_MIDDLES))
+EDGE_FRAMES = _frames(EDGE_WAYS[np.arange(30) // 2], _SIDES)
+VERTEX_FRAMES = _frames(SPOKES.reshape(12, 6, SPOKE_ROOM)[:, :3, 0], _unit(VERTICES))
+FACE_FRAMES = _frames(RIDGES[:, 0], NORMALS)
+# Of an edge: distance of its middle; along and across of the normal of the face on its far side;
+# size of EDGE_SLOPES; and of the two other sides of that face along (either sign), out, across.
+MIDDLE = float(np.linalg.norm(EDGE_MIDDLES[0]))
+_FAR_NORMAL = max(NORMALS[EDGE_FACES[0]] @ EDGE_FRAMES[0].reshape(3, 3), key=lambda n: n[2])
+FACE_OUT, FACE_ACROSS = float(_FAR_NORMAL[1]), float(_FAR_NORMAL[2])
+SLOPE = float(np.linalg.norm(EDGE_SLOPES[0]))
+_FAR_SIDE = max(RIDGES[np.argmax(NORMALS @ EDGE_FRAMES[0].reshape(3, 3) @ _FAR_NORMAL)]
+                @ EDGE_FRAMES[0].reshape(3, 3), key=lambda side: side[0])
+SIDE_ALONG, SIDE_OUT, SIDE_ACROSS = (float(part) for part in _FAR_SIDE)
+# Edges from a vertex, and sides of the pyramid of a face, in those frames.
+OWN_SPOKES = SPOKES.reshape(12, 6, SPOKE_ROOM)[0, :3, :SPOKE_COUNT].T @ (
+    VERTEX_FRAMES[0].reshape(3, 3))
+OWN_RIDGES = RIDGES[0] @ FACE_FRAMES[0].reshape(3, 3)
+
+
 @compiled
 def reach(ux: float, uy: float, uz: float) -> float:
     """

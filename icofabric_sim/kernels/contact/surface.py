@@ -74,8 +74,8 @@ class Scratch(Record):
     One array of numbers, because each array that is handed on costs time.
     """
 
-    room: np.ndarray   # (824,), see below
-    marks: np.ndarray  # (420,)
+    room: np.ndarray   # (1784,), see below
+    marks: np.ndarray  # (436,)
 
 
 # Places in the room; the first, and those from 256 to 543, are of axis.py and apex.py.
@@ -88,20 +88,23 @@ SUMS = 201     # M_0, M_1, integrals of n, p n, x cross n, p x cross n, p x and 
 # first below the plane first, and normals (15, 8); and what they add to the sums (18, 8).
 _DEPTHS, _WAITING_FACES, _TOTALS = 544, 560, 680
 # A pyramid gives a polygon 4 corners at most, and each of three sides of another one more.
-_ROOM, _NEXT, _CORNERS = 824, 32, 4
+_NEXT, _CORNERS = 32, 4
+# Pairs that are computed side by side (apex.py): one alone, those of edges, those of a vertex.
+ALONE, EDGES, POINTS, _ROOM = 824, 1144, 1464, 1784
 # Faces, filled up with 0 to whole vectors.
 _FACES = 24
 FACE_NORMALS = np.concatenate([NORMALS, np.zeros((_FACES - 20, 3))]).T.ravel()
 # Places among the sums.
 M0, M1, S0, S1, T0, T1, X1, P1 = 0, 1, 2, 5, 8, 11, 14, 17
 SUM_COUNT = 18
-# Among the marks: pairs of faces to look at; bit j of number i is set once pair i, j is there.
-_WAITING, _SEEN = 0, 400
+# Among the marks: pairs of faces to look at; bit j of number i is set once pair i, j is there;
+# which pairs of bodies wait to be computed side by side, of either kind.
+_WAITING, _SEEN, EDGES_WAIT, POINTS_WAIT, _MARKS = 0, 400, 420, 428, 436
 
 
 def contact_scratch() -> Scratch:
     """Room for one thread."""
-    return Scratch(np.zeros(_ROOM), np.zeros(_SEEN + 20, np.int64))
+    return Scratch(np.zeros(_ROOM), np.zeros(_MARKS, np.int64))
 
 
 @compiled

@@ -137,6 +137,8 @@ class BroadPhase:
         # Whether all that is listed counts for the frequency, or only what touches; how many
         # contacts as stiff as any a body had at the last health check, at least one.
         self.counts_listed, self._touching = True, 1.0
+        # Pairs of all bodies together that touched then.
+        self.touching_pairs = 0
         # Whether more may be listed than can touch: steps do not follow what is listed.
         self.lists_by_few_axes = False
         self._mobility = float(model.inverse_mass), float(model.inverse_inertia)
@@ -396,6 +398,7 @@ class BroadPhase:
         """
         if self.contacts is None or self.counts_listed or not len(self._bodies):
             return
+        self.touching_pairs = int(np.count_nonzero(self.contacts.aside[:, 9] > 0.0))
         found = float(largest_stiffness(
             self.contacts, state.position, *self._mobility, self.stretches.push_rate,
             self.stretches.stiffness if self.setup.friction > 0.0 else 0.0, self._sums))
@@ -461,7 +464,7 @@ class BroadPhase:
         self.found, self._announced = None, False
         self._caution, self._missed = 1.0, False
         self.calm()
-        self.tests, self._touching = 0, 1.0
+        self.tests, self._touching, self.touching_pairs = 0, 1.0, 0
 
     def announce(self) -> None:
         """Warn of what was found, once."""
@@ -493,7 +496,7 @@ class BroadPhase:
             'most_stride': int(limits[MOST_STRIDE]), 'caution': self._caution,
             'missed': self._missed, 'announced': self._announced, 'tests': self.tests}
         if not self.counts_listed:
-            tree['touching'] = self._touching
+            tree['touching'], tree['touching_pairs'] = self._touching, self.touching_pairs
         if self.is_wary:
             tree['wary_step'], tree['wary_until'] = self._wary_step, self._wary_until
         if self.found is not None:
@@ -522,6 +525,7 @@ class BroadPhase:
         self.found = self._judged(tree.entries('found')) if 'found' in tree else None
         if not self.counts_listed:
             self._touching = max(tree.number('touching', 1.0), 1.0)
+            self.touching_pairs = tree.count('touching_pairs')
         late, listed = tree.number('late', 0.0, finite=False), tree.number('listed', 0.0)
         reach, most = math.sqrt(late), float(limits[MOST])
         if not reach <= 1.0001 * most:

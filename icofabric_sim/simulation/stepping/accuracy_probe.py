@@ -242,6 +242,10 @@ class AccuracyProbe:
             error = max(error, _ROUNDED * self.floor(fastest))
         return error
 
+    def take_over(self) -> None:
+        """Take for a measurement what was measured behind the steps, where shells touch."""
+        self._span, self._trials.touched = 0.0, True
+
     @property
     def is_smooth(self) -> bool:
         """Whether no force jumps or has a kink in the present motion."""

@@ -88,6 +88,11 @@ class ContactScheduler:
             self.broad_phase.count_touching(self._trajectory.state)
 
     @property
+    def touching_pairs(self) -> int:
+        """Pairs that touched at the last health check that counted them."""
+        return 0 if self.broad_phase is None else self.broad_phase.touching_pairs
+
+    @property
     def velocity_rate(self) -> float:
         """Rate [1/s] at which contacts change velocities by velocities."""
         return 0.0 if self.broad_phase is None else self.broad_phase.velocity_rate

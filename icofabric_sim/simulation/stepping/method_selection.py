@@ -38,6 +38,8 @@ WILD = 0.009
 # end at each. And how much damping may add to a push at expected speeds, in parts of it. Measured:
 # docs/decisions/steps_through_contacts.md.
 MANY_LOSING, MANY_FREE, LOOSE_CONTACTS, _MOST_DAMPED = 16, 64, 0.01, 10.0
+# The same of connected shells, from another tolerance on: docs/decisions/contact_speed.md.
+MANY_WOVEN, LOOSE_WOVEN = 2_000, 0.1
 
 
 # Costs of dop8 and of sdirk4 where connectors are damped, see `for_damping`, and by how much the
@@ -55,7 +57,7 @@ class Choice(NamedTuple):
 def choose_method(
     tolerance: float, liveliness: float, *, fixed_ratio: float | None = None,
     kinks: int = 0, bent: bool = False, strain: float = 0.0, contact: str = '', losses: str = '',
-    loose: int = 0, damped: float = 0.0
+    loose: int = 0, woven: int = 0, damped: float = 0.0
 ) -> Choice:
     """
     The method with the least work for the error that may be added in a second.
@@ -65,8 +67,8 @@ def choose_method(
     connectors the slope jumps; `bent`: of some the slope has corners; `strain`: by how much of
     their length connectors are expected to change while the fastest vibration turns by a radian;
     `contact`: why shells are expected to touch; `losses`: what contacts take from the motion;
-    `loose`: bodies, where none are connected; `damped`: contact.damping times the speed [m/s] that
-    is expected.
+    `loose`: bodies, where none are connected; `woven`: where they are; `damped`: contact.damping
+    times the speed [m/s] that is expected.
     """
     candidates = {name: method for name, method in METHODS.items() if method.symplectic}
     if fixed_ratio is not None and losses:
@@ -85,6 +87,13 @@ def choose_method(
             'leapfrog', f'{losses or contact}; of {loose:,} loose shells some begin or cease to '
             f'touch at nearly every moment, and for a solver.tolerance of {LOOSE_CONTACTS:g} '
             '1/s or more steps that run through contacts cost less than steps that end at each')
+    if woven >= MANY_WOVEN and (losses or contact) and tolerance >= LOOSE_WOVEN and (
+            damped <= _MOST_DAMPED):
+        return Choice(
+            'leapfrog', f'{losses or contact}; of {woven:,} shells some begin or cease to touch '
+            'at nearly every moment once they meet, and for a solver.tolerance of '
+            f'{LOOSE_WOVEN:g} 1/s or more steps that run through contacts cost less than steps '
+            'that end at each')
     if losses:
         return Choice('dop8', losses)
     if contact:

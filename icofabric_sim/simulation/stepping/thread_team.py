@@ -44,6 +44,8 @@ Result = TypeVar('Result')
 # Bodies for each thread from which a second one pays: below, waiting for each other costs more
 # than it saves (`icofabric benchmark scaling`).
 BODIES_PER_THREAD = 1_000
+# The same of loose shells that may touch, whose steps take ten times as long.
+_LOOSE_PER_THREAD = 500
 # Size of teams whatever the bodies and the cores; 0: as they are worth.
 _forced: ContextVar[int] = ContextVar('forced', default=0)
 
@@ -65,9 +67,11 @@ def teams_of(size: int) -> Iterator[None]:
         _forced.reset(token)
 
 
-def size_for(wanted: int, body_count: int) -> int:
+def size_for(wanted: int, body_count: int, *, loose: bool = False) -> int:
     """
     Threads for so many bodies; clamps what is `wanted` to the cores there are, with a warning.
+
+    `loose`: shells that no connector holds, and that may touch.
     """
     cores = core_count()
     if wanted > cores:
@@ -78,7 +82,8 @@ def size_for(wanted: int, body_count: int) -> int:
         return 1
     if forced := _forced.get():
         return forced
-    return min(wanted or cores, cores, max(1, body_count // BODIES_PER_THREAD))
+    each = min(BODIES_PER_THREAD, _LOOSE_PER_THREAD) if loose else BODIES_PER_THREAD
+    return min(wanted or cores, cores, max(1, body_count // each))
 
 
 class ThreadTeam:
@@ -90,7 +95,9 @@ class ThreadTeam:
 
         `is_shared`: whether the work can be shared at all.
         """
-        self.size = size_for(wanted, packed.layout.body_count) if is_shared else 1
+        loose = packed.contact is not None and packed.model.links is None
+        self.size = size_for(
+            wanted, packed.layout.body_count, loose=loose) if is_shared else 1
         if compile_notice.is_forbidden:
             # A thread that finds its kernel missing would leave the others at their barrier.
             self.size = 1

@@ -44,8 +44,9 @@ _SAMPLES, _MOST = 128, 8
 # Where steps run through contacts every stretch counts while something is near, and one in which
 # nothing touches adds nothing. Each that is measured stands for twice as many once errors as those
 # of so many that are alike have been seen; the least such number, and that up to which it grows.
-# One that errs far more makes it half as many. What was seen fades by this at each.
-_ALIKE, _MOST_THROUGH, _FADES = 8.0, 32, 0.99
+# One that errs far more makes it half as many. What was seen fades by this at each. Where many
+# pairs touch a stretch counts as one for each so many of them.
+_ALIKE, _MOST_THROUGH, _FADES, _CROWD = 8.0, 32, 0.99, 64.0
 # A kink in a force leaves an error of order 2.
 _RICHARDSON = 4.0 / 3.0
 
@@ -73,6 +74,8 @@ class TouchingErrors:
         # part at `_slip` [1/s], but for where they go on touching.
         self.total = self._slip = self._since = 0.0
         self._stays = False
+        # What the last stretch that was measured erred by [1/s], and its step [s].
+        self._rate = self._step = 0.0
         self._runs_through = trajectory.method.runs_through_contacts
         self._interval = 0  # steps from one health check to the next
         self.restart()
@@ -81,7 +84,7 @@ class TouchingErrors:
         """Forget the stretch in progress: the state has jumped. The sum goes on."""
         self._every, self._left, self._waiting = 1, _SAMPLES, 0
         # Sums of the errors of measured stretches, and of their squares.
-        self._sum = self._squares = 0.0
+        self._sum = self._squares = self._rate = self._step = 0.0
         # Whether one could not be measured, as there was a search within it.
         self._is_starved = False
         self.begin(math.inf)
@@ -112,6 +115,12 @@ class TouchingErrors:
         """End a stretch at the health check of `time` [s]: steps get another length."""
         if time > self._start:
             self.end(time, rate, is_last=True)
+
+    def rate_with(self, step: float) -> float:
+        """Error [1/s] of steps of `step` [s] by what was measured last; infinite: nothing was."""
+        if not (self._runs_through and self._step > 0.0):
+            return math.inf
+        return self._rate * max(step / self._step, 1.0) ** 2
 
     @property
     def is_due(self) -> bool:
@@ -193,6 +202,7 @@ class TouchingErrors:
             error = self._trials.compare_behind(
                 self._start, count, min(windows, count), compare)
             if error is not None:
+                self._rate, self._step = _RICHARDSON * error / length, step
                 added = max(_RICHARDSON * error - rate * length, 0.0)
                 self.total += self._waiting * added
                 self._slip += self._waiting * _RICHARDSON * slip
@@ -203,6 +213,7 @@ class TouchingErrors:
                     self._squares = _FADES**2 * self._squares + added * added
                     # In how many that are alike the sum would be as uncertain.
                     alike = self._sum**2 / self._squares if self._squares > 0.0 else math.inf
+                    alike *= max(self._contact.touching_pairs / _CROWD, 1.0)
                     if alike >= _ALIKE * self._every:
                         self._every = min(2 * self._every, _MOST_THROUGH)
                     elif alike < 0.125 * _ALIKE * self._every:
@@ -217,7 +228,8 @@ class TouchingErrors:
         tree: dict[str, Any] = {
             'total': self.total, 'every': self._every, 'left': self._left,
             'waiting': self._waiting, 'start': self._start, 'touched': self._touched,
-            'sum': self._sum, 'squares': self._squares, 'starved': self._is_starved}
+            'sum': self._sum, 'squares': self._squares, 'starved': self._is_starved,
+            'rate': self._rate, 'step': self._step}
         if self._slip > 0.0:
             tree |= {'slip': self._slip, 'since': self._since, 'stays': self._stays}
         if self._is_kept and self._trajectory.saved_time != self._start < math.inf:
@@ -234,6 +246,8 @@ class TouchingErrors:
         self._every, self._left = tree.count('every', 1, _MOST_THROUGH), tree.count('left')
         self._sum = tree.number('sum', 0.0, finite=False)
         self._squares = tree.number('squares', 0.0, finite=False)
+        self._rate = tree.number('rate', 0.0, finite=False)
+        self._step = tree.number('step', 0.0)
         self._waiting = tree.count('waiting')
         self._start = tree.number('start', finite=False)
         self._touched, self._is_kept = tree.flag('touched'), 'earlier' in tree

@@ -68,6 +68,9 @@ _FEWER, _RELAXED = 2.0**-0.25, 0.8
 # Health checks that a search looks ahead there: one costs as much as some thousand tests of pairs
 # that are apart.
 _SEARCHED = 3.0
+# The same where more than so many pairs are listed: those that are apart then cost more than
+# searches, as they are too many for a cache.
+_SEARCHED_IN_CROWDS, _CROWD = 1.0, 4_000
 # A face that hits a face comes near the bound of the frequency, and its energy swings by up to
 # 0.01 of the largest at so many times the step at which that of a vibration at the bound swings
 # by half of that (measured over phases of drops at 3 m/s). No collision asks for shorter steps.
@@ -148,7 +151,10 @@ class MeasuredStep:
         """Contacts are stiffer than the fabric, whose frequency is of an earlier state."""
         method = self._pieces.trajectory.method
         if self._runs_through:
-            return self._contact_step(), _SEARCHED * self._pieces.monitor.interval
+            listed = self._pieces.contact.contacts
+            crowd = listed is not None and len(listed.pairs) > _CROWD
+            searched = _SEARCHED_IN_CROWDS if crowd else _SEARCHED
+            return self._contact_step(), searched * self._pieces.monitor.interval
         return (
             method.chosen / math.sqrt(self._pieces.contact.least_rate), LOOK_AFTER / method.stages)
 
@@ -308,7 +314,14 @@ class MeasuredStep:
         before = step
         step = min(step, cap)
         floor = errors.floor(fastest)
-        error = errors.measured(step, fastest)
+        touching = self._pieces.errors.touching
+        known = math.inf if touching is None or jumped else touching.rate_with(step)
+        if held and step >= cap and known <= _LARGEST * tolerance:
+            # The stretches that are measured behind the steps say it already.
+            errors.take_over()
+            error = known
+        else:
+            error = errors.measured(step, fastest)
         if math.isnan(error):
             # The next health check measures again, if the run comes to it.
             errors.add(errors.free_rate)

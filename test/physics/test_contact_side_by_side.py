@@ -1,0 +1,65 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""Pairs of shells that are computed side by side have the bits that each has by itself."""
+
+from contact_scenes import A, crowd
+from fabrics import changed
+import icofabric_sim as ico
+from icofabric_sim.kernels.contact.apex import APEX_UNIT
+from icofabric_sim.kernels.contact.axis import FACE_OF_FIRST
+from icofabric_sim.kernels.contact.forces import contact_look
+import numpy as np
+
+# As other tests compile it.
+STICKY = {'contact__damping': 0.5, 'contact__friction': 0.6}
+
+
+def test_pairs_have_the_same_bits_in_any_company_and_whatever_was_known():
+    simulation = ico.compile_scene(changed(crowd(**STICKY), {
+        'solver.method': 'leapfrog', 'solver.tolerance': 0.1, 'contact.stiffness': 1e6}))
+    simulation.advance_to(0.02)
+    driver, rng = simulation._driver, np.random.default_rng(1)
+    phase, state = driver.contact.broad_phase, driver.trajectory.state
+    contacts = phase.contacts
+    count, seen = len(contacts.pairs), {'edges': 0, 'points': 0, 'others': 0, 'left': 0}
+    assert count > 20 and simulation.status.method_name == 'leapfrog'
+    for squeezed in np.linspace(1.0, 0.8, 60):
+        centre = state.position[:, phase._layout.slot].mean(axis=1, keepdims=True)
+        place = centre + squeezed * (state.position - centre)
+        place += 0.01 * A * rng.normal(size=place.shape)
+        now = state._replace(position=place)
+        # As found by what the state before has left, and once more by what that leaves.
+        contact_look(contacts, now)
+        kept = contacts.aside.copy()
+        contact_look(contacts, now)
+        again = contacts.aside.copy()
+        # By nothing, and in another order.
+        order = rng.permutation(count)
+        other = contacts._replace(
+            pairs=contacts.pairs[order].copy(), aside=np.zeros_like(contacts.aside))
+        contact_look(other, now)
+        new = np.empty_like(kept)
+        new[order] = other.aside
+        touching = new[:, 9] > 0.0
+        assert (again[touching] == new[touching]).all() and (kept[:, :12] == new[:, :12]).all()
+        assert (kept[touching] == new[touching]).all() and (again[:, :12] == new[:, :12]).all()
+        number = new[touching, 19].astype(int)
+        apex = number >= APEX_UNIT
+        edges = apex & (number % APEX_UNIT < FACE_OF_FIRST)
+        seen['edges'] += edges.sum()
+        seen['points'] += (apex & ~edges).sum()
+        seen['others'] += (~apex & (contacts.pairs[touching, 1] >= 0)).sum()
+        # Lanes that are not full.
+        seen['left'] += edges.sum() % 8 > 0
+    assert min(seen.values()) > 30, seen
