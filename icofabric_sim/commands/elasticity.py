@@ -115,14 +115,14 @@ def _find(arguments: argparse.Namespace) -> tuple[dict[str, Any], bool]:
             refuse_in_statics(scene)
         check_about('bend', axis, about)
         # Curves of the slab need no endless fabric.
-        alone = bool(arguments.kinds and scene.parameters.names('connector_groups'))
+        why = _without_constants(scene) if arguments.kinds else ''
+        alone = bool(why)
         constants = None if alone else homogenise(scene)
     judged: Judged = {} if constants is None else {
         branch: elastic_directions.judged(one, arguments.direction)
         for branch, one in _branches(constants).items()}
     if constants is None:
-        print(f'{name}: no constants of an endless fabric, because connector_groups.* make '
-              'connectors differ from place to place')
+        print(f'{name}: no constants of an endless fabric, because {why}')
     else:
         print(f'{name}: the endless fabric')
         print('\n'.join([*constants_text(constants, judged), *rest_text(scene)]))
@@ -151,6 +151,15 @@ def _find(arguments: argparse.Namespace) -> tuple[dict[str, Any], bool]:
     return {
         'scene': name, **_numbers(constants, judged[constants.branch]),
         'branch': constants.branch, 'branches': branches, **cases.numbers()}, cases.early
+
+
+def _without_constants(scene: 'Scene') -> str:
+    """Why there is no endless fabric of a scene, of which there are curves; '': there is."""
+    if scene.parameters.names('connector_groups'):
+        return 'connector_groups.* make connectors differ from place to place'
+    if scene.electric.mutual and scene.electric.charge != 0.0:
+        return 'of charge.mutual the sum over all charges has no end'
+    return ''
 
 
 def _branches(constants: 'Elasticity') -> dict[str, 'Elasticity']:

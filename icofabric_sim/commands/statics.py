@@ -198,7 +198,9 @@ def summary(scene: 'Scene', result: 'Equilibrium', seconds: float) -> list[str]:
     moved = float(np.linalg.norm(result.snapshot.position - scene.position, axis=1).max())
     lines.append(f'moved      up to {moved:.4g} m from the woven places')
     obstructed = int(np.count_nonzero(result.snapshot.obstructed))
-    if obstructed:
+    if obstructed and scene.parameters['connector.obstruction'] == 'wrap':
+        lines.append(f'around     {obstructed:,} connectors lie around shells')
+    elif obstructed:
         lines.append(
             f'obstructed {obstructed:,} connectors lead through a shell of their own: that is not '
             'part of this equilibrium')

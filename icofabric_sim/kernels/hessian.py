@@ -22,10 +22,19 @@ import math
 
 from icofabric_sim.kernels.conjugate import add_own_terms, add_pair_terms
 from icofabric_sim.kernels.connectors import arm_of, Six, slope_of
+from icofabric_sim.kernels.fields import add_coulomb_product
 from icofabric_sim.kernels.law_tables import tabled_pull
 from icofabric_sim.kernels.moment_hessian import add_bending_product, add_twisting_product
 from icofabric_sim.kernels.monitor import sum_of_lanes
-from icofabric_sim.kernels.records import Links, Model, SecondDerivatives, State, Supports, Variety
+from icofabric_sim.kernels.records import (
+    Coulomb,
+    Links,
+    Model,
+    SecondDerivatives,
+    State,
+    Supports,
+    Variety,
+)
 from icofabric_sim.kernels.runtime.compiled import compiled
 from icofabric_sim.kernels.runtime.lanes import (
     bits,
@@ -214,14 +223,15 @@ def hessian_times(
 @compiled
 def lanczos_steps(
     model: Model, state: State, points: np.ndarray, moved: np.ndarray, turns: np.ndarray,
-    own: SecondDerivatives | None, pairs: SecondDerivatives | None, previous: np.ndarray,
-    current: np.ndarray, product: np.ndarray, diagonal: np.ndarray, off: np.ndarray, first: int,
-    last: int, shapes: np.ndarray | None, weights: np.ndarray
+    own: SecondDerivatives | None, pairs: SecondDerivatives | None, coulomb: Coulomb | None,
+    previous: np.ndarray, current: np.ndarray, product: np.ndarray, diagonal: np.ndarray,
+    off: np.ndarray, first: int, last: int, shapes: np.ndarray | None, weights: np.ndarray
 ) -> None:
     """
     Steps first to last of the three-term recurrence for M^-1/2 H M^-1/2.
 
-    `own` and `pairs`: what single bodies and pairs of them (anchors, loads, contacts) add to it.
+    `own` and `pairs`: what single bodies and pairs of them (anchors, loads, contacts) add to it;
+    `coulomb`: charges that do.
     `current` is the unit vector of step `first`, `previous` that before it (zero at the start);
     both are overwritten. The tridiagonal matrix goes into `diagonal` and `off`: off[i] couples
     steps i and i + 1. Where `shapes` (j, 6, s) are given, weights[i] (i, j) times the vector of
@@ -234,6 +244,8 @@ def lanczos_steps(
             model, state, points, moved, turns, root_m, root_i, model.supports, current, product)
         add_own_terms(own, current, product)
         add_pair_terms(pairs, current, product)
+        add_coulomb_product(
+            coulomb, model.blocks, state.position, model.supports, root_m, current, product)
         alpha = dot(model, current, product)
         beta = off[step - 1] if step > 0 else 0.0
         square = subtract(model, alpha, current, beta, previous, product)

@@ -312,8 +312,9 @@ class _Search:
 
     def _good(self, tolerance: float) -> bool:
         """Whether no more is left than is tolerated, or than rounding of the lengths may be."""
+        rounding, scale = self.fabric.rounding, self.here.force_scale
         return self.residual() <= max(
-            tolerance, self.fabric.rounding / max(self.here.force_scale, 1e-300))
+            tolerance, rounding / scale if scale > 10.0 * rounding else 0.0)
 
     def leftover(self) -> np.ndarray:
         """Forces and torques on free freedoms (n, 6)."""
@@ -440,6 +441,14 @@ class _Search:
                 'that a search could lower, and there may be no equilibrium at all; seek it from '
                 'smaller loads on (--load-steps, ico.step_loads), or see in a run with drag what '
                 'the fabric does')
+        if pushing := self._pushing_around():
+            names = ', '.join(map(str, pushing[:4])) + (' and more' if len(pushing) > 4 else '')
+            return (
+                f'connectors {names} push while they lie around shells (connector.obstruction '
+                'wrap): they rest where another geodesic becomes the shorter one, and their force '
+                'jumps there, so that no step comes nearer; bands only pull: set '
+                'connector.stiffness_compression to 0.0, give a connector.natural_length that '
+                'keeps them taut, or see in a run with drag what the fabric does')
         if self.steps >= self.largest:
             return (
                 f'the search took all of its {self.largest:,} steps; give it more (--steps, '
@@ -449,6 +458,15 @@ class _Search:
             'no step lowers the energy any more: rounding hides what is left, or forces jump '
             'there; seek it from smaller loads on (--load-steps, ico.step_loads), or take a '
             'larger tolerance')
+
+    def _pushing_around(self) -> list[int]:
+        """Connectors around shells that push, on the bodies on which the most is left."""
+        here, of = self.here, self.here.wrapped.of
+        left = np.abs(self.leftover()[:, :3]).max(axis=1)
+        bodies = self.fabric.scene.connectors.bodies[of]
+        chosen = (here.tension[of] < 0.0) & (left[bodies].max(axis=1) > 0.1 * left.max())
+        found: list[int] = of[chosen].tolist()
+        return found
 
 
 def judge(here: Configuration) -> tuple[str, Curvature, Mapping[str, Curvature]]:

@@ -28,6 +28,7 @@ from icofabric_sim import checks
 from icofabric_sim.geometry.rotations import cosines_from_quaternions, turned_by
 from icofabric_sim.kernels.conjugate import add_own_blocks, add_pair_blocks
 from icofabric_sim.kernels.drives import place_driven
+from icofabric_sim.kernels.fields import add_coulomb_product
 from icofabric_sim.kernels.flows import keep_accelerations, place_all
 from icofabric_sim.kernels.hessian import hessian_times
 from icofabric_sim.kernels.records import Gravity
@@ -39,11 +40,13 @@ from icofabric_sim.simulation.model.layout import aligned_empty
 from icofabric_sim.simulation.model.link_places import link_places
 from icofabric_sim.simulation.model.packing import pack_scene, PackedScene
 from icofabric_sim.simulation.model.snapshot import Snapshot
+from icofabric_sim.statics.charges import largest_repulsion
 from icofabric_sim.statics.contacts import Contacts, StaticContacts
 from icofabric_sim.statics.held import refuse_in_statics
 from icofabric_sim.statics.loads import Acting, AnchorPull, DeadLoads, Pulled, turned_potential
 from icofabric_sim.statics.sides import ACTUAL, lever_of
 from icofabric_sim.statics.tangent import Stretched, TangentLaws
+from icofabric_sim.statics.wrapped import find_wrapped, Wrapped
 import numpy as np
 
 
@@ -118,6 +121,8 @@ class StaticFabric:
         self.rounding = 0.0 if connectors is None else 1e-14 * float(
             max(connectors.extension.max(), connectors.compression.max())
             * np.max(scene.connectors.woven_length))
+        # [N] of charges on each other, the largest on a body where the search begins.
+        self.repulsion = largest_repulsion(self.model.coulomb, position)
         # Roots of masses and inertias: in these coordinates second derivatives are frequencies.
         self.root = np.sqrt(np.repeat(
             [1.0 / model.inverse_mass, 1.0 / model.inverse_inertia], 3))
@@ -206,7 +211,8 @@ class Configuration:
         there = Configuration(self.fabric, self.position, self.orientation, side)
         # What does not depend on it, as far as it is known.
         for name in ('snapshot', 'energy', 'force', 'touching', 'contact_blocks', 'acting', 'axes',
-                     'tension', 'stretched', 'pulled', 'state', 'first_touches'):
+                     'tension', 'stretched', 'pulled', 'state', 'first_touches', 'wrapped',
+                     'free_ends'):
             if name in self.__dict__:
                 there.__dict__[name] = self.__dict__[name]
         return there
@@ -315,7 +321,7 @@ class Configuration:
     @cached_property
     def force_scale(self) -> float:
         """
-        The largest force [N] of a connector, of an anchor, of a load, or of weight.
+        The largest force [N] of a connector, of an anchor, of a load, of charges, or of weight.
 
         Where none of them acts that of what is held, which then bears moments of connectors alone,
         or of a torque over a.
@@ -328,7 +334,8 @@ class Configuration:
         pulls = [*np.abs(self.tension), *np.abs(self.pulled.tension)]
         if self.touching is not None:
             pulls.append(self.touching.largest_force)
-        scale = max(fabric.loads.largest_force, weight, max(pulls, default=0.0))
+        scale = max(
+            fabric.loads.largest_force, weight, fabric.repulsion, max(pulls, default=0.0))
         if scale > 10.0 * fabric.rounding:
             return scale
         held = np.abs(np.where(fabric.free, 0.0, self.force))
@@ -344,14 +351,67 @@ class Configuration:
             return np.zeros((0, 2), np.int64), np.zeros((0, 12, 12))
         return fabric.contacts.blocks(self.touching, self.position, self.axes)
 
-    def times(self, motion: np.ndarray, *, contact: bool = True) -> np.ndarray:
-        """Second derivative of the energy along a vector, (n, 6) both; held freedoms count."""
+    @cached_property
+    def wrapped(self) -> Wrapped:
+        """The connectors that lie around shells."""
+        fabric, snapshot = self.fabric, self.snapshot
+        model = fabric.packed.model
+        if model.wrapping is None:
+            return Wrapped(np.zeros(0, np.int64), np.zeros((0, 2, 3)), np.zeros((0, 12, 12)))
+        assert fabric.packed.connectors is not None
+        return find_wrapped(
+            model.wrapping, fabric.packed.connectors, fabric.scene.connectors.bodies,
+            np.flatnonzero((snapshot.obstructed != 0) & fabric.counted), self.position,
+            self.orientation)
+
+    @cached_property
+    def free_ends(self) -> np.ndarray:
+        """
+        Points of the world [m] between which connectors are straight and free, (c, 2, 3).
+
+        Attachment points, or the places where connectors leave shells that they lie around.
+        Lengths change as if they were fixed on the bodies.
+        """
+        if not len(self.wrapped.of):
+            return self.snapshot.connector_ends
+        ends = self.snapshot.connector_ends.copy()
+        ends[self.wrapped.of] = self.wrapped.ends
+        return ends
+
+    @cached_property
+    def wrapped_blocks(self) -> tuple[np.ndarray, np.ndarray]:
+        """The same of connectors around shells."""
+        wrapped = self.wrapped
+        if not len(wrapped.of):
+            return np.zeros((0, 2), np.int64), np.zeros((0, 12, 12))
+        rounded = self.stretched.rounded[wrapped.of]
+        pull = np.where(rounded, 0.0, self.tension[wrapped.of])
+        # By the ends that they leave from.
+        gradient = np.hstack(list(wrapped.end_wrenches(
+            self.position[self.fabric.scene.connectors.bodies[wrapped.of]])))
+        blocks = pull[:, None, None] * wrapped.second
+        blocks += self.slope[wrapped.of, None, None] * (
+            gradient[:, :, None] * gradient[:, None, :])
+        return self.fabric.scene.connectors.bodies[wrapped.of], blocks
+
+    @cached_property
+    def pair_blocks(self) -> tuple[np.ndarray, np.ndarray]:
+        """The same of both: contacts, and connectors around shells."""
+        bodies, blocks = zip(self.contact_blocks, self.wrapped_blocks)
+        return np.concatenate(bodies), np.concatenate(blocks)
+
+    def times(self, motion: np.ndarray, *, pairs: bool = True) -> np.ndarray:
+        """
+        Second derivative of the energy along a vector, (n, 6) both; held freedoms count.
+
+        `pairs`: whether contacts, connectors around shells and mutual charges do.
+        """
         layout, product = self.fabric.layout, self.fabric.product
-        self.multiply(layout.spread(motion), product, contact=contact)
+        self.multiply(layout.spread(motion), product, pairs=pairs)
         return layout.gather(product)
 
     def multiply(
-        self, vector: np.ndarray, product: np.ndarray, *, contact: bool = True
+        self, vector: np.ndarray, product: np.ndarray, *, pairs: bool = True
     ) -> None:
         """The same of vectors (6, s), zero in slots without a body; overwrites `product`."""
         fabric = self.fabric
@@ -362,9 +422,14 @@ class Configuration:
             vector, product)
         for slots, blocks in self.own_blocks:
             add_own_blocks(slots, blocks, vector, product)
-        if contact and self.touching is not None:
-            bodies, pushes = self.contact_blocks
-            add_pair_blocks(fabric.layout.slot[bodies], pushes, vector, product)
+        if pairs:
+            bodies, blocks = self.pair_blocks
+            if len(bodies):
+                add_pair_blocks(fabric.layout.slot[bodies], blocks, vector, product)
+            model = fabric.model
+            if model.coulomb is not None:
+                add_coulomb_product(
+                    model.coulomb, model.blocks, self.state.position, None, 1.0, vector, product)
 
     @cached_property
     def own_blocks(self) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -394,7 +459,8 @@ class Configuration:
     @cached_property
     def tangent(self) -> Any:
         """The model with the laws of connectors as they are here, without supports."""
-        return self.fabric.laws.model(self.stretched, self.slope)._replace(supports=None)
+        return self.fabric.laws.model(
+            self.stretched, self.slope, self.wrapped.of)._replace(supports=None)
 
     @cached_property
     def pulled(self) -> Pulled:

@@ -27,15 +27,6 @@ def refuse_in_statics(scene: Scene, *, contact: bool = True) -> None:
     Raises ParameterError.
     """
     parameters = scene.parameters
-    if scene.electric.mutual:
-        raise ParameterError(
-            'charge.mutual', 'charge.mutual: Coulomb forces between bodies are not part of '
-            f'statics and modes; set it to false, or {_RUN}')
-    if parameters['connector.obstruction'] == 'wrap':
-        raise ParameterError(
-            'connector.obstruction', 'connector.obstruction wrap: statics and modes need second '
-            'derivatives, and those of connectors that lie around shells are not known; take '
-            f'warn, where connectors pass through and are counted, or {_RUN}')
     friction = parameters['contact.friction']
     # Without contact nothing rubs.
     if contact and friction != 0.0 and parameters['contact.mode'] != 'never':

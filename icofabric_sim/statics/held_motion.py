@@ -173,7 +173,10 @@ def _turned(
 
 def _bare(scene: Scene) -> dict[str, object]:
     """Parameters of the fabric alone: shells, weave and connectors, and groups that these need."""
-    sections: tuple[str, ...] = (*_SECTIONS, 'gravity', 'charge', 'field')
+    sections: tuple[str, ...] = (*_SECTIONS, 'gravity', 'field')
+    if not scene.electric.mutual:
+        # Without a field charges do nothing but this.
+        sections = (*sections, 'charge')
     if scene.parameters.names('connector_groups'):
         sections = tuple(name for name in sections if name != 'groups.')
     return {name: value for name, value in scene.parameters.items()

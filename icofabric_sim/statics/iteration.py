@@ -45,7 +45,7 @@ def begin(here: Configuration, most: int, *, seed: int = 1) -> tuple[Lanczos, np
     scale = layout.spread(np.where(free, 1.0 / fabric.root, 0.0))
     run = Lanczos(
         model._replace(supports=supports), here.state, work, start, most,
-        own=_own_blocks(here, scale), pairs=_pair_blocks(here, scale))
+        own=_own_blocks(here, scale), pairs=_pair_blocks(here, scale), coulomb=model.coulomb)
     return run, start
 
 
@@ -58,7 +58,7 @@ def _own_blocks(here: Configuration, scale: np.ndarray) -> SecondDerivatives | N
 
 
 def _pair_blocks(here: Configuration, scale: np.ndarray) -> SecondDerivatives | None:
-    bodies, values = here.contact_blocks
+    bodies, values = here.pair_blocks
     if not len(bodies):
         return None
     slots = here.fabric.layout.slot[bodies]

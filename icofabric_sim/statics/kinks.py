@@ -38,7 +38,7 @@ def end_wrenches(here: Configuration, chosen: np.ndarray | slice) -> np.ndarray:
     """
     Derivatives of the lengths of the `chosen` connectors along motions of both bodies, (2, c, 6).
     """
-    ends = here.snapshot.connector_ends[chosen]
+    ends = here.free_ends[chosen]
     bodies = here.fabric.scene.connectors.bodies[chosen]
     reach = ends[:, 1] - ends[:, 0]
     direction = reach / np.linalg.norm(reach, axis=1, keepdims=True)

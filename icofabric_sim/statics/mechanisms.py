@@ -58,7 +58,7 @@ def sparse_compatibility(here: Configuration) -> sparse.csr_matrix:
     broken, or have no stiffness at this length, there is no row.
     """
     fabric, snapshot = here.fabric, here.snapshot
-    scene, ends = fabric.scene, here.snapshot.connector_ends
+    scene, ends = fabric.scene, here.free_ends
     bodies = scene.connectors.bodies if len(ends) else np.zeros((0, 2), int)
     chosen = np.flatnonzero((here.slope != 0.0) & snapshot.intact)
     bodies, ends = bodies[chosen], ends[chosen]

@@ -49,9 +49,13 @@ from icofabric_sim.statics.spectrum import (
     Curvature,
     curvature_of,
     DENSE,
+    ends_of_spectrum,
     Factor,
     FACTORED,
     factorise,
+    is_counted,
+    judge_ends,
+    LARGE_ZERO,
     row_sum,
     scaled_hessian,
     zero_limit,
@@ -184,6 +188,8 @@ def solve_modes(
 
 
 def _solve(here: Configuration, count: int | None, which: str) -> Spectrum:
+    if here.fabric.model.coulomb is not None and not is_counted(here):
+        return _without_matrix(here, count, which)
     matrix = scaled_hessian(here)
     size = matrix.shape[0]
     if size <= DENSE:
@@ -192,6 +198,35 @@ def _solve(here: Configuration, count: int | None, which: str) -> Spectrum:
     curvature = curvature_of(here, matrix)
     values, vectors = (_highest if which == HIGHEST else _lowest)(
         here, matrix, wanted, curvature)
+    return Spectrum(
+        frequencies=np.sqrt(values), shapes=_shapes(here, vectors),
+        mechanism_count=curvature.zero,
+        mechanisms=np.zeros((0, here.fabric.scene.body_count, 6)),
+        rigid_count=rigid_count(here), growth_rates=np.zeros(0),
+        unstable_count=curvature.negative, freedoms=size,
+        counts=count_by_elimination(here) if size <= COUNTED else None,
+        snapshot=here.snapshot, here=here, first_touches=here.first_touches)
+
+
+def _without_matrix(here: Configuration, count: int | None, which: str) -> Spectrum:
+    """Of fabrics whose matrix has no empty part and is too large: by products with it alone."""
+    from scipy.sparse.linalg import LinearOperator
+
+    free, root = here.fabric.free, here.fabric.root
+    size = int(free.sum())
+    wanted = min(_SOME if count is None else count, size - 2)
+    lowest, largest = ends_of_spectrum(here)
+    if which == HIGHEST:
+        def times(vector: np.ndarray) -> np.ndarray:
+            motion = np.zeros(free.shape)
+            motion[free] = np.ravel(vector)
+            return np.asarray((here.times(motion / root) / root)[free])
+
+        values, vectors = _iterate(
+            LinearOperator((size, size), matvec=times, dtype=float), k=wanted, which='LA')
+    else:
+        values, vectors = lowest_modes(here, wanted, LARGE_ZERO * largest, None, _MOST)
+    curvature = judge_ends(lowest, largest)
     return Spectrum(
         frequencies=np.sqrt(values), shapes=_shapes(here, vectors),
         mechanism_count=curvature.zero,
@@ -296,7 +331,7 @@ def _lowest(
         sought *= 2
 
 
-def _iterate(matrix: sparse.csr_matrix, **words: Any) -> tuple[np.ndarray, np.ndarray]:
+def _iterate(matrix: Any, **words: Any) -> tuple[np.ndarray, np.ndarray]:
     """Values and vectors by ARPACK; NotFoundError where it does not converge."""
     from scipy.sparse.linalg import ArpackError, eigsh
 
@@ -310,7 +345,7 @@ def _iterate(matrix: sparse.csr_matrix, **words: Any) -> tuple[np.ndarray, np.nd
     return values, vectors
 
 
-def _start(matrix: sparse.csr_matrix) -> np.ndarray:
+def _start(matrix: Any) -> np.ndarray:
     """The same for every call: results are the same bits."""
     return np.random.RandomState(1).standard_normal(matrix.shape[0])
 

@@ -94,6 +94,10 @@ def make_cell(scene: Scene, branch: str | None = None) -> Cell:
         raise ParameterError(
             'connector_groups', 'connector_groups.* make connectors differ from place to place; '
             'leave them out for the endless fabric')
+    if scene.electric.mutual and scene.electric.charge != 0.0:
+        raise ParameterError(
+            'charge.mutual', 'charge.mutual: the sum over all charges of an endless fabric has no '
+            'end; set it to false for the endless fabric, or take curves and modes of a slab')
     kept = {
         name: value for name, value in parameters.items()
         if name.startswith(_KEPT) and value != '' and not name.startswith('connector.obstruction')}

@@ -50,7 +50,7 @@ class Step(NamedTuple):
 class Tally(NamedTuple):
     """What is counted of a state."""
 
-    obstructed: int  # connectors that lead through a shell of their own
+    obstructed: int  # connectors that lead through a shell of their own, or lie around it
     beyond: int  # connectors beyond the length at which they break
     broken: int  # connectors that have broken so far
     touching: int  # pairs of shells that push each other

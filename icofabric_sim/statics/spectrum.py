@@ -21,6 +21,7 @@ vectors that are 1 at all bodies of one number give the whole matrix, of any fab
 
 from typing import NamedTuple
 
+from icofabric_sim.statics.charges import coulomb_matrix
 from icofabric_sim.statics.dissection import dissection_order, dissection_parts
 from icofabric_sim.statics.fabric import Configuration, StaticFabric
 from icofabric_sim.statics.fronts import count_negative
@@ -46,7 +47,7 @@ _STEPS = np.array([1, 3, 4])
 # Squared frequencies below this part of the largest are zero. In an elimination of a large matrix
 # rounding is larger, because thousands of its pivots are small; from 1e-10 to 1e-7 the counts of
 # slabs of 4,631 bodies were the same.
-_ZERO, _LARGE_ZERO = 1e-10, 1e-9
+_ZERO, LARGE_ZERO = 1e-10, 1e-9
 
 
 class Curvature(NamedTuple):
@@ -83,20 +84,29 @@ def scaled_hessian(here: Configuration) -> sparse.csr_matrix:
             vector = np.zeros((count, 6))
             chosen = np.unique(with_it)
             vector[chosen, freedom] = scale[chosen, freedom]
-            product = scale * here.times(vector, contact=False)
+            product = scale * here.times(vector, pairs=False)
             block = product[there]
             keep = block != 0.0
             rows.append(own[there][keep])
             columns.append(np.broadcast_to(own[with_it, freedom][:, None], keep.shape)[keep])
             values.append(block[keep])
-    # Contacts join any bodies.
-    bodies, blocks = here.contact_blocks
+    # Contacts join any bodies, connectors around shells two that are joined already.
+    bodies, blocks = here.pair_blocks
     if len(bodies):
         places = own[bodies].reshape(-1, 12)
         weights = scale[bodies].reshape(-1, 12)
         rows.append(np.repeat(places, 12, axis=1).ravel())
         columns.append(np.tile(places, (1, 12)).ravel())
         values.append((blocks * weights[:, :, None] * weights[:, None, :]).ravel())
+    if fabric.model.coulomb is not None:
+        # And charges all of them.
+        places = np.arange(6 * count).reshape(count, 6)[:, :3].ravel()
+        weights = scale[:, :3].ravel()
+        block = weights[:, None] * coulomb_matrix(
+            fabric.model.coulomb.strength, here.position) * weights
+        rows.append(np.repeat(places, len(places)))
+        columns.append(np.tile(places, len(places)))
+        values.append(block.ravel())
     matrix = sparse.csr_matrix(
         (np.concatenate(values or [np.zeros(0)]),
          (np.concatenate(rows or [np.zeros(0, np.int32)]),
@@ -106,6 +116,16 @@ def scaled_hessian(here: Configuration) -> sparse.csr_matrix:
     matrix = matrix[chosen][:, chosen]
     # Symmetric to the last bit, which the kernels are only to rounding.
     return sparse.csr_matrix(0.5 * (matrix + matrix.T))
+
+
+def is_counted(here: Configuration) -> bool:
+    """
+    Whether eigenvalues of a configuration are counted: an elimination of its matrix is possible.
+
+    Charges join every body with every other, so that nothing of it is empty.
+    """
+    most = COUNTED if here.fabric.model.coulomb is None else min(COUNTED, DENSE)
+    return int(here.fabric.free.sum()) <= most
 
 
 def _colours_of(fabric: StaticFabric) -> np.ndarray:
@@ -129,14 +149,14 @@ def _partners(fabric: StaticFabric, colours: np.ndarray) -> np.ndarray:
 
 def judge_curvature(here: Configuration) -> Curvature:
     """Count the free motions that cost no energy and those that lower it."""
-    if int(here.fabric.free.sum()) > COUNTED:
+    if not is_counted(here):
         return judge_ends(*ends_of_spectrum(here))
     return curvature_of(here, scaled_hessian(here))
 
 
 def judge_ends(lowest: float, largest: float) -> Curvature:
     """What follows from the ends of the spectrum of a fabric that is too large to count."""
-    return Curvature(-1, -1 if lowest >= -_LARGE_ZERO * largest else 1)
+    return Curvature(-1, -1 if lowest >= -LARGE_ZERO * largest else 1)
 
 
 @one_thread()
@@ -147,11 +167,12 @@ def curvature_of(here: Configuration, matrix: sparse.csr_matrix) -> Curvature:
         return Curvature(0, 0)
     if size <= DENSE:
         # Where all of them are clear of zero one factorisation decides, in a tenth of the time.
-        if size > _SMALL and not count_under(here, matrix, _ZERO * row_sum(matrix)):
+        if size > _SMALL and here.fabric.model.coulomb is None and not count_under(
+                here, matrix, _ZERO * row_sum(matrix)):
             return Curvature(0, 0)
         return count_signs(np.linalg.eigvalsh(matrix.toarray()), _ZERO)
     limit = zero_limit(matrix)
-    if size > COUNTED:
+    if not is_counted(here):
         return judge_ends(*ends_of_spectrum(here))
     above = count_under(here, matrix, limit)
     if not above:
@@ -178,7 +199,7 @@ def ends_of_spectrum(here: Configuration) -> tuple[float, float]:
 
 def zero_limit(matrix: sparse.csr_matrix) -> float:
     """Squared frequency [1/s^2] below which one of a large matrix counts as zero."""
-    return _LARGE_ZERO * row_sum(matrix)
+    return LARGE_ZERO * row_sum(matrix)
 
 
 def count_signs(values: np.ndarray, zero: float) -> Curvature:

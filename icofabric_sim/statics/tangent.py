@@ -82,8 +82,10 @@ class TangentLaws:
         """Find the places of the connectors where their laws differ with their length."""
         self._packed = packed
         connectors = packed.connectors
+        # Of connectors around shells this is the model without them, see wrapped.py.
         self._plain = connectors is None or (
-            not packed.tables.tables and len(connectors.extension) == 1
+            packed.model.wrapping is None and not packed.tables.tables
+            and len(connectors.extension) == 1
             and bool(connectors.extension[0] == connectors.compression[0]))
         self._places: LinkPlaces | None = None
         # Laws by table have no kink: their slope is continuous.
@@ -154,13 +156,18 @@ class TangentLaws:
         pull, push = (np.broadcast_to(values, self.kinked.shape)[chosen] for values in both)
         return pull, push
 
-    def model(self, here: Stretched, slope: np.ndarray) -> Model:
-        """The model with the springs that the connectors are, of slopes [N/m], (c,)."""
+    def model(self, here: Stretched, slope: np.ndarray, without: np.ndarray) -> Model:
+        """
+        The model with the springs that the connectors are, of slopes [N/m], (c,).
+
+        `without`: numbers of connectors that are left out of it.
+        """
         model, layout = self._packed.model, self._packed.layout
         if self._places is None or model.links is None:
             return model
         stiffness, rest = as_springs(
             np.where(here.rounded, 0.0, self.tension(here.length)), slope, here.length)
+        stiffness[without] = 0.0
 
         def rows(values: np.ndarray) -> np.ndarray:
             assert self._places is not None

@@ -37,7 +37,7 @@ class TurnPoint(NamedTuple):
     energy: float  # [J]
     verdict: str
     residual: float
-    obstructed: int  # connectors that lead through a shell of their own
+    obstructed: int  # connectors that lead through a shell of their own, or lie around it
     beyond: int  # connectors beyond the length at which they break
     broken: int  # connectors that have broken so far
     touching: int  # pairs of shells that push each other

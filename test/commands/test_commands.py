@@ -676,11 +676,18 @@ def test_what_statics_leaves_out_is_refused_with_the_way_out(
         assert words in rubs.err
     # Refused at once, not after other results.
     assert 'stiffness [Pa]' not in rubs.out and 'verdict' not in rubs.out
-    around = call(verb, 'twisted_column')
-    assert around.status == 2 and 'Traceback' not in around.err
-    for words in ('connector.obstruction wrap', 'derivatives', 'take warn', 'run with drag'):
-        assert words in around.err
-    assert 'stiffness [Pa]' not in around.out
+
+
+def test_statics_says_what_lies_around_shells(call: Callable[..., Result]) -> None:
+    taut = ['--time', '2', '-p', 'connector.natural_length:=0.04']
+    rests = call('statics', 'twisted_column', *taut)
+    assert rests.status == 0 and 'equilibrium, stable' in rests.out
+    assert 'around     4 connectors lie around shells' in rests.out
+    # As woven some push.
+    jumps = call('statics', 'twisted_column', '--time', '2', '--steps', '50')
+    assert jumps.status == 1 and 'push while they lie around shells' in jumps.out
+    for words in ('connector.stiffness_compression to 0.0', 'connector.natural_length'):
+        assert words in jumps.out
 
 
 def test_statics_says_where_shells_overlap_too_deeply(call: Callable[..., Result]) -> None:

@@ -268,7 +268,6 @@ def test_drives_stand_where_they_are_at_the_time():
 
 @pytest.mark.parametrize('sections, words', [
     ({'gravity': [0.0, 0.0, -9.81]}, ['nothing holds', 'supports']),
-    ({'charge': {'per_body': 1e-7, 'mutual': True}}, ['charge.mutual']),
     ({'groups': {'g': 'x_max'}, 'drives': {'shaker': {
         'group': 'g', 'motion': 'velocity', 'linear': [0.0, 0.0, 1e-3]}}},
      ['drives.shaker.motion', 'time']),

@@ -333,3 +333,21 @@ def measure_wrapped(
             lengths[c] = apart(p, q) + wound(wrapping, edge, way, place) + wound(
                 wrapping, far_edge, far_way, far_place)
             lost[c] = (1 if way == LOST else 0) + (2 if far_way == LOST else 0)
+
+
+@compiled
+def find_ways(
+    wrapping: Wrapping, connectors: Connectors, position: np.ndarray, orientation: np.ndarray,
+    chosen: np.ndarray, ways: np.ndarray, places: np.ndarray
+) -> None:
+    """
+    Ways and places along their last edges [m] at both ends of the `chosen` connectors, (w, 2).
+
+    Slots last: `position` (3, n), `orientation` (4, n).
+    """
+    for i in range(chosen.shape[0]):
+        c = chosen[i]
+        ways[i, 0], places[i, 0], ways[i, 1], places[i, 1] = taut(
+            wrapping, pose_of(position, orientation, connectors.first[c]),
+            int(connectors.first_edge[c]),
+            pose_of(position, orientation, connectors.second[c]), int(connectors.second_edge[c]))

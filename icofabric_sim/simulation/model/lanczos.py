@@ -24,7 +24,14 @@ from time import perf_counter
 from typing import NamedTuple
 
 from icofabric_sim.kernels.hessian import lanczos_steps
-from icofabric_sim.kernels.records import Model, SecondDerivatives, State, Supports, Work
+from icofabric_sim.kernels.records import (
+    Coulomb,
+    Model,
+    SecondDerivatives,
+    State,
+    Supports,
+    Work,
+)
 from icofabric_sim.kernels.tridiagonal import largest_eigenvalue
 from icofabric_sim.simulation.model.layout import aligned_empty, Layout
 from icofabric_sim.simulation.stepping.portions import Portions
@@ -46,17 +53,18 @@ class Lanczos:
 
     def __init__(
         self, model: Model, state: State, work: Work, start: np.ndarray, most: int, *,
-        own: SecondDerivatives | None = None, pairs: SecondDerivatives | None = None
+        own: SecondDerivatives | None = None, pairs: SecondDerivatives | None = None,
+        coulomb: Coulomb | None = None
     ) -> None:
         """
         Begin with the unit vector `start` (6, s), for at most so many steps.
 
         `work` has the attachment points of the state. `own` and `pairs`: what is to be added to
         the Hessian of the connectors, scaled by the roots of masses and inertias; 0 for what is
-        held.
+        held. `coulomb`: charges that count.
         """
         self._model, self._state, self._work = model, state, work
-        self._terms = own, pairs
+        self._terms = own, pairs, coulomb
         # Slots without a body are read too: they must hold numbers.
         self._moved, self._turns = np.zeros_like(work.points), np.zeros((3, start.shape[1]))
         self.diagonal, self.off = np.zeros(most), np.zeros(most)

@@ -1,0 +1,52 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""Charges that act on each other (charge.mutual): second derivatives as a matrix, and a scale."""
+
+from icofabric_sim.kernels.records import Coulomb
+import numpy as np
+
+
+def coulomb_matrix(strength: float, position: np.ndarray) -> np.ndarray:
+    """
+    Second derivatives (3 n, 3 n) of the energy strength / r of all pairs of places (n, 3).
+
+    Two in the same place have no part in it, as in the forces.
+    """
+    count = len(position)
+    apart = position[:, None] - position[None]
+    square = (apart * apart).sum(axis=2)
+    with np.errstate(divide='ignore'):
+        cube = np.where(square > 0.0, square**-1.5, 0.0)
+        fifth = np.where(square > 0.0, 3.0 * square**-2.5, 0.0)
+    blocks = strength * (
+        cube[..., None, None] * np.eye(3)
+        - fifth[..., None, None] * apart[..., :, None] * apart[..., None, :])
+    own = np.arange(count)
+    blocks[own, own] = -blocks.sum(axis=1)
+    return np.asarray(blocks.transpose(0, 2, 1, 3).reshape(3 * count, 3 * count))
+
+
+def largest_repulsion(coulomb: Coulomb | None, position: np.ndarray) -> float:
+    """The largest force [N] on one of the charges at `position` (n, 3); 0 without charges."""
+    if coulomb is None:
+        return 0.0
+    most = 0.0
+    # One body at a time: memory stays linear.
+    for place in position:
+        apart = place - position
+        square = (apart * apart).sum(axis=1)
+        with np.errstate(divide='ignore'):
+            cube = np.where(square > 0.0, square**-1.5, 0.0)
+        most = max(most, float(np.linalg.norm(cube @ apart)))
+    return coulomb.strength * most
