@@ -259,7 +259,11 @@ def _lose(
 
 
 def tensions_of(scene: Scene, snapshot: Snapshot) -> np.ndarray:
-    """Forces [N] along the connectors, (c,), by their laws and dampers; 0 of broken ones."""
+    """
+    Forces [N] along the connectors, (c,), by their laws and dampers; 0 of broken ones.
+
+    NaN of damped ones that lie around a shell.
+    """
     connectors, length = scene.connectors, snapshot.connector_length
     if not len(length):
         return length
@@ -270,10 +274,6 @@ def tensions_of(scene: Scene, snapshot: Snapshot) -> np.ndarray:
         chosen = tables.of == number
         tension[chosen] = table.evaluate(length[chosen])[0]
     if np.any(damping):
-        if snapshot.packed.model.wrapping is not None:
-            raise ValueError(
-                'tensions of damped connectors that lie around shells are not known: '
-                'connector.obstruction wrap with connector.damping')
         ends, bodies = snapshot.connector_ends, connectors.bodies
         arm = ends - snapshot.position[bodies]
         moving = snapshot.linear_velocity[bodies] + np.cross(
@@ -281,6 +281,9 @@ def tensions_of(scene: Scene, snapshot: Snapshot) -> np.ndarray:
         along = ends[:, 1] - ends[:, 0]
         rate = ((moving[:, 1] - moving[:, 0]) * along).sum(axis=1) / np.where(
             length > 0.0, length, np.inf)
+        if snapshot.packed.model.wrapping is not None:
+            # The ends of one that lies around a shell do not say how fast it gets longer.
+            rate = np.where((snapshot.obstructed != 0) & (damping > 0.0), np.nan, rate)
         tension = tension + damping * rate
     return np.where(snapshot.intact, tension, 0.0)
 

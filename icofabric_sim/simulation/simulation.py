@@ -229,8 +229,8 @@ class Simulation:
         """
         Forces [N] along the connectors at the present time, (c,), positive where they pull.
 
-        By their laws and dampers; moments apart. 0 of broken ones. ValueError for dampers of
-        connectors that lie around shells.
+        By their laws and dampers; moments apart. 0 of broken ones, NaN of damped ones that
+        lie around a shell.
         """
         return tensions_of(self.scene, self.snapshot())
 

@@ -13,9 +13,12 @@
 # limitations under the License.
 """Reactions of supports, drives, anchors and planes: Newton's balance of the whole, statics."""
 
+from fabrics import snapshot_of
 import icofabric_sim as ico
+from icofabric_sim.geometry.rotations import turned_by
 from icofabric_sim.messages import decode_float64_multi_array
 from icofabric_sim.messages.topics import Outputs
+from icofabric_sim.simulation.load_cells import tensions_of
 import numpy as np
 import pytest
 
@@ -177,6 +180,19 @@ def test_a_damper_pulls_beside_its_spring():
     simulation.set_state(linear_velocity=velocity)
     assert np.abs(rate).max() > 0.1
     assert simulation.tensions() - still == pytest.approx(0.5 * rate, abs=1e-8)
+
+
+def test_the_tension_of_a_damped_connector_around_a_shell_is_not_known():
+    scene = ico.load_scene('twisted_column').with_changes({'connector.damping': 0.5})
+    position, orientation = scene.initial.position, scene.initial.orientation
+    woven = snapshot_of(scene, position, orientation)
+    assert np.isfinite(tensions_of(scene, woven)).all()
+    turn = np.zeros_like(position)
+    turn[::3, 2] = 1.5  # rad
+    wound = snapshot_of(scene, position, turned_by(turn, orientation))
+    around = wound.obstructed != 0
+    assert around.any() and not around.all()
+    assert (np.isnan(tensions_of(scene, wound)) == around).all()
 
 
 def test_topics_say_what_was_measured():
