@@ -31,6 +31,7 @@ from icofabric_sim.geometry.icosahedron import inscribed_radius
 from icofabric_sim.kernels import anchors, flows
 from icofabric_sim.kernels.records import Gravity
 from icofabric_sim.simulation.stepping.accuracy_probe import AccuracyProbe
+from icofabric_sim.simulation.stepping.controllers import measured
 from icofabric_sim.simulation.stepping.methods import METHODS
 import numpy as np
 import pytest
@@ -346,9 +347,12 @@ def test_chosen_steps_of_leapfrog_swing_less_than_the_limit(limit):
 
 
 @pytest.mark.parametrize(('method', 'limit'), [('leapfrog', 1e-15), ('srkn6', 1e-8)])
-def test_a_stop_for_rounding_names_the_limit_and_not_the_step(method, limit):
+def test_a_stop_for_rounding_names_the_limit_and_not_the_step(method, limit, monkeypatch):
     # Not found where this file is a script.
     from fabrics import make_scene
+    if method == 'srkn6':
+        # Steps that do not follow the limit, as where more than vibrations swings the energy.
+        monkeypatch.setattr(measured, '_largest_ratio', lambda method, limit: np.inf)
     simulation = ico.compile_scene(make_scene((2, 2, 2), {
         'solver.method': method, 'solver.tolerance': 1e3, 'solver.energy_limit': limit,
         'initial_random.velocity_sigma': 0.1, 'initial_random.spin_sigma': 10.0}))

@@ -54,6 +54,9 @@ _ROUGHER = 1.5
 # By how much a step changes at once, and how often until it is accurate enough.
 _LARGEST_CHANGE = 0.1, 4.0
 _TRIES = 8
+# An error that does not fall with the step is taken for rounding up to so many times its floor;
+# above that the step was so long that it passed what bends the motion.
+_ROUNDINGS = 1e4
 
 # Product of step and the bound of a contact's frequency for methods that run through contacts: at
 # most, from the second tolerance [1/s] on; and the largest square of that with what touches, as
@@ -330,6 +333,7 @@ class MeasuredStep:
             return step
         change = errors.add(errors.free_rate if jumped else error)
         low = _SMALLEST if not errors.is_new else 0.25 * AIM
+        best = error, step
         for _ in range(_TRIES):
             if error <= _LARGEST * tolerance and (error >= low * tolerance or step >= cap):
                 break
@@ -344,11 +348,15 @@ class MeasuredStep:
             found = errors.measured(other, fastest)
             if math.isnan(found):
                 break
-            if other < step and error <= found < math.inf:
+            if other < step and error <= found < math.inf and error <= _ROUNDINGS * floor:
                 # So short that rounding rules: it adds the same to every step, however short.
                 break
             step, error = other, found
+            best = min(best, (error, step))
             low = 0.25 * AIM
+        if error > max(_LARGEST * tolerance, best[0]):
+            # Nothing tried is accurate enough.
+            error, step = best
         rough = trajectory.ledger.rough
         is_held = held and step >= cap
         largest = _LARGEST_GAP if rough >= 0.0 else _LARGEST_BLIND_GAP
