@@ -693,7 +693,7 @@ def test_statics_says_what_lies_around_shells(call: Callable[..., Result]) -> No
 def test_statics_says_where_shells_overlap_too_deeply(call: Callable[..., Result]) -> None:
     """And what it says to do mends it."""
     dense = ['-p', 'weave.size:=[3, 3, 3]', '-p', 'weave.connector_angle:=-0.3', '-p',
-             'connector.natural_length:=0.013']
+             'connector.natural_length:=0.0145']
     deep = call('statics', 'free_slab', *dense)
     said = re.search(r'contact is meant for: .* contact.stiffness of ([0-9.e+]+) N/m', deep.out)
     assert deep.status == 0 and said is not None

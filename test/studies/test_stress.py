@@ -327,7 +327,7 @@ def test_two_threads_have_the_work_of_one_between_them(plant):
 
 
 def test_without_two_threads_there_is_nothing_to_compare(plant):
-    plant(thread_team, 'size_for', lambda wanted, count: 1)
+    plant(thread_team, 'size_for', lambda wanted, count, **others: 1)
     finding = judge(PLAIN)
     assert finding.verdict is Verdict.CRASH and 'asked for two threads' in finding.detail
 

@@ -69,6 +69,20 @@ def row_sum(form: _SixBySix, row: int):
 
 
 @wp.func
+def largest_of_block(form: _SixBySix):
+    """Bound of the largest eigenvalue: see that of kernels/monitor.py."""
+    scale = _ZERO
+    for k in range(6):
+        scale = wp.max(scale, form[k, k])
+    part = form * (_ONE / wp.max(scale, _SMALLEST))
+    square = part * part
+    most = _ZERO
+    for k in range(6):
+        most = wp.max(most, row_sum(square, k))
+    return scale * wp.sqrt(most)
+
+
+@wp.func
 def one_slope(fabric: Fabric, at: int, square: wp.float64, length: wp.float64):
     """Stretch [m], tension [N] and root of the largest slope, 1 where all are alike."""
     stretch = length - fabric.natural_length
@@ -133,16 +147,12 @@ def figures_kernel(*, linked: bool, midpoints: bool, one_law: bool) -> Any:
                     form = form + wp.outer(r, r)
             spread = _TWO * (mass + fabric.half_width * fabric.half_width * inertia)
             moment = fabric.half_width * inertia
-            upper = wp.max(row_sum(form, 0), wp.max(row_sum(form, 1), row_sum(form, 2)))
-            lower = wp.max(row_sum(form, 3), wp.max(row_sum(form, 4), row_sum(form, 5)))
-            upper, lower = _TWO * upper, _TWO * lower
+            bound = _TWO * largest_of_block(form)
             if wp.static(one_law):
                 # Else the roots of the stiffnesses are in the sums.
-                upper, lower = fabric.stiffness * upper, fabric.stiffness * lower
+                bound = fabric.stiffness * bound
                 energy = fabric.stiffness * energy
-            upper = upper + spread * tension
-            lower = lower + (spread * tension + moment * pulls)
-            bound = wp.max(upper, lower)
+            bound = bound + (spread * tension + moment * pulls)
         velocity = wp.vec3d(motion[s], motion[n + s], motion[2 * n + s])
         spin = wp.vec3d(motion[3 * n + s], motion[4 * n + s], motion[5 * n + s])
         square = wp.dot(spin, spin)
