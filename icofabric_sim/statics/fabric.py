@@ -121,6 +121,10 @@ class StaticFabric:
         self.rounding = 0.0 if connectors is None else 1e-14 * float(
             max(connectors.extension.max(), connectors.compression.max())
             * np.max(scene.connectors.woven_length))
+        if setup is not None:
+            # And of shells that lie face to face, whose places are.
+            self.rounding = max(
+                self.rounding, 1e-15 * setup.stiffness * scene.geometry.half_edge)
         # [N] of charges on each other, the largest on a body where the search begins.
         self.repulsion = largest_repulsion(self.model.coulomb, position)
         # Roots of masses and inertias: in these coordinates second derivatives are frequencies.

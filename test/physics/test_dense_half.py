@@ -131,6 +131,21 @@ def test_the_limits_themselves_are_woven():
         assert np.isfinite(scene.position).all()
 
 
+@pytest.mark.parametrize('ratio', [200.0, 2000.0])
+def test_shells_face_to_face_rest_as_woven_however_stiff_contacts_are(ratio):
+    scene = make_scene((5, 5, 5), {
+        'weave.connector_angle': MINIMUM_ANGLE, 'contact.mode': 'always',
+        'connector.stiffness': 500.0, 'contact.stiffness': 500.0 * ratio})
+    rest = ico.solve_equilibrium(scene)
+    assert rest.converged and rest.residual == 0.0
+    # Rounding of places times the stiffness of contacts is all that acts.
+    assert np.abs(rest.leftover[:, :3]).max() < 1e-15 * ratio * 500.0
+    assert np.abs(rest.snapshot.position - scene.initial.position).max() < 1e-12
+    tight = ico.solve_equilibrium(scene.with_changes({
+        'connector.natural_length': 0.99 * scene.geometry.connector_length}))
+    assert tight.converged and len(tight.touching.pairs) > 100 and tight.residual > 0.0
+
+
 @pytest.mark.parametrize('ratio, pairs, mechanisms', [
     (1.05, 0, 48), (0.99, 12, 30), (0.9, 12, 30)])
 def test_pre_tension_presses_faces_and_takes_mechanisms_away(ratio, pairs, mechanisms):
