@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""Kernels that measure reactions and contacts, made ready in a thread once somebody listens."""
+"""Kernels that measure reactions and contacts, made ready in a thread for the first listener."""
 
 from contextlib import suppress
 import threading

@@ -125,7 +125,7 @@ class Panel:
         self._told: dict[str, Any] = {}  # the values that the controls were set to last
         self._spanned = -1  # the fabric that the slider of the cut spans
         self._seek: Any = None  # the slider of the time of a record
-        self._sought = 0.0  # when somebody has touched it, on the monotonic clock
+        self._sought = 0.0  # when the user last moved it, on the monotonic clock
         self._groups: tuple[str, ...] = ()  # of the plot of displacements
         self._wishes = None if hands is None else Wishes(hands.change, self._answered)
         gui = server.gui
@@ -189,7 +189,7 @@ class Panel:
         self._set(self._cut, 'max', round(float(high + beyond), 3))
 
     def _show_time(self) -> None:
-        """Have the slider of a record go with the time, unless somebody holds it."""
+        """Move the slider of a record with the time, unless the user is moving it."""
         span, slider = self._sight.span, self._seek
         if span is None or slider is None or time.monotonic() - self._sought < _TOUCHED:
             return

@@ -198,7 +198,7 @@ def take_lanes(
     """
     Take what pairs do from their lanes; returns the deepest overlap [m].
 
-    Of those that have no one apex any longer, or whose facet may be another, each is evaluated
+    A pair whose overlap no longer has one apex, or whose facet may have changed, is evaluated
     alone.
     """
     deepest, left = 0.0, 0
