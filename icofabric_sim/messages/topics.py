@@ -153,6 +153,8 @@ class Outputs:
     def tensions(self, tensions: np.ndarray) -> bytes:
         """`~/tensions`: [m, 2] connector, and the force [N] along it, of those published."""
         chosen = self.scene.published_connectors
+        if chosen is None:
+            chosen = np.arange(len(tensions))
         message = Float64MultiArrayBytes(('row', 'connector, tension'), (len(chosen), 2))
         return message.filled(partial(
             _write_columns, [chosen[:, None].astype(float), tensions[chosen, None]]))

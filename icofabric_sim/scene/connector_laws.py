@@ -145,10 +145,14 @@ def two_groups(parameters: Parameters, key: str) -> tuple[str, str]:
 
 def chosen_connectors(
     parameters: Parameters, key: str, groups: Mapping[str, np.ndarray], bodies: np.ndarray
-) -> np.ndarray:
-    """Numbers of the connectors, with their `bodies` (c, 2), between the two groups of `key`."""
+) -> np.ndarray | None:
+    """
+    Numbers of the connectors, with their `bodies` (c, 2), between the two groups of `key`.
+
+    None, for all, where it is empty.
+    """
     if not parameters[key].strip():
-        return np.arange(len(bodies))
+        return None
     first, second = two_groups(parameters, key)
     chosen = np.flatnonzero(connectors_between(groups[first], groups[second], bodies))
     if not len(chosen):

@@ -127,7 +127,7 @@ class Scene:
     anchor_law: tuple[float, float, float]  # k_e [N/m], k_c [N/m], D [m]
     initial: initial.InitialState
     electric: Electric
-    published_connectors: np.ndarray  # (m,) numbers of those in `~/tensions`
+    published_connectors: np.ndarray | None  # (m,) numbers of those in `~/tensions`; None: all
     files: Mapping[str, NamedFile]  # that were read, by the names that parameters give them
 
     @classmethod

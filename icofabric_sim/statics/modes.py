@@ -198,6 +198,13 @@ def _solve(here: Configuration, count: int | None, which: str) -> Spectrum:
     curvature = curvature_of(here, matrix)
     values, vectors = (_highest if which == HIGHEST else _lowest)(
         here, matrix, wanted, curvature)
+    return _some_modes(here, values, vectors, curvature, size)
+
+
+def _some_modes(
+    here: Configuration, values: np.ndarray, vectors: np.ndarray, curvature: Curvature, size: int
+) -> Spectrum:
+    """Squares of some frequencies, and their shapes; mechanisms of `size` freedoms are counted."""
     return Spectrum(
         frequencies=np.sqrt(values), shapes=_shapes(here, vectors),
         mechanism_count=curvature.zero,
@@ -227,14 +234,7 @@ def _without_matrix(here: Configuration, count: int | None, which: str) -> Spect
     else:
         values, vectors = lowest_modes(here, wanted, LARGE_ZERO * largest, None, _MOST)
     curvature = judge_ends(lowest, largest)
-    return Spectrum(
-        frequencies=np.sqrt(values), shapes=_shapes(here, vectors),
-        mechanism_count=curvature.zero,
-        mechanisms=np.zeros((0, here.fabric.scene.body_count, 6)),
-        rigid_count=rigid_count(here), growth_rates=np.zeros(0),
-        unstable_count=curvature.negative, freedoms=size,
-        counts=count_by_elimination(here) if size <= COUNTED else None,
-        snapshot=here.snapshot, here=here, first_touches=here.first_touches)
+    return _some_modes(here, values, vectors, curvature, size)
 
 
 def _bounds(soft: Spectrum, stiff: Spectrum, which: str) -> tuple[int, np.ndarray | None]:
