@@ -158,15 +158,14 @@ def test_balance_converges_at_the_order_of_the_method(name, method, form):
 
 
 @pytest.mark.parametrize('path', ready_scenes().values(), ids=ready_scenes())
-@pytest.mark.parametrize('tolerance', [1e-3, 1e-6])
-def test_balance_of_ready_scenes_holds_by_far(path, tolerance):
-    simulation = ico.compile_scene(
-        changed(ico.load_scene(path), {'solver.tolerance': tolerance}))
+def test_balance_of_ready_scenes_holds_by_far(path):
+    # At their own tolerance: test/scene/test_ready_scenes.py.
+    simulation = ico.compile_scene(changed(ico.load_scene(path), {'solver.tolerance': 1e-3}))
     simulation.advance_to(0.6)
     balance = simulation.balance
-    print(f'{tolerance}: {balance}')
+    print(balance)
     # The worst is where next to nothing moves yet.
-    assert 0.0 < balance.worst < balance.limit * max(1e-2, 1e3 * tolerance)
+    assert 0.0 < balance.worst < balance.limit
     assert balance.scale > 0.0 and balance.limit == 0.01
 
 
