@@ -16,8 +16,14 @@ Threads that share the steps of one call: a barrier, and a value that all see.
 
 Each thread computes its own run of blocks and waits for the others where it needs their results.
 Threads of Numba's own are not used: they would have to be started for every stage.
+
+Who waits looks at a flag for a while, which costs least where every thread has a core, and then
+sleeps until the last one wakes it (futex(2)). To offer the processor by sched_yield(2) in place of
+sleeping costs a turn of whatever else computes on the machine, milliseconds, at every barrier.
 """
 
+import platform
+import sys
 from typing import Any
 
 from icofabric_sim.kernels.records import Team
@@ -31,12 +37,19 @@ import numpy as np
 # Untyped: intrinsics are called without their first argument.
 _intrinsic: Any = intrinsic
 # Places in Team.flags, one cache line apart.
-_ARRIVED, _ROUND, _SHARED = 0, 8, 16
-FLAG_COUNT = 24
+_ARRIVED, _ROUND, _SHARED, _ASLEEP, _IN_VAIN = 0, 8, 16, 24, 32
+FLAG_COUNT = 40
 # Blocks that are drifted and pushed in one go: they stay in the cache in between.
 TILE = 64
-# Looks at the flag before the processor is offered to others.
-_PATIENCE = 4000
+# Looks at the flag before a thread sleeps: about 40 us, less than it takes to wake one, and 0.5 us
+# after so many in vain, for the next so many times.
+_PATIENCE, _IMPATIENCE = 100_000, 1_000
+_ENOUGH, _PAUSE = 8, 64
+# Number of futex(2) among the system calls of Linux, by processor; elsewhere threads yield.
+_FUTEX = {'x86_64': 202, 'aarch64': 98}.get(
+    platform.machine(), 0) if sys.platform == 'linux' else 0
+# Operations for threads of one process, and a count that is enough to wake all.
+_FUTEX_WAIT, _FUTEX_WAKE, _ALL = 128, 129, 2**31 - 1
 
 
 def _address(context: Any, builder: Any, sig: Any, args: Any) -> Any:
@@ -62,13 +75,21 @@ def _read(typing: Any, array: Any, place: Any) -> Any:
 
 
 @_intrinsic
-def _offer_processor(typing: Any) -> Any:
-    """Let another thread run, sched_yield(2)."""
+def _futex(typing: Any, array: Any, place: Any, operation: Any, value: Any) -> Any:
+    """futex(2) on the lower half of a flag, without a time limit."""
     def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        long = ir.IntType(64)
+        if not _FUTEX:
+            function = cgutils.get_or_insert_function(
+                builder.module, ir.FunctionType(ir.IntType(32), []), 'sched_yield')
+            return builder.sext(builder.call(function, []), long)
         function = cgutils.get_or_insert_function(
-            builder.module, ir.FunctionType(ir.IntType(32), []), 'sched_yield')
-        return builder.call(function, [])
-    return types.int32(), generate
+            builder.module, ir.FunctionType(long, [long] * 7), 'syscall')
+        address = builder.ptrtoint(_address(context, builder, sig, args), long)
+        nothing = ir.Constant(long, 0)
+        return builder.call(function, [
+            ir.Constant(long, _FUTEX), address, args[2], args[3], nothing, nothing, nothing])
+    return types.int64(array, place, types.int64, types.int64), generate
 
 
 @compiled
@@ -93,12 +114,22 @@ def _wait(flags: np.ndarray, count: int) -> None:
     if _fetch_add(flags, _ARRIVED, 1) == count - 1:
         _fetch_add(flags, _ARRIVED, -count)
         _fetch_add(flags, _ROUND, 1)
-    else:
-        looks = 0
-        while _read(flags, _ROUND) == present:
-            looks += 1
-            if looks > _PATIENCE:
-                _offer_processor()
+        # Who is about to sleep has said so before the system compares the round with `present`.
+        if _read(flags, _ASLEEP) > 0:
+            _futex(flags, _ROUND, _FUTEX_WAKE, _ALL)
+        return
+    # Where something else computes, the others may be without a core: to look on takes one away.
+    in_vain = flags[_IN_VAIN]
+    for _ in range(_PATIENCE if in_vain < _ENOUGH else _IMPATIENCE):
+        if _read(flags, _ROUND) != present:
+            flags[_IN_VAIN] = max(in_vain - 1, 0)
+            return
+    flags[_IN_VAIN] = in_vain + 1 if in_vain < _ENOUGH - 1 else (
+        _ENOUGH + _PAUSE if in_vain < _ENOUGH else in_vain - 1)
+    _fetch_add(flags, _ASLEEP, 1)
+    while _read(flags, _ROUND) == present:
+        _futex(flags, _ROUND, _FUTEX_WAIT, present & 0xffffffff)
+    _fetch_add(flags, _ASLEEP, -1)
 
 
 @compiled

@@ -1,0 +1,58 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""The barrier of threads that share a step, also where there are fewer cores than threads."""
+from concurrent.futures import ThreadPoolExecutor
+
+from icofabric_sim.kernels.records import Sweep, Team
+from icofabric_sim.kernels.runtime.compiled import compiled
+from icofabric_sim.kernels.runtime.team import FLAG_COUNT, tell_all, wait_for_all
+import numpy as np
+import pytest
+
+SIZE = 5
+NO_SWEEP = Sweep(
+    np.zeros(0, np.uint32), np.zeros(0, np.uint32), np.zeros(0, np.int32), 0)
+
+
+@compiled
+def march(team: Team, steps: np.ndarray, rounds: int, work: int, late: np.ndarray) -> float:
+    """Count rounds; in each the first thread is the last to come, after `work` sums."""
+    total = 0.0
+    for number in range(rounds):
+        if team.member == 0:
+            for k in range(work):
+                total += 1.0 / (k + 1.0 + number)
+        steps[8 * team.member] = number + 1
+        wait_for_all(team)
+        for member in range(team.size):
+            # Nobody is behind, and nobody is two rounds ahead.
+            if steps[8 * member] < number + 1 or steps[8 * member] > number + 2:
+                late[team.member] += 1
+        if tell_all(team, 7 * number + team.member) != 7 * number:
+            late[team.member] += 1
+    return total
+
+
+# Those that wait have a core each, look on, and sleep: 1e6 sums take a millisecond.
+@pytest.mark.parametrize('rounds, work', [(20_000, 0), (500, 20_000), (20, 3_000_000)])
+def test_nobody_goes_on_before_all_are_there(rounds, work):
+    flags = np.zeros(FLAG_COUNT, np.int64)
+    steps, late = np.zeros(8 * SIZE, np.int64), np.zeros(SIZE, np.int64)
+    teams = [Team(member, SIZE, flags, NO_SWEEP, None) for member in range(SIZE)]
+    march(Team(0, 1, flags, NO_SWEEP, None), steps, 1, 0, late)  # compiled by one thread
+    with ThreadPoolExecutor(SIZE) as pool:
+        list(pool.map(lambda team: march(team, steps, rounds, work, late), teams))
+    assert (steps[::8] == rounds).all() and not late.any()
+    # All that came have left, and none sleeps.
+    assert flags[0] == 0 and flags[24] == 0 and flags[8] == 3 * rounds
