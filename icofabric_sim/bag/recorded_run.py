@@ -215,14 +215,14 @@ class RecordedRun:
         names: Collection[str] | None = None,
     ) -> Iterator[tuple[str, int, bytes]]:
         """
-        Yield (topic, time [ns], message) of this fabric, /clock, /diagnostics, from start to stop.
+        Yield (topic, time [ns], message) of this fabric, /clock, /diagnostics, /tf, in a span.
 
         In order of time, start <= time < stop, and then as they were written; the fabric's own
         topics are named '~/...'. `names`: of these only.
         """
         chosen = {name: f'~{name.removeprefix(self.node)}' for name in self.topics
                   if name.startswith(f'{self.node}/')}
-        chosen.update({name: name for name in ('/clock', '/diagnostics')})
+        chosen.update({name: name for name in ('/clock', '/diagnostics', '/tf')})
         wanted = [name for name, own in chosen.items() if names is None or own in names]
         for name, time, data in self._reader.messages(wanted, start=start, stop=stop):
             yield chosen[name], time, data

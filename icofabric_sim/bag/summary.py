@@ -79,8 +79,9 @@ class BagSummary:
         ):
             return 0.0, -1
         distance = np.linalg.norm(self.last.position - self.first.position, axis=1)
-        body = int(np.argmax(distance))
-        return float(distance[body]), body
+        row = int(np.argmax(distance))
+        chosen = None if self.scene is None else self.scene.published_bodies
+        return float(distance[row]), row if chosen is None else int(chosen[row])
 
     def rows(self) -> list[Row]:
         """Label and text of everything."""

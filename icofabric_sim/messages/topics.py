@@ -33,6 +33,7 @@ from icofabric_sim.messages.markers import (
     STRAIN_CLASSES,
     StrainClass,
 )
+from icofabric_sim.messages.transforms import TransformsBytes
 from icofabric_sim.parameters.named_files import with_files
 from icofabric_sim.parameters.text import dump_parameters
 from icofabric_sim.parameters.validation import Parameters
@@ -44,9 +45,9 @@ from icofabric_sim.simulation.model.snapshot import Snapshot
 import numpy as np
 
 __all__ = [
-    'BROKEN', 'CHECKPOINT', 'CLOCK', 'CONNECTORS', 'CONTACTS', 'DIAGNOSTICS', 'ENERGIES',
+    'BODIES', 'BROKEN', 'CHECKPOINT', 'CLOCK', 'CONNECTORS', 'CONTACTS', 'DIAGNOSTICS', 'ENERGIES',
     'ENERGY', 'EVENTS', 'ICOSAHEDRA', 'MARKERS', 'MEASURED', 'Outputs', 'POSES', 'REACTIONS',
-    'STATE', 'STRAIN_CLASSES', 'StrainClass', 'TENSIONS', 'Topic', 'TOPICS', 'WEAVE']
+    'STATE', 'STRAIN_CLASSES', 'StrainClass', 'TENSIONS', 'TF', 'Topic', 'TOPICS', 'WEAVE']
 
 
 class Topic(NamedTuple):
@@ -72,6 +73,10 @@ REACTIONS = Topic('~/reactions', Float64MultiArrayBytes.TYPE, False, 10, False)
 TENSIONS = Topic('~/tensions', Float64MultiArrayBytes.TYPE, False, 10, False)
 CONTACTS = Topic('~/contacts', Float64MultiArrayBytes.TYPE, False, 10, False)
 MEASURED = REACTIONS, TENSIONS, CONTACTS  # in a bag where record.measured asks for them
+# Numbers of the bodies in `~/poses` and `~/state`, where publish.* leaves some out.
+BODIES = Topic('~/bodies', Float64MultiArrayBytes.TYPE, True, 1, False)
+# Frames of the bodies of tf.group, for the tools of tf2.
+TF = Topic('/tf', TransformsBytes.TYPE, False, 100, False)
 # What has broken so far, in the order in which it did.
 BROKEN = Topic('~/broken', Float64MultiArrayBytes.TYPE, True, 1, True)
 WEAVE = Topic('~/weave', StringBytes.TYPE, True, 1, True)
@@ -82,8 +87,8 @@ EVENTS = Topic('~/events', StringBytes.TYPE, False, 100, True)
 # Checkpoints, so that a bag can be simulated again from there.
 CHECKPOINT = Topic('~/checkpoint', 'std_msgs/msg/UInt8MultiArray', False, 1, True)
 TOPICS = (
-    POSES, CONNECTORS, ICOSAHEDRA, MARKERS, STATE, ENERGY, REACTIONS, TENSIONS, CONTACTS, BROKEN,
-    WEAVE, CLOCK, DIAGNOSTICS, EVENTS)
+    POSES, BODIES, CONNECTORS, ICOSAHEDRA, MARKERS, STATE, ENERGY, REACTIONS, TENSIONS, CONTACTS,
+    TF, BROKEN, WEAVE, CLOCK, DIAGNOSTICS, EVENTS)
 
 # Label and name in a snapshot of each number in `~/energy` [J].
 ENERGIES = {
@@ -99,11 +104,13 @@ class Outputs:
         """Lay out nothing large: every message is built where it stays, when it is wanted."""
         self.scene = scene
         self.frame_id = scene.parameters['frame_id']
-        self._poses = PoseArrayBytes(self.frame_id, scene.body_count)
+        chosen = scene.published_bodies
+        # Of arrays with a row for each body: those that are published.
+        self._rows = slice(None) if chosen is None else chosen
+        count = scene.body_count if chosen is None else len(chosen)
+        self._poses = PoseArrayBytes(self.frame_id, count)
         self._state = Float64MultiArrayBytes(
-            ('body', 'position orientation_xyzw linear_velocity angular_velocity'),
-            (scene.body_count, 13),
-        )
+            ('body', 'position orientation_xyzw linear_velocity angular_velocity'), (count, 13))
         self._energy = Float64MultiArrayBytes((', '.join(ENERGIES),), (len(ENERGIES),))
         self._connectors = ConnectorMarkers(scene)
         self._clock = ClockBytes()
@@ -125,17 +132,38 @@ class Outputs:
         return self._acting.message(snapshot, nanoseconds, acting, touching)
 
     def poses(self, snapshot: Snapshot, nanoseconds: int) -> bytes:
-        """`~/poses`: bodies in order."""
-        return self._poses.filled(
-            nanoseconds, partial(_write_columns, [snapshot.position, snapshot.orientation]))
+        """`~/poses`: bodies in order, those of `publish.group`."""
+        return self._poses.filled(nanoseconds, partial(
+            _write_columns, [snapshot.position[self._rows], snapshot.orientation[self._rows]]))
+
+    @cached_property
+    def _frames(self) -> TransformsBytes:
+        chosen = self.scene.framed_bodies
+        assert chosen is not None
+        return TransformsBytes(self.frame_id, [f'icosahedron_{number}' for number in chosen])
+
+    def tf(self, snapshot: Snapshot, nanoseconds: int) -> bytes:
+        """`/tf`: frames of the bodies of `tf.group`."""
+        chosen = self.scene.framed_bodies
+        return self._frames.filled(
+            nanoseconds, snapshot.position[chosen], snapshot.orientation[chosen])
+
+    def bodies(self) -> bytes | None:
+        """`~/bodies`: (m,) numbers of the bodies in `~/poses`; None: all are there."""
+        chosen = self.scene.published_bodies
+        if chosen is None:
+            return None
+        message = Float64MultiArrayBytes(('number of the body',), (len(chosen),))
+        message.values[:] = chosen
+        return message.to_bytes()
 
     def state(self, snapshot: Snapshot) -> bytes:
         """`~/state`: [n, 13] position, orientation x y z w, velocity, angular velocity (world)."""
         return self._state.filled(partial(_write_columns, [
-            snapshot.position,
-            snapshot.orientation,
-            snapshot.linear_velocity,
-            snapshot.angular_velocity,
+            snapshot.position[self._rows],
+            snapshot.orientation[self._rows],
+            snapshot.linear_velocity[self._rows],
+            snapshot.angular_velocity[self._rows],
         ]))
 
     def energy(self, snapshot: Snapshot) -> bytes:

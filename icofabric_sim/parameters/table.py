@@ -421,6 +421,30 @@ STATIC: tuple[Specification, ...] = (
         **_positive(maximum=1e6),
     ),
     _s(
+        'publish.group',
+        '',
+        '',
+        'bodies in `~/poses` and `~/state`, published and recorded: a group; empty: all bodies. '
+        '`~/bodies` has their numbers',
+        FIXED,
+    ),
+    _s(
+        'publish.stride',
+        1,
+        '',
+        'of these bodies every so many-th, from the first',
+        FIXED,
+        minimum=1,
+    ),
+    _s(
+        'tf.group',
+        '',
+        '',
+        'bodies that are broadcast on /tf as frames `icosahedron_K` in `frame_id`, at '
+        '`publish_rate`: a group; empty: none. A node needs the package tf2_msgs for them',
+        FIXED,
+    ),
+    _s(
         'publish.connectors',
         '',
         '',

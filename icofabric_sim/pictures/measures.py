@@ -145,6 +145,8 @@ def values_of(name: str, moment: Moment) -> np.ndarray:
     if moment.broken is not None and len(moment.broken):
         values = values.copy()
         values[moment.broken] = 0.0
+    if moment.known is not None:
+        values = np.where(moment.known[scene.connectors.bodies].all(axis=1), values, 0.0)
     return values
 
 

@@ -23,6 +23,7 @@ from icofabric_sim.pictures.camera import View
 from icofabric_sim.pictures.drawing import DEFAULT_SIZE, Framing, Renderer
 from icofabric_sim.pictures.measures import fit_scale
 from icofabric_sim.pictures.moment import Moment, Push
+from icofabric_sim.scene.published import spread
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.scene.selectors import Bodies, select
 from icofabric_sim.simulation.input_types import BodyTarget, ChannelTarget
@@ -59,6 +60,20 @@ def chosen_bodies(scene: Scene, name: str, text: str) -> np.ndarray:
         text = f'ids {text}'
     grid = scene.weave.grid
     return select(name, text, Bodies(scene.position, grid, scene.geometry.pitch))
+
+
+def recorded_bodies(scene: Scene, name: str, text: str) -> np.ndarray:
+    """
+    The same of a recorded run, which may lack some bodies: ValueError where it lacks one of these.
+    """
+    bodies = chosen_bodies(scene, name, text)
+    if scene.published_bodies is not None:
+        lacking = np.setdiff1d(bodies, scene.published_bodies)
+        if len(lacking):
+            raise ValueError(
+                f'{name} {text!r}: the record has no poses of body {lacking[0]}, as publish.group '
+                'and publish.stride of its scene leave it out')
+    return bodies
 
 
 class RunMoments:
@@ -99,10 +114,15 @@ class RunMoments:
 
     def _moment(self, time: int, position: np.ndarray, orientation: np.ndarray) -> Moment:
         scene = self.run.scene_at(time)
-        if len(position) != scene.body_count:
+        chosen = scene.published_bodies
+        try:
+            # The others are not drawn.
+            position = spread(chosen, position, scene.position)
+            orientation = spread(chosen, orientation, scene.orientation)
+        except ValueError as error:
             raise BagError(
-                f'{self.run.path} holds {len(position)} poses at t = {time / 1e9:.6g} s, but its '
-                f'scene there has {scene.body_count} bodies')
+                f'{self.run.path} holds poses at t = {time / 1e9:.6g} s that are not those of its '
+                f'scene there, of {scene.body_count} bodies: {error}') from error
         if not (np.isfinite(position).all() and np.isfinite(orientation).all()):
             raise BagError(f'{self.run.path} holds poses that are not finite')
         active = active_inputs(self._inputs, time)
@@ -118,7 +138,8 @@ class RunMoments:
             time / 1e9, position, orientation, scene, _note(active), broken,
             pushes=tuple(received_pushes(scene, position, orientation, active)
                          + own_pushes(scene, position, orientation, time / 1e9,
-                                      {_channel(entry) for entry in active})))
+                                      {_channel(entry) for entry in active})),
+            known=None if chosen is None else np.isin(np.arange(scene.body_count), chosen))
 
 
 class RunPictures:
@@ -138,10 +159,11 @@ class RunPictures:
         self.times = run.pose_times() if times is None else np.asarray(times)
         self._moments = RunMoments(run)
         scene = run.scene_at(int(self.times[0])) if len(self.times) else None
+        shown = scene.published_bodies if scene else None
         framing = Framing(
             view,
-            bodies=chosen_bodies(scene, 'bodies', bodies) if scene and bodies else None,
-            follow=chosen_bodies(scene, 'follow', follow) if scene and follow else None)
+            bodies=recorded_bodies(scene, 'bodies', bodies) if scene and bodies else shown,
+            follow=recorded_bodies(scene, 'follow', follow) if scene and follow else None)
         found = False
         for moment in self._moments.at(self.times):
             framing.add(moment)

@@ -30,7 +30,8 @@ from icofabric_sim.pictures.figure_style import (
     save_figure,
 )
 from icofabric_sim.pictures.measures import connector_ends, tensions
-from icofabric_sim.pictures.render import chosen_bodies, spread_times
+from icofabric_sim.pictures.render import recorded_bodies, spread_times
+from icofabric_sim.scene.published import spread
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.statics.stretching import cross_section
 import numpy as np
@@ -97,7 +98,7 @@ def _read(run: RecordedRun, names: Sequence[str], start: float, end: float) -> S
     scene = run.scene_at(int(times[-1]))
     frames = [frame for frame in run.poses(times)
               if run.scene_at(frame.nanoseconds) is scene
-              and len(frame.position) == scene.body_count]
+              and len(frame.position) == len(_known(scene))]
     if not frames:
         raise BagError(f'{run.path} holds no poses of its last scene between these times')
     breaks = run.breaks()
@@ -106,12 +107,31 @@ def _read(run: RecordedRun, names: Sequence[str], start: float, end: float) -> S
         told = [rows[:, 0].astype(int) for time, rows in breaks if time <= frame.nanoseconds]
         broken.append(told[-1] if told else np.zeros(0, int))
     if not names:
-        names = list(scene.groups) or ['all']
-    groups = {name: chosen_bodies(scene, 'groups', name) for name in names}
+        names = [name for name, bodies in scene.groups.items()
+                 if np.isin(bodies, _known(scene)).all()]
+        if not names:
+            raise BagError(f'{run.path} has no group of which it holds all poses; name bodies')
+    groups = {name: recorded_bodies(scene, 'groups', name) for name in names}
+    chosen = scene.published_bodies
     return Series(
         np.array([frame.time for frame in frames]), groups,
-        np.array([frame.position for frame in frames]),
-        np.array([frame.orientation for frame in frames]), broken, scene)
+        np.array([spread(chosen, frame.position, scene.position) for frame in frames]),
+        np.array([spread(chosen, frame.orientation, scene.orientation) for frame in frames]),
+        broken, scene)
+
+
+def _require_all(scene: Scene) -> None:
+    """Raise BagError where a record lacks the poses of some bodies."""
+    if scene.published_bodies is not None:
+        raise BagError(
+            'forces are drawn of all bodies; publish.group and publish.stride of this run leave '
+            'some out: take energy, displacement or spectrum')
+
+
+def _known(scene: Scene) -> np.ndarray:
+    """Numbers of the bodies whose poses a record has."""
+    chosen = scene.published_bodies
+    return np.arange(scene.body_count) if chosen is None else chosen
 
 
 def displacements(series: Series) -> dict[str, np.ndarray]:
@@ -123,6 +143,7 @@ def displacements(series: Series) -> dict[str, np.ndarray]:
 
 def _require_plain(scene: Scene) -> None:
     """Raise BagError where more than straight springs leads into a group."""
+    _require_all(scene)
     found = [f'connector.{name}' for name in ('bending_stiffness', 'twisting_stiffness')
              if getattr(scene.connectors, name).any()]
     if scene.parameters['connector.obstruction'] == 'wrap':
@@ -219,6 +240,7 @@ def _energy(run: RecordedRun, size: tuple[float, float], start: float, end: floa
 def _tension(series: Series, axis: str, size: tuple[float, float]) -> Any:
     if not series.scene.connector_count:
         raise BagError('the scene has no connectors, and so no tensions')
+    _require_all(series.scene)
     picked = spread_times(np.arange(len(series.times)), _MOMENTS)
     found = []
     for number in picked:

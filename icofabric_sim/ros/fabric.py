@@ -28,7 +28,7 @@ from typing import Any
 
 from icofabric_sim.bag.folder import BagError, require_new
 from icofabric_sim.kernels.runtime.compile_notice import compile_notice
-from icofabric_sim.messages.topics import CLOCK, DIAGNOSTICS, TOPICS
+from icofabric_sim.messages.topics import CLOCK, DIAGNOSTICS, TF, TOPICS
 from icofabric_sim.parameters.validation import find_specification, Parameters
 from icofabric_sim.ros.answers import Answers
 from icofabric_sim.ros.clock_watch import ClockWatch
@@ -104,9 +104,9 @@ class FabricNode(Node):
         self._report_lock, self._reported_at = threading.Lock(), time.monotonic()
         self._last_status: Status | None = None
         self._report = HealthReport(self.get_fully_qualified_name())
-        publishes_clock = parameters['publish_clock']
-        self.live = LiveSink(
-            self, [topic for topic in TOPICS if publishes_clock or topic is not CLOCK])
+        left_out = {topic for topic, name in ((CLOCK, 'publish_clock'), (TF, 'tf.group'))
+                    if not parameters[name]}
+        self.live = LiveSink(self, [topic for topic in TOPICS if topic not in left_out])
         self.bag = self._open_bag(parameters, simulation)
         self.runner = Runner(
             simulation,
@@ -118,7 +118,7 @@ class FabricNode(Node):
         )
         # What a report calls is compiled here, and not first in the thread of the run.
         self._last_status = self.runner.status()
-        self._clock_watch = ClockWatch(self) if publishes_clock else None
+        self._clock_watch = ClockWatch(self) if parameters['publish_clock'] else None
         self._name_watch.begin()
         self._declare(parameters)
         self._gate = ParameterGate(

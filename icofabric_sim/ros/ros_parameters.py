@@ -17,6 +17,7 @@ Parameters of the scene as parameters of a node: descriptors, judgement of chang
 
 from array import array
 from collections.abc import Callable, Iterable, Mapping
+from importlib.util import find_spec
 import re
 from typing import Any
 
@@ -43,6 +44,7 @@ from rclpy.parameter import Parameter
 # Names that ROS itself puts on every node: they are its own business.
 ROS_NAMES = ('use_sim_time', 'start_type_description_service')
 _FOREIGN = 'qos_overrides.'
+_FRAMES = 'tf2_msgs'
 # A scene of this many bodies is built within some ten milliseconds.
 _QUICK_BODIES = 20_000
 # A change is judged with all that was set before, within about half a second. A scene that is set
@@ -102,6 +104,10 @@ def make_start_parameters(overrides: Mapping[str, Any]) -> Parameters:
     """Parameters of the node at its start, judged; raises ParameterError or ValueError."""
     own = {name: value for name, value in overrides.items() if not is_foreign(name)}
     parameters = make_parameters(own)
+    if parameters['tf.group'] and find_spec(_FRAMES) is None:
+        raise ParameterError(
+            'tf.group', f'tf.group {parameters["tf.group"]!r}: frames are messages of the package '
+            f"{_FRAMES}, which is not installed here; it comes with ROS 2, '' does without")
     check_parameters(parameters)
     return parameters
 

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 _REPORT_INTERVAL = 1.0
 MOVING = (
     topics.CLOCK, topics.POSES, topics.CONNECTORS, topics.ICOSAHEDRA, topics.MARKERS, topics.STATE,
-    topics.ENERGY, topics.REACTIONS, topics.TENSIONS, topics.CONTACTS, topics.BROKEN)
+    topics.ENERGY, topics.REACTIONS, topics.TENSIONS, topics.CONTACTS, topics.TF, topics.BROKEN)
 # What is measured by kernels that steps may lack.
 _MEASURED = topics.REACTIONS, topics.CONTACTS
 _RATES = {
@@ -48,6 +48,7 @@ _RATES = {
     topics.REACTIONS: 'publish_rate',
     topics.TENSIONS: 'publish_rate',
     topics.CONTACTS: 'publish_rate',
+    topics.TF: 'publish_rate',
     topics.BROKEN: 'publish_rate',
 }
 
@@ -119,6 +120,7 @@ class Broadcast:
         self.simulation = simulation
         self._cells: LoadCellKernels | None = None
         self._can_break = simulation.scene.connectors.limits is not None
+        self._has_frames = simulation.scene.framed_bodies is not None
         self._breaks_told: int | None = None
         self.set_rates(simulation.scene.parameters)
 
@@ -127,7 +129,8 @@ class Broadcast:
         self._parameters = parameters
         self._schedules = {
             topic: schedule for topic, schedule in schedules(parameters).items()
-            if topic is not topics.BROKEN or self._can_break}
+            if (topic is not topics.BROKEN or self._can_break)
+            and (topic is not topics.TF or self._has_frames)}
 
     def next_times(self, now: int) -> list[int]:
         """Times [ns] after `now` at which something wanted is due."""
@@ -167,6 +170,9 @@ class Broadcast:
         """
         built = self.simulation.scene.parameters
         self._describe(now, built, only)
+        bodies, receivers = self._outputs.bodies(), self._receivers(topics.BODIES, only)
+        if bodies is not None and receivers:
+            self._send(topics.BODIES, now, [bodies], receivers)
         if dict(built) != dict(self._parameters):
             self._describe(now, self._parameters, only)
 
@@ -265,6 +271,8 @@ class Broadcast:
         snapshot = self.simulation.snapshot()
         if topic is topics.POSES:
             return [self._outputs.poses(snapshot, now)]
+        if topic is topics.TF:
+            return [self._outputs.tf(snapshot, now)]
         if topic is topics.STATE:
             return [self._outputs.state(snapshot)]
         if topic is topics.ENERGY:
@@ -291,7 +299,7 @@ class Broadcast:
     def _receivers(
         self, topic: Topic, only: Sequence[Sink] | None = None, *, live_only: bool = False
     ) -> list[Sink]:
-        if topic is topics.CLOCK and topic not in self._schedules:
+        if topic in (topics.CLOCK, topics.TF) and topic not in self._schedules:
             return []
         return [
             sink for sink in (self.sinks if only is None else only)

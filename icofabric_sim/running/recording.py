@@ -27,7 +27,16 @@ from typing import TYPE_CHECKING
 from icofabric_sim.bag.folder import BagError, next_free_path
 from icofabric_sim.messages import decode_string
 from icofabric_sim.messages.schedule import nanoseconds_not_before
-from icofabric_sim.messages.topics import CHECKPOINT, EVENTS, MEASURED, Topic, TOPICS, WEAVE
+from icofabric_sim.messages.topics import (
+    BODIES,
+    CHECKPOINT,
+    EVENTS,
+    MEASURED,
+    TF,
+    Topic,
+    TOPICS,
+    WEAVE,
+)
 from icofabric_sim.parameters.named_files import with_files
 from icofabric_sim.parameters.text import dump_parameters
 from icofabric_sim.parameters.validation import Parameters
@@ -199,7 +208,9 @@ class BagSink:
 
     def wants(self, topic: Topic) -> bool:
         """Whether the topic goes into the bag."""
-        asked = topic.recorded or (topic in MEASURED and self._measured)
+        # What some scenes have to say of their bodies comes only where they do.
+        asked = topic.recorded or topic in (BODIES, TF) or (
+            topic in MEASURED and self._measured)
         return asked and self._taking() is not None
 
     def send(self, topic: Topic, nanoseconds: int, data: bytes) -> None:

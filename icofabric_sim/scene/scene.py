@@ -52,6 +52,7 @@ from icofabric_sim.scene.load_channels import LoadChannel, make_channels
 from icofabric_sim.scene.notebook import html_of
 from icofabric_sim.scene.planes import make_planes
 from icofabric_sim.scene.profiles import check_profile
+from icofabric_sim.scene.published import framed_bodies, published_bodies
 from icofabric_sim.scene.radial import bend, check_radius
 from icofabric_sim.scene.rates import check_rates
 from icofabric_sim.scene.region import make_region
@@ -127,6 +128,8 @@ class Scene:
     anchor_law: tuple[float, float, float]  # k_e [N/m], k_c [N/m], D [m]
     initial: initial.InitialState
     electric: Electric
+    published_bodies: np.ndarray | None  # (m,) numbers of those in `~/poses`; None: all
+    framed_bodies: np.ndarray | None  # (m,) numbers of those that are frames on /tf; None: none
     published_connectors: np.ndarray | None  # (m,) numbers of those in `~/tensions`; None: all
     files: Mapping[str, NamedFile]  # that were read, by the names that parameters give them
 
@@ -222,6 +225,8 @@ class Scene:
             anchors=make_anchors(checked, len(position), drives, geometry.half_edge),
             anchor_law=general_law(checked, geometry.connector_length),
             initial=start,
+            published_bodies=published_bodies(checked, groups),
+            framed_bodies=framed_bodies(checked, groups),
             published_connectors=chosen_connectors(
                 checked, 'publish.connectors', groups, weave.connector_bodies),
             files=files,
@@ -324,6 +329,9 @@ def _check_together(parameters: Parameters) -> tuple[Shell, WeaveGeometry]:
     for family in ('supports', 'loads', 'tractions', 'drives', 'initial'):
         for name in parameters.names(family):
             _check_group(parameters, f'{family}.{name}.group')
+    for name in ('publish.group', 'tf.group'):
+        if parameters[name]:
+            _check_group(parameters, name)
     for name in parameters.names('supports'):
         fixed_freedoms(parameters, name)
     make_planes(parameters)

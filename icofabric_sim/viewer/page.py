@@ -206,7 +206,8 @@ class Page:
         poses, fabric = self._poses, self._sight.fabric
         if fabric is None or not len(poses):
             return
-        low, high = poses[:, :3].min(axis=0), poses[:, :3].max(axis=0)
+        seen = poses[fabric.seen, :3]
+        low, high = seen.min(axis=0), seen.max(axis=0)
         half_edge = fabric.scene.shell.half_edge
         middle = self.stage.scale * 0.5 * (low + high)
         size = self.stage.scale * (float(np.linalg.norm(high - low)) + 5.0 * half_edge)

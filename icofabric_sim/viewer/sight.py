@@ -38,6 +38,7 @@ from icofabric_sim.parameters.changes import rebuilds
 from icofabric_sim.parameters.named_files import with_recorded
 from icofabric_sim.parameters.sections import ParameterSet
 from icofabric_sim.parameters.validation import make_parameters, Parameters
+from icofabric_sim.scene.published import spread
 from icofabric_sim.scene.scene import Scene
 import numpy as np
 
@@ -63,8 +64,17 @@ class Fabric(NamedTuple):
     def groups(self) -> dict[str, np.ndarray]:
         """The first groups of the scene that can move: their bodies, by name."""
         moving = {name: bodies for name, bodies in self.scene.groups.items()
-                  if not self.held[bodies].all()}
+                  if not self.held[bodies].all() and self.seen[bodies].all()}
         return dict(list(moving.items())[:_MOST_GROUPS])
+
+    @property
+    def seen(self) -> np.ndarray:
+        """Whether the poses of a body come, (n,) bool."""
+        chosen = self.scene.published_bodies
+        seen = np.full(self.scene.body_count, chosen is None)
+        if chosen is not None:
+            seen[chosen] = True
+        return seen
 
 
 class Curve(NamedTuple):
@@ -124,14 +134,25 @@ class Sight:
                 self._take_report(data)
 
     def poses(self) -> np.ndarray:
-        """The latest (n, 7) position [m] and orientation x y z w; none before the first."""
+        """
+        The latest (n, 7) position [m] and orientation x y z w; none before the first.
+
+        Bodies whose poses do not come are where they were woven.
+        """
         with self._lock:
-            data = self._poses
+            data, fabric = self._poses, self.fabric
         if not data:
             return np.zeros((0, 7))
         found = decode_pose_array(data)
         self.time = found.nanoseconds
-        return np.asarray(found.values)
+        values = np.asarray(found.values)
+        chosen = None if fabric is None else fabric.scene.published_bodies
+        if fabric is None or chosen is None:
+            return values
+        if len(values) != len(chosen):
+            return np.zeros((0, 7))  # of another weave
+        rest = np.concatenate([fabric.scene.position, fabric.scene.orientation], axis=1)
+        return spread(chosen, values, rest)
 
     def broken_ends(self, poses: np.ndarray) -> np.ndarray:
         """Where the ends of broken connectors are in these poses, (m, 2, 3) [m]."""
@@ -140,6 +161,7 @@ class Sight:
             return np.zeros((0, 2, 3))
         connectors = fabric.scene.connectors
         broken = broken[broken < fabric.scene.connector_count]
+        broken = broken[fabric.seen[connectors.bodies[broken]].all(axis=1)]
         bodies, arms = connectors.bodies[broken], connectors.points_body[broken]
         axis, real = poses[bodies, 3:6], poses[bodies, 6:]
         twice = 2.0 * np.cross(axis, arms)
@@ -157,7 +179,7 @@ class Sight:
         if self.curves and time == self.curves[-1].time:
             return
         shift = poses[:, :3] - fabric.scene.position
-        away = np.linalg.norm(shift, axis=1).max()
+        away = np.linalg.norm(shift, axis=1).max(initial=0.0)
         groups = tuple(
             float(np.linalg.norm(shift[bodies].mean(axis=0))) for bodies in fabric.groups.values())
         energy = self.energy

@@ -103,7 +103,7 @@ class Stage:
         cut = done['section'] != self.section.number
         if renewed or cut or done['pose'] != sight.pose_number:
             done['pose'] = sight.pose_number
-            self._move(poses, cut=cut or self.section.axis != 'off')
+            self._move(poses, fabric, cut=cut or self.section.axis != 'off')
         if cut or done['line'] != sight.line_number:
             done['line'] = sight.line_number
             for number, ends in sorted(sight.lines.items()):
@@ -134,15 +134,19 @@ class Stage:
         self.shells = self._scene.add_batched_meshes_simple(
             '/shells', icosahedron.vertices(_DRAWN_HALF_EDGE), icosahedron.FACES,
             batched_wxyzs=_wxyz(poses), batched_positions=self._drawn(poses[:, :3]),
-            batched_scales=np.ones(len(poses), np.float32),
+            batched_scales=self._shown(poses[:, :3], fabric),
             batched_colors=colors[fabric.held.astype(int)], flat_shading=True, lod='off')
 
-    def _move(self, poses: np.ndarray, *, cut: bool) -> None:
+    def _shown(self, positions: np.ndarray, fabric: Fabric) -> np.ndarray:
+        """Size of each shell over its own: 0 where it is not to be seen."""
+        return (self.section.shows(positions) & fabric.seen).astype(np.float32)
+
+    def _move(self, poses: np.ndarray, fabric: Fabric, *, cut: bool) -> None:
         positions = poses[:, :3]
         self.shells.batched_positions = self._drawn(positions)
         self.shells.batched_wxyzs = _wxyz(poses)
         if cut:
-            self.shells.batched_scales = self.section.shows(positions).astype(np.float32)
+            self.shells.batched_scales = self._shown(positions, fabric)
         self.frames += 1
 
     def _drawn(self, points: np.ndarray) -> np.ndarray:

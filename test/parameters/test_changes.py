@@ -68,7 +68,7 @@ def test_what_acts_at_once_is_taken_alone_out_of_a_larger_change():
 
 def test_what_is_fixed_is_refused_by_name_in_the_words_of_the_column():
     fixed = {name for name, entry in BY_NAME.items() if entry.change is Change.FIXED}
-    assert 'frame_id' in fixed and len(fixed) == 5
+    assert 'frame_id' in fixed and len(fixed) == 8
     require_changeable([*(BY_NAME.keys() - fixed), 'groups.tip', 'loads.tip.hold'])
     for name in fixed:
         assert not concerns_motion(name)

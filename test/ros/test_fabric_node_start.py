@@ -13,6 +13,7 @@
 # limitations under the License.
 """How the node begins and ends: bad input, a duration, interrupts."""
 from concurrent.futures import ThreadPoolExecutor
+from importlib.util import find_spec
 import os
 import signal
 import subprocess
@@ -46,6 +47,8 @@ BAD_STARTS = {
     'step': ({'solver.step': 0.1}, [], ['solver.step', '0.1', 'stability limit']),
     'ROS argument': ({}, ['--paramsfile', 'x'], ['--paramsfile']),
 }
+if find_spec('tf2_msgs') is None:
+    BAD_STARTS['frames'] = {'tf.group': 'all'}, [], ['tf.group', 'tf2_msgs', 'not installed']
 
 
 @pytest.fixture(scope='module')

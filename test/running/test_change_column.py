@@ -91,6 +91,7 @@ OTHERS = {
     'record.split_size': 4096,
     'frame_id': 'map',
     'publish.connectors': 'tip wall',
+    'publish.group': 'tip',
     'checkpoint.path': 'elsewhere',
     'record.path': 'elsewhere',
     'groups.it': 'y_max',

@@ -93,11 +93,20 @@ class ExactComparison:
         if topic is topics.POSES:
             return _values(
                 data, self._outputs.poses(snapshot(), time),
-                lambda message: decoded(decode_pose_array, message), _POSE)
+                lambda message: decoded(decode_pose_array, message), _POSE,
+                numbers=simulation.scene.published_bodies)
         if topic is topics.STATE:
             return _values(
                 data, self._outputs.state(snapshot()),
-                lambda message: decoded(decode_float64_multi_array, message), _STATE)
+                lambda message: decoded(decode_float64_multi_array, message), _STATE,
+                numbers=simulation.scene.published_bodies)
+        if topic is topics.TF:
+            # Of several fabrics all have their frames there.
+            if self._several or simulation.scene.framed_bodies is None:
+                return None
+            return _whole(data, self._outputs.tf(snapshot(), time), 'frames')
+        if topic is topics.BODIES:
+            return _whole(data, self._outputs.bodies(), 'numbers of bodies')
         if topic is topics.BROKEN:
             return _values(
                 data, self._outputs.broken(snapshot()),
@@ -200,19 +209,22 @@ class CloseComparison:
         self.meaningless_since = None
         recorded = self._run.decoded(decode_pose_array, data).values
         state, half_edge = simulation.snapshot(), simulation.scene.geometry.half_edge
-        if recorded.shape != (len(state.position), 7):
-            return _counts(len(recorded), len(state.position), 'body')
-        shift = np.linalg.norm(recorded[:, :3] - state.position, axis=1) / half_edge
+        chosen = simulation.scene.published_bodies
+        rows = np.arange(len(state.position)) if chosen is None else chosen
+        if recorded.shape != (len(rows), 7):
+            return _counts(len(recorded), len(rows), 'body')
+        orientation = state.orientation[rows]
+        shift = np.linalg.norm(recorded[:, :3] - state.position[rows], axis=1) / half_edge
         # Both signs of a quaternion are one orientation.
         turn = 2.0 * np.minimum(
-            np.linalg.norm(recorded[:, 3:] - state.orientation, axis=1),
-            np.linalg.norm(recorded[:, 3:] + state.orientation, axis=1))
+            np.linalg.norm(recorded[:, 3:] - orientation, axis=1),
+            np.linalg.norm(recorded[:, 3:] + orientation, axis=1))
         distance = np.maximum(shift, turn)
         worst = int(np.argmax(np.where(np.isfinite(distance), distance, np.inf)))
         if not distance[worst] <= bound:
-            body = int(np.flatnonzero(~(distance <= bound))[0])
+            row = int(np.flatnonzero(~(distance <= bound))[0])
             return (
-                f'body {body}: {shift[body] * half_edge:.3g} m and {turn[body]:.3g} rad apart, '
+                f'body {rows[row]}: {shift[row] * half_edge:.3g} m and {turn[row]:.3g} rad apart, '
                 f'while tolerance and growth explain {bound * half_edge:.3g} m and {bound:.3g} '
                 'rad')
         if distance[worst] >= self.largest:
@@ -234,6 +246,10 @@ def _scalar(recorded: int, simulated: int) -> str:
     return '' if recorded == simulated else f'{recorded} ns in the bag, {simulated} ns simulated'
 
 
+def _whole(recorded: bytes, simulated: bytes | None, what: str) -> str:
+    return '' if recorded == simulated else f'its {what} are not those simulated again'
+
+
 def _counts(recorded: int, simulated: int, what: str) -> str:
     return (
         f'{recorded:,} {_plural(what)} in the bag, {simulated:,} {_plural(what)} simulated again')
@@ -245,9 +261,13 @@ def _plural(what: str) -> str:
 
 def _values(
     recorded: bytes, simulated: bytes, decode: Callable[[bytes], Any], columns: tuple[str, ...],
-    *, what: str = 'body',
+    *, what: str = 'body', numbers: np.ndarray | None = None,
 ) -> str:
-    """The first number that differs in two messages of one kind, in words; '': none."""
+    """
+    The first number that differs in two messages of one kind, in words; '': none.
+
+    `numbers` of the rows; None: from 0.
+    """
     if recorded == simulated:
         return ''
     one, two = decode(recorded), decode(simulated)
@@ -260,7 +280,8 @@ def _values(
     if not len(places):
         return f'its head differs: {_head(one)} in the bag, {_head(two)} simulated again'
     place = tuple(int(index) for index in places[0])
-    name = f'{what} {place[0]}: ' if len(place) > 1 else ''
+    row = place[0] if numbers is None else numbers[place[0]]
+    name = f'{what} {row}: ' if len(place) > 1 else ''
     value, other = float(first[place]), float(second[place])
     return (
         f'{name}{columns[place[-1]]} {value!r} in the bag, {other!r} simulated again (difference '

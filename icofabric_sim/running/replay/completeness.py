@@ -86,7 +86,7 @@ class Completeness:
         self._says_pauses = PAUSED in custom and custom.get('version') == __version__
         self._is_running = custom.get(PAUSED) == 'false'
         # Of several fabrics any may have published the time.
-        self._left_out = (topics.CLOCK,) if len(run.nodes) > 1 else ()
+        self._left_out = (topics.CLOCK, topics.TF) if len(run.nodes) > 1 else ()
         self._counted: Counter[str] = Counter()
         self._missing: Counter[Topic] = Counter()
         self._first: dict[Topic, int] = {}

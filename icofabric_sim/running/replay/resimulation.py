@@ -43,7 +43,7 @@ Act = Callable[[Simulation], object]
 # States of the run that can be read again.
 OUTPUTS = (
     topics.POSES, topics.STATE, topics.ENERGY, topics.BROKEN, topics.CONNECTORS, topics.CLOCK,
-    topics.CHECKPOINT, *topics.MEASURED)
+    topics.CHECKPOINT, topics.TF, topics.BODIES, *topics.MEASURED)
 _BY_NAME = {topic.name: topic for topic in OUTPUTS}
 # Wall time between two calls of `on_time` [s].
 _RESPONSE = 0.1

@@ -1,0 +1,65 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""Frames of bodies, as tf2 broadcasts them."""
+
+from collections.abc import Sequence
+from typing import ClassVar, SupportsIndex
+
+from icofabric_sim.messages.cdr import (
+    aligned_buffer,
+    CdrBuilder,
+    HEADER_SIZE,
+    split_nanoseconds,
+)
+import numpy as np
+
+_NUMBERS = 7  # translation, rotation x y z w
+
+
+class TransformsBytes:
+    """A tf2_msgs/TFMessage of a fixed set of frames, all in one parent frame."""
+
+    TYPE: ClassVar[str] = 'tf2_msgs/msg/TFMessage'
+
+    def __init__(self, frame_id: str, children: Sequence[str]) -> None:
+        """Lay the message out once; `children` are the names of the frames."""
+        layout, stamps, numbers = CdrBuilder(), [], []
+        layout.numbers('I', len(children))
+        for child in children:
+            layout.align(4)
+            stamps.append(layout.size)
+            layout.header(frame_id)
+            layout.string(child, 'children')
+            layout.align(8)
+            numbers.append(layout.size)
+            layout.numbers('d', *[0.0] * (_NUMBERS - 1), 1.0)
+        # Whole numbers of both sizes, counted from the first byte of the content.
+        self._size = layout.size
+        self._message = aligned_buffer(self._size + (HEADER_SIZE - self._size) % 8)
+        self._message[:self._size] = np.frombuffer(bytes(layout.data), np.uint8)
+        content = self._message[HEADER_SIZE:]
+        self._stamps, self._values = content.view('<u4'), content.view('<f8')
+        first = (np.array(stamps, np.int64) - HEADER_SIZE) // 4
+        self._stamp_places = first[:, None] + np.arange(2)
+        first = (np.array(numbers, np.int64) - HEADER_SIZE) // 8
+        self._places = first[:, None] + np.arange(_NUMBERS)
+
+    def filled(
+        self, nanoseconds: SupportsIndex, position: np.ndarray, orientation: np.ndarray
+    ) -> bytes:
+        """Return the message: stamp [ns], (n, 3) [m], (n, 4) x y z w, both in the parent frame."""
+        self._stamps[self._stamp_places] = split_nanoseconds(nanoseconds)
+        self._values[self._places[:, :3]] = position
+        self._values[self._places[:, 3:]] = orientation
+        return self._message[:self._size].tobytes()

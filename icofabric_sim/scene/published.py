@@ -1,0 +1,68 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""The bodies whose poses are published and recorded, and those that are frames of tf2."""
+
+from collections.abc import Mapping
+
+from icofabric_sim.parameters.validation import ParameterError, Parameters
+import numpy as np
+
+
+def published_bodies(
+    parameters: Parameters, groups: Mapping[str, np.ndarray]
+) -> np.ndarray | None:
+    """
+    Numbers of the bodies that `publish.group` and `publish.stride` choose, ascending; None: all.
+    """
+    stride = parameters['publish.stride']
+    chosen = _bodies_of(parameters, 'publish.group', groups, 'all bodies')
+    if chosen is None:
+        return None if stride == 1 else np.sort(groups['all'])[::stride]
+    return chosen[::stride]
+
+
+def framed_bodies(
+    parameters: Parameters, groups: Mapping[str, np.ndarray]
+) -> np.ndarray | None:
+    """Numbers of the bodies that `tf.group` makes frames of, ascending; None: none."""
+    return _bodies_of(parameters, 'tf.group', groups, 'none')
+
+
+def _bodies_of(
+    parameters: Parameters, key: str, groups: Mapping[str, np.ndarray], empty: str
+) -> np.ndarray | None:
+    name = parameters[key]
+    if not name:
+        return None
+    chosen = np.sort(groups[name])
+    if not len(chosen):
+        raise ParameterError(
+            key, f"{key} {name!r} has no bodies; name a group that has some, or '' for {empty}")
+    return chosen
+
+
+def spread(chosen: np.ndarray | None, published: np.ndarray, rest: np.ndarray) -> np.ndarray:
+    """
+    Rows of all bodies: the `published` ones (m, k) at the numbers `chosen`, else `rest` (n, k).
+
+    ValueError where there are not as many as chosen.
+    """
+    expected = len(rest) if chosen is None else len(chosen)
+    if len(published) != expected:
+        raise ValueError(f'{len(published):,} bodies where {expected:,} are published')
+    if chosen is None:
+        return published
+    whole = np.array(rest, dtype=float)
+    whole[chosen] = published
+    return whole
