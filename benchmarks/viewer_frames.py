@@ -26,7 +26,8 @@ its scene was drawn, those of them with new poses, and the processor time of the
 Of 10,000 shells a frame takes seconds: `--seconds 40`.
 `cost`: a node that runs as fast as possible; its processor time for each simulated second, without
 and with a viewer_node and a client beside it, in turns. Processor time, so that other load on the
-machine matters little.
+machine matters little; but a core is slower while another one works, so the node also runs beside
+a program that computes as much of the time as the viewer does and has nothing to do with it.
 """
 
 import argparse
@@ -48,6 +49,14 @@ from page_client import PageClient  # noqa: E402 - beside the tests
 SIZES = {63: (5, 5, 5), 1000: (13, 13, 12), 10000: (28, 28, 26)}
 PORT = 18400
 MOVES, LINES = 60.0, 10.0  # [Hz]
+# A viewer of 63 to 1,000 shells takes 0.4 of a core.
+COMPUTES = """import time
+while True:
+    end = time.perf_counter() + 0.004
+    while time.perf_counter() < end:
+        pass
+    time.sleep(0.006)
+"""
 # Frames that the page has drawn meanwhile, those in which a shell was elsewhere, and seconds.
 DRAWN = """new Promise(done => {
     let mesh = null;
@@ -228,10 +237,13 @@ def measure_cost(count, seconds, rounds):
         scene = Path(folder) / 'scene.yaml'
         scene.write_text(dump_parameters(flatten_parameters(parameters_of(count))))
         node = start('fabric_node', 'ready: ', '--params-file', str(scene))
-        meter, alone, watched = Meter(node), [], []
+        meter, alone, beside, watched = Meter(node), [], [], []
         try:
             for _ in range(rounds):
                 alone.append(meter.cost(seconds))
+                with subprocess.Popen([sys.executable, '-c', COMPUTES]) as other:
+                    beside.append(meter.cost(seconds))
+                    other.kill()
                 viewer = start('viewer_node', ' is shown at ', '-p', f'port:={PORT}')
                 with PageClient(PORT) as page:
                     page.wait_for(lambda: page.shells() is not None, 'no shells')
@@ -239,10 +251,12 @@ def measure_cost(count, seconds, rounds):
                 stop(viewer)
         finally:
             stop(node)
-    first, second = statistics.median(alone), statistics.median(watched)
+    first, other, second = (statistics.median(each) for each in (alone, beside, watched))
     print(
         f'{count:6,d} shells: {first:.4g} s of processor for a simulated second alone, '
-        f'{second:.4g} watched: {100.0 * (1.0 - first / second):.1f} % of pace lost; load '
+        f'{other:.4g} beside a program that computes, {second:.4g} watched: '
+        f'{100.0 * (1.0 - first / second):.1f} % of the pace alone lost, '
+        f'{100.0 * (1.0 - other / second):.1f} % of that beside; load '
         f'{os.getloadavg()[0]:.1f} on {os.cpu_count()} cores', flush=True)
 
 

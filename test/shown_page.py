@@ -30,7 +30,7 @@ class Shown:
         simulation = ico.compile_scene(scene)
         simulation.warm_up()
         self.sight, self.inputs = Sight(), ListSink()
-        self.runner = Runner(simulation, [self.inputs, SightSink(self.sight)])
+        self.runner = Runner(simulation, [self.inputs, SightSink(self.sight, is_run=True)])
         self.page = Page(
             self.sight, None if read_only else RunHands(self.runner), port=18080, rate=60.0)
         self.port = self.page.server.get_port()

@@ -90,7 +90,7 @@ def _show_run(
         bag = BagSink(parameters['record.path'], simulation, live=True, parameters=parameters)
     report = HealthReport('/icofabric')
     runner = Runner(
-        simulation, [bag, SightSink(sight)], parameters=parameters,
+        simulation, [bag, SightSink(sight, is_run=True)], parameters=parameters,
         report=lambda status: report.bytes(status, {}, {}, {}))
     thread = threading.Thread(target=runner.run, name='simulation', daemon=True)
     try:

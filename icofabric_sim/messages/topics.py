@@ -47,7 +47,8 @@ import numpy as np
 __all__ = [
     'BODIES', 'BROKEN', 'CHECKPOINT', 'CLOCK', 'CONNECTORS', 'CONTACTS', 'DIAGNOSTICS', 'ENERGIES',
     'ENERGY', 'EVENTS', 'ICOSAHEDRA', 'MARKERS', 'MEASURED', 'Outputs', 'POSES', 'REACTIONS',
-    'STATE', 'STRAIN_CLASSES', 'StrainClass', 'TENSIONS', 'TF', 'Topic', 'TOPICS', 'WEAVE']
+    'STATE', 'STRAIN_CLASSES', 'StrainClass', 'TENSIONS', 'TF', 'Topic', 'TOPICS', 'VIEWS',
+    'WEAVE']
 
 
 class Topic(NamedTuple):
@@ -86,9 +87,13 @@ DIAGNOSTICS = Topic('/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', False
 EVENTS = Topic('~/events', StringBytes.TYPE, False, 100, True)
 # Checkpoints, so that a bag can be simulated again from there.
 CHECKPOINT = Topic('~/checkpoint', 'std_msgs/msg/UInt8MultiArray', False, 1, True)
+# What a page draws of a run, at the pace of the wall clock however fast the run is.
+VIEWS = {
+    topic: topic._replace(name=topic.name.replace('~/', '~/view/'), recorded=False)
+    for topic in (POSES, CONNECTORS, MARKERS, ENERGY)}
 TOPICS = (
     POSES, BODIES, CONNECTORS, ICOSAHEDRA, MARKERS, STATE, ENERGY, REACTIONS, TENSIONS, CONTACTS,
-    TF, BROKEN, WEAVE, CLOCK, DIAGNOSTICS, EVENTS)
+    TF, BROKEN, WEAVE, CLOCK, DIAGNOSTICS, EVENTS, *VIEWS.values())
 
 # Label and name in a snapshot of each number in `~/energy` [J].
 ENERGIES = {

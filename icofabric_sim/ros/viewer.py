@@ -22,7 +22,7 @@ from typing import Any
 
 from icofabric_sim.messages import PointStampedBytes
 from icofabric_sim.messages.frames import body_frame
-from icofabric_sim.messages.topics import Topic
+from icofabric_sim.messages.topics import Topic, VIEWS
 from icofabric_sim.ros.live_sink import message_class, quality
 from icofabric_sim.ros.process import Server, StopSignals
 from icofabric_sim.viewer.local import SightSink
@@ -33,6 +33,7 @@ from rclpy.exceptions import InvalidParameterTypeException, InvalidTopicNameExce
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
+from rclpy.subscription import Subscription
 from rclpy.validate_full_topic_name import validate_full_topic_name
 from std_srvs.srv import SetBool, Trigger
 
@@ -152,13 +153,14 @@ class ViewerNode(Node):
                 f'{options["fabric"]!r}') from None
         self.sight = Sight(self.fabric)
         self._sink = SightSink(self.sight)
-        for topic in TOPICS:
-            self._listen(topic)
+        self._heard: dict[str, tuple[str, Subscription]] = {}
+        self._listen_to_all()
         self.hands = GraphHands(self, self.fabric)
         self.page: Page | None = None
 
     def serve(self) -> None:
         """Open the page, or anew where a replay has become a simulation or the reverse."""
+        self._listen_to_all()
         is_replay = self.is_replay()
         if self.page is not None and is_replay in (None, self.hands.is_replay):
             return
@@ -181,13 +183,24 @@ class ViewerNode(Node):
         """Whether the node that is looked at replays; None: it is not there."""
         return self.hands.finds_replay()
 
-    def _listen(self, topic: Topic) -> None:
-        name = topic.name.replace('~', self.fabric, 1)
+    def _listen_to_all(self) -> None:
+        """Listen to what a run has for pages, where there is one, else to all that it sends."""
+        for topic in TOPICS:
+            view = VIEWS.get(topic, topic).name.replace('~', self.fabric, 1)
+            name = topic.name.replace('~', self.fabric, 1)
+            wanted = view if self.count_publishers(view) else name
+            heard, subscription = self._heard.get(topic.name, ('', None))
+            if heard == wanted:
+                continue
+            self._heard[topic.name] = wanted, self._listen(topic, wanted)
+            if subscription is not None:
+                self.destroy_subscription(subscription)
 
+    def _listen(self, topic: Topic, name: str) -> Subscription:
         def receive(data: Any) -> None:
             self._sink.send(topic, 0, bytes(data))
 
-        self.create_subscription(
+        return self.create_subscription(
             message_class(topic.type), name, receive, quality(topic), raw=True)
 
 

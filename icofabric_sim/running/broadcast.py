@@ -24,6 +24,7 @@ from icofabric_sim.messages.topics import Outputs, Topic
 from icofabric_sim.parameters.validation import Parameters
 from icofabric_sim.running.load_cell_kernels import LoadCellKernels
 from icofabric_sim.running.run_records import Status
+from icofabric_sim.running.views import Views
 from icofabric_sim.simulation.simulation import Simulation
 import numpy as np
 
@@ -111,6 +112,7 @@ class Broadcast:
         self.sinks = sinks
         self._report = report
         self._last_report = 0.0
+        self._views = Views()
         self.set_scene(simulation)
 
     def set_scene(self, simulation: Simulation, outputs: Outputs | None = None) -> None:
@@ -211,10 +213,11 @@ class Broadcast:
             sink.time_jumped_back(self.simulation, self._parameters, ended)
 
     def due(self, now: int) -> None:
-        """Send what is due exactly `now`."""
+        """Send what is due exactly `now`, and to pages what they have waited for."""
         self.emit(
             now, [topic for topic, schedule in self._schedules.items() if schedule.is_due(now)]
         )
+        self._show(now, self._views.due(), None)
 
     def emit(
         self, now: int, chosen: Iterable[Topic] = MOVING, *, live_only: bool = False,
@@ -229,6 +232,19 @@ class Broadcast:
             receivers = self._receivers(topic, only, live_only=live_only)
             if receivers and not self._is_awaited(topic):
                 self._send(topic, now, self._build(topic, now), receivers)
+        if chosen is MOVING:
+            self._show(now, topics.VIEWS.items(), only)
+
+    def _show(
+        self, now: int, chosen: Iterable[tuple[Topic, Topic]], only: Sequence[Sink] | None
+    ) -> None:
+        """Send the present to pages: pairs of a topic, and what it is called there."""
+        for topic, view in chosen:
+            receivers = self._receivers(view, only)
+            if receivers:
+                began = wall.monotonic()
+                self._send(view, now, self._build(topic, now), receivers)
+                self._views.sent(topic, began)
 
     def _is_awaited(self, topic: Topic) -> bool:
         """Whether a live run has yet to get the kernels that measure a topic."""

@@ -24,7 +24,7 @@ from icofabric_sim.messages import PointStampedBytes
 from icofabric_sim.messages.frames import body_frame
 from icofabric_sim.messages.input_topics import PULL
 from icofabric_sim.messages.schedule import NANOSECONDS, seconds
-from icofabric_sim.messages.topics import Topic
+from icofabric_sim.messages.topics import Topic, VIEWS
 from icofabric_sim.parameters.validation import Parameters
 from icofabric_sim.running.replay.player import Player
 from icofabric_sim.running.replay.replay_parameters import judge_option
@@ -35,7 +35,8 @@ from icofabric_sim.simulation.simulation import Simulation
 from icofabric_sim.viewer.sight import Sight, TOPICS
 
 _LOGGER = logging.getLogger('icofabric_sim')
-_BY_NAME = {topic.name: topic for topic in TOPICS}
+_BY_NAME = {topic.name: topic for topic in TOPICS} | {
+    view.name: topic for topic, view in VIEWS.items()}
 
 
 class SightSink:
@@ -43,13 +44,15 @@ class SightSink:
 
     is_bag = False
 
-    def __init__(self, sight: Sight) -> None:
-        """Feed `sight`."""
+    def __init__(self, sight: Sight, *, is_run: bool = False) -> None:
+        """Feed `sight`; `is_run`: of a run, which has topics for pages."""
         self._sight = sight
+        self._names = {
+            (VIEWS.get(topic, topic) if is_run else topic).name for topic in TOPICS}
 
     def wants(self, topic: Topic) -> bool:
         """Whether a page shows the topic."""
-        return topic.name in _BY_NAME
+        return topic.name in self._names
 
     def send(self, topic: Topic, nanoseconds: int, data: bytes) -> None:
         """Take a message; what is malformed is said and left out."""

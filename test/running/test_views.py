@@ -1,0 +1,101 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""What a page is sent of a run: by the wall clock, and nothing where nobody looks."""
+import time
+
+import icofabric_sim as ico
+from icofabric_sim.messages import topics
+from icofabric_sim.messages.topics import VIEWS
+from icofabric_sim.running import views
+from icofabric_sim.running.broadcast import Broadcast
+import pytest
+from runner_helpers import ListSink
+
+POSES = VIEWS[topics.POSES]
+
+
+@pytest.fixture
+def simulation():
+    return ico.compile_scene(ico.load_scene('hanging_slab'))
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    """A wall clock [s] that goes on by itself only in its only item."""
+    now = [100.0]
+    monkeypatch.setattr(time, 'monotonic', lambda: now[0])
+    return now
+
+
+def test_pages_get_at_most_60_poses_and_10_of_the_rest_in_a_second(simulation, clock):
+    page = ListSink(*VIEWS.values())
+    broadcast = Broadcast([page], simulation)
+    for number in range(3000):  # outputs every 60th of a simulated second, 3,000 in a second
+        clock[0] = 100.0 + number / 3000.0
+        broadcast.due(number * 10**9 // 60)
+    assert 55 <= len(page.of(POSES)) <= 60
+    assert len(page.of(VIEWS[topics.ENERGY])) == 10
+    assert len({time for time, _ in page.of(VIEWS[topics.CONNECTORS])}) == 10
+
+
+def test_they_are_the_messages_that_others_get(simulation, clock):
+    page, other = ListSink(*VIEWS.values()), ListSink(*VIEWS)
+    broadcast = Broadcast([page, other], simulation)
+    simulation.advance_to(0.5)
+    broadcast.due(500_000_000)
+    assert page.messages and len(page.messages) == len(other.messages)
+    for topic, view in VIEWS.items():
+        assert page.of(view) == other.of(topic) != []
+
+
+def test_others_get_all_whoever_looks(simulation, clock):
+    page, other = ListSink(*VIEWS.values()), ListSink(topics.POSES)
+    broadcast = Broadcast([page, other], simulation)
+    for number in range(1, 31):
+        broadcast.due(number * 10**9 // 60 + (number * 10**9 % 60 >= 30))
+    assert len(other.messages) == 30 and len(page.of(POSES)) == 1
+
+
+def test_what_takes_long_is_sent_seldom(simulation, clock, monkeypatch):
+    page = ListSink(*VIEWS.values())
+    broadcast = Broadcast([page], simulation)
+    build = broadcast._build
+
+    def slow(topic, now):
+        clock[0] += 0.01 * (topic is topics.POSES)
+        return build(topic, now)
+
+    monkeypatch.setattr(broadcast, '_build', slow)
+    end = 110.0
+    while clock[0] < end:
+        broadcast.due(0)
+        clock[0] += 0.002
+    # 10 ms each, of which they may take so much of the wall time.
+    assert 10 <= len(page.of(POSES)) <= 13
+    assert len(page.of(POSES)) * 0.01 <= views._SHARES[topics.POSES] * 10.0 + 0.011
+
+
+def test_a_page_sees_the_present_at_once_after_a_jump(simulation, clock):
+    page = ListSink(*VIEWS.values())
+    broadcast = Broadcast([page], simulation)
+    for _ in range(3):
+        broadcast.start(0)
+    assert len(page.of(POSES)) == 3
+
+
+def test_nothing_is_built_where_nobody_looks(simulation, clock, monkeypatch):
+    broadcast = Broadcast([ListSink()], simulation)
+    monkeypatch.setattr(broadcast, '_build', lambda topic, now: pytest.fail(topic.name))
+    broadcast.due(0)
+    broadcast.emit(0)
