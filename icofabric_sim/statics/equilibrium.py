@@ -63,6 +63,9 @@ _PIECES = 20  # of a step that crosses kinks
 _NEAR, _PATIENCE = 1e-3, (200, 400, 800, math.inf)
 # Below this part of the energy its differences are rounding.
 _ROUNDING = 1e-9
+# Forces that have fallen below this part of the first ones are measured by those, and are sought
+# to die out for so many further steps.
+_DIED_OUT, _SLACK_STEPS = 1e-7, 200
 
 
 class Progress(NamedTuple):
@@ -252,6 +255,8 @@ class _Search:
         self.radius = 0.1 * fabric.half_edge * fabric.root[0] * math.sqrt(
             max(1, int(self.free.any(axis=1).sum())))
         self.first_gradient = 0.0
+        self.first_force = self._acting()  # [N]
+        self.slack_steps = 0  # with next to nothing of it left
 
     def run(self, *, gently: bool) -> None:
         """
@@ -265,12 +270,12 @@ class _Search:
         if contacts is None:
             self._descend(self.tolerance)
             return
-        stages = contacts.stages(self._acting()) if gently else [contacts.whole]
+        stages = contacts.stages(self.first_force) if gently else [contacts.whole]
         for patience in _PATIENCE:
             for stiffness in stages[:-1]:
                 self._press(stiffness, max(self.tolerance, _NEAR), self.largest)
             self._press(contacts.whole, self.tolerance, patience)
-            if self.steps >= self.largest or self._good(self.tolerance):
+            if self.steps >= self.largest or self._good(self.tolerance) or self._is_slack():
                 return
             # Where much touches for a moment only, stiff contacts begin and end at every step.
             stages = contacts.softer()
@@ -289,11 +294,13 @@ class _Search:
 
     def _descend(self, tolerance: float, last: float = math.inf) -> None:
         stuck = 0
-        while self.steps < min(self.largest, last) and stuck < 30 and not self._good(tolerance):
+        while self.steps < min(self.largest, last) and stuck < 30 and not (
+                self._good(tolerance) or self._is_slack()):
             before = self.residual()
             if self.progress is not None:
                 self.progress(Progress(self.steps, before, self.here.energy))
             self.steps += 1
+            self.slack_steps += self._has_died_out()
             if self._step():
                 stuck = 0
             else:
@@ -303,16 +310,34 @@ class _Search:
         """The largest force left, or torque over a, in parts of the largest force that acts."""
         left = np.abs(self.leftover())
         left[:, 3:] /= self.fabric.half_edge
-        most, scale = float(left.max(initial=0.0)), self.here.force_scale
+        most, scale = float(left.max(initial=0.0)), self._scale()
         least = 10.0 * self.fabric.rounding
         if scale > least:
             return float(most / scale)
         # Where nothing acts, rounding of the lengths is all there is.
         return 1.0 if most > least else 0.0
 
+    def _scale(self) -> float:
+        """
+        The largest force that acts [N]; the first one where next to nothing of it is left.
+
+        In parts of what is left, forces that die out would never come near to rest.
+        """
+        return self.first_force if self._has_died_out() else self.here.force_scale
+
+    def _has_died_out(self) -> bool:
+        """Whether next to nothing acts any more; weight and loads, however small, always do."""
+        here = self.here
+        return (here.force_scale < _DIED_OUT * self.first_force
+                and self.fabric.model.gravity is None and not here.acting.wrench.any())
+
+    def _is_slack(self) -> bool:
+        """Whether forces die out, and only ever more slowly."""
+        return self.slack_steps > _SLACK_STEPS
+
     def _good(self, tolerance: float) -> bool:
         """Whether no more is left than is tolerated, or than rounding of the lengths may be."""
-        rounding, scale = self.fabric.rounding, self.here.force_scale
+        rounding, scale = self.fabric.rounding, self._scale()
         return self.residual() <= max(
             tolerance, rounding / scale if scale > 10.0 * rounding else 0.0)
 
@@ -449,6 +474,11 @@ class _Search:
                 'jumps there, so that no step comes nearer; bands only pull: set '
                 'connector.stiffness_compression to 0.0, give a connector.natural_length that '
                 'keeps them taut, or see in a run with drag what the fabric does')
+        if self._has_died_out():
+            return (
+                f'it goes slack: of the forces at first {self.residual():.1g} is left, and less '
+                'with every step, so it bears nothing and has no stiffness there; give it a '
+                'connector.natural_length that keeps it tight, or loads')
         if self.steps >= self.largest:
             return (
                 f'the search took all of its {self.largest:,} steps; give it more (--steps, '

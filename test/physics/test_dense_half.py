@@ -158,3 +158,22 @@ def test_pre_tension_presses_faces_and_takes_mechanisms_away(ratio, pairs, mecha
     assert rest.mechanism_count == mechanisms and len(rest.touching.pairs) == pairs
     assert rest.touching.depth < 0.005 * scene.shell.half_edge
     assert (np.abs(rest.tension).max() > 1e-3) == (pairs > 0)
+
+
+@pytest.mark.parametrize('size, ratio, angle', [([5, 5, 4], 0.88, -0.3), ([3, 6, 6], 0.92, -0.2)])
+def test_what_goes_slack_is_said_to_soon(size, ratio, angle):
+    woven = ico.Scene.from_parameters(
+        {'weave': {'size': size, 'connector_angle': angle}, 'contact': {'mode': 'always'}})
+    tight = woven.with_changes(
+        {'connector.natural_length': ratio * woven.geometry.connector_length})
+    found = ico.solve_equilibrium(tight)
+    assert not found.converged and found.step_count < 1200
+    assert found.reason.startswith('it goes slack: of the forces at first')
+    # Connectors have come to their natural length.
+    assert np.abs(found.tension).max() < 1e-6 * tight.parameters['connector.stiffness'] * (
+        woven.geometry.connector_length)
+    # Under a load, however small, it is the load that has to be borne.
+    loaded = tight.with_changes({
+        'groups.low': 'z_min', 'groups.high': 'z_max', 'supports.low.group': 'low',
+        'supports.low.fix': 'all', 'loads.high.group': 'high', 'loads.high.force': [0., 0., 1e-9]})
+    assert not ico.solve_equilibrium(loaded, largest_step_count=300).reason.startswith('it goes')
