@@ -215,6 +215,14 @@ def normalise(orientation: np.ndarray, s: int) -> None:
 
 
 @compiled
+def larger_of(largest: float, error: float) -> float:
+    """Return the larger of two errors; one that is no number is infinite."""
+    if not error <= np.inf:
+        return np.inf
+    return max(largest, error)
+
+
+@compiled
 def step_error(
     slopes: np.ndarray, turn_rows: int, error_5: np.ndarray, error_3: np.ndarray,
     scales: np.ndarray, smooth: float, s: int
@@ -228,7 +236,7 @@ def step_error(
     probably errs by: see `probable_error`, also for `smooth`.
     """
     zero = splat(0.0)
-    largest_5, largest_3 = zero, zero
+    largest_5, largest_3, all_squares = zero, zero, zero
     row = 0
     for part in range(4):
         rows = turn_rows if part == 1 else 3
@@ -244,16 +252,16 @@ def step_error(
             square_5 = fma(first, first, square_5)
             square_3 = fma(second, second, square_3)
         row += rows
+        all_squares = all_squares + (square_5 + square_3)
         largest_5 = maximum(splat(scales[part]) * square_5, largest_5)
         largest_3 = maximum(splat(scales[part]) * square_3, largest_3)
     sum_ = maximum(fma(splat(0.01), largest_3, largest_5), splat(1e-300))
-    error = largest_5 * rsqrt(sum_)
+    # A maximum passes over what is no number; 0 times that is none either.
+    error = largest_5 * rsqrt(sum_) + zero * all_squares
     error_of_step = probable_error(largest_5, largest_3, smooth)
     largest, probable = 0.0, 0.0
     for i in range(LANES):
-        # Also where it is not a number.
-        if not lane(error, i) <= largest:
-            largest = lane(error, i)
+        largest = larger_of(largest, lane(error, i))
         probable = max(probable, lane(error_of_step, i))
     return largest, probable
 

@@ -22,7 +22,7 @@ import threading
 import time
 from typing import Any
 
-from icofabric_sim.messages.topics import Topic, TOPICS
+from icofabric_sim.messages.topics import Topic
 from icofabric_sim.parameters.validation import Parameters
 from icofabric_sim.running.run_records import Status
 from icofabric_sim.simulation.simulation import Simulation
@@ -80,7 +80,7 @@ class LiveSink:
     messages, and one that is full loses the oldest, which is counted.
     """
 
-    def __init__(self, node: Node, topics: Iterable[Topic] = TOPICS) -> None:
+    def __init__(self, node: Node, topics: Iterable[Topic]) -> None:
         """Create the publishers of `node`."""
         self._outlets = {
             topic.name: _Outlet(

@@ -17,7 +17,7 @@ from fractions import Fraction
 import icofabric_sim as ico
 from icofabric_sim.messages import OK, WARN
 from icofabric_sim.messages.markers import OBSTRUCTED
-from icofabric_sim.messages.topics import STRAIN_CLASSES, TOPICS
+from icofabric_sim.messages.topics import STRAIN_CLASSES, TF, TOPICS
 import numpy as np
 import pytest
 from rclpy.parameter import Parameter
@@ -52,14 +52,15 @@ def paused(client):
 
 
 def test_types_and_quality_of_topics(client):
-    for name, type_name, *_ in TOPICS:
+    for name, type_name, *_ in [topic for topic in TOPICS if topic is not TF]:
         topic = name.replace('~', '/icofabric')
         found = client.wait_for(
             lambda topic=topic: client.node.get_publishers_info_by_topic(topic), topic)
         assert [info.topic_type for info in found] == [type_name]
         assert found[0].qos_profile.reliability == ReliabilityPolicy.RELIABLE
         latched = found[0].qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
-        assert latched == (topic in ('/icofabric/weave', '/icofabric/broken'))
+        assert latched == (topic.rpartition('/')[2] in ('weave', 'broken', 'bodies'))
+    assert not client.node.get_publishers_info_by_topic('/tf')  # without tf.group
 
 
 def test_weave_reaches_a_late_joiner(client, scene, tmp_path):

@@ -685,3 +685,10 @@ def test_kinds_are_listed(capsys):
     assert main(['stress', '--list', '--kinds', '0,5']) == 0
     assert [line.split()[:2] for line in capsys.readouterr().out.splitlines()] == [
         ['0', 'auto'], ['5', 'dop8']]
+
+
+def test_a_step_whose_forces_are_no_numbers_is_refused():
+    # Connectors that pull 7,000 times as stiffly as they push: steps grow while all are pushed,
+    # and one of 0.5 s leaves the range of numbers. Its error was taken for none.
+    finding = judge(draw_scene(201574))
+    assert finding.verdict in (Verdict.WITHIN, Verdict.CHAOTIC), finding

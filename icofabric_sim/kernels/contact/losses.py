@@ -475,8 +475,8 @@ def stretch_error(
                 square_3 += second_sum * second_sum
             sum_ = max(scale * (square_5 + 0.01 * square_3), 1e-300)
             error = scale * square_5 / math.sqrt(sum_)
-            if not error <= largest:
-                largest = error
+            # One that is no number is infinite.
+            largest = max(largest, error) if error <= math.inf else math.inf
             probable = max(probable, lane(probable_error(
                 splat(scale * square_5), splat(scale * square_3), smooth), 0))
     return largest, probable

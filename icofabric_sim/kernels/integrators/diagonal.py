@@ -30,7 +30,7 @@ from icofabric_sim.kernels.hessian import hessian_times
 from icofabric_sim.kernels.law_tables import tabled_pull, tabled_slope
 from icofabric_sim.kernels.monitor import rows_of
 from icofabric_sim.kernels.records import Damping, Links, Loads, Model, State, Variety
-from icofabric_sim.kernels.rhs import combine, normalise, step_error
+from icofabric_sim.kernels.rhs import combine, larger_of, normalise, step_error
 from icofabric_sim.kernels.runtime.compiled import compiled
 from icofabric_sim.kernels.runtime.lanes import (
     bits,
@@ -161,8 +161,7 @@ def stage_error(
     for block in range(model.blocks.slot.shape[0]):
         error, _ = step_error(
             slopes, turn_rows, weights, weights, scales, 1e300, model.blocks.slot[block])
-        if not error <= largest:
-            largest = error
+        largest = larger_of(largest, error)
     return largest
 
 

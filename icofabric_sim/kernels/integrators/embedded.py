@@ -49,6 +49,7 @@ from icofabric_sim.kernels.rhs import (
     combine,
     find_slopes,
     interpolate,
+    larger_of,
     normalise,
     place_blocks,
     step_error,
@@ -260,14 +261,12 @@ def largest_error(
         error, error_of_step = step_error(
             trail.slopes, turn_rows, pair.error_5, pair.error_3, control[SCALES:], smooth,
             model.blocks.slot[block])
-        if not error <= largest:
-            largest = error
+        largest = larger_of(largest, error)
         probable = max(probable, error_of_step)
     error, error_of_step = stretch_error(
         losses_of(model.contacts), pair.error_5, pair.error_3, control[SCALES], smooth,
         team)
-    if not error <= largest:
-        largest = error
+    largest = larger_of(largest, error)
     probable = max(probable, error_of_step)
     if has_missed(watch, team.member) and largest < _MISSED:
         largest = _MISSED
@@ -275,8 +274,7 @@ def largest_error(
     trail.probable[team.member] = probable
     wait_for_all(team)
     for member in range(team.size):
-        if not trail.errors[member] <= largest:
-            largest = trail.errors[member]
+        largest = larger_of(largest, trail.errors[member])
         probable = max(probable, trail.probable[member])
     return _ESTIMATE * largest, probable
 
