@@ -47,7 +47,7 @@ from icofabric_sim.studies.stress.refusals import (
 from icofabric_sim.studies.stress.scenes import draw_scene, kind_of, seeds_of, StressScene
 from icofabric_sim.studies.stress.shrink import shrink
 from icofabric_sim.studies.stress.verdict import Finding, Verdict
-from icofabric_sim.studies.stress.windows import Added, Windows
+from icofabric_sim.studies.stress.windows import Added, compiled_reference, Windows
 from icofabric_sim.studies.stress.workers import judge_all, judge_scenes
 import numpy as np
 import pytest
@@ -692,3 +692,16 @@ def test_a_step_whose_forces_are_no_numbers_is_refused():
     # and one of 0.5 s leaves the range of numbers. Its error was taken for none.
     finding = judge(draw_scene(201574))
     assert finding.verdict in (Verdict.WITHIN, Verdict.CHAOTIC), finding
+
+
+def test_a_reference_is_as_tight_as_doubles_can_give():
+    scene = ico.Scene.from_parameters(PLAIN.parameters | {'solver.tolerance': 1e-15})
+    with pytest.raises(ValueError, match='below what doubles can give'):
+        compile_scene(scene)
+    taken = compiled_reference(scene).scene.parameters['solver.tolerance']
+    assert 1e-15 < taken < 1e-10
+    with pytest.raises(ValueError, match='below what doubles can give'):
+        compile_scene(scene.with_changes({'solver.tolerance': taken / 3.0}))
+    # What else is refused is no matter of the tolerance.
+    with pytest.raises(ValueError, match='solver.step'):
+        compiled_reference(scene.with_changes({'solver.step': 1.0}))

@@ -89,6 +89,22 @@ def reference_scene(scene: Scene, rate: float) -> Scene:
         'solver.energy_limit': 1e9, 'solver.threads': 1})
 
 
+def compiled_reference(scene: Scene) -> Simulation:
+    """
+    A run of a reference scene, or of one whose tolerance is larger until doubles can give it.
+
+    What rounding adds depends on the scene's coordinates too, which its rate says nothing of.
+    """
+    while True:
+        try:
+            return compile_scene(scene)
+        except ValueError as error:
+            if not str(error).startswith('solver.tolerance'):
+                raise
+            scene = scene.with_changes({
+                'solver.tolerance': 3.0 * float(str(scene.parameters['solver.tolerance']))})
+
+
 def rate_of(simulation: Simulation) -> float:
     """Rate [rad/s] of the fastest motion; that of the duration where nothing vibrates."""
     rate = simulation.status.largest_frequency
@@ -116,7 +132,7 @@ def far_tighter(
     Where it stopped the growth is that until then, and there is no distance; no growth: there was
     no time.
     """
-    reference = compile_scene(reference_scene(run.scene, rate))
+    reference = compiled_reference(reference_scene(run.scene, rate))
     reference.should_stop = should_stop
     companion = Companion(reference)
     try:
@@ -212,7 +228,7 @@ class Windows:
 
     def _compiled(self) -> list[Simulation]:
         """Return the reference and the one that is displaced from it."""
-        others = [compile_scene(self._reference) for _ in range(2)]
+        others = [compiled_reference(self._reference) for _ in range(2)]
         for other in others:
             other.should_stop = self._should_stop
         return others
