@@ -155,7 +155,8 @@ def _find(arguments: argparse.Namespace) -> tuple[dict[str, Any], bool]:
 
 def _without_constants(scene: 'Scene') -> str:
     """Why there is no endless fabric of a scene, of which there are curves; '': there is."""
-    if scene.parameters.names('connector_groups'):
+    from icofabric_sim.scene.connector_groups import alike_everywhere
+    if not alike_everywhere(scene.parameters):
         return 'connector_groups.* make connectors differ from place to place'
     if scene.electric.mutual and scene.electric.charge != 0.0:
         return 'of charge.mutual the sum over all charges has no end'
@@ -242,7 +243,8 @@ def rest_text(scene: 'Scene') -> list[str]:
 
     given, woven = scene.parameters, scene.geometry
     natural = given['connector.natural_length']
-    plain = not (are_given(given) or given['connector.law']) and all(
+    unlike = are_given(given) or given['connector.law'] or given.names('connector_groups')
+    plain = not unlike and all(
         given[f'connector.{name}'] == value for name, value in (
             ('bending_stiffness', 0.0), ('twisting_stiffness', 0.0), ('attachment_scale', 1.0)))
     if not (plain and natural > 0.0) or abs(natural / woven.connector_length - 1.0) < 1e-9:

@@ -586,7 +586,10 @@ FAMILIES: dict[str, tuple[Specification, ...]] = {
         ),
     ),
     'connector_groups': (
-        _s('between', '', '', 'two groups, whose bodies the connectors join', required=True),
+        _s('between', '', '', 'two groups, whose bodies the connectors join; '
+           "'': any bodies, with a direction"),
+        _s('direction', '', '', 'the two opposite edges that they join: up down, north south or '
+           "west east, a third of the connectors each; '': any"),
         _s('stiffness', -1.0, 'N/m', 'k in both directions; negative: as for all'),
         _s('stiffness_extension', -1.0, 'N/m', 'k_e; negative: stiffness'),
         _s('stiffness_compression', -1.0, 'N/m', 'k_c; negative: stiffness'),

@@ -17,7 +17,7 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 from icofabric_sim.parameters.validation import ParameterError, Parameters
-from icofabric_sim.scene.connector_laws import between, ConnectorLaws, connectors_between
+from icofabric_sim.scene.connector_laws import ConnectorLaws
 import numpy as np
 
 NAMES = ('break_length_extension', 'break_length_compression')
@@ -31,25 +31,21 @@ class BreakLimits(NamedTuple):
 
 
 def make_limits(
-    parameters: Parameters, length: float | np.ndarray, groups: Mapping[str, np.ndarray],
-    bodies: np.ndarray, laws: ConnectorLaws,
+    parameters: Parameters, length: float | np.ndarray, members: Mapping[str, np.ndarray],
+    count: int, laws: ConnectorLaws,
 ) -> BreakLimits | None:
     """
-    Limits of the connectors between `bodies` (c, 2) whose woven `length` is L [m]; None: no break.
+    Limits of all `count` connectors, whose woven `length` is L [m]; None: no break.
 
-    Groups of connectors are those of `make_laws`, and of several the last counts here too.
+    `members` are those of `make_laws`, and of several groups the last counts here too.
     """
-    chosen = {}
-    for name in parameters.names('connector_groups'):
-        first, second = between(parameters, name)
-        chosen[f'connector_groups.{name}'] = connectors_between(
-            groups[first], groups[second], bodies)
+    chosen = {f'connector_groups.{name}': mask for name, mask in members.items()}
     limits = []
     for name, never in zip(NAMES, (np.inf, 0.0)):
         own = {
             prefix: mask for prefix, mask in chosen.items()
             if parameters[f'{prefix}.{name}'] >= 0.0}
-        values = np.full(len(bodies) if own else 1, parameters[f'connector.{name}'])
+        values = np.full(count if own else 1, parameters[f'connector.{name}'])
         source = np.zeros(len(values), np.int64)
         for number, (prefix, mask) in enumerate(own.items(), start=1):
             values[mask] = parameters[f'{prefix}.{name}']
@@ -58,7 +54,7 @@ def make_limits(
         _check(name, keys, source, values, laws.natural_length, length)
         limits.append(np.where(values > 0.0, values, never))
     result = BreakLimits(*limits)
-    if not len(bodies) or not (np.isfinite(result.longest).any() or result.shortest.any()):
+    if not count or not (np.isfinite(result.longest).any() or result.shortest.any()):
         return None
     return result
 

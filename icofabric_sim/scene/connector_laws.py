@@ -61,32 +61,22 @@ NO_TABLES = ConnectorTables((), np.zeros(0, np.int64))
 
 
 def make_laws(
-    parameters: Parameters, length: float | np.ndarray, groups: Mapping[str, np.ndarray],
-    bodies: np.ndarray
+    parameters: Parameters, length: float | np.ndarray, members: Mapping[str, np.ndarray],
+    count: int
 ) -> tuple[ConnectorLaws, ConnectorTables]:
     """
-    Laws of the connectors between `bodies` (c, 2), and those by table.
+    Laws of all `count` connectors, and those by table.
 
-    `length` [m] is the woven one, L, of all, or of each, (c,).
-
-    A connector belongs to `connector_groups.NAME` where one of its bodies is in the first of the
-    two groups and the other in the second. Of several groups the last in order of names counts.
+    `length` [m] is the woven one, L, of all, or of each, (c,). `members`: which connectors belong
+    to each of `connector_groups`, (c,) bool; of several groups the last counts.
     """
     general = _law(parameters, 'connector', length, None)
-    names = parameters.names('connector_groups')
-    if not names and not isinstance(general[2], np.ndarray) and general[3] is None:
+    if not members and not isinstance(general[2], np.ndarray) and general[3] is None:
         return ConnectorLaws(*(np.array([value]) for value in general[:3])), NO_TABLES
-    laws = ConnectorLaws(*(np.full(len(bodies), value) for value in general[:3]))
+    laws = ConnectorLaws(*(np.full(count, value) for value in general[:3]))
     files = [general[3]]
-    table_of = np.zeros(len(bodies), np.int32)
-    for name in names:
-        first, second = between(parameters, name)
-        chosen = connectors_between(groups[first], groups[second], bodies)
-        if not chosen.any():
-            raise ParameterError(
-                f'connector_groups.{name}.between',
-                f'connector_groups.{name}.between {first!r} {second!r}: no connector leads from '
-                'one to the other; name two groups that are joined')
+    table_of = np.zeros(count, np.int32)
+    for name, chosen in members.items():
         own = _law(parameters, f'connector_groups.{name}', length, general)
         for array, value in zip(laws, own[:3]):
             array[chosen] = value[chosen] if isinstance(value, np.ndarray) else value
@@ -101,7 +91,7 @@ def make_laws(
 
 
 def spread_over(
-    parameters: Parameters, name: str, groups: Mapping[str, np.ndarray], bodies: np.ndarray
+    parameters: Parameters, name: str, members: Mapping[str, np.ndarray], count: int
 ) -> np.ndarray:
     """
     Value of `connector.NAME` for every connector, (c,), or (1,) where no group has its own.
@@ -109,69 +99,14 @@ def spread_over(
     `connector_groups.*.NAME` counts where it is not negative.
     """
     value = parameters[f'connector.{name}']
-    said = {
-        group: parameters[f'connector_groups.{group}.{name}']
-        for group in parameters.names('connector_groups')}
+    said = {group: parameters[f'connector_groups.{group}.{name}'] for group in members}
     said = {group: own for group, own in said.items() if not own < 0.0}
     if not said:
         return np.array([value])
-    values = np.full(len(bodies), value)
+    values = np.full(count, value)
     for group, own in said.items():
-        first, second = between(parameters, group)
-        values[connectors_between(groups[first], groups[second], bodies)] = own
+        values[members[group]] = own
     return values
-
-
-def between(parameters: Parameters, name: str) -> tuple[str, str]:
-    """The two groups that `connector_groups.NAME.between` names."""
-    return two_groups(parameters, f'connector_groups.{name}.between')
-
-
-def two_groups(parameters: Parameters, key: str) -> tuple[str, str]:
-    """The two groups that the parameter `key` names; ParameterError where it does not."""
-    words = parameters[key].split()
-    if len(words) != 2:
-        raise ParameterError(
-            key, f'{key} must name two groups, separated by a space, got {parameters[key]!r}; '
-            "for connectors within one group name it twice, and 'all' for any body")
-    for word in words:
-        if word != 'all' and f'groups.{word}' not in parameters:
-            known = ', '.join(['all', *parameters.names('groups')])
-            raise ParameterError(
-                key, f'{key}: there is no group {word!r}; known: {known}. '
-                f'Define it with groups.{word}')
-    return words[0], words[1]
-
-
-def chosen_connectors(
-    parameters: Parameters, key: str, groups: Mapping[str, np.ndarray], bodies: np.ndarray
-) -> np.ndarray | None:
-    """
-    Numbers of the connectors, with their `bodies` (c, 2), between the two groups of `key`.
-
-    None, for all, where it is empty.
-    """
-    if not parameters[key].strip():
-        return None
-    first, second = two_groups(parameters, key)
-    chosen = np.flatnonzero(connectors_between(groups[first], groups[second], bodies))
-    if not len(chosen):
-        raise ParameterError(
-            key, f'{key} {first!r} {second!r}: no connector leads from one to the other; name two '
-            'groups that are joined')
-    return chosen
-
-
-def connectors_between(first: np.ndarray, second: np.ndarray, bodies: np.ndarray) -> np.ndarray:
-    """Which connectors lead from a body of the one group to one of the other, (c,) bool."""
-    count = int(bodies.max(initial=-1)) + 1
-    sides = []
-    for group in (first, second):
-        member = np.zeros(count, bool)
-        member[group[group < count]] = True
-        sides.append(member[bodies])
-    (a, b), (c, d) = sides[0].T, sides[1].T
-    return (a & d) | (b & c)
 
 
 def general_law(parameters: Parameters, length: float) -> tuple[float, float, float]:

@@ -35,9 +35,12 @@ from icofabric_sim.scene.anchors import Anchor, make_anchors
 from icofabric_sim.scene.attachments import attachment_points, check_attachments, woven_lengths
 from icofabric_sim.scene.available_memory import available_memory
 from icofabric_sim.scene.breakage import BreakLimits, make_limits
-from icofabric_sim.scene.connector_laws import (
-    between,
+from icofabric_sim.scene.connector_groups import (
+    check_connector_groups,
     chosen_connectors,
+    grouped_connectors,
+)
+from icofabric_sim.scene.connector_laws import (
     ConnectorLaws,
     ConnectorTables,
     general_law,
@@ -190,8 +193,10 @@ class Scene:
         length = woven_lengths(checked, weave)
         groups = _groups(checked, selectors.Bodies(position, weave.grid, geometry.pitch))
         supports = make_supports(checked, groups, len(position))
-        woven = length, groups, weave.connector_bodies
-        laws = make_laws(checked, *woven)
+        members = grouped_connectors(
+            checked, groups, weave.connector_bodies, weave.connector_edges)
+        own = members, len(weave.connector_bodies)
+        laws = make_laws(checked, length, *own)
         start = initial.make_initial_state(checked, position, orientation, groups, supports)
         drives = make_drives(checked, groups, start, supports)
         return cls(
@@ -207,10 +212,10 @@ class Scene:
                 attachment_points(checked, geometry.half_edge),
                 length,
                 *laws,
-                spread_over(checked, 'bending_stiffness', *woven[1:]),
-                spread_over(checked, 'twisting_stiffness', *woven[1:]),
-                spread_over(checked, 'damping', *woven[1:]),
-                make_limits(checked, *woven, laws[0]),
+                spread_over(checked, 'bending_stiffness', *own),
+                spread_over(checked, 'twisting_stiffness', *own),
+                spread_over(checked, 'damping', *own),
+                make_limits(checked, length, *own, laws[0]),
             ),
             groups=groups,
             supports=supports,
@@ -322,8 +327,8 @@ def _check_together(parameters: Parameters) -> tuple[Shell, WeaveGeometry]:
     check_wrapping(parameters)
     if parameters['weave.kind'] == 'radial':
         check_radius(parameters, geometry)
+    check_connector_groups(parameters)
     for name in parameters.names('connector_groups'):
-        between(parameters, name)
         law_of(parameters, f'connector_groups.{name}')
     law_of(parameters, 'connector')
     for family in ('supports', 'loads', 'tractions', 'drives', 'initial'):

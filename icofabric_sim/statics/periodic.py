@@ -27,6 +27,7 @@ import math
 
 from icofabric_sim import checks
 from icofabric_sim.parameters.validation import ParameterError
+from icofabric_sim.scene.connector_groups import alike_everywhere
 from icofabric_sim.scene.scene import require_scene, Scene
 from icofabric_sim.statics.directional import (
     Directional,
@@ -43,8 +44,8 @@ import numpy as np
 
 # Grid positions of the piece whose innermost body has all its neighbours.
 _PIECE = [5, 5, 5]
-_KEPT = ('shell.', 'connector.', 'weave.kind', 'weave.azimuth', 'weave.connector_length',
-         'weave.connector_angle')
+_KEPT = ('shell.', 'connector.', 'connector_groups.', 'weave.kind', 'weave.azimuth',
+         'weave.connector_length', 'weave.connector_angle')
 # Voigt's order xx yy zz yz xz xy: a strain of 1 is a displacement gradient of this.
 _VOIGT = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
 _ZERO = 1e-9
@@ -78,9 +79,9 @@ def make_cell(scene: Scene, branch: str | None = None) -> Cell:
     """
     Cell of the endless fabric with the shell, connectors and weave of a scene.
 
-    Its size, loads, supports and groups do not count. `branch`: how connectors at their kink count
-    in its second derivatives, 'push' (None) or 'pull'. ParameterError where the weave does not
-    repeat, or connectors are not all alike.
+    Its size, loads, supports and groups of bodies do not count. `branch`: how connectors at their
+    kink count in its second derivatives, 'push' (None) or 'pull'. ParameterError where the weave
+    does not repeat, or connectors differ from place to place (by direction they may).
     """
     parameters = require_scene(scene).parameters
     check_branch(branch)
@@ -90,17 +91,17 @@ def make_cell(scene: Scene, branch: str | None = None) -> Cell:
     if not parameters['weave.connected']:
         raise ParameterError(
             'weave.connected', 'weave.connected: nothing joins the bodies; set it to true')
-    if parameters.names('connector_groups'):
+    if not alike_everywhere(parameters):
         raise ParameterError(
             'connector_groups', 'connector_groups.* make connectors differ from place to place; '
-            'leave them out for the endless fabric')
+            'for the endless fabric give them a direction only, or leave them out')
     if scene.electric.mutual and scene.electric.charge != 0.0:
         raise ParameterError(
             'charge.mutual', 'charge.mutual: the sum over all charges of an endless fabric has no '
             'end; set it to false for the endless fabric, or take curves and modes of a slab')
     kept = {
         name: value for name, value in parameters.items()
-        if name.startswith(_KEPT) and value != '' and not name.startswith('connector.obstruction')}
+        if name.startswith(_KEPT) and value != '' and name != 'connector.obstruction'}
     kept['weave.size'] = _PIECE
     piece = Scene.from_parameters(kept)
     bodies = piece.connectors.bodies

@@ -96,6 +96,7 @@ OTHERS = {
     'record.path': 'elsewhere',
     'groups.it': 'y_max',
     'connector_groups.it.between': 'tip tip',
+    'connector_groups.it.direction': 'north south',
     'connector_groups.it.law': 'law.csv',
     'connector_groups.it.break_length_extension': 0.2,
     'connector_groups.it.break_length_compression': 0.001,

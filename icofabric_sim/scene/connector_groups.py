@@ -1,0 +1,147 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+Which connectors `connector_groups.NAME` means: between two groups of bodies, of one edge pair.
+
+A fabric has three directions of connectors, by the edges that they join (Table 5): up and down,
+north and south, west and east. Each is a third of the connectors, four at every inner body.
+"""
+
+from collections.abc import Mapping
+
+from icofabric_sim.geometry.icosahedron import NAMED_EDGES
+from icofabric_sim.parameters.validation import ParameterError, Parameters
+import numpy as np
+
+# Codes of opposite edges differ in the last bit.
+DIRECTIONS = tuple(
+    f'{one} {other}' for one, other in zip(NAMED_EDGES[::2], NAMED_EDGES[1::2]))
+
+
+def check_connector_groups(parameters: Parameters) -> None:
+    """Refuse groups of connectors that name no groups of bodies and no edge pair."""
+    for name in parameters.names('connector_groups'):
+        prefix = f'connector_groups.{name}'
+        _direction(parameters, prefix)
+        if parameters[f'{prefix}.between'].strip():
+            two_groups(parameters, f'{prefix}.between')
+        elif not parameters[f'{prefix}.direction'].strip():
+            raise ParameterError(
+                f'{prefix}.between',
+                f'{prefix}.between is missing: {prefix} needs it (two groups, whose bodies the '
+                f'connectors join), or {prefix}.direction, one of {_listed()}')
+
+
+def alike_everywhere(parameters: Parameters) -> bool:
+    """Whether groups of connectors differ by direction alone, so that the fabric repeats."""
+    return all(
+        parameters[f'connector_groups.{name}.between'].split() in ([], ['all', 'all'])
+        for name in parameters.names('connector_groups'))
+
+
+def grouped_connectors(
+    parameters: Parameters, groups: Mapping[str, np.ndarray], bodies: np.ndarray,
+    edges: np.ndarray
+) -> dict[str, np.ndarray]:
+    """
+    Which connectors belong to each of `connector_groups`, (c,) bool, in order of names.
+
+    Of the connectors between `bodies` (c, 2), which join the `edges` (c, 2), those count that lead
+    from one group of bodies to the other and are of the direction, where these are given. Of
+    several groups that hold a connector the last counts.
+    """
+    members = {}
+    for name in parameters.names('connector_groups'):
+        prefix = f'connector_groups.{name}'
+        chosen, said = np.ones(len(bodies), bool), []
+        if parameters[f'{prefix}.between'].strip():
+            first, second = two_groups(parameters, f'{prefix}.between')
+            chosen &= connectors_between(groups[first], groups[second], bodies)
+            said.append('leads from one to the other')
+        pair = _direction(parameters, prefix)
+        if pair is not None:
+            chosen &= edges[:, 0] >> 1 == pair
+            said.append(f'joins {DIRECTIONS[pair]}')
+        if not chosen.any():
+            key = f'{prefix}.between' if len(said) > 1 or pair is None else f'{prefix}.direction'
+            way = 'name two groups that are joined' if pair is None else (
+                'choose another direction, or a larger fabric')
+            raise ParameterError(
+                key, f'{key} {parameters[key]!r}: no connector {" and ".join(said)}; {way}')
+        members[name] = chosen
+    return members
+
+
+def _direction(parameters: Parameters, prefix: str) -> int | None:
+    """Which of DIRECTIONS is named, in either order; None: none."""
+    key = f'{prefix}.direction'
+    words = parameters[key].split()
+    if not words:
+        return None
+    for number, pair in enumerate(DIRECTIONS):
+        if sorted(words) == sorted(pair.split()):
+            return number
+    raise ParameterError(
+        key, f'{key} must name two opposite edges, {_listed()}, got {parameters[key]!r}')
+
+
+def _listed() -> str:
+    return ', '.join(DIRECTIONS[:-1]) + ' or ' + DIRECTIONS[-1]
+
+
+def two_groups(parameters: Parameters, key: str) -> tuple[str, str]:
+    """The two groups that the parameter `key` names; ParameterError where it does not."""
+    words = parameters[key].split()
+    if len(words) != 2:
+        raise ParameterError(
+            key, f'{key} must name two groups, separated by a space, got {parameters[key]!r}; '
+            "for connectors within one group name it twice, and 'all' for any body")
+    for word in words:
+        if word != 'all' and f'groups.{word}' not in parameters:
+            known = ', '.join(['all', *parameters.names('groups')])
+            raise ParameterError(
+                key, f'{key}: there is no group {word!r}; known: {known}. '
+                f'Define it with groups.{word}')
+    return words[0], words[1]
+
+
+def chosen_connectors(
+    parameters: Parameters, key: str, groups: Mapping[str, np.ndarray], bodies: np.ndarray
+) -> np.ndarray | None:
+    """
+    Numbers of the connectors, with their `bodies` (c, 2), between the two groups of `key`.
+
+    None, for all, where it is empty.
+    """
+    if not parameters[key].strip():
+        return None
+    first, second = two_groups(parameters, key)
+    chosen = np.flatnonzero(connectors_between(groups[first], groups[second], bodies))
+    if not len(chosen):
+        raise ParameterError(
+            key, f'{key} {first!r} {second!r}: no connector leads from one to the other; name two '
+            'groups that are joined')
+    return chosen
+
+
+def connectors_between(first: np.ndarray, second: np.ndarray, bodies: np.ndarray) -> np.ndarray:
+    """Which connectors lead from a body of the one group to one of the other, (c,) bool."""
+    count = int(bodies.max(initial=-1)) + 1
+    sides = []
+    for group in (first, second):
+        member = np.zeros(count, bool)
+        member[group[group < count]] = True
+        sides.append(member[bodies])
+    (a, b), (c, d) = sides[0].T, sides[1].T
+    return (a & d) | (b & c)
