@@ -76,14 +76,14 @@ def reach_of(
 
 @compiled
 def tension_of(
-    anchors: Anchors, ux: Vector, uy: Vector, uz: Vector
+    anchors: Anchors, a: int, ux: Vector, uy: Vector, uz: Vector
 ) -> tuple[Vector, Vector, Vector]:
     """1 / l [1/m], stretch l - D [m] and slope k_e or k_c [N/m] of an anchor (eqs 1 and 2)."""
     squared = maximum(fma(ux, ux, fma(uy, uy, uz * uz)), splat(1e-300))
     inverse = rsqrt(squared)
-    stretch = fma(squared, inverse, splat(-anchors.natural_length))
+    stretch = fma(squared, inverse, splat(-anchors.natural_length[a]))
     slope = where(
-        stretch > splat(0.0), splat(anchors.extension), splat(anchors.compression))
+        stretch > splat(0.0), splat(anchors.extension[a]), splat(anchors.compression[a]))
     return inverse, stretch, slope
 
 
@@ -91,7 +91,7 @@ def tension_of(
 def pull_of(anchors: Anchors, state: State, a: int, s: int, time: float) -> Six:
     """Force [N] and torque about the centre [N m] of an anchor on a block, world frame."""
     px, py, pz, ux, uy, uz = reach_of(anchors, state, a, s, time)
-    inverse, stretch, slope = tension_of(anchors, ux, uy, uz)
+    inverse, stretch, slope = tension_of(anchors, a, ux, uy, uz)
     tension = slope * stretch * inverse
     fx, fy, fz = tension * ux, tension * uy, tension * uz
     return fx, fy, fz, py * fz - pz * fy, pz * fx - px * fz, px * fy - py * fx
@@ -185,14 +185,14 @@ def anchor_look(
         if a < 0:
             return zero, zero
         px, py, pz, ux, uy, uz = reach_of(anchors, state, a, s, time)
-        inverse, stretch, slope = tension_of(anchors, ux, uy, uz)
+        inverse, stretch, slope = tension_of(anchors, a, ux, uy, uz)
         tension = slope * stretch
         square = fma(px, px, fma(py, py, pz * pz))
         arm = square * rsqrt(maximum(square, splat(1e-300)))
         mass, inertia = splat(model.inverse_mass), splat(model.inverse_inertia)
         cx, cy, cz = py * uz - pz * uy, pz * ux - px * uz, px * uy - py * ux
         across = fma(cx, cx, fma(cy, cy, cz * cz)) * inverse * inverse
-        stiff = maximum(splat(anchors.extension), splat(anchors.compression))
+        stiff = maximum(splat(anchors.extension[a]), splat(anchors.compression[a]))
         bound = stiff * fma(across, inertia, mass)
         bound = fma(fma(square, inertia, mass), maximum(tension, zero) * inverse, bound)
         bound = fma(fabs(tension) * arm, inertia, bound)

@@ -257,9 +257,9 @@ class Anchors(Record):
     start: np.ndarray  # (a,) [s] when the pieces of the points' paths began
     cubic: np.ndarray  # (a, 4, 3) [m], and by powers of [s], world frame
     arm: np.ndarray  # (a, 3) [m] from the centre to the end of the body, body axes
-    extension: float  # k_e [N/m]
-    compression: float  # k_c [N/m]
-    natural_length: float  # D [m]
+    extension: np.ndarray  # (a,) k_e [N/m]
+    compression: np.ndarray  # (a,) k_c [N/m]
+    natural_length: np.ndarray  # (a,) D [m]
 
 
 class Loads(Record):

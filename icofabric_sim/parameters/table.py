@@ -738,6 +738,10 @@ FAMILIES: dict[str, tuple[Specification, ...]] = {
             'CSV of time [s] and displacement x, y, z [m] of that point; a smooth curve through '
             'them that begins and ends at rest',
         ),
+        _s('stiffness', -1.0, 'N/m', 'k in both directions; negative: as of connectors'),
+        _s('stiffness_extension', -1.0, 'N/m', 'k_e; negative: stiffness'),
+        _s('stiffness_compression', -1.0, 'N/m', 'k_c; negative: stiffness; 0: a rope'),
+        _s('natural_length', 0.0, 'm', 'D; 0: as of connectors', minimum=0.0),
     ),
     'initial': (
         _s('group', '', '', 'group that starts away from rest', required=True),

@@ -14,8 +14,8 @@
 """
 Anchors: connectors from an edge of a body to a point of the world, fixed or moving.
 
-Their law is that of `connector.*` (k_e, k_c and natural length D); they neither break nor resist
-bending.
+Their law is that of `connector.*` (k_e, k_c and natural length D) where they have none of their
+own; they neither break nor resist bending.
 """
 
 from collections.abc import Mapping
@@ -24,9 +24,11 @@ from typing import NamedTuple
 from icofabric_sim.geometry.icosahedron import NAMED_EDGES
 from icofabric_sim.parameters.validation import ParameterError, Parameters
 from icofabric_sim.scene.attachments import attachment_points
+from icofabric_sim.scene.connector_laws import spring_law
 from icofabric_sim.scene.drives import Drive
 from icofabric_sim.scene.paths import Path, PathPiece
 from icofabric_sim.scene.tables import read_time_table
+from icofabric_sim.scene.weave_geometry import WeaveGeometry
 import numpy as np
 
 _NONE = (0.0,) * 6
@@ -38,14 +40,16 @@ class Anchor(NamedTuple):
     body: int
     arm: np.ndarray  # (3,) [m] from the centre to the edge, body axes
     path: Path  # of the point, world frame; only its first three coordinates count
+    law: tuple[float, float, float]  # k_e [N/m], k_c [N/m], D [m]
 
 
 def make_anchors(
-    parameters: Parameters, body_count: int, drives: Mapping[str, Drive], half_edge: float
+    parameters: Parameters, body_count: int, drives: Mapping[str, Drive],
+    geometry: WeaveGeometry
 ) -> dict[str, Anchor]:
     """All `anchors.NAME`; ParameterError where one makes no sense."""
     anchors = {}
-    midpoints = attachment_points(parameters, half_edge)
+    midpoints = attachment_points(parameters, geometry.half_edge)
     for name in parameters.names('anchors'):
         key, body = f'anchors.{name}.body', parameters[f'anchors.{name}.body']
         if not 0 <= body < body_count:
@@ -57,7 +61,9 @@ def make_anchors(
                     key, f'{key}: body {body} is moved by drives.{other}, so no anchor can pull '
                     'it; leave the anchor out, or take the body out of the group')
         edge = NAMED_EDGES.index(parameters[f'anchors.{name}.edge'])
-        anchors[name] = Anchor(body, midpoints[edge], make_anchor_path(parameters, name))
+        anchors[name] = Anchor(
+            body, midpoints[edge], make_anchor_path(parameters, name),
+            spring_law(parameters, f'anchors.{name}', geometry.connector_length))
     return anchors
 
 

@@ -109,11 +109,16 @@ def spread_over(
     return values
 
 
-def general_law(parameters: Parameters, length: float) -> tuple[float, float, float]:
+def spring_law(
+    parameters: Parameters, prefix: str, length: float
+) -> tuple[float, float, float]:
     """
-    k_e, k_c [N/m] and D [m] of `connector.*`, without a table; `length` [m] is the woven one, L.
+    k_e, k_c [N/m] and D [m] of `PREFIX.*`, those of `connector.*` where it says nothing.
+
+    Without tables; `length` [m] is the woven one, L.
     """
-    extension, compression, rest, _ = _law(parameters, 'connector', length, None, tabled=False)
+    general = _law(parameters, 'connector', length, None, tabled=False)
+    extension, compression, rest, _ = _law(parameters, prefix, length, general, tabled=False)
     assert not isinstance(rest, np.ndarray)
     return extension, compression, rest
 

@@ -50,6 +50,10 @@ def _rates(parameters: Parameters, shell: Shell) -> Iterator[tuple[str, float]]:
         for field in ('bending_stiffness', 'twisting_stiffness'):
             yield f'{family}.{field}', _of_spring(parameters[f'{family}.{field}'], inertia)
         yield f'{family}.damping', parameters[f'{family}.damping'] / mass
+    for name in parameters.names('anchors'):
+        for field in _SPRINGS:
+            key = f'anchors.{name}.{field}'
+            yield key, _of_spring(parameters[key], mass)
     yield 'contact.stiffness', _of_spring(parameters['contact.stiffness'], mass)
     yield 'drag.linear', parameters['drag.linear'] / mass
     yield 'drag.angular', parameters['drag.angular'] / inertia

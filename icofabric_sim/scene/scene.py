@@ -43,7 +43,6 @@ from icofabric_sim.scene.connector_groups import (
 from icofabric_sim.scene.connector_laws import (
     ConnectorLaws,
     ConnectorTables,
-    general_law,
     law_of,
     make_laws,
     spread_over,
@@ -128,7 +127,6 @@ class Scene:
     tractions: Mapping[str, Traction]
     drives: Mapping[str, Drive]
     anchors: Mapping[str, Anchor]
-    anchor_law: tuple[float, float, float]  # k_e [N/m], k_c [N/m], D [m]
     initial: initial.InitialState
     electric: Electric
     published_bodies: np.ndarray | None  # (m,) numbers of those in `~/poses`; None: all
@@ -227,8 +225,7 @@ class Scene:
                 for name in checked.names('tractions')},
             electric=make_electric(checked, len(position)),
             drives=drives,
-            anchors=make_anchors(checked, len(position), drives, geometry.half_edge),
-            anchor_law=general_law(checked, geometry.connector_length),
+            anchors=make_anchors(checked, len(position), drives, geometry),
             initial=start,
             published_bodies=published_bodies(checked, groups),
             framed_bodies=framed_bodies(checked, groups),

@@ -197,6 +197,12 @@ def _anchor(scene: Scene, name: str) -> str:
         scene.parameters[f'{prefix}.{field}']
         for field in ('body', 'edge', 'position', 'velocity', 'file'))
     text = f'{name}: body {body}, edge {edge}, to {vector(np.array(position), "m")}'
+    if any(scene.parameters[f'{prefix}.{field}'] > 0.0 for field in (
+            'stiffness', 'stiffness_extension', 'stiffness_compression', 'natural_length')):
+        extension, compression, rest = scene.anchors[name].law
+        stiffness = f'{extension:g}' if extension == compression else (
+            f'{extension:g} / {compression:g}')
+        text += f', {stiffness} N/m, natural length {rest:g} m'
     if any(velocity):
         text += f', which moves with {vector(np.array(velocity), "m/s")}'
     return f'{text}, which moves as {file} says' if file else text

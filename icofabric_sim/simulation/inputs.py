@@ -332,13 +332,14 @@ class Inputs:
                 name: part.profile.strongest for name, part in self.scene.tractions.items()}))
 
     def _pack_anchors(self) -> AnchorPack | None:
-        anchors, laws = self.scene.anchors, self.scene.anchor_law
+        anchors = self.scene.anchors
         if not anchors:
             return None
         return AnchorPack(
             tuple(anchor.body for anchor in anchors.values()),
             tuple(anchor.arm for anchor in anchors.values()),
-            tuple(self._piece(AnchorPath(name)) for name in anchors), laws)
+            tuple(self._piece(AnchorPath(name)) for name in anchors),
+            np.array([anchor.law for anchor in anchors.values()]))
 
     def anchor_points(self, time: float) -> np.ndarray:
         """

@@ -186,7 +186,7 @@ class LoadCells:
         arm = np.einsum('ai,aij->aj', np.array([anchor.arm for anchor in anchors]), axes)
         along = anchored - now.position[bodies] - arm
         length = np.linalg.norm(along, axis=1)
-        extension, compression, natural = self._scene.anchor_law
+        extension, compression, natural = np.array([anchor.law for anchor in anchors]).T
         stretch = length - natural
         tension = np.where(stretch > 0.0, extension, compression) * stretch
         # One of no length has no direction.

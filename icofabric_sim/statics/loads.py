@@ -151,7 +151,7 @@ class AnchorPull:
         length = np.linalg.norm(reach, axis=1)
         place = np.maximum(
             np.abs(self._points).max(axis=1), np.abs(position[self._bodies]).max(axis=1))
-        jump = np.full(len(length), anchors.extension - anchors.compression)
+        jump = anchors.extension - anchors.compression
         here = find_kinks(length, anchors.natural_length, place, lever, jump != 0.0)
         stretch = here.stretch
         tension = np.where(stretch > 0.0, anchors.extension, anchors.compression) * stretch
@@ -169,15 +169,14 @@ class AnchorPull:
             return []
         stiffness, rest = as_springs(
             np.where(here.rounded, 0.0, pulled.tension), slopes_on(
-                side, np.array([anchors.extension]), np.array([anchors.compression]),
+                side, anchors.extension, anchors.compression,
                 here.stretch, here.at_kink, here.rounded), here.length)
+        laws = anchors._replace(
+            extension=stiffness, compression=stiffness, natural_length=rest)
         blocks = []
         for a, body in enumerate(self._bodies.tolist()):
-            law = anchors._replace(
-                extension=float(stiffness[a]), compression=float(stiffness[a]),
-                natural_length=float(rest[a]))
             blocks.append((body, stiffness_of(
-                law, a, position[body], axes[body], self._time)))
+                laws, a, position[body], axes[body], self._time)))
         return blocks
 
 

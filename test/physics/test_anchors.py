@@ -41,25 +41,30 @@ def tied(changes, size=(1, 1, 1), **sections):
 TWO = {
     'anchors.a.body': 0, 'anchors.a.edge': 'up', 'anchors.a.position': [0.01, -0.02, 0.05],
     'anchors.b.body': 0, 'anchors.b.edge': 'south', 'anchors.b.position': [-0.03, 0.01, 0.01],
+    'anchors.b.stiffness': 200.0, 'anchors.b.stiffness_extension': 900.0,
+    'anchors.b.natural_length': 0.02,
     **LAW}
+# k_e, k_c [N/m] and D [m].
+LAWS = {'a': (700.0, 300.0, 0.03), 'b': (900.0, 200.0, 0.02)}
 
 
 def body_energy(scene, shift, turn, more=(0.0, 0.0, 0.0)):
     """The energy by NumPy alone, eq 2 with the far end at rest; `more`: turned on by so much."""
     axes = _axes(turn) @ _axes(more)
     total = 0.0
-    for anchor in scene.anchors.values():
+    for name, anchor in scene.anchors.items():
+        pull, push, natural = LAWS[name]
         end = scene.position[0] + shift + anchor.arm @ axes
-        stretch = np.linalg.norm(anchor.path.pieces[0].at(0.0)[:3] - end) - 0.03
-        total += 0.5 * (700.0 if stretch > 0.0 else 300.0) * stretch**2
+        stretch = np.linalg.norm(anchor.path.pieces[0].at(0.0)[:3] - end) - natural
+        total += 0.5 * (pull if stretch > 0.0 else push) * stretch**2
     return total
 
 
 def all_stretched(scene, shift, turn):
     ends = [scene.position[0] + shift + anchor.arm @ _axes(turn)
             for anchor in scene.anchors.values()]
-    return all(np.linalg.norm(anchor.path.pieces[0].at(0.0)[:3] - end) > 0.03
-               for anchor, end in zip(scene.anchors.values(), ends))
+    return all(np.linalg.norm(anchor.path.pieces[0].at(0.0)[:3] - end) > LAWS[name][2]
+               for (name, anchor), end in zip(scene.anchors.items(), ends))
 
 
 def _axes(turn):
@@ -232,3 +237,60 @@ def test_bad_anchors_are_refused_by_name(changes, name, words):
     with pytest.raises(ico.ParameterError, match=name) as caught:
         tied({'position': [0.0, 0.0, 0.1], **changes})
     assert words in str(caught.value)
+
+
+def test_anchors_without_a_law_of_their_own_have_that_of_connectors():
+    scene = tied(TWO)
+    assert {name: anchor.law for name, anchor in scene.anchors.items()} == LAWS
+    plain = tied({'position': [0.0, 0.0, 0.1]}, size=(2, 2, 2))
+    rest = plain.geometry.connector_length
+    assert plain.anchors['a'].law == (500.0, 500.0, rest)
+    # One stiffness of its own rules both directions, whatever connectors have.
+    own = tied({'position': [0.0, 0.0, 0.1], 'stiffness': 40.0, **LAW})
+    assert own.anchors['a'].law == (40.0, 40.0, 0.03)
+
+
+@pytest.mark.parametrize('method', ['leapfrog', 'srkn6', 'dop8'])
+def test_bodies_on_ropes_of_their_own_swing_each_at_its_rate(method):
+    """X'' = -(k / m) (x - D): three loose shells, each on a spring along z through its centre."""
+    stiffness, names = (40.0, 160.0, 640.0), ('a', 'b', 'c')
+    half = 0.02 * (1.0 + math.sqrt(5.0)) / 4.0
+    sections = {'weave': {'size': [1, 1, 1]}, 'bodies': {
+        'b': {'position': [1.0, 0.0, 0.0]}, 'c': {'position': [2.0, 0.0, 0.0]}}}
+    changes = {}
+    for body, (name, k) in enumerate(zip(names, stiffness)):
+        changes |= {
+            f'anchors.{name}.body': body, f'anchors.{name}.edge': 'up',
+            f'anchors.{name}.position': [float(body), 0.0, half + 0.11],
+            f'anchors.{name}.stiffness': k, f'anchors.{name}.natural_length': 0.1}
+    scene = make_scene((1, 1, 1), {
+        'solver.method': method, 'solver.tolerance': 1e-9, 'solver.energy_limit': 1.0, **changes},
+        **sections)
+    simulation = ico.compile_scene(scene)
+    time = 0.3
+    simulation.advance_to(time)
+    state = simulation.snapshot()
+    rates = np.sqrt(np.array(stiffness) / scene.shell.mass)
+    # All were pulled by 0.01 m.
+    expected = 0.01 * (1.0 - np.cos(rates * time))
+    found = state.position[:, 2] - scene.position[:, 2]
+    assert np.ptp(expected) > 1e-3
+    assert found == pytest.approx(expected, abs=1e-5 if method == 'leapfrog' else 1e-9)
+    assert np.abs(state.angular_velocity).max() < 1e-9
+
+
+def test_statics_knows_the_law_of_each_anchor():
+    """A shell between a stiff spring above and a soft one below sinks by m g / (k1 + k2)."""
+    half = 0.02 * (1.0 + math.sqrt(5.0)) / 4.0
+    scene = tied({
+        'anchors.a.edge': 'up', 'anchors.a.position': [0.0, 0.0, half + 0.1],
+        'anchors.a.stiffness': 30.0, 'anchors.a.natural_length': 0.1,
+        'anchors.b.edge': 'down', 'anchors.b.position': [0.0, 0.0, -half - 0.05],
+        'anchors.b.stiffness': 20.0, 'anchors.b.natural_length': 0.05}, gravity=[0.0, 0.0, -9.81])
+    found = ico.solve_equilibrium(scene)
+    sunk = scene.shell.mass * 9.81 / 50.0
+    assert found.converged
+    assert found.snapshot.position[0] == pytest.approx([0.0, 0.0, -sunk], abs=1e-12)
+    assert found.snapshot.energy['connectors'] == pytest.approx(25.0 * sunk**2, rel=1e-9)
+    pull = ico.compile_scene(scene).reactions()
+    assert pull.names == ('anchors.a', 'anchors.b')

@@ -108,7 +108,7 @@ def energy(scene, position, axes):
     for name, anchor in scene.anchors.items():
         end = position[anchor.body] + anchor.arm @ axes[anchor.body]
         point = np.array(parameters[f'anchors.{name}.position'])
-        total += spring(length_of(point - end), *scene.anchor_law)
+        total += spring(length_of(point - end), *anchor.law)
     return total
 
 

@@ -59,7 +59,7 @@ def where_slack():
     """The place of the anchor's point where it has its natural length."""
     scene = make_scene((3, 3, 3), TIED)
     edge = scene.position[0] + scene.anchors['tie'].arm
-    return [*edge[:2].tolist(), float(edge[2] + scene.anchor_law[2])]
+    return [*edge[:2].tolist(), float(edge[2] + scene.connectors.natural_length)]
 
 
 @pytest.mark.parametrize('place', [[0.0, 0.0, 0.5], [0.3, -0.2, 0.1]])

@@ -72,7 +72,7 @@ def stiffness_of(
     """
     s, n, length, tension = _pulled(anchors, a, position, axes, time)
     along = np.outer(n, n)
-    stiff = max(anchors.extension, anchors.compression) * along
+    stiff = max(anchors.extension[a], anchors.compression[a]) * along
     stiff += tension / length * (np.eye(3) - along)
     cross = np.array([[0.0, s[2], -s[1]], [-s[2], 0.0, s[0]], [s[1], -s[0], 0.0]])
     moves = np.hstack([np.eye(3), cross])
@@ -91,8 +91,8 @@ def _pulled(
     s = anchors.arm[a] @ axes
     reach = point - position - s
     length = max(float(np.linalg.norm(reach)), 1e-150)
-    stretch = length - anchors.natural_length
-    stiffness = anchors.extension if stretch > 0.0 else anchors.compression
+    stretch = length - anchors.natural_length[a]
+    stiffness = (anchors.extension if stretch > 0.0 else anchors.compression)[a]
     return s, reach / length, length, float(stiffness * stretch)
 
 

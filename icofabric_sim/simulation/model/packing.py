@@ -77,7 +77,7 @@ class AnchorPack(NamedTuple):
     bodies: tuple[int, ...]
     arms: tuple[np.ndarray, ...]
     pieces: tuple[PathPiece, ...]  # at times of the run
-    law: tuple[float, float, float]  # k_e [N/m], k_c [N/m], D [m]
+    laws: np.ndarray  # (a, 3) k_e [N/m], k_c [N/m], D [m]
 
 
 @dataclass(frozen=True)
@@ -304,9 +304,9 @@ def _pack_anchors(anchors: AnchorPack, paths: int) -> Anchors:
         cubic=np.ascontiguousarray(
             np.array([piece.cubic for piece in anchors.pieces], dtype=float)[:, :, :3]),
         arm=np.array(anchors.arms),
-        extension=anchors.law[0],
-        compression=anchors.law[1],
-        natural_length=anchors.law[2],
+        extension=anchors.laws[:, 0].copy(),
+        compression=anchors.laws[:, 1].copy(),
+        natural_length=anchors.laws[:, 2].copy(),
     )
 
 

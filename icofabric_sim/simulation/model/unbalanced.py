@@ -71,8 +71,8 @@ def _add_anchors(
     scene: Scene, axes: np.ndarray, force: np.ndarray, torque: np.ndarray
 ) -> None:
     """Add what anchors pull, likewise."""
-    extension, compression, natural_length = scene.anchor_law
     for anchor in scene.anchors.values():
+        extension, compression, natural_length = anchor.law
         arm = anchor.arm @ axes[anchor.body]
         along = anchor.path.pieces[0].at(0.0)[:3] - (scene.position[anchor.body] + arm)
         length = float(np.linalg.norm(along))

@@ -183,10 +183,10 @@ def put_acting(acting: Any, loads: Loads, device: Device) -> bool:
         ('point', wp.vec3d, loads.point), ('work', wp.float64, loads.work),
         ('varying', wp.float64, varying)]
     if anchors is not None:
-        law = [anchors.extension, anchors.compression, anchors.natural_length]
+        law = np.column_stack([anchors.extension, anchors.compression, anchors.natural_length])
         tables += [
             ('anchor_start', wp.float64, anchors.start), ('anchor_cubic', wp.vec3d, anchors.cubic),
-            ('anchor_arm', wp.vec3d, anchors.arm), ('anchor_law', wp.float64, np.array(law))]
+            ('anchor_arm', wp.vec3d, anchors.arm), ('anchor_law', wp.float64, law)]
     is_replaced = False
     for name, kind, values in tables:
         rows = np.ascontiguousarray(values)

@@ -310,9 +310,9 @@ def anchor_pull(acting: Acting, a: int, place: wp.vec3d, turn: wp.vec4d, time: w
     u = (point - place) - arm
     square = wp.max(wp.dot(u, u), _SMALLEST)
     length = wp.sqrt(square)
-    stretch = length - acting.anchor_law[2]
-    tension = acting.anchor_law[1] * stretch
+    stretch = length - acting.anchor_law[3 * a + 2]
+    tension = acting.anchor_law[3 * a + 1] * stretch
     if stretch > _ZERO:
-        tension = acting.anchor_law[0] * stretch
+        tension = acting.anchor_law[3 * a] * stretch
     force = (tension / length) * u
     return force, wp.cross(arm, force), wp.dot(force, speed)

@@ -81,7 +81,7 @@ class Acting:
     anchor_start: wp.array(dtype=wp.float64)  # (a,) [s] when the piece of its path began
     anchor_cubic: wp.array(dtype=wp.vec3d)  # (4 a,) [m] and by powers of [s]
     anchor_arm: wp.array(dtype=wp.vec3d)  # (a,) [m] from the centre, body axes
-    anchor_law: wp.array(dtype=wp.float64)  # (3,) k_e, k_c [N/m], D [m]
+    anchor_law: wp.array(dtype=wp.float64)  # (3 a,) k_e, k_c [N/m], D [m]
 
 
 @wp.struct
