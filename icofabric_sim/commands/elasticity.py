@@ -158,7 +158,7 @@ def _without_constants(scene: 'Scene') -> str:
     from icofabric_sim.scene.connector_groups import alike_everywhere
     if not alike_everywhere(scene.parameters):
         return 'connector_groups.* make connectors differ from place to place'
-    if scene.electric.mutual and scene.electric.charge != 0.0:
+    if scene.electric.mutual and scene.electric.charge.any():
         return 'of charge.mutual the sum over all charges has no end'
     return ''
 

@@ -25,6 +25,7 @@ from icofabric_sim.kernels.rotations import turn_to_world
 from icofabric_sim.kernels.runtime.compiled import compiled
 from icofabric_sim.kernels.runtime.lanes import (
     bits,
+    fabs,
     fma,
     lane,
     LANES,
@@ -66,7 +67,7 @@ def add_coulomb(
     coulomb: Coulomb | None, position: np.ndarray, alive: int, s: int, force: Six
 ) -> Six:
     """
-    Add the repulsion kappa (x - x_j) / r^3 of all other charges, kappa = q^2 / (4 pi eps_0).
+    Add the repulsion kappa (x - x_j) / r^3 of all other charges, kappa = q q_j / (4 pi eps_0).
 
     The sum goes over all pairs, from either end with exactly opposite results. Two charges in the
     same place have no direction, and no force.
@@ -84,9 +85,10 @@ def add_coulomb(
             uz = z - splat(position[2, j])
             square = fma(ux, ux, fma(uy, uy, uz * uz))
             inverse = where(square > smallest, rsqrt(maximum(square, smallest)), zero)
-            cube = inverse * inverse * inverse
+            cube = splat(coulomb.charge[0, j]) * inverse * inverse * inverse
             ax, ay, az = fma(cube, ux, ax), fma(cube, uy, ay), fma(cube, uz, az)
-        kappa = where(bits(alive), splat(coulomb.strength), zero)
+        kappa = where(
+            bits(alive), splat(coulomb.strength) * load(coulomb.charge, 0, s), zero)
         return fma(kappa, ax, fx), fma(kappa, ay, fy), fma(kappa, az, fz), tx, ty, tz
 
 
@@ -99,16 +101,16 @@ def field_parts(
 
     A dipole's energy varies with a small turn dtheta by (p . E) dtheta^2 - (p . dtheta)
     (E . dtheta), at most |p| |E| dtheta^2. That of two charges, kappa / r, varies with their
-    relative motion du by at most 2 kappa / r^3 du^2, and du^2 <= 2 dx_1^2 + 2 dx_2^2: for each
-    body the sum of 4 kappa / r^3 over all others. Both forms are block-diagonal and add to that
+    relative motion du by at most 2 |kappa| / r^3 du^2, and du^2 <= 2 dx_1^2 + 2 dx_2^2: for each
+    body the sum of 4 |kappa| / r^3 over all others. Both forms are block-diagonal and add to that
     of the connectors (kernels/monitor.py), and eigenvalues of a sum are at most their sum.
     """
     energy, there = dipole_energy(dipole, state.orientation, s), bits(alive)
     bound = dipole_bound(dipole, model.inverse_inertia)
     sums, cubes = coulomb_sums(coulomb, state.position, s)
-    strength = coulomb_strength(coulomb)
-    energy = fma(splat(0.5 * strength), sums, energy)
-    bound = fma(splat(4.0 * strength * model.inverse_mass), cubes, bound)
+    strength = coulomb_strength(coulomb, s)
+    energy = fma(splat(0.5) * strength, sums, energy)
+    bound = fma(splat(4.0 * model.inverse_mass) * fabs(strength), cubes, bound)
     return where(there, bound, splat(0.0)), where(there, energy, splat(0.0))
 
 
@@ -135,19 +137,23 @@ def dipole_bound(dipole: Dipole | None, inverse_inertia: float) -> Vector:
 
 
 @compiled
-def coulomb_strength(coulomb: Coulomb | None) -> float:
-    """Energy of two charges times their distance [J m]."""
+def coulomb_strength(coulomb: Coulomb | None, s: int) -> Vector:
+    """Energy of each charge of a block and the largest one times their distance [J m]."""
     if coulomb is None:
-        return 0.0
+        return splat(0.0)
     else:
-        return coulomb.strength
+        return splat(coulomb.strength) * load(coulomb.charge, 0, s)
 
 
 @compiled
 def coulomb_sums(
     coulomb: Coulomb | None, position: np.ndarray, s: int
 ) -> tuple[Vector, Vector]:
-    """Sums of 1 / r [1/m] and 1 / r^3 [1/m^3] over all other charges for each body of a block."""
+    """
+    Sums over all other charges for each body of a block, q_j in parts of the largest.
+
+    Of q_j / r [1/m] and of |q_j| / r^3 [1/m^3].
+    """
     zero = splat(0.0)
     sums, cubes = zero, zero
     if coulomb is None:
@@ -160,7 +166,9 @@ def coulomb_sums(
         uz = z - splat(position[2, j])
         square = fma(ux, ux, fma(uy, uy, uz * uz))
         inverse = where(square > smallest, rsqrt(maximum(square, smallest)), zero)
-        sums, cubes = sums + inverse, fma(inverse * inverse, inverse, cubes)
+        charge = splat(coulomb.charge[0, j])
+        sums = fma(charge, inverse, sums)
+        cubes = fma(fabs(charge) * inverse * inverse, inverse, cubes)
     return sums, cubes
 
 
@@ -195,12 +203,14 @@ def add_coulomb_product(
                 square = fma(ux, ux, fma(uy, uy, uz * uz))
                 inverse = where(square > smallest, rsqrt(maximum(square, smallest)), zero)
                 second = inverse * inverse
-                cube = second * inverse
+                cube = splat(coulomb.charge[0, j]) * second * inverse
                 along = splat(3.0) * second * fma(ux, dx, fma(uy, dy, uz * dz))
                 ax = fma(cube, fma(along, ux, zero - dx), ax)
                 ay = fma(cube, fma(along, uy, zero - dy), ay)
                 az = fma(cube, fma(along, uz, zero - dz), az)
-            kappa = where(bits(blocks.alive[block]), splat(coulomb.strength), zero)
+            kappa = where(
+                bits(blocks.alive[block]), splat(coulomb.strength) * load(coulomb.charge, 0, s),
+                zero)
             store(product, 0, s, fma(kappa * mx, ax, load(product, 0, s)))
             store(product, 1, s, fma(kappa * my, ay, load(product, 1, s)))
             store(product, 2, s, fma(kappa * mz, az, load(product, 2, s)))

@@ -303,9 +303,9 @@ class Magnet(Record):
     """A uniform magnetic field, and the charges that move in it."""
 
     field: np.ndarray  # (3,) B [T]
-    charge: float  # q [C]
-    moment: np.ndarray  # (3,) dipole [C m], body axes
-    second: float  # s = q Lambda / (2 M) [C m^2]
+    charge: np.ndarray  # (1, s) q [C]
+    moment: np.ndarray  # (3, s) dipole [C m], body axes
+    second: np.ndarray  # (1, s) s = q Lambda / (2 M) [C m^2]
 
 
 class Dipole(Record):
@@ -317,10 +317,11 @@ class Dipole(Record):
 
 
 class Coulomb(Record):
-    """Equal charges at the centres of all bodies."""
+    """Charges at the centres of bodies."""
 
-    strength: float  # kappa = q^2 / (4 pi eps_0) [J m]
+    strength: float  # kappa = q^2 / (4 pi eps_0) [J m] of the largest charge q
     slots: np.ndarray  # (n,) int32, the slots of the bodies
+    charge: np.ndarray  # (1, s) in parts of q
 
 
 class Meter(Record):

@@ -190,9 +190,9 @@ def add_magnetic(
     vz, ox = load(state.linear_velocity, 2, s), load(state.angular_velocity, 0, s)
     oy, oz = load(state.angular_velocity, 1, s), load(state.angular_velocity, 2, s)
     px, py, pz = turn_to_world(
-        state.orientation, s, splat(magnet.moment[0]), splat(magnet.moment[1]),
-        splat(magnet.moment[2]))
-    charge, second = splat(magnet.charge), splat(magnet.second)
+        state.orientation, s, load(magnet.moment, 0, s), load(magnet.moment, 1, s),
+        load(magnet.moment, 2, s))
+    charge, second = load(magnet.charge, 0, s), load(magnet.second, 0, s)
     # The current of the whole body, q v + omega x p, then v x B.
     cx = fma(charge, vx, oy * pz - oz * py)
     cy = fma(charge, vy, oz * px - ox * pz)

@@ -274,6 +274,18 @@ STATIC: tuple[Specification, ...] = (
     _s('field.electric', _ZERO3, 'V/m', 'uniform electric field'),
     _s('field.magnetic', _ZERO3, 'T', 'uniform magnetic field'),
     _s(
+        'field.profile',
+        'steady',
+        '',
+        'factor of the electric field in time: steady, ramp, half_sine, sine F or table FILE, as '
+        'of loads; what it does counts as work then, not as energy',
+    ),
+    _s('field.start', 0.0, 's', 'when the electric field begins, after the motion began',
+       minimum=0.0, maximum=_LONGEST),
+    _s('field.duration', 0.0, 's',
+       'of the ramp or the pulse; how long a steady field or a sine acts, 0: for ever',
+       minimum=0.0, maximum=_LONGEST),
+    _s(
         'contact.mode',
         'auto',
         '',
@@ -558,15 +570,16 @@ _PROFILE = (
         'profile',
         'steady',
         '',
-        'factor in time: steady, ramp (0 to 1, then held), half_sine (a pulse), or table FILE, a '
-        'CSV of time [s] and factor, straight in between, the last one held',
+        'factor in time: steady, ramp (0 to 1, then held), half_sine (a pulse), sine F (of F Hz, '
+        'from 0), or table FILE, a CSV of time [s] and factor, straight in between, the last '
+        'one held',
     ),
     _s('start', 0.0, 's', 'when it begins, after the motion began', minimum=0.0, maximum=_LONGEST),
     _s(
         'duration',
         0.0,
         's',
-        'of the ramp, the pulse, or the steady load; 0: steady for ever',
+        'of the ramp or the pulse; how long a steady load or a sine acts, 0: for ever',
         minimum=0.0,
         maximum=_LONGEST,
     ),
@@ -602,6 +615,12 @@ FAMILIES: dict[str, tuple[Specification, ...]] = {
            'length L_e above D; 0: never breaks; negative: as for all'),
         _s('break_length_compression', -1.0, 'm',
            'length L_c below D; 0: never breaks; negative: as for all'),
+    ),
+    'charges': (
+        _s('group', '', '', 'group of bodies with a charge and a dipole of their own',
+           required=True),
+        _s('charge', 0.0, 'C', 'of each of them, instead of charge.per_body'),
+        _s('dipole', _ZERO3, 'C m', 'of each, body frame, instead of charge.dipole'),
     ),
     'supports': (
         _s('group', '', '', 'group that is held', required=True),

@@ -25,7 +25,10 @@ from typing import NamedTuple
 from icofabric_sim.parameters.validation import ParameterError, Parameters
 from icofabric_sim.scene.tables import read_time_table
 
-_WORDS = 'steady, ramp, half_sine or table FILE'
+_KINDS = ('steady', 'ramp', 'half_sine', 'sine', 'table')
+# At a thousand million radians a second no step could follow.
+_HIGHEST = 1e8  # [Hz]
+_WORDS = 'steady, ramp, half_sine, sine FREQUENCY or table FILE'
 
 
 class Piece(NamedTuple):
@@ -83,14 +86,15 @@ STEADY = Profile((Piece(0.0, 1.0, peak=1.0),))
 
 def make_profile(parameters: Parameters, prefix: str) -> Profile:
     """
-    The profile that `prefix` (loads.NAME or tractions.NAME) describes.
+    The profile that `prefix` (loads.NAME, tractions.NAME or field) describes.
 
     `steady`: 1 from its start on, for its duration, or always where that is 0. `ramp`: from 0 to
-    1 in its duration, then 1. `half_sine`: sin(pi x) over its duration. `table FILE`: straight
-    lines between (time, factor), times counted from its start; 0 before the first, the last
-    factor after the last.
+    1 in its duration, then 1. `half_sine`: sin(pi x) over its duration. `sine F`: sin(2 pi F t)
+    with t from its start on and F in Hz, for its duration, or always where that is 0.
+    `table FILE`: straight lines between (time, factor), times counted from its start; 0 before
+    the first, the last factor after the last.
     """
-    kind, file = check_profile(parameters, prefix)
+    kind, word = check_profile(parameters, prefix)
     start, duration = parameters[f'{prefix}.start'], parameters[f'{prefix}.duration']
     end = start + duration
     if kind == 'steady':
@@ -102,20 +106,32 @@ def make_profile(parameters: Parameters, prefix: str) -> Profile:
     elif kind == 'half_sine':
         pieces = [
             Piece(start, height=1.0, rate=math.pi / duration, peak=1.0), Piece(end)]
+    elif kind == 'sine':
+        pieces = [Piece(start, height=1.0, rate=2.0 * math.pi * float(word), peak=1.0)]
+        if duration > 0.0:
+            pieces.append(Piece(end))
     else:
-        pieces = _table(f'{prefix}.profile', file, start)
+        pieces = _table(f'{prefix}.profile', word, start)
     if pieces[0].start > 0.0:
         pieces.insert(0, Piece(0.0))
     return Profile(tuple(pieces))
 
 
 def check_profile(parameters: Parameters, prefix: str) -> tuple[str, str]:
-    """Kind of a profile and the file of its table; ParameterError where it makes no sense."""
+    """
+    Kind of a profile, and the file of its table or the frequency [Hz] of its sine.
+
+    ParameterError where it makes no sense.
+    """
     name = f'{prefix}.profile'
-    kind, _, file = parameters[name].strip().partition(' ')
-    file = file.strip()
-    if kind not in ('steady', 'ramp', 'half_sine', 'table') or (kind == 'table') != bool(file):
+    kind, _, word = parameters[name].strip().partition(' ')
+    word = word.strip()
+    if kind not in _KINDS or (kind in ('table', 'sine')) != bool(word):
         raise ParameterError(name, f'{name} must be {_WORDS}, got {parameters[name]!r}')
+    if kind == 'sine' and not 0.0 < _number(word) <= _HIGHEST:
+        raise ParameterError(
+            name, f'{name} must be sine FREQUENCY with a frequency above 0 Hz and at most '
+            f'{_HIGHEST:g} Hz, such as sine 5.0, got {parameters[name]!r}')
     duration = parameters[f'{prefix}.duration']
     if kind in ('ramp', 'half_sine') and not duration > 0.0:
         raise ParameterError(
@@ -132,7 +148,14 @@ def check_profile(parameters: Parameters, prefix: str) -> tuple[str, str]:
             f'{prefix}.duration',
             f'{prefix}.duration {duration!r} s is lost beside {prefix}.start {start!r} s; '
             'make it longer')
-    return kind, file
+    return kind, word
+
+
+def _number(word: str) -> float:
+    try:
+        return float(word)
+    except ValueError:
+        return math.nan
 
 
 def _table(name: str, file: str, start: float) -> list[Piece]:

@@ -48,7 +48,7 @@ from icofabric_sim.scene.connector_laws import (
     spread_over,
 )
 from icofabric_sim.scene.drives import Drive, make_drives, make_path
-from icofabric_sim.scene.electric import Electric, make_electric
+from icofabric_sim.scene.electric import check_electric, Electric, make_electric
 from icofabric_sim.scene.faces import check_faces
 from icofabric_sim.scene.load_channels import LoadChannel, make_channels
 from icofabric_sim.scene.notebook import html_of
@@ -223,7 +223,7 @@ class Scene:
                     checked, name, groups[checked[f'tractions.{name}.group']], position,
                     orientation, geometry)
                 for name in checked.names('tractions')},
-            electric=make_electric(checked, len(position)),
+            electric=make_electric(checked, groups, len(position)),
             drives=drives,
             anchors=make_anchors(checked, len(position), drives, geometry),
             initial=start,
@@ -311,7 +311,7 @@ def _check_together(parameters: Parameters) -> tuple[Shell, WeaveGeometry]:
     bodies = _estimate(parameters, geometry)
     _require_memory(parameters, bodies)
     if not parameters['weave.region']:
-        make_electric(parameters, bodies)
+        check_electric(parameters, bodies)
     for name in parameters.names('groups'):
         if name in ('all', 'not', 'and', 'or'):
             raise ParameterError(
@@ -328,7 +328,7 @@ def _check_together(parameters: Parameters) -> tuple[Shell, WeaveGeometry]:
     for name in parameters.names('connector_groups'):
         law_of(parameters, f'connector_groups.{name}')
     law_of(parameters, 'connector')
-    for family in ('supports', 'loads', 'tractions', 'drives', 'initial'):
+    for family in ('charges', 'supports', 'loads', 'tractions', 'drives', 'initial'):
         for name in parameters.names(family):
             _check_group(parameters, f'{family}.{name}.group')
     for name in ('publish.group', 'tf.group'):

@@ -57,7 +57,13 @@ from icofabric_sim.simulation.model.tractions import (
 )
 from icofabric_sim.simulation.pulls import Pulls
 from icofabric_sim.simulation.state_tree import as_number, StateTree
-from icofabric_sim.simulation.timetable import AnchorPath, Follower, Timetable, TractionProfile
+from icofabric_sim.simulation.timetable import (
+    AnchorPath,
+    FieldProfile,
+    Follower,
+    Timetable,
+    TractionProfile,
+)
 import numpy as np
 
 _ZERO = np.zeros(3)
@@ -150,6 +156,9 @@ class Inputs:
         profiles: dict[Follower, Profile] = {
             target: channel.profile for target, channel in self._channels.items()}
         profiles |= {TractionProfile(name): part.profile for name, part in scene.tractions.items()}
+        self._field = scene.electric.wrenches(scene.geometry.half_edge)
+        if self._field:
+            profiles[FieldProfile()] = scene.electric.profile
         paths: dict[Follower, Path] = {
             DriveTarget(name): drive.path for name, drive in scene.drives.items()}
         paths |= {AnchorPath(name): anchor.path for name, anchor in scene.anchors.items()}
@@ -286,7 +295,7 @@ class Inputs:
         """
         The rows that were packed last.
 
-        Channels by name, single bodies by number, pulls, surface forces.
+        Channels by name, single bodies by number, the electric field, pulls, surface forces.
         """
         return pack_loads(
             self._own_rows(), layout, stages=stages, varying=self._varying,
@@ -305,7 +314,16 @@ class Inputs:
         for target in sorted(self.packed, key=load_order):
             piece = self._piece(target) if target in self._packed_pieces else STEADY.pieces[0]
             rows.append(self._row(target, self.packed[target], piece))
-        return rows + self.pulls.packed_rows()
+        return rows + self._field_rows() + self.pulls.packed_rows()
+
+    def _field_rows(self, piece: Piece | None = None) -> list[WrenchRow]:
+        """What the electric field does; `piece`: of its profile, None: the one that rules."""
+        if not self._field:
+            return []
+        piece = self._piece(FieldProfile()) if piece is None else piece
+        return [] if piece.is_zero else [
+            WrenchRow(wrench.bodies, False, wrench.force, _ZERO, wrench.point, piece)
+            for wrench in self._field]
 
     def _traction_pieces(self) -> list[tuple[str, Piece]]:
         """Surface forces that act, by name, with the piece of the profile of each."""
@@ -327,6 +345,7 @@ class Inputs:
         rows = [
             self._row(target, Wrench(channel.force, channel.torque), channel.profile.strongest)
             for target, channel in self._channels.items()]
+        rows += self._field_rows(self.scene.electric.profile.strongest)
         return pack_loads(
             rows, layout, varying=self._varying, tractions=self._pack_tractions({
                 name: part.profile.strongest for name, part in self.scene.tractions.items()}))

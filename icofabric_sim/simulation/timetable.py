@@ -44,8 +44,16 @@ class AnchorPath:
         return f'anchors.{self.name}'
 
 
+@dataclass(frozen=True, slots=True)
+class FieldProfile:
+    """The profile of the electric field."""
+
+    def __str__(self) -> str:
+        return 'field.electric'
+
+
 # What follows a profile or a path.
-Follower = ChannelTarget | DriveTarget | TractionProfile | AnchorPath
+Follower = ChannelTarget | DriveTarget | TractionProfile | AnchorPath | FieldProfile
 
 
 class Timetable:

@@ -17,9 +17,13 @@ from icofabric_sim.kernels.records import Coulomb
 import numpy as np
 
 
-def coulomb_matrix(strength: float, position: np.ndarray) -> np.ndarray:
+def coulomb_matrix(
+    strength: float, position: np.ndarray, charge: np.ndarray | None = None
+) -> np.ndarray:
     """
-    Second derivatives (3 n, 3 n) of the energy strength / r of all pairs of places (n, 3).
+    Second derivatives (3 n, 3 n) of the energy strength q q' / r of all pairs of places (n, 3).
+
+    `charge` (n,): q of each, None: 1.
 
     Two in the same place have no part in it, as in the forces.
     """
@@ -29,7 +33,8 @@ def coulomb_matrix(strength: float, position: np.ndarray) -> np.ndarray:
     with np.errstate(divide='ignore'):
         cube = np.where(square > 0.0, square**-1.5, 0.0)
         fifth = np.where(square > 0.0, 3.0 * square**-2.5, 0.0)
-    blocks = strength * (
+    pairs = np.ones((count, count)) if charge is None else np.outer(charge, charge)
+    blocks = (strength * pairs)[..., None, None] * (
         cube[..., None, None] * np.eye(3)
         - fifth[..., None, None] * apart[..., :, None] * apart[..., None, :])
     own = np.arange(count)
@@ -37,16 +42,22 @@ def coulomb_matrix(strength: float, position: np.ndarray) -> np.ndarray:
     return np.asarray(blocks.transpose(0, 2, 1, 3).reshape(3 * count, 3 * count))
 
 
-def largest_repulsion(coulomb: Coulomb | None, position: np.ndarray) -> float:
-    """The largest force [N] on one of the charges at `position` (n, 3); 0 without charges."""
+def largest_repulsion(
+    coulomb: Coulomb | None, position: np.ndarray, charge: np.ndarray
+) -> float:
+    """
+    The largest force [N] on one of the charges at `position` (n, 3); 0 without charges.
+
+    `charge` (n,) in parts of the largest.
+    """
     if coulomb is None:
         return 0.0
     most = 0.0
     # One body at a time: memory stays linear.
-    for place in position:
+    for place, own in zip(position, np.broadcast_to(charge, len(position)).tolist()):
         apart = place - position
         square = (apart * apart).sum(axis=1)
         with np.errstate(divide='ignore'):
             cube = np.where(square > 0.0, square**-1.5, 0.0)
-        most = max(most, float(np.linalg.norm(cube @ apart)))
+        most = max(most, abs(own) * float(np.linalg.norm((cube * charge) @ apart)))
     return coulomb.strength * most

@@ -126,10 +126,18 @@ class StaticFabric:
             self.rounding = max(
                 self.rounding, 1e-15 * setup.stiffness * scene.geometry.half_edge)
         # [N] of charges on each other, the largest on a body where the search begins.
-        self.repulsion = largest_repulsion(self.model.coulomb, position)
+        self.repulsion = largest_repulsion(
+            self.model.coulomb, position, self.relative_charge)
         # Roots of masses and inertias: in these coordinates second derivatives are frequencies.
         self.root = np.sqrt(np.repeat(
             [1.0 / model.inverse_mass, 1.0 / model.inverse_inertia], 3))
+
+    @property
+    def relative_charge(self) -> np.ndarray:
+        """Charges of the bodies in parts of the largest, (n,)."""
+        charge = np.broadcast_to(self.scene.electric.charge, self.scene.body_count)
+        largest = float(np.abs(charge).max(initial=0.0))
+        return charge / largest if largest > 0.0 else charge
 
     def configuration(self, name: str, snapshot: Snapshot) -> 'Configuration':
         """Where a snapshot, the argument `name`, has the bodies."""

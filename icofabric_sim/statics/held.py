@@ -15,6 +15,7 @@
 
 from icofabric_sim import checks
 from icofabric_sim.parameters.validation import ParameterError
+from icofabric_sim.scene.profiles import STEADY
 from icofabric_sim.scene.scene import Scene
 
 _RUN = 'let a run with drag come to rest (drag.linear, drag.angular; icofabric run)'
@@ -72,6 +73,8 @@ def varying(scene: Scene) -> list[str]:
             found.append(f'anchors.{name}.file')
         elif any(parameters[f'anchors.{name}.velocity']):
             found.append(f'anchors.{name}.velocity')
+    if not scene.electric.is_potential and scene.electric.profile != STEADY:
+        found.append('field.profile')
     for section in ('loads', 'tractions'):
         for name in parameters.names(section):
             key = f'{section}.{name}'

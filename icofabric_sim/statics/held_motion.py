@@ -177,7 +177,8 @@ def _bare(scene: Scene) -> dict[str, object]:
     if not scene.electric.mutual:
         # Without a field charges do nothing but this.
         sections = (*sections, 'charge')
-    if scene.parameters.names('connector_groups'):
+    charged = scene.electric.mutual and scene.parameters.names('charges')
+    if charged or scene.parameters.names('connector_groups'):
         sections = tuple(name for name in sections if name != 'groups.')
     return {name: value for name, value in scene.parameters.items()
             if not name.startswith(sections) and value != ''}

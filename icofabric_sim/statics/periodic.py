@@ -95,7 +95,7 @@ def make_cell(scene: Scene, branch: str | None = None) -> Cell:
         raise ParameterError(
             'connector_groups', 'connector_groups.* make connectors differ from place to place; '
             'for the endless fabric give them a direction only, or leave them out')
-    if scene.electric.mutual and scene.electric.charge != 0.0:
+    if scene.electric.mutual and scene.electric.charge.any():
         raise ParameterError(
             'charge.mutual', 'charge.mutual: the sum over all charges of an endless fabric has no '
             'end; set it to false for the endless fabric, or take curves and modes of a slab')

@@ -103,7 +103,7 @@ def scaled_hessian(here: Configuration) -> sparse.csr_matrix:
         places = np.arange(6 * count).reshape(count, 6)[:, :3].ravel()
         weights = scale[:, :3].ravel()
         block = weights[:, None] * coulomb_matrix(
-            fabric.model.coulomb.strength, here.position) * weights
+            fabric.model.coulomb.strength, here.position, fabric.relative_charge) * weights
         rows.append(np.repeat(places, len(places)))
         columns.append(np.tile(places, len(places)))
         values.append(block.ravel())

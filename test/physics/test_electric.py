@@ -174,7 +174,7 @@ def test_force_is_minus_the_gradient_of_energy(cosines):
     random, count = np.random.RandomState(4), scene.body_count
     x = scene.position + 2e-3 * random.standard_normal((count, 3))
     q = Rotation.random(count, random_state=4).as_quat()
-    field = scene.electric.charge * scene.electric.electric
+    field = scene.electric.force
     found = wrenches(scene, x, q, cosines=cosines)
     scale = np.abs(found.force).max(), np.abs(found.torque).max()
     for b in range(0, count, 2):

@@ -188,7 +188,8 @@ def test_profile_goes_on_where_a_change_keeps_the_motion():
 
 
 @pytest.mark.parametrize('changes, name, words', [
-    ({'loads.tip.profile': 'sine'}, 'loads.tip.profile', 'steady, ramp, half_sine or table FILE'),
+    ({'loads.tip.profile': 'sine'}, 'loads.tip.profile',
+     'steady, ramp, half_sine, sine FREQUENCY or table FILE'),
     ({'loads.tip.profile': 'table'}, 'loads.tip.profile', 'table FILE'),
     ({'loads.tip.profile': 'ramp up', 'loads.tip.duration': 1.0}, 'loads.tip.profile', 'ramp up'),
     ({'loads.tip.profile': 'ramp'}, 'loads.tip.duration', 'above 0 s'),

@@ -56,6 +56,8 @@ NEEDED = {
     # With both from the start they share their kernels; the rules for all connectors begin with 0.
     'connector_groups.it.bending_stiffness': _MOMENTS,
     'connector_groups.it.twisting_stiffness': _MOMENTS,
+    'charges.': {'charges.it.group': 'tip'},
+    'field.profile': {'field.duration': 1.0},
     'supports.': {'supports.it.group': 'wall'},
     'loads.': {'loads.it.group': 'tip', 'loads.it.force': [0.0, 0.0, 1e-3]},
     'tractions.': {'tractions.it.group': 'tip', 'tractions.it.pressure': 1.0},

@@ -23,21 +23,31 @@ COULOMB_CONSTANT = 8.9875517862e9
 
 
 def pack_dipole(electric: Electric) -> Dipole | None:
-    """Dipoles in the electric field, if both are there."""
-    largest = float(np.linalg.norm(electric.dipole) * np.linalg.norm(electric.electric))
-    return Dipole(electric.electric, electric.dipole, largest) if largest > 0.0 else None
-
-
-def pack_magnet(electric: Electric, mass: float, inertia: float) -> Magnet | None:
-    """Charges and dipoles that move in the magnetic field, if both are there."""
-    if not (electric.magnetic.any() and (electric.charge != 0.0 or electric.dipole.any())):
+    """Equal dipoles in a steady electric field, if both are there."""
+    if not electric.is_potential:
         return None
-    second = 0.5 * electric.charge * inertia / mass
-    return Magnet(electric.magnetic, electric.charge, electric.dipole, second)
+    moment = electric.dipole[0]
+    largest = float(np.linalg.norm(moment) * np.linalg.norm(electric.electric))
+    return Dipole(electric.electric, moment, largest) if largest > 0.0 else None
+
+
+def pack_magnet(
+    electric: Electric, mass: float, inertia: float, layout: Layout
+) -> Magnet | None:
+    """Charges and dipoles that move in the magnetic field, if both are there."""
+    if not (electric.magnetic.any() and (electric.charge.any() or electric.dipole.any())):
+        return None
+    charge = layout.spread(np.broadcast_to(electric.charge, layout.body_count)[:, None])
+    moment = layout.spread(np.broadcast_to(electric.dipole, (layout.body_count, 3)))
+    return Magnet(electric.magnetic, charge, moment, 0.5 * inertia / mass * charge)
 
 
 def pack_coulomb(electric: Electric, layout: Layout) -> Coulomb | None:
     """Charges on each other, if that is asked for."""
-    if not (electric.mutual and electric.charge != 0.0 and layout.body_count > 1):
+    largest = float(np.abs(electric.charge).max(initial=0.0))
+    if not (electric.mutual and largest > 0.0 and layout.body_count > 1):
         return None
-    return Coulomb(COULOMB_CONSTANT * electric.charge**2, np.sort(layout.slot))
+    charge = np.broadcast_to(electric.charge, layout.body_count)
+    return Coulomb(
+        COULOMB_CONSTANT * largest**2, np.sort(layout.slot[charge != 0.0]),
+        layout.spread((charge / largest)[:, None]))

@@ -148,7 +148,7 @@ def pack_scene(
         supports=supports,
         damping=damping,
         drag=drag if any(drag) else None,
-        magnet=pack_magnet(electric, mass, inertia),
+        magnet=pack_magnet(electric, mass, inertia, layout),
         dipole=pack_dipole(electric),
         coulomb=pack_coulomb(electric, layout),
         shells=pack_shells(scene.parameters, scene.geometry.half_edge),
@@ -183,9 +183,9 @@ def velocity_rate(model: Model) -> float:
         rate += max(model.drag.linear * mass, model.drag.angular * inertia)
     if model.magnet is not None:
         magnet = model.magnet
-        own = max(abs(magnet.charge) * mass, abs(magnet.second) * inertia)
-        own += float(np.linalg.norm(magnet.moment)) * (mass * inertia) ** 0.5
-        rate += own * float(np.linalg.norm(magnet.field))
+        own = np.maximum(np.abs(magnet.charge) * mass, np.abs(magnet.second) * inertia)
+        own = own + np.linalg.norm(magnet.moment, axis=0) * (mass * inertia) ** 0.5
+        rate += float(own.max()) * float(np.linalg.norm(magnet.field))
     return rate
 
 

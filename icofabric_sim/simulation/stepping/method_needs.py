@@ -14,6 +14,7 @@
 """What in a scene only an adaptive method can integrate."""
 
 from icofabric_sim.parameters.validation import ParameterError
+from icofabric_sim.scene.electric import is_charged
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.stepping.events import why_events
 from icofabric_sim.simulation.stepping.method_selection import Choice
@@ -68,8 +69,8 @@ def why_not_implicit(scene: Scene, *, outside: bool = False) -> str:
         return 'connector.obstruction is wrap, where warn or stop would do'
     if scene.anchors:
         return f'it has anchors ({next(iter(scene.anchors))})'
-    if parameters['charge.per_body'] != 0.0 or any(parameters['charge.dipole']):
-        return 'bodies are charged (charge.per_body, charge.dipole)'
+    if is_charged(parameters):
+        return 'bodies are charged (charge.per_body, charge.dipole, charges.NAME)'
     return why_events(scene)
 
 
@@ -102,8 +103,7 @@ def _reason(scene: Scene) -> str:
     for name in ('drag.linear', 'drag.angular'):
         if parameters[name] > 0.0:
             return f'{name} is a force that depends on velocities'
-    charged = parameters['charge.per_body'] != 0.0 or any(parameters['charge.dipole'])
-    if charged and any(parameters['field.magnetic']):
+    if is_charged(parameters) and any(parameters['field.magnetic']):
         return 'field.magnetic acts on charges by their velocities'
     return why_events(scene)
 
