@@ -19,7 +19,8 @@ The bodies of a drive move as one rigid body. A path piece is, with t from its s
     d(t) = d0 + d1 t + d2 t^2 + d3 t^3 + wave sin(rate t + phase)
 
 for the displacement of the middle of the bodies (rows 0-2) [m] and for a rotation vector about it
-(rows 3-5) [rad], world axes, beyond a base pose.
+(rows 3-5) [rad], world axes, beyond a base pose. A path moves some freedoms, or all; what acts on
+the others moves them as if there were no path.
 """
 
 import math
@@ -130,16 +131,18 @@ def place_row(
             (load(drives.arm, 0, s), load(drives.arm, 1, s), load(drives.arm, 2, s)),
             qw, qx, qy, qz)
         place, speed, spin = state.position, state.linear_velocity, state.angular_velocity
-        put(place, 0, s, mine, splat(drives.base[p, 0] + displacement(drives, p, 0, after)) + wx)
-        put(place, 1, s, mine, splat(drives.base[p, 1] + displacement(drives, p, 1, after)) + wy)
-        put(place, 2, s, mine, splat(drives.base[p, 2] + displacement(drives, p, 2, after)) + wz)
-        put(speed, 0, s, mine, splat(velocity(drives, p, 0, after)) + (oy * wz - oz * wy))
-        put(speed, 1, s, mine, splat(velocity(drives, p, 1, after)) + (oz * wx - ox * wz))
-        put(speed, 2, s, mine, splat(velocity(drives, p, 2, after)) + (ox * wy - oy * wx))
-        put(spin, 0, s, mine, ox)
-        put(spin, 1, s, mine, oy)
-        put(spin, 2, s, mine, oz)
-        turn_bodies(drives.first, state.orientation, s, mine, (qx, qy, qz), qw)
+        arms = wx, wy, wz
+        turning = oy * wz - oz * wy, oz * wx - ox * wz, ox * wy - oy * wx
+        for k in range(3):
+            if drives.moves[p, k]:
+                put(place, k, s, mine, splat(
+                    drives.base[p, k] + displacement(drives, p, k, after)) + arms[k])
+                put(speed, k, s, mine, splat(velocity(drives, p, k, after)) + turning[k])
+        if drives.moves[p, 3]:
+            put(spin, 0, s, mine, ox)
+            put(spin, 1, s, mine, oy)
+            put(spin, 2, s, mine, oz)
+            turn_bodies(drives.first, state.orientation, s, mine, (qx, qy, qz), qw)
 
 
 @compiled
@@ -187,16 +190,17 @@ def resist(
     if drives is None:
         return a
     else:
-        if path_of(drives, loads.wrench[m]) < 0:
+        p = path_of(drives, loads.wrench[m])
+        if p < 0:
             return a
         mine = bits(loads.lanes[m])
         done = load_at(loads.work, LANES * m)
-        power = path_power(model, state, a, s)
+        power = path_power(model, state, borne(drives, p, a), s)
         more = done - splat(h) * power
         if again != 0.0:
             more = more - splat(again) * power
         store_at(loads.work, LANES * m, where(mine, more, done))
-        return without(mine, a)
+        return without(drives, p, mine, a)
 
 
 @compiled
@@ -210,12 +214,89 @@ def path_power(model: Model, state: State, a: Six, s: int) -> Vector:
 
 
 @compiled
-def without(mine: Vector, a: Six) -> Six:
-    """Zero in the lanes that are meant."""
+def borne(drives: Drives, p: int, a: Six) -> Six:
+    """Accelerations along the freedoms that path `p` moves, zero along the others."""
+    zero, moves = splat(0.0), drives.moves
+    x, y, z = a[0], a[1], a[2]
+    if not moves[p, 0]:
+        x = zero
+    if not moves[p, 1]:
+        y = zero
+    if not moves[p, 2]:
+        z = zero
+    if not moves[p, 3]:
+        return x, y, z, zero, zero, zero
+    return x, y, z, a[3], a[4], a[5]
+
+
+@compiled
+def without(drives: Drives, p: int, mine: Vector, a: Six) -> Six:
+    """Zero in the lanes that are meant, along the freedoms that path `p` moves."""
+    zero, moves = splat(0.0), drives.moves
+    x, y, z = a[0], a[1], a[2]
+    if moves[p, 0]:
+        x = where(mine, zero, x)
+    if moves[p, 1]:
+        y = where(mine, zero, y)
+    if moves[p, 2]:
+        z = where(mine, zero, z)
+    if moves[p, 3]:
+        return x, y, z, where(mine, zero, a[3]), where(mine, zero, a[4]), where(mine, zero, a[5])
+    return x, y, z, a[3], a[4], a[5]
+
+
+@compiled
+def velocities_before(drives: Drives | None, state: State, s: int) -> Six:
+    """Velocities and spins of a block before loads act on it, where paths may bear these."""
     zero = splat(0.0)
-    return (
-        where(mine, zero, a[0]), where(mine, zero, a[1]), where(mine, zero, a[2]),
-        where(mine, zero, a[3]), where(mine, zero, a[4]), where(mine, zero, a[5]))
+    if drives is None:
+        return zero, zero, zero, zero, zero, zero
+    else:
+        speed, spin = state.linear_velocity, state.angular_velocity
+        return (
+            load(speed, 0, s), load(speed, 1, s), load(speed, 2, s),
+            load(spin, 0, s), load(spin, 1, s), load(spin, 2, s))
+
+
+@compiled
+def bear_loads(
+    drives: Drives | None, loads: Loads, state: State, before: Six, m: int, s: int
+) -> None:
+    """
+    Take back what loads have added to `before` along the freedoms that the path of row `m` moves.
+
+    The path bears it: whatever work the load does there, the path takes away.
+    """
+    if drives is None:
+        return
+    else:
+        p = path_of(drives, loads.wrench[m])
+        if p < 0:
+            return
+        mine = bits(loads.lanes[m])
+        for k in range(3):
+            if drives.moves[p, k]:
+                put(state.linear_velocity, k, s, mine, before[k])
+            if drives.moves[p, 3]:
+                put(state.angular_velocity, k, s, mine, before[3 + k])
+
+
+@compiled
+def rest_along_path(drives: Drives | None, loads: Loads, state: State, m: int, s: int) -> None:
+    """
+    Let the bodies of row `m` stand still along their path, until `place_row` puts them on it.
+
+    So loads do no work there, which a drift of constant velocity could only tell about.
+    """
+    if drives is None:
+        return
+    else:
+        p = path_of(drives, loads.wrench[m])
+        if p < 0:
+            return
+        for k in range(3):
+            if drives.moves[p, k]:
+                put(state.linear_velocity, k, s, bits(loads.lanes[m]), splat(0.0))
 
 
 @compiled
@@ -227,22 +308,25 @@ def resist_slopes(
     if drives is None:
         return
     else:
-        if path_of(drives, loads.wrench[m]) < 0:
+        p = path_of(drives, loads.wrench[m])
+        if p < 0:
             return
         mine, zero = bits(loads.lanes[m]), splat(0.0)
         a = (
             load(linear, 0, s), load(linear, 1, s), load(linear, 2, s),
             load(angular, 0, s), load(angular, 1, s), load(angular, 2, s))
         store(loads.power, index, LANES * m, where(
-            mine, zero - path_power(model, state, a, s), zero))
+            mine, zero - path_power(model, state, borne(drives, p, a), s), zero))
         for k in range(3):
-            put(linear, k, s, mine, zero)
-            put(angular, k, s, mine, zero)
+            if drives.moves[p, k]:
+                put(linear, k, s, mine, zero)
+            if drives.moves[p, 3]:
+                put(angular, k, s, mine, zero)
 
 
 @compiled
 def moving_energy(drives: Drives | None, model: Model, loads: Loads, state: State) -> float:
-    """Kinetic energy [J] of all driven bodies, which their paths alone have given."""
+    """Kinetic energy [J] of all driven freedoms, which their paths alone have given."""
     total = 0.0
     if drives is None:
         return total
@@ -251,12 +335,17 @@ def moving_energy(drives: Drives | None, model: Model, loads: Loads, state: Stat
         for block in range(model.blocks.slot.shape[0]):
             s = model.blocks.slot[block]
             for m in range(loads.start[block], loads.start[block + 1]):
-                if path_of(drives, loads.wrench[m]) >= 0:
+                p = path_of(drives, loads.wrench[m])
+                if p >= 0:
                     for i in range(LANES):
                         if loads.lanes[m] >> i & 1:
                             for k in range(3):
                                 v = state.linear_velocity[k, s + i]
                                 o = state.angular_velocity[k, s + i]
+                                if not drives.moves[p, k]:
+                                    v = 0.0
+                                if not drives.moves[p, 3]:
+                                    o = 0.0
                                 total += 0.5 * (mass * v * v + inertia * o * o)
         return total
 

@@ -24,7 +24,14 @@ from icofabric_sim.kernels.anchors import kick_anchor
 from icofabric_sim.kernels.connectors import add_connectors, Six
 from icofabric_sim.kernels.contact.forces import add_contact
 from icofabric_sim.kernels.contact.losses import begin_lead, end_lead, losses_of, spend
-from icofabric_sim.kernels.drives import is_wrench, place_row, resist
+from icofabric_sim.kernels.drives import (
+    bear_loads,
+    is_wrench,
+    place_row,
+    resist,
+    rest_along_path,
+    velocities_before,
+)
 from icofabric_sim.kernels.fields import add_coulomb, add_dipole
 from icofabric_sim.kernels.loads import kick_load, kick_load_again, work_load
 from icofabric_sim.kernels.moments import add_bending, add_twisting
@@ -60,6 +67,8 @@ def drift(
         block = np.int64(order[turn])
         s = model.blocks.slot[block]
         if loads is not None:
+            for m in range(loads.start[block], loads.start[block + 1]):
+                rest_along_path(loads.drives, loads, state, m, s)
             for m in range(loads.start[block], loads.start[block + 1]):
                 if is_wrench(loads.drives, loads.anchors, loads.wrench[m]):
                     work_load(loads, state, m, s, time, h)
@@ -131,24 +140,30 @@ def push(
         spend(losses_of(model.contacts), work.spent, state, s, h)
         kick(state, a, h, s)
         if loads is not None:
+            before = velocities_before(loads.drives, state, s)
             for m in range(loads.start[block], loads.start[block + 1]):
                 if is_wrench(loads.drives, loads.anchors, loads.wrench[m]):
                     kick_load(
                         model, loads, state.orientation, state.linear_velocity,
                         state.angular_velocity, m, s, time, h)
                 kick_anchor(loads.anchors, model, loads, state, m, s, time, h)
+            for m in range(loads.start[block], loads.start[block + 1]):
+                bear_loads(loads.drives, loads, state, before, m, s)
         spend(losses_of(model.contacts), work.spent, state, s, h)
         if again != 0.0:
             spend(losses_of(model.contacts), work.spent, state, s, again)
             begin_lead(losses_of(model.contacts), state, s)
             kick(state, a, again, s)
             if loads is not None:
+                before = velocities_before(loads.drives, state, s)
                 for m in range(loads.start[block], loads.start[block + 1]):
                     if is_wrench(loads.drives, loads.anchors, loads.wrench[m]):
                         kick_load_again(
                             model, loads, state.orientation, state.linear_velocity,
                             state.angular_velocity, m, s, time, again)
                     kick_anchor(loads.anchors, model, loads, state, m, s, time, again)
+                for m in range(loads.start[block], loads.start[block + 1]):
+                    bear_loads(loads.drives, loads, state, before, m, s)
             end_lead(losses_of(model.contacts), state, s)
             spend(losses_of(model.contacts), work.spent, state, s, again)
 
@@ -172,12 +187,15 @@ def push_kept(
         begin_lead(losses_of(model.contacts), state, s)
         kick(state, a, h, s)
         if loads is not None:
+            before = velocities_before(loads.drives, state, s)
             for m in range(loads.start[block], loads.start[block + 1]):
                 if is_wrench(loads.drives, loads.anchors, loads.wrench[m]):
                     kick_load(
                         model, loads, state.orientation, state.linear_velocity,
                         state.angular_velocity, m, s, time, h)
                 kick_anchor(loads.anchors, model, loads, state, m, s, time, h)
+            for m in range(loads.start[block], loads.start[block + 1]):
+                bear_loads(loads.drives, loads, state, before, m, s)
         end_lead(losses_of(model.contacts), state, s)
         spend(losses_of(model.contacts), work.spent, state, s, h)
 

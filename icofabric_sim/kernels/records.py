@@ -241,6 +241,8 @@ class Drives(Record):
     turn: np.ndarray  # (p, 4) x y z w: how they are turned there
     arm: np.ndarray  # (3, s) [m] from the middle to each body at the start
     first: np.ndarray  # orientations at the start, in the form of the state
+    # (p, 4) uint8: whether they move along x, y, z, and turn; other freedoms stay free
+    moves: np.ndarray
 
 
 class SecondDerivatives(Record):

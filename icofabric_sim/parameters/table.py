@@ -678,6 +678,8 @@ FAMILIES: dict[str, tuple[Specification, ...]] = {
     ),
     'drives': (
         _s('group', '', '', 'group that moves as one rigid body', RESTARTS, required=True),
+        _s('freedoms', 'all', '', 'what the path moves: tx ty tz rotation, or all; what it does '
+           'not move stays free', RESTARTS),
         _s(
             'motion',
             'hold',

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Drives: groups of bodies that move as one rigid body on a prescribed path.
+Drives: groups of bodies that move as one rigid body on a prescribed path, or freedoms of them.
 
 A path is a displacement of the middle of the group (the mean of its centres at the start) and a
 rotation vector about it, world axes, counted from the start of the motion. Bodies wait at their
@@ -27,7 +27,7 @@ from typing import Any, NamedTuple
 from icofabric_sim.parameters.validation import ParameterError, Parameters
 from icofabric_sim.scene.initial import InitialState
 from icofabric_sim.scene.paths import Path, PathPiece
-from icofabric_sim.scene.supports import Supports
+from icofabric_sim.scene.supports import FREEDOMS, named_freedoms, Supports
 from icofabric_sim.scene.tables import read_time_table
 import numpy as np
 
@@ -42,6 +42,12 @@ class Drive(NamedTuple):
     bodies: np.ndarray  # (m,) int32
     middle: np.ndarray  # (3,) [m] mean of their centres at the start
     path: Path
+    moves: np.ndarray  # (4,) bool: along x, y, z, and turning; the other freedoms stay free
+
+    @property
+    def freedoms(self) -> np.ndarray:
+        """Which of the six freedoms of each body it moves, (6,) bool."""
+        return np.append(self.moves[:3], np.repeat(self.moves[3], 3))
 
 
 def make_drives(
@@ -54,28 +60,77 @@ def make_drives(
     ParameterError names what contradicts supports, other drives, or the start.
     """
     drives: dict[str, Drive] = {}
-    taken: dict[int, str] = {}
     for name in parameters.names('drives'):
         bodies = groups[parameters[f'drives.{name}.group']]
         key = f'drives.{name}.group'
-        for body in bodies.tolist():
-            if body in taken:
-                raise ParameterError(
-                    key, f'{key}: body {body} is already moved by drives.{taken[body]}; take it '
-                    'out of one of the groups')
-            taken[body] = name
+        moves = moved_freedoms(parameters, name)
+        for other, drive in drives.items():
+            _refuse_twice(key, bodies, moves, other, drive)
         if supports is not None:
-            held = supports.translation[bodies].any(axis=1) | supports.rotation[bodies]
-            if held.any():
+            held = np.column_stack([supports.translation[bodies], supports.rotation[bodies]])
+            twice = (held & moves).any(axis=1)
+            if twice.any():
                 raise ParameterError(
-                    key, f'{key}: body {int(bodies[np.argmax(held)])} is held by a support, and '
-                    'a drive moves all freedoms of its bodies; take it out of one of the groups')
+                    key, f'{key}: body {int(bodies[np.argmax(twice)])} is held by a support, '
+                    f'which fixes a freedom that the drive moves; take it out of one of the '
+                    f'groups, or name other freedoms in drives.{name}.freedoms')
         path = make_path(parameters, f'drives.{name}')
         middle = state.position[bodies].mean(axis=0)
-        drive = Drive(bodies, middle, path)
+        drive = Drive(bodies, middle, path, moves)
         _set_off(parameters, groups, name, drive, state)
         drives[name] = drive
+        _refuse_turned_faces(parameters, groups, name, drive)
     return drives
+
+
+def _refuse_turned_faces(
+    parameters: Parameters, groups: Mapping[str, np.ndarray], name: str, drive: Drive
+) -> None:
+    """Refuse surface forces on bodies that a path turns and leaves free to move."""
+    if not drive.moves[3] or drive.moves.all():
+        return
+    for other in parameters.names('tractions'):
+        key = f'tractions.{other}.group'
+        both = np.intersect1d(groups[parameters[key]], drive.bodies)
+        if len(both):
+            raise ParameterError(
+                key, f'{key}: drives.{name} turns body {int(both[0])} and leaves it free to move, '
+                'and what surface forces do there is not known; take it out of one of the '
+                f'groups, let the drive move all freedoms, or give loads.NAME instead')
+
+
+def moved_freedoms(parameters: Parameters, name: str) -> np.ndarray:
+    """Which of tx, ty, tz, rotation `drives.NAME.freedoms` names, (4,) bool."""
+    key = f'drives.{name}.freedoms'
+    words = named_freedoms(key, parameters[key])
+    moves = np.array([word in words for word in FREEDOMS])
+    for field, mine in (('linear', moves[:3]), ('angular', np.repeat(moves[3], 3))):
+        amounts = np.array(parameters[f'drives.{name}.{field}'])
+        if (amounts[~mine] != 0.0).any():
+            raise ParameterError(
+                f'drives.{name}.{field}',
+                f'drives.{name}.{field} {amounts.tolist()} moves a freedom that is not in {key} '
+                f'{parameters[key]!r}; add it there, or set it to 0 here')
+    return moves
+
+
+def _refuse_twice(
+    key: str, bodies: np.ndarray, moves: np.ndarray, other: str, drive: Drive
+) -> None:
+    """Refuse a freedom on two paths, and two paths with a body in common but not all."""
+    both = np.intersect1d(bodies, drive.bodies)
+    if not len(both):
+        return
+    body = int(both[0])
+    if (moves & drive.moves).any():
+        raise ParameterError(
+            key, f'{key}: body {body} is already moved by drives.{other}; take it out of one of '
+            'the groups, or let them move different freedoms')
+    if len(both) != len(bodies) or len(both) != len(drive.bodies):
+        raise ParameterError(
+            key, f'{key}: body {body} is moved by drives.{other} too, and so are not all others; '
+            'drives that share bodies must have the same ones, as a displacement is that of their '
+            'middle')
 
 
 def _set_off(
@@ -90,19 +145,20 @@ def _set_off(
     twist = drive.path.pieces[0].twist_at(0.0)
     arms = state.position[drive.bodies] - drive.middle
     paths = twist[:3] + np.cross(twist[3:], arms), np.broadcast_to(twist[3:], arms.shape)
+    moved = drive.moves[:3], np.repeat(drive.moves[3], 3)
     loose = parameters.names('bodies')
     first = len(state.position) - len(loose)
     sources = [(f'initial.{source}', groups[parameters[f'initial.{source}.group']])
                for source in parameters.names('initial')]
     sources += [(f'bodies.{source}', np.array([first + k])) for k, source in enumerate(loose)]
-    for field, wanted in zip(('linear_velocity', 'angular_velocity'), paths):
+    for field, wanted, mine in zip(('linear_velocity', 'angular_velocity'), paths, moved):
         given, told = np.zeros((len(state.position), 3)), ''
         for source, bodies in sources:
             value = parameters[f'{source}.{field}']
             if any(value) and np.isin(bodies, drive.bodies).any():
                 given[bodies] += value
                 told = f'{source}.{field}'
-        given = given[drive.bodies]
+        given, wanted = given[drive.bodies] * mine, wanted * mine
         size = float(max(np.abs(given).max(), np.abs(wanted).max()))
         wrong = given.any(axis=1) & (np.abs(given - wanted).max(axis=1) > _SAME * size)
         if wrong.any():
@@ -111,7 +167,8 @@ def _set_off(
                 told, f'{told} {parameters[told]} disagrees with drives.{name}, which moves body '
                 f'{drive.bodies[row]} from the start with {wanted[row].tolist()}; leave it out, '
                 'or take the body out of one of the groups')
-        getattr(state, field)[drive.bodies] = wanted
+        velocity = getattr(state, field)
+        velocity[drive.bodies] = np.where(mine, wanted, velocity[drive.bodies])
 
 
 def make_path(parameters: Parameters, prefix: str) -> Path:

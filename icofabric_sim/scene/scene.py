@@ -47,7 +47,7 @@ from icofabric_sim.scene.connector_laws import (
     make_laws,
     spread_over,
 )
-from icofabric_sim.scene.drives import Drive, make_drives, make_path
+from icofabric_sim.scene.drives import Drive, make_drives, make_path, moved_freedoms
 from icofabric_sim.scene.electric import check_electric, Electric, make_electric
 from icofabric_sim.scene.faces import check_faces
 from icofabric_sim.scene.load_channels import LoadChannel, make_channels
@@ -342,6 +342,7 @@ def _check_together(parameters: Parameters) -> tuple[Shell, WeaveGeometry]:
             check_profile(parameters, f'{family}.{name}')
     for name in parameters.names('drives'):
         make_path(parameters, f'drives.{name}')
+        moved_freedoms(parameters, name)
     for name in parameters.names('tractions'):
         check_faces(f'tractions.{name}.faces', parameters[f'tractions.{name}.faces'])
         key = f'tractions.{name}.variation'

@@ -19,7 +19,7 @@ from typing import NamedTuple
 from icofabric_sim.parameters.validation import ParameterError, Parameters
 import numpy as np
 
-_FREEDOMS = ('tx', 'ty', 'tz', 'rotation')
+FREEDOMS = ('tx', 'ty', 'tz', 'rotation')
 
 
 class Supports(NamedTuple):
@@ -31,16 +31,19 @@ class Supports(NamedTuple):
 
 def fixed_freedoms(parameters: Parameters, name: str) -> set[str]:
     """Return the freedoms that `supports.NAME` holds: some of tx, ty, tz, rotation."""
-    text = parameters[f'supports.{name}.fix']
+    key = f'supports.{name}.fix'
+    return named_freedoms(key, parameters[key])
+
+
+def named_freedoms(key: str, text: str) -> set[str]:
+    """The freedoms that the value `text` of the parameter `key` names."""
     words = text.split()
-    unknown = [word for word in words if word not in (*_FREEDOMS, 'all')]
+    unknown = [word for word in words if word not in (*FREEDOMS, 'all')]
     if unknown or not words:
         raise ParameterError(
-            f'supports.{name}.fix',
-            f'supports.{name}.fix must name some of tx ty tz rotation, or '
-            f'all, separated by spaces, got {text!r}',
-        )
-    return set(_FREEDOMS) if 'all' in words else set(words)
+            key, f'{key} must name some of tx ty tz rotation, or all, separated by spaces, got '
+            f'{text!r}')
+    return set(FREEDOMS) if 'all' in words else set(words)
 
 
 def make_supports(
@@ -54,7 +57,7 @@ def make_supports(
     for name in names:
         fixed = fixed_freedoms(parameters, name)
         bodies = groups[parameters[f'supports.{name}.group']]
-        for axis, word in enumerate(_FREEDOMS[:3]):
+        for axis, word in enumerate(FREEDOMS[:3]):
             supports.translation[bodies, axis] |= word in fixed
         supports.rotation[bodies] |= 'rotation' in fixed
     return supports

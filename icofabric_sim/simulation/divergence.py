@@ -240,7 +240,9 @@ def _displaced(snapshot: Snapshot, scene: Scene) -> InitialState:
         shift[scene.supports.translation] = 0.0
         turn[scene.supports.rotation] = 0.0
     for drive in scene.drives.values():
-        shift[drive.bodies] = turn[drive.bodies] = 0.0
+        shift[np.ix_(drive.bodies, drive.moves[:3])] = 0.0
+        if drive.moves[3]:
+            turn[drive.bodies] = 0.0
     largest = max(float(np.linalg.norm(values, axis=1).max()) for values in (shift, turn))
     scale = DISPLACEMENT / largest if largest > 0.0 else 0.0
     return InitialState(

@@ -33,6 +33,7 @@ class DriveRow(NamedTuple):
     bodies: np.ndarray  # (m,) int32
     middle: np.ndarray  # (3,) [m] mean of their centres at the start
     piece: PathPiece
+    moves: np.ndarray  # (4,) bool: along x, y, z, and turning
 
 
 class DrivePack(NamedTuple):
@@ -85,7 +86,7 @@ class Driving:
             kept = self._packed.get(target, 0)
             if not isinstance(kept, PathPiece):
                 kept = self._timetable.piece(target, kept)
-            rows.append(DriveRow(drive.bodies, drive.middle, kept))
+            rows.append(DriveRow(drive.bodies, drive.middle, kept, drive.moves))
         return DrivePack(tuple(rows), self._arm, self._start)
 
     def state_tree(self) -> dict[str, Any]:

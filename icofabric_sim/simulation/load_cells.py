@@ -112,7 +112,7 @@ class LoadCells:
             taken |= mine
         for name, drive in scene.drives.items():
             mine = np.zeros_like(taken)
-            mine[drive.bodies] = True
+            mine[drive.bodies] = drive.freedoms
             held[f'drives.{name}'] = mine & ~taken
             taken |= mine
         return held

@@ -102,7 +102,7 @@ class StaticFabric:
             self.free[:, :3] = ~scene.supports.translation
             self.free[:, 3:] = ~scene.supports.rotation[:, None]
         for drive in scene.drives.values():
-            self.free[drive.bodies] = False
+            self.free[drive.bodies] &= ~drive.freedoms
         # Forces on held freedoms are wanted too: the supports bear them.
         self.model = model._replace(supports=None)
         self.laws = TangentLaws(self.packed)

@@ -211,20 +211,20 @@ def pack_loads(
     Wrenches for the kernels: a row for every block they act on.
 
     In the order of the blocks; those of one block in the order given. `stages`: slopes of a
-    Runge-Kutta step; `varying`: with factors that are neither 0 nor 1. Bodies of `drives` feel no
-    wrench: their paths bear it.
+    Runge-Kutta step; `varying`: with factors that are neither 0 nor 1. Bodies of which
+    `drives` move all freedoms feel no wrench: their paths bear it.
     """
-    parts = list(rows)
+    parts, members = _without_turned(list(rows), drives)
     count = len(layout.blocks.slot)
     blocks, wrenches = [np.zeros(0, np.int32)], [np.zeros(0, np.int32)]
     lanes = [np.zeros(0, np.uint8)]
-    members = [(number, part.bodies) for number, part in enumerate(parts)]
     surfaces: Sequence[TractionRow] = () if tractions is None else tractions.rows
     members += [(len(parts) + number, row.sums.bodies) for number, row in enumerate(surfaces)]
     if drives is not None:
         driven = np.zeros(layout.body_count, bool)
         for row in drives.rows:
-            driven[row.bodies] = True
+            if row.moves.all():
+                driven[row.bodies] = True
         members = [(number, bodies[~driven[bodies]]) for number, bodies in members]
         members += [(-1 - path, row.bodies) for path, row in enumerate(drives.rows)]
     paths = 0 if drives is None else len(drives.rows)
@@ -273,6 +273,31 @@ def pack_loads(
     )
 
 
+def _without_turned(
+    rows: list[WrenchRow], drives: DrivePack | None
+) -> tuple[list[WrenchRow], list[tuple[int, np.ndarray]]]:
+    """
+    Wrenches, and the bodies of each by its number.
+
+    Without torques on bodies that paths turn and leave free to move: these bear them.
+    """
+    turned = [row.bodies for row in (() if drives is None else drives.rows)
+              if row.moves[3] and not row.moves.all()]
+    if not turned:
+        return rows, [(number, row.bodies) for number, row in enumerate(rows)]
+    parts: list[WrenchRow] = []
+    members: list[tuple[int, np.ndarray]] = []
+    for row in rows:
+        mine = np.isin(row.bodies, np.concatenate(turned))
+        for bodies, part in (
+                (row.bodies[~mine], row),
+                (row.bodies[mine], row._replace(torque=_ZERO, point=_ZERO))):
+            if len(bodies):
+                members.append((len(parts), bodies))
+                parts.append(part)
+    return parts, members
+
+
 def _varying(pieces: list[Piece]) -> Varying:
     table = np.array(pieces, dtype=float).reshape(-1, len(Piece._fields))
     start, value, slope, height, rate, peak = np.ascontiguousarray(table.T)
@@ -294,6 +319,7 @@ def _pack_drives(drives: DrivePack, layout: Layout) -> Drives:
         turn=column('turn', 4),
         arm=layout.spread(drives.arm),
         first=layout.pack(drives.start).orientation,
+        moves=np.array([row.moves for row in drives.rows], dtype=np.uint8),
     )
 
 

@@ -35,7 +35,9 @@ def unbalanced_rate(scene: Scene) -> float:
         force[scene.supports.translation] = 0.0
         torque[scene.supports.rotation] = 0.0
     for drive in scene.drives.values():
-        force[drive.bodies] = torque[drive.bodies] = 0.0
+        force[np.ix_(drive.bodies, drive.moves[:3])] = 0.0
+        if drive.moves[3]:
+            torque[drive.bodies] = 0.0
     shell = scene.shell
     linear = np.linalg.norm(force, axis=1) / (shell.mass * scene.geometry.half_edge)
     angular = np.linalg.norm(torque, axis=1) / shell.inertia

@@ -69,6 +69,9 @@ def why_not_implicit(scene: Scene, *, outside: bool = False) -> str:
         return 'connector.obstruction is wrap, where warn or stop would do'
     if scene.anchors:
         return f'it has anchors ({next(iter(scene.anchors))})'
+    for name, drive in scene.drives.items():
+        if not drive.moves.all():
+            return f'drives.{name} leaves freedoms of its bodies free'
     if is_charged(parameters):
         return 'bodies are charged (charge.per_body, charge.dipole, charges.NAME)'
     return why_events(scene)
