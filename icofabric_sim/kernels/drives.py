@@ -27,6 +27,7 @@ import math
 
 from icofabric_sim.kernels.connectors import Six
 from icofabric_sim.kernels.loads import turned
+from icofabric_sim.kernels.masses import mass_at, masses_of
 from icofabric_sim.kernels.records import Anchors, Drives, Loads, Model, State
 from icofabric_sim.kernels.runtime.compiled import compiled
 from icofabric_sim.kernels.runtime.lanes import (
@@ -209,8 +210,8 @@ def path_power(model: Model, state: State, a: Six, s: int) -> Vector:
     speed, spin = state.linear_velocity, state.angular_velocity
     linear = fma(a[0], load(speed, 0, s), fma(a[1], load(speed, 1, s), a[2] * load(speed, 2, s)))
     angular = fma(a[3], load(spin, 0, s), fma(a[4], load(spin, 1, s), a[5] * load(spin, 2, s)))
-    return fma(
-        splat(1.0 / model.inverse_mass), linear, splat(1.0 / model.inverse_inertia) * angular)
+    mass, inertia = masses_of(model.masses, model.inverse_mass, model.inverse_inertia, s)
+    return fma(mass, linear, inertia * angular)
 
 
 @compiled
@@ -331,7 +332,6 @@ def moving_energy(drives: Drives | None, model: Model, loads: Loads, state: Stat
     if drives is None:
         return total
     else:
-        mass, inertia = 1.0 / model.inverse_mass, 1.0 / model.inverse_inertia
         for block in range(model.blocks.slot.shape[0]):
             s = model.blocks.slot[block]
             for m in range(loads.start[block], loads.start[block + 1]):
@@ -339,6 +339,8 @@ def moving_energy(drives: Drives | None, model: Model, loads: Loads, state: Stat
                 if p >= 0:
                     for i in range(LANES):
                         if loads.lanes[m] >> i & 1:
+                            mass, inertia = mass_at(
+                                model.masses, model.inverse_mass, model.inverse_inertia, s + i)
                             for k in range(3):
                                 v = state.linear_velocity[k, s + i]
                                 o = state.angular_velocity[k, s + i]

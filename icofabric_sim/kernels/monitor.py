@@ -26,6 +26,7 @@ from icofabric_sim.kernels.contact.forces import contact_look
 from icofabric_sim.kernels.drives import energy_of_drives
 from icofabric_sim.kernels.fields import field_parts
 from icofabric_sim.kernels.law_tables import tabled_energy, tabled_pull
+from icofabric_sim.kernels.masses import largest_of, units_of, weights_of
 from icofabric_sim.kernels.meters import flowed
 from icofabric_sim.kernels.moment_bounds import bending_look, twisting_look
 from icofabric_sim.kernels.obstruction import obstructed_lanes
@@ -366,18 +367,19 @@ def examine(
             bound, anchored = bound + more, anchored + part
         largest = maximum(bound, largest)
         square = zero
+        heavy, slow = weights_of(model.masses, s)
         for k in range(3):
             v, o = load(state.linear_velocity, k, s), load(state.angular_velocity, k, s)
-            linear = fma(v, v, linear)
+            linear = fma(heavy * v, v, linear)
             square = fma(o, o, square)
-        angular = angular + square
+        angular = fma(slow, square, angular)
         spin = maximum(square, spin)
         for k in range(3):
             # Also with no weight: what is not finite shows in the sum.
             weight, place = splat(gravity_along(model.gravity, k)), load(state.position, k, s)
-            height = fma(weight, place, height)
+            height = fma(heavy * weight, place, height)
             extent = maximum(fabs(place), extent)
-    mass, inertia = 1.0 / model.inverse_mass, 1.0 / model.inverse_inertia
+    mass, inertia = units_of(model.masses, model.inverse_mass, model.inverse_inertia)
     ledger[SPIN] = math.sqrt(largest_lane(spin))
     rate = math.sqrt(largest_lane(largest) + ledger[CONTACT_RATE])
     ledger[RATE] = rate + ledger[SPIN_WEIGHT] * ledger[SPIN]
@@ -608,7 +610,7 @@ def rounding_energy(model: Model, ledger: np.ndarray, rate: float) -> float:
     u, bodies = ledger[ROUNDING], ledger[BODIES]
     # Attachment points and contacts are beside the centres.
     extent = ledger[EXTENT] + 2.0 / math.sqrt(max(ledger[INVERSE_SIZE], 1e-300))
-    mass, inertia = 1.0 / model.inverse_mass, 1.0 / model.inverse_inertia
+    mass, inertia = largest_of(model.masses, model.inverse_mass, model.inverse_inertia)
     displaced = u * math.sqrt(bodies * (mass * extent * extent + inertia))
     others = abs(ledger[BENT]) + abs(ledger[FIELD]) + abs(ledger[ANCHORED]) + ledger[CONTACT]
     held = mass * gravity_size(model.gravity) * extent + dipole_size(model.dipole)

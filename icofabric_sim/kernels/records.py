@@ -175,8 +175,17 @@ class Gravity(Record):
         return cls(np.zeros(3))
 
 
+class Masses(Record):
+    """Masses and inertias of bodies, where these are not all alike."""
+
+    mass: np.ndarray  # (1, s) [kg]
+    inertia: np.ndarray  # (1, s) [kg m^2]
+    largest_mass: float  # [kg]
+    largest_inertia: float  # [kg m^2]
+
+
 class Supports(Record):
-    """Inverse masses with held freedoms set to zero."""
+    """Inverse masses of all bodies, with held freedoms set to zero."""
 
     inverse_mass: np.ndarray  # (3, s) [1/kg], world axes
     inverse_inertia: np.ndarray  # (1, s) [1/(kg m^2)]
@@ -411,8 +420,8 @@ class ContactLosses(Record):
 class Model(Record):
     """Constants of a compiled scene."""
 
-    inverse_mass: float  # [1/kg]
-    inverse_inertia: float  # [1/(kg m^2)]
+    inverse_mass: float  # [1/kg] of all bodies, or of the lightest: see `masses`
+    inverse_inertia: float  # [1/(kg m^2)] likewise
     gravity: Gravity | None
     blocks: Blocks
     links: Links | None
@@ -427,6 +436,7 @@ class Model(Record):
     shells: Shells | None = None
     wrapping: Wrapping | None = None
     contacts: Contacts | None = None
+    masses: Masses | None = None
 
 
 class State(Record):

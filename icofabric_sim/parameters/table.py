@@ -616,6 +616,13 @@ FAMILIES: dict[str, tuple[Specification, ...]] = {
         _s('break_length_compression', -1.0, 'm',
            'length L_c below D; 0: never breaks; negative: as for all'),
     ),
+    'masses': (
+        _s('group', '', '', 'group of bodies with a mass and an inertia of their own', RESTARTS,
+           required=True),
+        _s('mass', 0.0, 'kg', "of each; 0: the shell's", RESTARTS, minimum=0.0),
+        _s('inertia', 0.0, 'kg m^2', 'of each; 0: in proportion to the mass', RESTARTS,
+           minimum=0.0),
+    ),
     'charges': (
         _s('group', '', '', 'group of bodies with a charge and a dipole of their own',
            required=True),
@@ -776,6 +783,8 @@ FAMILIES: dict[str, tuple[Specification, ...]] = {
         _s('orientation', [0.0, 0.0, 0.0, 1.0], '', 'quaternion x y z w, body to world', RESTARTS),
         _s('linear_velocity', _ZERO3, 'm/s', 'velocity', RESTARTS),
         _s('angular_velocity', _ZERO3, 'rad/s', 'spin', RESTARTS),
+        _s('mass', 0.0, 'kg', "0: the shell's", RESTARTS, minimum=0.0),
+        _s('inertia', 0.0, 'kg m^2', '0: in proportion to the mass', RESTARTS, minimum=0.0),
     ),
 }
 

@@ -230,11 +230,13 @@ class StandardHandlers:
         entities, info, shell = Entities(view.scene), response.info, view.scene.shell
         body = entities.number(request.entity)
         held = entities.held[body]
+        masses = view.scene.masses.mass
+        mass = masses[body if len(masses) > 1 else 0]
         info.category.category = (
             kind.CATEGORY_STATIC_OBJECT if held else kind.CATEGORY_DYNAMIC_OBJECT)
         info.description = (
             f'icosahedral shell {body} of {view.scene.body_count}: edge {shell.edge_length:g} m, '
-            f'mass {shell.mass:g} kg{", held by a support" if held else ""}')
+            f'mass {mass:g} kg{", held by a support" if held else ""}')
         info.tags = entities.tags(body)
 
     async def GetEntityBounds(self, request: Any, response: Any) -> None:

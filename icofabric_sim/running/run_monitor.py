@@ -109,8 +109,7 @@ class RunMonitor:
 
     def momentum(self, snapshot: Snapshot) -> Momentum:
         """Momenta in a state: M R' and R x M R' + Lambda omega, summed (eqs 8, 10 and 43)."""
-        model = snapshot.packed.model
-        mass, inertia = 1.0 / model.inverse_mass, 1.0 / model.inverse_inertia
+        mass, inertia = (values[:, None] for values in snapshot.packed.masses)
         linear = mass * snapshot.linear_velocity
         orbital, spin = np.cross(snapshot.position, linear), inertia * snapshot.angular_velocity
         return Momentum(

@@ -43,11 +43,13 @@ class Electric(NamedTuple):
     magnetic: np.ndarray  # (3,) B [T]
     mutual: bool
     profile: Profile  # what E is multiplied by in time
+    equal_masses: bool  # of the shells
+    bodies: int  # how many there are
 
     @property
     def is_potential(self) -> bool:
         """Whether the electric field is part of the energy: one steady force on equal shells."""
-        return len(self.charge) == 1 and self.profile == STEADY
+        return len(self.charge) == 1 and self.profile == STEADY and self.equal_masses
 
     @property
     def force(self) -> np.ndarray:
@@ -65,7 +67,8 @@ class Electric(NamedTuple):
             return []
         found = []
         rows, kind = np.unique(
-            np.column_stack([self.charge, self.dipole]), axis=0, return_inverse=True)
+            np.broadcast_to(np.column_stack([self.charge, self.dipole]), (self.bodies, 4)),
+            axis=0, return_inverse=True)
         for number, (charge, *dipole) in enumerate(rows.tolist()):
             bodies = np.flatnonzero(kind.ravel() == number).astype(np.int32)
             if charge != 0.0:
@@ -103,7 +106,7 @@ def check_electric(parameters: Parameters, bodies: int) -> None:
 
 
 def make_electric(
-    parameters: Parameters, groups: Mapping[str, np.ndarray], bodies: int
+    parameters: Parameters, groups: Mapping[str, np.ndarray], bodies: int, *, equal_masses: bool
 ) -> Electric:
     """What `charge.*`, `charges.*` and `field.*` say of a scene of so many bodies."""
     check_electric(parameters, bodies)
@@ -120,4 +123,4 @@ def make_electric(
     return Electric(
         charge, dipole, np.array(parameters['field.electric'], float),
         np.array(parameters['field.magnetic'], float), parameters['charge.mutual'],
-        make_profile(parameters, _FIELD))
+        make_profile(parameters, _FIELD), equal_masses, bodies)

@@ -23,6 +23,7 @@ import math
 
 from icofabric_sim.geometry.shell import Shell
 from icofabric_sim.parameters.validation import ParameterError, Parameters
+from icofabric_sim.scene.masses import lightest
 
 # At this rate [1/s] a second of simulated time takes a thousand million steps.
 LARGEST_RATE = 1e9
@@ -31,18 +32,19 @@ _SPRINGS = ('stiffness', 'stiffness_extension', 'stiffness_compression')
 
 def check_rates(parameters: Parameters, shell: Shell) -> None:
     """Raise ParameterError for what would move a single body faster than can be followed."""
+    mass, _ = lightest(parameters, shell)
     for name, rate in _rates(parameters, shell):
         if not rate <= LARGEST_RATE:
             raise ParameterError(
                 name,
-                f'{name} {parameters[name]!r} would move a body of {shell.mass:.3g} kg at a rate '
+                f'{name} {parameters[name]!r} would move a body of {mass:.3g} kg at a rate '
                 f'of {rate:.3g} 1/s, and steps can follow {LARGEST_RATE:g} 1/s at most; choose a '
                 'smaller one, or heavier shells',
             )
 
 
 def _rates(parameters: Parameters, shell: Shell) -> Iterator[tuple[str, float]]:
-    mass, inertia = shell.mass, shell.inertia
+    mass, inertia = lightest(parameters, shell)
     for family in ('connector', *(
             f'connector_groups.{name}' for name in parameters.names('connector_groups'))):
         for field in _SPRINGS:

@@ -51,6 +51,7 @@ from icofabric_sim.scene.drives import Drive, make_drives, make_path, moved_free
 from icofabric_sim.scene.electric import check_electric, Electric, make_electric
 from icofabric_sim.scene.faces import check_faces
 from icofabric_sim.scene.load_channels import LoadChannel, make_channels
+from icofabric_sim.scene.masses import BodyMasses, make_masses, own_masses
 from icofabric_sim.scene.notebook import html_of
 from icofabric_sim.scene.planes import make_planes
 from icofabric_sim.scene.profiles import check_profile
@@ -116,6 +117,7 @@ class Scene:
 
     parameters: Parameters
     shell: Shell
+    masses: BodyMasses
     geometry: WeaveGeometry
     weave: Weave
     position: np.ndarray  # (n, 3) [m] woven rest positions, loose bodies last
@@ -191,6 +193,7 @@ class Scene:
         length = woven_lengths(checked, weave)
         groups = _groups(checked, selectors.Bodies(position, weave.grid, geometry.pitch))
         supports = make_supports(checked, groups, len(position))
+        masses = make_masses(checked, shell, groups, len(position))
         members = grouped_connectors(
             checked, groups, weave.connector_bodies, weave.connector_edges)
         own = members, len(weave.connector_bodies)
@@ -200,6 +203,7 @@ class Scene:
         return cls(
             parameters=checked,
             shell=shell,
+            masses=masses,
             geometry=geometry,
             weave=weave,
             position=position,
@@ -223,7 +227,8 @@ class Scene:
                     checked, name, groups[checked[f'tractions.{name}.group']], position,
                     orientation, geometry)
                 for name in checked.names('tractions')},
-            electric=make_electric(checked, groups, len(position)),
+            electric=make_electric(
+                checked, groups, len(position), equal_masses=masses.alike),
             drives=drives,
             anchors=make_anchors(checked, len(position), drives, geometry),
             initial=start,
@@ -319,6 +324,7 @@ def _check_together(parameters: Parameters) -> tuple[Shell, WeaveGeometry]:
                 f'groups.{name}: {name!r} is a word of the selectors; choose another name',
             )
         selectors.check_syntax(f'groups.{name}', parameters[f'groups.{name}'])
+    own_masses(parameters, shell)
     check_rates(parameters, shell)
     check_attachments(parameters, geometry)
     check_wrapping(parameters)
@@ -328,7 +334,7 @@ def _check_together(parameters: Parameters) -> tuple[Shell, WeaveGeometry]:
     for name in parameters.names('connector_groups'):
         law_of(parameters, f'connector_groups.{name}')
     law_of(parameters, 'connector')
-    for family in ('charges', 'supports', 'loads', 'tractions', 'drives', 'initial'):
+    for family in ('charges', 'masses', 'supports', 'loads', 'tractions', 'drives', 'initial'):
         for name in parameters.names(family):
             _check_group(parameters, f'{family}.{name}.group')
     for name in ('publish.group', 'tf.group'):

@@ -16,6 +16,7 @@
 from collections.abc import Iterable, Sequence
 import math
 
+from icofabric_sim.scene.masses import own_masses
 from icofabric_sim.scene.scene import BYTES_PER_BODY, Scene, weave_choices
 from icofabric_sim.scene.weave import estimate_weave
 from icofabric_sim.scene.weave_geometry import slab_depth
@@ -69,7 +70,7 @@ def describe_scene(scene: Scene) -> list[Row]:
         ('depths', _depths(scene)),
         ('bodies', f'{scene.body_count:,}' + _loose(scene)),
         ('connectors', f'{scene.connector_count:,}, {_springs(scene)}'),
-        ('mass', f'{scene.body_count * shell.mass:.6g} kg in all'),
+        ('mass', f'{scene.masses.total(scene.body_count):.6g} kg in all' + _own_masses(scene)),
         ('gravity', vector(parameters['gravity'], 'm/s^2')),
     ]
     rows += _several('groups', (
@@ -181,6 +182,13 @@ def _load(scene: Scene, name: str) -> str:
             f'; {_profile(scene, f"loads.{name}")} {vector(load.force, "N")}, '
             f'{vector(load.torque, "N m")}')
     return text
+
+
+def _own_masses(scene: Scene) -> str:
+    own = own_masses(scene.parameters, scene.shell)
+    parts = [f'{prefix}: {mass:.6g} kg, {inertia:.6g} kg m^2'
+             for prefix, (mass, inertia) in own.items()]
+    return f' ({"; ".join(parts)})' if parts else ''
 
 
 def _profile(scene: Scene, prefix: str) -> str:

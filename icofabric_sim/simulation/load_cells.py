@@ -35,7 +35,7 @@ from icofabric_sim.scene.planes import make_planes
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.scene.supports import fixed_freedoms
 from icofabric_sim.simulation.model.layout import aligned_empty
-from icofabric_sim.simulation.model.packing import PackedScene
+from icofabric_sim.simulation.model.packing import pack_supports, PackedScene
 from icofabric_sim.simulation.model.snapshot import Snapshot
 from icofabric_sim.simulation.stepping.driver import Driver
 import numpy as np
@@ -86,11 +86,10 @@ class LoadCells:
         self._held = self._held_by_name()
         model, layout = packed.model, packed.layout
         if model.supports is not None:
-            there = layout.spread(np.ones((layout.body_count, 3)))
-            model = model._replace(supports=model.supports._replace(
-                inverse_mass=model.inverse_mass * there,
-                inverse_inertia=model.inverse_inertia * there[:1]))
+            model = model._replace(supports=pack_supports(packed.masses, None, layout))
         self._model = model._replace(contacts=None)
+        # Of the six freedoms of each body.
+        self._masses = np.repeat(np.column_stack(packed.masses), 3, axis=1)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -154,9 +153,7 @@ class LoadCells:
         np.add.at(force, touching.bodies[:, 0], touching.first)
         shells = touching.bodies[:, 1] >= 0
         np.add.at(force, touching.bodies[shells, 1], touching.second[shells])
-        masses = np.repeat(
-            [1.0 / packed.model.inverse_mass, 1.0 / packed.model.inverse_inertia], 3)
-        inertial = masses * self._path_acceleration(loads, state, time)
+        inertial = self._masses * self._path_acceleration(loads, state, time)
         position = packed.layout.gather(state.position)
         on_bodies, rows = np.zeros_like(force), []
         for mine in self._held.values():
@@ -213,9 +210,7 @@ class LoadCells:
         if work.external is not None:
             ask_alone(work.external, there, time)
         find_slopes(self._model, loads, there, work, time, slope, 0, 0, last)
-        masses = np.repeat(
-            [1.0 / packed.model.inverse_mass, 1.0 / packed.model.inverse_inertia], 3)
-        return layout.gather(slope[-6:]) * masses
+        return layout.gather(slope[-6:]) * self._masses
 
     def _path_acceleration(self, loads: Loads, state: State, time: float) -> np.ndarray:
         """Accelerations [m/s^2], [rad/s^2] that paths prescribe, (n, 6); 0 of other bodies."""

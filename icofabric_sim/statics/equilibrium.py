@@ -228,8 +228,8 @@ def refuse_free_fall(fabric: StaticFabric) -> None:
         return
     acting = fabric.start.acting.wrench[:, :3].sum(axis=0)
     if fabric.model.gravity is not None:
-        weight = fabric.model.gravity.acceleration / fabric.model.inverse_mass
-        acting = acting + scene.body_count * weight
+        acting = acting + scene.masses.total(scene.body_count) * (
+            fabric.model.gravity.acceleration)
     size = float(np.linalg.norm(acting))
     scale = float(np.abs(fabric.start.acting.wrench[:, :3]).sum())
     if size > 1e-12 * scale and size > 0.0:
@@ -252,7 +252,7 @@ class _Search:
         self.free = fabric.free
         # Lengths of steps are measured in coordinates scaled by the roots of masses and inertias.
         self.weight = fabric.layout.spread(np.where(self.free, fabric.root**-2.0, 0.0))
-        self.radius = 0.1 * fabric.half_edge * fabric.root[0] * math.sqrt(
+        self.radius = 0.1 * fabric.half_edge * float(fabric.root.flat[0]) * math.sqrt(
             max(1, int(self.free.any(axis=1).sum())))
         self.first_gradient = 0.0
         self.first_force = self._acting()  # [N]

@@ -38,7 +38,7 @@ from icofabric_sim.simulation.contact.setup import pack_contact
 from icofabric_sim.simulation.inputs import Inputs
 from icofabric_sim.simulation.model.layout import aligned_empty
 from icofabric_sim.simulation.model.link_places import link_places
-from icofabric_sim.simulation.model.packing import pack_scene, PackedScene
+from icofabric_sim.simulation.model.packing import pack_scene, pack_supports, PackedScene
 from icofabric_sim.simulation.model.snapshot import Snapshot
 from icofabric_sim.statics.charges import largest_repulsion
 from icofabric_sim.statics.contacts import Contacts, StaticContacts
@@ -129,8 +129,14 @@ class StaticFabric:
         self.repulsion = largest_repulsion(
             self.model.coulomb, position, self.relative_charge)
         # Roots of masses and inertias: in these coordinates second derivatives are frequencies.
-        self.root = np.sqrt(np.repeat(
-            [1.0 / model.inverse_mass, 1.0 / model.inverse_inertia], 3))
+        # (6,), or (n, 6) where bodies have masses of their own.
+        masses = self.packed.masses
+        self.root = np.sqrt(np.repeat(np.column_stack(masses), 3, axis=1))
+        if masses.alike:
+            self.root = self.root[0]
+        # Forces on held freedoms are wanted too: the supports bear them.
+        self.unheld = self.model if masses.alike else self.model._replace(
+            supports=pack_supports(masses, None, self.layout))
 
     @property
     def relative_charge(self) -> np.ndarray:
@@ -300,7 +306,7 @@ class Configuration:
         fabric = self.fabric
         work = fabric.work
         keep_accelerations(
-            fabric.model, self._placed(), work, fabric.time, 0, len(fabric.layout.blocks.slot))
+            fabric.unheld, self._placed(), work, fabric.time, 0, len(fabric.layout.blocks.slot))
         force = fabric.layout.gather(work.acceleration) * fabric.root**2
         force += self.pulled.wrench + self.acting.wrench
         if self.touching is not None:
@@ -342,7 +348,7 @@ class Configuration:
         weight = 0.0
         if fabric.model.gravity is not None:
             size = float(np.linalg.norm(fabric.model.gravity.acceleration))
-            weight = size / fabric.model.inverse_mass
+            weight = size * float(fabric.packed.masses.mass.max())
         pulls = [*np.abs(self.tension), *np.abs(self.pulled.tension)]
         if self.touching is not None:
             pulls.append(self.touching.largest_force)

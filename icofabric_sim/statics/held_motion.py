@@ -32,7 +32,8 @@ PULL, PUSH, SHEAR, HYDROSTATIC = 'pull', 'push', 'shear', 'hydrostatic'
 BEND, TWIST = 'bend', 'twist'
 # What the amount is: a strain, or an angle [rad].
 STRAINED, TURNED = (PULL, PUSH, SHEAR, HYDROSTATIC), (BEND, TWIST)
-_SECTIONS = ('groups.', 'supports.', 'drives.', 'loads.', 'tractions.', 'anchors.', 'initial')
+_SECTIONS = (
+    'groups.', 'supports.', 'drives.', 'loads.', 'tractions.', 'anchors.', 'initial', 'masses.')
 # Of a body within the weave.
 _NEIGHBOURS = 12
 # Below this angle [rad] a series is more exact than differences of sines.

@@ -34,11 +34,10 @@ def begin(here: Configuration, most: int, *, seed: int = 1) -> tuple[Lanczos, np
     fabric = here.fabric
     layout, model = fabric.layout, here.tangent
     supports, free = None, fabric.free
-    if not free.all():
+    if not free.all() or fabric.root.ndim > 1:
         # Bodies that are driven are held too.
-        supports = Supports(
-            layout.spread(np.where(free[:, :3], model.inverse_mass, 0.0)),
-            layout.spread(np.where(free[:, 3:4], model.inverse_inertia, 0.0)))
+        inverse = np.where(free, fabric.root**-2.0, 0.0)
+        supports = Supports(layout.spread(inverse[:, :3]), layout.spread(inverse[:, 3:4]))
     work = layout.room(model.links)
     place_all(model, here.state, work, 0, len(layout.blocks.slot))
     start = start_vector(layout, supports, seed)

@@ -77,7 +77,8 @@ def sparse_compatibility(here: Configuration) -> sparse.csr_matrix:
     rows = np.concatenate([number, number, len(chosen) + np.arange(len(anchors))])
     columns = 6 * np.concatenate(joined)[:, None] + np.arange(6)
     matrix = sparse.csr_matrix(
-        ((np.concatenate(changes) / fabric.root).ravel(),
+        ((np.concatenate(changes) / np.broadcast_to(
+            fabric.root, (scene.body_count, 6))[np.concatenate(joined)]).ravel(),
          (np.repeat(rows, 6), columns.ravel())),
         shape=(len(chosen) + len(anchors), 6 * scene.body_count))
     return matrix[:, np.flatnonzero(fabric.free.ravel())]

@@ -379,7 +379,8 @@ def rigid_count(here: Configuration) -> int:
     anchored = [
         motions[:, body, :3] @ direction + motions[:, body, 3:] @ np.cross(arm, direction)
         for body, arm, direction in fabric.anchors.directions(here.position, here.axes)]
-    limits = np.hstack([held, np.array(anchored).reshape(-1, 6).T * fabric.root[0]])
+    limits = np.hstack([held, np.array(anchored).reshape(-1, 6).T * float(
+        fabric.root.flat[0])])
     if not limits.size:
         return 6
     values = np.linalg.svd(limits, compute_uv=False)

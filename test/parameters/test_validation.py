@@ -26,6 +26,7 @@ MEMBERS = {
     'groups': {'groups.m': 'all'},
     'connector_groups': {'connector_groups.m.between': 'all all'},
     'charges': {'charges.m.group': 'all'},
+    'masses': {'masses.m.group': 'all'},
     'supports': {'supports.m.group': 'all'},
     'loads': {'loads.m.group': 'all'},
     'tractions': {'tractions.m.group': 'all'},

@@ -132,12 +132,12 @@ def test_a_field_that_begins_and_ends():
     """Nothing before its start, q E t / M while it lasts, nothing after; equal charges too."""
     scene = loose({
         'charge.per_body': 1e-8, 'field.electric': [1e4, 0.0, 0.0], 'field.start': 0.2,
-        'field.duration': 0.3})
+        'field.duration': 0.3}, **TWO)
     simulation = ico.compile_scene(scene)
     for time, lasted in ((0.1, 0.0), (0.35, 0.15), (0.6, 0.3)):
         simulation.advance_to(time)
-        assert simulation.snapshot().linear_velocity[0, 0] == pytest.approx(
-            1e-4 * lasted / scene.shell.mass, rel=1e-12)
+        assert simulation.snapshot().linear_velocity[:, 0] == pytest.approx(
+            [1e-4 * lasted / scene.shell.mass] * 2, rel=1e-12)
     # A stop in the middle, and all in one go: the same bits.
     assert same_state(simulation.snapshot(), run(scene, 0.6))
 

@@ -57,6 +57,8 @@ NEEDED = {
     'connector_groups.it.bending_stiffness': _MOMENTS,
     'connector_groups.it.twisting_stiffness': _MOMENTS,
     'charges.': {'charges.it.group': 'tip'},
+    'masses.': {'masses.it.group': 'tip'},
+    'masses.it.group': {'masses.it.mass': 0.01},
     'field.profile': {'field.duration': 1.0},
     'supports.': {'supports.it.group': 'wall'},
     'loads.': {'loads.it.group': 'tip', 'loads.it.force': [0.0, 0.0, 1e-3]},
@@ -109,6 +111,8 @@ OTHERS = {
     'drives.it.file': 'way.csv',
     'anchors.it.file': 'way.csv',
     'bodies.it.orientation': [0.0, 0.0, 1.0, 0.0],
+    'bodies.it.inertia': 1e-6,
+    'masses.it.inertia': 1e-6,
     'tractions.it.faces': 'all',
     'tractions.it.variation': '1 0.5 0.5',
 }

@@ -113,7 +113,9 @@ def own_stiffness(scene: Scene, planes: np.ndarray, *, moving: bool = True) -> f
     body over the height of the scene; forces from weight, loads and strained connectors. Where
     nothing is `moving` only these count.
     """
-    parameters, a, mass = scene.parameters, scene.geometry.half_edge, scene.shell.mass
+    parameters, a = scene.parameters, scene.geometry.half_edge
+    # The heaviest presses hardest.
+    mass = float(scene.masses.mass.max())
     initial, electric = scene.initial, scene.electric
     speed = float(np.sqrt((initial.linear_velocity**2).sum(axis=1).max(initial=0.0)))
     speed += a * float(np.sqrt((initial.angular_velocity**2).sum(axis=1).max(initial=0.0)))

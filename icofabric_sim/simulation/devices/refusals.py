@@ -16,6 +16,7 @@
 from collections.abc import Iterator
 
 from icofabric_sim.parameters.validation import ParameterError
+from icofabric_sim.scene.masses import own_masses
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.stepping.method_needs import required_method
 from icofabric_sim.simulation.stepping.methods import facts_of, METHODS
@@ -98,6 +99,9 @@ def _lacking(scene: Scene) -> Iterator[tuple[str, str, str]]:
     if scene.body_count + len(parameters.names('planes')) > 1 and (
             parameters['contact.mode'] != 'never'):
         yield 'contact.mode', str(parameters['contact.mode']), 'take never'
+    if not scene.masses.alike:
+        own = next(iter(own_masses(parameters, scene.shell)))
+        yield own, 'with a mass of its own', 'leave it out'
     if parameters['charge.mutual']:
         yield 'charge.mutual', 'true', 'take false'
     if parameters['connector.obstruction'] == 'wrap':

@@ -15,6 +15,7 @@
 
 from icofabric_sim.kernels.records import Coulomb, Dipole, Magnet
 from icofabric_sim.scene.electric import Electric
+from icofabric_sim.scene.masses import BodyMasses
 from icofabric_sim.simulation.model.layout import Layout
 import numpy as np
 
@@ -32,14 +33,16 @@ def pack_dipole(electric: Electric) -> Dipole | None:
 
 
 def pack_magnet(
-    electric: Electric, mass: float, inertia: float, layout: Layout
+    electric: Electric, masses: BodyMasses, layout: Layout
 ) -> Magnet | None:
     """Charges and dipoles that move in the magnetic field, if both are there."""
     if not (electric.magnetic.any() and (electric.charge.any() or electric.dipole.any())):
         return None
     charge = layout.spread(np.broadcast_to(electric.charge, layout.body_count)[:, None])
     moment = layout.spread(np.broadcast_to(electric.dipole, (layout.body_count, 3)))
-    return Magnet(electric.magnetic, charge, moment, 0.5 * inertia / mass * charge)
+    spread = layout.spread(np.broadcast_to(
+        0.5 * masses.inertia / masses.mass, layout.body_count)[:, None])
+    return Magnet(electric.magnetic, charge, moment, spread * charge)
 
 
 def pack_coulomb(electric: Electric, layout: Layout) -> Coulomb | None:

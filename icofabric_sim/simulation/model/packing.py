@@ -27,6 +27,7 @@ from icofabric_sim.kernels.records import (
     Gravity,
     LINK_COUNT,
     Loads,
+    Masses,
     Model,
     Moments,
     Varying,
@@ -35,9 +36,11 @@ from icofabric_sim.kernels.records import Supports as PackedSupports
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.scene.attachments import are_given
 from icofabric_sim.scene.connector_laws import ConnectorTables
+from icofabric_sim.scene.masses import BodyMasses
 from icofabric_sim.scene.paths import PathPiece
 from icofabric_sim.scene.profiles import Piece, STEADY
 from icofabric_sim.scene.scene import Scene
+from icofabric_sim.scene.supports import Supports
 from icofabric_sim.simulation.contact.setup import ContactSetup, pack_contact
 from icofabric_sim.simulation.driving import DrivePack
 from icofabric_sim.simulation.model.body_force import BodyForce
@@ -97,6 +100,8 @@ class PackedScene:
     body_force: BodyForce | None
     external: External | None
     contact: ContactSetup | None
+    masses: BodyMasses
+    held: bool  # by supports
 
     @property
     def spends(self) -> bool:
@@ -110,7 +115,9 @@ def pack_scene(
 ) -> PackedScene:
     """Constants of the scene; a term that the scene lacks is None."""
     # Eq 43: one number stands for the inertia tensor.
-    mass, inertia = scene.shell.mass, scene.shell.inertia
+    masses = scene.masses
+    # The lightest, for bounds, where they differ.
+    mass, inertia = float(masses.mass.min()), float(masses.inertia.min())
     gravity, electric = np.array(scene.parameters['gravity']), scene.electric
     # On equal charges a uniform field is an acceleration like gravity.
     fall = gravity + electric.force / mass
@@ -131,11 +138,8 @@ def pack_scene(
         if scene.connectors.limits is not None:
             breakage = pack_breakage(layout, links, connectors, scene.connectors.limits)
     drag = Drag(scene.parameters['drag.linear'], scene.parameters['drag.angular'])
-    if scene.supports is not None:
-        supports = PackedSupports(
-            layout.spread(np.where(scene.supports.translation, 0.0, 1.0 / mass)),
-            layout.spread(np.where(scene.supports.rotation, 0.0, 1.0 / inertia)[:, None]),
-        )
+    if scene.supports is not None or not masses.alike:
+        supports = pack_supports(masses, scene.supports, layout)
     resisting = pack_moments(scene, layout, links)
     model = Model(
         inverse_mass=1.0 / mass,
@@ -148,12 +152,16 @@ def pack_scene(
         supports=supports,
         damping=damping,
         drag=drag if any(drag) else None,
-        magnet=pack_magnet(electric, mass, inertia, layout),
+        magnet=pack_magnet(electric, masses, layout),
         dipole=pack_dipole(electric),
         coulomb=pack_coulomb(electric, layout),
         shells=pack_shells(scene.parameters, scene.geometry.half_edge),
         wrapping=None if links is None else pack_wrapping(
             scene.parameters, scene.geometry.half_edge),
+        masses=None if masses.alike else Masses(
+            layout.spread(masses.mass[:, None], empty=0.0),
+            layout.spread(masses.inertia[:, None], empty=0.0),
+            float(masses.mass.max()), float(masses.inertia.max())),
     )
     external = None
     if body_force is not None:
@@ -161,7 +169,21 @@ def pack_scene(
     return PackedScene(
         model, layout, connectors, resisting.moments, scene.connectors.tables,
         gravity if gravity.any() else None, electric.force if electric.force.any() else None,
-        velocity_rate(model), breakage, body_force, external, pack_contact(scene, fall))
+        velocity_rate(model), breakage, body_force, external, pack_contact(scene, fall),
+        masses, scene.supports is not None)
+
+
+def pack_supports(
+    masses: BodyMasses, supports: Supports | None, layout: Layout
+) -> PackedSupports:
+    """Inverse masses of all bodies, 0 along what `supports` hold."""
+    count = layout.body_count
+    mass = np.broadcast_to(1.0 / masses.mass[:, None], (count, 3))
+    inertia = np.broadcast_to(1.0 / masses.inertia, count)
+    if supports is not None:
+        mass = np.where(supports.translation, 0.0, mass)
+        inertia = np.where(supports.rotation, 0.0, inertia)
+    return PackedSupports(layout.spread(mass), layout.spread(inertia[:, None]))
 
 
 def velocity_rate(model: Model) -> float:
@@ -403,7 +425,7 @@ def expected_liveliness(
         duration = min(duration, answer / frequency)
     rate = load_rate(loads, model, half_edge)
     acceleration = rate * rate if rate < 1e150 else 0.0
-    if model.gravity is not None and model.supports is not None:
+    if model.gravity is not None and scene.supports is not None:
         acceleration += float(np.linalg.norm(model.gravity.acceleration)) / half_edge
     growth = acceleration * duration if duration < np.inf else 0.0
     # Connectors and anchors that do not balance as woven let go of energy within a radian, a

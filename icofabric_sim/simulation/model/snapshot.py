@@ -183,11 +183,10 @@ class Snapshot(AsTable):
         by loads, what is `dissipated` and `lost_at_breaks`, and the `balance_error`: the sum, less
         the work done and with what is dissipated and lost, beside what it was at the start.
         """
-        model = self.packed.model
-        mass, inertia = 1.0 / model.inverse_mass, 1.0 / model.inverse_inertia
+        mass, inertia = self.packed.masses
         energy = {
-            'kinetic': 0.5 * mass * float((self.linear_velocity**2).sum())
-            + 0.5 * inertia * float((self.angular_velocity**2).sum()),
+            'kinetic': 0.5 * _weighed(mass, (self.linear_velocity**2).sum(axis=1))
+            + 0.5 * _weighed(inertia, (self.angular_velocity**2).sum(axis=1)),
             'connectors': 0.0,
             'gravity': 0.0,
             'contact': self.ledger.get('contact', 0.0),
@@ -218,7 +217,7 @@ class Snapshot(AsTable):
             energy['connectors'] += moment_energy(moments, orientation, ends)
         energy['connectors'] += self.ledger.get('anchors', 0.0)
         if self.packed.gravity is not None:
-            energy['gravity'] = -mass * float((self.position @ self.packed.gravity).sum())
+            energy['gravity'] = -_weighed(mass, self.position @ self.packed.gravity)
         energy['total'] = sum(energy.values())
         energy['work_in'], energy['dissipated'] = self.ledger['work_in'], self.ledger['spent']
         energy['lost_at_breaks'] = self.ledger.get('lost_at_breaks', 0.0)
@@ -247,3 +246,10 @@ class Snapshot(AsTable):
         for view in views:
             view.flags.writeable = False
         return views
+
+
+def _weighed(weight: np.ndarray, values: np.ndarray) -> float:
+    """The sum of `values` (n,) by their weights, (n,), or (1,) for all."""
+    if len(weight) == 1:
+        return float(weight[0]) * float(values.sum())
+    return float((weight * values).sum())

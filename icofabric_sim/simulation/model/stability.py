@@ -154,7 +154,7 @@ def fastest_motion(
     # Loads, weight and speed turn and stretch the fabric before it can answer.
     size = 2.0 * model.links.half_width
     weight = 0.0
-    if model.gravity is not None and model.supports is not None:
+    if model.gravity is not None and packed.held:
         # Gravity moves a body by its own size past one that is held.
         weight = math.sqrt(float(np.linalg.norm(model.gravity.acceleration)) / size)
     return max(rate, load_rate + weight, spread / size)

@@ -38,9 +38,9 @@ def unbalanced_rate(scene: Scene) -> float:
         force[np.ix_(drive.bodies, drive.moves[:3])] = 0.0
         if drive.moves[3]:
             torque[drive.bodies] = 0.0
-    shell = scene.shell
-    linear = np.linalg.norm(force, axis=1) / (shell.mass * scene.geometry.half_edge)
-    angular = np.linalg.norm(torque, axis=1) / shell.inertia
+    mass, inertia = scene.masses
+    linear = np.linalg.norm(force, axis=1) / (mass * scene.geometry.half_edge)
+    angular = np.linalg.norm(torque, axis=1) / inertia
     return float(max(linear.max(), angular.max()))
 
 

@@ -82,8 +82,8 @@ def find_fault(packed: PackedScene, state: State) -> str:
     """Name the body that is not finite or else the fastest, and its most strained connector."""
     position, orientation, velocity, spin = packed.layout.unpack(state)
     with np.errstate(all='ignore'):
-        speed = (velocity**2).sum(axis=1) / packed.model.inverse_mass
-        speed += (spin**2).sum(axis=1) / packed.model.inverse_inertia
+        speed = packed.masses.mass * (velocity**2).sum(axis=1)
+        speed += packed.masses.inertia * (spin**2).sum(axis=1)
         speed += 0.0 * (position.sum(axis=1) + orientation.sum(axis=1))
         speed[~np.isfinite(speed)] = np.inf
         body = int(np.argmax(speed))

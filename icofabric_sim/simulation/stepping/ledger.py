@@ -162,7 +162,8 @@ class Ledger:
         `speed` [1/s]: what the tolerance may add to velocities over a, and to spins.
         """
         numbers, model = self.numbers, self._packed.model
-        mass, inertia = 1.0 / model.inverse_mass, 1.0 / model.inverse_inertia
+        masses = self._packed.masses
+        mass, inertia = float(masses.mass.mean()), float(masses.inertia.mean())
         self.earlier_work -= moving
         self.work -= moving
         for base, part in (
@@ -175,12 +176,13 @@ class Ledger:
             - self.work + self.spent)
         # What the forces at the start can set free, at least: health checks may find the fabric
         # back where it began. What falls freely does not come back.
-        if model.gravity is not None and model.supports is None:
+        if model.gravity is not None and not self._packed.held:
             acceleration = acceleration - np.append(model.gravity.acceleration, np.zeros(3))
         # Forces without bounds end the run where the step is chosen.
         with np.errstate(over='ignore', invalid='ignore'):
-            squares = (acceleration**2).reshape(-1, 2, 3).sum(axis=(0, 2))
-            set_free = (0.5 * (mass * squares[0] + inertia * squares[1]) / rate**2
+            squares = (acceleration**2).reshape(-1, 2, 3).sum(axis=2)
+            set_free = (0.5 * float((masses.mass * squares[:, 0]).sum() + (
+                masses.inertia * squares[:, 1]).sum()) / rate**2
                         if 0.0 < rate < math.inf else 0.0)
         self.scale = set_free
         self.floor = self._least_floor = 0.5 * speed**2 * self.bodies * (
@@ -197,8 +199,8 @@ class Ledger:
         by at most W sqrt(2 E) |dy| + W^2 |dy|^2 / 2. Of a small motion alone: there this is a
         part of E that counts, and no sign that something is wrong.
         """
-        model = self._packed.model
-        inertia = 1.0 / (model.inverse_mass * self.inverse_size) + 1.0 / model.inverse_inertia
+        masses = self._packed.masses
+        inertia = float(masses.mass.mean() / self.inverse_size + masses.inertia.mean())
         moved = rate * errors * math.sqrt(self.bodies * inertia)
         explained = moved * math.sqrt(2.0 * self.scale) + 0.5 * moved**2
         error = abs(self.error)

@@ -421,8 +421,10 @@ def _displacement(scene: Scene, snapshot: Any, group: str) -> list[Column]:
 
 
 def _centre(scene: Scene, snapshot: Any) -> list[Column]:
-    mass = scene.body_count * float(scene.shell.mass)
-    velocity = snapshot.linear_velocity.mean(axis=0).tolist()
+    mass = scene.masses.total(scene.body_count)
+    # That of the centre of mass.
+    weight = np.broadcast_to(scene.masses.mass, scene.body_count)
+    velocity = (weight @ snapshot.linear_velocity / mass).tolist()
     return [
         *(Column(f'centre.velocity.{axis}', 'm/s', value)
           for axis, value in zip('xyz', velocity)),

@@ -258,7 +258,7 @@ class MeasuredStep:
         speed = float(np.sqrt((velocity**2).sum(axis=0).max(initial=0.0))) / trajectory.half_edge
         # And what is gained while the fastest vibration turns by a radian.
         acceleration = rates.load_rate**2
-        if packed.gravity is not None and packed.model.supports is not None:
+        if packed.gravity is not None and packed.held:
             acceleration += float(np.linalg.norm(packed.gravity)) / trajectory.half_edge
         liveliness = max(speed + acceleration / frequency, trajectory.ledger.spin)
         tolerance = pieces.errors.probe.tolerance

@@ -1,0 +1,71 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""Masses and inertias of a block: of all bodies, or of each."""
+
+from icofabric_sim.kernels.records import Masses
+from icofabric_sim.kernels.runtime.compiled import compiled
+from icofabric_sim.kernels.runtime.lanes import load, splat, Vector
+
+
+@compiled
+def masses_of(
+    masses: Masses | None, inverse_mass: float, inverse_inertia: float, s: int
+) -> tuple[Vector, Vector]:
+    """Masses [kg] and inertias [kg m^2] of a block; `inverse_mass` and the other are of all."""
+    if masses is None:
+        return splat(1.0 / inverse_mass), splat(1.0 / inverse_inertia)
+    else:
+        return load(masses.mass, 0, s), load(masses.inertia, 0, s)
+
+
+@compiled
+def mass_at(
+    masses: Masses | None, inverse_mass: float, inverse_inertia: float, s: int
+) -> tuple[float, float]:
+    """The same of one slot."""
+    if masses is None:
+        return 1.0 / inverse_mass, 1.0 / inverse_inertia
+    else:
+        return masses.mass[0, s], masses.inertia[0, s]
+
+
+@compiled
+def largest_of(
+    masses: Masses | None, inverse_mass: float, inverse_inertia: float
+) -> tuple[float, float]:
+    """The largest mass [kg] and inertia [kg m^2]."""
+    if masses is None:
+        return 1.0 / inverse_mass, 1.0 / inverse_inertia
+    else:
+        return masses.largest_mass, masses.largest_inertia
+
+
+@compiled
+def units_of(
+    masses: Masses | None, inverse_mass: float, inverse_inertia: float
+) -> tuple[float, float]:
+    """What sums weighted by `weights_of` are multiplied by."""
+    if masses is None:
+        return 1.0 / inverse_mass, 1.0 / inverse_inertia
+    else:
+        return 1.0, 1.0
+
+
+@compiled
+def weights_of(masses: Masses | None, s: int) -> tuple[Vector, Vector]:
+    """Masses and inertias of a block in these units: 1 where all are alike."""
+    if masses is None:
+        return splat(1.0), splat(1.0)
+    else:
+        return load(masses.mass, 0, s), load(masses.inertia, 0, s)
