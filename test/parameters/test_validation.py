@@ -196,7 +196,7 @@ def test_choices(name, entry):
         ('loads.tip.pint', 'allowed: loads.tip.group, loads.tip.frame'),
         ('loads.tip', 'allowed: loads.tip.group'),
         ('groups.tip.more', 'allowed: groups.tip'),
-        ('bodies.a.mass', 'allowed: bodies.a.position'),
+        ('bodies.a.size', 'allowed: bodies.a.position'),
     ],
 )
 def test_unknown_names_are_refused_with_what_is_meant(name, hint):
