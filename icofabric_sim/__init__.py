@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from icofabric_sim.simulation.errors import SimulationError
     from icofabric_sim.simulation.model.body_force import BodyForce
     from icofabric_sim.simulation.model.snapshot import Snapshot
+    from icofabric_sim.simulation.model.surface_force import surface_force
     from icofabric_sim.simulation.simulation import compile_scene, Simulation
     from icofabric_sim.simulation.stepping.methods import METHODS
     from icofabric_sim.statics.cycles import measure_cycles
@@ -71,6 +72,7 @@ _HOMES = {
     'solve_equilibrium': 'statics.equilibrium',
     'solve_modes': 'statics.modes',
     'step_loads': 'statics.equilibrium',
+    'surface_force': 'simulation.model.surface_force',
     'sweep': 'studies.sweep.sweep',
 }
 
@@ -101,6 +103,7 @@ __all__ = [
     'solve_equilibrium',
     'solve_modes',
     'step_loads',
+    'surface_force',
     'sweep',
 ]
 

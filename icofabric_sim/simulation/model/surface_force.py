@@ -1,0 +1,130 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+Surface forces by a function F(face, xi, eta, t), integrated over the faces of bodies (eq 40).
+
+What `tractions.NAME` cannot say: any dependence on place and time. The coordinates xi, eta are
+lambda2, lambda3 of the face (eq 35), from its first corner along its two sides.
+"""
+
+from collections.abc import Callable
+from typing import Any, Final
+
+from icofabric_sim import checks
+from icofabric_sim.geometry.icosahedron import face_geometry, face_quadrature, triangle_rule
+from icofabric_sim.geometry.rotations import cosines_from_quaternions
+from icofabric_sim.parameters.validation import ParameterError
+from icofabric_sim.scene.faces import select_faces, Shells
+from icofabric_sim.scene.scene import require_scene, Scene
+from icofabric_sim.simulation.model.body_force import BodyForce
+import numpy as np
+
+Traction = Callable[..., Any]
+AXES: Final = ('face', 'body', 'world')
+_HIGHEST = 20
+
+
+def surface_force(
+    scene: Scene, traction: Traction, *, group: str = 'all', faces: str = 'exterior',
+    axes: str = 'face', degree: int = 6
+) -> BodyForce:
+    """
+    Make a body force of a traction on faces of the bodies of a group, for `compile_scene`.
+
+    `traction(face, xi, eta, time)` is called with the numbers (1 to 20) of m points' faces, their
+    coordinates (m,), and the time [s]; it returns the traction there [Pa], (m, 3). `axes` says
+    along what: 'face' (pressure against the outward normal, shear along the first side of the
+    face, shear across, as `tractions.NAME`), 'body', or 'world' (it keeps its direction as the
+    body turns). `faces` is a selector as in `tractions.NAME.faces`.
+
+    The integral over a face is exact for tractions that are polynomials of a `degree` in xi and
+    eta (torques too). Raises ValueError for what names no group or no faces.
+    """
+    parameters = require_scene(scene).parameters
+    checks.function('traction', traction)
+    if checks.text('axes', axes) not in AXES:
+        raise ValueError(f'axes must be one of {", ".join(AXES)}, got {axes!r}')
+    degree = checks.count('degree', degree, 0)
+    if degree > _HIGHEST:
+        raise ValueError(f'degree must be at most {_HIGHEST}, got {degree}')
+    if group != 'all' and f'groups.{group}' not in parameters:
+        known = ', '.join(['all', *parameters.names('groups')])
+        raise ParameterError('group', f'group: there is no group {group!r}; known: {known}')
+    bodies, half_edge = scene.groups[group], scene.geometry.half_edge
+    mask = select_faces('faces', faces, Shells(
+        scene.position, scene.orientation, bodies, half_edge, scene.geometry.pitch))
+    return BodyForce(
+        _Surface(traction, bodies, mask, half_edge, axes, degree, scene.body_count),
+        compiled=False)
+
+
+class _Surface:
+    """The force on all bodies, as `BodyForce` calls it."""
+
+    def __init__(
+        self, traction: Traction, bodies: np.ndarray, mask: np.ndarray, half_edge: float,
+        axes: str, degree: int, count: int
+    ) -> None:
+        self.__name__ = getattr(traction, '__name__', type(traction).__name__)
+        self._traction, self._bodies, self._in_world = traction, bodies, axes == 'world'
+        self._count = count
+        # Torques are one degree higher.
+        coordinates, _ = triangle_rule(degree + 1)
+        points, self._areas = face_quadrature(half_edge, degree=degree + 1)
+        used = np.flatnonzero(mask.any(axis=0))
+        self._mask = mask[:, used].astype(float)  # (m, f)
+        self._points = points[used]  # (f, k, 3) body axes
+        self._face = np.repeat(used + 1, len(coordinates))
+        self._xi, self._eta = np.tile(coordinates, (len(used), 1)).T
+        self._frames: np.ndarray | None = None
+        if axes == 'face':
+            geometry = face_geometry(half_edge)
+            first = geometry.frames[used, :, 1]
+            first = first / np.linalg.norm(first, axis=1)[:, None]
+            normal = geometry.normals[used]
+            # Rows: a pressure of 1 Pa, and shears.
+            self._frames = np.stack([-normal, first, np.cross(normal, first)], axis=1)
+
+    def __call__(
+        self, time: float, position: np.ndarray, orientation: np.ndarray,
+        linear_velocity: np.ndarray, angular_velocity: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        found = np.asarray(self._traction(
+            self._face.copy(), self._xi.copy(), self._eta.copy(), time), float)
+        if found.shape != (len(self._face), 3):
+            raise ValueError(
+                f'the traction must return [Pa] {(len(self._face), 3)}, one row for each point, '
+                f'not {found.shape}')
+        found = found.reshape(*self._points.shape)
+        if self._frames is not None:
+            found = np.einsum('fka,fai->fki', found, self._frames)
+        weighted = found * self._areas[:, None]
+        # Of each body the sum over its faces, in its own axes or the world's.
+        push = self._mask @ weighted.sum(axis=1)
+        axes = cosines_from_quaternions(orientation[self._bodies]).reshape(-1, 3, 3)
+        force, torque = np.zeros((2, self._count, 3))
+        if self._in_world:
+            # sum r F^T, with r in body axes and F in those of the world.
+            moments = np.einsum('fki,fkj->fij', self._points, weighted)
+            lever = np.einsum('mf,fij->mij', self._mask, moments)
+            turned = np.einsum('mai,maj->mij', axes, lever)
+            force[self._bodies] = push
+            torque[self._bodies] = np.stack([
+                turned[:, 1, 2] - turned[:, 2, 1], turned[:, 2, 0] - turned[:, 0, 2],
+                turned[:, 0, 1] - turned[:, 1, 0]], axis=1)
+        else:
+            moment = self._mask @ np.cross(self._points, weighted).sum(axis=1)
+            force[self._bodies] = np.einsum('mi,mij->mj', push, axes)
+            torque[self._bodies] = np.einsum('mi,mij->mj', moment, axes)
+        return force, torque
