@@ -22,14 +22,19 @@ from typing import NamedTuple, TYPE_CHECKING
 from icofabric_sim.terminal import InputError, require_place
 
 if TYPE_CHECKING:
+    from icofabric_sim.pictures.moment import Push
     from icofabric_sim.scene.scene import Scene
+    from icofabric_sim.simulation.load_cells import Reactions
     from icofabric_sim.simulation.model.snapshot import Snapshot
     import numpy as np
 
 _BODIES = (
-    'body', 'x', 'y', 'z', 'qx', 'qy', 'qz', 'qw', 'reaction_x', 'reaction_y', 'reaction_z',
-    'reaction_torque_x', 'reaction_torque_y', 'reaction_torque_z')
-_CONNECTORS = ('connector', 'first', 'second', 'length', 'tension')
+    'body', 'x_m', 'y_m', 'z_m', 'qx', 'qy', 'qz', 'qw', 'reaction_x_n', 'reaction_y_n',
+    'reaction_z_n', 'reaction_torque_x_nm', 'reaction_torque_y_nm', 'reaction_torque_z_nm')
+_CONNECTORS = ('connector', 'first', 'second', 'length_m', 'tension_n')
+_REACTIONS = (
+    'name', 'point_x_m', 'point_y_m', 'point_z_m', 'force_x_n', 'force_y_n', 'force_z_n',
+    'torque_x_nm', 'torque_y_nm', 'torque_z_nm')
 
 
 def kink_text(connectors: int, anchors: tuple[str, ...] = ()) -> str:
@@ -54,9 +59,13 @@ class RestOutputs(NamedTuple):
 
     def write(
         self, name: str, scene: 'Scene', snapshot: 'Snapshot', tension: 'np.ndarray',
-        reaction: 'np.ndarray'
+        reaction: 'np.ndarray', reactions: 'Reactions | None' = None
     ) -> None:
-        """Tables of bodies and connectors at rest, and a picture of the start and the end."""
+        """
+        Tables of bodies, connectors and reactions at rest, and a picture of the start and the end.
+        """
+        import numpy as np
+
         if self.folder is not None:
             bodies = ([number, *place, *turn, *held] for number, (place, turn, held) in enumerate(
                 zip(snapshot.position.tolist(), snapshot.orientation.tolist(),
@@ -66,10 +75,15 @@ class RestOutputs(NamedTuple):
             self.table('connectors.csv', _CONNECTORS, (
                 [number, *pair, length, pull] for number, (pair, length, pull) in enumerate(
                     zip(ends, snapshot.connector_length.tolist(), tension.tolist()))))
+            if reactions is not None and reactions.names:
+                self.table('reactions.csv', _REACTIONS, (
+                    [label, *row] for label, row in zip(reactions.names, np.hstack(
+                        [reactions.point, reactions.force, reactions.torque]).tolist())))
         if self.picture is not None:
             self.draw(name, scene, [
                 (scene.initial.position, scene.initial.orientation, 'start'),
-                (snapshot.position, snapshot.orientation, 'at rest')])
+                (snapshot.position, snapshot.orientation, 'at rest')],
+                _arrows(reactions))
 
     def table(self, file: str, head: tuple[str, ...], rows: object) -> None:
         """Write a CSV file of that name."""
@@ -83,20 +97,36 @@ class RestOutputs(NamedTuple):
         print(f'written to {path}')
 
     def draw(
-        self, name: str, scene: 'Scene', states: list[tuple['np.ndarray', 'np.ndarray', str]]
+        self, name: str, scene: 'Scene', states: list[tuple['np.ndarray', 'np.ndarray', str]],
+        pushes: tuple['Push', ...] = ()
     ) -> None:
-        """Draw configurations side by side."""
+        """Draw configurations side by side, with arrows at the last one."""
         from icofabric_sim.pictures.drawing import frame_moments, Renderer
         from icofabric_sim.pictures.measures import fit_scale
         from icofabric_sim.pictures.moment import Moment
 
         assert self.picture is not None
         moments = [Moment(math.nan, *state[:2], scene, state[2]) for state in states]
+        moments[-1] = moments[-1]._replace(pushes=pushes)
         self.picture.parent.mkdir(parents=True, exist_ok=True)
         Renderer(
             frame_moments(moments), title=name, color='strain',
             scale=fit_scale('strain', moments)).sheet(moments, self.picture)
         print(f'drawn to {self.picture}')
+
+
+def _arrows(reactions: 'Reactions | None') -> tuple['Push', ...]:
+    """Arrows of what bears a force, but for rounding."""
+    from icofabric_sim.pictures.moment import Push
+    import numpy as np
+
+    if reactions is None or not len(reactions.names):
+        return ()
+    sizes = np.linalg.norm(reactions.force, axis=1)
+    return tuple(
+        Push(name, reactions.point[number], reactions.force[number])
+        for number, name in enumerate(reactions.names)
+        if sizes[number] > 1e-6 * sizes.max())
 
 
 def add_output_arguments(parser: argparse.ArgumentParser) -> None:

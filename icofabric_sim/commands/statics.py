@@ -32,8 +32,8 @@ if TYPE_CHECKING:
     from icofabric_sim.statics.equilibrium import Equilibrium
 
 _STEP_COLUMNS = (
-    'load', 'verdict', 'residual', 'moved_m', 'largest_tension_n', 'reaction_x', 'reaction_y',
-    'reaction_z')
+    'load', 'verdict', 'residual', 'moved_m', 'largest_tension_n', 'reaction_x_n',
+    'reaction_y_n', 'reaction_z_n')
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -100,13 +100,15 @@ def _find(arguments: argparse.Namespace) -> tuple[dict[str, Any], bool]:
                 _step_row(scene, *step) for step in reached))
     factor, result = reached[-1]
     print('\n'.join(summary(scene, result, time.monotonic() - began)))
-    outputs.write(name, scene, result.snapshot, result.tension, result.reaction)
+    outputs.write(
+        name, scene, result.snapshot, result.tension, result.reaction, result.reactions)
     steps = [dict(zip(_STEP_COLUMNS, _step_row(scene, *step))) for step in reached]
     report = {
         'scene': name, 'bodies': scene.body_count, 'connectors': scene.connector_count,
         'converged': result.converged, 'load': factor, 'unstable_count': result.unstable_count,
         'mechanism_count': result.mechanism_count, 'force_scale_n': result.force_scale,
         'tension_n': result.tension, 'reaction': result.reaction,
+        'reactions': _reaction_numbers(result),
         'position_m': result.snapshot.position, 'orientation': result.snapshot.orientation,
         'steps': steps}
     of_last = {key: steps[-1][key] for key in (
@@ -192,9 +194,7 @@ def summary(scene: 'Scene', result: 'Equilibrium', seconds: float) -> list[str]:
         lines.append(
             f'connectors {float(result.tension.min()):.4g} to {float(result.tension.max()):.4g} N '
             '(positive: they pull)')
-    held = result.reaction[:, :3].sum(axis=0)
-    if result.reaction.any():
-        lines.append('reactions  ' + ', '.join(f'{value:.6g}' for value in held) + ' N in all')
+    lines += _reactions_text(result)
     moved = float(np.linalg.norm(result.snapshot.position - scene.position, axis=1).max())
     lines.append(f'moved      up to {moved:.4g} m from the woven places')
     obstructed = int(np.count_nonzero(result.snapshot.obstructed))
@@ -218,3 +218,29 @@ def summary(scene: 'Scene', result: 'Equilibrium', seconds: float) -> list[str]:
     if result.first_touches:
         lines.append(f'touching   {touch_text(result.first_touches)}')
     return lines
+
+
+def _reactions_text(result: 'Equilibrium') -> list[str]:
+    """What bears, each with its force."""
+    found = result.reactions
+    if found is None or not found.force.any():
+        return []
+    lines: list[str] = []
+    for name, force in zip(found.names, found.force.tolist()):
+        begin = 'reactions ' if not lines else '          '
+        lines.append(
+            f'{begin} {name}: {", ".join(f"{value:.6g}" for value in force)} N')
+    if len(lines) > 1:
+        whole = found.force.sum(axis=0).tolist()
+        lines.append('           in all: ' + ', '.join(f'{value:.6g}' for value in whole) + ' N')
+    return lines
+
+
+def _reaction_numbers(result: 'Equilibrium') -> dict[str, dict[str, list[float]]]:
+    found = result.reactions
+    if found is None:
+        return {}
+    return {
+        name: {'point_m': point, 'force_n': force, 'torque_nm': torque}
+        for name, point, force, torque in zip(
+            found.names, found.point.tolist(), found.force.tolist(), found.torque.tolist())}

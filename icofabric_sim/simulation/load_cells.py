@@ -83,7 +83,7 @@ class LoadCells:
     def __init__(self, scene: Scene, packed: PackedScene) -> None:
         """Prepare for a `scene`."""
         self._scene, self._packed = scene, packed
-        self._held = self._held_by_name()
+        self._held = held_by_name(scene)
         model, layout = packed.model, packed.layout
         if model.supports is not None:
             model = model._replace(supports=pack_supports(packed.masses, None, layout))
@@ -95,26 +95,6 @@ class LoadCells:
     def names(self) -> tuple[str, ...]:
         """What bears: supports, drives, anchors and planes."""
         return names_of(self._scene.parameters)
-
-    def _held_by_name(self) -> dict[str, np.ndarray]:
-        """Freedoms (n, 6) that each support and drive bears; each freedom once."""
-        scene, held = self._scene, {}
-        taken = np.zeros((scene.body_count, 6), bool)
-        for name in scene.parameters.names('supports'):
-            mine = np.zeros_like(taken)
-            fixed = fixed_freedoms(scene.parameters, name)
-            bodies = scene.groups[scene.parameters[f'supports.{name}.group']]
-            for axis, word in enumerate(('tx', 'ty', 'tz')):
-                mine[bodies, axis] = word in fixed
-            mine[bodies, 3:] = 'rotation' in fixed
-            held[f'supports.{name}'] = mine & ~taken
-            taken |= mine
-        for name, drive in scene.drives.items():
-            mine = np.zeros_like(taken)
-            mine[drive.bodies] = drive.freedoms
-            held[f'drives.{name}'] = mine & ~taken
-            taken |= mine
-        return held
 
     def contacts(self, driver: Driver, state: State) -> ContactForces:
         """What touches in the `state` that the driver showed last, near its last search."""
@@ -159,7 +139,7 @@ class LoadCells:
         for mine in self._held.values():
             part = np.where(mine, inertial - force, 0.0)
             on_bodies += part
-            rows.append(_resultant(part, position, np.any(mine, axis=1)))
+            rows.append(resultant(part, position, np.any(mine, axis=1)))
         for end, pull in zip(anchored, self._pulls(state, anchored)):
             rows.append((end, pull, np.zeros(3)))
         for number, plane in enumerate(make_planes(self._scene.parameters)):
@@ -233,6 +213,27 @@ class LoadCells:
         return np.asarray((ends[1] - ends[0]) / (2.0 * span))
 
 
+def held_by_name(scene: Scene) -> dict[str, np.ndarray]:
+    """Freedoms (n, 6) that each support and drive bears; each freedom once."""
+    held = {}
+    taken = np.zeros((scene.body_count, 6), bool)
+    for name in scene.parameters.names('supports'):
+        mine = np.zeros_like(taken)
+        fixed = fixed_freedoms(scene.parameters, name)
+        bodies = scene.groups[scene.parameters[f'supports.{name}.group']]
+        for axis, word in enumerate(('tx', 'ty', 'tz')):
+            mine[bodies, axis] = word in fixed
+        mine[bodies, 3:] = 'rotation' in fixed
+        held[f'supports.{name}'] = mine & ~taken
+        taken |= mine
+    for name, drive in scene.drives.items():
+        mine = np.zeros_like(taken)
+        mine[drive.bodies] = drive.freedoms
+        held[f'drives.{name}'] = mine & ~taken
+        taken |= mine
+    return held
+
+
 def _lose(
     contacts: Contacts, pushes: np.ndarray, state: State, stretches: np.ndarray | None
 ) -> None:
@@ -298,7 +299,7 @@ def _is_path(loads: Loads) -> np.ndarray:
     return np.asarray((number >= 0) & (number < len(loads.drives.start)))
 
 
-def _resultant(
+def resultant(
     wrench: np.ndarray, position: np.ndarray, mine: np.ndarray
 ) -> tuple[np.ndarray, Any, Any]:
     """Mean place [m] of the bodies that are meant, and sum of their wrenches about it."""

@@ -47,6 +47,8 @@ class Contacts(NamedTuple):
     depth: float  # [m] the deepest overlap
     largest_force: float  # [N] of a contact
     stiffness: float  # [N/m] of all contacts
+    # Of each plane the forces [N] and torques about the centres [N m] on these bodies, (m, 6).
+    plane_wrenches: tuple[np.ndarray, ...]
 
 
 class StaticContacts:
@@ -173,7 +175,7 @@ class StaticContacts:
         self, position: np.ndarray, axes: np.ndarray, pairs: np.ndarray,
         planes: tuple[np.ndarray, ...]
     ) -> Contacts:
-        wrench, found = np.zeros((self._count, 6)), []
+        wrench, found, pressed = np.zeros((self._count, 6)), [], []
         energies, depths, forces = 0.0, [np.zeros(0)], [np.zeros((0, 3))]
         groups = [pairs, *(np.repeat(bodies[:, None], 2, axis=1) for bodies in planes)]
         for number, group in enumerate(groups):
@@ -187,11 +189,12 @@ class StaticContacts:
             depths.append(depth)
             forces.append(pushes[:, :3])
             found.append(group)
+            pressed.append(pushes[:, :6])
         sizes = np.linalg.norm(np.concatenate(forces), axis=1)
         return Contacts(
             energies, wrench, found[0], tuple(group[:, 0] for group in found[1:]),
             float(np.concatenate(depths).max(initial=0.0)), float(sizes.max(initial=0.0)),
-            self.stiffness)
+            self.stiffness, tuple(pressed[1:]))
 
     def _wrenches(
         self, places: np.ndarray, axes: np.ndarray, which: int

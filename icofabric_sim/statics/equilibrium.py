@@ -28,12 +28,14 @@ from typing import Any, NamedTuple
 from icofabric_sim import checks
 from icofabric_sim.kernels.conjugate import product_of, weighted_square
 from icofabric_sim.scene.scene import require_scene, Scene
+from icofabric_sim.simulation.load_cells import Reactions
 from icofabric_sim.simulation.model.as_table import AsTable
 from icofabric_sim.simulation.model.snapshot import Snapshot
 from icofabric_sim.statics.contacts import Contacts
 from icofabric_sim.statics.crossings import Crossings
 from icofabric_sim.statics.fabric import check_snapshot, Configuration, StaticFabric
 from icofabric_sim.statics.held import check_time, held_time, without_potential
+from icofabric_sim.statics.reactions import reactions_of
 from icofabric_sim.statics.sides import BRANCHES, PULL, PUSH, SOFT, STIFF
 from icofabric_sim.statics.spectrum import Curvature, judge_curvature
 from icofabric_sim.statics.trust_region import steihaug, Step
@@ -108,6 +110,8 @@ class Equilibrium(AsTable):
     first_touches: int = 0
     # Why no equilibrium was found, and what to try; '': one was.
     reason: str = ''
+    # What supports, drives, anchors and planes bear, each by its name.
+    reactions: Reactions | None = None
 
     def __repr__(self) -> str:
         """Say what was found, without the numbers."""
@@ -455,7 +459,7 @@ class _Search:
             reaction=np.where(self.free, 0.0, -here.force), step_count=self.steps,
             product_count=self.products, at_kink=here.at_kink,
             anchors_at_kink=here.anchors_at_kink, branches=branches,
-            first_touches=here.first_touches, reason=reason)
+            first_touches=here.first_touches, reason=reason, reactions=reactions_of(here))
 
     def _reason(self) -> str:
         """Why the search has ended before it was at rest, and what to try."""

@@ -123,6 +123,11 @@ class AnchorPull:
         self._bodies, self._points = np.array(bodies, np.int64), points
 
     @property
+    def points(self) -> np.ndarray:
+        """Points of the world (a, 3) [m] where they end."""
+        return self._points
+
+    @property
     def count(self) -> int:
         """Count the anchors."""
         return len(self._bodies)

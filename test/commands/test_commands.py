@@ -651,7 +651,9 @@ def test_statics_says_where_a_scene_comes_to_rest(
     assert done.status == 0, done.err
     assert 'equilibrium, stable' in done.out and 'pairs of shells' in done.out
     bodies = (tmp_path / 'rest' / 'bodies.csv').read_text().splitlines()
-    assert len(bodies) == 15 and bodies[0].startswith('body,x,y,z,qx')
+    assert len(bodies) == 15 and bodies[0].startswith('body,x_m,y_m,z_m,qx')
+    borne = (tmp_path / 'rest' / 'reactions.csv').read_text().splitlines()
+    assert borne[0].startswith('name,point_x_m,') and borne[0].endswith(',torque_z_nm')
     held = np.array([line.split(',')[8:11] for line in bodies[1:]], float).sum(axis=0)
     scene = Scene.from_parameters(load_parameter_file(tmp_path / 'swing.yaml'))
     assert held[2] == pytest.approx(14 * scene.shell.mass * 9.81, rel=1e-9)

@@ -13,6 +13,8 @@
 # limitations under the License.
 """Reactions of supports, drives, anchors and planes: Newton's balance of the whole, statics."""
 
+import math
+
 from fabrics import snapshot_of
 import icofabric_sim as ico
 from icofabric_sim.geometry.rotations import turned_by
@@ -211,3 +213,39 @@ def test_topics_say_what_was_measured():
     assert sent.shape == (0, 9)
     with pytest.raises(ValueError, match='publish.connectors'):
         scene.with_changes({'publish.connectors': 'top nowhere'})
+
+
+def test_at_rest_they_have_the_names_and_values_of_a_run():
+    """A support, a drive that holds, an anchor and a floor share the weight of a slab."""
+    half = 0.02 * (1.0 + math.sqrt(5.0)) / 4.0
+    scene = ico.Scene.from_parameters({
+        'weave.size': [4, 3, 3], 'weave.connector_angle': 0.25, 'contact.stiffness': 2e4,
+        'groups.wall': 'x_min', 'supports.wall.group': 'wall', 'groups.tip': 'x_max',
+        'drives.tip.group': 'tip', 'drives.tip.freedoms': 'tz', 'anchors.tie.body': 8,
+        'anchors.tie.edge': 'up', 'anchors.tie.position': [0.01, 0.0, 0.1],
+        'anchors.tie.stiffness': 20.0, 'gravity': [0.0, 0.0, -9.81],
+        'planes.floor.normal': [0.0, 0.0, 1.0], 'planes.floor.offset': -0.2,
+        # On the floor, far below the slab.
+        'bodies.ball.position': [0.05, 0.5, -0.2 + half], 'groups.ball': 'ids 18',
+        'supports.ball.group': 'ball', 'supports.ball.fix': 'tx ty rotation',
+        'connector.bending_stiffness': 0.02, 'connector.twisting_stiffness': 0.02})
+    assert scene.body_count == 19
+    found = ico.solve_equilibrium(scene)
+    assert found.converged
+    simulation = ico.compile_scene(scene)
+    snapshot = found.snapshot
+    simulation.set_state(
+        position=snapshot.position, orientation=snapshot.orientation,
+        linear_velocity=np.zeros((19, 3)), angular_velocity=np.zeros((19, 3)))
+    running, at_rest = simulation.reactions(), found.reactions
+    assert at_rest.names == running.names == (
+        'supports.ball', 'supports.wall', 'drives.tip', 'anchors.tie', 'planes.floor')
+    scale = np.abs(running.force).max()
+    assert at_rest.force == pytest.approx(running.force, abs=1e-7 * scale)
+    assert at_rest.point == pytest.approx(running.point, abs=1e-9)
+    assert at_rest.torque == pytest.approx(running.torque, abs=1e-7 * scale)
+    weight = 19 * scene.shell.mass * 9.81
+    assert at_rest.force[:, 2].sum() == pytest.approx(weight, rel=1e-8)
+    # Each has its part.
+    assert (np.abs(at_rest.force[1:]).max(axis=1) > 1e-3 * scale).all()
+    assert at_rest.force[-1, 2] == pytest.approx(scene.shell.mass * 9.81, rel=1e-6)

@@ -1,0 +1,47 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""What supports, drives, anchors and planes bear at rest, each by its name."""
+
+from icofabric_sim.scene.planes import make_planes
+from icofabric_sim.simulation.load_cells import held_by_name, names_of, Reactions, resultant
+from icofabric_sim.statics.fabric import Configuration
+import numpy as np
+
+
+def reactions_of(here: Configuration) -> Reactions:
+    """Forces [N] and torques [N m] that hold a configuration, as `simulation.reactions()` has."""
+    fabric, scene, position = here.fabric, here.fabric.scene, here.position
+    on_bodies, rows = np.zeros((scene.body_count, 6)), []
+    for mine in held_by_name(scene).values():
+        part = np.where(mine, -here.force, 0.0)
+        on_bodies += part
+        rows.append(resultant(part, position, np.any(mine, axis=1)))
+    directions = fabric.anchors.directions(position, here.axes)
+    for (_, _, along), end, tension in zip(
+            directions, fabric.anchors.points, here.pulled.tension):
+        # One of no length has no direction.
+        pull = np.where(np.isfinite(along), along, 0.0) * tension
+        rows.append((end, pull, np.zeros(3)))
+    touching = here.touching
+    for number, plane in enumerate(make_planes(scene.parameters)):
+        foot = plane[3] * plane[:3]
+        bodies, wrenches = np.zeros(0, np.int64), np.zeros((0, 6))
+        if touching is not None:
+            bodies, wrenches = touching.planes[number], touching.plane_wrenches[number]
+        push = wrenches[:, :3]
+        moment = np.cross(position[bodies] - foot, push) + wrenches[:, 3:]
+        rows.append((foot, push.sum(axis=0), moment.sum(axis=0)))
+    point, force, torque = (
+        np.array([row[k] for row in rows]).reshape(-1, 3) for k in range(3))
+    return Reactions(names_of(scene.parameters), point, force, torque, on_bodies)
