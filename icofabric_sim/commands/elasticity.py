@@ -104,15 +104,12 @@ def _find(arguments: argparse.Namespace) -> tuple[dict[str, Any], bool]:
     axis = 'xyz'.index(arguments.axis)
     about = None if arguments.about is None else 'xyz'.index(arguments.about)
     from icofabric_sim.scene.scene import Scene
-    from icofabric_sim.statics.held import refuse_in_statics
     from icofabric_sim.statics.periodic import homogenise
     from icofabric_sim.statics.turning import check_about
     import numpy as np
 
     with bad_input():
         scene = Scene.from_parameters(parameters)
-        if arguments.kinds:
-            refuse_in_statics(scene)
         check_about('bend', axis, about)
         # Curves of the slab need no endless fabric.
         why = _without_constants(scene) if arguments.kinds else ''

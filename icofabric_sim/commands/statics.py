@@ -87,6 +87,11 @@ def _find(arguments: argparse.Namespace) -> tuple[dict[str, Any], bool]:
     if turning:
         print(f'{", ".join(turning)}: turns with its bodies or twists them, so it has no energy; '
               'it is followed step by step')
+    if _rubs(scene):
+        print(
+            'contact.friction: what touches sticks and slides on a path of '
+            f'{arguments.load_steps} load steps; more of them (--load-steps) follow it more '
+            'exactly')
     began = time.monotonic()
     reached: list[tuple[float, 'Equilibrium']] = []
     try:
@@ -215,6 +220,12 @@ def summary(scene: 'Scene', result: 'Equilibrium', seconds: float) -> list[str]:
             lines.append(
                 '           more than the 1 % of a that contact is meant for: shells would not '
                 f'rest so; give a contact.stiffness of {2.0 * deep * touching.stiffness:.2g} N/m')
+    if result.rubbing is not None and len(result.rubbing.pairs):
+        slides = int(np.count_nonzero(result.rubbing.slides))
+        sizes = np.linalg.norm(result.rubbing.force, axis=1)
+        lines.append(
+            f'friction   {len(sizes) - slides:,} contacts stick, {slides:,} slide; up to '
+            f'{float(sizes.max()):.4g} N')
     if result.first_touches:
         lines.append(f'touching   {touch_text(result.first_touches)}')
     return lines
@@ -244,3 +255,10 @@ def _reaction_numbers(result: 'Equilibrium') -> dict[str, dict[str, list[float]]
         name: {'point_m': point, 'force_n': force, 'torque_nm': torque}
         for name, point, force, torque in zip(
             found.names, found.point.tolist(), found.force.tolist(), found.torque.tolist())}
+
+
+def _rubs(scene: 'Scene') -> bool:
+    """Whether there is friction where shells can touch."""
+    from icofabric_sim.statics.friction import FrictionPath
+
+    return FrictionPath.of(scene) is not None

@@ -101,3 +101,15 @@ def turned_by(rotation: np.ndarray, orientation: np.ndarray) -> np.ndarray:
         scalar * v + w * vector + np.cross(vector, v),
         scalar * w - (v * vector).sum(axis=1, keepdims=True)])
     return np.asarray(turned / np.linalg.norm(turned, axis=1, keepdims=True))
+
+
+def turned_axes(rotation: np.ndarray, axes: np.ndarray) -> np.ndarray:
+    """Body axes (n, 3, 3), as rows, turned by rotation vectors (n, 3) [rad], world frame."""
+    angle = np.linalg.norm(rotation, axis=1)[:, None, None]
+    cross = np.zeros_like(axes)
+    cross[:, 0, 1], cross[:, 0, 2] = -rotation[:, 2], rotation[:, 1]
+    cross[:, 1, 0], cross[:, 1, 2] = rotation[:, 2], -rotation[:, 0]
+    cross[:, 2, 0], cross[:, 2, 1] = -rotation[:, 1], rotation[:, 0]
+    matrix = np.eye(3) + np.sinc(angle / np.pi) * cross + 0.5 * np.sinc(
+        angle / (2.0 * np.pi))**2 * (cross @ cross)
+    return np.asarray(axes @ np.swapaxes(matrix, 1, 2))

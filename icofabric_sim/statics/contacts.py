@@ -13,13 +13,17 @@
 # limitations under the License.
 """Contact of a configuration at rest: the potential of docs/contact.md, and how it changes."""
 
-from typing import NamedTuple
+from typing import NamedTuple, TYPE_CHECKING
 
 from icofabric_sim.geometry.icosahedron import circumscribed_radius
+from icofabric_sim.geometry.rotations import turned_axes
 from icofabric_sim.kernels.contact.many import touch_pairs, touch_planes
 from icofabric_sim.kernels.contact.pair import contact_scratch, OUT_SIZE
 from icofabric_sim.simulation.contact.setup import ContactSetup
 import numpy as np
+
+if TYPE_CHECKING:
+    from icofabric_sim.statics.friction import Meetings
 
 # Pairs of shells; other groups are numbers of planes.
 PAIRS = -1
@@ -92,6 +96,46 @@ class StaticContacts:
             for plane in self._setup.planes)
         return self._push(position, axes, near, planes)
 
+    def meetings(self, position: np.ndarray, axes: np.ndarray) -> 'Meetings':
+        """What touches in a configuration, first touches included, and how; for friction."""
+        from icofabric_sim.statics.friction import meetings_of
+
+        pairs, pushes, rows, middles = [], [], [], []
+        for number, (group, toward) in enumerate(self._candidates(position)):
+            places, turns = position[group], axes[group]
+            touching, out = self._met(places, turns, number - 1)
+            push = self.stiffness * np.where(touching[:, None], out[:, :3], 0.0)
+            # Where they are open by next to nothing, how they would meet.
+            places[:, 0] += _FIRST * self._setup.half_edge * toward
+            nearly, near = self._met(places, turns, number - 1)
+            out = np.where(touching[:, None], out, near)
+            there = touching | nearly
+            pairs.append(group[there] if number == 0 else np.column_stack(
+                [group[there, 0], np.full(int(there.sum()), -number)]))
+            pushes.append(push[there])
+            rows.append(out[there])
+            middles.append(position[group[there]].mean(axis=1))
+        return meetings_of(
+            np.concatenate(pairs).astype(np.int64), np.concatenate(pushes), np.concatenate(rows),
+            np.concatenate(middles))
+
+    def _candidates(self, position: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+        """
+        Pairs (m, 2) that are near, and directions (m, 3) in which the first nears the other.
+
+        Of shells, and of shells and each plane: a body and itself.
+        """
+        near = self._near(position)
+        apart = position[near[:, 0]] - position[near[:, 1]]
+        size = np.linalg.norm(apart, axis=1, keepdims=True)
+        found = [(near, -apart / np.where(size > 0.0, size, 1.0))]
+        for plane in self._setup.planes:
+            bodies = np.flatnonzero(position @ plane[:3] - plane[3] < 0.5 * self._reach)
+            found.append((
+                np.repeat(bodies[:, None], 2, axis=1),
+                np.broadcast_to(-plane[:3], (len(bodies), 3))))
+        return found
+
     def blocks(
         self, contacts: Contacts, position: np.ndarray, axes: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
@@ -146,18 +190,8 @@ class StaticContacts:
 
     def first_touches(self, position: np.ndarray, axes: np.ndarray) -> int:
         """How many pairs of shells, or shells and planes, are at their first touch."""
-        near, setup = self._near(position), self._setup
-        first = _FIRST * setup.half_edge
-        apart = position[near[:, 0]] - position[near[:, 1]]
-        size = np.linalg.norm(apart, axis=1, keepdims=True)
-        towards = [-apart / np.where(size > 0.0, size, 1.0)]
-        groups = [near]
-        for plane in setup.planes:
-            bodies = np.flatnonzero(position @ plane[:3] - plane[3] < 0.5 * self._reach)
-            groups.append(np.repeat(bodies[:, None], 2, axis=1))
-            towards.append(np.broadcast_to(-plane[:3], (len(bodies), 3)))
-        count = 0
-        for number, (group, toward) in enumerate(zip(groups, towards)):
+        first, count = _FIRST * self._setup.half_edge, 0
+        for number, (group, toward) in enumerate(self._candidates(position)):
             places, turns = position[group], axes[group]
             open_yet = self._wrenches(places, turns, number - 1)[2] <= first
             places[:, 0] += first * toward
@@ -205,6 +239,15 @@ class StaticContacts:
         `places` (m, 2, 3), `axes` (m, 2, 3, 3); `which`: PAIRS, or the number of a plane that
         pushes the first.
         """
+        touching, out = self._met(places, axes, which)
+        out[~touching] = 0.0
+        wrenches = self.stiffness * np.hstack([out[:, :6], -out[:, :3], out[:, 6:9]])
+        return wrenches, self.stiffness * out[:, 9], out[:, 11], touching
+
+    def _met(
+        self, places: np.ndarray, axes: np.ndarray, which: int
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Whether pairs touch, and what the kernels say of them for 1 N/m, (m, 20)."""
         setup, count = self._setup, len(places)
         # From body to world.
         turns = np.ascontiguousarray(np.swapaxes(axes, 2, 3))
@@ -219,18 +262,4 @@ class StaticContacts:
             touch_planes(
                 setup.half_edge, np.ascontiguousarray(plane[:3]), float(plane[3]), first,
                 np.ascontiguousarray(turns[:, 0]), self._scratch, touching, out)
-        out[~touching] = 0.0
-        wrenches = self.stiffness * np.hstack([out[:, :6], -out[:, :3], out[:, 6:9]])
-        return wrenches, self.stiffness * out[:, 9], out[:, 11], touching
-
-
-def turned_axes(rotation: np.ndarray, axes: np.ndarray) -> np.ndarray:
-    """Body axes (n, 3, 3), as rows, turned by rotation vectors (n, 3) [rad], world frame."""
-    angle = np.linalg.norm(rotation, axis=1)[:, None, None]
-    cross = np.zeros_like(axes)
-    cross[:, 0, 1], cross[:, 0, 2] = -rotation[:, 2], rotation[:, 1]
-    cross[:, 1, 0], cross[:, 1, 2] = rotation[:, 2], -rotation[:, 0]
-    cross[:, 2, 0], cross[:, 2, 1] = -rotation[:, 1], rotation[:, 0]
-    matrix = np.eye(3) + np.sinc(angle / np.pi) * cross + 0.5 * np.sinc(
-        angle / (2.0 * np.pi))**2 * (cross @ cross)
-    return np.asarray(axes @ np.swapaxes(matrix, 1, 2))
+        return touching, out

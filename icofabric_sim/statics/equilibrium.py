@@ -21,7 +21,7 @@ start, and as they are found at its end in the next.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 import math
 from typing import Any, NamedTuple
 
@@ -34,6 +34,7 @@ from icofabric_sim.simulation.model.snapshot import Snapshot
 from icofabric_sim.statics.contacts import Contacts
 from icofabric_sim.statics.crossings import Crossings
 from icofabric_sim.statics.fabric import check_snapshot, Configuration, StaticFabric
+from icofabric_sim.statics.friction import FrictionPath, Rubbing
 from icofabric_sim.statics.held import check_time, held_time, without_potential
 from icofabric_sim.statics.reactions import reactions_of
 from icofabric_sim.statics.sides import BRANCHES, PULL, PUSH, SOFT, STIFF
@@ -68,6 +69,10 @@ _ROUNDING = 1e-9
 # Forces that have fallen below this part of the first ones are measured by those, and are sought
 # to die out for so many further steps.
 _DIED_OUT, _SLACK_STEPS = 1e-7, 200
+# Rounds in which pushes and friction are to agree, to this part of the largest force.
+_ROUNDS, _SETTLED = 60, 1e-8
+# A body that has gone so many times as far as the fabric is large does not come back.
+_AWAY = 1e4
 
 
 class Progress(NamedTuple):
@@ -112,6 +117,8 @@ class Equilibrium(AsTable):
     reason: str = ''
     # What supports, drives, anchors and planes bear, each by its name.
     reactions: Reactions | None = None
+    # What friction does, on a path of states; None where nothing rubs.
+    rubbing: Rubbing | None = None
 
     def __repr__(self) -> str:
         """Say what was found, without the numbers."""
@@ -144,8 +151,8 @@ def solve_equilibrium(
     A time is needed where drives, anchors, loads or tractions change with it. Begins at the
     initial state of the scene, or at a snapshot, without what is broken there.
     `tolerance`: what may be left of forces, in parts of the largest connector force or load.
-    `load_factor`: of weight, electric fields, loads and tractions. Without friction. Raises
-    ValueError where nothing could ever be in equilibrium.
+    `load_factor`: of weight, electric fields, loads and tractions. Friction needs a path: see
+    `step_loads`. Raises ValueError where nothing could ever be in equilibrium.
     """
     _check(scene, start, time, tolerance, largest_step_count, progress)
     load_factor = checks.number('load_factor', load_factor, least=0.0)
@@ -174,6 +181,45 @@ def seek(
     return search.result()
 
 
+def seek_on_path(
+    scene: Scene, path: FrictionPath | None, *, start: Snapshot | None, time: float | None = None,
+    tolerance: float = 1e-10, largest_step_count: int = _STEPS, load_factor: float = 1.0,
+    progress: Callable[[Progress], None] | None = None
+) -> tuple[Equilibrium, FrictionPath | None]:
+    """
+    The next state of a path with friction, and where it goes on from; see friction.py.
+
+    The search of `solve_equilibrium`, with the pushes that friction goes by, until these are those
+    of the state found.
+    """
+    fabric = StaticFabric(
+        scene, held_time(scene, time, on_path=path is not None), load_factor=load_factor,
+        broken_since=None if start is None else start.broken_since,
+        friction=None if path is None else replace(path))
+    friction, contacts = fabric.friction, fabric.contacts
+    if friction is not None and contacts is not None and not friction.is_begun:
+        # What touches where the search begins, first touches included, has not slipped there.
+        here = fabric.start if start is None else fabric.configuration('start', start)
+        friction = fabric.friction = path = friction.advanced(
+            contacts, here.position, here.axes)
+    found = seek(fabric, start, tolerance, largest_step_count, progress)
+    if friction is None or contacts is None:
+        return found, None
+    change = math.inf
+    for _ in range(_ROUNDS):
+        if not found.converged:
+            return found, path
+        here = fabric.configuration('start', found.snapshot)
+        change = friction.allow(contacts, here.position, here.axes)
+        if change <= _SETTLED * found.force_scale:
+            return found, friction.advanced(contacts, here.position, here.axes)
+        found = seek(fabric, found.snapshot, tolerance, largest_step_count, progress)
+    return replace(
+        found, converged=False, verdict=NOT_AT_REST,
+        reason=f'pushes and friction did not agree after {_ROUNDS} rounds: limits of friction '
+        f'still changed by {change:.3g} N; take smaller steps of the path'), path
+
+
 def _check(
     scene: Scene, start: Snapshot | None, time: float | None, tolerance: float,
     largest_step_count: int, progress: Callable[[Progress], None] | None
@@ -199,7 +245,9 @@ def step_loads(
     Equilibria under parts of the loads, each sought from the one before.
 
     `factors`: of weight, electric fields, loads and tractions; drives, anchors and pre-stress are
-    whole from the first. Ends where no equilibrium is found: that one is the last.
+    whole from the first. Ends where no equilibrium is found: that one is the last. With friction
+    (contact.friction) they are a path on which what touches sticks and slides: smaller steps
+    follow it more exactly.
     """
     _check(scene, start, time, tolerance, largest_step_count, progress)
     if not isinstance(factors, Iterable) or isinstance(factors, (str, bytes, Mapping)):
@@ -211,10 +259,11 @@ def step_loads(
             raise ValueError('factors must hold at least one number, got none')
 
     def steps(start: Snapshot | None) -> Iterator[tuple[float, Equilibrium]]:
+        path = FrictionPath.of(scene)
         for given in factors:
             factor = checks.number('factors', given, least=0.0)
-            found = solve_equilibrium(
-                scene, start=start, time=time, tolerance=tolerance, load_factor=factor,
+            found, path = seek_on_path(
+                scene, path, start=start, time=time, tolerance=tolerance, load_factor=factor,
                 largest_step_count=largest_step_count, progress=progress)
             yield factor, found
             if not found.converged:
@@ -258,6 +307,8 @@ class _Search:
         self.weight = fabric.layout.spread(np.where(self.free, fabric.root**-2.0, 0.0))
         self.radius = 0.1 * fabric.half_edge * float(fabric.root.flat[0]) * math.sqrt(
             max(1, int(self.free.any(axis=1).sum())))
+        start = fabric.start.position
+        self.extent = float(np.ptp(start, axis=0).max(initial=0.0)) + fabric.half_edge  # [m]
         self.first_gradient = 0.0
         self.first_force = self._acting()  # [N]
         self.slack_steps = 0  # with next to nothing of it left
@@ -279,7 +330,8 @@ class _Search:
             for stiffness in stages[:-1]:
                 self._press(stiffness, max(self.tolerance, _NEAR), self.largest)
             self._press(contacts.whole, self.tolerance, patience)
-            if self.steps >= self.largest or self._good(self.tolerance) or self._is_slack():
+            if self.steps >= self.largest or self._good(self.tolerance) or (
+                    self._is_slack() or self._escapes()):
                 return
             # Where much touches for a moment only, stiff contacts begin and end at every step.
             stages = contacts.softer()
@@ -299,7 +351,7 @@ class _Search:
     def _descend(self, tolerance: float, last: float = math.inf) -> None:
         stuck = 0
         while self.steps < min(self.largest, last) and stuck < 30 and not (
-                self._good(tolerance) or self._is_slack()):
+                self._good(tolerance) or self._is_slack() or self._escapes()):
             before = self.residual()
             if self.progress is not None:
                 self.progress(Progress(self.steps, before, self.here.energy))
@@ -338,6 +390,17 @@ class _Search:
     def _is_slack(self) -> bool:
         """Whether forces die out, and only ever more slowly."""
         return self.slack_steps > _SLACK_STEPS
+
+    def _escapes(self) -> bool:
+        """Whether a body has gone so far that nothing will hold it back."""
+        return self._farthest()[1] > _AWAY * self.extent
+
+    def _farthest(self) -> tuple[int, float, np.ndarray]:
+        """The body that has gone the farthest, how far [m], and in which direction (3,)."""
+        moved = self.here.position - self.fabric.start.position
+        away = np.linalg.norm(moved, axis=1)
+        body = int(np.argmax(away))
+        return body, float(away[body]), moved[body] / max(float(away[body]), 1e-300)
 
     def _good(self, tolerance: float) -> bool:
         """Whether no more is left than is tolerated, or than rounding of the lengths may be."""
@@ -459,10 +522,18 @@ class _Search:
             reaction=np.where(self.free, 0.0, -here.force), step_count=self.steps,
             product_count=self.products, at_kink=here.at_kink,
             anchors_at_kink=here.anchors_at_kink, branches=branches,
-            first_touches=here.first_touches, reason=reason, reactions=reactions_of(here))
+            first_touches=here.first_touches, reason=reason, reactions=reactions_of(here),
+            rubbing=here.rubbing)
 
     def _reason(self) -> str:
         """Why the search has ended before it was at rest, and what to try."""
+        if self._escapes():
+            body, far, (x, y, z) = self._farthest()
+            return (
+                f'body {body} has gone {far:.3g} m along ({x:.4g}, {y:.4g}, {z:.4g}), and nothing '
+                'holds it back: in this direction the loads do work without end; hold it by '
+                'supports.NAME, anchors.NAME, planes.NAME or contact.friction, or take smaller '
+                'loads')
         turning = without_potential(self.fabric.scene)
         if turning:
             return (

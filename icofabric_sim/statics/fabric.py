@@ -42,6 +42,7 @@ from icofabric_sim.simulation.model.packing import pack_scene, pack_supports, Pa
 from icofabric_sim.simulation.model.snapshot import Snapshot
 from icofabric_sim.statics.charges import largest_repulsion
 from icofabric_sim.statics.contacts import Contacts, StaticContacts
+from icofabric_sim.statics.friction import FrictionPath, Rubbing
 from icofabric_sim.statics.held import refuse_in_statics
 from icofabric_sim.statics.loads import Acting, AnchorPull, DeadLoads, Pulled, turned_potential
 from icofabric_sim.statics.sides import ACTUAL, lever_of
@@ -56,7 +57,7 @@ class StaticFabric:
     def __init__(
         self, scene: Scene, time: float = 0.0, *, only: np.ndarray | None = None,
         contact: bool = True, load_factor: float = 1.0, broken_since: np.ndarray | None = None,
-        inputs: Inputs | None = None
+        inputs: Inputs | None = None, friction: FrictionPath | None = None
     ) -> None:
         """
         Hold loads, drives and points of anchors as they are at `time` [s].
@@ -66,9 +67,11 @@ class StaticFabric:
         `load_factor`: of weight, electric fields, loads and tractions.
         `broken_since`: as in snapshots (c,); connectors that have broken are left out.
         `inputs`: what acts in place of the scene's own loads and drives; not used elsewhere.
+        `friction`: springs of friction on a path of states; None: nothing rubs.
         Raises ParameterError for what has no place in statics.
         """
-        refuse_in_statics(scene, contact=contact)
+        refuse_in_statics(scene, contact=contact, on_path=friction is not None)
+        self.friction = friction
         if not 0.0 <= time < math.inf:
             raise ValueError(f'time must be finite and not negative [s], got {time!r}')
         self.scene, self.time = scene, time
@@ -230,7 +233,7 @@ class Configuration:
         # What does not depend on it, as far as it is known.
         for name in ('snapshot', 'energy', 'force', 'touching', 'contact_blocks', 'acting', 'axes',
                      'tension', 'stretched', 'pulled', 'state', 'first_touches', 'wrapped',
-                     'free_ends'):
+                     'free_ends', 'rubbing', 'rubbing_blocks'):
             if name in self.__dict__:
                 there.__dict__[name] = self.__dict__[name]
         return there
@@ -298,7 +301,8 @@ class Configuration:
     @cached_property
     def energy(self) -> float:
         """Potential energy [J] of the fabric and of the dead loads."""
-        return float(self.snapshot.energy['total']) + self.acting.energy
+        rubbing = 0.0 if self.rubbing is None else self.rubbing.energy
+        return float(self.snapshot.energy['total']) + self.acting.energy + rubbing
 
     @cached_property
     def force(self) -> np.ndarray:
@@ -311,6 +315,8 @@ class Configuration:
         force += self.pulled.wrench + self.acting.wrench
         if self.touching is not None:
             force += self.touching.wrench
+        if self.rubbing is not None:
+            force += self.rubbing.wrench
         return np.asarray(force)
 
     @cached_property
@@ -318,6 +324,20 @@ class Configuration:
         """What touches; None where the scene has no contact."""
         contacts = self.fabric.contacts
         return None if contacts is None else contacts.act(self.position, self.axes)
+
+    @cached_property
+    def rubbing(self) -> Rubbing | None:
+        """What friction does; None where nothing rubs."""
+        friction = self.fabric.friction
+        return None if friction is None else friction.act(self.position, self.axes)
+
+    @cached_property
+    def rubbing_blocks(self) -> tuple[np.ndarray, np.ndarray]:
+        """Second derivatives of friction by pairs, as those of contacts."""
+        friction = self.fabric.friction
+        if friction is None or not len(friction.pairs):
+            return np.zeros((0, 2), np.int64), np.zeros((0, 12, 12))
+        return friction.blocks(self.position, self.axes)
 
     @cached_property
     def acting(self) -> Acting:
@@ -414,8 +434,8 @@ class Configuration:
 
     @cached_property
     def pair_blocks(self) -> tuple[np.ndarray, np.ndarray]:
-        """The same of both: contacts, and connectors around shells."""
-        bodies, blocks = zip(self.contact_blocks, self.wrapped_blocks)
+        """The same of all: contacts, connectors around shells, and friction."""
+        bodies, blocks = zip(self.contact_blocks, self.wrapped_blocks, self.rubbing_blocks)
         return np.concatenate(bodies), np.concatenate(blocks)
 
     def times(self, motion: np.ndarray, *, pairs: bool = True) -> np.ndarray:

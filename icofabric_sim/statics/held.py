@@ -21,21 +21,24 @@ from icofabric_sim.scene.scene import Scene
 _RUN = 'let a run with drag come to rest (drag.linear, drag.angular; icofabric run)'
 
 
-def refuse_in_statics(scene: Scene, *, contact: bool = True) -> None:
+def refuse_in_statics(
+    scene: Scene, *, contact: bool = True, on_path: bool = False
+) -> None:
     """
     Refuse what statics and modes leave out, with the reason; `contact`: whether it counts.
 
-    Raises ParameterError.
+    `on_path`: friction is followed on a path of states. Raises ParameterError.
     """
     parameters = scene.parameters
     friction = parameters['contact.friction']
     # Without contact nothing rubs.
-    if contact and friction != 0.0 and parameters['contact.mode'] != 'never':
+    if contact and friction != 0.0 and parameters['contact.mode'] != 'never' and not on_path:
         raise ParameterError(
             'contact.friction', f'contact.friction {friction:g}: statics and modes go by the '
             'energy, and friction has none: with it a fabric rests in many ways, which depend on '
-            'how it came there; set it to 0.0 for what holds without friction, or take '
-            f'contact.mode never, or {_RUN}')
+            'how it came there; state a path (icofabric statics --load-steps N, ico.step_loads, '
+            'or curves of a slab: icofabric elasticity, ico.measure_curve), set it to 0.0 for '
+            f'what holds without friction, take contact.mode never, or {_RUN}')
 
 
 def check_time(time: float | None) -> None:
@@ -44,13 +47,13 @@ def check_time(time: float | None) -> None:
         checks.number('time', time, unit='s', least=0.0)
 
 
-def held_time(scene: Scene, time: float | None) -> float:
+def held_time(scene: Scene, time: float | None, *, on_path: bool = False) -> float:
     """
     The time [s] at which a scene is held; None: 0, where nothing in it changes with time.
 
     Raises ValueError naming what does, or what has no place at rest at all.
     """
-    refuse_in_statics(scene)
+    refuse_in_statics(scene, on_path=on_path)
     if time is not None:
         return float(time)
     moving = varying(scene)

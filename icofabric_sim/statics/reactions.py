@@ -39,6 +39,10 @@ def reactions_of(here: Configuration) -> Reactions:
         bodies, wrenches = np.zeros(0, np.int64), np.zeros((0, 6))
         if touching is not None:
             bodies, wrenches = touching.planes[number], touching.plane_wrenches[number]
+        if here.rubbing is not None:
+            mine = here.rubbing.pairs[:, 1] == -1 - number
+            bodies = np.concatenate([bodies, here.rubbing.pairs[mine, 0]])
+            wrenches = np.concatenate([wrenches, here.rubbing.wrenches[mine, :6]])
         push = wrenches[:, :3]
         moment = np.cross(position[bodies] - foot, push) + wrenches[:, 3:]
         rows.append((foot, push.sum(axis=0), moment.sum(axis=0)))

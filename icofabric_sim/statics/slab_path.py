@@ -19,8 +19,9 @@ from typing import NamedTuple
 
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.model.snapshot import Snapshot
-from icofabric_sim.statics.equilibrium import Equilibrium, solve_equilibrium
+from icofabric_sim.statics.equilibrium import Equilibrium, seek_on_path, solve_equilibrium
 from icofabric_sim.statics.fabric import StaticFabric
+from icofabric_sim.statics.friction import FrictionPath
 from icofabric_sim.statics.held_motion import HeldMotion
 import numpy as np
 
@@ -65,24 +66,32 @@ def follow(motion: HeldMotion, amounts: Iterable[float]) -> Iterator[Step]:
 
     Of the connectors beyond their break lengths the one that is farthest beyond breaks for good,
     and the search goes on, until none is (the quasi-static order of de Arcangelis, Redner and
-    Herrmann 1985, J. Phys. Lett. 46, L585). Ends where no equilibrium is found.
+    Herrmann 1985, J. Phys. Lett. 46, L585). What touches sticks and slides with friction, of which
+    there is none at rest. Ends where no equilibrium is found.
     """
     done: list[tuple[float, Snapshot]] = []
+    path = FrictionPath.of(motion.scene)
+    if path is not None:
+        # What touches before anything moves has not slipped yet.
+        rest = Rest(motion).found
+        if rest.converged:
+            path, done = _begun(path, motion, rest), [(0.0, rest.snapshot)]
     for amount in amounts:
         here = motion.placed(amount)
-        found = solve_equilibrium(here, start=_ahead(done, amount))
+        found, next_path = seek_on_path(here, path, start=_ahead(done, amount))
         before = motion.conjugate(amount, found.reaction)
         breaks: list[Break] = []
         while found.converged and (worst := _worst_beyond(here, found.snapshot)) is not None:
             last = found.snapshot
             since = last.break_time.copy()
             since[worst] = 0.0
-            found = solve_equilibrium(here, start=replace(last, broken_since=since))
+            found, next_path = seek_on_path(
+                here, path, start=replace(last, broken_since=since))
             length = float(last.connector_length[worst])
             breaks.append(Break(
                 worst, amount, _side(here, worst, length), length,
                 float(last.energy['total']) - float(found.snapshot.energy['total'])))
-        done = [*done[-1:], (amount, found.snapshot)]
+        done, path = [*done[-1:], (amount, found.snapshot)], next_path
         yield Step(
             amount, found, motion.conjugate(amount, found.reaction), before, tuple(breaks))
         if not found.converged:
@@ -94,8 +103,11 @@ class Rest:
 
     def __init__(self, motion: HeldMotion) -> None:
         """Note on which sides of their kinks the connectors are."""
-        self._scene, found = motion.scene, solve_equilibrium(motion.scene)
-        fabric = StaticFabric(motion.scene)
+        scene = motion.scene
+        if scene.parameters['contact.friction'] != 0.0:
+            scene = scene.with_changes({'contact.friction': 0.0})
+        self._scene, found = motion.scene, solve_equilibrium(scene)
+        fabric = StaticFabric(scene)
         self._kinked, self._rest = fabric.laws.kinked, fabric.laws.natural_length
         self._longer = found.snapshot.connector_length > self._rest
         self._at_kink = found.at_kink
@@ -115,6 +127,14 @@ class Rest:
             int(np.count_nonzero(~now.intact)),
             0 if found.touching is None else len(found.touching.pairs),
             len(found.at_kink), int(np.count_nonzero(past)))
+
+
+def _begun(path: FrictionPath, motion: HeldMotion, rest: Equilibrium) -> FrictionPath:
+    """Friction of what touches at rest, before anything has slipped."""
+    fabric = StaticFabric(motion.scene, friction=path)
+    here = fabric.configuration('start', rest.snapshot)
+    assert fabric.contacts is not None
+    return path.advanced(fabric.contacts, here.position, here.axes)
 
 
 def tension_range(found: Equilibrium) -> tuple[float, float]:

@@ -668,13 +668,12 @@ def test_statics_says_where_a_scene_comes_to_rest(
     assert falls.status == 2 and 'supports' in falls.err and 'Traceback' not in falls.err
 
 
-@pytest.mark.parametrize('verb', ['statics', 'modes', 'elasticity'])
-def test_what_statics_leaves_out_is_refused_with_the_way_out(
-        call: Callable[..., Result], verb: str) -> None:
+def test_what_modes_leave_out_is_refused_with_the_way_out(call: Callable[..., Result]) -> None:
     small = ['-p', 'weave.size:=[2, 2, 2]']
-    rubs = call(verb, 'hanging_slab', *small, '-p', 'contact.friction:=0.3')
+    rubs = call('modes', 'hanging_slab', *small, '-p', 'contact.friction:=0.3')
     assert rubs.status == 2 and 'Traceback' not in rubs.err and 'zero energy' not in rubs.out
-    for words in ('contact.friction 0.3', 'rests in many ways', 'set it to 0.0', 'drag.linear'):
+    for words in ('contact.friction 0.3', 'rests in many ways', '--load-steps', 'set it to 0.0',
+                  'drag.linear'):
         assert words in rubs.err
     # Refused at once, not after other results.
     assert 'stiffness [Pa]' not in rubs.out and 'verdict' not in rubs.out
@@ -703,6 +702,24 @@ def test_statics_says_where_shells_overlap_too_deeply(call: Callable[..., Result
     assert mended.status == 0 and 'is meant for' not in mended.out
     depth = re.search(r'deepest overlap ([0-9.e-]+) a', mended.out)
     assert depth is not None and 0.002 < float(depth[1]) < 0.01
+
+
+def test_statics_and_curves_follow_friction_along_a_path(call: Callable[..., Result]) -> None:
+    dense = ['-p', 'weave.size:=[4, 3, 3]', '-p', 'weave.connector_angle:=-0.36', '-p',
+             'connector.natural_length:=0.0127', '-p', 'connector.bending_stiffness:=0.005']
+    rubs = ['-p', 'contact.stiffness:=2e4', '-p', 'contact.friction:=0.3']
+    done = call(
+        'statics', 'free_slab', *dense, *rubs, '--load-steps', '3', '-p', 'groups.low:=z_min',
+        '-p', 'supports.low.group:=low', '-p', 'groups.high:=z_max', '-p',
+        'loads.push.group:=high', '-p', 'loads.push.force:=[0.05, 0.0, -0.2]')
+    assert done.status == 0, done.out + done.err
+    assert 'on a path of 3 load steps' in done.out
+    assert re.search(r'friction   \d+ contacts stick, \d+ slide; up to [0-9.e-]+ N', done.out)
+    curve = call(
+        'elasticity', 'free_slab', *dense, *rubs, '--kinds', 'shear', '--strain', '0.012',
+        '--cycles', '1')
+    assert curve.status == 0, curve.out + curve.err
+    assert 'lost' in curve.out
 
 
 def test_friction_does_not_matter_where_nothing_touches(call: Callable[..., Result]) -> None:

@@ -93,8 +93,8 @@ def test_seeds_mean_what_they_meant(monkeypatch):
             assert kind_of(seed) == kind, seed
             assert draw_scene(seed).duration == pytest.approx(duration, rel=1e-4), seed
     # A longer list needs another version, so that every kind is drawn and no seed changes alone.
-    assert scenes.VERSIONS == ((2**32, 55), (2**33, len(KINDS)))
-    assert [scenes.version_of(seed) for seed in (2**32 - 1, 2**32)] == [1, 2]
+    assert scenes.VERSIONS == ((2**32, 55), (2**33, len(KINDS)), (2**34, len(KINDS)))
+    assert [scenes.version_of(seed) for seed in (2**32 - 1, 2**32, 2**33)] == [1, 2, 3]
     # Kinds that only later seeds draw are found there.
     assert next(seeds_of(0, 1, {60})) >= 2**32 > next(seeds_of(0, 1, {54, 60}))
 
@@ -108,7 +108,8 @@ def test_kinds_are_few_and_their_terms_are_known():
 
 
 def test_scenes_reach_all_of_the_physics():
-    findings = [Finding(seed, kind_of(seed), Verdict.WITHIN) for seed in range(3000)]
+    seeds = [*range(3000), *range(2**33, 2**33 + 1000)]
+    findings = [Finding(seed, kind_of(seed), Verdict.WITHIN) for seed in seeds]
     rows = dict(reversed(line.split()) for line in report.coverage_lines(findings))
     never = {name for name, count in rows.items() if int(count) == 0}
     # Each of these is another way to say, or to fill, what is drawn.

@@ -50,6 +50,7 @@ REFUSED_BY_CHANCE: Final = (
     ('connector.break_length_', 'at which they would break at once'),
     ('connector_groups.seam.between', 'no connector leads from one to the other'),
     ('drives.table.', 'the velocity would jump at the start'),
+    ('tractions.wind.group', 'turns body'),
     # A ball, or a body that begins elsewhere, in another shell.
     ('contact.mode', 'move them apart'))
 

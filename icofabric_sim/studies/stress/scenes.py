@@ -35,7 +35,7 @@ import numpy as np
 
 # Seeds below each number draw among so many kinds, the first of the list. Where the list grows
 # another version follows: no seed means another scene.
-VERSIONS: Final = ((2**32, 55), (2**33, 65))
+VERSIONS: Final = ((2**32, 55), (2**33, 65), (2**34, 65))
 LARGEST_SEED: Final = VERSIONS[-1][0] - 1
 # Share of scenes with a value that must be refused.
 _SPOILED = 0.06
@@ -100,7 +100,7 @@ class StressScene:
 
 
 def draw_scene(seed: int) -> StressScene:
-    """The scene of a seed, 0 to 2^33 - 1."""
+    """The scene of a seed, 0 to 2^34 - 1."""
     seed = checks.count('seed', seed, 0, LARGEST_SEED)
     generator, kind = _begun(seed)
     return _Draw(generator, KINDS[kind]).scene(seed, kind)
@@ -161,6 +161,8 @@ class _Draw:
             getattr(self, f'_{term}')()
         self._start()
         self._solver()
+        if version_of(seed) >= 3:
+            self._refine()
         spoiled, with_it = self._spoil() if self.chance(_SPOILED) else ('', ())
         return StressScene(seed, kind, self.values, self.files, spoiled, with_it)
 
@@ -457,6 +459,68 @@ class _Draw:
             'bodies.ball.position': [0.0, 0.0, reach],
             'bodies.ball.linear_velocity': [0.0, 0.0, -self.a * self.rate * self.log(-2.5, -0.7)],
             'bodies.ball.angular_velocity': self.vector(self.rate * self.log(-3.0, -0.5))}
+
+    def _refine(self) -> None:
+        """What seeds draw since their third version, where their terms have a place for it."""
+        values, terms = self.values, self.kind.terms
+        if 'grouped' in terms and self.chance(0.5):
+            values['connector_groups.seam.direction'] = self.choice('up down', 'west east')
+        if 'anchored' in terms and self.chance(0.7):
+            values['anchors.tie.stiffness'] = self.k * self.log(-1.0, 0.5)
+            if self.chance(0.4):
+                side = self.choice('extension', 'compression')
+                values[f'anchors.tie.stiffness_{side}'] = self.k * self.choice(
+                    0.0, self.log(-1.0, 0.5))
+            if self.chance(0.6):
+                values['anchors.tie.natural_length'] = self.length * self.uniform(0.3, 3.0)
+        if 'loaded' in terms and self.chance(0.3):
+            values['loads.push.profile'] = f'sine {self._frequency()!r}'
+        if {'charged', 'dipole'} & {*terms} and 'magnetic' not in terms:
+            if self.chance(0.5):
+                values['field.profile'] = self.choice(
+                    f'sine {self._frequency()!r}', 'ramp', 'half_sine')
+                values['field.duration'] = 2.0 * math.pi / self.rate * self.log(0.0, 1.0)
+            if self.chance(0.3):
+                values['field.start'] = 2.0 * math.pi / self.rate * self.uniform(0.0, 2.0)
+        if {'charged', 'mutual', 'magnetic', 'dipole'} & {*terms} and self.chance(0.5):
+            values |= {'groups.some': 'y_min', 'charges.some.group': 'some'}
+            if 'charge.per_body' in values and self.chance(0.7):
+                values['charges.some.charge'] = values['charge.per_body'] * self.uniform(-1.0, 1.0)
+            if 'charge.dipole' in values:
+                values['charges.some.dipole'] = [
+                    self.uniform(-1.0, 1.0) * part for part in values['charge.dipole']]
+        if self._is_stiff:
+            return  # implicit steps have neither of these
+        if 'driven' in terms and self.chance(0.6):
+            self._free_some()
+        if self.chance(0.3):
+            values |= {
+                'groups.others': self.choice('x_max', 'z_max', 'ids 0'),
+                'masses.others.group': 'others',
+                'masses.others.mass': (mass := self.mass * self.log(-1.0, 1.0))}
+            if self.chance(0.4):
+                values['masses.others.inertia'] = mass * self.inertia / self.mass * self.log(
+                    -0.7, 0.0)
+        if 'loose' in terms and self.chance(0.6):
+            values['bodies.ball.mass'] = (mass := self.mass * self.log(-1.0, 2.0))
+            if self.chance(0.4):
+                values['bodies.ball.inertia'] = mass * self.inertia / self.mass * self.log(
+                    -0.7, 0.0)
+
+    def _frequency(self) -> float:
+        return self.rate / (2.0 * math.pi) * self.log(-1.5, 0.3)
+
+    def _free_some(self) -> None:
+        """Let the drive move some freedoms, and no others."""
+        prefix = 'drives.table'
+        words = self.choice(('tx', 'ty'), ('tz',), ('tx', 'ty', 'tz'), ('tx', 'rotation'))
+        self.values[f'{prefix}.freedoms'] = ' '.join(words)
+        if f'{prefix}.linear' in self.values:
+            self.values[f'{prefix}.linear'] = [
+                part if axis in words else 0.0
+                for axis, part in zip(('tx', 'ty', 'tz'), self.values[f'{prefix}.linear'])]
+        if 'rotation' not in words:
+            self.values.pop(f'{prefix}.angular', None)
 
     def _parted(self) -> None:
         self.values['weave.connected'] = False

@@ -181,12 +181,10 @@ def check_end(work: Work, parameters: Parameters) -> None:
 
 def check_work(work: Work, scene: Scene) -> None:
     """Refuse what a scene cannot give, before any run; ValueError says why."""
-    from icofabric_sim.statics.held import held_time, refuse_in_statics
+    from icofabric_sim.statics.held import held_time
     from icofabric_sim.statics.periodic import make_cell
     if STATICS in work.verbs or MODES in work.verbs:
         held_time(scene, None)
-    if CURVE in work.verbs:
-        refuse_in_statics(scene)
     if ELASTICITY in work.verbs:
         make_cell(scene)
     if BANDS in work.verbs:

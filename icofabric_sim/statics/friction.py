@@ -1,0 +1,292 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+Friction of what touches, along a path of states at rest.
+
+With friction a fabric rests in many ways, which depend on how it came there. So a path is stated,
+and followed in steps. From the state before, where the surfaces of a pair met in one point of
+each body, these points have moved apart along the surface by u, and the bodies have turned against
+each other about the normal by theta. Springs of the stiffness k of the dynamics (docs/contact.md)
+hold them back, as far as the push N allows: with s = (s0 + u, r theta), s0 what the springs had
+before and r the radius of the patch,
+
+    V(s) = k |s|^2 / 2             where k |s| <= mu N, and the pair sticks,
+    V(s) = mu N (|s| - mu N / 2 k) beyond, where it slides.
+
+With mu N given V is a convex function of the places, so an equilibrium is a minimum of the energy,
+sought as without friction. N is that of the equilibrium found, and the search goes on until it
+does not change (P. D. Panagiotopoulos, A nonlinear programming approach to the unilateral contact-
+and friction-boundary value problem in the theory of elasticity, Ing.-Archiv 44, 1975).
+"""
+
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+from icofabric_sim.geometry.rotations import turned_axes
+from icofabric_sim.kernels.contact.laws import patch_radius
+from icofabric_sim.scene.scene import Scene
+from icofabric_sim.simulation.contact.friction_state import TANGENTIAL
+from icofabric_sim.simulation.contact.setup import pack_contact
+from icofabric_sim.statics.contacts import StaticContacts
+import numpy as np
+
+# Steps of the differences of forces, in parts of a and in rad.
+_STEP = 1e-6
+_EYE = np.eye(3)
+
+
+class Rubbing(NamedTuple):
+    """What friction does in one configuration."""
+
+    energy: float  # [J] of the springs, and of what slides against a constant force
+    wrench: np.ndarray  # (n, 6) [N], [N m] on the bodies
+    pairs: np.ndarray  # (p, 2) bodies; the second one -1 - k: plane k
+    # (p, 12) force [N] and torque about its centre [N m] on the first body, and on the second.
+    wrenches: np.ndarray
+    slides: np.ndarray  # (p,) bool; else they stick
+    stretch: np.ndarray  # (p, 4) [m] of the springs, world frame, the last about the normal
+
+    @property
+    def force(self) -> np.ndarray:
+        """Forces [N] of friction on the first body of each pair, (p, 3), world frame."""
+        return self.wrenches[:, :3]
+
+
+@dataclass
+class FrictionPath:
+    """Springs of friction between what touches, carried from one state of a path to the next."""
+
+    coefficient: float  # mu
+    stiffness: float  # k [N/m]
+    half_edge: float  # a [m]
+    body_count: int
+    # Of each pair where the step began: bodies, as in `Rubbing`; the point that they had in
+    # common, in the axes of both (of a plane in the world's); these axes; normal and radius.
+    pairs: np.ndarray = field(default_factory=lambda: np.zeros((0, 2), np.int64))
+    arms: np.ndarray = field(default_factory=lambda: np.zeros((0, 2, 3)))  # [m]
+    axes: np.ndarray = field(default_factory=lambda: np.zeros((0, 2, 3, 3)))
+    normal: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+    radius: np.ndarray = field(default_factory=lambda: np.zeros(0))  # [m]
+    before: np.ndarray = field(default_factory=lambda: np.zeros((0, 4)))  # s0 [m]
+    limit: np.ndarray = field(default_factory=lambda: np.zeros(0))  # mu N / k [m]
+    is_begun: bool = False  # whether there is a state that the step goes on from
+
+    @classmethod
+    def of(cls, scene: Scene) -> 'FrictionPath | None':
+        """Of a scene before anything has slipped; None where nothing rubs."""
+        setup = pack_contact(scene, np.zeros(3), moving=False)
+        if setup is None or not setup.friction > 0.0:
+            return None
+        return cls(
+            setup.friction, TANGENTIAL * setup.stiffness, setup.half_edge, scene.body_count)
+
+    def act(self, position: np.ndarray, axes: np.ndarray) -> Rubbing:
+        """In a configuration: `position` (n, 3), `axes` (n, 3, 3) with body axes as rows."""
+        wrench = np.zeros((self.body_count, 6))
+        wrenches, energy, stretch = self._wrenches(*self._of_pairs(position, axes))
+        np.add.at(wrench, self.pairs[:, 0], wrenches[:, :6])
+        shells = self.pairs[:, 1] >= 0
+        np.add.at(wrench, self.pairs[shells, 1], wrenches[shells, 6:])
+        slides = np.linalg.norm(stretch, axis=1) > self.limit
+        return Rubbing(
+            float(energy.sum()), wrench, self.pairs, wrenches, slides, stretch)
+
+    def blocks(
+        self, position: np.ndarray, axes: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """
+        Second derivatives by pairs: rows of two bodies, (m, 2), and of 12 x 12 numbers.
+
+        By differences of forces, as those of contacts; a pair with a plane is one of a body and
+        itself.
+        """
+        places, turns = self._of_pairs(position, axes)
+        here = self._wrenches(places, turns)[0]
+        part = np.zeros((len(self.pairs), 12, 12))
+        for freedom in range(12):
+            end, k = divmod(freedom, 6)
+            sides = []
+            for sign in (1.0, -1.0):
+                moved, turned = places.copy(), turns.copy()
+                if k < 3:
+                    moved[:, end, k] += sign * _STEP * self.half_edge
+                else:
+                    rotation = np.broadcast_to(sign * _STEP * _EYE[k - 3], (len(places), 3))
+                    turned[:, end] = turned_axes(rotation, turned[:, end])
+                sides.append(self._wrenches(moved, turned)[0])
+            part[:, :, freedom] = (sides[1] - sides[0]) / (
+                2.0 * _STEP * (self.half_edge if k < 3 else 1.0))
+            if k >= 3:
+                # A torque on a turned body is seen from other axes: half of its turn.
+                part[:, 6 * end + 3:6 * end + 6, freedom] += 0.5 * np.cross(
+                    _EYE[k - 3], here[:, 6 * end + 3:6 * end + 6])
+        planes = self.pairs[:, 1] < 0
+        part[planes, 6:] = 0.0
+        part[planes, :, 6:] = 0.0
+        bodies = np.where(planes[:, None], self.pairs[:, :1], self.pairs)
+        return bodies, 0.5 * (part + np.swapaxes(part, 1, 2))
+
+    def allow(
+        self, contacts: StaticContacts, position: np.ndarray, axes: np.ndarray
+    ) -> float:
+        """
+        Let pairs slide as their pushes are in a configuration; returns the largest change [N].
+
+        What touches there and did not before begins there.
+        """
+        met = contacts.meetings(position, axes)
+        limit = np.zeros(len(self.pairs))
+        known = {pair: row for row, pair in enumerate(map(tuple, self.pairs.tolist()))}
+        rows = np.array([known.get(tuple(pair), -1) for pair in met.pairs.tolist()], np.int64)
+        mine = rows >= 0
+        limit[rows[mine]] = self.coefficient / self.stiffness * met.push[mine]
+        change = float(np.abs(limit - self.limit).max(initial=0.0))
+        self.limit = limit
+        if not mine.all():
+            fresh = self._begun(met, ~mine, position, axes)
+            fresh.limit = self.coefficient / self.stiffness * met.push[~mine]
+            change = max(change, float(fresh.limit.max()))
+            for name in ('pairs', 'arms', 'axes', 'normal', 'radius', 'before', 'limit'):
+                setattr(self, name, np.concatenate([getattr(self, name), getattr(fresh, name)]))
+        return self.stiffness * change
+
+    def advanced(
+        self, contacts: StaticContacts, position: np.ndarray, axes: np.ndarray
+    ) -> 'FrictionPath':
+        """
+        Where the next step begins: what touches in a configuration, with what its springs kept.
+        """
+        met = contacts.meetings(position, axes)
+        there = self._begun(met, np.ones(len(met.pairs), bool), position, axes)
+        if not len(self.pairs) or not len(there.pairs):
+            return there
+        places, turns = self._of_pairs(position, axes)
+        _, _, stretch = self._wrenches(places, turns)
+        size = np.linalg.norm(stretch, axis=1)
+        kept = stretch * np.minimum(
+            1.0, self.limit / np.where(size > 0.0, size, 1.0))[:, None]
+        # Springs turn with their surfaces, by the mean of both bodies; a plane does not turn.
+        turn = self._turns(turns)
+        planes = self.pairs[:, 1] < 0
+        mean = np.where(
+            planes[:, None], np.einsum('pi,pi->p', turn[:, 0], self.normal)[:, None]
+            * 0.5 * self.normal, 0.5 * (turn[:, 0] + turn[:, 1]))
+        kept[:, :3] = turned_axes(mean, np.repeat(kept[:, None, :3], 3, axis=1))[:, 0]
+        old = {pair: row for row, pair in enumerate(map(tuple, self.pairs.tolist()))}
+        for row, pair in enumerate(map(tuple, there.pairs.tolist())):
+            if pair in old:
+                vector, n = kept[old[pair]], there.normal[row]
+                there.before[row, :3] = vector[:3] - (vector[:3] @ n) * n
+                there.before[row, 3] = vector[3]
+        return there
+
+    def _begun(
+        self, met: 'Meetings', chosen: np.ndarray, position: np.ndarray, axes: np.ndarray
+    ) -> 'FrictionPath':
+        """Some of what meets in a configuration, with springs that hold nothing yet."""
+        pairs, point = met.pairs[chosen], met.point[chosen]
+        there = replace(self, pairs=pairs)
+        places, turns = there._of_pairs(position, axes)
+        arms = np.einsum('peij,pej->pei', turns, point[:, None] - places)
+        return replace(
+            there, arms=arms, axes=turns.copy(), normal=met.normal[chosen],
+            radius=met.radius[chosen], before=np.zeros((len(pairs), 4)),
+            # How hard it will be pushed nobody knows yet: at first all stick.
+            limit=np.full(len(pairs), self.half_edge), is_begun=True)
+
+    def _of_pairs(
+        self, position: np.ndarray, axes: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Places (p, 2, 3) and axes (p, 2, 3, 3) of the bodies of pairs; planes are the world."""
+        planes = self.pairs[:, 1] < 0
+        places, turns = position[self.pairs], axes[self.pairs]
+        places[planes, 1], turns[planes, 1] = 0.0, _EYE
+        return places, turns
+
+    def _turns(self, turns: np.ndarray) -> np.ndarray:
+        """Rotation vectors (p, 2, 3) [rad] of both bodies since the step began."""
+        from scipy.spatial.transform import Rotation
+
+        matrices = np.einsum('peai,peaj->peij', turns, self.axes)
+        return np.asarray(
+            Rotation.from_matrix(matrices.reshape(-1, 3, 3)).as_rotvec()).reshape(-1, 2, 3)
+
+    def _wrenches(
+        self, places: np.ndarray, turns: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Wrenches on both (p, 12), energies [J], and stretches s (p, 4) [m], of all pairs."""
+        count = len(self.pairs)
+        if not count:
+            return np.zeros((0, 12)), np.zeros(0), np.zeros((0, 4))
+        arms = np.einsum('pei,peij->pej', self.arms, turns)
+        apart = (places[:, 0] + arms[:, 0]) - (places[:, 1] + arms[:, 1])
+        n, turn = self.normal, self._turns(turns)
+        stretch = self.before.copy()
+        stretch[:, :3] += apart - np.einsum('pi,pi->p', apart, n)[:, None] * n
+        stretch[:, 3] += self.radius * np.einsum('pi,pi->p', turn[:, 0] - turn[:, 1], n)
+        size = np.linalg.norm(stretch, axis=1)
+        limit, k = self.limit, self.stiffness
+        held = np.minimum(1.0, limit / np.where(size > 0.0, size, 1.0))
+        pull = k * held[:, None] * stretch
+        energy = np.where(size <= limit, 0.5 * k * size**2, k * limit * (size - 0.5 * limit))
+        push = pull[:, :3] - np.einsum('pi,pi->p', pull[:, :3], n)[:, None] * n
+        wrenches = np.zeros((count, 12))
+        for end, sign in ((0, -1.0), (1, 1.0)):
+            force = sign * push
+            wrenches[:, 6 * end:6 * end + 3] = force
+            wrenches[:, 6 * end + 3:6 * end + 6] = np.cross(arms[:, end], force) + (
+                sign * self.radius * pull[:, 3])[:, None] * _about(n, turn[:, end])
+        return wrenches, energy, stretch
+
+
+class Meetings(NamedTuple):
+    """What touches in a configuration, and how."""
+
+    pairs: np.ndarray  # (p, 2) as in `Rubbing`
+    push: np.ndarray  # (p,) N [N]
+    point: np.ndarray  # (p, 3) [m] world
+    normal: np.ndarray  # (p, 3) of the push on the first body
+    radius: np.ndarray  # (p,) [m] of the patch, at which friction acts about the normal
+
+
+def meetings_of(
+    pairs: np.ndarray, pushes: np.ndarray, out: np.ndarray, middle: np.ndarray
+) -> Meetings:
+    """
+    Of contacts as they come from the kernels, `out` (p, 20); `middle` (p, 3) [m] of both bodies.
+
+    `pushes` (p, 3) [N] on the first one.
+    """
+    size = np.linalg.norm(out[:, :3], axis=1)
+    # What meets in no more than a point or an edge may be pushed by nothing.
+    there = size > 0.0
+    pairs, pushes, out, middle, size = (
+        part[there] for part in (pairs, pushes, out, middle, size))
+    return Meetings(
+        pairs, np.linalg.norm(pushes, axis=1), out[:, 15:18] + middle,
+        out[:, :3] / size[:, None], np.array([patch_radius(row) for row in out]))
+
+
+def _about(axis: np.ndarray, turn: np.ndarray) -> np.ndarray:
+    """
+    Derivative (p, 3) of axis . log R by small turns exp(dtheta) R, where log R is `turn` (p, 3).
+
+    The transpose of the inverse of the left Jacobian of rotations, times the axis.
+    """
+    angle = np.linalg.norm(turn, axis=1)
+    small = angle < 1e-4
+    x = np.where(small, 1.0, angle)
+    second = np.where(small, 1.0 / 12.0, 1.0 / x**2 - (1.0 + np.cos(x)) / (2.0 * x * np.sin(x)))
+    once = np.cross(turn, axis)
+    return axis + 0.5 * once + second[:, None] * np.cross(turn, once)

@@ -1,0 +1,188 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+Friction at rest, along a path: closed forms, energies, and runs that come to rest slowly.
+"""
+
+import math
+
+from fabrics import changed
+import icofabric_sim as ico
+from icofabric_sim.geometry.rotations import cosines_from_quaternions, turned_axes
+from icofabric_sim.statics.fabric import StaticFabric
+from icofabric_sim.statics.friction import FrictionPath
+import numpy as np
+import pytest
+
+MU, K = 0.5, 1e5
+HALF = 0.02 * (1.0 + math.sqrt(5.0)) / 4.0
+# A shell that does not turn, on a floor, tied to a wall, pulled down, and pulled along the floor.
+SLIDER = {
+    'weave.size': [1, 1, 1], 'contact.stiffness': K, 'contact.friction': MU, 'groups.it': 'all',
+    'supports.it.group': 'it', 'supports.it.fix': 'rotation',
+    'planes.floor.normal': [0.0, 0.0, 1.0], 'planes.floor.offset': -HALF,
+    'anchors.down.edge': 'down', 'anchors.down.position': [0.0, 0.0, -10.0],
+    'anchors.down.stiffness': 1.0, 'anchors.down.natural_length': 10.0 - HALF - 2.0,
+    'anchors.tie.edge': 'west', 'anchors.tie.position': [0.0, -1.0, 0.0],
+    'anchors.tie.stiffness': 100.0, 'anchors.tie.natural_length': 1.0 + HALF,
+    'loads.along.group': 'it', 'loads.along.force': [0.0, 3.0, 0.0]}
+PUSH = 2.0  # [N] by the anchor below
+
+
+def on_path(scene, factors):
+    return [found for _, found in ico.step_loads(scene, factors)]
+
+
+def test_a_slider_follows_its_loop():
+    """
+    A spring k beside a Coulomb element mu N (Jenkins 1962): x = (F - mu N) / k on the way out.
+
+    On the way back it stays until F has fallen by 2 mu N, then x = (F + mu N) / k. The anchor
+    below adds its tension over its length to k.
+    """
+    scene = ico.Scene.from_parameters(SLIDER)
+    factors = [0.25, 0.5, 1.0, 0.6, 0.2, 0.0]
+    found = on_path(scene, factors)
+    assert len(found) == 6 and all(each.converged for each in found)
+    # How far the spring of friction gives way.
+    give = MU * PUSH / (2.0 / 7.0 * K)
+    moved = [float(each.snapshot.position[0, 1]) for each in found]
+    force = [3.0 * factor for factor in factors]
+    edge, stiff = MU * PUSH, 100.0 + PUSH / (10.0 - HALF)
+    assert moved[0] < give and not found[0].rubbing.slides.any()
+    for index, sign in ((1, -1.0), (2, -1.0), (4, 1.0), (5, 1.0)):
+        assert moved[index] == pytest.approx((force[index] + sign * edge) / stiff, rel=1e-4)
+        assert found[index].rubbing.slides.all()
+        assert found[index].rubbing.force[0, 1] == pytest.approx(sign * edge, rel=1e-4)
+    # Between the two it sticks where it was.
+    assert abs(moved[3] - moved[2]) < 2.0 * give and not found[3].rubbing.slides.any()
+    assert moved[5] == pytest.approx(edge / stiff, rel=1e-4)
+    # The floor bears the push and what rubs.
+    floor = found[2].reactions
+    assert floor.names[-1] == 'planes.floor'
+    assert floor.force[-1] == pytest.approx([0.0, -edge, PUSH], rel=1e-4, abs=1e-9)
+
+
+def test_the_path_is_that_of_a_slow_run():
+    """The same loop in time, slowly and with drag: the dynamics' own law of friction."""
+    from pathlib import Path
+    import tempfile
+
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / 'there_and_back.csv'
+        file.write_text('time,factor\n0,0\n1,1\n2,0\n4,0\n')
+        scene = ico.Scene.from_parameters({
+            **SLIDER, 'contact.stiffness': 1e4, 'loads.along.profile': f'table {file}',
+            'drag.linear': 2.0, 'solver.tolerance': 1e-6})
+        simulation = ico.compile_scene(scene)
+    at_rest = ico.Scene.from_parameters({**SLIDER, 'contact.stiffness': 1e4})
+    found = on_path(at_rest, [0.2, 0.4, 0.6, 0.8, 1.0, 0.75, 0.5, 0.25, 0.0])
+    # What lags behind the load does so by the drag: 2 N s/m over 100 N/m.
+    simulation.advance_to(4.0)
+    assert simulation.snapshot().position[0, 1] == pytest.approx(
+        found[-1].snapshot.position[0, 1], rel=2e-3)
+    assert found[-1].snapshot.position[0, 1] > 0.009
+
+
+@pytest.mark.parametrize('part, holds', [(0.98, True), (1.02, False)])
+def test_an_incline_holds_up_to_the_angle_of_friction(part, holds):
+    angle = part * math.atan(MU)
+    scene = ico.Scene.from_parameters({
+        'weave.size': [1, 1, 1], 'contact.stiffness': K, 'contact.friction': MU,
+        'groups.it': 'all', 'supports.it.group': 'it', 'supports.it.fix': 'rotation',
+        'planes.floor.normal': [0.0, 0.0, 1.0], 'planes.floor.offset': -HALF,
+        'gravity': [9.81 * math.sin(angle), 0.0, -9.81 * math.cos(angle)]})
+    found = on_path(scene, [0.5, 1.0])
+    assert found[-1].converged == holds and (len(found) == 2 if holds else True)
+    if holds:
+        weight = 9.81 * scene.shell.mass
+        assert found[-1].rubbing.force[0, 0] == pytest.approx(
+            -weight * math.sin(angle), rel=1e-6)
+        assert not found[-1].rubbing.slides.any()
+
+
+def dense(friction):
+    """A dense slab under pre-tension, whose faces touch."""
+    length = ico.Scene.from_parameters({
+        'weave.size': [3, 3, 3], 'weave.connector_angle': -0.36}).geometry.connector_length
+    return ico.Scene.from_parameters({
+        'weave.size': [4, 3, 3], 'weave.connector_angle': -0.36, 'contact.stiffness': 2e4,
+        'contact.friction': friction, 'connector.natural_length': 0.9 * length,
+        'connector.bending_stiffness': 0.005})
+
+
+def test_forces_of_friction_are_the_gradient_of_their_energy():
+    """And second derivatives those of the forces; in any configuration near the last one."""
+    scene = dense(0.4)
+    path = FrictionPath.of(scene)
+    fabric = StaticFabric(scene, friction=path)
+    rest = ico.solve_equilibrium(changed(scene, {'contact.friction': 0.0})).snapshot
+    here = fabric.configuration('start', rest)
+    path = path.advanced(fabric.contacts, here.position, here.axes)
+    path.allow(fabric.contacts, here.position, here.axes)
+    assert len(path.pairs) > 10 and path.limit.max() > 0.0
+    generator = np.random.default_rng(5)
+    path.before[:] = 0.3 * path.limit[:, None] * generator.standard_normal(path.before.shape)
+    path.before[:, :3] -= np.einsum(
+        'pi,pi->p', path.before[:, :3], path.normal)[:, None] * path.normal
+    count, a = scene.body_count, scene.geometry.half_edge
+    shift = 1e-4 * a * generator.standard_normal((count, 3))
+    position = rest.position + shift
+    axes = turned_axes(
+        1e-3 * generator.standard_normal((count, 3)),
+        cosines_from_quaternions(rest.orientation).reshape(-1, 3, 3))
+    found = path.act(position, axes)
+    assert found.slides.any() and not found.slides.all()
+    for _ in range(4):
+        dx, turn = generator.standard_normal((2, count, 3))
+        h = 1e-7
+
+        def at(sign, dx=dx, turn=turn, h=h):
+            return position + sign * h * a * dx, turned_axes(sign * h * turn, axes)
+
+        slope = (path.act(*at(1.0)).energy - path.act(*at(-1.0)).energy) / (2.0 * h)
+        work = float((found.wrench[:, :3] * a * dx).sum() + (found.wrench[:, 3:] * turn).sum())
+        assert work == pytest.approx(-slope, rel=1e-5)
+    bodies, blocks = path.blocks(position, axes)
+    motion = np.hstack([a * dx, turn])
+    product = np.zeros((count, 6))
+    for (i, j), block in zip(bodies, blocks):
+        both = block @ np.concatenate([motion[i], motion[j]])
+        product[i] += both[:6]
+        product[j] += both[6:]
+    bend = float((product * motion).sum())
+    h = 1e-6
+    energies = [path.act(position + s * h * a * dx, turned_axes(s * h * turn, axes)).energy
+                for s in (-1.0, 0.0, 1.0)]
+    assert bend == pytest.approx(
+        (energies[0] - 2.0 * energies[1] + energies[2]) / h**2, rel=2e-2)
+
+
+def test_a_dense_slab_loses_energy_in_a_cycle_of_shear():
+    """Without friction a loop has no area; with it as much as friction takes."""
+    lost = {}
+    for friction in (0.0, 0.3):
+        cycle, = ico.measure_cycles(dense(friction), 'shear', [0.004, 0.008, 0.012])
+        assert len(cycle.points) == 6
+        lost[friction] = cycle.lost
+        work = cycle.work
+    assert abs(lost[0.0]) < 1e-6 * work
+    assert lost[0.3] > 0.01 * work
+
+
+def test_friction_without_a_path_is_refused():
+    scene = ico.Scene.from_parameters(SLIDER)
+    for search in (ico.solve_equilibrium, ico.solve_modes):
+        with pytest.raises(ico.ParameterError, match='state a path'):
+            search(scene)
