@@ -220,3 +220,22 @@ def test_it_is_marked_and_counted():
     assert int(values['connector ends in their shells']) == simulation.status.obstructed_ends > 0
     assert status.level == WARN and 'ends of connectors were in the shells' in status.message
     assert monitor.OBSTRUCTED < monitor.LEDGER_COUNT
+
+
+def test_stop_ends_a_run_of_long_steps_at_the_first_that_shows_one():
+    """Of `dop8` every step: what enters a shell between two of them is seen at the second."""
+    changes = {
+        'contact.mode': 'never', 'solver.method': 'dop8', 'solver.tolerance': 1e-3,
+        'initial_random.velocity_sigma': 0.1, 'initial_random.spin_sigma': 8.0}
+    one_by_one = ico.compile_scene(make_scene((3, 3, 3), changes))
+    for _ in range(200):
+        one_by_one.advance_steps(1)
+        seen = one_by_one.snapshot()
+        if seen.obstructed.any():
+            break
+    assert seen.obstructed.any() and one_by_one.status.step_count > 3
+    stopping = ico.compile_scene(make_scene((3, 3, 3), {
+        **changes, 'connector.obstruction': 'stop'}))
+    with pytest.raises(ico.SimulationError, match='enters the shell') as caught:
+        stopping.advance_to(1.0)
+    assert f't = {seen.time:.6g} s' in str(caught.value)

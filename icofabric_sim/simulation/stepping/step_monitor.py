@@ -31,6 +31,9 @@ import numpy as np
 # Work between two health checks, in evaluations of the forces; a check costs about as much as one
 # and a half.
 CHECK_INTERVAL = 64
+# The same where a connector in its shell ends the run, so that few are missed that are soon out of
+# it again: `dop8` looks after every step.
+CLOSE_INTERVAL = 8
 # A given step near the limit is checked more often, at most every so many steps.
 SHORTEST_INTERVAL = 8
 # An energy that does not balance by less of the largest one is due to rounding, not to steps.
@@ -66,7 +69,8 @@ class StepMonitor:
         self._is_given, self._tolerance, self._differences = given, tolerance, differences
         # Steps since the last check, and from one to the next.
         self.since_check = 0
-        self.interval = max(CHECK_INTERVAL // trajectory.method.stages, 1)
+        self._longest = CLOSE_INTERVAL if obstruction.stops else CHECK_INTERVAL
+        self.interval = max(self._longest // trajectory.method.stages, 1)
         if differences:
             # Whole windows of the steps by which the roughness of the motion is judged.
             self.interval = -(-self.interval // differences) * differences
@@ -102,8 +106,9 @@ class StepMonitor:
             ledger.spin_weight = 0.0
             # As often in time as with a chosen step, as far as that is affordable.
             ratio = step * self._rates.frequency.rate / method.chosen
-            steps = CHECK_INTERVAL / method.stages / max(ratio, 1.0)
-            self.interval = max(int(steps), SHORTEST_INTERVAL)
+            steps = self._longest / method.stages / max(ratio, 1.0)
+            shortest = 1 if self.obstruction.stops else SHORTEST_INTERVAL
+            self.interval = max(int(steps), shortest)
 
     def judge(self, time: float) -> int:
         """
