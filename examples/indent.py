@@ -63,7 +63,7 @@ def indent(depths):
 
 
 def strike(mass, speed, duration):
-    """What a ball of a `mass` [kg] keeps of its energy after it has hit the slab, and its speed."""
+    """What a ball of a `mass` [kg] keeps of its energy when it hits the slab, and its speed."""
     scene = ico.Scene.from_parameters({
         **SLAB, **ball_above(1e-3), 'bodies.ball.mass': mass,
         'bodies.ball.linear_velocity': [0.0, 0.0, -speed], 'solver.tolerance': 1e-3})
@@ -93,8 +93,8 @@ def main():
               f'{pairs} pairs touch')
     for mass in given.masses:
         kept, velocity = strike(mass, 0.5, 0.1)
-        print(f'a ball of {mass:g} kg hits at 0.5 m/s: after 0.1 s it moves at {velocity:+.3f} m/s '
-              f'and has {100.0 * kept:.1f} % of its energy')
+        print(f'a ball of {mass:g} kg hits at 0.5 m/s: after 0.1 s it moves at {velocity:+.3f} '
+              f'm/s and has {100.0 * kept:.1f} % of its energy')
 
 
 if __name__ == '__main__':
