@@ -159,6 +159,10 @@ def still(time, position, orientation, linear_velocity, angular_velocity):
     return np.zeros_like(position), np.zeros_like(position)
 
 
+def gust(face, xi, eta, time):
+    return np.zeros((len(xi), 3))
+
+
 def uniform(points):
     return np.full(len(points), 1000.0)
 
@@ -385,6 +389,12 @@ def table(t):
             'scene': scene, 'at': snapshot, 'time': time,
             'count': integer(None, 2, np.int64(3), bad=[0, -1], optional=True),
             'which': text('lowest', 'highest', bad=['', 'Lowest']), 'branch': branch}),
+        'surface_force': (ico.surface_force, {
+            'scene': scene, 'traction': function(gust),
+            'group': text('all', 'tip', bad=['', 'no']),
+            'faces': text('exterior', 'all', bad=['', 'numbers 21']),
+            'axes': text('face', 'world', bad=['', 'sky']),
+            'degree': integer(6, 0, np.int64(2), bad=[-1, 21])}),
         'sweep': (ico.sweep, {
             'scene': scene, 'vary': Argument(
                 [None, {'connector.stiffness': [300, 500.0]},

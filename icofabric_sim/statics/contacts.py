@@ -13,17 +13,15 @@
 # limitations under the License.
 """Contact of a configuration at rest: the potential of docs/contact.md, and how it changes."""
 
-from typing import NamedTuple, TYPE_CHECKING
+from typing import NamedTuple
 
 from icofabric_sim.geometry.icosahedron import circumscribed_radius
 from icofabric_sim.geometry.rotations import turned_axes
 from icofabric_sim.kernels.contact.many import touch_pairs, touch_planes
 from icofabric_sim.kernels.contact.pair import contact_scratch, OUT_SIZE
 from icofabric_sim.simulation.contact.setup import ContactSetup
+from icofabric_sim.statics.meetings import Meetings, meetings_of
 import numpy as np
-
-if TYPE_CHECKING:
-    from icofabric_sim.statics.friction import Meetings
 
 # Pairs of shells; other groups are numbers of planes.
 PAIRS = -1
@@ -96,10 +94,8 @@ class StaticContacts:
             for plane in self._setup.planes)
         return self._push(position, axes, near, planes)
 
-    def meetings(self, position: np.ndarray, axes: np.ndarray) -> 'Meetings':
+    def meetings(self, position: np.ndarray, axes: np.ndarray) -> Meetings:
         """What touches in a configuration, first touches included, and how; for friction."""
-        from icofabric_sim.statics.friction import meetings_of
-
         pairs, pushes, rows, middles = [], [], [], []
         for number, (group, toward) in enumerate(self._candidates(position)):
             places, turns = position[group], axes[group]

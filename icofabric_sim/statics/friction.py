@@ -34,11 +34,11 @@ from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 from icofabric_sim.geometry.rotations import turned_axes
-from icofabric_sim.kernels.contact.laws import patch_radius
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.contact.friction_state import TANGENTIAL
 from icofabric_sim.simulation.contact.setup import pack_contact
 from icofabric_sim.statics.contacts import StaticContacts
+from icofabric_sim.statics.meetings import Meetings
 import numpy as np
 
 # Steps of the differences of forces, in parts of a and in rad.
@@ -192,7 +192,7 @@ class FrictionPath:
         return there
 
     def _begun(
-        self, met: 'Meetings', chosen: np.ndarray, position: np.ndarray, axes: np.ndarray
+        self, met: Meetings, chosen: np.ndarray, position: np.ndarray, axes: np.ndarray
     ) -> 'FrictionPath':
         """Some of what meets in a configuration, with springs that hold nothing yet."""
         pairs, point = met.pairs[chosen], met.point[chosen]
@@ -248,34 +248,6 @@ class FrictionPath:
             wrenches[:, 6 * end + 3:6 * end + 6] = np.cross(arms[:, end], force) + (
                 sign * self.radius * pull[:, 3])[:, None] * _about(n, turn[:, end])
         return wrenches, energy, stretch
-
-
-class Meetings(NamedTuple):
-    """What touches in a configuration, and how."""
-
-    pairs: np.ndarray  # (p, 2) as in `Rubbing`
-    push: np.ndarray  # (p,) N [N]
-    point: np.ndarray  # (p, 3) [m] world
-    normal: np.ndarray  # (p, 3) of the push on the first body
-    radius: np.ndarray  # (p,) [m] of the patch, at which friction acts about the normal
-
-
-def meetings_of(
-    pairs: np.ndarray, pushes: np.ndarray, out: np.ndarray, middle: np.ndarray
-) -> Meetings:
-    """
-    Of contacts as they come from the kernels, `out` (p, 20); `middle` (p, 3) [m] of both bodies.
-
-    `pushes` (p, 3) [N] on the first one.
-    """
-    size = np.linalg.norm(out[:, :3], axis=1)
-    # What meets in no more than a point or an edge may be pushed by nothing.
-    there = size > 0.0
-    pairs, pushes, out, middle, size = (
-        part[there] for part in (pairs, pushes, out, middle, size))
-    return Meetings(
-        pairs, np.linalg.norm(pushes, axis=1), out[:, 15:18] + middle,
-        out[:, :3] / size[:, None], np.array([patch_radius(row) for row in out]))
 
 
 def _about(axis: np.ndarray, turn: np.ndarray) -> np.ndarray:

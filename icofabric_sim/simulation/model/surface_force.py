@@ -58,6 +58,7 @@ def surface_force(
     degree = checks.count('degree', degree, 0)
     if degree > _HIGHEST:
         raise ValueError(f'degree must be at most {_HIGHEST}, got {degree}')
+    group, faces = checks.text('group', group), checks.text('faces', faces)
     if group != 'all' and f'groups.{group}' not in parameters:
         known = ', '.join(['all', *parameters.names('groups')])
         raise ParameterError('group', f'group: there is no group {group!r}; known: {known}')
