@@ -374,3 +374,33 @@ def test_energy_of_gravity_refers_to_the_origin_whatever_the_orientation():
         free_rotation(scene.orientation, np.array([[0.2, 0.5, -0.4]]), 1.0), s.orientation
     )
     assert s.energy['gravity'] == 0.0
+
+
+@pytest.mark.parametrize('seed', [26, 30, 32, 34])
+def test_steps_one_by_one_show_what_one_go_shows(seed):
+    """Also where a step leads back and steps are taken again, whose number says that."""
+    scene = ico.Scene.from_parameters({
+        'weave.size': [2, 3, 4], 'weave.connector_angle': 0.66, 'connector.stiffness': 910.4,
+        'shell.density': 1682.4, 'contact.mode': 'never', 'gravity': [0.0, 0.0, -9.81],
+        'groups.wall': 'x_min', 'supports.wall.group': 'wall', 'groups.tip': 'x_max',
+        'loads.tip.group': 'tip', 'solver.tolerance': 1e-6})
+    generator = np.random.default_rng(seed)
+    by_steps = ico.compile_scene(scene)
+    by_steps.advance_to(float(generator.uniform(0.05, 0.3)))
+    force = generator.standard_normal(3) * 10.0 ** generator.uniform(-2.0, 1.0)
+    by_steps.apply_wrench('tip', force=tuple(force.tolist()))
+    begun, most = by_steps.checkpoint(), 0
+    for _ in range(20):
+        before = by_steps.status.step_count
+        by_steps.advance_steps(1)
+        most = max(most, by_steps.status.step_count - before)
+        # As the node does, which stands on whole nanoseconds.
+        time = max(math.ceil(by_steps.time * 1e9) / 1e9, by_steps.time)
+        by_steps.advance_to(time)
+        in_one_go = ico.compile_scene(scene)
+        in_one_go.restore(begun)
+        in_one_go.advance_to(time)
+        assert same_state(by_steps.snapshot(), in_one_go.snapshot()), time
+        # A checkpoint there can be gone on from.
+        in_one_go.restore(by_steps.checkpoint())
+    assert most > 1

@@ -42,6 +42,8 @@ class UniformStepping:
         self._pieces = pieces
         # Whether the last call of kernels led too far, so that the run went back.
         self._is_back = False
+        # The farthest time [s] from which it went back in a call of `run_steps`.
+        self._left_at = -math.inf
 
     @property
     def next_step_time(self) -> float:
@@ -94,10 +96,26 @@ class UniformStepping:
         return self.take(pieces.trajectory.step, min(count, due, pieces.calls.portions.count))
 
     def run_steps(self, count: int, until: float) -> int:
-        """Take up to `count` steps that end by `until` [s], in one call; returns how many."""
+        """
+        Take up to `count` steps that end by `until` [s], in one call; returns how many.
+
+        Where one leads back, to be taken again in shorter steps, so many more that they come to
+        its end: what is shown at a time must not depend on steps beyond it, nor on how they were
+        asked for.
+        """
         if until < math.inf:
             count = min(count, self.count_until(until))
-        return self._run(count) if count > 0 else 0
+        if not count > 0:
+            return 0
+        self._left_at = -math.inf
+        done = self._run(count)
+        while self._pieces.trajectory.time < self._left_at and (
+                until == math.inf or self.count_until(until) > 0):
+            more = self._run(1)
+            if not more:
+                break
+            done += more
+        return done
 
     def cut(self, time: float) -> bool:
         """
@@ -165,6 +183,7 @@ class UniformStepping:
         contact, step = pieces.contact, trajectory.step
         # The errors of what was shown up to there stay counted.
         errors.probe.close(trajectory.time)
+        self._left_at = max(self._left_at, trajectory.time)
         trajectory.return_to_saved()
         trajectory.return_work()
         trajectory.ledger.regular = 0.0
@@ -181,6 +200,7 @@ class UniformStepping:
         pieces, trajectory, errors = self._pieces, self._pieces.trajectory, self._pieces.errors
         # The errors of what was shown up to there stay counted.
         errors.probe.close(trajectory.time)
+        self._left_at = max(self._left_at, trajectory.time)
         trajectory.return_to_saved()
         trajectory.return_work()
         trajectory.ledger.regular = 0.0
@@ -418,6 +438,7 @@ class UniformStepping:
         if excess > 1.0 and whole and trajectory.saved_time != errors.returned_to:
             # The errors of what was shown up to there stay counted.
             errors.probe.close(time)
+            self._left_at = max(self._left_at, time)
             trajectory.return_to_saved()
             errors.begin(trajectory.saved_time)
             errors.returned_to = trajectory.saved_time
