@@ -95,7 +95,7 @@ class CycleRun:
 
     def points(self) -> Iterator[CurvePoint | TurnPoint]:
         """Each state as soon as it is found."""
-        for step in follow(self._motion, self.path):
+        for step in follow(self._motion, self.path, self._rest):
             point = (
                 turn_point(self._motion, self._rest, step) if self._kind in TURNED else
                 curve_point(self._motion, self._kind, self._rest, step))

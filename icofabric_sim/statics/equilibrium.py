@@ -167,6 +167,14 @@ def seek(
     progress: Callable[[Progress], None] | None
 ) -> Equilibrium:
     """Find where a `fabric` comes to rest; see `solve_equilibrium`."""
+    return _sought(fabric, start, tolerance, largest_step_count, progress).result()
+
+
+def _sought(
+    fabric: StaticFabric, start: Snapshot | None, tolerance: float, largest_step_count: int,
+    progress: Callable[[Progress], None] | None
+) -> '_Search':
+    """The same search where it has ended, not judged yet."""
     here = fabric.start
     if start is not None:
         given = fabric.configuration('start', start)
@@ -178,7 +186,7 @@ def seek(
     search = _Search(fabric, here, tolerance, largest_step_count, progress)
     # From a start that was given little is left to go.
     search.run(gently=start is None)
-    return search.result()
+    return search
 
 
 def seek_on_path(
@@ -202,20 +210,20 @@ def seek_on_path(
         here = fabric.start if start is None else fabric.configuration('start', start)
         friction = fabric.friction = path = friction.advanced(
             contacts, here.position, here.axes)
-    found = seek(fabric, start, tolerance, largest_step_count, progress)
+    search = _sought(fabric, start, tolerance, largest_step_count, progress)
     if friction is None or contacts is None:
-        return found, None
+        return search.result(), None
     change = math.inf
     for _ in range(_ROUNDS):
-        if not found.converged:
-            return found, path
-        here = fabric.configuration('start', found.snapshot)
+        if not search.is_at_rest:
+            return search.result(), path
+        here = search.here
         change = friction.allow(contacts, here.position, here.axes)
-        if change <= _SETTLED * found.force_scale:
-            return found, friction.advanced(contacts, here.position, here.axes)
-        found = seek(fabric, found.snapshot, tolerance, largest_step_count, progress)
+        if change <= _SETTLED * here.force_scale:
+            return search.result(), friction.advanced(contacts, here.position, here.axes)
+        search = _sought(fabric, here.snapshot, tolerance, largest_step_count, progress)
     return replace(
-        found, converged=False, verdict=NOT_AT_REST,
+        search.result(), converged=False, verdict=NOT_AT_REST,
         reason=f'pushes and friction did not agree after {_ROUNDS} rounds: limits of friction '
         f'still changed by {change:.3g} N; take smaller steps of the path'), path
 
@@ -391,6 +399,11 @@ class _Search:
         """Whether forces die out, and only ever more slowly."""
         return self.slack_steps > _SLACK_STEPS
 
+    @property
+    def is_at_rest(self) -> bool:
+        """Whether no more is left than is tolerated."""
+        return self._good(self.tolerance)
+
     def _escapes(self) -> bool:
         """Whether a body has gone so far that nothing will hold it back."""
         return self._farthest()[1] > _AWAY * self.extent
@@ -508,7 +521,7 @@ class _Search:
     def result(self) -> Equilibrium:
         """Judge where the search stands."""
         here, residual = self.here, self.residual()
-        converged = self._good(self.tolerance)
+        converged = self.is_at_rest
         verdict, curvature = NOT_AT_REST, Curvature(-1, -1)
         branches: Mapping[str, Curvature] = {}
         if converged:

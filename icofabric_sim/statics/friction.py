@@ -202,7 +202,7 @@ class FrictionPath:
         return replace(
             there, arms=arms, axes=turns.copy(), normal=met.normal[chosen],
             radius=met.radius[chosen], before=np.zeros((len(pairs), 4)),
-            # How hard it will be pushed nobody knows yet: at first all stick.
+            # The pushes are not known yet: in the first round all pairs stick.
             limit=np.full(len(pairs), self.half_edge), is_begun=True)
 
     def _of_pairs(

@@ -60,22 +60,25 @@ class Tally(NamedTuple):
     past_kink: int
 
 
-def follow(motion: HeldMotion, amounts: Iterable[float]) -> Iterator[Step]:
+def follow(
+    motion: HeldMotion, amounts: Iterable[float], rest: 'Rest | None' = None
+) -> Iterator[Step]:
     """
     Equilibria with the held bodies where amounts put them, each sought from the one before.
 
     Of the connectors beyond their break lengths the one that is farthest beyond breaks for good,
     and the search goes on, until none is (the quasi-static order of de Arcangelis, Redner and
     Herrmann 1985, J. Phys. Lett. 46, L585). What touches sticks and slides with friction, of which
-    there is none at rest. Ends where no equilibrium is found.
+    there is none at `rest`, the slab before anything moves (None: it is sought where it is
+    needed). Ends where no equilibrium is found.
     """
     done: list[tuple[float, Snapshot]] = []
     path = FrictionPath.of(motion.scene)
     if path is not None:
         # What touches before anything moves has not slipped yet.
-        rest = Rest(motion).found
-        if rest.converged:
-            path, done = _begun(path, motion, rest), [(0.0, rest.snapshot)]
+        found = (rest or Rest(motion)).found
+        if found.converged:
+            path, done = _begun(path, motion, found), [(0.0, found.snapshot)]
     for amount in amounts:
         here = motion.placed(amount)
         found, next_path = seek_on_path(here, path, start=_ahead(done, amount))

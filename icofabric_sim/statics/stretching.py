@@ -112,7 +112,7 @@ def curve_points(
         checks.function('progress', progress)
     motion = held_motion(scene, kind, axis)
     rest = Rest(motion)
-    for number, step in enumerate(follow(motion, steps)):
+    for number, step in enumerate(follow(motion, steps, rest)):
         yield curve_point(motion, kind, rest, step)
         if progress is not None:
             progress(number + 1)

@@ -98,7 +98,7 @@ def turn_points(
         checks.function('progress', progress)
     motion = held_motion(scene, kind, axis, about)
     rest = Rest(motion)
-    for number, step in enumerate(follow(motion, steps)):
+    for number, step in enumerate(follow(motion, steps, rest)):
         yield turn_point(motion, rest, step)
         if progress is not None:
             progress(number + 1)
