@@ -256,7 +256,7 @@ def step_error(
         largest_5 = maximum(splat(scales[part]) * square_5, largest_5)
         largest_3 = maximum(splat(scales[part]) * square_3, largest_3)
     sum_ = maximum(fma(splat(0.01), largest_3, largest_5), splat(1e-300))
-    # A maximum passes over what is no number; 0 times that is none either.
+    # The maximum of vectors ignores NaN; 0 times NaN is NaN.
     error = largest_5 * rsqrt(sum_) + zero * all_squares
     error_of_step = probable_error(largest_5, largest_3, smooth)
     largest, probable = 0.0, 0.0
