@@ -386,7 +386,29 @@ class Contacts(Record):
     second: np.ndarray  # (t, 4, 3) and of the second
     aside: np.ndarray  # (p, 19) as result, for looks
     scratch: Any  # room for looks, see contact/surface.py
+    sleep: 'Sleep'
     losses: 'ContactLosses | None' = None
+
+
+class Sleep(Record):
+    """
+    Pairs that are known to be apart until bodies have moved so far, and those that are not.
+
+    See kernels/contact/sleeping.py.
+    """
+
+    blocks: Blocks  # those whose motion is followed; none: no pair sleeps
+    radius: float  # of the sphere around a body [m]
+    free: bool  # a motion that all have in common counts for nothing
+    position: np.ndarray  # (3, s) [m] at the last evaluation
+    orientation: np.ndarray  # likewise, in the form of the state
+    # (8 t,) for each thread: the path so far [m], below 0 before the first evaluation; the square
+    # of the longest way since the last one [m^2] in its blocks; the place of the first body then.
+    path: np.ndarray
+    until: np.ndarray  # (p,) [m] path on which a pair is apart; 0: it is now; -1: it may touch
+    looked: np.ndarray  # (p,) the same for looks, which never let one sleep
+    # (p,) int32: pairs evaluated last, those of a part of all where it begins, then -1.
+    awake: np.ndarray
 
 
 class ContactLosses(Record):

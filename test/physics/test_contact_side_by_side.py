@@ -19,6 +19,7 @@ import icofabric_sim as ico
 from icofabric_sim.kernels.contact.apex import APEX_UNIT
 from icofabric_sim.kernels.contact.axis import FACE_OF_FIRST
 from icofabric_sim.kernels.contact.forces import contact_look
+from icofabric_sim.kernels.contact.sleeping import AWAKE
 import numpy as np
 
 # As other tests compile it.
@@ -47,7 +48,8 @@ def test_pairs_have_the_same_bits_in_any_company_and_whatever_was_known():
         # By nothing, and in another order.
         order = rng.permutation(count)
         other = contacts._replace(
-            pairs=contacts.pairs[order].copy(), aside=np.zeros_like(contacts.aside))
+            pairs=contacts.pairs[order].copy(), aside=np.zeros_like(contacts.aside),
+            sleep=contacts.sleep._replace(looked=np.full(count, AWAKE)))
         contact_look(other, now)
         new = np.empty_like(kept)
         new[order] = other.aside

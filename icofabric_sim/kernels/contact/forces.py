@@ -20,6 +20,8 @@ result does not depend on the number of threads, and what one body of a pair get
 with the opposite sign, to the last bit.
 """
 
+import math
+
 from icofabric_sim.kernels.connectors import Six
 from icofabric_sim.kernels.contact.apex import (
     ALONG_CENTRES,
@@ -32,8 +34,9 @@ from icofabric_sim.kernels.contact.apex import (
     vertices_in_faces,
 )
 from icofabric_sim.kernels.contact.axis import FACE_OF_FIRST
-from icofabric_sim.kernels.contact.gap import Axes, axes_of, support
+from icofabric_sim.kernels.contact.gap import Axes, axes_of, plane_gap, support
 from icofabric_sim.kernels.contact.pair import LINE, Scratch, touch_pair_again, touch_plane
+from icofabric_sim.kernels.contact.sleeping import APART, AWAKE, go_on, sleeps_until
 from icofabric_sim.kernels.contact.surface import EDGES, EDGES_WAIT, POINTS, POINTS_WAIT
 from icofabric_sim.kernels.records import Contacts, State, Team
 from icofabric_sim.kernels.runtime.borrowed import borrowed
@@ -59,16 +62,16 @@ def touch_all(
     """
     if contacts is None:
         return
-    count = contacts.pairs.shape[0]
+    count, sleep = contacts.pairs.shape[0], contacts.sleep
     part = part_of(count, team)
+    path = go_on(sleep, position, orientation, team)
     contacts.deepest[8 * team.member] = 0.0
     for first in range(part * team.member, count, part * team.size):
         touch_some(
-            contacts, position, orientation, team.scratch, contacts.result, team.member, first,
-            min(first + part, count))
+            contacts, position, orientation, team.scratch, contacts.result, sleep.until, path,
+            team.member, first, min(first + part, count))
     wait_for_all(team)
-    first, last = own_blocks(team, contacts.start.shape[0] - 1)
-    add_up(contacts, contacts.result, contacts.rows, first, last)
+    add_up(contacts, contacts.result, contacts.rows, team)
 
 
 @compiled
@@ -86,15 +89,17 @@ def part_of(count: int, team: Team) -> int:
 @compiled
 def touch_some(
     contacts: Contacts, position: np.ndarray, orientation: np.ndarray, scratch: Scratch,
-    result: np.ndarray, member: int, first: int, last: int
-) -> None:
+    result: np.ndarray, until: np.ndarray, path: float, member: int, first: int, last: int
+) -> int:
     """
-    Evaluate the pairs first to last.
+    Evaluate those of the pairs first to last that do not sleep at a `path` [m] (sleeping.py).
 
-    Those that had one apex when they were evaluated last wait until there are enough to fill the
-    lanes of a vector; all others are evaluated one by one.
+    Returns how many these are; their numbers begin at `awake[first]`. Those that had one apex when
+    they were evaluated last wait until there are enough to fill the lanes of a vector; all others
+    are evaluated one by one.
     """
-    deepest, edges, points = 0.0, 0, 0
+    deepest, edges, points, tested = 0.0, 0, 0, 0
+    until, awake = borrowed(until), borrowed(contacts.sleep.awake)
     # Views of arrays that count references would take longer than to reject a pair.
     pairs, planes, result = borrowed(contacts.pairs), borrowed(contacts.planes), borrowed(result)
     position, orientation = borrowed(position), borrowed(orientation)
@@ -102,18 +107,29 @@ def touch_some(
     room, marks = borrowed(scratch.room), borrowed(scratch.marks)
     half_edge = contacts.half_edge
     for p in range(first, last):
+        if path < until[p]:
+            continue
+        awake[first + tested] = p
+        tested += 1
         s, t = pairs[p, 0], pairs[p, 1]
         out = result[p]
         if t < 0:
-            set_place(position, axes_of(orientation, s), s, own)
-            plane = planes[-1 - t]
-            touch_plane(half_edge, plane[:3], plane[3], own[0], own[1:], scratch, out)
+            axes, plane = axes_of(orientation, s), planes[-1 - t]
+            gap = plane_gap(
+                plane, half_edge, position[0, s], position[1, s], position[2, s], axes)
+            if gap > _APART * half_edge and until[p] >= APART:
+                # What is known of it is zero already.
+                until[p] = path + (gap - _APART * half_edge)
+                continue
+            set_place(position, axes, s, own)
+            touches = touch_plane(half_edge, plane[:3], plane[3], own[0], own[1:], scratch, out)
+            until[p] = AWAKE if touches else APART
             deepest = max(deepest, out[11])
             continue
         number = int(out[19])
         if number < APEX_UNIT:
             deepest = max(deepest, touch_alone(
-                half_edge, position, orientation, s, t, own, other, scratch, out))
+                half_edge, position, orientation, s, t, own, other, scratch, out, until, path, p))
         elif number % APEX_UNIT < FACE_OF_FIRST:
             marks[EDGES_WAIT + edges] = put_pair(
                 room, EDGES, edges, position, orientation, s, t, p, number)
@@ -122,7 +138,7 @@ def touch_some(
                 edges_across(room, EDGES, half_edge)
                 deepest = max(deepest, take_lanes(
                     contacts, position, orientation, pairs, own, other, scratch, room, marks,
-                    result, EDGES, EDGES_WAIT, edges))
+                    result, until, path, EDGES, EDGES_WAIT, edges))
                 edges = 0
         else:
             marks[POINTS_WAIT + points] = put_pair(
@@ -132,40 +148,51 @@ def touch_some(
                 vertices_in_faces(room, POINTS, half_edge)
                 deepest = max(deepest, take_lanes(
                     contacts, position, orientation, pairs, own, other, scratch, room, marks,
-                    result, POINTS, POINTS_WAIT, points))
+                    result, until, path, POINTS, POINTS_WAIT, points))
                 points = 0
     if edges > 0:
         edges_across(room, EDGES, half_edge)
         deepest = max(deepest, take_lanes(
             contacts, position, orientation, pairs, own, other, scratch, room, marks, result,
-            EDGES, EDGES_WAIT, edges))
+            until, path, EDGES, EDGES_WAIT, edges))
     if points > 0:
         vertices_in_faces(room, POINTS, half_edge)
         deepest = max(deepest, take_lanes(
             contacts, position, orientation, pairs, own, other, scratch, room, marks, result,
-            POINTS, POINTS_WAIT, points))
+            until, path, POINTS, POINTS_WAIT, points))
+    if first + tested < last:
+        awake[first + tested] = -1
     contacts.deepest[8 * member] = max(contacts.deepest[8 * member], deepest)
     contacts.deepest[8 * member + 1] = max(contacts.deepest[8 * member + 1], deepest)
     contacts.tests[8 * member] += last - first
+    return tested
 
 
 @compiled
 def touch_alone(
     half_edge: float, position: np.ndarray, orientation: np.ndarray, s: int, t: int,
-    own: np.ndarray, other: np.ndarray, scratch: Scratch, out: np.ndarray
+    own: np.ndarray, other: np.ndarray, scratch: Scratch, out: np.ndarray, until: np.ndarray,
+    path: float, p: int
 ) -> float:
-    """Evaluate a pair of shells; returns their overlap [m]."""
+    """Evaluate pair `p`, of shells; returns their overlap [m]."""
     axes, others = axes_of(orientation, s), axes_of(orientation, t)
     dx, dy = position[0, t] - position[0, s], position[1, t] - position[1, s]
     dz = position[2, t] - position[2, s]
-    if is_apart(half_edge, dx, dy, dz, axes, others, out):
-        for k in range(12):
-            out[k] = 0.0
-        out[19] = 0.0
+    gap = kept_gap(half_edge, dx, dy, dz, axes, others, out) - _APART * half_edge
+    if gap > 0.0:
+        if until[p] < APART:
+            for k in range(12):
+                out[k] = 0.0
+            out[19] = 0.0
+        # As long as the axis was, by an orientation that was none.
+        length = math.sqrt(out[12] * out[12] + out[13] * out[13] + out[14] * out[14])
+        until[p] = sleeps_until(until[p], path, 0.5 * gap / max(length, 1.0))
         return 0.0
     set_place(position, axes, s, own)
     set_place(position, others, t, other)
-    if touch_pair_again(half_edge, own[0], own[1:], other[0], other[1:], scratch, out):
+    touches = touch_pair_again(half_edge, own[0], own[1:], other[0], other[1:], scratch, out)
+    until[p] = AWAKE if touches else APART
+    if touches:
         # No axis shows less than the depth.
         out[11] = min(out[11], scratch.room[LINE])
     return float(out[11])
@@ -193,7 +220,7 @@ def put_pair(
 def take_lanes(
     contacts: Contacts, position: np.ndarray, orientation: np.ndarray, pairs: np.ndarray,
     own: np.ndarray, other: np.ndarray, scratch: Scratch, room: np.ndarray, marks: np.ndarray,
-    result: np.ndarray, at: int, waiting: int, count: int
+    result: np.ndarray, until: np.ndarray, path: float, at: int, waiting: int, count: int
 ) -> float:
     """
     Take what pairs do from their lanes; returns the deepest overlap [m].
@@ -209,6 +236,7 @@ def take_lanes(
             take_lane(room, at, lane, mark & 1 == 1, int(out[19]), out)
             out[11] = min(out[11], room[at + LANES * ALONG_CENTRES + lane])
             deepest = max(deepest, out[11])
+            until[mark >> 1] = AWAKE
         else:
             marks[waiting + left] = mark
             left += 1
@@ -216,16 +244,16 @@ def take_lanes(
         p = marks[waiting + k] >> 1
         deepest = max(deepest, touch_alone(
             contacts.half_edge, position, orientation, pairs[p, 0], pairs[p, 1], own, other,
-            scratch, result[p]))
+            scratch, result[p], until, path, p))
     return deepest
 
 
 @compiled
-def is_apart(
+def kept_gap(
     half_edge: float, dx: float, dy: float, dz: float, first: Axes, second: Axes, out: np.ndarray
-) -> bool:
+) -> float:
     """
-    Whether the axis that kept two bodies apart last, or none, still shows a gap.
+    The gap [m] that the axis that kept two bodies apart last shows; 0 where there is none.
 
     (dx, dy, dz) [m] leads from the first centre to the second.
     """
@@ -233,7 +261,7 @@ def is_apart(
     gap = nx * dx + ny * dy
     gap += nz * dz
     gap -= half_edge * (support(first, nx, ny, nz) + support(second, nx, ny, nz))
-    return gap > _APART * half_edge
+    return gap
 
 
 @compiled
@@ -247,30 +275,50 @@ def set_place(position: np.ndarray, axes: Axes, s: int, place: np.ndarray) -> No
 
 
 @compiled
-def add_up(
-    contacts: Contacts, pushes: np.ndarray, rows: np.ndarray, first: int, last: int
-) -> None:
+def add_up(contacts: Contacts, pushes: np.ndarray, rows: np.ndarray, team: Team) -> None:
     """
-    Rows, (6, s) [N], [N m], of the bodies of blocks first to last from the pushes of their pairs.
+    Rows, (6, s) [N], [N m], of the bodies of this thread from the pushes of their pairs.
 
     `pushes`: (p, 9) or longer, for a contact stiffness of 1 N/m, as `contacts.result`, of pairs
-    that touch there.
+    that touch there. What touches, or has just parted, is awake and does not sleep from now on;
+    all other rows are zero already.
     """
-    stiffness, result = contacts.stiffness, contacts.result
-    before = -1
-    for e in range(contacts.start[first], contacts.start[last]):
-        s, p, side = contacts.slot[e], contacts.entry[e] >> 1, contacts.entry[e] & 1
-        if s != before:
-            for k in range(6):
-                rows[k, s] = 0.0
-        before = s
-        if result[p, 10] == 0.0:
-            # They are apart: nothing pushes.
-            continue
-        push = stiffness if side == 0 else -stiffness
-        for k in range(3):
-            rows[k, s] += push * pushes[p, k]
-            rows[k + 3, s] += stiffness * pushes[p, 3 + 3 * side + k]
+    count = contacts.pairs.shape[0]
+    part = part_of(count, team)
+    first, last = own_slots(contacts, team)
+    pairs, until = borrowed(contacts.pairs), borrowed(contacts.sleep.until)
+    awake, result = borrowed(contacts.sleep.awake), borrowed(contacts.result)
+    pushes, rows, stiffness = borrowed(pushes), borrowed(rows), contacts.stiffness
+    for adds in range(2):
+        for begin in range(0, count, part):
+            for i in range(begin, min(begin + part, count)):
+                p = awake[i]
+                if p < 0:
+                    break
+                if until[p] > APART or (adds == 1 and result[p, 10] == 0.0):
+                    continue
+                for side in range(2):
+                    s = pairs[p, side]
+                    if s < first or s >= last:
+                        continue
+                    if adds == 0:
+                        for k in range(6):
+                            rows[k, s] = 0.0
+                        continue
+                    push = stiffness if side == 0 else -stiffness
+                    for k in range(3):
+                        rows[k, s] += push * pushes[p, k]
+                        rows[k + 3, s] += stiffness * pushes[p, 3 + 3 * side + k]
+
+
+@compiled
+def own_slots(contacts: Contacts, team: Team) -> tuple[int, int]:
+    """First slot of a body of this thread that is in a pair, and one after the last."""
+    first, last = own_blocks(team, contacts.start.shape[0] - 1)
+    begin, end = contacts.start[first], contacts.start[last]
+    if begin == end:
+        return 0, 0
+    return contacts.slot[begin], contacts.slot[end - 1] + 1
 
 
 @compiled
@@ -320,9 +368,10 @@ def contact_look(contacts: Contacts | None, state: State) -> tuple[float, float,
     if contacts is None:
         return energy, deepest, count
     tests, before = contacts.tests[0], contacts.deepest[0]
+    # At no path does any pair sleep.
     touch_some(
-        contacts, state.position, state.orientation, contacts.scratch, contacts.aside, 0, 0,
-        contacts.pairs.shape[0])
+        contacts, state.position, state.orientation, contacts.scratch, contacts.aside,
+        contacts.sleep.looked, math.inf, 0, 0, contacts.pairs.shape[0])
     contacts.tests[0], contacts.deepest[0] = tests, before
     for p in range(contacts.pairs.shape[0]):
         energy += contacts.aside[p, 9]

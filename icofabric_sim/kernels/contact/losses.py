@@ -42,6 +42,7 @@ from icofabric_sim.kernels.contact.laws import (
     stretch_rate,
     Three,
 )
+from icofabric_sim.kernels.contact.sleeping import APART, go_on
 from icofabric_sim.kernels.probable_error import probable_error
 from icofabric_sim.kernels.records import ContactLosses, Contacts, Meter, State, Team
 from icofabric_sim.kernels.runtime.borrowed import borrowed
@@ -90,18 +91,19 @@ def touch_and_lose(
     losses: ContactLosses, contacts: Contacts, state: State, index: int, team: Team
 ) -> None:
     """The same with losses."""
-    count = contacts.pairs.shape[0]
+    count, sleep = contacts.pairs.shape[0], contacts.sleep
     part = part_of(count, team)
+    path = go_on(sleep, state.position, state.orientation, team)
     contacts.deepest[8 * team.member] = 0.0
     for first in range(part * team.member, count, part * team.size):
         last = min(first + part, count)
         touch_some(
             contacts, state.position, state.orientation, team.scratch, contacts.result,
-            team.member, first, last)
+            sleep.until, path, team.member, first, last)
         lose_some(losses, contacts, state, index, first, last)
     wait_for_all(team)
+    add_up(contacts, contacts.result, contacts.rows, team)
     first, last = own_blocks(team, contacts.start.shape[0] - 1)
-    add_up(contacts, contacts.result, contacts.rows, first, last)
     add_up_taken(losses, contacts, first, last)
 
 
@@ -113,7 +115,7 @@ def lose_some(
     pairs, result = borrowed(contacts.pairs), borrowed(contacts.result)
     velocity, spin = borrowed(state.linear_velocity), borrowed(state.angular_velocity)
     position, power = borrowed(state.position), borrowed(losses.power)
-    stretches = borrowed(losses.stage)
+    stretches, until = borrowed(losses.stage), borrowed(contacts.sleep.until)
     if index % _LAST == 0:
         stretches = borrowed(losses.stretch)
     kept, slopes = borrowed(losses.held), borrowed(losses.slopes)
@@ -122,7 +124,7 @@ def lose_some(
         power[p] = 0.0
         rate: Four = (0.0, 0.0, 0.0, 0.0)
         left: Four = (0.0, 0.0, 0.0, 0.0)
-        if out[10] > 0.0:
+        if until[p] < APART and out[10] > 0.0:
             s, t = pairs[p, 0], pairs[p, 1]
             va, wa = column(velocity, s), column(spin, s)
             vb, wb = column(velocity, t), column(spin, t)
@@ -185,20 +187,20 @@ def touch_ahead(
     if losses is None:
         touch_all(contacts, state.position, state.orientation, team)
     else:
-        count = contacts.pairs.shape[0]
+        count, sleep = contacts.pairs.shape[0], contacts.sleep
         part = part_of(count, team)
+        path = go_on(sleep, state.position, state.orientation, team)
         contacts.deepest[8 * team.member] = 0.0
         for first in range(part * team.member, count, part * team.size):
-            last = min(first + part, count)
-            touch_some(
+            tested = touch_some(
                 contacts, state.position, state.orientation, team.scratch, contacts.result,
-                team.member, first, last)
+                sleep.until, path, team.member, first, min(first + part, count))
             lose_ahead(
-                losses, contacts, state, inverse_mass, inverse_inertia, h, step, first, last)
+                losses, contacts, state, inverse_mass, inverse_inertia, h, step, first,
+                first + tested)
         wait_for_all(team)
-        first, last = own_blocks(team, contacts.start.shape[0] - 1)
-        add_up(contacts, contacts.result, contacts.rows, first, last)
-        add_up(contacts, losses.changes, losses.lost, first, last)
+        add_up(contacts, contacts.result, contacts.rows, team)
+        add_up(contacts, losses.changes, losses.lost, team)
 
 
 @compiled
@@ -207,16 +209,20 @@ def lose_ahead(
     inverse_inertia: float, h: float, step: float, first: int, last: int
 ) -> None:
     """
-    As `lose_some` for pairs first to last, `h` [s] after they were evaluated last.
+    As `lose_some` for the awake from first to last, `h` [s] after they were evaluated last.
 
-    For forces that act for a `step` [s].
+    For forces that act for a `step` [s]. What was apart before and still is has lost all it had.
     """
+    awake, until = borrowed(contacts.sleep.awake), borrowed(contacts.sleep.until)
     pairs, result = borrowed(contacts.pairs), borrowed(contacts.result)
     velocity, spin = borrowed(state.linear_velocity), borrowed(state.angular_velocity)
     linear, angular = borrowed(losses.lead[:3]), borrowed(losses.lead[3:])
     position, changes = borrowed(state.position), borrowed(losses.changes)
     stretches, slopes = borrowed(losses.stretch), borrowed(losses.slopes)[0]
-    for p in range(first, last):
+    for i in range(first, last):
+        p = awake[i]
+        if until[p] > APART:
+            continue
         out = result[p]
         if not out[10] > 0.0:
             for k in range(9):

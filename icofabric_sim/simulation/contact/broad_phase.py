@@ -45,8 +45,9 @@ from icofabric_sim.kernels.contact.forces import contact_look
 from icofabric_sim.kernels.contact.listing import arrange
 from icofabric_sim.kernels.contact.pair import contact_scratch, OUT_SIZE
 from icofabric_sim.kernels.contact.rebuild_check import least_reach
+from icofabric_sim.kernels.contact.sleeping import AWAKE
 from icofabric_sim.kernels.contact.stiffness import largest_stiffness
-from icofabric_sim.kernels.records import Contacts, Model, State, Watch
+from icofabric_sim.kernels.records import Blocks, Contacts, Model, Sleep, State, Watch
 from icofabric_sim.simulation.contact.friction_state import FrictionState
 from icofabric_sim.simulation.contact.neighbour_list import Near, NeighbourList
 from icofabric_sim.simulation.contact.passing import (
@@ -68,6 +69,8 @@ _LEAST = 0.01
 LOOK_AFTER = 32
 # Overlaps, in parts of a, that are reported once, and of the inscribed radius that end a run.
 _REPORTED, _DEEPEST = 0.01, 0.2
+# To follow a body takes as long as a test of so many pairs, or less.
+_PAIRS_OF_A_SLOT = 16
 
 
 class Overlap(NamedTuple):
@@ -590,5 +593,22 @@ class BroadPhase:
             second=np.zeros((threads, 4, 3)),
             aside=np.zeros((count, OUT_SIZE)),
             scratch=self._scratch,
+            sleep=self._sleep(count),
             losses=self.stretches.room(near.pairs, self._rows.shape[1], slot),
         )
+
+    def _sleep(self, count: int) -> Sleep:
+        """Let pairs sleep where it takes less to follow all bodies than to test `count` pairs."""
+        layout = self._layout
+        blocks, rows = layout.blocks, self._watch.turned.shape[:-1]
+        followed = layout.slot_count
+        if not _PAIRS_OF_A_SLOT * count > followed:
+            blocks, followed = Blocks(blocks.slot[:0], blocks.alive[:0], blocks.reach), 0
+        position, orientation = aligned_empty((3, followed)), aligned_empty((*rows, followed))
+        position[:], orientation[:] = 0.0, 0.0
+        path = np.zeros(8 * self._threads)
+        path[::8] = AWAKE
+        return Sleep(
+            blocks=blocks, radius=self._radius, free=self.setup.free, position=position,
+            orientation=orientation, path=path, until=np.full(count, AWAKE),
+            looked=np.full(count, AWAKE), awake=np.zeros(count, np.int32))

@@ -1,0 +1,160 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+Which pairs need no test: those whose gap bodies cannot have closed on their way since the last.
+
+Two shells with a gap g are apart while the ways of both add up to less than g (displacement.py).
+The path is the sum over all evaluations of the longest way of any body from one evaluation to the
+next, so no way between two evaluations is longer than what was added to the path in between,
+whether methods go on or back.
+
+A step that is tried and refused may lead far, to orientations that are no rotations. No point
+moves farther than R |C1 - C2| for any matrices. Those of eq 16 from any quaternions differ by at
+most (|q1| + |q2|) |q1 - q2| + | |q1|^2 - |q2|^2 |, as they turn v to q v q* - |q|^2 v + v.
+
+A pair that is tested at a path w and has a gap g sleeps until w + g / 2, one of a shell and a
+plane until w + g. As what is apart adds nothing, and what was kept of a pair changes no bit of
+what it adds later, the results are those of tests of all.
+
+Lists reach as far as bodies come until the next search, so most of what is listed sleeps. Where
+few pairs are listed among many bodies to follow these would take longer than to test those.
+"""
+
+import math
+
+from icofabric_sim.kernels.contact.displacement import Shift
+from icofabric_sim.kernels.records import Sleep, Team
+from icofabric_sim.kernels.runtime.compiled import compiled
+from icofabric_sim.kernels.runtime.lanes import (
+    bits,
+    fma,
+    lane,
+    LANES,
+    load,
+    maximum,
+    splat,
+    store,
+    Vector,
+    where,
+)
+from icofabric_sim.kernels.runtime.team import own_blocks, wait_for_all
+import numpy as np
+
+# Pairs that sleep no longer than the one evaluation in which they were found apart, and those that
+# touch or were never tested.
+APART, AWAKE = 0.0, -1.0
+# The path begins anew from so many radii on; numbers of 1 are this far apart.
+_LONGEST, _ROUNDING = 1e3, 2.0**-52
+# Places in the part of Sleep.path that a thread has.
+_PATH, _SQUARE, _FIRST = 0, 1, 2
+
+
+@compiled
+def go_on(
+    sleep: Sleep, position: np.ndarray, orientation: np.ndarray, team: Team
+) -> float:
+    """
+    Add the way since the last evaluation to the path; returns the path [m]. Also a barrier.
+
+    Where no pair sleeps it is infinite.
+    """
+    count = sleep.blocks.slot.shape[0]
+    if count == 0:
+        return math.inf
+    first, last = own_blocks(team, count)
+    path, at = sleep.path, 8 * team.member
+    shift: Shift = (0.0, 0.0, 0.0)
+    if sleep.free:
+        # The way of any body will do for what all have in common.
+        s = sleep.blocks.slot[0]
+        x, y, z = position[0, s], position[1, s], position[2, s]
+        shift = x - path[at + _FIRST], y - path[at + _FIRST + 1], z - path[at + _FIRST + 2]
+        path[at + _FIRST], path[at + _FIRST + 1], path[at + _FIRST + 2] = x, y, z
+    most = splat(0.0)
+    for block in range(first, last):
+        s = sleep.blocks.slot[block]
+        square = go_on_with(sleep, position, orientation, shift, s)
+        # What is no number, as where a step that was tried ran away, is farther than any way.
+        square = where(square < splat(math.inf), square, splat(math.inf))
+        most = maximum(where(bits(sleep.blocks.alive[block]), square, splat(0.0)), most)
+    longest = 0.0
+    for i in range(LANES):
+        longest = max(longest, lane(most, i))
+    path[at + _SQUARE] = longest
+    wait_for_all(team)
+    if path[at + _PATH] < 0.0:
+        path[at + _PATH] = 0.0
+        return 0.0
+    for member in range(team.size):
+        longest = max(longest, path[8 * member + _SQUARE])
+    # Rounded up.
+    way = (path[at + _PATH] + math.sqrt(longest)) * (1.0 + _ROUNDING)
+    if way > _LONGEST * sleep.radius:
+        # So far from 0 numbers lie too far apart, as after a step that was tried and refused.
+        wake_all(sleep.until, team)
+        way = 0.0
+    path[at + _PATH] = way
+    return float(way)
+
+
+@compiled
+def wake_all(until: np.ndarray, team: Team) -> None:
+    """Have all pairs that sleep tested in this evaluation."""
+    count = until.shape[0]
+    for p in range(count * team.member // team.size, count * (team.member + 1) // team.size):
+        until[p] = min(until[p], APART)
+    wait_for_all(team)
+
+
+@compiled
+def go_on_with(
+    sleep: Sleep, position: np.ndarray, orientation: np.ndarray, shift: Shift, s: int
+) -> Vector:
+    """Squares of the ways [m^2] of a block beside a common `shift` [m]; keeps where it is."""
+    way = splat(0.0)
+    for k in range(3):
+        place = load(position, k, s)
+        u = place - load(sleep.position, k, s) - splat(shift[k])
+        way = fma(u, u, way)
+        store(sleep.position, k, s, place)
+    turn = splat(0.0)
+    if orientation.ndim == 2:
+        norm, before = splat(0.0), splat(0.0)
+        for k in range(4):
+            new, old = load(orientation, k, s), load(sleep.orientation, k, s)
+            turn = fma(new - old, new - old, turn)
+            norm, before = fma(new, new, norm), fma(old, old, before)
+            store(sleep.orientation, k, s, new)
+        # (x + y)^2 <= 17 x^2 / 16 + 17 y^2, and (|q1| + |q2|)^2 at most twice the squares of both.
+        grown = norm - before
+        turn = fma(splat(2.125) * (norm + before), turn, splat(17.0) * grown * grown)
+    else:
+        for i in range(3):
+            for k in range(3):
+                new, old = load(orientation[i], k, s), load(sleep.orientation[i], k, s)
+                turn = fma(new - old, new - old, turn)
+                store(sleep.orientation[i], k, s, new)
+    # (x + y)^2 <= 2 x^2 + 2 y^2
+    return splat(2.0) * fma(splat(sleep.radius * sleep.radius), turn, way)
+
+
+@compiled
+def sleeps_until(before: float, path: float, room: float) -> float:
+    """
+    Until which path [m] a pair sleeps whose bodies may still move by `room` [m], above 0, each.
+
+    `before`: what was known of it. One that has just parted is looked at once more, so that those
+    who read what was evaluated see that it no longer touches.
+    """
+    return path + room if before >= APART else APART
