@@ -386,6 +386,10 @@ class Contacts(Record):
     second: np.ndarray  # (t, 4, 3) and of the second
     aside: np.ndarray  # (p, 19) as result, for looks
     scratch: Any  # room for looks, see contact/surface.py
+    # Of `touch_some` (contact/forces.py) and `found_gap` (contact/pair.py) for such contacts; 0 as
+    # long as nothing is near (runtime/outlined.py).
+    touch_address: int
+    gap_address: int
     sleep: 'Sleep'
     losses: 'ContactLosses | None' = None
 

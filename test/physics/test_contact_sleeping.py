@@ -41,8 +41,9 @@ def ends(scene, until, **options):
             path = contacts.sleep.path[0] if len(contacts.sleep.blocks.slot) else np.inf
             slept.append(np.mean(path < contacts.sleep.until))
     now = simulation.snapshot()
-    return [number.tobytes() for number in (
-        now.position, now.orientation, now.linear_velocity, now.angular_velocity)], (met, simulation.status.deepest_overlap), slept
+    bits = [number.tobytes() for number in (
+        now.position, now.orientation, now.linear_velocity, now.angular_velocity)]
+    return bits, (met, simulation.status.deepest_overlap), slept
 
 
 @pytest.mark.parametrize('changes, options', [

@@ -42,6 +42,7 @@ from icofabric_sim.kernels.records import Contacts, State, Team
 from icofabric_sim.kernels.runtime.borrowed import borrowed
 from icofabric_sim.kernels.runtime.compiled import compiled
 from icofabric_sim.kernels.runtime.lanes import LANES, load
+from icofabric_sim.kernels.runtime.outlined import call_int
 from icofabric_sim.kernels.runtime.team import own_blocks, wait_for_all
 import numpy as np
 
@@ -67,7 +68,7 @@ def touch_all(
     path = go_on(sleep, position, orientation, team)
     contacts.deepest[8 * team.member] = 0.0
     for first in range(part * team.member, count, part * team.size):
-        touch_some(
+        touch_listed(
             contacts, position, orientation, team.scratch, contacts.result, sleep.until, path,
             team.member, first, min(first + part, count))
     wait_for_all(team)
@@ -84,6 +85,16 @@ def part_of(count: int, team: Team) -> int:
     if team.size == 1:
         return max(count, 1)
     return max(count // (_PARTS * team.size), _LEAST_PART)
+
+
+@compiled
+def touch_listed(
+    contacts: Contacts, position: np.ndarray, orientation: np.ndarray, scratch: Scratch,
+    result: np.ndarray, until: np.ndarray, path: float, member: int, first: int, last: int
+) -> int:
+    """`touch_some`, which is the same code for all kinds of scenes."""
+    return call_int(contacts.touch_address, (
+        contacts, position, orientation, scratch, result, until, path, member, first, last))
 
 
 @compiled
@@ -368,8 +379,10 @@ def contact_look(contacts: Contacts | None, state: State) -> tuple[float, float,
     if contacts is None:
         return energy, deepest, count
     tests, before = contacts.tests[0], contacts.deepest[0]
+    if contacts.pairs.shape[0] == 0:
+        return energy, deepest, count
     # At no path does any pair sleep.
-    touch_some(
+    touch_listed(
         contacts, state.position, state.orientation, contacts.scratch, contacts.aside,
         contacts.sleep.looked, math.inf, 0, 0, contacts.pairs.shape[0])
     contacts.tests[0], contacts.deepest[0] = tests, before

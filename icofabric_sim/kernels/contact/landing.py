@@ -27,10 +27,10 @@ the step; from there it is foretold once more.
 import math
 
 from icofabric_sim.kernels.contact.gap import Axes, axes_of, plane_gap, support
-from icofabric_sim.kernels.contact.pair import are_apart
 from icofabric_sim.kernels.contact.shape import OUTER
 from icofabric_sim.kernels.records import Contacts, State, Team
 from icofabric_sim.kernels.runtime.compiled import compiled
+from icofabric_sim.kernels.runtime.outlined import call_float
 from icofabric_sim.kernels.runtime.team import wait_for_all
 import numpy as np
 
@@ -68,17 +68,10 @@ def first_change(
         until = min(tried, first)
         if stays_apart(contacts, state, slope, p, until):
             continue
-        before = touches_at(contacts, state, slope, p, 0.0)
-        if touches_at(contacts, state, slope, p, until) != before:
-            low, high = 0.0, until
-            while high - low > close:
-                middle = 0.5 * (low + high)
-                if not low < middle < high:
-                    break
-                if touches_at(contacts, state, slope, p, middle) == before:
-                    low = middle
-                else:
-                    high = middle
+        now = gap_at(contacts, state, slope, p, 0.0)
+        then = gap_at(contacts, state, slope, p, until)
+        if (now > 0.0) != (then > 0.0):
+            low, high = bracket(contacts, state, slope, p, until, now, then, close)
             first = high
             # Just before, so that there is no kink in the step; a step of which nothing else is
             # left is so short that it does not matter.
@@ -118,10 +111,42 @@ def stays_apart(
 
 
 @compiled
-def touches_at(
+def bracket(
+    contacts: Contacts, state: State, slope: np.ndarray, p: int, until: float, now: float,
+    then: float, close: float
+) -> tuple[float, float]:
+    """
+    Two times [s], at most `close` apart, before and after the gap of a pair changes its sign.
+
+    By the secant through the gaps [m] at both ends, `now` and `then`, a little to the farther
+    side, so that both ends come close; by halves where that does not halve the range.
+    """
+    low, high, below, above = 0.0, until, now, then
+    halve = False
+    while high - low > close:
+        length = high - low
+        place = low + 0.5 * length
+        if not halve and below != above:
+            part = below / (below - above)
+            place = low + part * length + (0.45 if part < 0.5 else -0.45) * close
+        if not low < place < high:
+            place = low + 0.5 * length
+        if not low < place < high:
+            break
+        gap = gap_at(contacts, state, slope, p, place)
+        if (gap > 0.0) == (now > 0.0):
+            low, below = place, gap
+        else:
+            high, above = place, gap
+        halve = not halve and high - low > 0.5 * length
+    return low, high
+
+
+@compiled
+def gap_at(
     contacts: Contacts, state: State, slope: np.ndarray, p: int, t: float
-) -> bool:
-    """Whether the two of a pair will touch after a time [s]."""
+) -> float:
+    """The gap [m] that the two of a pair will have after a time [s]; not above 0: they touch."""
     s, other = contacts.pairs[p, 0], contacts.pairs[p, 1]
     own = contacts.first[0]
     foretell(state, slope, s, t, own)
@@ -131,11 +156,12 @@ def touches_at(
             own[2, 2], own[3, 2])
         return plane_gap(
             contacts.planes[-1 - other], contacts.half_edge, own[0, 0], own[0, 1], own[0, 2],
-            axes) < 0.0
+            axes)
     second = contacts.second[0]
     foretell(state, slope, other, t, second)
-    return not are_apart(
-        contacts.half_edge, own[0], own[1:], second[0], second[1:], contacts.scratch)
+    # `found_gap` of pair.py
+    return call_float(contacts.gap_address, (
+        contacts.half_edge, own[0], own[1:], second[0], second[1:], contacts.scratch))
 
 
 @compiled

@@ -31,7 +31,7 @@ first touch the push is zero, and so are damping and the limit of friction: noth
 
 import math
 
-from icofabric_sim.kernels.contact.forces import add_up, part_of, touch_all, touch_some
+from icofabric_sim.kernels.contact.forces import add_up, part_of, touch_all, touch_listed
 from icofabric_sim.kernels.contact.laws import (
     damping_factor,
     depth_rate,
@@ -97,7 +97,7 @@ def touch_and_lose(
     contacts.deepest[8 * team.member] = 0.0
     for first in range(part * team.member, count, part * team.size):
         last = min(first + part, count)
-        touch_some(
+        touch_listed(
             contacts, state.position, state.orientation, team.scratch, contacts.result,
             sleep.until, path, team.member, first, last)
         lose_some(losses, contacts, state, index, first, last)
@@ -192,7 +192,7 @@ def touch_ahead(
         path = go_on(sleep, state.position, state.orientation, team)
         contacts.deepest[8 * team.member] = 0.0
         for first in range(part * team.member, count, part * team.size):
-            tested = touch_some(
+            tested = touch_listed(
                 contacts, state.position, state.orientation, team.scratch, contacts.result,
                 sleep.until, path, team.member, first, min(first + part, count))
             lose_ahead(

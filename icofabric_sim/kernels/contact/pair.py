@@ -48,6 +48,7 @@ from icofabric_sim.kernels.contact.axis import (
     MATRIX,
     OVERLAP,
     put_farthest,
+    ROUNDING,
     turn,
     turn_back,
     turn_from,
@@ -317,15 +318,30 @@ def are_apart(
     Bodies that are less than 1e-14 a apart may be said to touch; `touch_pair` then decides by the
     volume of their overlap.
     """
+    return found_gap(half_edge, xa, ra, xb, rb, scratch) > 0.0
+
+
+@compiled
+def found_gap(
+    half_edge: float, xa: np.ndarray, ra: np.ndarray, xb: np.ndarray, rb: np.ndarray,
+    scratch: Scratch
+) -> float:
+    """
+    The gap [m] along the axis that was found, above 0 where that keeps two bodies apart.
+
+    Else 0 or less: minus the overlap along the facet that the line of centres leaves through.
+    """
     dx, dy, dz = xb[0] - xa[0], xb[1] - xa[1], xb[2] - xa[2]
     reach_of_both = 2.0 * OUTER * half_edge
-    if not dx * dx + dy * dy + dz * dz < reach_of_both * reach_of_both:
-        return True
+    square = dx * dx + dy * dy + dz * dz
+    if not square < reach_of_both * reach_of_both:
+        return max(math.sqrt(square) - reach_of_both, half_edge * ROUNDING)
     room = borrowed(scratch.room)
     cx, cy, cz = approach(half_edge, dx, dy, dz, borrowed(ra), borrowed(rb), room)
     if not max(abs(cx), max(abs(cy), abs(cz))) > COINCIDE:
-        return False
-    return find_facet(room, cx, cy, cz)[0] == APART
+        return -2.0 * INNER * half_edge
+    found = find_facet(room, cx, cy, cz)
+    return half_edge * (found[4] if found[0] == APART else min(found[4], 0.0))
 
 
 @compiled

@@ -41,13 +41,14 @@ from icofabric_sim.kernels.contact.displacement import (
     SPEED,
     STRIDE,
 )
-from icofabric_sim.kernels.contact.forces import contact_look
+from icofabric_sim.kernels.contact.forces import contact_look, touch_some
 from icofabric_sim.kernels.contact.listing import arrange
-from icofabric_sim.kernels.contact.pair import contact_scratch, OUT_SIZE
+from icofabric_sim.kernels.contact.pair import contact_scratch, found_gap, OUT_SIZE
 from icofabric_sim.kernels.contact.rebuild_check import least_reach
 from icofabric_sim.kernels.contact.sleeping import AWAKE
 from icofabric_sim.kernels.contact.stiffness import largest_stiffness
 from icofabric_sim.kernels.records import Blocks, Contacts, Model, Sleep, State, Watch
+from icofabric_sim.kernels.runtime.outlined import address_of
 from icofabric_sim.simulation.contact.friction_state import FrictionState
 from icofabric_sim.simulation.contact.neighbour_list import Near, NeighbourList
 from icofabric_sim.simulation.contact.passing import (
@@ -164,6 +165,7 @@ class BroadPhase:
             model.inverse_mass, setup.half_edge**2 * model.inverse_inertia))
         self.least_rate = self.stretches.least_rate
         self._rows = aligned_empty((6, layout.slot_count if layout.body_count else 0))
+        self._made: Contacts | None = None
         # Pairs that were tested in the steps of the trajectory.
         self.tests = 0
 
@@ -313,6 +315,11 @@ class BroadPhase:
         self.contacts = self._pack(near) if self._listed else None
         if self.contacts is None:
             self.stretches.forget()
+        elif not self.contacts.touch_address:
+            # Others hear that there are contacts where that has to be compiled.
+            touch, gap = self._called(self.contacts)
+            self.contacts = self._made = self.contacts._replace(
+                touch_address=address_of(*touch), gap_address=address_of(*gap))
         self.rate = 0.0
         if len(near.pairs) and not self.counts_listed:
             self.rate = self.least_rate * self._touching
@@ -562,6 +569,19 @@ class BroadPhase:
                     float(time), first, second, float(depth), float(part), plane)
         raise ValueError('watch.found is not a time, a pair of bodies and an overlap')
 
+    def is_ready(self) -> bool:
+        """Whether what kernels call for the pairs that are near need not be compiled."""
+        return all(
+            kernel.is_ready(*arguments) for kernel, *arguments in self._called(self.nothing()))
+
+    def _called(self, contacts: Contacts) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
+        """What kernels call by address for such contacts, with arguments of the same types."""
+        watch, scratch, place = self._watch, contacts.scratch, contacts.first[0]
+        return (
+            (touch_some, contacts, watch.reference, watch.turned, scratch, contacts.result,
+             contacts.sleep.until, 0.0, 0, 0, 0),
+            (found_gap, contacts.half_edge, place[0], place[1:], place[0], place[1:], scratch))
+
     def nothing(self) -> Contacts:
         """Empty contacts, of the type that others have; only while there are none."""
         return self._pack(Near(0.0, np.zeros((0, 2), np.int32)))
@@ -576,26 +596,22 @@ class BroadPhase:
         arrange(near.pairs, layout.slot, layout.blocks.slot, room, slots, start, slot, entry)
         rows = self._rows
         rows[:] = 0.0
-        threads = self._threads
-        return Contacts(
-            stiffness=self.setup.stiffness,
-            half_edge=self.setup.half_edge,
-            pairs=slots,
-            planes=self.setup.planes,
-            result=np.zeros((count, OUT_SIZE)),
-            start=start,
-            slot=slot,
-            entry=entry,
-            rows=rows,
-            deepest=np.zeros(8 * threads),
-            tests=np.zeros(8 * threads),
-            first=np.zeros((threads, 4, 3)),
-            second=np.zeros((threads, 4, 3)),
-            aside=np.zeros((count, OUT_SIZE)),
-            scratch=self._scratch,
-            sleep=self._sleep(count),
-            losses=self.stretches.room(near.pairs, self._rows.shape[1], slot),
-        )
+        changed: dict[str, Any] = {
+            'pairs': slots, 'result': np.zeros((count, OUT_SIZE)), 'start': start, 'slot': slot,
+            'entry': entry, 'deepest': np.zeros(8 * self._threads),
+            'tests': np.zeros(8 * self._threads), 'aside': np.zeros((count, OUT_SIZE)),
+            'sleep': self._sleep(count),
+            'losses': self.stretches.room(near.pairs, rows.shape[1], slot)}
+        if self._made is None:
+            # To replace what changes takes half of the time of a record that is made anew.
+            self._made = Contacts(
+                stiffness=self.setup.stiffness, half_edge=self.setup.half_edge,
+                planes=self.setup.planes, rows=rows, first=np.zeros((self._threads, 4, 3)),
+                second=np.zeros((self._threads, 4, 3)), scratch=self._scratch, touch_address=0,
+                gap_address=0, **changed)
+        else:
+            self._made = self._made._replace(**changed)
+        return self._made
 
     def _sleep(self, count: int) -> Sleep:
         """Let pairs sleep where it takes less to follow all bodies than to test `count` pairs."""
@@ -608,7 +624,10 @@ class BroadPhase:
         position[:], orientation[:] = 0.0, 0.0
         path = np.zeros(8 * self._threads)
         path[::8] = AWAKE
-        return Sleep(
-            blocks=blocks, radius=self._radius, free=self.setup.free, position=position,
-            orientation=orientation, path=path, until=np.full(count, AWAKE),
-            looked=np.full(count, AWAKE), awake=np.zeros(count, np.int32))
+        changed: dict[str, Any] = {
+            'blocks': blocks, 'position': position, 'orientation': orientation, 'path': path,
+            'until': np.full(count, AWAKE), 'looked': np.full(count, AWAKE),
+            'awake': np.zeros(count, np.int32)}
+        if self._made is None:
+            return Sleep(radius=self._radius, free=self.setup.free, **changed)
+        return self._made.sleep._replace(**changed)

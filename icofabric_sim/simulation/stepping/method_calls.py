@@ -121,6 +121,8 @@ class MethodCalls:
         model, team = trajectory.model, trajectory.thread_team.alone()
         kinds = [(model, team)]
         if touching and phase is not None and phase.contacts is None:
+            if not phase.is_ready():
+                return False
             kinds.append((
                 model._replace(contacts=phase.nothing()),
                 team._replace(scratch=contact_scratch())))

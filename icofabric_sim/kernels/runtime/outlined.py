@@ -1,0 +1,83 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+Kernels that others call by address: compiled once, and into none of them.
+
+What kernels of all kinds of scenes call is optimised anew in each of them, by the compiler of the
+machine code; what two shells do to each other is longer than all else that a step does. A call by
+address takes some nanoseconds, so it is for work of a microsecond and more. The address is a
+number in a record of the scene, so what is kept on disk does not know it.
+"""
+
+from typing import Any
+
+from numba.core import cgutils, types
+from numba.extending import intrinsic, overload
+
+# Functions by their addresses, where nothing is compiled.
+_plain: list[Any] = []
+
+
+def address_of(kernel: Any, *arguments: Any) -> int:
+    """
+    Address of a kernel for arguments of such types, compiled or loaded where it is not yet.
+
+    For as long as the process is there. Raises KernelsMissing where this thread must not compile.
+    """
+    if not hasattr(kernel, 'overloads'):
+        if kernel not in _plain:
+            _plain.append(kernel)
+        return 1 + _plain.index(kernel)
+    kinds = tuple(kernel.typeof_pyval(argument) for argument in arguments)
+    if kinds not in kernel.overloads:
+        kernel.compile(kinds)
+    found = kernel.overloads[kinds]
+    return int(found.library.get_pointer_to_function(found.fndesc.llvm_func_name))
+
+
+def _calls(result: types.Type) -> Any:
+    """Make what emits a call of an address with a tuple of arguments, for one type of result."""
+    @intrinsic
+    def emitted(typingctx: Any, address: Any, arguments: Any) -> Any:
+        def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+            kinds = tuple(signature.args[1])
+            form = context.call_conv.get_function_type(result, kinds)
+            function = builder.inttoptr(values[0], form.as_pointer())
+            # Kernels raise nothing.
+            _, answer = context.call_conv.call_function(
+                builder, function, result, kinds, cgutils.unpack_tuple(builder, values[1]))
+            return answer
+        return result(address, arguments), generate
+    return emitted
+
+
+emit_int, emit_float = _calls(types.int64), _calls(types.float64)
+
+
+def call_int(address: int, arguments: tuple[Any, ...]) -> int:
+    """Call the kernel at an address, whose result is an integer."""
+    answer: int = _plain[address - 1](*arguments)
+    return answer
+
+
+def call_float(address: int, arguments: tuple[Any, ...]) -> float:
+    """Call the kernel at an address, whose result is a float."""
+    answer: float = _plain[address - 1](*arguments)
+    return answer
+
+
+overload(call_int)(lambda address, arguments: lambda address, arguments: emit_int(
+    address, arguments))
+overload(call_float)(lambda address, arguments: lambda address, arguments: emit_float(
+    address, arguments))
