@@ -377,6 +377,7 @@ class Contacts(Record):
     start: np.ndarray  # (b + 1,) int32: entries start[b] to start[b + 1] act on block b
     slot: np.ndarray  # (e,) int32 of the body that an entry acts on, rising
     entry: np.ndarray  # (e,) int32: twice the number of the pair, 1 more: on its second body
+    turns: np.ndarray  # int32, places of the blocks, by their first slots over LANES
     rows: np.ndarray  # (6, s) forces [N] and torques [N m]
     # (8 t,) [m] deepest overlap in the last evaluation, and in all since the caller has set it to
     # zero, for each thread
@@ -406,8 +407,9 @@ class Sleep(Record):
     free: bool  # a motion that all have in common counts for nothing
     position: np.ndarray  # (3, s) [m] at the last evaluation
     orientation: np.ndarray  # likewise, in the form of the state
-    # (8 t,) for each thread: the path so far [m], below 0 before the first evaluation; the square
-    # of the longest way since the last one [m^2] in its blocks; the place of the first body then.
+    # (8 t,): [0] the path so far [m], below 0 before the first evaluation; [2] to [4] the place of
+    # the first body at the last one [m]; [8 k + 1] the square of the longest way since then in the
+    # blocks of thread k [m^2]
     path: np.ndarray
     until: np.ndarray  # (p,) [m] path on which a pair is apart; 0: it is now; -1: it may touch
     looked: np.ndarray  # (p,) the same for looks, which never let one sleep

@@ -433,3 +433,18 @@ def test_a_crowd_keeps_momenta_and_energy_with_the_same_bits_for_any_threads(mon
         spin = 0.5 * scene.shell.inertia * (ends[-1].angular_velocity**2).sum()
         assert spin > 0.05 * start['total']
     assert same_state(*ends)
+
+
+def test_the_first_step_after_a_jump_does_not_depend_on_what_is_listed():
+    lengths, listed = [], []
+    for gap in (0.030, 0.034):
+        simulation = ico.compile_scene(loose(
+            ((1.3 * gap, 0.0, 0.0), (-0.05, 0.0, 0.0), (0.0, 0.0, 0.0)),
+            loads__push__group='all', loads__push__force=[0.0, 0.001, 0.0],
+            loads__push__profile='steady', loads__push__start=0.01))
+        simulation.advance_to(0.0101)
+        driver = simulation._driver
+        lengths.append((driver.trajectory.control.length, simulation.status.step_count))
+        listed.append(driver.contact.contacts is not None)
+    assert listed == [True, False]
+    assert lengths[0] == lengths[1] and lengths[0][0] > 0.01

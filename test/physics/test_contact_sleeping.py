@@ -21,6 +21,7 @@ from icofabric_sim.geometry.icosahedron import circumscribed_radius, vertices
 from icofabric_sim.kernels.contact.sleeping import go_on
 from icofabric_sim.kernels.records import Blocks
 from icofabric_sim.simulation.contact import broad_phase
+from icofabric_sim.simulation.stepping import thread_team
 import numpy as np
 import pytest
 
@@ -48,9 +49,11 @@ def ends(scene, until, **options):
 
 @pytest.mark.parametrize('changes, options', [
     ({**STEPS, **FLOOR}, {}), (FLOOR, {}), ({**FLOOR, 'solver.threads': 2}, {}),
+    ({**STEPS, **FLOOR, 'solver.threads': 2}, {}), ({**STEPS, 'solver.threads': 2}, {}),
     (FLOOR, {'rotation': 'direction_cosines'})], ids=[
-    'leapfrog', 'dop8', 'two threads', 'direction cosines'])
+    'leapfrog', 'dop8', 'two threads', 'leapfrog by two', 'free by two', 'direction cosines'])
 def test_no_bit_depends_on_what_sleeps(monkeypatch, changes, options):
+    monkeypatch.setattr(thread_team, 'BODIES_PER_THREAD', 1)
     scene = changed(crowd(**STICKY), changes)
     slept_bits, met, slept = ends(scene, 0.03, **options)
     monkeypatch.setattr(broad_phase, '_PAIRS_OF_A_SLOT', 0)
@@ -97,7 +100,7 @@ def points(a, quaternion):
 @pytest.mark.parametrize('size', [1e-6, 1e-2, 1.0, 30.0])
 def test_the_path_is_as_long_as_any_way_also_by_numbers_that_are_no_rotations(size):
     simulation, rng = ico.compile_scene(changed(crowd(), FLOOR)), np.random.default_rng(2)
-    simulation.advance_to(0.015)
+    simulation.advance_to(0.02)
     driver = simulation._driver
     phase, team = driver.contact.broad_phase, driver.trajectory.thread_team.alone()
     sleep, slots = phase.contacts.sleep, phase._layout.slot
@@ -125,7 +128,7 @@ def test_the_path_is_as_long_as_any_way_also_by_numbers_that_are_no_rotations(si
 
 def test_numbers_that_are_none_wake_all():
     simulation = ico.compile_scene(changed(crowd(), FLOOR))
-    simulation.advance_to(0.015)
+    simulation.advance_to(0.02)
     driver = simulation._driver
     sleep = driver.contact.broad_phase.contacts.sleep
     position, orientation = aligned(sleep.position), aligned(sleep.orientation)

@@ -27,6 +27,7 @@ from icofabric_sim.messages.markers import OBSTRUCTED, STRAIN_CLASSES
 from icofabric_sim.messages.topics import Outputs
 from icofabric_sim.running.diagnostics import HealthReport, WARN
 from icofabric_sim.running.runner import Runner
+from icofabric_sim.simulation.stepping.events.entering import Entering
 import numpy as np
 import pytest
 
@@ -222,20 +223,28 @@ def test_it_is_marked_and_counted():
     assert monitor.OBSTRUCTED < monitor.LEDGER_COUNT
 
 
-def test_stop_ends_a_run_of_long_steps_at_the_first_that_shows_one():
-    """Of `dop8` every step: what enters a shell between two of them is seen at the second."""
+def test_looks_within_steps_change_no_bit_and_end_a_step_where_one_shows_a_connector(monkeypatch):
     changes = {
         'contact.mode': 'never', 'solver.method': 'dop8', 'solver.tolerance': 1e-3,
         'initial_random.velocity_sigma': 0.1, 'initial_random.spin_sigma': 8.0}
-    one_by_one = ico.compile_scene(make_scene((3, 3, 3), changes))
-    for _ in range(200):
-        one_by_one.advance_steps(1)
-        seen = one_by_one.snapshot()
-        if seen.obstructed.any():
-            break
-    assert seen.obstructed.any() and one_by_one.status.step_count > 3
-    stopping = ico.compile_scene(make_scene((3, 3, 3), {
-        **changes, 'connector.obstruction': 'stop'}))
-    with pytest.raises(ico.SimulationError, match='enters the shell') as caught:
-        stopping.advance_to(1.0)
-    assert f't = {seen.time:.6g} s' in str(caught.value)
+    looks, enters = [], Entering._enters
+    monkeypatch.setattr(Entering, '_enters', lambda self, state: (
+        looks.append(self._step.control.start), enters(self, state))[1])
+    ends = []
+    for mode in ('warn', 'stop'):
+        simulation = ico.compile_scene(make_scene((3, 3, 3), {
+            **changes, 'connector.obstruction': mode}))
+        simulation.advance_to(0.02)
+        ends.append(simulation.snapshot())
+    assert same_state(*ends) and simulation.status.step_count > 3
+    # A quarter of a radian of the fastest motion apart.
+    assert len(looks) > 3 * simulation.status.step_count
+    # As if the third look showed one; the state there does not, and the run goes on.
+    looks.clear()
+    monkeypatch.setattr(Entering, '_enters', lambda self, state: (
+        looks.append(self._step.control.start), len(looks) == 3)[1])
+    simulation.advance_to(0.022)
+    control = simulation._driver.trajectory.control
+    assert len(looks) > 4 and looks[2] < looks[-1] <= control.start
+    simulation.advance_to(0.026)
+    assert simulation.status.obstruction == ''

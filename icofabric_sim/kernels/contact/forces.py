@@ -296,8 +296,9 @@ def add_up(contacts: Contacts, pushes: np.ndarray, rows: np.ndarray, team: Team)
     """
     count = contacts.pairs.shape[0]
     part = part_of(count, team)
-    first, last = own_slots(contacts, team)
+    first, last = own_blocks(team, contacts.start.shape[0] - 1)
     pairs, until = borrowed(contacts.pairs), borrowed(contacts.sleep.until)
+    turns = borrowed(contacts.turns)
     awake, result = borrowed(contacts.sleep.awake), borrowed(contacts.result)
     pushes, rows, stiffness = borrowed(pushes), borrowed(rows), contacts.stiffness
     for adds in range(2):
@@ -310,7 +311,7 @@ def add_up(contacts: Contacts, pushes: np.ndarray, rows: np.ndarray, team: Team)
                     continue
                 for side in range(2):
                     s = pairs[p, side]
-                    if s < first or s >= last:
+                    if s < 0 or turns[s // LANES] < first or turns[s // LANES] >= last:
                         continue
                     if adds == 0:
                         for k in range(6):
@@ -320,16 +321,6 @@ def add_up(contacts: Contacts, pushes: np.ndarray, rows: np.ndarray, team: Team)
                     for k in range(3):
                         rows[k, s] += push * pushes[p, k]
                         rows[k + 3, s] += stiffness * pushes[p, 3 + 3 * side + k]
-
-
-@compiled
-def own_slots(contacts: Contacts, team: Team) -> tuple[int, int]:
-    """First slot of a body of this thread that is in a pair, and one after the last."""
-    first, last = own_blocks(team, contacts.start.shape[0] - 1)
-    begin, end = contacts.start[first], contacts.start[last]
-    if begin == end:
-        return 0, 0
-    return contacts.slot[begin], contacts.slot[end - 1] + 1
 
 
 @compiled

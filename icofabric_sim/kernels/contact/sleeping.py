@@ -56,8 +56,8 @@ import numpy as np
 APART, AWAKE = 0.0, -1.0
 # The path begins anew from so many radii on; numbers of 1 are this far apart.
 _LONGEST, _ROUNDING = 1e3, 2.0**-52
-# Places in the part of Sleep.path that a thread has.
-_PATH, _SQUARE, _FIRST = 0, 1, 2
+# Places in Sleep.path: of all threads, and in the part of each.
+_PATH, _FIRST, _SQUARE = 0, 2, 1
 
 
 @compiled
@@ -73,14 +73,17 @@ def go_on(
     if count == 0:
         return math.inf
     first, last = own_blocks(team, count)
-    path, at = sleep.path, 8 * team.member
+    # What all threads share is read before the barrier, and written by one after it: a thread
+    # alone may evaluate in between what many do.
+    path = sleep.path
+    before = path[_PATH]
     shift: Shift = (0.0, 0.0, 0.0)
+    x, y, z = 0.0, 0.0, 0.0
     if sleep.free:
         # The way of any body will do for what all have in common.
         s = sleep.blocks.slot[0]
         x, y, z = position[0, s], position[1, s], position[2, s]
-        shift = x - path[at + _FIRST], y - path[at + _FIRST + 1], z - path[at + _FIRST + 2]
-        path[at + _FIRST], path[at + _FIRST + 1], path[at + _FIRST + 2] = x, y, z
+        shift = x - path[_FIRST], y - path[_FIRST + 1], z - path[_FIRST + 2]
     most = splat(0.0)
     for block in range(first, last):
         s = sleep.blocks.slot[block]
@@ -91,21 +94,21 @@ def go_on(
     longest = 0.0
     for i in range(LANES):
         longest = max(longest, lane(most, i))
-    path[at + _SQUARE] = longest
+    path[8 * team.member + _SQUARE] = longest
     wait_for_all(team)
-    if path[at + _PATH] < 0.0:
-        path[at + _PATH] = 0.0
-        return 0.0
     for member in range(team.size):
         longest = max(longest, path[8 * member + _SQUARE])
-    # Rounded up.
-    way = (path[at + _PATH] + math.sqrt(longest)) * (1.0 + _ROUNDING)
+    way = 0.0
+    if before >= 0.0:
+        # Rounded up.
+        way = (before + math.sqrt(longest)) * (1.0 + _ROUNDING)
     if way > _LONGEST * sleep.radius:
         # So far from 0 numbers lie too far apart, as after a step that was tried and refused.
         wake_all(sleep.until, team)
         way = 0.0
-    path[at + _PATH] = way
-    return float(way)
+    if team.member == 0:
+        path[_PATH], path[_FIRST], path[_FIRST + 1], path[_FIRST + 2] = way, x, y, z
+    return way
 
 
 @compiled

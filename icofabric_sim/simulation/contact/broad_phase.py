@@ -48,6 +48,7 @@ from icofabric_sim.kernels.contact.rebuild_check import least_reach
 from icofabric_sim.kernels.contact.sleeping import AWAKE
 from icofabric_sim.kernels.contact.stiffness import largest_stiffness
 from icofabric_sim.kernels.records import Blocks, Contacts, Model, Sleep, State, Watch
+from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.kernels.runtime.outlined import address_of
 from icofabric_sim.simulation.contact.friction_state import FrictionState
 from icofabric_sim.simulation.contact.neighbour_list import Near, NeighbourList
@@ -606,12 +607,19 @@ class BroadPhase:
             # To replace what changes takes half of the time of a record that is made anew.
             self._made = Contacts(
                 stiffness=self.setup.stiffness, half_edge=self.setup.half_edge,
-                planes=self.setup.planes, rows=rows, first=np.zeros((self._threads, 4, 3)),
+                planes=self.setup.planes, rows=rows, turns=self._turns(),
+                first=np.zeros((self._threads, 4, 3)),
                 second=np.zeros((self._threads, 4, 3)), scratch=self._scratch, touch_address=0,
                 gap_address=0, **changed)
         else:
             self._made = self._made._replace(**changed)
         return self._made
+
+    def _turns(self) -> np.ndarray:
+        slots = self._layout.blocks.slot
+        turns = np.full(max(self._layout.slot_count // LANES, 1), -1, np.int32)
+        turns[slots // LANES] = np.arange(len(slots))
+        return turns
 
     def _sleep(self, count: int) -> Sleep:
         """Let pairs sleep where it takes less to follow all bodies than to test `count` pairs."""
@@ -623,7 +631,7 @@ class BroadPhase:
         position, orientation = aligned_empty((3, followed)), aligned_empty((*rows, followed))
         position[:], orientation[:] = 0.0, 0.0
         path = np.zeros(8 * self._threads)
-        path[::8] = AWAKE
+        path[0] = AWAKE
         changed: dict[str, Any] = {
             'blocks': blocks, 'position': position, 'orientation': orientation, 'path': path,
             'until': np.full(count, AWAKE), 'looked': np.full(count, AWAKE),

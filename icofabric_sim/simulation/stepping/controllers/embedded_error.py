@@ -101,7 +101,8 @@ class EmbeddedError:
         pieces, control = self._pieces, self._control
         trajectory, contact = pieces.trajectory, pieces.contact
         first = self._first_step()
-        rate = pieces.rates.fastest()
+        # Whether anything is near must not matter: steps do not depend on searches.
+        rate = pieces.rates.fastest(contacts=False)
         if control.next == 0.0:
             control.next = first
         tolerance = pieces.errors.probe.tolerance
@@ -111,7 +112,6 @@ class EmbeddedError:
             control.tolerance = min(
                 control.tolerance, max(_KINKED_AIM * tolerance, least))
         control.shortest = first * _SHORTEST_PART
-        # Whether anything is near must not matter: steps do not depend on searches.
         control.longest = _ANY
         control.close = 0.0
         if contact.is_possible:
@@ -188,7 +188,8 @@ class EmbeddedError:
 
     def _first_step(self) -> float:
         rates, time = self._pieces.rates, self._pieces.trajectory.time
-        rate = rates.fastest()
+        # Without what may touch, as above: the first step is refused where it errs by too much.
+        rate = rates.fastest(contacts=False)
         if not rate < math.inf:
             self._pieces.trajectory.fail(too_fast(time, rates.fastest_term()))
         return _FIRST_STEP / rate if rate > 0.0 else self._output_period

@@ -1,0 +1,84 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+Connectors that enter the shell they are attached to within a step, where that ends the run.
+
+Health checks look where steps end (connector.obstruction: stop). Steps of a high order may be as
+long as a third of a vibration, and a connector may be in a shell in between.
+"""
+
+from typing import Any
+
+from icofabric_sim.kernels.records import State
+from icofabric_sim.scene.scene import Scene
+from icofabric_sim.simulation.model.snapshot import Snapshot
+from icofabric_sim.simulation.state_tree import StateTree
+from icofabric_sim.simulation.stepping.pieces import Pieces
+from icofabric_sim.simulation.stepping.step_in_progress import StepInProgress
+
+# Radians of the fastest motion from one look to the next; looks within a step at most.
+_APART, _MOST = 0.25, 15
+
+
+def why(scene: Scene) -> str:
+    """Return '': other methods look where their steps end."""
+    return ''
+
+
+def make(pieces: Pieces, step: StepInProgress) -> 'Entering | None':
+    """Return the locator; None where no connector ends the run."""
+    obstruction = pieces.monitor.obstruction
+    return Entering(pieces, step) if obstruction.stops and obstruction.is_watching else None
+
+
+class Entering:
+    """Looks between the ends of the step in progress."""
+
+    status = 0
+
+    def __init__(self, pieces: Pieces, step: StepInProgress) -> None:
+        """Search the `step` in progress."""
+        self._pieces, self._step, self.is_due = pieces, step, False
+
+    def find(self) -> float | None:
+        """Part of the step in progress at which a connector is in its shell; None: not seen."""
+        pieces, step = self._pieces, self._step
+        if not pieces.monitor.obstruction.is_watching:
+            return None
+        rate = pieces.rates.fabric.rate + pieces.trajectory.ledger.spin
+        looks = min(int(step.length * rate / _APART), _MOST)
+        parts = (number / (looks + 1) for number in range(1, looks + 1))
+        return next((part for part in parts if self._enters(step.dense(part))), None)
+
+    def happen(self) -> None:
+        """End the run, if the connector is in its shell also in the step that ends here."""
+        if self._enters(self._pieces.trajectory.state):
+            self._pieces.monitor.handle_obstruction(self._step.end)
+
+    def state_tree(self) -> dict[str, Any]:
+        """Return nothing: what happens here ends the run."""
+        return {}
+
+    def load_state(self, tree: StateTree) -> None:
+        """Go on from there."""
+        self.is_due = False
+
+    def _enters(self, state: State) -> bool:
+        trajectory = self._pieces.trajectory
+        packed = trajectory.packed
+        assert packed.connectors is not None
+        bodies = packed.layout.unpack(state)
+        return bool(Snapshot(
+            self._step.end, *bodies, len(packed.connectors.first), packed, {},
+            trajectory.broken.since).obstructed.any())
