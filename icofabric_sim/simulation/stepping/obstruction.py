@@ -32,7 +32,8 @@ class Obstruction:
     Remembers the first connector that was seen in a shell of its own.
 
     Every fourth health check counts them (kernels/obstruction.py), every one where that ends
-    the run; what is between two of these, and over before the second, is not seen.
+    the run; what is between two of these, and over before the second, is not seen, but within
+    steps that events end (events/entering.py).
     """
 
     def __init__(self, choice: str, packed: PackedScene) -> None:

@@ -20,15 +20,18 @@ long as a third of a vibration, and a connector may be in a shell in between.
 
 from typing import Any
 
+from icofabric_sim.geometry.rotations import quaternions_from_cosines
+from icofabric_sim.kernels.obstruction import find_obstructed
 from icofabric_sim.kernels.records import State
 from icofabric_sim.scene.scene import Scene
-from icofabric_sim.simulation.model.snapshot import Snapshot
 from icofabric_sim.simulation.state_tree import StateTree
 from icofabric_sim.simulation.stepping.pieces import Pieces
 from icofabric_sim.simulation.stepping.step_in_progress import StepInProgress
+import numpy as np
 
-# Radians of the fastest motion from one look to the next; looks within a step at most.
-_APART, _MOST = 0.25, 15
+# Radians of the fastest motion from one look to the next, at most; looks within a step. A look
+# takes as long as a step of a few dozen bodies.
+_APART, _MOST = 1.0, 7
 
 
 def why(scene: Scene) -> str:
@@ -78,7 +81,15 @@ class Entering:
         trajectory = self._pieces.trajectory
         packed = trajectory.packed
         assert packed.connectors is not None
-        bodies = packed.layout.unpack(state)
-        return bool(Snapshot(
-            self._step.end, *bodies, len(packed.connectors.first), packed, {},
-            trajectory.broken.since).obstructed.any())
+        layout, found = packed.layout, np.zeros(len(packed.connectors.first), np.uint8)
+        orientation = layout.gather(state.orientation)
+        if layout.cosines:
+            orientation = quaternions_from_cosines(orientation)
+        places = layout.gather(state.position), orientation
+        for rows in places:
+            # As the kernel was compiled for snapshots.
+            rows.flags.writeable = False
+        find_obstructed(packed.connectors, packed.model.shells, *places, found)
+        if trajectory.broken.since is not None:
+            found[~np.isnan(trajectory.broken.since)] = 0
+        return bool(found.any())
