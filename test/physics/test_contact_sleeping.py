@@ -56,7 +56,7 @@ def test_no_bit_depends_on_what_sleeps(monkeypatch, changes, options):
     monkeypatch.setattr(thread_team, 'BODIES_PER_THREAD', 1)
     scene = changed(crowd(**STICKY), changes)
     slept_bits, met, slept = ends(scene, 0.03, **options)
-    monkeypatch.setattr(broad_phase, '_PAIRS_OF_A_SLOT', 0)
+    monkeypatch.setattr(broad_phase, '_SLOTS_OF_A_PAIR', 0)
     bits, met_then, awake = ends(scene, 0.03, **options)
     assert bits == slept_bits and met == met_then and min(met) > 0
     assert max(slept) > 0.3 and max(awake) == 0.0
@@ -84,7 +84,7 @@ def test_what_sleeps_is_apart_by_as_much_as_it_may_still_move(changes):
                 gap = np.min((place + points(A, turned)) @ plane[:3]) - plane[3]
             assert gap > left[p]
             seen += 1
-    assert seen > 200 and simulation.status.contact_count >= 0
+    assert seen > 200 and simulation.status.deepest_overlap > 0.0
 
 
 def points(a, quaternion):
@@ -106,7 +106,7 @@ def test_the_path_is_as_long_as_any_way_also_by_numbers_that_are_no_rotations(si
     sleep, slots = phase.contacts.sleep, phase._layout.slot
     assert isinstance(sleep.blocks, Blocks) and len(sleep.blocks.slot)
     position, orientation = (np.array(rows) for rows in (sleep.position, sleep.orientation))
-    longest, tight = 0.0, 0.0
+    anew, tight = 0, 0.0
     for _ in range(200):
         before = [position[:, s, None].T + points(A, orientation[:, s]) for s in slots]
         position = position + size * A * rng.normal(size=position.shape)
@@ -120,10 +120,11 @@ def test_the_path_is_as_long_as_any_way_also_by_numbers_that_are_no_rotations(si
         if path == 0.0:
             # It has begun anew: nothing sleeps.
             assert start + way > 500.0 * circumscribed_radius(A) and not (sleep.until > 0.0).any()
+            anew += 1
             continue
         assert path - start >= way * (1.0 - 1e-12)
-        longest, tight = max(longest, way), max(tight, way / (path - start))
-    assert size > 1.0 or longest > 0.0 and tight > 0.4
+        tight = max(tight, way / (path - start))
+    assert anew > 100 if size > 1.0 else tight > 0.4
 
 
 def test_numbers_that_are_none_wake_all():

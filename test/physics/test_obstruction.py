@@ -223,6 +223,26 @@ def test_it_is_marked_and_counted():
     assert monitor.OBSTRUCTED < monitor.LEDGER_COUNT
 
 
+def test_stop_ends_a_run_of_long_steps_at_the_first_that_shows_one_or_within_it():
+    changes = {
+        'contact.mode': 'never', 'solver.method': 'dop8', 'solver.tolerance': 1e-3,
+        'initial_random.velocity_sigma': 0.1, 'initial_random.spin_sigma': 8.0}
+    one_by_one, clear = ico.compile_scene(make_scene((3, 3, 3), changes)), 0.0
+    for _ in range(200):
+        one_by_one.advance_steps(1)
+        seen = one_by_one.snapshot()
+        if seen.obstructed.any():
+            break
+        clear = seen.time
+    assert seen.obstructed.any() and one_by_one.status.step_count > 3
+    stopping = ico.compile_scene(make_scene((3, 3, 3), {
+        **changes, 'connector.obstruction': 'stop'}))
+    with pytest.raises(ico.SimulationError, match='enters the shell') as caught:
+        stopping.advance_to(1.0)
+    stopped = float(str(caught.value).split('at t = ')[1].split(' s')[0])
+    assert clear < stopped < seen.time * (1.0 + 1e-5)
+
+
 def test_looks_within_steps_change_no_bit_and_end_a_step_where_one_shows_a_connector(monkeypatch):
     changes = {
         'contact.mode': 'never', 'solver.method': 'dop8', 'solver.tolerance': 1e-3,

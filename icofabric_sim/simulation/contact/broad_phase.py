@@ -71,8 +71,8 @@ _LEAST = 0.01
 LOOK_AFTER = 32
 # Overlaps, in parts of a, that are reported once, and of the inscribed radius that end a run.
 _REPORTED, _DEEPEST = 0.01, 0.2
-# To follow a body takes as long as a test of so many pairs, or less.
-_PAIRS_OF_A_SLOT = 16
+# A test of a pair takes as long as to follow the bodies of so many slots.
+_SLOTS_OF_A_PAIR = 16
 
 
 class Overlap(NamedTuple):
@@ -166,6 +166,7 @@ class BroadPhase:
             model.inverse_mass, setup.half_edge**2 * model.inverse_inertia))
         self.least_rate = self.stretches.least_rate
         self._rows = aligned_empty((6, layout.slot_count if layout.body_count else 0))
+        # The last ones that were made, of which the next take over what stays.
         self._made: Contacts | None = None
         # Pairs that were tested in the steps of the trajectory.
         self.tests = 0
@@ -616,6 +617,7 @@ class BroadPhase:
         return self._made
 
     def _turns(self) -> np.ndarray:
+        """Places of the blocks among all, by their first slots over LANES."""
         slots = self._layout.blocks.slot
         turns = np.full(max(self._layout.slot_count // LANES, 1), -1, np.int32)
         turns[slots // LANES] = np.arange(len(slots))
@@ -626,7 +628,7 @@ class BroadPhase:
         layout = self._layout
         blocks, rows = layout.blocks, self._watch.turned.shape[:-1]
         followed = layout.slot_count
-        if not _PAIRS_OF_A_SLOT * count > followed:
+        if not _SLOTS_OF_A_PAIR * count > followed:
             blocks, followed = Blocks(blocks.slot[:0], blocks.alive[:0], blocks.reach), 0
         position, orientation = aligned_empty((3, followed)), aligned_empty((*rows, followed))
         position[:], orientation[:] = 0.0, 0.0
