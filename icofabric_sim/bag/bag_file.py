@@ -129,11 +129,21 @@ class BagFile:
                     self._current.flush()
                 except Exception:  # noqa: BLE001 - then without what waited
                     self._current.roll_back()
-            self.close(custom)
+            self._close_where_there_is_room(custom)
         except Exception:  # noqa: BLE001 - most likely the same again; what is there stays there
             self.abandon()
             return False
         return True
+
+    def _close_where_there_is_room(self, custom: dict[str, str]) -> None:
+        try:
+            self.close(custom)
+        except OSError:
+            # The end of the file is larger than what is left: a whole bag that lacks its last
+            # messages is worth more than one that only `recover` reads.
+            if self._current is None or not self._current.shorten():
+                raise
+            self.close(custom)
 
     def abandon(self) -> None:
         """Let go of a bag that cannot be written any more."""

@@ -54,12 +54,16 @@ class McapFile:
         self._channels: dict[str, tuple[int, bytes]] = {}  # topic: number, record
         self._definitions: list[bytes] = []  # records not yet in the file
         self._chunk_indexes: list[bytes] = []
+        self._chunks: list[tuple[int, Tally]] = []  # where each begins, what is in it
         self._metadata_indexes: list[bytes] = []
+        self._rest = 0  # bytes of what follows the last chunk, once that is known
         self._begin_chunk()
         try:
             self._put([_MAGIC, _record(
                 _HEADER, _string('ros2') + _string(f'icofabric_sim {__version__}'))])
-            self._put_metadata(metadata)
+            record, index = _metadata(metadata, self._end)
+            self._put([record])
+            self._metadata_indexes.append(index)
         except BaseException:
             self.abandon()
             path.unlink(missing_ok=True)
@@ -132,6 +136,7 @@ class McapFile:
             + offsets + struct.pack('<Q', position - start - length)
             + _string('zstd' if self._zstd else '')
             + struct.pack('<QQ', stored, self._chunk_size)))
+        self._chunks.append((start, self._pending))
         self.tally.merge(self._pending)
         self._begin_chunk()
 
@@ -141,19 +146,35 @@ class McapFile:
         self._definitions.clear()
         self._begin_chunk()
 
+    def shorten(self) -> bool:
+        kept, start = len(self._chunks), self._end
+        while kept and self._end - start < self._rest:
+            kept -= 1
+            start, _ = self._chunks[kept]
+        if not kept or self._end - start < self._rest:
+            return False
+        # Nothing is cut off before the end stands there: it finds room in what the file has.
+        self._end = start
+        del self._chunks[kept:], self._chunk_indexes[kept:]
+        self.tally = Tally()
+        for _, tally in self._chunks:
+            self.tally.merge(tally)
+        return True
+
     def finish(self, metadata: str) -> None:
         # Topics that never had a message: the data part declares them too.
-        self._put(self._definitions)
-        self._definitions.clear()
-        self._put_metadata(metadata)
+        pieces = [*self._definitions]
+        start = self._end + sum(map(len, pieces))
+        record, index = _metadata(metadata, start)
         data_end = _record(_DATA_END, struct.pack('<I', 0))
-        start = position = self._end + len(data_end)
+        summary_start = position = start + len(record) + len(data_end)
+        metadata_indexes = [*self._metadata_indexes, index]
         groups: list[tuple[int, list[bytes]]] = [
             (_SCHEMA, [record for _, record in self._schemas.values()]),
             (_CHANNEL, [record for _, record in self._channels.values()]),
             (_CHUNK_INDEX, self._chunk_indexes),
-            (_METADATA_INDEX, self._metadata_indexes),
-            (_STATISTICS, [self._statistics()])]
+            (_METADATA_INDEX, metadata_indexes),
+            (_STATISTICS, [self._statistics(len(metadata_indexes))])]
         summary, offsets = b'', b''
         for operation, records in groups:
             group = b''.join(records)
@@ -162,8 +183,11 @@ class McapFile:
                     _SUMMARY_OFFSET, struct.pack('<BQQ', operation, position, len(group)))
             summary += group
             position += len(group)
-        summary += offsets + struct.pack('<BQQQ', _FOOTER, 20, start, position)
-        self._put([data_end, summary, struct.pack('<I', zlib.crc32(summary)), _MAGIC])
+        summary += offsets + struct.pack('<BQQQ', _FOOTER, 20, summary_start, position)
+        pieces += [record, data_end, summary, struct.pack('<I', zlib.crc32(summary)), _MAGIC]
+        self._rest = sum(map(len, pieces))
+        self._put(pieces)
+        os.ftruncate(self._descriptor, self._end)  # of a chunk that gave way some may be left
         self.abandon()
 
     def abandon(self) -> None:
@@ -196,23 +220,22 @@ class McapFile:
                 view, end = view[count:], end + count
         self._end = end
 
-    def _put_metadata(self, text: str) -> None:
-        record = _record(
-            _METADATA, _string('rosbag2') + _strings({'serialized_metadata': text}))
-        start = self._end
-        self._put([record])
-        self._metadata_indexes.append(_record(
-            _METADATA_INDEX, struct.pack('<QQ', start, len(record)) + _string('rosbag2')))
-
-    def _statistics(self) -> bytes:
+    def _statistics(self, metadata_count: int) -> bytes:
         tally = self.tally
         counts = b''.join(
             struct.pack('<HQ', number, tally.counts.get(topic, 0))
             for topic, (number, _) in self._channels.items())
         return _record(_STATISTICS, struct.pack(
             '<QHIIIIQQI', tally.message_count, len(self._schemas), len(self._channels), 0,
-            len(self._metadata_indexes), len(self._chunk_indexes),
+            metadata_count, len(self._chunk_indexes),
             tally.first if tally.message_count else 0, tally.last, len(counts)) + counts)
+
+
+def _metadata(text: str, start: int) -> tuple[bytes, bytes]:
+    """Return the record with the metadata of the bag, to stand at `start`, and its index."""
+    record = _record(_METADATA, _string('rosbag2') + _strings({'serialized_metadata': text}))
+    return record, _record(
+        _METADATA_INDEX, struct.pack('<QQ', start, len(record)) + _string('rosbag2'))
 
 
 def _record(operation: int, content: bytes) -> bytes:

@@ -125,6 +125,9 @@ class Sqlite3File:
             self._database.execute('ROLLBACK')
         self._pending = Tally()
 
+    def shorten(self) -> bool:
+        return False  # deleted rows leave the file as large as it was
+
     def finish(self, metadata: str) -> None:
         self._put_metadata(metadata)
         self._database.close()

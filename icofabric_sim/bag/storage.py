@@ -124,6 +124,9 @@ class StorageFile(Protocol):
     def roll_back(self) -> None:
         """Drop what was written since the last flush that worked."""
 
+    def shorten(self) -> bool:
+        """Drop so many of the last messages that `finish` finds room; False: that cannot be."""
+
     def finish(self, metadata: str) -> None:
         """Make the file whole, with the metadata of its bag, and close it; after `flush`."""
 

@@ -15,6 +15,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+import resource
 import shutil
 import signal
 import sqlite3
@@ -25,6 +26,9 @@ from typing import Any
 
 from icofabric_sim import messages
 from icofabric_sim.bag import BagError, BagReader, BagRecorder, recover_bag, recover_mcap, recovery
+from icofabric_sim.bag.bag_file import BagFile
+from icofabric_sim.bag.storage import definition, quality_of_service, TopicEntry
+from icofabric_sim.messages import StringBytes
 from mcap.writer import Writer
 import pytest
 
@@ -172,6 +176,31 @@ def test_a_full_disk_is_told_once_and_what_was_written_is_saved(
     for count, (_, nanoseconds, data) in enumerate(found):
         assert nanoseconds == count
         assert messages.decode_string(data) == str(count) * 2000
+
+
+def test_where_the_end_finds_no_room_the_last_messages_give_way(tmp_path: Path) -> None:
+    file = BagFile(tmp_path / 'bag', 'mcap', custom={'scene': 'large'})
+    file.add_topic(TopicEntry(
+        '/text', StringBytes.TYPE, definition(StringBytes.TYPE),
+        [quality_of_service(latched=False, depth=1)]))
+    for count in range(6):
+        file.write('/text', count, StringBytes(str(count) * 500).to_bytes())
+        file.flush()
+    size = (tmp_path / 'bag' / FILES['mcap']).stat().st_size
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    # What is to follow the messages takes more than is left, and more than one of them.
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size + 10, limits[1]))
+    try:
+        assert file.salvage({'scene': 'large', 'recording_stopped': 'why'})
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert (tmp_path / 'bag' / FILES['mcap']).stat().st_size <= size + 10
+    with BagReader(tmp_path / 'bag') as reader:
+        assert reader.custom['recording_stopped'] == 'why'
+        found = [messages.decode_string(data) for *_, data in reader.messages()]
+        counted = reader.topics['/text'].message_count
+    assert found == [str(count) * 500 for count in range(len(found))]
+    assert 1 <= len(found) == counted == file.message_count <= 4
 
 
 def example_bag(
