@@ -201,6 +201,36 @@ def test_an_error_of_velocity_moves_loose_shells_on(method):
     assert 1.0 / 3.0 < np.median(ratios) < 3.0 and 0.2 < min(ratios) < max(ratios) < 10.0
 
 
+def test_a_load_that_lasts_a_few_given_steps_is_told_when_it_acts():
+    """A torque turns a spin for two steps; after that spins are exact, and nothing is added."""
+    step = 4e-3
+    scene = ico.Scene.from_parameters({
+        'weave.size': [1, 1, 1], 'weave.connected': False, 'contact.mode': 'never',
+        'loads.turn.group': 'all', 'loads.turn.torque': [2e-3, 0.0, 0.0],
+        'loads.turn.profile': 'steady', 'loads.turn.duration': 2 * step,
+        'initial.spun.group': 'all', 'initial.spun.angular_velocity': [0.0, 20.0, 30.0],
+        'solver.method': 'leapfrog', 'solver.threads': 1})
+    exact = ico.compile_scene(scene.with_changes({'solver.step': step / 256}))
+    run = ico.compile_scene(scene.with_changes({'solver.step': step}))
+    added, estimates = [], []
+    for count in (1, 2, 3, 20, 60):
+        exact.advance_to(count * step)
+        run.advance_to(count * step)
+        added.append(distance_between(run.snapshot(), exact.snapshot(), scene.shell.half_edge))
+        estimates.append(run.error_estimate)
+    assert added[0] > 1e-4 and added[1] > 1.2 * added[0]
+    assert added[2:] == pytest.approx([added[1]] * 3, rel=0.05)
+    assert estimates[:2] == pytest.approx(added[:2], rel=0.05)
+    # What follows is measured 64 steps later, and until then taken to be as before.
+    assert (np.diff(estimates) >= 0.0).all() and estimates[-1] < 15.0 * added[-1]
+    other = ico.compile_scene(run.scene)
+    other.advance_to(step)
+    resumed = ico.compile_scene(run.scene)
+    resumed.restore(other.checkpoint())
+    resumed.advance_to(60 * step)
+    assert resumed.error_estimate == run.error_estimate
+
+
 def test_errors_of_velocity_do_not_move_what_lies_on_a_floor():
     run = ico.compile_scene(ico.Scene.from_parameters(LOOSE | {
         'gravity': [0.0, 0.0, -9.81], 'planes.floor.normal': [0.0, 0.0, 1.0],

@@ -58,6 +58,8 @@ _LIVELIER = 4.0
 _ROUNDING = 64.0 * float(np.finfo(float).eps)
 # Part of that floor which was measured where steps only round: 0.2 to 0.45.
 _ROUNDED = 0.4
+# Parts of a window, and of what is added in it by then, where that grows steadily.
+_STEADY = np.array([(0.0, 0.0), (1.0, 1.0)])
 
 
 class AccuracyProbe:
@@ -72,11 +74,13 @@ class AccuracyProbe:
         self.total = 0.0  # errors added until the last measurement
         self._since = self._begun = trajectory.time
         self._span = 0.0  # [s] that the last measurement ran over
+        self._measured_course = _STEADY  # how errors grew in it
         self.restart()
 
     def restart(self) -> None:
         """Forget what was measured: the state has jumped. The sum of errors goes on."""
         self._window = 0.0  # [s] from that moment on for which the rate was measured
+        self._course = _STEADY  # how the errors of that time grow within it
         self.step = math.inf  # the longest step [s] that is accurate enough, as far as known
         self.rate = 0.0  # error added for each second, measured last
         # The same where no shells touched, which is what is counted from the last measurement on:
@@ -108,6 +112,7 @@ class AccuracyProbe:
             'since': self._since,
             'begun': self._begun,
             'window': self._window,
+            'course': self._course.copy(),
         }
 
     def load_state(self, tree: StateTree) -> None:
@@ -122,6 +127,7 @@ class AccuracyProbe:
         self.checks_left = tree.count('looks_left', 1)
         self._since, self._begun = tree.number('since'), tree.number('begun')
         self._window = tree.number('window', 0.0, finite=False)
+        self._course = _checked_course(tree.array('course')) if 'course' in tree else _STEADY
 
     def estimate(self, time: float) -> float:
         """
@@ -132,6 +138,9 @@ class AccuracyProbe:
         past = time - self._since
         if not past > 0.0 or self.free_rate == 0.0:
             return self.total
+        if past < self._window and len(self._course) > 2:
+            part = float(np.interp(past / self._window, *self._course.T))
+            return self.total + self.free_rate * self._window * part
         return self.total + self.free_rate * (past - 0.5 * max(past - self._window, 0.0))
 
     def close(self, time: float) -> None:
@@ -194,6 +203,7 @@ class AccuracyProbe:
     def end(self, error: float) -> None:
         """Keep the `error` rate that was measured."""
         self._since, self.rate, self._window = self._trajectory.time, error, self._span
+        self._course = self._measured_course
         self.free_rate = self._without_jumps(error)
         self.is_measured = True
         self._trajectory.ledger.lively = _LIVELIER * self._trajectory.ledger.kinetic
@@ -210,34 +220,43 @@ class AccuracyProbe:
         Error that the method adds for each second with this step; the state must be saved.
 
         Over one period, or about as many as so many steps at `least` take, each of them by
-        itself: errors of different periods must neither cancel nor fade. `given`: no step hangs on
+        itself: errors of different periods must neither cancel nor fade. So are the first steps of
+        a given one, where loads that last a few of them add the most. `given`: no step hangs on
         it. NaN where not even one can be run.
         """
-        self._span = 0.0
+        self._span, self._measured_course = 0.0, _STEADY
         if not fastest > 0.0:
             return 0.0
         count, scale, power = self.steps_of_period(step, fastest), 1.0, 2.0**self._trajectory.order
         shortest, most = least * step, _LARGEST_MEASUREMENT
-        if given and self.is_smooth:
+        at_first = given and least > 1
+        if at_first and self._rates.load_rate > 0.0:
+            # A load may last a few steps only: none are lengthened.
+            count = min(count, least)
+        elif given and self.is_smooth:
             most = _SMOOTH_MEASUREMENT
         if count > most:
             longer = 2.0 * math.pi / fastest / most
             step, count, scale = longer, most, (step / longer) ** self._trajectory.order
         if self._trajectory.packed.layout.body_count > _MANY:
             count = -(-count // 4)
-        windows = max(round(shortest / (count * step)), 1)
-        found = 0.0
-
-        def compare(one: State, other: State) -> None:
-            nonlocal found
-            found += self.distance(one, other)
-
-        windows = self._trials.compare_ahead(step, count, windows, compare)
-        self._span = windows * count * step
-        if not windows:
+        counts = [count] * max(round(shortest / (count * step)), 1)
+        if at_first and scale == 1.0:
+            counts[:1] = _doubled(count)
+        found: list[float] = []
+        done = self._trials.compare_ahead(
+            step, counts, lambda one, other: found.append(self.distance(one, other)))
+        del counts[done:]
+        self._span = sum(counts) * step
+        if not counts:
             return math.nan
-        error = scale * found * power / (power - 1.0) / self._span
-        if scale < 1.0 and found > 0.0:
+        total = sum(found[:done])
+        if 0.0 < total < math.inf and done > 1:
+            self._measured_course = np.array([(0.0, 0.0), *zip(
+                np.cumsum(counts) / sum(counts), np.cumsum(found[:done]) / total)])
+            self._measured_course[-1] = 1.0
+        error = scale * total * power / (power - 1.0) / self._span
+        if scale < 1.0 and total > 0.0:
             # What rounding adds does not fall with the step.
             error = max(error, _ROUNDED * self.floor(fastest))
         return error
@@ -245,6 +264,7 @@ class AccuracyProbe:
     def take_over(self) -> None:
         """Take for a measurement what was measured behind the steps, where shells touch."""
         self._span, self._trials.touched = 0.0, True
+        self._measured_course = _STEADY
 
     @property
     def is_smooth(self) -> bool:
@@ -304,3 +324,21 @@ class AccuracyProbe:
 def _apart(first: np.ndarray, second: np.ndarray) -> float:
     """Largest squared distance of two vectors; components first, bodies last."""
     return float(((first - second) ** 2).reshape(-1, first.shape[-1]).sum(axis=0).max())
+
+
+def _doubled(count: int) -> list[int]:
+    """Parts of `count`: 1, 1, 2, 4, ..., and what is left of it."""
+    parts, done = [], 0
+    while done < count:
+        parts.append(min(max(done, 1), count - done))
+        done += parts[-1]
+    return parts
+
+
+def _checked_course(course: np.ndarray) -> np.ndarray:
+    """What a checkpoint holds of it; ValueError where errors would not grow from 0 to all."""
+    if not (course.ndim == 2 and course.shape[1] == 2 and len(course) > 1
+            and not course[0].any() and (course[-1] == 1.0).all()
+            and (np.diff(course, axis=0) >= 0.0).all()):
+        raise ValueError('course must rise from 0 to 1')
+    return course

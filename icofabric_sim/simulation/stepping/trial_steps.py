@@ -13,7 +13,7 @@
 # limitations under the License.
 """Trial steps: where a trajectory leads, or would have led, with other steps; it stays."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 import math
 from typing import Any
 
@@ -133,10 +133,10 @@ class TrialSteps:
         return self._room
 
     def compare_ahead(
-        self, step: float, count: int, windows: int, compare: Callable[[State, State], None]
+        self, step: float, counts: Sequence[int], compare: Callable[[State, State], None]
     ) -> int:
         """
-        Take so many windows of `count` steps, and come back; the state must be saved.
+        Take windows of so many steps each, and come back; the state must be saved.
 
         After each `compare` gets where they lead, and where twice as many of half the length do
         from the beginning of the window. Returns the number of windows: fewer where a body force
@@ -147,7 +147,7 @@ class TrialSteps:
         model, time = self._copy_model(), trajectory.time
         self._contact.has_touched()
         try:
-            for done in range(windows):
+            for done, count in enumerate(counts):
                 half = self.take(0.5 * step, 2 * count, start=time, model=self._copy_model(model))
                 self.model = model
                 self._calls.take_trial(
@@ -160,7 +160,7 @@ class TrialSteps:
         finally:
             self.touched = self._contact.has_touched()
             trajectory.restore()
-        return windows
+        return len(counts)
 
     def retrace(
         self, count: int, rest: float, visit: Callable[[State, State, float, float], None]
