@@ -113,7 +113,8 @@ def test_hessian_is_the_derivative_of_the_forces_and_below_its_bound(name):
     assert bound >= largest_frequency(packed, state).rate > 0.0
 
 
-@pytest.mark.parametrize('method', ['srkn6', 'dop8'])
+@pytest.mark.parametrize('method', [
+    pytest.param('srkn6', marks=pytest.mark.long), 'dop8'])
 def test_energy_and_momenta_stay(method):
     scene = make_scene((4, 3, 3), {
         **POINTS, 'solver.method': method, 'contact.mode': 'never'}, **RANDOM)

@@ -100,6 +100,7 @@ def test_two_charges_on_one_connector():
     assert shapes.largest_frequency == pytest.approx(shapes.frequencies[-1], rel=1e-8)
 
 
+@pytest.mark.long
 def test_a_slab_rests_where_a_run_with_drag_ends():
     sections = {**CHARGED, **HELD, 'drag': {'linear': 0.5, 'angular': 2e-5}}
     scene = make_scene((3, 3, 2), **sections, solver={'tolerance': 1e-9})

@@ -70,7 +70,8 @@ def test_profiles_that_make_no_sense_are_refused(words):
                'loads.l.duration': 1.0})
 
 
-@pytest.mark.parametrize('method', ['srkn6', 'dop8'])
+@pytest.mark.parametrize('method', [
+    pytest.param('srkn6', marks=pytest.mark.long), 'dop8'])
 def test_equal_charges_by_group_move_as_those_of_all(method):
     """The same motion; what is energy of the field there counts as work here."""
     changes = {

@@ -50,7 +50,7 @@ def ends(scene, until, **options):
 @pytest.mark.parametrize('changes, options', [
     ({**STEPS, **FLOOR}, {}), (FLOOR, {}), ({**FLOOR, 'solver.threads': 2}, {}),
     ({**STEPS, **FLOOR, 'solver.threads': 2}, {}), ({**STEPS, 'solver.threads': 2}, {}),
-    (FLOOR, {'rotation': 'direction_cosines'})], ids=[
+    pytest.param(FLOOR, {'rotation': 'direction_cosines'}, marks=pytest.mark.long)], ids=[
     'leapfrog', 'dop8', 'two threads', 'leapfrog by two', 'free by two', 'direction cosines'])
 def test_no_bit_depends_on_what_sleeps(monkeypatch, changes, options):
     monkeypatch.setattr(thread_team, 'BODIES_PER_THREAD', 1)

@@ -166,7 +166,8 @@ LOOSE = {
     'contact.stiffness': 3e4, 'solver.threads': 1}
 
 
-@pytest.mark.parametrize('method', ['leapfrog', 'dop8'])
+@pytest.mark.parametrize('method', [
+    'leapfrog', pytest.param('dop8', marks=pytest.mark.long)])
 def test_an_error_of_velocity_moves_loose_shells_on(method):
     """Nothing takes back what a collision adds to a velocity: the estimate follows the flight."""
     scene = LOOSE | {

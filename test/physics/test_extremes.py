@@ -100,7 +100,8 @@ def test_a_mode_driven_at_its_frequency_grows_with_time():
 
 
 @pytest.mark.parametrize('method', ['leapfrog', 'srkn6', 'dop8'])
-@pytest.mark.parametrize('size', [(1, 1, 1), (3, 3, 3)])
+@pytest.mark.parametrize('size', [
+    (1, 1, 1), pytest.param((3, 3, 3), marks=pytest.mark.long)])
 def test_an_hour_of_free_fall_ends_where_it_should(method, size):
     # Of one body alone, and of a fabric without connectors, each body of which turns.
     scene = make_scene(size, {

@@ -74,6 +74,7 @@ def test_a_slider_follows_its_loop():
     assert floor.force[-1] == pytest.approx([0.0, -edge, PUSH], rel=1e-4, abs=1e-9)
 
 
+@pytest.mark.long
 def test_the_path_is_that_of_a_slow_run():
     """The same loop in time, slowly and with drag: the dynamics' own law of friction."""
     from pathlib import Path

@@ -94,7 +94,8 @@ def angular(simulation, snapshot):
             + shell.inertia / shell.mass * snapshot.angular_velocity.sum(axis=0))
 
 
-@pytest.mark.parametrize('tolerance', [1e-3, 1e-5, 1e-7])
+@pytest.mark.parametrize('tolerance', [
+    1e-3, 1e-5, pytest.param(1e-7, marks=pytest.mark.long)])
 def test_the_tolerance_is_kept_where_damping_is_stiff(tolerance):
     duration = 0.02
     exact = run(STIFF, 'dop8', duration, tolerance=1e-10)

@@ -136,6 +136,7 @@ def loads_seen(turn):
         'connector.damping': 0.05, 'solver.method': 'dop8'}
 
 
+@pytest.mark.long
 def test_a_loaded_fabric_moves_alike_turned_with_its_loads():
     end, frame = 0.03, Frame(TILT)
     scene, turned = (make_scene((3, 3, 2), loads_seen(turn), **RANDOM)

@@ -128,7 +128,8 @@ def test_wrench_is_minus_the_gradient_of_the_energy(band, groups):
     assert lengths.min() < 0.9 and lengths.max() > 1.25
 
 
-@pytest.mark.parametrize('method', ['srkn6', 'dop8'])
+@pytest.mark.parametrize('method', [
+    pytest.param('srkn6', marks=pytest.mark.long), 'dop8'])
 def test_a_straight_table_is_the_spring(tmp_path, method):
     straight = write(tmp_path / 'k.csv', [(x, 500.0 * LENGTH * (x - 1.0)) for x in (
         0.2, 0.7, 1.0, 1.3)])

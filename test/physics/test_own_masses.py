@@ -30,6 +30,10 @@ SLAB = {
     'connector.bending_stiffness': 0.02, 'connector.twisting_stiffness': 0.02, **HEAVY}
 
 
+# Kernels with masses are compiled for these alone.
+LONG = [pytest.param(method, marks=pytest.mark.long) for method in ('srkn6', 'dop8')]
+
+
 def run(scene, time):
     simulation = ico.compile_scene(scene)
     simulation.advance_to(time)
@@ -53,7 +57,7 @@ def test_masses_come_from_groups_and_bodies():
     assert plain.masses.alike and plain.masses.total(14) == 14 * plain.shell.mass
 
 
-@pytest.mark.parametrize('method', ['leapfrog', 'srkn6', 'dop8'])
+@pytest.mark.parametrize('method', ['leapfrog', *LONG])
 def test_the_shell_s_own_mass_by_name_changes_nothing(method):
     changes = {
         'groups.heavy': 'z_max', 'gravity': [0.0, 1.0, -9.81], 'solver.method': method,
@@ -69,6 +73,7 @@ def test_the_shell_s_own_mass_by_name_changes_nothing(method):
         assert two.energy[name] == pytest.approx(one.energy[name], rel=1e-9)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('method', ['leapfrog', 'srkn6', 'dop8'])
 def test_momenta_and_energy_are_kept(method):
     scene = make_scene((3, 3, 3), {
@@ -96,7 +101,7 @@ def test_momenta_and_energy_are_kept(method):
 
 
 @pytest.mark.parametrize('ratio', [0.1, 10.0, 1000.0])
-@pytest.mark.parametrize('method', ['leapfrog', 'dop8'])
+@pytest.mark.parametrize('method', ['leapfrog', LONG[1]])
 def test_unequal_bodies_collide_elastically(method, ratio):
     """Face against face: v1 = (m1 - m2) v / (m1 + m2), v2 = 2 m1 v / (m1 + m2)."""
     shell = make_scene((1, 1, 1)).shell
@@ -114,6 +119,7 @@ def test_unequal_bodies_collide_elastically(method, ratio):
     assert np.abs(state.angular_velocity).max() < 1e-6 * 0.5 / shell.half_edge
 
 
+@pytest.mark.long
 def test_modes_are_those_of_the_motion():
     """A mode of the heavy slab swings at its frequency, and keeps its shape."""
     scene = make_scene((3, 3, 3), SLAB)
@@ -190,6 +196,7 @@ def test_each_body_is_moved_by_its_own_mass_and_inertia():
     assert driven.energy['work_in'] == pytest.approx(0.5 * masses.sum() * 0.36, rel=1e-9)
 
 
+@pytest.mark.long
 def test_a_slab_stops_a_heavy_body():
     """
     A heavy body falls on a slab: momentum goes to the floor, the energy balances with contact.

@@ -22,7 +22,7 @@ import icofabric_sim as ico
 import numpy as np
 import pytest
 
-METHODS = ['leapfrog', 'srkn6', 'dop8']
+METHODS = ['leapfrog', 'srkn6', pytest.param('dop8', marks=pytest.mark.long)]
 # A slab whose far side is sheared while a constant weight presses on it.
 SHEARED = {
     'weave.connector_angle': 0.3, 'groups.low': 'z_min', 'supports.floor.group': 'low',

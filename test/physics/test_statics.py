@@ -142,6 +142,7 @@ def test_reactions_bear_the_load_and_no_body_is_left_with_a_force():
     assert np.abs(result.snapshot.position - scene.position).max() > 0.01 * scene.geometry.pitch
 
 
+@pytest.mark.long
 def test_a_fall_with_drag_ends_where_the_solver_ends():
     """A short stiff beam, positive definite: the end is one and the same from both starts."""
     scene = make_scene(

@@ -41,7 +41,8 @@ def bent(face, xi, eta, time):
     return np.column_stack([300.0 * shape, 80.0 * shape, -50.0 * shape])
 
 
-@pytest.mark.parametrize('direction', ['follower', 'fixed'])
+@pytest.mark.parametrize('direction', [
+    pytest.param('follower', marks=pytest.mark.long), 'fixed'])
 def test_polynomials_are_those_of_tractions(direction):
     """A scene's own traction, and the same as a function; those of the world along its axes."""
     scene = make_scene((3, 2, 2), {

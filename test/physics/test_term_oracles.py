@@ -231,6 +231,7 @@ def spent(a, law):
         'connector.break_length_extension': 4.0 * a}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(('terms', 'method'), [(everything, 'srkn4'), (spent, 'dop8')])
 def test_a_fabric_of_millimetres_moves_like_one_of_metres(terms, method, tmp_path):
     ends = []

@@ -30,6 +30,8 @@ import numpy as np
 import pytest
 
 MOMENTS = 20
+# Scenes with kernels of their own.
+LONG = {'auxetic_slab', 'charged_slab', 'hung_slab', 'radial_arch', 'shaken_slab'}
 # Ready scenes in which shells meet each other, planes, or held bodies: no method keeps a tolerance
 # through impacts.
 WITHOUT_CONTACT = {
@@ -175,7 +177,9 @@ def check(scene, generator, periods, *, passing=0.0, moments=MOMENTS):
 
 
 @pytest.mark.parametrize('tolerance', [1e-4, 1e-6, 1e-8])
-@pytest.mark.parametrize('path', ready_scenes().values(), ids=ready_scenes())
+@pytest.mark.parametrize('path', [
+    pytest.param(path, id=name, marks=pytest.mark.long if name in LONG else ())
+    for name, path in ready_scenes().items()])
 def test_ready_scenes(path, tolerance):
     scene = changed(ico.load_scene(path), {'solver.tolerance': tolerance})
     if path.stem in WITHOUT_CONTACT:

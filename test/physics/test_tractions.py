@@ -200,7 +200,8 @@ def test_driven_bodies_feel_none():
 KINDS = (('follower', False), ('fixed', False), ('fixed', True))
 
 
-@pytest.mark.parametrize('method, limit', [('srkn4', 1e-6), ('dop8', 1e-7)])
+@pytest.mark.parametrize('method, limit', [
+    pytest.param('srkn4', 1e-6, marks=pytest.mark.long), ('dop8', 1e-7)])
 @pytest.mark.parametrize('kinds', [
     KINDS, *(pytest.param((kind,), marks=pytest.mark.long) for kind in KINDS)], ids=[
         'all', 'follower', 'fixed', 'frictionless'])

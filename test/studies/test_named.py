@@ -104,9 +104,10 @@ def test_orbits_by_the_kernel_and_the_controller_of_dop8(problem):
 
 
 QUICK = (
-    toda.PROBLEM, wave_packet.PROBLEM, time_reversal.PROBLEM, impacts.NORMAL, impacts.OBLIQUE,
+    wave_packet.PROBLEM, time_reversal.PROBLEM, impacts.NORMAL, impacts.OBLIQUE,
     bouncing.PROBLEM, incline.SLIDES, falling_grid.FALLING, falling_grid.ELASTIC)
-SLOW = (fermi_pasta_ulam.PROBLEM, incline.TIPS, granular_gas.PROBLEM, heap.PROBLEM)
+SLOW = (
+    toda.PROBLEM, fermi_pasta_ulam.PROBLEM, incline.TIPS, granular_gas.PROBLEM, heap.PROBLEM)
 
 
 @pytest.mark.parametrize('problem', [

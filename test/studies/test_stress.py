@@ -200,6 +200,7 @@ def test_stops_are_right_where_they_were_asked_for():
     assert finding.verdict is Verdict.STOPPED and 'connector.obstruction' in finding.detail
 
 
+@pytest.mark.long
 def test_a_length_that_jumps_between_overlapping_shells_is_a_right_reason(monkeypatch):
     # Two bodies, one of which turns through the other.
     found = judge(draw_scene(30673))
