@@ -84,7 +84,7 @@ class ReplaySource:
         known = (outputs.CLOCK.name, outputs.DIAGNOSTICS.name)
         return sorted(
             name for name in self._reader.topics
-            if name not in known and self._owner(name) != self.fabric
+            if name not in known and name not in self.topics and self._owner(name) != self.fabric
             and not name.endswith(_OF_THE_BAG))
 
     @property
@@ -180,6 +180,10 @@ class ReplaySource:
         for name, topic in self._reader.topics.items():
             if name == outputs.DIAGNOSTICS.name:
                 topics[name] = outputs.DIAGNOSTICS
+            # Of several fabrics nothing says whose frames they are.
+            if (name == outputs.TF.name and topic.type_name == outputs.TF.type
+                    and self.fabrics == [self.fabric]):
+                topics[name] = outputs.TF
             # A node may have another in the namespace of its own name.
             if self._owner(name) != self.fabric:
                 continue

@@ -30,6 +30,8 @@ from icofabric_sim.messages import (
     PoseArrayBytes,
     WARN,
 )
+from icofabric_sim.messages.topics import TF
+from icofabric_sim.messages.transforms import TransformsBytes
 from icofabric_sim.running.replay.player import Player
 from icofabric_sim.running.replay.replay_parameters import (
     begin_of,
@@ -39,6 +41,7 @@ from icofabric_sim.running.replay.replay_parameters import (
 )
 from icofabric_sim.running.replay.report import ReplayReport
 from icofabric_sim.running.replay.source import ReplaySource
+import numpy as np
 import pytest
 from replay_bags import (
     END,
@@ -209,6 +212,24 @@ def test_a_fabric_in_the_namespace_of_another_is_not_mixed_with_it(tmp_path):
         assert list(source.topics) == [f'{NODE}/poses']
     with ReplaySource(tmp_path / 'bag', fabric=f'{NODE}/inner') as source:
         assert list(source.topics) == [inner]
+
+
+def test_frames_are_played_where_it_is_clear_whose_they_are(tmp_path):
+    frames = TransformsBytes('world', ['icosahedron_3'])
+    sent = [frames.filled(time_, np.full((1, 3), float(time_)), np.array([[0.0, 0.0, 0.0, 1.0]]))
+            for time_ in range(3)]
+    TYPES['/tf'] = TransformsBytes.TYPE
+    alone = [record for time_ in range(3)
+             for record in ((time_, f'{NODE}/poses', pose(time_)), (time_, '/tf', sent[time_]))]
+    write_bag(tmp_path / 'alone', alone)
+    with ReplaySource(tmp_path / 'alone') as source:
+        assert not source.left_out
+        assert play(source).of('/tf') == sent
+        assert [data for topic, data in source.state_at(1).messages if topic == TF] == sent[1:2]
+    write_bag(tmp_path / 'two', [*alone, (3, '/b/fabric/poses', pose(3, 2))])
+    with ReplaySource(tmp_path / 'two', fabric=NODE) as source:
+        assert source.left_out == ['/b/fabric/poses', '/tf']
+        assert not play(source).of('/tf')
 
 
 def test_bag_without_poses_needs_a_name(tmp_path):
