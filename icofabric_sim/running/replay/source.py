@@ -59,6 +59,7 @@ class ReplaySource:
         """
         self._reader = BagReader(path)
         self.path = self._reader.path
+        self._unknown: set[str] = set()  # what the player cannot publish
         try:
             self.fabrics = self._find_fabrics()
             self.fabric = self._choose(fabric)
@@ -81,10 +82,10 @@ class ReplaySource:
     @property
     def left_out(self) -> list[str]:
         """Topics that are not this fabric's."""
-        known = (outputs.CLOCK.name, outputs.DIAGNOSTICS.name)
+        known = {outputs.CLOCK.name, outputs.DIAGNOSTICS.name, *self.topics, *self._unknown}
         return sorted(
             name for name in self._reader.topics
-            if name not in known and name not in self.topics and self._owner(name) != self.fabric
+            if name not in known and self._owner(name) != self.fabric
             and not name.endswith(_OF_THE_BAG))
 
     @property
@@ -134,8 +135,9 @@ class ReplaySource:
             yield frame
 
     def leave_out(self, name: str) -> None:
-        """Do not play the topic recorded as `name`."""
+        """Do not play the topic recorded as `name`, which the player cannot publish."""
         del self.topics[name]
+        self._unknown.add(name)
         self._lasting.discard(name)
 
     def lasts(self, topic: Topic) -> bool:
