@@ -172,7 +172,8 @@ class ViewerNode(Node):
         self.page = Page(
             self.sight, None if self._options['read_only'] else self.hands,
             host=self._options['host'], port=port, rate=self._options['rate'], token=token)
-        self.get_logger().info(f'{self.fabric} is shown at {self.page.address}')
+        what = f'a replay of {self.fabric}' if self.hands.is_replay else self.fabric
+        self.get_logger().info(f'{what} is shown at {self.page.address}')
 
     def close(self) -> None:
         """Close the page."""
