@@ -138,7 +138,8 @@ class StaticContacts:
         """
         Second derivatives by pairs: rows of two bodies, (m, 2), and of 12 x 12 numbers.
 
-        By differences of forces. Where shells are at their first touch the push has a kink: it
+        By differences of forces on what the first body does, from which those of the second
+        follow. Where shells are at their first touch the push has a kink: it
         resists one way only, and is left out. A torque on a turned body is seen from other axes:
         half of its turn is taken out, so that the derivative is symmetric as that of the
         connectors is. A contact with a plane is a pair of a body and itself, with the first 6 x 6
@@ -155,26 +156,29 @@ class StaticContacts:
                 pairs, depth))
             if not len(pairs):
                 continue
-            freedoms = 12 if which == PAIRS else 6
             part = np.zeros((len(pairs), 12, 12))
             places, turns = position[pairs], axes[pairs]
             here = self._wrenches(places, turns, which)[0]
             # Of each pair, in parts of a and in rad.
             step = np.minimum(_STEP, _WITHIN * depth / self._setup.half_edge)[:, None]
-            for freedom in range(freedoms):
-                end, k = divmod(freedom, 6)
+            for k in range(6):
                 sides = []
                 for sign in (1.0, -1.0):
                     moved, turned = places.copy(), turns.copy()
                     if k < 3:
-                        moved[:, end, k] += sign * step[:, 0] * self._setup.half_edge
+                        moved[:, 0, k] += sign * step[:, 0] * self._setup.half_edge
                     else:
                         rotation = np.zeros((len(pairs), 3))
                         rotation[:, k - 3] = sign * step[:, 0]
-                        turned[:, end] = turned_axes(rotation, turned[:, end])
+                        turned[:, 0] = turned_axes(rotation, turned[:, 0])
                     sides.append(self._wrenches(moved, turned, which)[0])
-                part[:, :, freedom] = (sides[1] - sides[0]) / (
+                part[:, :, k] = (sides[1] - sides[0]) / (
                     2.0 * step * (self._setup.half_edge if k < 3 else 1.0))
+            if which == PAIRS:
+                _follow_second(part, here, places[:, 1] - places[:, 0])
+            freedoms = 12 if which == PAIRS else 6
+            for freedom in range(freedoms):
+                end, k = divmod(freedom, 6)
                 if k >= 3:
                     part[:, 6 * end + 3:6 * end + 6, freedom] += 0.5 * np.cross(
                         np.eye(3)[k - 3], here[:, 6 * end + 3:6 * end + 6])
@@ -259,3 +263,17 @@ class StaticContacts:
                 setup.half_edge, np.ascontiguousarray(plane[:3]), float(plane[3]), first,
                 np.ascontiguousarray(turns[:, 0]), self._scratch, touching, out)
         return touching, out
+
+
+def _follow_second(part: np.ndarray, wrenches: np.ndarray, arm: np.ndarray) -> None:
+    """
+    Fill in what the second body of each pair does, (m, 12, 6 of 12), by what the first does.
+
+    To move both changes nothing, and to turn both about the first turns the `wrenches` (m, 12) and
+    moves the second by its `arm` (m, 3) from the first; `part` is of minus the wrenches.
+    """
+    part[:, :, 6:9] = -part[:, :, :3]
+    for k, axis in enumerate(np.eye(3)):
+        turned = np.cross(axis, wrenches.reshape(-1, 4, 3)).reshape(-1, 12)
+        moved = np.einsum('mij,mj->mi', part[:, :, 6:9], np.cross(axis, arm))
+        part[:, :, 9 + k] = -turned - part[:, :, 3 + k] - moved

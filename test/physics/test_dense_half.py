@@ -17,15 +17,20 @@ Fabrics from the least connector angle, where shells lie face to face, to long c
 What holds on both sides of level connectors, and at the limit itself (eq 54).
 """
 
+from itertools import product
+
 from fabrics import make_scene, snapshot_of
 import icofabric_sim as ico
 from icofabric_sim.commands.rest_outputs import RestOutputs
 from icofabric_sim.scene.shell_gaps import pair_gaps, smallest_gap
 from icofabric_sim.scene.weave_geometry import MINIMUM_ANGLE
+from icofabric_sim.simulation.contact.setup import ContactSetup
+from icofabric_sim.statics.contacts import StaticContacts
 from icofabric_sim.statics.periodic import band_path, solve_bands
 from matplotlib.image import imread
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 ANGLES = (MINIMUM_ANGLE, -0.3, -0.1, 0.1, 0.7)
 WEAVES = {
@@ -177,3 +182,39 @@ def test_what_goes_slack_is_said_to_soon(size, ratio, angle):
         'groups.low': 'z_min', 'groups.high': 'z_max', 'supports.low.group': 'low',
         'supports.low.fix': 'all', 'loads.high.group': 'high', 'loads.high.force': [0., 0., 1e-9]})
     assert not ico.solve_equilibrium(loaded, largest_step_count=300).reason.startswith('it goes')
+
+def test_second_derivatives_of_contacts_are_those_of_both_bodies():
+    """Those of the second follow from the first: beside differences of what pushes both."""
+    half_edge = 0.05
+    contacts = StaticContacts(ContactSetup(
+        half_edge, 1e4, 0.0, 0.0, np.zeros((0, 4)), (), True, True, np.zeros(3), ''), 2)
+    generator, seen, step = np.random.default_rng(5), 0, 1e-6
+    for _ in range(60):
+        axes = Rotation.random(2, random_state=generator).as_matrix()
+        way = generator.normal(size=3)
+        way *= generator.uniform(1.55, 1.85) * half_edge / np.linalg.norm(way)
+        position = np.array([-0.5, 0.5])[:, None] * way + [0.3, -0.2, 0.1]
+        found = contacts.act(position, axes)
+        if not found.depth > 1e-4 * half_edge:
+            continue
+        (pair,), (block,) = contacts.blocks(found, position, axes)
+        columns = []
+        for body, kind, k in product(pair, (0, 1), range(3)):
+            sides = []
+            for sign in (step, -step):
+                places, turns = position.copy(), axes.copy()
+                if kind == 0:
+                    places[body, k] += sign * half_edge
+                else:
+                    rotation = Rotation.from_rotvec(sign * np.eye(3)[k]).as_matrix()
+                    turns[body] = turns[body] @ rotation.T
+                sides.append(contacts.act(places, turns).wrench[pair].ravel())
+            columns.append((sides[1] - sides[0]) / (2.0 * step * (half_edge, 1.0)[kind]))
+        expected = np.array(columns).T
+        expected = 0.5 * (expected + expected.T)
+        # Where an edge of a face begins or ceases to meet the other there is a kink.
+        if np.abs(block - expected).max() < 1e-5 * np.abs(expected).max():
+            seen += 1
+        else:
+            assert np.abs(block - expected).max() < 0.05 * np.abs(expected).max()
+    assert seen > 20
