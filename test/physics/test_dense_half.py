@@ -183,6 +183,7 @@ def test_what_goes_slack_is_said_to_soon(size, ratio, angle):
         'supports.low.fix': 'all', 'loads.high.group': 'high', 'loads.high.force': [0., 0., 1e-9]})
     assert not ico.solve_equilibrium(loaded, largest_step_count=300).reason.startswith('it goes')
 
+
 def test_second_derivatives_of_contacts_are_those_of_both_bodies():
     """Those of the second follow from the first: beside differences of what pushes both."""
     half_edge = 0.05
