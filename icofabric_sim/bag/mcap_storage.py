@@ -151,7 +151,7 @@ class McapFile:
         while kept and self._end - start < self._rest:
             kept -= 1
             start, _ = self._chunks[kept]
-        if not kept or self._end - start < self._rest:
+        if not kept:
             return False
         # Nothing is cut off before the end stands there: it finds room in what the file has.
         self._end = start

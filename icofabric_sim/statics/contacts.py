@@ -151,14 +151,13 @@ class StaticContacts:
             for number, bodies in enumerate(contacts.planes)]
         bodies, blocks = [np.zeros((0, 2), np.int64)], [np.zeros((0, 12, 12))]
         for pairs, which in groups:
-            depth = self._wrenches(position[pairs], axes[pairs], which)[2]
-            pairs, depth = (part[depth > _FIRST * self._setup.half_edge] for part in (
-                pairs, depth))
+            here, _, depth, _ = self._wrenches(position[pairs], axes[pairs], which)
+            deep = depth > _FIRST * self._setup.half_edge
+            pairs, here, depth = pairs[deep], here[deep], depth[deep]
             if not len(pairs):
                 continue
             part = np.zeros((len(pairs), 12, 12))
             places, turns = position[pairs], axes[pairs]
-            here = self._wrenches(places, turns, which)[0]
             # Of each pair, in parts of a and in rad.
             step = np.minimum(_STEP, _WITHIN * depth / self._setup.half_edge)[:, None]
             for k in range(6):
