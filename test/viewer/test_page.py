@@ -254,7 +254,8 @@ def test_plots_have_the_displacements_of_groups(shown, client):
     last = shown.sight.curves[-1]
     assert len(last.groups) == len(groups)
     # The middle of a group has gone no farther than the body that has gone farthest.
-    assert 0.0 < max(last.groups) <= last.displacement
+    # The two are rounded apart where a group is one body.
+    assert 0.0 < max(last.groups) <= last.displacement * (1.0 + 1e-12)
     handle, _ = shown.page.panel._plots[-1]
     client.wait_for(lambda: len(handle.data) == 2 + len(groups), 'the groups are not drawn')
     assert [line.get('label') for line in handle.series] == [
