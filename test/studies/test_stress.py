@@ -215,6 +215,24 @@ def test_a_length_that_jumps_between_overlapping_shells_is_a_right_reason(monkey
     assert not has_jumped(str(caught.value), run)
 
 
+@pytest.mark.long
+def test_a_given_step_too_long_for_lengths_that_jump_is_a_right_reason(monkeypatch):
+    for seed in (200288, 200617):
+        found = judge(draw_scene(seed))
+        assert found.verdict is Verdict.STOPPED and 'around them jump' in found.detail
+    # It is the runs with shorter steps that say so.
+    monkeypatch.setattr(judge_module, 'has_jumped', lambda text, run: False)
+    assert judge(draw_scene(200288)).verdict is Verdict.WRONGLY_STOPPED
+
+
+@pytest.mark.long
+def test_charges_that_meet_are_a_right_reason(monkeypatch):
+    found = judge(draw_scene(203984))
+    assert found.verdict is Verdict.STOPPED and 'bodies 16 and 21, whose charges' in found.detail
+    monkeypatch.setattr(refusals, 'depths_of', lambda *poses: np.array([-1e-9]))
+    assert judge(draw_scene(203984)).verdict is Verdict.WRONGLY_STOPPED
+
+
 def test_steps_through_forces_of_bands_that_jump_are_within_the_promise():
     """As at kinks, their estimates are up to twice too small: 1.8 times the promise was added."""
     finding = judge(draw_scene(1))

@@ -20,6 +20,7 @@ from icofabric_sim.kernels import monitor
 from icofabric_sim.kernels.flows import place_all
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.simulation.state_tree import StateTree
+from icofabric_sim.simulation.stepping.charge_meetings import meeting_between
 from icofabric_sim.simulation.stepping.faults import find_fault, shorter_steps
 from icofabric_sim.simulation.stepping.methods import Method
 from icofabric_sim.simulation.stepping.motion_rates import MotionRates
@@ -168,6 +169,9 @@ class StepMonitor:
                 f't = {trajectory.saved_time:.9g} s, is kept')
         fault = find_fault(trajectory.packed, trajectory.state)
         imbalance, way_out = trajectory.ledger.describe_imbalance(time), self.way_out()
+        meeting = None if trajectory.control is not None else meeting_between(
+            trajectory.packed, trajectory.saved, trajectory.state, time - trajectory.saved_time,
+            trajectory.step)
         if not self._is_given and abs(balance.error) < _ROUNDING * balance.scale:
             way_out = (
                 f'a solver.energy_limit of {_ROUNDING:g} or more, as this is the rounding of many '
@@ -177,6 +181,11 @@ class StepMonitor:
             way_out += (
                 '; contact.mode auto keeps shells apart: where they pass through each other the '
                 'forces of connectors around them jump')
+        if meeting is not None:
+            imbalance = f'{meeting}: {imbalance}'
+            way_out += '; solver.method dop8 without a solver.step shortens single steps'
+            if trajectory.ledger.deepest_limit == math.inf:
+                way_out += ', and contact.mode auto keeps shells apart'
         trajectory.return_to_saved()
         trajectory.fail(
             f'{imbalance}; the fastest is {fault}, and steps are {trajectory.step:.6g} s (limit '

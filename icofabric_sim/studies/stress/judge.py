@@ -38,6 +38,7 @@ from icofabric_sim.simulation.stepping.thread_team import teams_of
 from icofabric_sim.studies.stress.refusals import (
     first_name,
     has_jumped,
+    have_met,
     is_right_refusal,
     moment_of,
 )
@@ -45,9 +46,11 @@ from icofabric_sim.studies.stress.scenes import StressScene
 from icofabric_sim.studies.stress.verdict import Finding, Verdict
 from icofabric_sim.studies.stress.windows import (
     Added,
+    compiled_reference,
     far_tighter,
     is_physical,
     rate_of,
+    reference_scene,
     Windows,
 )
 from numba.core import event
@@ -265,7 +268,9 @@ class _Judge:
     ) -> Finding:
         """The class of a `run` that stopped for `text`; the tighter one for `reason`."""
         scene = run.scene
-        right = has_jumped(text, run) or self._is_right(text, reason, scene, rate)
+        right = has_jumped(text, run) or have_met(
+            text, run, compiled_reference(reference_scene(scene, rate))
+        ) or self._is_right(text, reason, scene, rate)
         verdict = Verdict.STOPPED if right else Verdict.WRONGLY_STOPPED
         if right is None:
             verdict = Verdict.UNJUDGED
@@ -392,18 +397,22 @@ class _Judge:
         Whether a run with a shorter given step does not stop; None: there was no time.
 
         Or stops as the tighter one does, for its `reason`, or later than this one and for another
-        reason: then the step was too long before the bodies came to what ends all runs.
+        reason: then the step was too long before the bodies came to what ends all runs. Or stops
+        for a length that jumps, of which this one said that it may.
         """
         clock, moment = self._clock.another(), moment_of(text)
         # Given implicit steps leave the energy uncounted that dies out within one, short or long;
         # chosen ones are the other way out that they name.
         is_implicit = facts_of(compile_scene(scene).status.method_name).implicit
-        for part in (*_SHORTER, 0.0) if is_implicit else _SHORTER:
+        may_jump = 'the forces of connectors around them jump' in text
+        for part in (*_SHORTER, 0.0) if is_implicit or may_jump else _SHORTER:
             run = compile_scene(scene.with_changes({'solver.step': part * step}))
             run.should_stop = clock.is_over
             try:
                 run.advance_to(self._stress.duration)
             except SimulationError as error:
+                if may_jump and has_jumped(str(error), run):
+                    return True
                 name = first_name(str(error))
                 if name == first_name(text):
                     continue

@@ -23,6 +23,7 @@ from typing import Final
 
 from icofabric_sim.parameters.table import BY_NAME, FAMILIES
 from icofabric_sim.parameters.validation import ParameterError
+from icofabric_sim.simulation.errors import SimulationError
 from icofabric_sim.simulation.simulation import Simulation
 from icofabric_sim.simulation.stepping.wrap_jumps import depths_of
 import numpy as np
@@ -53,6 +54,8 @@ REFUSED_BY_CHANCE: Final = (
     ('tractions.wind.group', 'turns body'),
     # A ball, or a body that begins elsewhere, in another shell.
     ('contact.mode', 'move them apart'))
+# States of a tighter run in which charged bodies are looked for that pass each other.
+_LOOKS: Final = 64
 
 
 def is_right_refusal(error: ValueError, spoiled: str) -> bool:
@@ -110,3 +113,34 @@ def has_jumped(text: str, run: Simulation) -> bool:
         state, run.scene.geometry.half_edge, np.array(bodies[:1]), np.array(bodies[1:]))
     return sorted(ends) == sorted(bodies) and bool(state.obstructed[connector]) and bool(
         depths[0] > 0.0)
+
+
+def have_met(text: str, run: Simulation, reference: Simulation) -> bool:
+    """
+    Whether a run that stopped as charged bodies passed each other had to, by a tighter run.
+
+    That is: nothing keeps shells apart, and from its last state on those of the two bodies that
+    `text` names do pass through each other in the `reference`, before the run stopped.
+    """
+    parameters = run.scene.parameters
+    named = re.search(
+        r'bodies (\d+) and (\d+), whose charges act on each other \(charge\.mutual\), pass each '
+        r'other ', text)
+    moment = moment_of(text)
+    if named is None or not parameters['charge.mutual'] or (
+            parameters['contact.mode'] != 'never') or not math.isfinite(moment):
+        return False
+    one, two = (int(number) for number in named.groups())
+    start = run.time
+    reference.reset_time()
+    reference.take_over(run, keep_motion=True)
+    for part in range(1, _LOOKS + 1):
+        try:
+            reference.advance_to(start + (moment - start) * part / _LOOKS)
+        except SimulationError:
+            return False
+        depths = depths_of(
+            reference.snapshot(), run.scene.geometry.half_edge, np.array([one]), np.array([two]))
+        if depths[0] > 0.0:
+            return True
+    return False
