@@ -36,6 +36,7 @@ from icofabric_sim.simulation.stepping import thread_team
 from icofabric_sim.simulation.stepping.methods import IMPLICIT, METHODS
 from icofabric_sim.studies.stress import judge as judge_module
 from icofabric_sim.studies.stress import refusals, report, scenes, windows, workers
+from icofabric_sim.studies.stress import shrink as shrink_module
 from icofabric_sim.studies.stress.judge import judge
 from icofabric_sim.studies.stress.kinds import Kind, KINDS, MOST, TERMS
 from icofabric_sim.studies.stress.refusals import (
@@ -93,8 +94,9 @@ def test_seeds_mean_what_they_meant(monkeypatch):
             assert kind_of(seed) == kind, seed
             assert draw_scene(seed).duration == pytest.approx(duration, rel=1e-4), seed
     # A longer list needs another version, so that every kind is drawn and no seed changes alone.
-    assert scenes.VERSIONS == ((2**32, 55), (2**33, len(KINDS)), (2**34, len(KINDS)))
-    assert [scenes.version_of(seed) for seed in (2**32 - 1, 2**32, 2**33)] == [1, 2, 3]
+    assert scenes.VERSIONS == (
+        (2**32, 55), (2**33, 65), (2**34, 65), (2**35, len(KINDS)))
+    assert [scenes.version_of(seed) for seed in (2**32 - 1, 2**32, 2**33, 2**34)] == [1, 2, 3, 4]
     # Kinds that only later seeds draw are found there.
     assert next(seeds_of(0, 1, {60})) >= 2**32 > next(seeds_of(0, 1, {54, 60}))
 
@@ -237,6 +239,56 @@ def test_steps_through_forces_of_bands_that_jump_are_within_the_promise():
     """As at kinks, their estimates are up to twice too small: 1.8 times the promise was added."""
     finding = judge(draw_scene(1))
     assert finding.verdict is Verdict.WITHIN and finding.unjudged == 0 < finding.windows, finding
+
+
+def changed_while_it_runs(**change):
+    """The plain scene, of which some values change after a third of its duration."""
+    return replace(PLAIN, change_at=0.3, change={
+        name.replace('__', '.'): value for name, value in change.items()})
+
+
+@pytest.mark.parametrize('change, bodies', [
+    ({'connector__stiffness': 700.0}, 4), ({'weave__size': [3, 2, 1], 'weave__variant': 2}, 3)])
+def test_a_scene_that_changes_while_it_runs_is_judged_from_there(change, bodies):
+    scene = changed_while_it_runs(**change)
+    found = judge(scene)
+    assert found.verdict is Verdict.WITHIN and found.compared, found
+    assert found.bodies == bodies
+    assert 'After 0.006 s: ' in scene.text()
+    # What may be added is the tolerance times the time after the change, and rounding.
+    length = found.time - 0.3 * PLAIN.duration
+    assert found.promised == pytest.approx(length * PLAIN.parameters['solver.tolerance'], rel=0.03)
+
+
+def test_a_change_that_cannot_be_is_refused_with_its_name():
+    found = judge(replace(changed_while_it_runs(weave__size=[3, 0, 2]), spoiled='weave.size'))
+    assert found.verdict is Verdict.REFUSED and 'weave.size' in found.detail
+    found = judge(replace(changed_while_it_runs(weave__variant=1), spoiled='weave.variant'))
+    assert found.verdict is Verdict.SILENT and 'weave.variant had to be refused' in found.detail
+
+
+def test_a_change_that_loses_the_motion_is_found(plant):
+    scene = changed_while_it_runs(connector__stiffness=700.0)
+    take_over = Simulation.take_over
+    plant(Simulation, 'take_over', lambda run, previous, keep_motion: take_over(
+        run, previous, keep_motion=False))
+    found = judge(scene)
+    assert found.verdict is Verdict.SILENT and 'changed position[0]' in found.detail, found
+
+
+def test_later_seeds_change_scenes_while_they_run():
+    drawn = [draw_scene(2**34 + seed) for seed in range(400)]
+    changing = [scene for scene in drawn if scene.change]
+    assert 0.6 < len(changing) / len(drawn) < 0.8
+    assert 0.02 < sum(bool(scene.spoiled) for scene in changing) / len(changing) < 0.15
+    assert all(0.1 <= scene.change_at <= 0.7 for scene in changing)
+    names = {name for scene in changing for name in scene.change}
+    assert {'weave.size', 'weave.variant', 'connector.stiffness', 'gravity'} < names
+    assert not any(draw_scene(seed).change for seed in range(50))
+    some = next(scene for scene in changing if len(scene.change) == 3 and not scene.spoiled)
+    smaller = [scene.change.keys() for scene in shrink_module._all_smaller(some, 0.0)]
+    assert smaller.count(some.change.keys()) == len(smaller) - 4 > 0 and {}.keys() in smaller
+    assert all(some.change.keys() - {name} in smaller for name in some.change)
 
 
 def test_what_takes_too_long_says_what_limits_it():

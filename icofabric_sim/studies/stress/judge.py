@@ -16,7 +16,8 @@ Runs one random scene and says to which class it belongs.
 
 Beside the run go: references and displaced companions in windows (`windows.py`), one far tighter
 run with a companion from the start, and the same run by two threads that goes on from a checkpoint
-in its middle.
+in its middle. Where parameters change while a scene runs, all of this is for the run after that,
+and begins where the change found it.
 """
 
 from collections.abc import Callable
@@ -28,6 +29,7 @@ import time
 import traceback
 from typing import Any, Final
 
+from icofabric_sim.parameters.changes import restarts_motion
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.checkpoint import Checkpoint
 from icofabric_sim.simulation.divergence import Growth
@@ -69,8 +71,13 @@ FACTOR: Final = 3.0
 _BEYOND_REACH = 1e-12
 # Parts of a given step that are tried where a run stopped for its step.
 _SHORTER = (1 / 4, 1 / 16)
+# Parts of a tolerance that are tried where a run with chosen steps stopped and advises a smaller
+# one.
+_FINER = (1e-1, 1e-2)
 # Part of the duration for which a run goes on to see what the tighter one saw before its end.
 _LATER = 0.1
+# By how much a change of parameters may change the state, over the largest of its kind: rounding.
+_SAME = 1e-12
 _STATE = ('position', 'orientation', 'linear_velocity', 'angular_velocity', 'intact')
 
 
@@ -166,18 +173,32 @@ class _Judge:
         self, stress: StressScene, clock: Clock, parameters: dict[str, Any]
     ) -> None:
         self._stress, self._clock, self._parameters = stress, clock, parameters
+        # The scene before its parameters changed, and when they did [s].
+        self._before: Scene | None = None
+        self._start = 0.0
 
     def finding(self) -> Finding:
         stress = self._stress
         try:
             scene = Scene.from_parameters(self._parameters)
             run = compile_scene(scene)
+            if stress.change:
+                self._find_start(run)
+                earlier = run
+                if self._before is not None:
+                    scene = scene.with_changes(stress.change)
+                run = self._begun(scene)
+                if lost := self._lost(earlier, run):
+                    return _finding(stress, Verdict.SILENT, lost)
         except ValueError as error:
             right = is_right_refusal(error, stress.spoiled) or self._is_refused_anyway(error)
             return _finding(
                 stress, Verdict.REFUSED if right else Verdict.WRONGLY_REFUSED, str(error))
+        except Interrupted:
+            return self._slow(run)
         # A single body has no step that is too long.
-        if stress.spoiled and stress.spoiled != 'solver.step':
+        if stress.spoiled and stress.spoiled != 'solver.step' and (
+                self._before is not None or not stress.change):
             return _finding(
                 stress, Verdict.SILENT, f'{stress.spoiled} had to be refused, and was not')
         run.warm_up()
@@ -192,7 +213,7 @@ class _Judge:
         except SimulationError as error:
             failure = error
         except Interrupted:
-            if not run.time > _ENOUGH * stress.duration:
+            if not run.time - self._start > _ENOUGH * (stress.duration - self._start):
                 return self._slow(run)
         run.should_stop = None
         added, end = windows.result(), run.time
@@ -201,7 +222,8 @@ class _Judge:
         late = end + _LATER * stress.duration if end > stress.duration else stress.duration
         growth, distance, reason = far_tighter(
             run, rate, end if failure is None else late,
-            lambda: self._clock.is_over(_WHOLE_PART))
+            lambda: self._clock.is_over(_WHOLE_PART),
+            None if self._before is None else self._begun(scene))
         other, compared, shared = self._other_bits(run, end, failure)
         found = _finding(stress, Verdict.WITHIN, '')._replace(
             method=run.status.method_name, bodies=scene.body_count, steps=run.status.step_count,
@@ -252,6 +274,51 @@ class _Judge:
             verdict=Verdict.UNJUDGED,
             detail=f'{verdict.unjudged} of {verdict.windows} windows; {why}')
 
+    def _find_start(self, run: Simulation) -> None:
+        """Take a `run` to where parameters change; one that stops before is judged as it is."""
+        start = self._stress.change_at * self._stress.duration
+        run.should_stop = lambda: self._clock.is_over(_WINDOWS_PART)
+        try:
+            run.advance_to(start)
+        except SimulationError:
+            return
+        self._before, self._start = run.scene, start
+
+    def _lost(self, earlier: Simulation, run: Simulation) -> str:
+        """What the change of parameters did to the state that it should not do; '': nothing."""
+        if self._before is None:
+            return ''
+        one, two = earlier.snapshot(), run.snapshot()
+        if restarts_motion(self._before.parameters, run.scene.parameters):
+            one = compile_scene(run.scene).snapshot()
+        if run.time != earlier.time:
+            return f'time is {run.time!r} s after a change at {earlier.time!r} s'
+        driven = np.concatenate(
+            [drive.bodies for drive in run.scene.drives.values()] or [np.zeros(0, np.int32)])
+        for name in _STATE:
+            before, after = getattr(one, name), getattr(two, name)
+            scale = 1.0 if before.dtype == bool else float(np.abs(before).max(initial=0.0))
+            differs = ~(np.abs(after.astype(float) - before) <= _SAME * scale)
+            if name != 'intact':
+                # Where driven bodies are follows from their paths.
+                differs = differs.any(axis=1)
+                differs[driven] = False
+            if differs.any():
+                which = int(np.flatnonzero(differs)[0])
+                return (f'a change of parameters changed {name}[{which}]: {before[which]}, '
+                        f'then {after[which]}')
+        return ''
+
+    def _begun(self, scene: Scene) -> Simulation:
+        """Compile a `scene`, and bring it to where it is judged from."""
+        run = compile_scene(scene)
+        if self._before is not None:
+            earlier = compile_scene(self._before)
+            earlier.advance_to(self._start)
+            run.take_over(earlier, keep_motion=not restarts_motion(
+                self._before.parameters, scene.parameters))
+        return run
+
     def _is_refused_anyway(self, refused: ValueError) -> bool:
         """Whether a spoiled scene is refused for the same without what was spoiled."""
         spoiled_with = self._stress.spoiled_with
@@ -271,6 +338,9 @@ class _Judge:
         right = has_jumped(text, run) or have_met(
             text, run, compiled_reference(reference_scene(scene, rate))
         ) or self._is_right(text, reason, scene, rate)
+        if right is False and not found.is_given and found.added <= found.promised:
+            # It kept its promise until then, and what it advises may help.
+            right = self._is_way_out(text, scene)
         verdict = Verdict.STOPPED if right else Verdict.WRONGLY_STOPPED
         if right is None:
             verdict = Verdict.UNJUDGED
@@ -296,7 +366,7 @@ class _Judge:
 
     def _all_windows(self, scene: Scene, rate: float, end: float) -> Added | None:
         """What a run adds to `end` [s], by windows everywhere; None where there is no time."""
-        run, clock = compile_scene(scene), self._clock.another()
+        run, clock = self._begun(scene), self._clock.another()
         windows = Windows(run, rate, clock.is_over, most=math.inf)
         try:
             windows.follow(end)
@@ -306,7 +376,7 @@ class _Judge:
 
     def _slow(self, run: Simulation) -> Finding:
         """Windows took too long: class the scene by a run without any."""
-        alone, clock = compile_scene(run.scene), self._clock.another()
+        alone, clock = self._begun(run.scene), self._clock.another()
         alone.should_stop = lambda: clock.is_over(_WINDOWS_PART)
         limit = run.status.fastest_term
         verdict, detail = Verdict.SLOW if limit else Verdict.HANG, (
@@ -335,7 +405,7 @@ class _Judge:
         What two threads and a checkpoint change; whether it was compared, and by two threads.
         """
         with teams_of(2):
-            threads = compile_scene(run.scene)
+            threads = self._begun(run.scene)
         restored = compile_scene(run.scene)
         # Implicit steps take one thread whatever is asked for.
         wanted = 1 if facts_of(run.status.method_name).implicit else 2
@@ -347,7 +417,7 @@ class _Judge:
             simulation.should_stop = self._clock.is_over
         try:
             try:
-                threads.advance_to(0.5 * end)
+                threads.advance_to(0.5 * (self._start + end))
                 data = threads.checkpoint().to_bytes()
                 restored.restore(Checkpoint.from_bytes(data))
                 # The run itself may have stopped in a whole step beyond its end.
@@ -392,6 +462,23 @@ class _Judge:
             return False
         return self._was_too_long(text, reason, scene, step)
 
+    def _is_way_out(self, text: str, scene: Scene) -> bool | None:
+        """Whether a smaller tolerance, which `text` advises, ends the stop; None: no time."""
+        if 'a smaller solver.tolerance makes steps shorter' not in text:
+            return False
+        clock, tolerance = self._clock.another(), float(str(scene.parameters['solver.tolerance']))
+        for part in _FINER:
+            run = self._begun(scene.with_changes({'solver.tolerance': part * tolerance}))
+            run.should_stop = clock.is_over
+            try:
+                run.advance_to(self._stress.duration)
+            except SimulationError:
+                continue
+            except Interrupted:
+                return None
+            return True
+        return False
+
     def _was_too_long(self, text: str, reason: str, scene: Scene, step: float) -> bool | None:
         """
         Whether a run with a shorter given step does not stop; None: there was no time.
@@ -406,7 +493,7 @@ class _Judge:
         is_implicit = facts_of(compile_scene(scene).status.method_name).implicit
         may_jump = 'the forces of connectors around them jump' in text
         for part in (*_SHORTER, 0.0) if is_implicit or may_jump else _SHORTER:
-            run = compile_scene(scene.with_changes({'solver.step': part * step}))
+            run = self._begun(scene.with_changes({'solver.step': part * step}))
             run.should_stop = clock.is_over
             try:
                 run.advance_to(self._stress.duration)

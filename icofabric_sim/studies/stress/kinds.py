@@ -116,6 +116,7 @@ KINDS: Final = tuple(_kinds("""
     sdirk4: damped pressed
     sdirk4: loaded heavy held grouped damped dragged
     auto: loaded heavy held damped
+    dop8: tabled grouped
 """))
 assert len(KINDS) <= MOST
 # The kind of scenes for which `auto` may take implicit steps.

@@ -20,7 +20,8 @@ what the refusal must say.
 """
 
 from collections.abc import Callable, Collection, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import partial
 import math
 from pathlib import Path
 from typing import Any, Final
@@ -35,10 +36,13 @@ import numpy as np
 
 # Seeds below each number draw among so many kinds, the first of the list. Where the list grows
 # another version follows: no seed means another scene.
-VERSIONS: Final = ((2**32, 55), (2**33, 65), (2**34, 65))
+VERSIONS: Final = ((2**32, 55), (2**33, 65), (2**34, 65), (2**35, 66))
 LARGEST_SEED: Final = VERSIONS[-1][0] - 1
 # Share of scenes with a value that must be refused.
 _SPOILED = 0.06
+# Share of scenes, of the version of seeds that has them, whose parameters change while they run,
+# and of these changes those that must be refused.
+_CHANGED, _SPOILED_CHANGE = 0.7, 0.08
 # Fabrics stay small, so that each can be judged in seconds.
 _MOST_PLACES = 120
 _EDGES = ('up', 'down', 'north', 'south', 'west', 'east')
@@ -50,7 +54,12 @@ _FILE = 'FILE:'
 
 @dataclass(frozen=True)
 class StressScene:
-    """A drawn scene: its parameters, the files that they name, and what must be refused."""
+    """
+    A drawn scene: its parameters, the files that they name, and what must be refused.
+
+    Parameters may change while it runs, as by the services of a node: then a value that must be
+    refused is one of those to which they change.
+    """
 
     seed: int
     kind: int  # index in KINDS
@@ -58,6 +67,8 @@ class StressScene:
     files: dict[str, str]  # name and text
     spoiled: str = ''  # name of the parameter that cannot be taken; '': none
     spoiled_with: tuple[str, ...] = ()  # names of all that was changed for it
+    change: dict[str, Any] = field(default_factory=dict)  # values that come while it runs
+    change_at: float = 0.0  # part of the duration after which they do
 
     @property
     def duration(self) -> float:
@@ -76,6 +87,9 @@ class StressScene:
         head = (
             f'# Seed {self.seed} of icofabric stress (seeds of version {version_of(self.seed)}), '
             f'kind {self.kind}: {kind}.\n')
+        if self.change:
+            changed = ', '.join(f'{name}: {value}' for name, value in self.change.items())
+            head += f'# After {self.change_at * self.duration!r} s: {changed}.\n'
         if self.spoiled:
             head += f'# To be refused for {self.spoiled}.\n'
         return head + dump_parameters(
@@ -100,7 +114,7 @@ class StressScene:
 
 
 def draw_scene(seed: int) -> StressScene:
-    """The scene of a seed, 0 to 2^34 - 1."""
+    """The scene of a seed, 0 to 2^35 - 1."""
     seed = checks.count('seed', seed, 0, LARGEST_SEED)
     generator, kind = _begun(seed)
     return _Draw(generator, KINDS[kind]).scene(seed, kind)
@@ -163,8 +177,21 @@ class _Draw:
         self._solver()
         if version_of(seed) >= 3:
             self._refine()
-        spoiled, with_it = self._spoil() if self.chance(_SPOILED) else ('', ())
-        return StressScene(seed, kind, self.values, self.files, spoiled, with_it)
+        if version_of(seed) >= 4:
+            self._refine_more()
+        change: dict[str, Any] = {}
+        if version_of(seed) >= 4 and self.chance(_CHANGED):
+            change = self._reweave()
+        if change and self.chance(_SPOILED_CHANGE):
+            spoiled, change = self._impossible()
+            with_it = tuple(change)
+        elif not change and self.chance(_SPOILED):
+            spoiled, with_it = self._spoil()
+        else:
+            spoiled, with_it = '', ()
+        return StressScene(
+            seed, kind, self.values, self.files, spoiled, with_it, change,
+            self.uniform(0.1, 0.7) if change else 0.0)
 
     # Numbers of plain Python, so that they can be written to files.
 
@@ -507,6 +534,38 @@ class _Draw:
                 values['bodies.ball.inertia'] = mass * self.inertia / self.mass * self.log(
                     -0.7, 0.0)
 
+    def _refine_more(self) -> None:
+        """What seeds draw since their fourth version, where their terms have a place for it."""
+        values, terms, seam = self.values, self.kind.terms, 'connector_groups.seam'
+        if 'grouped' in terms and 'kinked' in terms and self.chance(0.7):
+            values[f'{seam}.stiffness_{self.choice("extension", "compression")}'] = (
+                self.k * self.log(-1.0, 0.0))
+        if 'grouped' in terms and 'breaking' in terms and self.chance(0.7):
+            natural = values.get(f'{seam}.natural_length', self.natural)
+            values[f'{seam}.break_length_extension'] = natural * (1.0 + self.log(-2.0, 0.0))
+            if self.chance(0.5):
+                values[f'{seam}.break_length_compression'] = natural * (
+                    1.0 - self.log(-2.0, -0.2))
+        if 'grouped' in terms and 'tabled' in terms and self.chance(0.7):
+            lengths = self.length * np.array([0.1, 0.7, 1.0, 1.4, 3.0])
+            force = self.k * (lengths - self.length) * self.uniform(0.2, 1.0)
+            values[f'{seam}.law'] = self._file('seam.csv', lengths, force)
+            for name in ('stiffness', 'natural_length'):
+                values.pop(f'{seam}.{name}', None)
+        if 'anchored' in terms and self.chance(0.4):
+            times = 2.0 * math.pi / self.rate * np.cumsum(self.generator.uniform(0.3, 2.0, 5))
+            path = self.a * self.log(-3.0, -0.5) * self.generator.standard_normal((3, 5))
+            path[:, 0] = 0.0
+            values['anchors.tie.file'] = self._file('tie.csv', times - times[0], *path)
+            values.pop('anchors.tie.velocity', None)
+        if 'loose' in terms:
+            turn = self.generator.standard_normal(4)
+            values['bodies.ball.orientation'] = [
+                float(x) for x in turn / np.linalg.norm(turn)]
+        if values['weave.kind'] == 'orthogonal' and self.chance(0.1):
+            # A box as large as the fabric of that size.
+            values['weave.box'] = [self.length * n for n in values['weave.size']]
+
     def _frequency(self) -> float:
         return self.rate / (2.0 * math.pi) * self.log(-1.5, 0.3)
 
@@ -560,6 +619,64 @@ class _Draw:
         if 'connector.obstruction' not in values and self.chance(0.1):
             values['connector.obstruction'] = 'stop'
         values['duration'] = 2.0 * math.pi / (_FASTEST * self.rate) * self.log(0.5, 1.7)
+
+    def _reweave(self) -> dict[str, Any]:
+        """Draw one to three changes of what the scene has; after some the motion begins anew."""
+        values, terms = self.values, self.kind.terms
+        size = values['weave.size']
+        axis = int(self.generator.integers(3))
+        least = 1 if values['weave.kind'] == 'orthogonal' else 3
+        other = [
+            max(n + self.choice(-1, 1), least) if k == axis else n for k, n in enumerate(size)]
+        ways: list[Callable[[], dict[str, Any]]] = [
+            lambda: {'weave.size': other},
+            lambda: {'weave.variant': int(self.generator.integers(4))},
+            lambda: {'shell.density': values['shell.density'] * self.log(-0.5, 0.5)},
+            lambda: {'initial_random.seed': int(self.generator.integers(2**31))}]
+        if 'weave.connector_angle' in values:
+            ways.append(lambda: {
+                'weave.connector_angle': values['weave.connector_angle'] + self.uniform(
+                    0.0, 0.03)})
+        # Springs of friction keep their past where the motion goes on, and no other run has it.
+        if 'lossy' not in terms:
+            ways += [
+                partial(self._scaled, name, 0.5) for name in (
+                    'connector.stiffness', 'connector.stiffness_extension',
+                    'connector.stiffness_compression', 'connector.bending_stiffness',
+                    'connector.twisting_stiffness', 'connector.damping', 'drag.linear',
+                    'drag.angular', 'solver.tolerance', 'contact.stiffness',
+                    'connector_groups.seam.stiffness', 'anchors.tie.stiffness')
+                if values.get(name)]
+            ways += [
+                partial(self._scaled, name, 0.02) for name in (
+                    'connector.natural_length', 'anchors.tie.natural_length',
+                    'connector.break_length_extension') if values.get(name)]
+            if 'gravity' in values:
+                ways.append(lambda: {'gravity': self.vector(math.hypot(*values['gravity']))})
+            if 'loads.push.force' in values:
+                ways.append(lambda: {
+                    'loads.push.force': self.vector(math.hypot(*values['loads.push.force']))})
+        change: dict[str, Any] = {}
+        for _ in range(1 + int(self.generator.integers(3))):
+            change |= ways[int(self.generator.integers(len(ways)))]()
+        return change
+
+    def _scaled(self, name: str, most: float) -> dict[str, Any]:
+        """Another value of a parameter, larger or smaller by up to that power of 10."""
+        return {name: self.values[name] * self.log(-most, most)}
+
+    def _impossible(self) -> tuple[str, dict[str, Any]]:
+        """Draw a change that cannot be; return the name of its parameter, and the change."""
+        ways: tuple[tuple[str, dict[str, Any]], ...] = (
+            ('shell.thickness', {'shell.thickness': 1.6 * self.a, 'shell.inner_edge_length': 0.0}),
+            ('weave.connector_angle', {
+                'weave.connector_angle': -0.4, 'weave.connector_length': 0.0}),
+            ('weave.size', {'weave.size': [3, 0, 2]}),
+            ('weave.kind', {'weave.kind': 'knitted'}),
+            ('connector.stiffness', {'connector.stiffness': -self.k}),
+            ('gravity', {'gravity': [0.0, math.inf, 0.0]}),
+            ('groups.strange', {'groups.strange': 'east of here'}))
+        return self.choice(*ways)
 
     def _spoil(self) -> tuple[str, tuple[str, ...]]:
         """Make one value impossible; return the name of its parameter, and all that changed."""

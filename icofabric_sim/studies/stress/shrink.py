@@ -72,6 +72,12 @@ def _smaller(scene: StressScene, shortest: float) -> Iterator[StressScene]:
 
 def _all_smaller(scene: StressScene, shortest: float) -> Iterator[StressScene]:
     names = scene.parameters
+    if scene.change and not scene.spoiled:
+        yield replace(scene, change={})
+        if len(scene.change) > 1:
+            for name in scene.change:
+                yield replace(scene, change={
+                    other: value for other, value in scene.change.items() if other != name})
     heads = dict.fromkeys(
         '.'.join(name.split('.')[:2]) for name in names if name.split('.')[0] in FAMILIES)
     for head in heads:

@@ -124,20 +124,25 @@ def go_on(run: Simulation, other: Simulation) -> float:
 
 
 def far_tighter(
-    run: Run, rate: float, end: float, should_stop: Callable[[], bool]
+    run: Run, rate: float, end: float, should_stop: Callable[[], bool],
+    begun: Simulation | None = None
 ) -> tuple[Growth | None, float, str]:
     """
     A far tighter run from the start: growth, distance at the `end` [s], and why it stopped.
+
+    The start is where `begun` stands; None: that of the scene.
 
     Where it stopped the growth is that until then, and there is no distance; no growth: there was
     no time.
     """
     reference = compiled_reference(reference_scene(run.scene, rate))
-    reference.should_stop = should_stop
+    if begun is not None:
+        go_on(begun, reference)
+    reference.should_stop, start = should_stop, reference.time
     companion = Companion(reference)
     try:
         for part in range(1, 9):
-            reference.advance_to(end * part / 8.0)
+            reference.advance_to(start + (end - start) * part / 8.0)
             companion.look()
     except SimulationError as error:
         return companion.result(), 0.0, str(error)
@@ -165,7 +170,7 @@ class Windows:
         """
         self._hand_over, self._earlier = hand_over, 0.0
         self._run, self._rate, self._most = run, rate, most
-        self._half_edge = run.scene.geometry.half_edge
+        self._start, self._half_edge = run.time, run.scene.geometry.half_edge
         self._tolerance = float(str(run.scene.parameters['solver.tolerance']))
         self._error = self._rounding = 0.0
         self._count = self._unjudged = 0
@@ -182,8 +187,9 @@ class Windows:
     def follow(self, duration: float) -> None:
         """Advance to `duration` [s]; raises what ends the run, and Interrupted."""
         run = self._run
-        period = min(2.0 * math.pi / self._rate, duration)
-        gap = max(duration / self._most - period, 0.0)
+        length = duration - self._start
+        period = min(2.0 * math.pi / self._rate, length)
+        gap = max(length / self._most - period, 0.0)
         while run.time < duration:
             before = run.time
             if gap > 0.0:
@@ -209,7 +215,8 @@ class Windows:
     def result(self) -> Added:
         """What was added so far, and what may be."""
         return Added(
-            self._error, self._tolerance * self._run.time + self._rounding, self._rounding,
+            self._error, self._tolerance * (self._run.time - self._start) + self._rounding,
+            self._rounding,
             self._count, self._unjudged, self._why, self._broken)
 
     def _take_over(self) -> SimulationError | None:
