@@ -14,6 +14,7 @@
 """`icofabric stress --map`: every method with steps up to and beyond its stability limit."""
 
 import argparse
+import math
 from pathlib import Path
 
 from icofabric_sim.commands.named_problems import is_given, OF_RANDOM_SCENES
@@ -33,6 +34,13 @@ def add_map_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--steps', type=int, metavar='N',
         help='with --map: steps of each run (default 10000; 10000000 take hours)')
+    parser.add_argument(
+        '--fabrics', metavar='NAME,...',
+        help='with --map: only these of free, hanging, driven, tensioned, touching, kinked and '
+        'breaking')
+    parser.add_argument(
+        '--products', metavar='X,...',
+        help='with --map: only these steps, times the largest frequency, e.g. 0.2,1,1.9')
     parser.add_argument(
         '--picture', metavar='FILE', help='with --map: draw it (PNG)')
 
@@ -55,6 +63,8 @@ def main_map(arguments: argparse.Namespace) -> int:
     steps = STEPS if arguments.steps is None else arguments.steps
     if not 100 <= steps <= _MOST:
         raise InputError(f'--steps must be from 100 to {_MOST}, got {steps}')
+    fabrics = _fabrics(arguments.fabrics, tuple(FABRICS))
+    products = _products(arguments.products)
     table, picture = None, picture_path(arguments, 'picture')
     if arguments.output is not None:
         table = require_place('--output', Path(arguments.output).expanduser())
@@ -64,9 +74,10 @@ def main_map(arguments: argparse.Namespace) -> int:
     with rows_as_they_come(
             Cell._fields, cell_line, table=table, as_json=arguments.json,
             total=sum(
-                len(products_of(method)) for name in FABRICS for method in methods_of(name))
+                len(products_of(method) if products is None else products)
+                for name in fabrics for method in methods_of(name))
     ) as take:
-        for cell in map_stability(steps=steps):
+        for cell in map_stability(fabrics, products=products, steps=steps):
             cells.append(cell)
             take(cell, len(cells))
     if picture is not None:
@@ -77,3 +88,29 @@ def main_map(arguments: argparse.Namespace) -> int:
     if not arguments.json:
         print(f'{len(cells)} runs of {steps} steps, {faults} against the theory')
     return int(faults > 0)
+
+
+def _fabrics(text: str | None, known: tuple[str, ...]) -> tuple[str, ...]:
+    """The fabrics that are asked for, in the order of the map."""
+    if text is None:
+        return known
+    names = [name.strip() for name in text.split(',')]
+    for name in names:
+        if name not in known:
+            raise InputError(f'--fabrics must be among {", ".join(known)}, got {name!r}')
+    return tuple(name for name in known if name in names)
+
+
+def _products(text: str | None) -> tuple[float, ...] | None:
+    """The steps times the largest frequency that are asked for; None: those of each method."""
+    if text is None:
+        return None
+    try:
+        products = tuple(float(word) for word in text.split(','))
+    except ValueError:
+        products = ()
+    if not products or not all(0.0 < product < math.inf for product in products):
+        raise InputError(
+            f'--products must be steps times the largest frequency, above 0, e.g. 0.2,1,1.9, got '
+            f'{text!r}')
+    return products

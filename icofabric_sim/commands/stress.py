@@ -80,7 +80,7 @@ def main(arguments: argparse.Namespace) -> int:
         return main_predictability(arguments)
     if arguments.map:
         return main_map(arguments)
-    for name in ('steps', 'picture'):
+    for name in ('steps', 'picture', 'fabrics', 'products'):
         if getattr(arguments, name) is not None:
             raise InputError(f'--{name} needs --map')
     if arguments.named:

@@ -66,6 +66,20 @@ def test_driven_and_tensioned_fabrics_have_the_limit_of_their_own_frequency():
         stability_map._largest_frequency(stability_map.FABRICS['free']))
 
 
+def test_shells_that_stay_pressed_together_are_as_smooth_as_springs():
+    """The energy of leapfrog errs by the square of the step, also through contacts."""
+    assert stability_map.methods_of('touching', ('leapfrog', 'sdirk4')) == ['leapfrog']
+    cells = [*map_stability(('touching',), ('leapfrog',), products=(0.2, 1.0, 2.1), steps=400)]
+    assert [cell.outcome for cell in cells] == ['ran', 'ran', 'refused']
+    assert not any(cell.fault for cell in cells)
+    assert 15.0 < cells[1].energy / cells[0].energy < 40.0
+    assert cells[0].momentum < 1e-9
+    # Connectors alone, which hold faces apart that are pressed, are another fabric.
+    apart = {**stability_map.FABRICS['touching'], 'contact.mode': 'never'}
+    touching = stability_map._largest_frequency(stability_map.FABRICS['touching'])
+    assert touching > 1.1 * stability_map._largest_frequency(apart)
+
+
 def test_connectors_that_break_are_followed_up_to_the_limit():
     assert stability_map.methods_of('breaking') == ['dop8']
     low, high, beyond = map_stability(('breaking',), products=(0.2, 5.8, 6.1), steps=200)
@@ -92,7 +106,7 @@ def test_what_is_against_the_theory_is_a_fault(monkeypatch):
 
 def made_up(fault):
     """Three cells that need no run."""
-    def cells(*, steps):
+    def cells(fabrics, *, products, steps):
         yield Cell('free', 'leapfrog', 0.1, 'ran', steps, 1e-3, 1e-16, 1e-16, '')
         yield Cell('free', 'leapfrog', 1.9, 'stopped', 7, math.nan, math.nan, math.nan, '')
         yield Cell('free', 'leapfrog', 2.1, 'refused', 0, math.nan, math.nan, math.nan, fault)
@@ -115,9 +129,21 @@ def test_the_command_prints_writes_and_draws(monkeypatch, tmp_path, capsys):
     assert rows[0]['steps'] == stability_map.STEPS and rows[1]['energy'] is None
 
 
+def test_the_command_takes_a_part_of_the_map(capsys):
+    words = ['stress', '--map', '--steps', '100', '--json', '--fabrics']
+    assert main([*words, 'breaking, free', '--products', '0.5,2.1']) == 0
+    rows = [*map(json.loads, capsys.readouterr().out.splitlines())]
+    assert [(row['fabric'], row['product']) for row in rows if row['method'] == 'dop8'] == [
+        ('free', 0.5), ('free', 2.1), ('breaking', 0.5), ('breaking', 2.1)]
+    assert main([*words, 'free,silk']) == 2 and "'silk'" in capsys.readouterr().err
+    for text in ('0', 'x', '1,-2', 'inf', 'nan', ''):
+        assert main([*words, 'free', '--products', text]) == 2
+        assert '--products must be' in capsys.readouterr().err
+
+
 def test_an_interrupt_loses_no_row(monkeypatch, tmp_path):
-    def ends(*, steps):
-        yield from made_up('')(steps=steps)
+    def ends(fabrics, *, products, steps):
+        yield from made_up('')(fabrics, products=products, steps=steps)
         # What is known is on the disk before anything else begins.
         with table.open() as file:
             assert [row['outcome'] for row in csv.DictReader(file)] == [
