@@ -30,6 +30,7 @@ from icofabric_sim.messages import decode_clock, decode_diagnostic_array, decode
 from icofabric_sim.parameters.text import dump_parameters, flatten_parameters
 from icofabric_sim.ros.live_sink import message_class
 import rclpy
+from rclpy.duration import Duration
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -178,6 +179,11 @@ class Graph:
             wait_for(publisher.get_subscription_count, f'a subscriber of {topic}')
             self._publishers[topic] = publisher
         self._publishers[topic].publish(data)
+
+    def settle(self, topic: str) -> None:
+        """Wait until the node has acknowledged what was sent to a topic."""
+        if not self._publishers[topic].wait_for_all_acked(Duration(seconds=PATIENCE)):
+            raise Trouble(f'messages on {topic} are not acknowledged within {PATIENCE:g} s')
 
     def call(self, service: str, kind: str = 'Trigger', **fields: Any) -> tuple[Any, float]:
         """Response of a service of the node, and the time it took [s]."""

@@ -34,9 +34,14 @@ class Answers:
     All methods but `hand_over` are for the executor's thread.
     """
 
-    def __init__(self, node: Node) -> None:
-        """Serve `node`."""
-        self._context = node.context
+    def __init__(self, node: Node, take_first: Callable[[], None] = lambda: None) -> None:
+        """
+        Serve `node`.
+
+        Topics and services have no common order: `take_first` is called before anything begins,
+        and has what arrived before act before.
+        """
+        self._context, self._take_first = node.context, take_first
         self._handed: deque[Callable[[], None]] = deque()
         # It ends the executor's wait for work that other threads hand over.
         self._guard = node.create_guard_condition(self._run_handed)
@@ -64,6 +69,7 @@ class Answers:
             raise RuntimeError(f'not begun: {MOST} requests wait for their answer already')
         if self._ended:
             raise RuntimeError(self._ended)
+        self._take_first()
         future = begin()
         if not future.done():
             promise = Promise()

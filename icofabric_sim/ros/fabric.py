@@ -124,12 +124,12 @@ class FabricNode(Node):
         self._gate = ParameterGate(
             parameters, self._changed, lambda: self.runner.simulation.status.stability_limit,
             lambda name: self.get_parameter_or(name).value)
-        self.answers = Answers(self)
+        self.answers = Answers(self, lambda: self._inputs.take_all())
         self._parameter_service = GuardedParameterService(self, self.answers)
         self._inputs = InputTopics(
             self, self.runner.inputs, simulation.scene,
             reliable=parameters['input_reliability'] == 'reliable')
-        self._verbs = Verbs(self, self.runner, self.answers, self._inputs)
+        self._verbs = Verbs(self, self.runner, self.answers)
         self._standard = offer_standard_services(self, self.runner, self.answers, self._quit)
         self._thread = threading.Thread(target=self._simulate, name='simulation', daemon=True)
         self.create_timer(

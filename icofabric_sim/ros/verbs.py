@@ -21,7 +21,6 @@ from typing import Any
 from icofabric_sim.messages.schedule import seconds
 from icofabric_sim.parameters.validation import Parameters
 from icofabric_sim.ros.answers import Answers
-from icofabric_sim.ros.input_topics import InputTopics
 from icofabric_sim.running.checkpoint_files import path_to_restore, path_to_save
 from icofabric_sim.running.runner import Runner
 from icofabric_sim.running.time_requests import StepRequest
@@ -36,11 +35,9 @@ Words = Callable[[Any], str]
 class Verbs:
     """Answers once it is done, with `success: true`, or with the reason why it is not."""
 
-    def __init__(
-        self, node: Node, runner: Runner, answers: Answers, inputs: InputTopics
-    ) -> None:
-        """Offer the services of `node`; `runner` does what they ask for, with its `inputs`."""
-        self._runner, self._answers, self._inputs = runner, answers, inputs
+    def __init__(self, node: Node, runner: Runner, answers: Answers) -> None:
+        """Offer the services of `node`; `runner` does what they ask for."""
+        self._runner, self._answers = runner, answers
         self._being_saved: set[Path] = set()
         # One that waits for its answer must not keep others of the node waiting.
         group = ReentrantCallbackGroup()
@@ -81,30 +78,18 @@ class Verbs:
     async def _advance(
         self, request: Trigger.Request, response: Trigger.Response
     ) -> Trigger.Response:
-        def begin() -> 'Future[Any]':
-            # Topics and services have no common order: what arrived before the call acts first.
-            self._inputs.take_all()
-            return self._runner.advance()
-
-        return await self._answer(response, begin, _at('advanced'))
+        return await self._answer(response, self._runner.advance, _at('advanced'))
 
     async def _clear_loads(
         self, request: Trigger.Request, response: Trigger.Response
     ) -> Trigger.Response:
-        def begin() -> 'Future[Any]':
-            self._inputs.take_all()
-            return self._runner.clear_loads()
-
-        return await self._answer(response, begin, _at('no wrench acts'), at_once=True)
+        return await self._answer(
+            response, self._runner.clear_loads, _at('no wrench acts'), at_once=True)
 
     async def _solve_equilibrium(
         self, request: Trigger.Request, response: Trigger.Response
     ) -> Trigger.Response:
-        def begin() -> 'Future[Any]':
-            self._inputs.take_all()
-            return self._runner.solve_equilibrium()
-
-        return await self._answer(response, begin, str)
+        return await self._answer(response, self._runner.solve_equilibrium, str)
 
     async def _record(
         self, request: SetBool.Request, response: SetBool.Response

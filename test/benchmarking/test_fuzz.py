@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""A short run of benchmarks/fuzz.py: nothing that is read breaks, hangs, or lies."""
+"""Short runs of benchmarks/fuzz.py and fuzz_node.py: nothing breaks, hangs, or lies."""
 import csv
 import os
 from pathlib import Path
@@ -41,3 +41,15 @@ def test_every_case_is_refused_or_right(kind, tmp_path):
     assert int(row['cases']) == CASES[kind] * FACTOR and row['faults'] == '0'
     # Both ends are reached.
     assert int(row['refused']) > 0 and int(row['taken']) > 0
+
+
+@pytest.mark.long
+def test_a_live_node_answers_and_moves_as_without_one(tmp_path):
+    path = os.pathsep.join([str(ROOT), os.environ.get('PYTHONPATH', '')]).rstrip(os.pathsep)
+    done = subprocess.run(
+        [sys.executable, str(ROOT / 'benchmarks' / 'fuzz_node.py'), '--bursts', '8',
+         '--messages', '500', '--seed', '3', '--folder', str(tmp_path)],
+        text=True, capture_output=True, timeout=580, env={
+            **os.environ, 'PYTHONPATH': path, 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'})
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "'checks': 8}, 0 faults" in done.stdout

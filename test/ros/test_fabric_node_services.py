@@ -21,7 +21,8 @@ from icofabric_sim.ros.answers import MOST
 from icofabric_sim.simulation.checkpoint import Checkpoint
 import numpy as np
 import pytest
-from ros_helpers import Client, NodeProcess, write_scene
+from rclpy.duration import Duration
+from ros_helpers import Client, NodeProcess, ros_class, write_scene
 
 STEP = 1e-4  # s
 SCENE = {
@@ -80,6 +81,26 @@ def test_a_paused_fabric_without_forces_comes_to_rest_where_its_connectors_are_u
     client.call('~/pause', 'std_srvs/srv/SetBool', data=False)
     refused = client.call('~/solve_equilibrium')
     assert not refused.success and 'pause it first' in refused.message
+
+
+def test_what_was_sent_before_a_reset_or_a_step_acts_before_it(client):
+    """Topics and services have no common order: a request overtakes what is acknowledged."""
+    still = steps(client, 20)
+    assert client.call('~/reset').success
+    publisher = client.publisher('~/loads/tip')
+    wrench = ros_class('geometry_msgs/msg/WrenchStamped')()
+    wrench.wrench.force.y = 0.5
+    for _ in range(10):
+        for _ in range(900):
+            publisher.publish(wrench)
+        assert publisher.wait_for_all_acked(Duration(seconds=60))
+        assert client.call('~/reset').success
+        assert steps(client, 20) == still
+        assert client.call('~/reset').success
+    client.push('~/loads/tip', (0.0, 0.5, 0.0))
+    assert publisher.wait_for_all_acked(Duration(seconds=60))
+    pushed = steps(client, 20)
+    assert pushed[0] == still[0] and pushed[1] != still[1]
 
 
 def test_nothing_to_record_to(client):
