@@ -166,6 +166,8 @@ class RecordedRun:
     def breaks(self) -> list[tuple[int, np.ndarray]]:
         """
         All that had broken by some times [ns]: connector and time of breakage [s], (m, 2) each.
+
+        A connector of -1 - k is the anchor k.
         """
         def pairs(data: bytes) -> np.ndarray:
             return np.array(decode_float64_multi_array(data).values).reshape(-1, 2)

@@ -140,14 +140,17 @@ class BagSummary:
 
     def _broken(self) -> list[Row]:
         """What broke, where anything can."""
-        can = self.scene is not None and self.scene.connectors.limits is not None
+        can = self.scene is not None and self.scene.can_break
         if self.breaks is None or not (can or len(self.breaks)):
             return []
         if not len(self.breaks):
             return [('broken', 'none')]
         (first, begin), (_, end) = self.breaks[0], self.breaks[-1]
-        return [('broken', f'{len(self.breaks):,} connectors, from t = {begin:.6g} s (connector '
-                           f'{first:.0f}) to t = {end:.6g} s')]
+        anchors = sum(1 for number, _ in self.breaks if number < 0)
+        counts = (len(self.breaks) - anchors, 'connectors'), (anchors, 'anchors')
+        what = ' and '.join(f'{count:,} {word}' for count, word in counts if count)
+        one = f'connector {first:.0f}' if first >= 0 else f'anchor {-1 - first:.0f}'
+        return [('broken', f'{what}, from t = {begin:.6g} s ({one}) to t = {end:.6g} s')]
 
     def _origin(self) -> list[Row]:
         custom = self.custom

@@ -253,19 +253,27 @@ def _strain(simulation: Simulation, monitor: RunMonitor) -> str:
 
 def _breaks(simulation: Simulation) -> list[Row]:
     """How many connectors broke, when, and what that cost; nothing where none can."""
-    snapshot = simulation.snapshot()
-    if simulation.scene.connectors.limits is None and snapshot.intact.all():
+    snapshot, scene = simulation.snapshot(), simulation.scene
+    torn = np.flatnonzero(~snapshot.anchor_intact)
+    if not scene.can_break and snapshot.intact.all():
         return []
     gone = np.flatnonzero(~snapshot.intact)
-    if not len(gone):
-        return [('broken', 'none')]
-    times = snapshot.break_time[gone]
-    first = int(gone[np.argmin(times)])
-    one, two = simulation.scene.connectors.bodies[first]
-    lost = snapshot.energy['lost_at_breaks']
-    return [('broken', f'{len(gone):,} of {len(snapshot.intact):,} connectors, from t = '
-                       f'{times.min():.6g} s (connector {first}, bodies {one} and {two}) to t = '
-                       f'{times.max():.6g} s; {lost:.3g} J were lost')]
+    lost = f'{snapshot.energy["lost_at_breaks"]:.3g} J were lost'
+    rows = []
+    if len(gone):
+        times = snapshot.break_time[gone]
+        first = int(gone[np.argmin(times)])
+        one, two = scene.connectors.bodies[first]
+        rows.append(f'{len(gone):,} of {len(snapshot.intact):,} connectors, from t = '
+                    f'{times.min():.6g} s (connector {first}, bodies {one} and {two}) to t = '
+                    f'{times.max():.6g} s; {lost}')
+    if len(torn) and snapshot.anchors_broken_since is not None:
+        names, since = list(scene.anchors), snapshot.anchors_broken_since
+        rows.append(', '.join(
+            f'anchors.{names[number]} at t = {since[number]:.6g} s' for number in torn) + (
+                '' if len(gone) else f'; {lost}'))
+    return [('' if number else 'broken', row) for number, row in enumerate(rows)] or [
+        ('broken', 'none')]
 
 
 def _displacement(simulation: Simulation, monitor: RunMonitor) -> str:

@@ -117,9 +117,11 @@ class ConnectorMarkers:
         It is repeated as long as the class is empty: then what is shown does not depend on what
         was received before, by a viewer or by a bag.
         """
-        ends = snapshot.anchor_ends.reshape(-1, 3)
+        ends = snapshot.anchor_ends[snapshot.anchor_intact].reshape(-1, 3)
         if len(ends):
             yield self._anchors.filled(nanoseconds, len(ends), partial(np.copyto, src=ends))
+        elif len(snapshot.anchor_ends):
+            yield self._anchors.stamped(nanoseconds, action=MarkerAction.DELETE)
         connectors = snapshot.packed.connectors
         if connectors is None:
             return

@@ -209,10 +209,15 @@ class Outputs:
         """
         `~/broken`: [m, 2] connector and time of breakage [s], in the order in which they broke.
 
-        Those of one time are in order of their numbers.
+        Those of one time are in order of their numbers. A connector of -1 - k is the anchor k of
+        the scene.
         """
         gone = np.flatnonzero(~snapshot.intact)
         times = snapshot.break_time[gone]
+        if snapshot.anchors_broken_since is not None:
+            anchors = np.flatnonzero(~snapshot.anchor_intact)
+            gone = np.concatenate([gone, -1 - anchors])
+            times = np.concatenate([times, snapshot.anchors_broken_since[anchors]])
         order = np.argsort(times, kind='stable')
         message = Float64MultiArrayBytes(
             ('break', 'connector, time of breakage'), (len(gone), 2))

@@ -770,6 +770,9 @@ FAMILIES: dict[str, tuple[Specification, ...]] = {
         _s('stiffness_extension', -1.0, 'N/m', 'k_e; negative: stiffness'),
         _s('stiffness_compression', -1.0, 'N/m', 'k_c; negative: stiffness; 0: a rope'),
         _s('natural_length', 0.0, 'm', 'D; 0: as of connectors', minimum=0.0),
+        _s('break_length_extension', 0.0, 'm', 'length L_e above D; 0: never breaks', minimum=0.0),
+        _s('break_length_compression', 0.0, 'm', 'length L_c below D; 0: never breaks',
+           minimum=0.0),
     ),
     'initial': (
         _s('group', '', '', 'group that starts away from rest', required=True),

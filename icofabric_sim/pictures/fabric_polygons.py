@@ -269,6 +269,8 @@ def _anchors(moment: Moment, shown: np.ndarray, camera: Camera, area: Area) -> l
     starts = moment.position[body] + np.einsum('ai,aij->aj', arms, cosines)
     points = anchor_points(moment)
     chosen = shown[body] & camera.is_before(points) & camera.is_before(starts)
+    if moment.torn_anchors is not None:
+        chosen[moment.torn_anchors] = False
     half_edge = moment.scene.shell.half_edge
     colors = np.tile(ANCHOR_COLOR, (int(chosen.sum()), 1))
     ends = np.stack([starts, points], axis=1)[chosen]

@@ -79,7 +79,8 @@ def simulated_moments(
         moments.append(Moment(
             time, state.position, state.orientation, scene, '', broken, state.linear_velocity,
             tuple(own_pushes(scene, state.position, state.orientation, time, set())),
-            state.anchor_ends[:, 1] if scene.anchors else None))
+            state.anchor_ends[:, 1] if scene.anchors else None,
+            np.flatnonzero(~state.anchor_intact)))
         progress(time)
     return moments
 

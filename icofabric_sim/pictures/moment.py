@@ -39,4 +39,5 @@ class Moment(NamedTuple):
     velocity: np.ndarray | None = None  # (n, 3) [m/s]
     pushes: tuple[Push, ...] = ()
     anchor_points: np.ndarray | None = None  # (a, 3) [m] of the world; None: those at time 0
+    torn_anchors: np.ndarray | None = None  # numbers of broken anchors
     known: np.ndarray | None = None  # (n,) bool: whose pose it is; others are as woven; None: all

@@ -126,10 +126,11 @@ class RunMoments:
         if not (np.isfinite(position).all() and np.isfinite(orientation).all()):
             raise BagError(f'{self.run.path} holds poses that are not finite')
         active = active_inputs(self._inputs, time)
-        broken = None
+        broken = torn = None
         for told, breaks in self._breaks:
             if told <= time:
-                broken = breaks[:, 0].astype(int)
+                numbers = breaks[:, 0].astype(int)
+                broken, torn = numbers[numbers >= 0], -1 - numbers[numbers < 0]
         if broken is not None and broken.max(initial=0) >= max(scene.connector_count, 1):
             raise BagError(
                 f'{self.run.path} holds a broken connector {broken.max()} at t = {time / 1e9:.6g} '
@@ -139,6 +140,7 @@ class RunMoments:
             pushes=tuple(received_pushes(scene, position, orientation, active)
                          + own_pushes(scene, position, orientation, time / 1e9,
                                       {_channel(entry) for entry in active})),
+            torn_anchors=torn,
             known=None if chosen is None else np.isin(np.arange(scene.body_count), chosen))
 
 

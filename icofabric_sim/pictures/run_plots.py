@@ -105,7 +105,8 @@ def _read(run: RecordedRun, names: Sequence[str], start: float, end: float) -> S
     broken = []
     for frame in frames:
         told = [rows[:, 0].astype(int) for time, rows in breaks if time <= frame.nanoseconds]
-        broken.append(told[-1] if told else np.zeros(0, int))
+        # Of connectors: anchors have no tension here.
+        broken.append(told[-1][told[-1] >= 0] if told else np.zeros(0, int))
     if not names:
         names = [name for name, bodies in scene.groups.items()
                  if np.isin(bodies, _known(scene)).all()]

@@ -121,7 +121,7 @@ class Broadcast:
         self._outputs = outputs or Outputs(simulation.scene)
         self.simulation = simulation
         self._cells: LoadCellKernels | None = None
-        self._can_break = simulation.scene.connectors.limits is not None
+        self._can_break = simulation.scene.can_break
         self._has_frames = simulation.scene.framed_bodies is not None
         self._breaks_told: int | None = None
         self.set_rates(simulation.scene.parameters)

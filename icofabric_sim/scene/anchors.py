@@ -15,15 +15,18 @@
 Anchors: connectors from an edge of a body to a point of the world, fixed or moving.
 
 Their law is that of `connector.*` (k_e, k_c and natural length D) where they have none of their
-own; they neither break nor resist bending.
+own; they resist no bending, and break where limits of their own say so.
 """
 
 from collections.abc import Mapping
+import math
 from typing import NamedTuple
 
 from icofabric_sim.geometry.icosahedron import NAMED_EDGES
+from icofabric_sim.geometry.rotations import cosines_from_quaternions
 from icofabric_sim.parameters.validation import ParameterError, Parameters
 from icofabric_sim.scene.attachments import attachment_points
+from icofabric_sim.scene.breakage import NAMES
 from icofabric_sim.scene.connector_laws import spring_law
 from icofabric_sim.scene.drives import Drive
 from icofabric_sim.scene.paths import Path, PathPiece
@@ -34,6 +37,18 @@ import numpy as np
 _NONE = (0.0,) * 6
 
 
+class AnchorLimits(NamedTuple):
+    """Lengths at which an anchor breaks."""
+
+    longest: float = math.inf  # L_e [m], infinite: never in extension
+    shortest: float = 0.0  # L_c [m], 0: never in compression
+
+    @property
+    def breaks(self) -> bool:
+        """Whether it ever does."""
+        return self != (math.inf, 0.0)
+
+
 class Anchor(NamedTuple):
     """An `anchors.NAME`."""
 
@@ -41,6 +56,7 @@ class Anchor(NamedTuple):
     arm: np.ndarray  # (3,) [m] from the centre to the edge, body axes
     path: Path  # of the point, world frame; only its first three coordinates count
     law: tuple[float, float, float]  # k_e [N/m], k_c [N/m], D [m]
+    limits: AnchorLimits = AnchorLimits()
 
 
 def make_anchors(
@@ -63,8 +79,50 @@ def make_anchors(
         edge = NAMED_EDGES.index(parameters[f'anchors.{name}.edge'])
         anchors[name] = Anchor(
             body, midpoints[edge], make_anchor_path(parameters, name),
-            spring_law(parameters, f'anchors.{name}', geometry.connector_length))
+            law := spring_law(parameters, f'anchors.{name}', geometry.connector_length),
+            _make_limits(parameters, f'anchors.{name}', law[2]))
     return anchors
+
+
+def require_whole(
+    anchors: Mapping[str, Anchor], position: np.ndarray, orientation: np.ndarray
+) -> None:
+    """
+    Refuse anchors that would break at once, at the start.
+
+    `position` (n, 3) [m] and `orientation` (n, 4) of the bodies there.
+    """
+    for name, anchor in anchors.items():
+        if not anchor.limits.breaks:
+            continue
+        axes = cosines_from_quaternions(orientation[anchor.body][None])[0]
+        end = position[anchor.body] + anchor.arm @ axes
+        length = float(np.linalg.norm(end - anchor.path.pieces[0].at(0.0)[:3]))
+        if length >= anchor.limits.longest:
+            word, limit, way = NAMES[0], anchor.limits.longest, 'raise'
+        elif length <= anchor.limits.shortest:
+            word, limit, way = NAMES[1], anchor.limits.shortest, 'lower'
+        else:
+            continue
+        key = f'anchors.{name}.{word}'
+        raise ParameterError(
+            key, f'{key} {limit!r} m: the anchor is {length:.6g} m long at the start and would '
+            f'break at once; {way} it, or move anchors.{name}.position')
+
+
+def _make_limits(parameters: Parameters, prefix: str, rest: float) -> AnchorLimits:
+    """Limits of an anchor with the natural length `rest` [m]."""
+    longest, shortest = (parameters[f'{prefix}.{name}'] for name in NAMES)
+    for name, limit, wrong, side, way in (
+            (NAMES[0], longest, 0.0 < longest <= rest, 'above', 'raise'),
+            (NAMES[1], shortest, shortest >= rest, 'below', 'lower')):
+        if wrong:
+            raise ParameterError(
+                f'{prefix}.{name}',
+                f'{prefix}.{name} {limit!r} m must be {side} the natural length of the anchor, '
+                f'{rest!r} m: it is a length from end to end, not a change of length; {way} it, '
+                'or set 0 for an anchor that never breaks')
+    return AnchorLimits(longest or math.inf, shortest)
 
 
 def make_anchor_path(parameters: Parameters, name: str) -> Path:

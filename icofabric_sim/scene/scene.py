@@ -31,7 +31,7 @@ from icofabric_sim.parameters.ready_scenes import ready_scenes
 from icofabric_sim.parameters.text import flatten_parameters
 from icofabric_sim.parameters.validation import make_parameters, ParameterError, Parameters
 from icofabric_sim.scene import initial, selectors
-from icofabric_sim.scene.anchors import Anchor, make_anchors
+from icofabric_sim.scene.anchors import Anchor, make_anchors, require_whole
 from icofabric_sim.scene.attachments import attachment_points, check_attachments, woven_lengths
 from icofabric_sim.scene.available_memory import available_memory
 from icofabric_sim.scene.breakage import BreakLimits, make_limits
@@ -152,6 +152,12 @@ class Scene:
         with reading(checked.files) as files:
             return cls._build(checked, shell, files)
 
+    @property
+    def can_break(self) -> bool:
+        """Whether any connector or anchor breaks at some length."""
+        return self.connectors.limits is not None or any(
+            anchor.limits.breaks for anchor in self.anchors.values())
+
     def with_changes(self, changes: Mapping[str, Any]) -> 'Scene':
         """
         Build the same scene with some parameters changed; this one stays as it is.
@@ -200,6 +206,8 @@ class Scene:
         laws = make_laws(checked, length, *own)
         start = initial.make_initial_state(checked, position, orientation, groups, supports)
         drives = make_drives(checked, groups, start, supports)
+        anchors = make_anchors(checked, len(position), drives, geometry)
+        require_whole(anchors, start.position, start.orientation)
         return cls(
             parameters=checked,
             shell=shell,
@@ -230,7 +238,7 @@ class Scene:
             electric=make_electric(
                 checked, groups, len(position), equal_masses=masses.alike),
             drives=drives,
-            anchors=make_anchors(checked, len(position), drives, geometry),
+            anchors=anchors,
             initial=start,
             published_bodies=published_bodies(checked, groups),
             framed_bodies=framed_bodies(checked, groups),

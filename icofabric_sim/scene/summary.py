@@ -211,6 +211,11 @@ def _anchor(scene: Scene, name: str) -> str:
         stiffness = f'{extension:g}' if extension == compression else (
             f'{extension:g} / {compression:g}')
         text += f', {stiffness} N/m, natural length {rest:g} m'
+    longest, shortest = scene.anchors[name].limits
+    limits = [f'above {longest:g} m'] * math.isfinite(longest) + [
+        f'below {shortest:g} m'] * (shortest > 0.0)
+    if limits:
+        text += f', breaks {" and ".join(limits)}'
     if any(velocity):
         text += f', which moves with {vector(np.array(velocity), "m/s")}'
     return f'{text}, which moves as {file} says' if file else text

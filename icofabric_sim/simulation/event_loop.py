@@ -197,6 +197,7 @@ class EventLoop:
             thread_team=self._thread_team,
             broad_phase=self._broad_phase,
             obstruction=self._obstruction,
+            anchor_breaks=self.inputs.anchor_breaks,
             leaves_contacts=(
                 self.near_method is not None and self.method.name == self._first.name),
             begins=begins,
@@ -331,6 +332,10 @@ class EventLoop:
         self.driver.rebase(time)
         self._stale_loads = True
         self.settle_loads()
+
+    def renew_loads(self) -> None:
+        """What acts has changed, without an input."""
+        self._stale_loads = True
 
     def settle_loads(self) -> None:
         """Give the driver what acts now: once, however many wrenches have changed at this time."""

@@ -29,6 +29,7 @@ from icofabric_sim.kernels.records import Loads
 from icofabric_sim.scene.paths import Path
 from icofabric_sim.scene.profiles import Piece, Profile, STEADY
 from icofabric_sim.scene.scene import Scene
+from icofabric_sim.simulation.anchor_breaks import AnchorBreaks
 from icofabric_sim.simulation.driving import Driving
 from icofabric_sim.simulation.input_types import (
     BodyTarget,
@@ -164,6 +165,9 @@ class Inputs:
         paths |= {AnchorPath(name): anchor.path for name, anchor in scene.anchors.items()}
         self.timetable = Timetable({**profiles, **paths})
         self.driving = Driving(scene.drives, scene.initial, self.timetable)
+        # None where no anchor breaks.
+        self.anchor_breaks = AnchorBreaks(scene.anchors) if any(
+            anchor.limits.breaks for anchor in scene.anchors.values()) else None
         self._varying = any(not profile.is_plain for profile in profiles.values())
         self._sums: dict[str, BodyTraction] = {}
         self.reset(0.0)
@@ -176,6 +180,8 @@ class Inputs:
         self.active.clear()
         self.pulls.clear()
         self.driving.taken.clear()
+        if self.anchor_breaks is not None:
+            self.anchor_breaks.mend()
         self._begin(time, time)
 
     def _begin(self, epoch: float, now: float) -> None:
@@ -240,6 +246,8 @@ class Inputs:
         if not anew:
             self.driving.adopt(other.driving)
             self.pulls.adopt(other.pulls, now)
+            if self.anchor_breaks is not None:
+                self.anchor_breaks.adopt(other.anchor_breaks)
         for target in self.received:
             if target in other.active:
                 self.active[target] = other.active[target]
@@ -354,11 +362,13 @@ class Inputs:
         anchors = self.scene.anchors
         if not anchors:
             return None
+        laws = np.array([anchor.law for anchor in anchors.values()])
+        if self.anchor_breaks is not None:
+            laws[self.anchor_breaks.broken, :2] = 0.0
         return AnchorPack(
             tuple(anchor.body for anchor in anchors.values()),
             tuple(anchor.arm for anchor in anchors.values()),
-            tuple(self._piece(AnchorPath(name)) for name in anchors),
-            np.array([anchor.law for anchor in anchors.values()]))
+            tuple(self._piece(AnchorPath(name)) for name in anchors), laws)
 
     def anchor_points(self, time: float) -> np.ndarray:
         """
@@ -386,9 +396,11 @@ class Inputs:
             [event.time, event.rank, stored_target(event.target), *_numbers(event.value)]
             for event in self.queue
             if event.message is None and not isinstance(event.target, PullTarget)]
-        pulls = {'pulls': self.pulls.state_tree()} if self.pulls else {}
+        some = {'pulls': self.pulls.state_tree()} if self.pulls else {}
+        if self.anchor_breaks is not None and self.anchor_breaks.broken.any():
+            some['broken_anchors'] = self.anchor_breaks.state_tree()
         return {
-            **pulls,
+            **some,
             'active': _listing(self.active),
             'packed': _listing(self.packed),
             'expiry': [
@@ -408,6 +420,11 @@ class Inputs:
         pieces = self.timetable.known_numbers(tree.entries('packed_pieces'))
         self.driving.load_state(tree.part('driving'))
         self.pulls.load_state(tree.part('pulls') if 'pulls' in tree else None, now)
+        gone = tree.part('broken_anchors') if 'broken_anchors' in tree else None
+        if self.anchor_breaks is not None:
+            self.anchor_breaks.load_state(gone)
+        elif gone is not None:
+            raise ValueError('inputs hold broken anchors, and no anchor of this scene breaks')
         active, packed = (self._wrenches(tree.entries(name)) for name in ('active', 'packed'))
         expiry: dict[LoadTarget, float] = {}
         for entry in tree.entries('expiry'):

@@ -34,6 +34,7 @@ from icofabric_sim.parameters.validation import Parameters
 from icofabric_sim.scene.planes import make_planes
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.scene.supports import fixed_freedoms
+from icofabric_sim.simulation.anchor_breaks import AnchorBreaks
 from icofabric_sim.simulation.model.layout import aligned_empty
 from icofabric_sim.simulation.model.packing import pack_supports, PackedScene
 from icofabric_sim.simulation.model.snapshot import Snapshot
@@ -140,7 +141,8 @@ class LoadCells:
             part = np.where(mine, inertial - force, 0.0)
             on_bodies += part
             rows.append(resultant(part, position, np.any(mine, axis=1)))
-        for end, pull in zip(anchored, self._pulls(state, anchored)):
+        for end, pull in zip(anchored, self._pulls(
+                state, anchored, driver.trajectory.anchor_breaks)):
             rows.append((end, pull, np.zeros(3)))
         for number, plane in enumerate(make_planes(self._scene.parameters)):
             mine, foot = touching.bodies[:, 1] == -1 - number, plane[3] * plane[:3]
@@ -152,8 +154,10 @@ class LoadCells:
             np.array([row[k] for row in rows]).reshape(-1, 3) for k in range(3))
         return Reactions(self.names, point, total, torque, on_bodies)
 
-    def _pulls(self, state: State, anchored: np.ndarray) -> np.ndarray:
-        """Forces [N] of the anchors on their bodies, (a, 3)."""
+    def _pulls(
+        self, state: State, anchored: np.ndarray, breaks: AnchorBreaks | None
+    ) -> np.ndarray:
+        """Forces [N] of the anchors on their bodies, (a, 3); 0 of broken ones."""
         anchors = list(self._scene.anchors.values())
         if not anchors:
             return np.zeros((0, 3))
@@ -166,6 +170,8 @@ class LoadCells:
         extension, compression, natural = np.array([anchor.law for anchor in anchors]).T
         stretch = length - natural
         tension = np.where(stretch > 0.0, extension, compression) * stretch
+        if breaks is not None:
+            tension[breaks.broken] = 0.0
         # One of no length has no direction.
         return np.asarray(along * (tension / np.where(length > 0.0, length, np.inf))[:, None])
 

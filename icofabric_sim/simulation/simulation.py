@@ -209,7 +209,9 @@ class Simulation:
                 array.flags.writeable = False
             self._cached = Snapshot(
                 self.time, *state, self.scene.connector_count, self.packed,
-                self._books(state), self._driver.trajectory.broken.since, self._anchors())
+                self._books(state), self._driver.trajectory.broken.since, self._anchors(),
+                None if self.inputs.anchor_breaks is None else (
+                    self.inputs.anchor_breaks.since.copy()))
             self._cached_at = self._event_loop.changes
         return self._cached
 
@@ -391,6 +393,10 @@ class Simulation:
                 f'{self.scene.connector_count}')
         self._driver.trajectory.broken.mend()
         self._driver.trajectory.broken.adopt(other._driver.trajectory.broken)
+        if self.inputs.anchor_breaks is not None:
+            self.inputs.anchor_breaks.mend()
+            self.inputs.anchor_breaks.adopt(other.inputs.anchor_breaks)
+            self._event_loop.renew_loads()
         self._event_loop.changes += 1
 
     def warm_up(self) -> None:

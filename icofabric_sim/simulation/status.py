@@ -212,8 +212,10 @@ class SimulationStatus:
 
     @property
     def broken_count(self) -> int:
-        """Connectors that have broken so far."""
-        return self._driver.trajectory.broken.count
+        """Connectors and anchors that have broken so far."""
+        trajectory = self._driver.trajectory
+        anchors = trajectory.anchor_breaks
+        return trajectory.broken.count + (0 if anchors is None else int(anchors.broken.sum()))
 
     @property
     def obstruction(self) -> str:

@@ -158,7 +158,8 @@ def solve_equilibrium(
     load_factor = checks.number('load_factor', load_factor, least=0.0)
     fabric = StaticFabric(
         scene, held_time(scene, time), load_factor=load_factor,
-        broken_since=None if start is None else start.broken_since)
+        broken_since=None if start is None else start.broken_since,
+        anchors_broken_since=None if start is None else start.anchors_broken_since)
     return seek(fabric, start, tolerance, largest_step_count, progress)
 
 
@@ -203,6 +204,7 @@ def seek_on_path(
     fabric = StaticFabric(
         scene, held_time(scene, time, on_path=path is not None), load_factor=load_factor,
         broken_since=None if start is None else start.broken_since,
+        anchors_broken_since=None if start is None else start.anchors_broken_since,
         friction=None if path is None else replace(path))
     friction, contacts = fabric.friction, fabric.contacts
     if friction is not None and contacts is not None and not friction.is_begun:

@@ -57,7 +57,8 @@ class StaticFabric:
     def __init__(
         self, scene: Scene, time: float = 0.0, *, only: np.ndarray | None = None,
         contact: bool = True, load_factor: float = 1.0, broken_since: np.ndarray | None = None,
-        inputs: Inputs | None = None, friction: FrictionPath | None = None
+        inputs: Inputs | None = None, friction: FrictionPath | None = None,
+        anchors_broken_since: np.ndarray | None = None
     ) -> None:
         """
         Hold loads, drives and points of anchors as they are at `time` [s].
@@ -66,6 +67,7 @@ class StaticFabric:
         `contact`: whether shells and planes push each other, where the scene has it.
         `load_factor`: of weight, electric fields, loads and tractions.
         `broken_since`: as in snapshots (c,); connectors that have broken are left out.
+        `anchors_broken_since`: likewise (a,).
         `inputs`: what acts in place of the scene's own loads and drives; not used elsewhere.
         `friction`: springs of friction on a path of states; None: nothing rubs.
         Raises ParameterError for what has no place in statics.
@@ -89,6 +91,10 @@ class StaticFabric:
             self.packed = _with_factor(self.packed, load_factor)
         self.layout, model = self.packed.layout, self.packed.model
         inputs = inputs or Inputs(scene)
+        if anchors_broken_since is not None and inputs.anchor_breaks is not None:
+            inputs.anchor_breaks.since[:] = anchors_broken_since
+        self.anchors_broken_since = (
+            None if inputs.anchor_breaks is None else inputs.anchor_breaks.since)
         while inputs.next_time <= time:
             inputs.apply_next()
         loads = inputs.pack(self.layout)
@@ -178,6 +184,10 @@ def check_snapshot(name: str, snapshot: Snapshot | None, scene: Scene) -> None:
         checks.array(
             f'broken_since of {name}', snapshot.broken_since, (scene.connector_count,), 's',
             finite=False)
+    if snapshot.anchors_broken_since is not None:
+        checks.array(
+            f'anchors_broken_since of {name}', snapshot.anchors_broken_since,
+            (len(scene.anchors),), 's', finite=False)
 
 
 def _with_factor(packed: PackedScene, factor: float) -> PackedScene:
@@ -296,7 +306,8 @@ class Configuration:
             array.flags.writeable = False
         return Snapshot(
             fabric.time, *arrays, fabric.scene.connector_count, fabric.packed, books,
-            None if fabric.intact is None else fabric.broken_since)
+            None if fabric.intact is None else fabric.broken_since,
+            anchors_broken_since=fabric.anchors_broken_since)
 
     @cached_property
     def energy(self) -> float:

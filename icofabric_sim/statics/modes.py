@@ -168,7 +168,8 @@ def solve_modes(
     checks.choice('which', which, (LOWEST, HIGHEST))
     check_branch(branch)
     fabric = StaticFabric(
-        scene, held_time(scene, time), broken_since=None if at is None else at.broken_since)
+        scene, held_time(scene, time), broken_since=None if at is None else at.broken_since,
+        anchors_broken_since=None if at is None else at.anchors_broken_since)
     here = fabric.start if at is None else fabric.configuration('at', at)
     jumps = here.kink_jumps
     if not len(jumps):

@@ -160,7 +160,8 @@ class Sight:
         if fabric is None or not len(broken) or len(poses) != fabric.scene.body_count:
             return np.zeros((0, 2, 3))
         connectors = fabric.scene.connectors
-        broken = broken[broken < fabric.scene.connector_count]
+        # Negative numbers are those of anchors, of which markers tell.
+        broken = broken[(broken >= 0) & (broken < fabric.scene.connector_count)]
         broken = broken[fabric.seen[connectors.bodies[broken]].all(axis=1)]
         bodies, arms = connectors.bodies[broken], connectors.points_body[broken]
         axis, real = poses[bodies, 3:6], poses[bodies, 6:]

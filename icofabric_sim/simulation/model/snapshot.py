@@ -51,6 +51,8 @@ class Snapshot(AsTable):
     broken_since: np.ndarray | None = None  # (c,) [s], NaN while unbroken; None: all are whole
     # Bodies (a,), arms (a, 3) and world points (a, 3) [m] of the anchors.
     anchors: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
+    # (a,) [s], NaN while unbroken; None: none of them breaks
+    anchors_broken_since: np.ndarray | None = None
 
     def __repr__(self) -> str:
         """Say what it is of, without the numbers."""
@@ -92,6 +94,13 @@ class Snapshot(AsTable):
             return np.full(self.connector_count, np.nan)
         return self.broken_since
 
+    @property
+    def anchor_intact(self) -> np.ndarray:
+        """Which anchors are unbroken, (a,) bool, in the order of the scene."""
+        if self.anchors_broken_since is None:
+            return np.ones(0 if self.anchors is None else len(self.anchors[0]), bool)
+        return np.isnan(self.anchors_broken_since)
+
     @cached_property
     def connector_ends(self) -> np.ndarray:
         """World positions [m] of the ends of every connector, (c, 2, 3)."""
@@ -105,7 +114,11 @@ class Snapshot(AsTable):
 
     @cached_property
     def anchor_ends(self) -> np.ndarray:
-        """World positions [m] of the ends of every anchor, (a, 2, 3), that at the body first."""
+        """
+        World positions [m] of the ends of every anchor, (a, 2, 3), that at the body first.
+
+        Of broken ones, too.
+        """
         if self.anchors is None:
             return np.zeros((0, 2, 3))
         body, arm, point = self.anchors

@@ -29,6 +29,7 @@ from icofabric_sim.kernels.drives import place_driven
 from icofabric_sim.kernels.records import Loads, State
 from icofabric_sim.kernels.runtime.compile_notice import KernelsMissing
 from icofabric_sim.kernels.runtime.kernel_guard import is_compiler_free, no_compiling
+from icofabric_sim.simulation.anchor_breaks import AnchorBreaks
 from icofabric_sim.simulation.contact.broad_phase import BroadPhase
 from icofabric_sim.simulation.errors import KernelsAwaited, SimulationError
 from icofabric_sim.simulation.model.anchor_stiffness import anchor_accelerations
@@ -88,6 +89,7 @@ class Driver:
         thread_team: ThreadTeam,
         broad_phase: BroadPhase | None,
         obstruction: Obstruction,
+        anchor_breaks: AnchorBreaks | None = None,
         leaves_contacts: bool = False,
         begins: bool = True,
         on_pause: Callable[[], None] = lambda: None,
@@ -96,9 +98,10 @@ class Driver:
         Start at time `origin` [s] with the `frequency` of the state; `fixed_step` 0: chosen.
 
         `output_period` [s] is the step where nothing in the scene sets a scale. `has_events`:
-        steps have to end where something happens. `leaves_contacts`: another driver goes on once
-        shells are near each other. Not `begins`: no step will be taken. `on_pause` is called
-        between two compiled calls, at a step end; what it raises ends the advance there.
+        steps have to end where something happens. `anchor_breaks`: anchors that can break; None:
+        none can. `leaves_contacts`: another driver goes on once shells are near each other. Not
+        `begins`: no step will be taken. `on_pause` is called between two compiled calls, at a step
+        end; what it raises ends the advance there.
 
         Raises ValueError where a fixed step is too long or far too short.
         """
@@ -112,7 +115,8 @@ class Driver:
         self.trajectory = Trajectory(
             packed, method, state, loads, origin=origin, step=fixed_step, differences=differences,
             energy_limit=energy_limit, half_edge=half_edge, thread_team=thread_team,
-            control=EmbeddedControl(origin) if is_embedded else None)
+            control=EmbeddedControl(origin) if is_embedded else None,
+            anchor_breaks=anchor_breaks)
         self.contact = ContactScheduler(self.trajectory, broad_phase)
         self.rates = MotionRates(self.trajectory, self.contact, frequency, load_rate)
         self.calls = MethodCalls(self.trajectory, self.contact)

@@ -33,6 +33,7 @@ from icofabric_sim.kernels.records import (
     Work,
 )
 from icofabric_sim.kernels.runtime.lanes import LANES
+from icofabric_sim.simulation.anchor_breaks import AnchorBreaks
 from icofabric_sim.simulation.contact.friction_state import contact_losses
 from icofabric_sim.simulation.errors import ElsewhereError, SimulationError
 from icofabric_sim.simulation.model.layout import has_jumps
@@ -66,6 +67,7 @@ class Trajectory:
         half_edge: float,
         thread_team: ThreadTeam,
         control: EmbeddedControl | None = None,
+        anchor_breaks: AnchorBreaks | None = None,
     ) -> None:
         """
         Begin with `state` at time `origin` [s], with steps of `step` [s]; 0: not known yet.
@@ -80,6 +82,8 @@ class Trajectory:
         self._state, self._loads = state, loads
         self.thread_team, self.half_edge = thread_team, half_edge
         self.broken = Broken(packed)
+        # Of what acts, which knows of them when it is packed; None: no anchor breaks.
+        self.anchor_breaks = anchor_breaks
         self._work = packed.layout.room(
             packed.model.links, None if method.symplectic else state, differences=differences,
             damped=packed.model.damping is not None, metered=packed.spends)

@@ -1,0 +1,135 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""Anchors break where they reach a limit of their length."""
+
+from typing import Any
+
+from icofabric_sim.geometry.rotations import cosines_from_quaternions, quaternions_from_cosines
+from icofabric_sim.kernels.breakage import TOGETHER
+from icofabric_sim.kernels.records import Anchors, State
+from icofabric_sim.scene.scene import Scene
+from icofabric_sim.simulation.anchor_breaks import AnchorBreaks
+from icofabric_sim.simulation.state_tree import StateTree
+from icofabric_sim.simulation.stepping.event_location import first_crossing, Moment
+from icofabric_sim.simulation.stepping.pieces import Pieces
+from icofabric_sim.simulation.stepping.step_in_progress import StepInProgress
+import numpy as np
+
+
+def why(scene: Scene) -> str:
+    """Say why a scene needs steps that end where an anchor breaks; '': it does not."""
+    if not any(anchor.limits.breaks for anchor in scene.anchors.values()):
+        return ''
+    return 'anchors that break need steps that end where one does'
+
+
+def make(pieces: Pieces, step: StepInProgress) -> 'AnchorBreakage | None':
+    """Return the locator; None where no anchor breaks."""
+    breaks = pieces.trajectory.anchor_breaks
+    return None if breaks is None else AnchorBreakage(pieces, step, breaks)
+
+
+class AnchorBreakage:
+    """
+    Finds the first anchors to break in the step in progress, and breaks them at its end.
+
+    They are few: each step is searched.
+    """
+
+    status = 0
+
+    def __init__(self, pieces: Pieces, step: StepInProgress, breaks: AnchorBreaks) -> None:
+        """Search the `step` in progress for those of the `breaks` that are left."""
+        self._trajectory, self._step, self._breaks = pieces.trajectory, step, breaks
+        self.is_due = False
+        # Numbers of the anchors that were found.
+        self._found = np.zeros(0, np.int64)
+
+    def find(self) -> float | None:
+        """Part of the step in progress at which anchors break first; None where none does."""
+        breaks, step = self._breaks, self._step
+        left = breaks.left
+        if not len(left):
+            return None
+        longest, shortest = breaks.longest[left], breaks.shortest[left]
+        close = TOGETHER * np.concatenate([np.where(longest < np.inf, longest, 0.0), shortest])
+
+        def at(part: float) -> Moment:
+            if part == 0.0:
+                state = step.start
+            else:
+                state = self._trajectory.state if part == 1.0 else step.dense(part)
+            length, rate = self._lengths(state, step.control.start + part * step.length, left)
+            return Moment(
+                part, np.concatenate([length - longest, shortest - length]),
+                step.length * np.concatenate([rate, -rate]))
+
+        moment = first_crossing(at, close)
+        if moment is None:
+            return None
+        reached = moment.reached(close)
+        self._found = left[reached[:len(left)] | reached[len(left):]]
+        return moment.x
+
+    def happen(self) -> None:
+        """Break what was found; the energy in it is lost."""
+        trajectory, found, end = self._trajectory, self._found, self._step.end
+        length, _ = self._lengths(trajectory.state, end, found)
+        extension, compression, rest = self._breaks.law[found].T
+        stretch = length - rest
+        slope = np.where(stretch > 0.0, extension, compression)
+        trajectory.ledger.lost += float((0.5 * slope * stretch**2).sum())
+        self._breaks.add(found, end)
+        # Also in what acts now; what is packed later knows of it.
+        anchors = self._anchors
+        anchors.extension[found] = anchors.compression[found] = 0.0
+
+    def state_tree(self) -> dict[str, Any]:
+        """What breaks where the step in progress ends, as an entry."""
+        return {'due_anchors': self._found.astype(float)} if self.is_due else {}
+
+    def load_state(self, tree: StateTree) -> None:
+        """Go on from there."""
+        self.is_due = 'due_anchors' in tree
+        if self.is_due:
+            values, left = tree.array('due_anchors'), self._breaks.left
+            if values.ndim != 1 or not np.isin(values, left).all():
+                raise ValueError('due_anchors must be numbers of anchors that may still break')
+            self._found = values.astype(np.int64)
+
+    @property
+    def _anchors(self) -> Anchors:
+        anchors = self._trajectory.loads.anchors
+        assert anchors is not None
+        return anchors
+
+    def _lengths(
+        self, state: State, time: float, chosen: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Lengths [m] of some anchors in a state at `time` [s], and their rates [m/s]."""
+        layout, anchors, breaks = self._trajectory.packed.layout, self._anchors, self._breaks
+        slot = layout.slot[breaks.body[chosen]]
+        turned = np.ascontiguousarray(state.orientation[:, slot].T)
+        if layout.cosines:
+            turned = quaternions_from_cosines(turned)
+        arm = np.einsum('ai,aij->aj', breaks.arm[chosen], cosines_from_quaternions(turned))
+        t = (time - anchors.start[chosen])[:, None]
+        cubic = anchors.cubic[chosen].transpose(1, 0, 2)
+        point = cubic[0] + t * (cubic[1] + t * (cubic[2] + t * cubic[3]))
+        speed = cubic[1] + t * (2.0 * cubic[2] + t * 3.0 * cubic[3])
+        line = state.position[:, slot].T + arm - point
+        moving = state.linear_velocity[:, slot].T + np.cross(
+            state.angular_velocity[:, slot].T, arm) - speed
+        length = np.sqrt((line * line).sum(axis=1))
+        return length, (line * moving).sum(axis=1) / np.maximum(length, 1e-300)
