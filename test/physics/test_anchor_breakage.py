@@ -193,10 +193,10 @@ def test_they_are_published_recorded_verified_and_drawn(tmp_path, capsys):
     assert main(['run', str(path), '--record', str(tmp_path / 'bag'), '--no-growth']) == 0
     said = capsys.readouterr().out
     assert f'anchors.rope{gone[0]} at t = ' in said and 'J were lost' in said
-    recorded = RecordedRun(tmp_path / 'bag')
-    _, last = recorded.breaks()[-1]
-    assert {*last[:, 0].tolist()} == {float(-1 - number) for number in gone}
-    moment = [*RunPictures(recorded).moments()][-1]
+    with RecordedRun(tmp_path / 'bag') as recorded:
+        _, last = recorded.breaks()[-1]
+        assert {*last[:, 0].tolist()} == {float(-1 - number) for number in gone}
+        moment = [*RunPictures(recorded).moments()][-1]
     assert moment.torn_anchors.tolist() == sorted(gone.tolist()) and not len(moment.broken)
     assert main(['verify', str(tmp_path / 'bag')]) == 0
     assert 'identical' in capsys.readouterr().out

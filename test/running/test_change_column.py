@@ -75,6 +75,8 @@ NEEDED = {
     'drives.it.file': {'drives.it.motion': 'table', 'drives.it.file': 'other_way.csv'},
     'planes.': {'planes.it.normal': [0.0, 0.0, 1.0], 'planes.it.offset': -1.0},
     'anchors.': {'anchors.it.position': [0.0, 0.0, 0.2]},
+    'anchors.it.break_length_extension': {'solver.method': 'dop8'},
+    'anchors.it.break_length_compression': {'solver.method': 'dop8'},
     'initial.': {'initial.it.group': 'tip'},
     'bodies.': {'bodies.it.position': [0.0, 0.0, 0.5]},
 }
@@ -110,6 +112,8 @@ OTHERS = {
     'drives.it.freedoms': 'tz',
     'drives.it.file': 'way.csv',
     'anchors.it.file': 'way.csv',
+    'anchors.it.break_length_extension': 0.5,
+    'anchors.it.break_length_compression': 0.001,
     'bodies.it.orientation': [0.0, 0.0, 1.0, 0.0],
     'bodies.it.inertia': 1e-6,
     'masses.it.inertia': 1e-6,
