@@ -31,6 +31,7 @@ from icofabric_sim.terminal import bad_input, InputError
 if TYPE_CHECKING:
     from icofabric_sim.scene.scene import Scene
     from icofabric_sim.statics.directional import Directional
+    from icofabric_sim.statics.lattice import LatticeRest
     from icofabric_sim.statics.periodic import Elasticity
 
     # Directions by name, for each branch.
@@ -74,6 +75,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar=('X', 'Y', 'Z'),
         help="Young's modulus, Poisson's ratios and shear moduli of the endless fabric along this "
              'direction, beside thirteen others; may be repeated')
+    parser.add_argument(
+        '--relaxed', action='store_true',
+        help='constants of the endless fabric about its rest, with what shells do to each other '
+             '(contact.mode never: without), instead of those of the woven state')
     add_output_arguments(parser)
     add_json_numbers_argument(parser)
 
@@ -114,7 +119,7 @@ def _find(arguments: argparse.Namespace) -> tuple[dict[str, Any], bool]:
         # Curves of the slab need no endless fabric.
         why = _without_constants(scene) if arguments.kinds else ''
         alone = bool(why)
-        constants = None if alone else homogenise(scene)
+        constants = None if alone else homogenise(scene, relaxed=arguments.relaxed)
     judged: Judged = {} if constants is None else {
         branch: elastic_directions.judged(one, arguments.direction)
         for branch, one in _branches(constants).items()}
@@ -122,7 +127,8 @@ def _find(arguments: argparse.Namespace) -> tuple[dict[str, Any], bool]:
         print(f'{name}: no constants of an endless fabric, because {why}')
     else:
         print(f'{name}: the endless fabric')
-        print('\n'.join([*constants_text(constants, judged), *rest_text(scene)]))
+        aside = rest_text(scene) if constants.rest is None else lattice_text(constants.rest, scene)
+        print('\n'.join([*constants_text(constants, judged), *aside]))
     parts = np.arange(1, arguments.points + 1) / arguments.points
     cases = LoadCases(
         arguments.kinds, (arguments.strain * parts).tolist(), (arguments.angle * parts).tolist(),
@@ -177,7 +183,15 @@ def _numbers(
             for label, direction in _DIRECTIONS.items()},
         'bulk_modulus_pa': constants.bulk_modulus,
         'poisson_ratio': {label: dict(ratios) for label, _, ratios in moduli(constants)},
-        'directions': elastic_directions.numbers(judged)}
+        'directions': elastic_directions.numbers(judged), **_rest_numbers(constants.rest)}
+
+
+def _rest_numbers(rest: 'LatticeRest | None') -> dict[str, Any]:
+    """Where constants are about, if that is not the woven state."""
+    return {} if rest is None else {'rest': {
+        'deformation_gradient': rest.gradient, 'turn': rest.turn, 'verdict': rest.verdict,
+        'pressing_pairs': len(rest.pressing), 'overlap_m': rest.overlap,
+        'first_touches': rest.first_touches}}
 
 
 def moduli(
@@ -230,6 +244,26 @@ def constants_text(
         lines.append(f'  bounds, {branch}: {said}')
         lines += [f'  {line}' for line in _branch_text(
             constants.branches[branch], judged[branch])]
+    return lines
+
+
+def lattice_text(rest: 'LatticeRest', scene: 'Scene') -> list[str]:
+    """Where the endless fabric has come to rest."""
+    import numpy as np
+
+    stretches = np.linalg.svd(rest.gradient)[1]
+    turn = 2.0 * np.arctan2(np.linalg.norm(rest.turn[:3]), abs(rest.turn[3]))
+    lines = [
+        f'  about its rest, {rest.verdict}: {stretches.min():.6g} to {stretches.max():.6g} times '
+        f'as long as woven, bodies turned by {turn if turn > 1e-9 else 0.0:.3g} rad']
+    if len(rest.pressing):
+        lines.append(
+            f'  each body presses on {2 * len(rest.pressing)} others, by up to {rest.overlap:.3g} '
+            f'm ({100.0 * rest.overlap / scene.geometry.half_edge:.2g} % of a)')
+    if rest.first_touches:
+        lines.append(
+            f'  {rest.first_touches} pairs of a body touch without a push: they resist one way '
+            'only, and are left out')
     return lines
 
 

@@ -59,7 +59,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--equilibrium', action='store_true',
         help='about the equilibrium under the loads of the scene, as icofabric statics finds it '
-             '(default: about its initial configuration)')
+             '(default: about its initial configuration); bands are about the rest of the endless '
+             'fabric then, with contact')
     parser.add_argument(
         '--time', type=float, metavar='S',
         help='loads, drives and anchors are held as they are at this time [s] (needed where they '
@@ -126,7 +127,8 @@ def _find(arguments: argparse.Namespace) -> dict[str, Any]:
         from icofabric_sim.pictures.band_picture import draw_bands
         bands.parent.mkdir(parents=True, exist_ok=True)
         with bad_input():
-            draw_bands(bands, name, scene, branch=arguments.branch)
+            draw_bands(
+                bands, name, scene, branch=arguments.branch, relaxed=arguments.equilibrium)
         print(f'drawn to {bands}')
     branches = {key: _numbers(one) for key, one in spectrum.branches.items()}
     return {'scene': name, 'bodies': scene.body_count, 'connectors': scene.connector_count,

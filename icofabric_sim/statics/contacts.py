@@ -62,6 +62,11 @@ class StaticContacts:
         self.stiffness = setup.stiffness  # K [N/m] in use
         self._scratch = contact_scratch()
         self._reach = 2.0 * circumscribed_radius(setup.half_edge)
+        self._pairs: np.ndarray | None = None
+
+    def restrict(self, pairs: np.ndarray) -> None:
+        """Have only these pairs of shells (p, 2) count from now on."""
+        self._pairs = np.asarray(pairs, np.int64)
 
     @property
     def whole(self) -> float:
@@ -199,6 +204,8 @@ class StaticContacts:
         return count
 
     def _near(self, position: np.ndarray) -> np.ndarray:
+        if self._pairs is not None:
+            return self._pairs
         from scipy.spatial import cKDTree
 
         return np.asarray(

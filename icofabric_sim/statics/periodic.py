@@ -37,7 +37,9 @@ from icofabric_sim.statics.directional import (
     shear_of,
 )
 from icofabric_sim.statics.fabric import Configuration, StaticFabric
+from icofabric_sim.statics.held import refuse_in_statics
 from icofabric_sim.statics.kinks import length_changes
+from icofabric_sim.statics.lattice import form, Lattice, LatticeRest, placed, relax
 from icofabric_sim.statics.one_sided import CellEnergy, Response
 from icofabric_sim.statics.sides import BRANCHES, check_branch, PULL, PUSH, WITHOUT
 import numpy as np
@@ -46,8 +48,6 @@ import numpy as np
 _PIECE = [5, 5, 5]
 _KEPT = ('shell.', 'connector.', 'connector_groups.', 'weave.kind', 'weave.azimuth',
          'weave.connector_length', 'weave.connector_angle')
-# Voigt's order xx yy zz yz xz xy: a strain of 1 is a displacement gradient of this.
-_VOIGT = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
 _ZERO = 1e-9
 
 
@@ -57,17 +57,19 @@ class Cell:
 
     scene: Scene  # a piece of it
     body: int  # of that piece, with all its neighbours
-    neighbours: np.ndarray  # (13,) itself first
-    offsets: np.ndarray  # (13, 3) [m] from its centre
-    stiffness: np.ndarray  # (13, 6, 6) second derivatives H(0, R) of the energy
+    neighbours: np.ndarray  # (m,) itself first, twelve that it is joined to, and others it presses
+    offsets: np.ndarray  # (m, 3) [m] from its centre, as woven
+    stiffness: np.ndarray  # (m, 6, 6) second derivatives H(0, R) of the energy
     root: np.ndarray  # (6,) roots of mass and inertia
     # Whether connectors are at their natural length, where k_e is not k_c.
     at_kink: bool
+    rest: LatticeRest | None = None  # where it has relaxed to; None: as woven
 
     @property
     def volume(self) -> float:
-        """Volume [m^3] for each body: every second point of a grid of pitch W."""
-        return 2.0 * float(self.scene.geometry.pitch) ** 3
+        """Volume [m^3] for each body: every second point of a grid of pitch W, deformed."""
+        deformed = 1.0 if self.rest is None else float(np.linalg.det(self.rest.gradient))
+        return 2.0 * float(self.scene.geometry.pitch) ** 3 * deformed
 
     @property
     def density(self) -> float:
@@ -75,13 +77,15 @@ class Cell:
         return float(self.root[0]) ** 2 / self.volume
 
 
-def make_cell(scene: Scene, branch: str | None = None) -> Cell:
+def make_cell(scene: Scene, branch: str | None = None, *, relaxed: bool = False) -> Cell:
     """
     Cell of the endless fabric with the shell, connectors and weave of a scene.
 
     Its size, loads, supports and groups of bodies do not count. `branch`: how connectors at their
-    kink count in its second derivatives, 'push' (None) or 'pull'. ParameterError where the weave
-    does not repeat, or connectors differ from place to place (by direction they may).
+    kink count in its second derivatives, 'push' (None) or 'pull'. `relaxed`: about its rest, with
+    what shells do to each other unless `contact.mode` is never; else as woven, without contact.
+    ParameterError where the weave does not repeat, or connectors differ from place to place (by
+    direction they may); ValueError where it has no rest.
     """
     parameters = require_scene(scene).parameters
     check_branch(branch)
@@ -99,9 +103,12 @@ def make_cell(scene: Scene, branch: str | None = None) -> Cell:
         raise ParameterError(
             'charge.mutual', 'charge.mutual: the sum over all charges of an endless fabric has no '
             'end; set it to false for the endless fabric, or take curves and modes of a slab')
+    touches = relaxed and parameters['contact.mode'] != 'never'
+    refuse_in_statics(scene, contact=touches)
     kept = {
         name: value for name, value in parameters.items()
-        if name.startswith(_KEPT) and value != '' and name != 'connector.obstruction'}
+        if name.startswith((*_KEPT, *(('contact.',) if touches else ())))
+        and value != '' and name != 'connector.obstruction'}
     kept['weave.size'] = _PIECE
     piece = Scene.from_parameters(kept)
     bodies = piece.connectors.bodies
@@ -109,9 +116,19 @@ def make_cell(scene: Scene, branch: str | None = None) -> Cell:
     body = int(full[0])
     others = np.where(bodies == body, bodies[:, ::-1], -1).max(axis=1)
     neighbours = np.concatenate([[body], np.sort(others[others >= 0])])
-    fabric = StaticFabric(piece, contact=False)
-    here = fabric.start.on(branch or PUSH)
-    blocks = np.zeros((13, 6, 6))
+    fabric = StaticFabric(piece, contact=touches)
+    here, rest = fabric.start, None
+    if relaxed:
+        rest = relax(Lattice(piece, body, contact=touches))
+        here = placed(
+            fabric, piece.position - piece.position[body], rest.gradient, rest.turn)
+        if here.touching is not None:
+            pairs = here.touching.pairs
+            pressed = np.where(pairs == body, pairs[:, ::-1], -1).max(axis=1)
+            neighbours = np.concatenate([neighbours, np.setdiff1d(
+                pressed[pressed >= 0], neighbours)])
+    here = here.on(branch or PUSH)
+    blocks = np.zeros((len(neighbours), 6, 6))
     for number, other in enumerate(neighbours):
         for freedom in range(6):
             vector = np.zeros((piece.body_count, 6))
@@ -119,11 +136,11 @@ def make_cell(scene: Scene, branch: str | None = None) -> Cell:
             blocks[number, :, freedom] = here.times(vector)[body]
     return Cell(
         piece, body, neighbours, piece.position[neighbours] - piece.position[body], blocks,
-        fabric.root, bool((bodies[here.at_kink] == body).any()))
+        fabric.root, bool((bodies[here.at_kink] == body).any()), rest)
 
 
 def solve_bands(
-    scene: Scene, wave_vectors: np.ndarray, *, branch: str | None = None
+    scene: Scene, wave_vectors: np.ndarray, *, branch: str | None = None, relaxed: bool = False
 ) -> np.ndarray:
     """
     Frequencies [rad/s] of the six waves with each of the wave vectors (m, 3) [rad/m]: (m, 6).
@@ -133,10 +150,12 @@ def solve_bands(
     length and have two stiffnesses there are no waves that add up, and a `branch` has to
     be named: 'pull' or 'push', with k_e or k_c in all connectors. The k-th frequency of every
     mixture of pulling and pushing connectors lies between those of the two.
+    `relaxed`: about the rest of the fabric, with contact (see `homogenise`); wave vectors are
+    those of the lattice as woven, of the deformed one they are F^-T times these.
     """
     wave_vectors = checks.array(
         'wave_vectors', wave_vectors, ('[m]', 3), 'rad/m').reshape(-1, 3)
-    cell = make_cell(scene, branch)
+    cell = make_cell(scene, branch, relaxed=relaxed)
     if cell.at_kink and branch is None:
         raise ValueError(
             'the connectors of this fabric are at their natural length, where '
@@ -206,7 +225,7 @@ class Elasticity:
     density: float  # [kg/m^3]
     # Strains (z, 6) that cost no energy: an orthonormal basis.
     soft_strains: np.ndarray
-    # [Pa] of the woven state, Voigt's order; not 0 where connectors are pre-stressed.
+    # [Pa] of the state, Voigt's order; not 0 where connectors of a woven one are pre-stressed.
     stress: np.ndarray
     energy: CellEnergy = field(repr=False)
     volume: float  # [m^3] of a cell
@@ -217,6 +236,7 @@ class Elasticity:
     branch: str = ''
     # Both by name; empty where none is at its kink.
     branches: Mapping[str, 'Elasticity'] = field(default_factory=dict, repr=False)
+    rest: LatticeRest | None = None  # the state that they are about; None: as woven
 
     def response(self, strain: np.ndarray) -> Response:
         """
@@ -332,7 +352,9 @@ class Elasticity:
         return np.linalg.pinv(self.stiffness, rcond=_ZERO, hermitian=True)
 
 
-def homogenise(scene: Scene, *, branch: str | None = None) -> Elasticity:
+def homogenise(
+    scene: Scene, *, branch: str | None = None, relaxed: bool = False
+) -> Elasticity:
     """
     Elastic constants of a fabric in its woven state, the rotations of the bodies relaxed.
 
@@ -342,22 +364,20 @@ def homogenise(scene: Scene, *, branch: str | None = None) -> Elasticity:
     second derivative of the energy by symmetric displacement gradients. `branch`: how connectors
     at their kink count in the constants, 'push' (None) or 'pull'; `.response` and `.pulled` say
     what small strains of one sign meet there.
+
+    `relaxed`: about the rest of the endless fabric, to which places deform alike and bodies turn
+    alike (`.rest`), with what shells do to their neighbours unless `contact.mode` is never.
+    Strains are of that state. Pairs at their first touch are left out (`.rest.first_touches`).
     """
-    cell = make_cell(scene, branch)
-    bodies = cell.scene.connectors.bodies
-    # Of the two connectors in opposite directions one belongs to the cell.
-    own = np.flatnonzero((bodies == cell.body).any(axis=1))
-    other = bodies[own].sum(axis=1) - cell.body
-    offsets = cell.scene.position[other] - cell.scene.position[cell.body]
-    order = np.array([1.0, math.pi, math.e**3])
-    chosen = own[offsets @ order > 0.0]
-    here = StaticFabric(cell.scene, only=chosen, contact=False).start
-    motions = np.zeros((9, cell.scene.body_count, 6))
-    place = cell.scene.position - cell.scene.position[cell.body]
-    for number, (i, j) in enumerate(_VOIGT):
-        motions[number, :, i] += 0.5 * place[:, j]
-        motions[number, :, j] += 0.5 * place[:, i]
-    motions[6:, :, 3:] = np.eye(3)[:, None, :]
+    cell = make_cell(scene, branch, relaxed=relaxed)
+    touches = relaxed and scene.parameters['contact.mode'] != 'never'
+    lattice, gradient = Lattice(cell.scene, cell.body, contact=touches), np.eye(3)
+    if cell.rest is None:
+        here = lattice.fabric.start
+    else:
+        gradient = cell.rest.gradient
+        here = lattice.at(gradient, cell.rest.turn)
+    motions = lattice.motions(gradient)
     energy = _cell_energy(here, motions)
     if not len(energy.changes):
         return _constants(cell, here, motions, energy)
@@ -370,21 +390,15 @@ def homogenise(scene: Scene, *, branch: str | None = None) -> Elasticity:
 def _constants(
     cell: Cell, here: Configuration, motions: np.ndarray, cell_energy: CellEnergy
 ) -> Elasticity:
-    energy = _form(here, motions)
+    energy = form(here, motions)
     strain, mixed, turn = energy[:6, :6], energy[:6, 6:], energy[6:, 6:]
     stiffness = strain - mixed @ np.linalg.pinv(turn, rcond=_ZERO, hermitian=True) @ mixed.T
     stiffness = 0.5 * (stiffness + stiffness.T) / cell.volume
     values, vectors = np.linalg.eigh(stiffness)
     soft = vectors[:, np.abs(values) <= _ZERO * np.abs(strain).max() / cell.volume].T
     stress = -np.einsum('inf,nf->i', motions[:6], here.force) / cell.volume
-    return Elasticity(stiffness, cell.density, soft, stress, cell_energy, cell.volume)
-
-
-def _form(here: Configuration, motions: np.ndarray) -> np.ndarray:
-    """Second derivatives of the energy along motions, (m, m)."""
-    energy = np.einsum(
-        'inf,jnf->ij', motions, np.array([here.times(motion) for motion in motions]))
-    return np.asarray(0.5 * (energy + energy.T))
+    return Elasticity(
+        stiffness, cell.density, soft, stress, cell_energy, cell.volume, rest=cell.rest)
 
 
 def _cell_energy(here: Configuration, motions: np.ndarray) -> CellEnergy:
@@ -394,4 +408,4 @@ def _cell_energy(here: Configuration, motions: np.ndarray) -> CellEnergy:
         fabric.laws.kinked & fabric.counted & ~here.stretched.at_kink)
     return CellEnergy(
         changes[at_kink], here.on(PULL).slope[at_kink], here.on(PUSH).slope[at_kink],
-        _form(here.on(WITHOUT), motions), changes[elsewhere], here.stretched.stretch[elsewhere])
+        form(here.on(WITHOUT), motions), changes[elsewhere], here.stretched.stretch[elsewhere])
