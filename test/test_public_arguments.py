@@ -346,7 +346,8 @@ def table(t):
             'load': flag(False, np.True_)}),
         'Simulation.restore': (simulation.restore, {
             'checkpoint': some(ico.Checkpoint, checkpoint)}),
-        'homogenise': (ico.homogenise, {'scene': scene, 'branch': branch}),
+        'homogenise': (ico.homogenise, {
+            'scene': scene, 'branch': branch, 'relaxed': flag(False, np.True_)}),
         'load_scene': (ico.load_scene, {'path': path(
             t.folder / 'scene.yaml', str(t.folder / 'scene.yaml'))}),
         'measure_curve': (ico.measure_curve, {
@@ -375,7 +376,8 @@ def table(t):
         'solve_bands': (ico.solve_bands, {
             'scene': scene, 'wave_vectors': array(
                 [[1.0, 0.0, 0.0], [0.0, 2.0, 0.0]], [1, 0, 0], np.zeros((0, 3)),
-                bad=[[[0, 0]], np.zeros((2, 6))]), 'branch': branch}),
+                bad=[[[0, 0]], np.zeros((2, 6))]), 'branch': branch,
+            'relaxed': flag(False, np.True_)}),
         'solve_equilibrium': (ico.solve_equilibrium, {
             'scene': scene, **statics, 'load_factor': from_zero(1.0, 0, np.int64(1)),
             **progress}),

@@ -89,6 +89,7 @@ def make_cell(scene: Scene, branch: str | None = None, *, relaxed: bool = False)
     """
     parameters = require_scene(scene).parameters
     check_branch(branch)
+    relaxed = checks.flag('relaxed', relaxed)
     if parameters['weave.kind'] == 'radial':
         raise ParameterError(
             'weave.kind', 'weave.kind radial does not repeat in space; choose orthogonal or bias')
@@ -153,6 +154,7 @@ def solve_bands(
     `relaxed`: about the rest of the fabric, with contact (see `homogenise`); wave vectors are
     those of the lattice as woven, of the deformed one they are F^-T times these.
     """
+    relaxed = checks.flag('relaxed', relaxed)
     wave_vectors = checks.array(
         'wave_vectors', wave_vectors, ('[m]', 3), 'rad/m').reshape(-1, 3)
     cell = make_cell(scene, branch, relaxed=relaxed)

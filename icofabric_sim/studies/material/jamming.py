@@ -103,7 +103,13 @@ def _stages(level: Level) -> dict[str, Stage]:
             ('curve',), (_SHEAR,), level.pick(0.3, 0.3, 5.0), {**base, 'weave.size': short}),
         'far': Stage(
             [_tight(LEAST, RATIO, **_contact(stiffness)) for stiffness in (0.0, CONTACT)],
-            ('curve',), far, level.pick(5.0, 8.0, 200.0), {**base, 'weave.size': short})}
+            ('curve',), far, level.pick(5.0, 8.0, 200.0), {**base, 'weave.size': short}),
+        'endless': Stage(
+            [_tight(angle, ratio, **_contact(stiffness))
+             for angle in (LEAST, -0.3) for stiffness in contacts
+             for ratio in (ratios if angle == LEAST else [r for r in ratios if r < 0.96])],
+            ('elasticity', 'bands'), ('moduli relaxed', f'gap {level.pick(2, 6, 12)} relaxed'),
+            level.pick(0.3, 0.5, 1.5), {**base, 'weave.size': [5, 5, 5]})}
 
 
 def contact_of(row: Row) -> float:
@@ -166,7 +172,28 @@ def _tables(found: Found) -> list[Table]:
               'and without; "jams below" is L_min / L', *_map_table(found)),
         Table(f'How far it holds, D / L = {RATIO:g}', (
             'contact', 'kind', 'first fall', 'pairs that press at most', 'reached',
-            'most stress W / k', 'at'), far)]
+            'most stress W / k', 'at'), far),
+        Table('The endless fabric about its rest', (
+            'angle', 'contact', 'D / L', 'size over woven', 'C11 W / k', 'C12 W / k', 'C44 W / k',
+            'neighbours that press', 'soft strains', 'waves'), [
+                _endless_row(row) for row in found['endless']])]
+
+
+def _endless_row(row: Row) -> tuple[Any, ...]:
+    if row['state'] != 'done':
+        return (fixed(row['weave.connector_angle'], 4), _named(contact_of(row)), ratio_of(row),
+                row['reason'], *('-',) * 6)
+    # Of the woven fabric: the unit stays the same as it shrinks.
+    unit = modulus_unit(row['weave.connector_angle'])
+    lowest, none = float(row['bands.grid.lowest']), 1e-6 * float(row['bands.highest'])
+    waves = 'all cost energy' if lowest > none else (
+        'some lower it' if lowest < -none else 'some cost none')
+    return (
+        fixed(row['weave.connector_angle'], 4), _named(contact_of(row)), f'{ratio_of(row):g}',
+        fixed(row['elasticity.size'], 4), *(
+            _short(float(row[f'elasticity.stiffness.{pair}']) / unit)
+            for pair in ('xx.xx', 'xx.yy', 'yz.yz')),
+        2 * int(row['elasticity.pressing']), int(row['elasticity.soft_strains']), waves)
 
 
 def _count(row: Row) -> Any:

@@ -29,30 +29,36 @@ def _solve(long: bool) -> Iterator[Curve]:
 
     A shell takes part in it with three velocities and three spins of the same energy.
     """
-    size, end, looks = ((8, 8, 16), 1.5, 60) if long else ((4, 4, 8), 0.8, 40)
+    # The mean of some small gases: single ones scatter.
+    size, end, looks, gases = ((8, 8, 16), 1.5, 60, 1) if long else ((4, 4, 8), 0.8, 40, 3)
     first = crowd(size, within='walls', parameters={}).shell
-    scene = crowd(size, within='walls', parameters={
-        'initial_random.velocity_sigma': _SPEED,
-        'initial_random.spin_sigma': _SPEED * float(np.sqrt(first.mass / first.inertia)),
-        'contact.stiffness': 1e6, 'contact.damping': _DAMPING, 'solver.tolerance': 0.1,
-        'solver.energy_limit': 0.1})
-    simulation = compile_scene(scene)
-    times, temperature = end * np.arange(looks + 1) / looks, []
-    for time in times:
-        simulation.advance_to(float(time))
-        temperature.append(simulation.snapshot().energy['kinetic'])
-    # 1 / T is a straight line in time. What is left of it, over T, from the first tenth on.
-    inverse = temperature[0] / np.array(temperature)
-    told = times >= 0.1 * end
+    times, temperature, steps = end * np.arange(looks + 1) / looks, np.zeros(looks + 1), 0
+    for number in range(gases):
+        scene = crowd(size, within='walls', parameters={
+            'initial_random.velocity_sigma': _SPEED, 'initial_random.seed': number,
+            'initial_random.spin_sigma': _SPEED * float(np.sqrt(first.mass / first.inertia)),
+            'contact.stiffness': 1e6, 'contact.damping': _DAMPING, 'solver.tolerance': 0.1,
+            'solver.energy_limit': 0.1})
+        simulation = compile_scene(scene)
+        for look, time in enumerate(times):
+            simulation.advance_to(float(time))
+            temperature[look] += simulation.snapshot().energy['kinetic']
+        steps += simulation.status.step_count
+    # 1 / T is a straight line in time. What is left of it, over T, once the grid on which the
+    # shells begin is forgotten: at first they collide less often.
+    inverse = temperature[0] / temperature
+    told = times >= 0.2 * end
     rate, start = np.polyfit(times[told], inverse[told], 1)
     error = np.abs((start + rate * times[told]) / inverse[told] - 1.0).max()
     if not inverse[-1] > 2.0:
         raise PremiseError(f'the gas must cool to half, and has cooled to {1.0 / inverse[-1]:.3g}')
-    if not abs(start - 1.0) < 0.15:
-        raise PremiseError(f'the line must begin at T0, and begins at {1.0 / start:.3g} of it')
+    if not 0.5 < start < 1.1:
+        raise PremiseError(
+            f'the line must begin near T0, or a little above, and begins at {1.0 / start:.3g} of '
+            'it')
     yield Curve(
-        f'{simulation.status.method_name}, {scene.body_count} shells', 'T0 over T at the end',
-        (Point(float(inverse[-1]), float(error), simulation.status.step_count),), 0.05,
+        f'{simulation.status.method_name}, {gases} x {scene.body_count} shells',
+        'T0 over T at the end', (Point(float(inverse[-1]), float(error), steps),), 0.05,
         is_refined=False)
 
 

@@ -50,6 +50,7 @@ REFUSED_BY_CHANCE: Final = (
     ('initial.kick.', 'disagrees with drives.'),
     ('connector.break_length_', 'at which they would break at once'),
     ('connector_groups.seam.between', 'no connector leads from one to the other'),
+    ('connector_groups.seam.break_length_', 'at which they would break at once'),
     ('drives.table.', 'the velocity would jump at the start'),
     ('tractions.wind.group', 'turns body'),
     # A ball, or a body that begins elsewhere, in another shell.

@@ -40,6 +40,8 @@ BAG: Final = 'bag'
 # Points between two neighbouring corners of the path through the zone; waves along each axis of
 # it, by default.
 _BAND_POINTS, _BAND_SAMPLES = 24, 6
+# Word that asks for the rest of the endless fabric.
+_RELAXED: Final = 'relaxed'
 # Words whose arguments are those of a curve.
 _OF_CURVES: Final = ('curve', 'strength', 'cycle', 'independent')
 
@@ -76,10 +78,12 @@ WORDS: Final[dict[str, Word]] = {
         (STATICS,), 'reaction GROUP', 'sum of the forces of supports and drives on a group [N]'),
     'frequencies': Word((MODES,), 'frequencies [COUNT]', 'the lowest frequencies [rad/s]'),
     'moduli': Word(
-        (ELASTICITY,), 'moduli', "stiffness [Pa], Young's moduli [Pa], density [kg/m^3]"),
+        (ELASTICITY,), 'moduli [relaxed]', "stiffness [Pa], Young's moduli [Pa], density "
+        '[kg/m^3]; relaxed: about the rest of the endless fabric, with contact'),
     'gap': Word(
-        (BANDS,), 'gap [COUNT]', 'the widest gap between the bands, and the highest frequency; '
-        'COUNT: waves along each axis of the zone, beside those on the path through it'),
+        (BANDS,), 'gap [COUNT] [relaxed]', 'the widest gap between the bands, and the highest '
+        'frequency; COUNT: waves along each axis of the zone, beside those on the path through '
+        'it; relaxed: as of moduli'),
     'curve': Word(
         (CURVE,), 'curve KIND STRAIN [POINTS [AXIS]]',
         'stress [Pa] of the slab at strains up to STRAIN; KIND: pull, push or shear'),
@@ -146,6 +150,8 @@ def _parse(text: Any) -> Phrase:
         frequency_count(phrase)
     if phrase.word == 'gap':
         sample_count(phrase)
+    if phrase.word == 'moduli' and phrase.arguments not in ((), (_RELAXED,)):
+        raise ValueError(f'keep: moduli takes {_RELAXED} or nothing, got {shown(text)}')
     if phrase.word in _OF_CURVES:
         curve_arguments(phrase)
     return phrase
@@ -163,12 +169,25 @@ def frequency_count(phrase: Phrase) -> int:
 
 def sample_count(phrase: Phrase) -> int:
     """How many waves along each axis of the zone a phrase asks for."""
-    if not phrase.arguments:
+    given = phrase.arguments[:-1] if phrase.arguments[-1:] == (_RELAXED,) else phrase.arguments
+    if not given:
         return _BAND_SAMPLES
-    text = phrase.arguments[0]
+    text = given[0]
+    if len(given) > 1:
+        raise ValueError(f'keep: gap takes a count and {_RELAXED}, got {" ".join(given)}')
     if not text.isdecimal() or not 1 <= int(text) <= 100:
         raise ValueError(f'keep: gap takes a count from 1 to 100, got {shown(text)}')
     return int(text)
+
+
+def is_relaxed(phrases: Sequence[Phrase]) -> bool:
+    """Whether phrases of the endless fabric are about its rest; ValueError: some are."""
+    found = {phrase.arguments[-1:] == (_RELAXED,) for phrase in phrases}
+    if len(found) > 1:
+        raise ValueError(
+            f'keep: {", ".join(map(str, phrases))}: a study is about the woven state or about '
+            f'the rest; say {_RELAXED} in all of them, or make two studies')
+    return found == {True}
 
 
 def check_end(work: Work, parameters: Parameters) -> None:
@@ -186,9 +205,9 @@ def check_work(work: Work, scene: Scene) -> None:
     if STATICS in work.verbs or MODES in work.verbs:
         held_time(scene, None)
     if ELASTICITY in work.verbs:
-        make_cell(scene)
+        make_cell(scene, relaxed=is_relaxed(work.of(ELASTICITY)))
     if BANDS in work.verbs:
-        cell = make_cell(scene)
+        cell = make_cell(scene, relaxed=is_relaxed(work.of(BANDS)))
         if cell.at_kink:
             raise ParameterError(
                 'connector.stiffness_extension', 'connector.stiffness_extension is not '
@@ -322,8 +341,13 @@ def _modes(phrases: Sequence[Phrase], scene: Scene, at: Any) -> list[Column]:
 
 def _elasticity(phrases: Sequence[Phrase], scene: Scene, folder: Path) -> list[Column]:
     from icofabric_sim.statics.periodic import homogenise
-    found = homogenise(scene)
-    columns = [
+    found = homogenise(scene, relaxed=is_relaxed(phrases))
+    rest = found.rest
+    columns = [] if rest is None else [
+        Column('rest', '', rest.verdict), Column('pressing', '', len(rest.pressing)),
+        Column('overlap', 'm', float(rest.overlap)),
+        Column('size', '', float(np.cbrt(np.linalg.det(rest.gradient))))]
+    columns += [
         Column('density', 'kg/m^3', float(found.density)),
         Column('soft_strains', '', len(found.soft_strains)),
         Column('at_kink', '', int(found.at_kink))]
@@ -343,14 +367,17 @@ def _bands(phrases: Sequence[Phrase], scene: Scene, folder: Path) -> list[Column
     from icofabric_sim.statics.periodic import band_path, sample_zone, solve_bands
     # The path finds extremes on lines of symmetry, the grid those elsewhere.
     samples = max(map(sample_count, phrases))
-    vectors = np.concatenate([band_path(scene, _BAND_POINTS)[0], sample_zone(scene, samples)])
-    frequencies = solve_bands(scene, vectors)
+    path, grid = band_path(scene, _BAND_POINTS)[0], sample_zone(scene, samples)
+    vectors = np.concatenate([path, grid])
+    frequencies = solve_bands(scene, vectors, relaxed=is_relaxed(phrases))
     lowest, highest = frequencies.min(axis=0), frequencies.max(axis=0)
     gaps = lowest[1:] - highest[:-1]
     widest = int(np.argmax(gaps))
     there = bool(gaps[widest] > 0.0)
     return [
         Column('lowest', 'rad/s', float(lowest[0])),
+        # Of the path the first is at rest: a shift of all.
+        Column('grid.lowest', 'rad/s', float(frequencies[len(path):].min())),
         Column('highest', 'rad/s', float(highest[-1])),
         Column('gap', 'rad/s', float(gaps[widest]) if there else 0.0),
         Column('gap.above_band', '', widest if there else -1),
