@@ -46,6 +46,8 @@ REFUSED_BY_CHANCE: Final = (
     ('groups.', 'selects no body'),
     ('anchors.tie.body', 'there is no body'),
     ('bodies.ball.', 'which a support holds'),
+    ('bodies.ball.inertia', 'no body in it has so much'),
+    ('masses.others.inertia', 'no body in it has so much'),
     ('initial.kick.', 'which a support holds'),
     ('initial.kick.', 'disagrees with drives.'),
     ('connector.break_length_', 'at which they would break at once'),
