@@ -310,6 +310,12 @@ def table(t):
         'Shell.from_inner_edge_length': (ico.Shell.from_inner_edge_length, {
             'edge_length': edge, 'inner_edge_length': positive(0.018, bad=[0.02, 1.0]),
             'density': density, 'mass': override, 'inertia': override}),
+        'Shell.from_layers': (ico.Shell.from_layers, {
+            'edge_length': edge, 'thickness': thickness,
+            'distance': array(
+                [0.01, 0.012], bad=[[0.012, 0.01], [0.0, 1.0], [-1.0, 0.01], [0.01]]),
+            'density': array([900.0, 0.0], bad=[[-1.0, 1.0], [0.0, 0.0], [1.0]]),
+            'mass': override, 'inertia': override}),
         'Shell.from_density': (ico.Shell.from_density, {
             'edge_length': edge, 'thickness': thickness, 'density_function': function(uniform),
             'include_interior': flag(False, np.True_), 'tolerance': positive(1e-3),

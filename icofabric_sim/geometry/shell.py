@@ -36,7 +36,8 @@ VOLUME_FACTOR: Final = 10.0 * (1.0 + math.sqrt(5.0) / 3.0)
 # eq 44: Lambda = 4 (7/3 + sqrt(5)) rho (a^5 - b^5).
 INERTIA_FACTOR: Final = 4.0 * (7.0 / 3.0 + math.sqrt(5.0))
 
-
+# How far a layer may lie beyond the faces: rounding of a file.
+_WITHIN: Final = 1e-9
 _UNITS: Final = {
     'half_edge': 'm', 'inner_half_edge': 'm', 'thickness': 'm', 'volume': 'm^3',
     'density': 'kg/m^3', 'mass': 'kg', 'inertia': 'kg m^2'}
@@ -98,6 +99,65 @@ class Shell:
         inner = _half('shell.inner_edge_length', inner_edge_length)
         return cls._uniform(
             half_edge, inner, shell_thickness(half_edge, inner), density, mass, inertia)
+
+    @classmethod
+    def from_layers(
+            cls, edge_length: float, thickness: float, distance: np.ndarray,
+            density: np.ndarray, *, mass: float | None = None,
+            inertia: float | None = None) -> 'Shell':
+        """
+        Make a shell of layers that are parallel to its faces.
+
+        Eqs 42 and 44 with a density that changes from icosahedron to icosahedron about the centre.
+        Between two distances it is linear, and nothing is nearer than the first or farther than
+        the last. `thickness` is that of the shell as its surfaces are seen: layers may lie within
+        its hollow, too.
+
+        Parameters
+        ----------
+        edge_length, thickness
+            2a and T [m].
+        distance
+            Of the faces of a layer from the centre [m], (m,), rising, up to those of the shell.
+        density
+            There [kg/m^3], (m,), not below 0.
+        mass, inertia
+            As of `from_thickness`.
+        """
+        half_edge = _half('shell.edge_length', edge_length)
+        inner = inner_half_edge(half_edge, thickness)
+        d = checks.array('distance', distance, ('m',), 'm')
+        farthest = maximum_thickness(half_edge)
+        if len(d) < 2 or d[0] < 0.0 or (np.diff(d) <= 0.0).any():
+            raise ValueError(
+                f'distance must be at least two numbers that rise, from 0 m on, got {d.tolist()}')
+        if not d[-1] <= farthest * (1.0 + _WITHIN):
+            raise ValueError(
+                f'distance must not be beyond the faces of the shell, {farthest!r} m from the '
+                f'centre, got {float(d[-1])!r} m')
+        rho = checks.array('density', density, (len(d),), 'kg/m^3')
+        if (rho < 0.0).any() or not rho.any():
+            raise ValueError(
+                f'density must not be below 0 kg/m^3, and not 0 throughout, got {rho.tolist()}')
+        # Of an icosahedron: volume over the cube of this distance, inertia over the fifth power
+        # (for a density of 1), both of the half edge 1.
+        scale = maximum_thickness(1.0)
+        slope = np.diff(rho) / np.diff(d)
+        level = rho[:-1] - slope * d[:-1]
+
+        def moment(power: int) -> float:
+            """Integral of the density times a power of the distance."""
+            parts = [np.diff(d**(power + n)) * part / (power + n)
+                     for n, part in ((1, level), (2, slope))]
+            return float(sum(part.sum() for part in parts))
+
+        own_mass = 3.0 * VOLUME_FACTOR / scale**3 * moment(2)
+        own_inertia = 5.0 * INERTIA_FACTOR / scale**5 * moment(4)
+        volume = _volume(half_edge, inner, float(thickness))
+        chosen = _override('shell.mass', mass, 'kg') or own_mass
+        return cls(
+            half_edge, inner, float(thickness), volume, chosen / volume, chosen,
+            _override('shell.inertia', inertia, 'kg m^2') or own_inertia * (chosen / own_mass))
 
     @classmethod
     def from_density(

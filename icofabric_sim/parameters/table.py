@@ -109,6 +109,14 @@ STATIC: tuple[Specification, ...] = (
     ),
     _s('shell.density', 1200.0, 'kg/m^3', 'density rho of the shell', RESTARTS, **_positive()),
     _s(
+        'shell.layers',
+        '',
+        '',
+        'CSV of the distance of the faces of a layer from the centre [m] and its density '
+        '[kg/m^3], linear in between; in place of shell.density',
+        RESTARTS,
+    ),
+    _s(
         'shell.mass',
         0.0,
         'kg',

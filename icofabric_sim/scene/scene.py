@@ -60,6 +60,7 @@ from icofabric_sim.scene.radial import bend, check_radius
 from icofabric_sim.scene.rates import check_rates
 from icofabric_sim.scene.region import make_region
 from icofabric_sim.scene.supports import fixed_freedoms, make_supports, Supports
+from icofabric_sim.scene.tables import read_time_table
 from icofabric_sim.scene.tractions import make_traction, polynomial, Traction
 from icofabric_sim.scene.weave import build_weave, estimate_weave, Weave
 from icofabric_sim.scene.weave_geometry import (
@@ -395,6 +396,22 @@ def _estimate(parameters: Parameters, geometry: WeaveGeometry) -> int:
 
 
 def _shell(parameters: Parameters) -> Shell:
+    shell = _uniform_shell(parameters)
+    file = parameters['shell.layers'].strip()
+    if not file:
+        return shell
+    table = read_time_table(
+        'shell.layers', file, {2: 'distance from the centre [m] and density [kg/m^3]'},
+        first='distances', unit='m')
+    try:
+        return Shell.from_layers(
+            shell.edge_length, shell.thickness, table[:, 0], table[:, 1],
+            mass=parameters['shell.mass'] or None, inertia=parameters['shell.inertia'] or None)
+    except ValueError as error:
+        raise ParameterError('shell.layers', f'shell.layers: {file}: {error}') from None
+
+
+def _uniform_shell(parameters: Parameters) -> Shell:
     edge, inner = parameters['shell.edge_length'], parameters['shell.inner_edge_length']
     override = {
         'density': parameters['shell.density'],

@@ -452,3 +452,67 @@ def test_bad_arguments_of_from_density_are_refused():
         Shell.from_density(float('nan'), THICKNESS, uniform)
     with pytest.raises(ValueError, match='tolerance'):
         Shell.from_density(EDGE, THICKNESS, uniform, tolerance=float('nan'))
+
+
+# --- layers ----------------------------------------------------------------------------------
+
+FAR = maximum_thickness(A)
+
+
+def test_one_layer_of_one_density_is_the_shell():
+    layered = Shell.from_layers(EDGE, THICKNESS, [FAR - THICKNESS, FAR], [DENSITY, DENSITY])
+    shell = shell_of()
+    assert layered.mass == pytest.approx(shell.mass, rel=1e-14)
+    assert layered.inertia == pytest.approx(shell.inertia, rel=1e-13)
+    assert (layered.volume, layered.inner_half_edge) == (shell.volume, shell.inner_half_edge)
+    assert layered.density == pytest.approx(DENSITY, rel=1e-14)
+
+
+@pytest.mark.parametrize('distance, density', [
+    ([FAR - THICK, FAR - 0.5 * THICK, FAR], [200.0, 400.0, 2500.0]),
+    ([FAR - THICK, FAR], [2000.0, 500.0])])
+def test_layers_have_the_mass_and_inertia_of_their_density(distance, density):
+    """Beside the general integral (eqs 12 and 33), of the distance of the face that is nearest."""
+    normals = np.cross(*(ico.vertices(A)[ico.FACES][:, k] - ico.vertices(A)[ico.FACES][:, 0]
+                         for k in (1, 2)))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    normals *= np.sign((normals * ico.vertices(A)[ico.FACES][:, 0]).sum(axis=1))[:, None]
+
+    def rho(x):
+        return np.interp((x @ normals.T).max(axis=1), distance, density)
+
+    layered = Shell.from_layers(EDGE, THICK, distance, density)
+    general = Shell.from_density(EDGE, THICK, rho, tolerance=1e-4)
+    bound = max(3.0 * general.relative_error, 1e-9)
+    assert bound < 1e-3
+    assert layered.mass == pytest.approx(general.mass, rel=bound)
+    assert layered.inertia == pytest.approx(general.inertia, rel=bound)
+    # Matter outside weighs more in the inertia.
+    even = Shell.from_thickness(EDGE, THICK, layered.mass / layered.volume)
+    assert abs(layered.inertia / even.inertia - 1.0) > 0.01
+
+
+def test_layers_may_lie_within_the_hollow_and_masses_may_be_given():
+    core = Shell.from_layers(EDGE, THICKNESS, [0.0, 0.5 * FAR], [1000.0, 1000.0])
+    half = 0.5 * A
+    assert core.mass == pytest.approx(1000.0 * V1 * half**3, rel=1e-13)
+    assert core.inertia == pytest.approx(1000.0 * L1 * half**5, rel=1e-13)
+    heavy = Shell.from_layers(
+        EDGE, THICKNESS, [0.0, 0.5 * FAR], [1000.0, 1000.0], mass=2.0 * core.mass)
+    assert heavy.inertia == pytest.approx(2.0 * core.inertia, rel=1e-14)
+    own = Shell.from_layers(EDGE, THICKNESS, [0.0, 0.5 * FAR], [1.0, 0.0], inertia=3e-6)
+    assert own.inertia == 3e-6
+
+
+@pytest.mark.parametrize('distance, density, words', [
+    ([0.0], [1.0], 'at least two numbers that rise'),
+    ([0.0, 0.0], [1.0, 1.0], 'at least two numbers that rise'),
+    ([-1e-3, 1e-3], [1.0, 1.0], 'from 0 m on'),
+    ([0.0, 1.01 * FAR], [1.0, 1.0], 'not be beyond the faces'),
+    ([0.0, FAR], [1.0, -1.0], 'not be below 0'),
+    ([0.0, FAR], [0.0, 0.0], 'not 0 throughout'),
+    ([0.0, FAR], [1.0], 'density must be'),
+    ([0.0, math.nan], [1.0, 1.0], 'distance must be')])
+def test_bad_layers_are_refused(distance, density, words):
+    with pytest.raises(ValueError, match=words):
+        Shell.from_layers(EDGE, THICKNESS, distance, density)

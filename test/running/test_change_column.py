@@ -93,6 +93,7 @@ OTHERS = {
     'connector.break_length_extension': 0.2,
     'connector.break_length_compression': 0.001,
     'connector.law': 'law.csv',
+    'shell.layers': 'layers.csv',
     'solver.device': 'warp_cpu',
     'solver.method': 'srkn4',
     'record.split_size': 4096,
@@ -122,6 +123,7 @@ OTHERS = {
 }
 FILES = {
     'law.csv': 'length,force\n0.02,-2\n0.03,0\n0.05,4\n',
+    'layers.csv': 'distance,density\n0.012,900\n0.015,2000\n',
     'way.csv': 'time,x,y,z\n0,0,0,0\n1,0.01,0,0\n',
     'other_way.csv': 'time,x,y,z\n0,0,0,0\n1,0.02,0,0\n',
 }
