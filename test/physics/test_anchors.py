@@ -294,3 +294,16 @@ def test_statics_knows_the_law_of_each_anchor():
     assert found.snapshot.energy['connectors'] == pytest.approx(25.0 * sunk**2, rel=1e-9)
     pull = ico.compile_scene(scene).reactions()
     assert pull.names == ('anchors.a', 'anchors.b')
+
+
+@pytest.mark.parametrize('step', [0.0, 1e-4])
+def test_an_anchor_may_be_all_that_is_there_also_where_connectors_have_a_table(step, tmp_path):
+    table = tmp_path / 'law.csv'
+    table.write_text('0.02,-1\n0.03,0\n0.05,2\n')
+    scene = make_scene((1, 1, 1), {
+        'connector.law': str(table), 'anchors.tie.body': 0, 'anchors.tie.edge': 'up',
+        'anchors.tie.position': [0.0, 0.0, 0.05], 'anchors.tie.stiffness': 20.0,
+        'anchors.tie.natural_length': 0.03, 'solver.step': step})
+    simulation = ico.compile_scene(scene)
+    simulation.advance_to(0.05)
+    assert np.linalg.norm(simulation.snapshot().position[0]) > 1e-4

@@ -278,6 +278,18 @@ def test_a_change_that_loses_the_motion_is_found(plant):
     assert found.verdict is Verdict.SILENT and 'changed position[0]' in found.detail, found
 
 
+@pytest.mark.long
+def test_steps_that_contacts_to_come_kept_short_are_measured_before_they_grow():
+    """They became four times as long, with an error that was that of the short ones."""
+    found = judge(draw_scene(18000010277))
+    assert found.verdict is Verdict.WITHIN and found.added < 0.5 * found.promised, found
+
+
+@pytest.mark.parametrize('seed', [18000010235, 18000010650, 18000010603, 18000011254])
+def test_refusals_that_chance_brings_in_changes_are_right(seed):
+    assert judge(draw_scene(seed)).verdict is Verdict.REFUSED
+
+
 def test_later_seeds_change_scenes_while_they_run():
     drawn = [draw_scene(2**34 + seed) for seed in range(400)]
     changing = [scene for scene in drawn if scene.change]

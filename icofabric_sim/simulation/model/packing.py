@@ -447,7 +447,9 @@ def expected_strain(scene: Scene, liveliness: float, frequency: float) -> float:
 
     Of a fabric in motion of `liveliness` a/s; 0 where it is too large for what follows from it.
     """
-    if not (frequency > 0.0 and 0 < scene.body_count <= _LARGEST_WILD):
+    lengths = scene.connectors.laws.natural_length
+    # Of laws by table there is one for each connector: none where there are none.
+    if not (frequency > 0.0 and 0 < scene.body_count <= _LARGEST_WILD and len(lengths)):
         return 0.0
-    length = float(scene.connectors.laws.natural_length.min())
+    length = float(lengths.min())
     return liveliness * scene.geometry.half_edge / (length * frequency)

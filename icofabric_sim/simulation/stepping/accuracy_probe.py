@@ -82,6 +82,7 @@ class AccuracyProbe:
         self._window = 0.0  # [s] from that moment on for which the rate was measured
         self._course = _STEADY  # how the errors of that time grow within it
         self.step = math.inf  # the longest step [s] that is accurate enough, as far as known
+        self.measured_step = 0.0  # [s] whose error was measured last
         self.rate = 0.0  # error added for each second, measured last
         # The same where no shells touched, which is what is counted from the last measurement on:
         # what they add is measured behind them.
@@ -101,6 +102,7 @@ class AccuracyProbe:
         return {
             'total': self.total,
             'step': self.step,
+            'measured_step': self.measured_step,
             'rate': self.rate,
             'free_rate': self.free_rate,
             'load_rate': self.load_rate,
@@ -119,6 +121,9 @@ class AccuracyProbe:
         """Go on from there."""
         self.total = tree.number('total', 0.0, finite=False)
         self.step = tree.number('step', math.ulp(0.0), finite=False)
+        # Earlier versions did not note it.
+        self.measured_step = (
+            tree.number('measured_step', 0.0) if 'measured_step' in tree else math.inf)
         self.rate = tree.number('rate', 0.0, finite=False)
         self.free_rate = tree.number('free_rate', 0.0, finite=False)
         self.load_rate = tree.number('load_rate', 0.0, finite=False)

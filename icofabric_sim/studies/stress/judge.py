@@ -179,10 +179,12 @@ class _Judge:
 
     def finding(self) -> Finding:
         stress = self._stress
+        spoiled = '' if stress.change else stress.spoiled
         try:
             scene = Scene.from_parameters(self._parameters)
             run = compile_scene(scene)
             if stress.change:
+                spoiled = stress.spoiled
                 self._find_start(run)
                 earlier = run
                 if self._before is not None:
@@ -190,10 +192,19 @@ class _Judge:
                 run = self._begun(scene)
                 if lost := self._lost(earlier, run):
                     return _finding(stress, Verdict.SILENT, lost)
+            # Here it begins, or says that it cannot.
+            run.warm_up()
         except ValueError as error:
-            right = is_right_refusal(error, stress.spoiled) or self._is_refused_anyway(error)
+            right = is_right_refusal(error, spoiled) or self._is_refused_anyway(error)
             return _finding(
                 stress, Verdict.REFUSED if right else Verdict.WRONGLY_REFUSED, str(error))
+        except SimulationError as error:
+            # A connector is in its shell: the run cannot begin there, and a node keeps the one
+            # before a change.
+            right = 'connector.obstruction is stop' in str(error) and (
+                scene.parameters['connector.obstruction'] == 'stop')
+            return _finding(
+                stress, Verdict.STOPPED if right else Verdict.WRONGLY_STOPPED, str(error))
         except Interrupted:
             return self._slow(run)
         # A single body has no step that is too long.
@@ -201,7 +212,6 @@ class _Judge:
                 self._before is not None or not stress.change):
             return _finding(
                 stress, Verdict.SILENT, f'{stress.spoiled} had to be refused, and was not')
-        run.warm_up()
         rate = rate_of(run)
         # Where springs of friction have a past, no other run can take the state over.
         compares = not float(str(scene.parameters['contact.friction'])) > 0.0

@@ -42,6 +42,7 @@ REFUSED_BY_CHANCE: Final = (
     ('solver.step', 'is too long for what touches'),
     ('solver.method', 'cannot integrate this scene'),
     ('weave.size', 'has no icosahedron in it'),
+    ('weave.box', 'not one icosahedron fits'),
     ('weave.region', 'has its centre in it'),
     ('groups.', 'selects no body'),
     ('anchors.tie.body', 'there is no body'),

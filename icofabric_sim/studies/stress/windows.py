@@ -137,7 +137,11 @@ def far_tighter(
     """
     reference = compiled_reference(reference_scene(run.scene, rate))
     if begun is not None:
-        go_on(begun, reference)
+        try:
+            go_on(begun, reference)
+        except SimulationError as error:
+            # It cannot begin there: what ends it is in that state.
+            return None, 0.0, str(error)
     reference.should_stop, start = should_stop, reference.time
     companion = Companion(reference)
     try:

@@ -189,7 +189,9 @@ class MeasuredStep:
         least, most = (_RELAXED, 1.0) if cap == contact else (_SHORTEST, _LONGEST)
         if not least * min(cap, errors.step) <= step <= most * cap:
             step = rounded_down(min(cap, errors.step))
-        if probe or errors.is_new or rates.load_rate > errors.load_rate:
+        # What held steps short, contacts to come, says nothing of longer ones.
+        longer = not through and step > _LONGEST * errors.measured_step
+        if probe or errors.is_new or longer or rates.load_rate > errors.load_rate:
             if not probe:
                 trajectory.save()
             step = self._measure(
@@ -372,7 +374,7 @@ class MeasuredStep:
         errors.is_new = False
         # Differences grow with the step as the error does.
         self._expect(rough * (step / before) ** order)
-        errors.step = math.inf if step >= cap else step
+        errors.step, errors.measured_step = math.inf if step >= cap else step, step
         return step
 
     @property
