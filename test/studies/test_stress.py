@@ -285,7 +285,7 @@ def test_steps_that_contacts_to_come_kept_short_are_measured_before_they_grow():
     assert found.verdict is Verdict.WITHIN and found.added < 0.5 * found.promised, found
 
 
-@pytest.mark.parametrize('seed', [18000010235, 18000010650, 18000010603, 18000011254])
+@pytest.mark.parametrize('seed', [18000010235, 18000010650])
 def test_refusals_that_chance_brings_in_changes_are_right(seed):
     assert judge(draw_scene(seed)).verdict is Verdict.REFUSED
 
