@@ -158,9 +158,11 @@ class Panel:
         fabric, figures = sight.fabric, sight.figures
         if fabric is not None:
             level = LEVELS[min(sight.status, 3)]
+            # Negative numbers are those of anchors.
+            broken = int((sight.broken >= 0).sum())
             lines = [
                 f't = {sight.time * 1e-9:.3f} s, {fabric.scene.body_count:,} shells, '
-                f'{fabric.scene.connector_count:,} connectors, {len(sight.broken):,} broken']
+                f'{fabric.scene.connector_count:,} connectors, {broken:,} broken']
             if figures:
                 pace = figures.get('real-time factor', '?')
                 # All of it would move what stands below, under the mouse.
