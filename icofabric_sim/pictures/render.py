@@ -135,6 +135,10 @@ class RunMoments:
             raise BagError(
                 f'{self.run.path} holds a broken connector {broken.max()} at t = {time / 1e9:.6g} '
                 f's, but its scene there has {scene.connector_count} connectors')
+        if torn is not None and torn.max(initial=-1) >= len(scene.anchors):
+            raise BagError(
+                f'{self.run.path} holds a broken anchor {torn.max()} at t = {time / 1e9:.6g} s, '
+                f'but its scene there has {len(scene.anchors)} anchors')
         return Moment(
             time / 1e9, position, orientation, scene, _note(active), broken,
             pushes=tuple(received_pushes(scene, position, orientation, active)

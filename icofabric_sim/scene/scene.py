@@ -156,8 +156,12 @@ class Scene:
     @property
     def can_break(self) -> bool:
         """Whether any connector or anchor breaks at some length."""
-        return self.connectors.limits is not None or any(
-            anchor.limits.breaks for anchor in self.anchors.values())
+        return self.connectors.limits is not None or self.anchors_break
+
+    @property
+    def anchors_break(self) -> bool:
+        """Whether any anchor does."""
+        return any(anchor.limits.breaks for anchor in self.anchors.values())
 
     def with_changes(self, changes: Mapping[str, Any]) -> 'Scene':
         """

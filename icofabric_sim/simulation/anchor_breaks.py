@@ -17,7 +17,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from icofabric_sim.scene.anchors import Anchor
-from icofabric_sim.simulation.state_tree import StateTree
+from icofabric_sim.simulation.state_tree import remembered_numbers, StateTree
 import numpy as np
 
 
@@ -75,11 +75,8 @@ class AnchorBreaks:
         self.mend()
         if tree is None:
             return
-        values, time = tree.array('anchor'), tree.array('time')
-        known = (values >= 0.0) & (values < len(self.names))
-        numbers = np.where(known, values, -1.0).astype(np.int64)
-        if values.ndim != 1 or not (numbers == values).all() or not (np.diff(numbers) > 0).all():
-            raise ValueError('broken anchors must be numbers of anchors in rising order')
+        time = tree.array('time')
+        numbers = remembered_numbers('anchors', tree.array('anchor'), len(self.names))
         if time.shape != numbers.shape or not np.isfinite(time).all():
             raise ValueError('broken_anchors.time must be a finite time for each broken anchor')
         self.since[numbers] = time

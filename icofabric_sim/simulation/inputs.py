@@ -166,8 +166,7 @@ class Inputs:
         self.timetable = Timetable({**profiles, **paths})
         self.driving = Driving(scene.drives, scene.initial, self.timetable)
         # None where no anchor breaks.
-        self.anchor_breaks = AnchorBreaks(scene.anchors) if any(
-            anchor.limits.breaks for anchor in scene.anchors.values()) else None
+        self.anchor_breaks = AnchorBreaks(scene.anchors) if scene.anchors_break else None
         self._varying = any(not profile.is_plain for profile in profiles.values())
         self._sums: dict[str, BodyTraction] = {}
         self.reset(0.0)

@@ -133,3 +133,11 @@ def as_number(value: Any) -> float | None:
 def plain_number(value: float) -> float | str:
     """Turn a float into what JSON can hold, and `as_number` turns back."""
     return float(value) if math.isfinite(value) else str(float(value))
+
+
+def remembered_numbers(what: str, values: np.ndarray, count: int) -> np.ndarray:
+    """Remembered numbers of broken things, judged; ValueError where there are no such ones."""
+    numbers = np.where((values >= 0.0) & (values < count), values, -1.0).astype(np.int64)
+    if values.ndim != 1 or not (numbers == values).all() or not (np.diff(numbers) > 0).all():
+        raise ValueError(f'broken {what} must be numbers of {what} in rising order')
+    return numbers

@@ -94,7 +94,7 @@ class StaticFabric:
         if anchors_broken_since is not None and inputs.anchor_breaks is not None:
             inputs.anchor_breaks.since[:] = anchors_broken_since
         self.anchors_broken_since = (
-            None if inputs.anchor_breaks is None else inputs.anchor_breaks.since)
+            None if inputs.anchor_breaks is None else inputs.anchor_breaks.since.copy())
         while inputs.next_time <= time:
             inputs.apply_next()
         loads = inputs.pack(self.layout)

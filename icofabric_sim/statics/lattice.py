@@ -33,8 +33,8 @@ _ORDER: Final = np.array([1.0, np.pi, np.e**3])
 # Strain or turn [rad] of a step, at first and at most.
 _FIRST, _LONGEST = 0.02, 0.1
 _STEPS: Final = 300
-# What may be left of the energy's slope, and curvature that is none, both over the largest
-# curvature; and curvature that a step reckons with at least.
+# Over the largest curvature of the energy: its slope at rest at most, a curvature that counts as
+# zero, and the least one that a step assumes.
 _RESTING, _FLAT, _LEAST = 1e-11, 1e-8, 1e-6
 # Along a curvature below zero a search goes on by so much, so many times.
 _NUDGE, _NUDGES = 1e-3, 4

@@ -119,10 +119,10 @@ def map_stability(
     """
     for fabric in fabrics:
         values = FABRICS[fabric]
-        largest = _largest_frequency(values)
+        largest, rest = _largest_frequency(values), _rest(values)
         for method in methods_of(fabric, methods):
             for product in products_of(method) if products is None else products:
-                yield _judge(fabric, values, method, product, largest, steps)
+                yield _judge(fabric, values, method, product, largest, steps, rest)
 
 
 def products_of(method: str) -> tuple[float, ...]:
@@ -158,9 +158,8 @@ def _largest_frequency(values: dict[str, Any]) -> float:
 
     Of what touches about its rest.
     """
-    if _touches(values):
-        scene = Scene.from_parameters(values)
-        return float(solve_modes(scene, at=_rest(scene)).frequencies[-1])
+    if (rest := _rest(values)) is not None:
+        return float(solve_modes(Scene.from_parameters(values), at=rest).frequencies[-1])
     stiffest = {name: value for name, value in values.items()
                 if not name.startswith('connector.stiffness_')}
     stiffest['connector.stiffness'] = values.get('connector.stiffness_extension', 500.0)
@@ -171,17 +170,16 @@ def _touches(values: dict[str, Any]) -> bool:
     return bool(values['contact.mode'] == 'always')
 
 
-def _rest(scene: Scene) -> Snapshot:
-    """Where a fabric is at rest."""
-    return solve_equilibrium(scene).snapshot
+def _rest(values: dict[str, Any]) -> Snapshot | None:
+    """Where a fabric is at rest whose shells touch; None: it begins as its scene says."""
+    return solve_equilibrium(Scene.from_parameters(values)).snapshot if _touches(values) else None
 
 
-def _compiled(values: dict[str, Any]) -> Simulation:
-    """A run that begins where the fabric touches at rest, or as the scene says."""
-    scene = Scene.from_parameters(values)
-    simulation = compile_scene(scene)
-    if _touches(values):
-        rest, start = _rest(scene), simulation.snapshot()
+def _compiled(values: dict[str, Any], rest: Snapshot | None) -> Simulation:
+    """A run that begins at rest but for the velocities of its scene, or as that says."""
+    simulation = compile_scene(Scene.from_parameters(values))
+    if rest is not None:
+        start = simulation.snapshot()
         simulation.set_state(
             position=rest.position, orientation=rest.orientation,
             linear_velocity=start.linear_velocity, angular_velocity=start.angular_velocity)
@@ -189,7 +187,8 @@ def _compiled(values: dict[str, Any]) -> Simulation:
 
 
 def _judge(
-    fabric: str, values: dict[str, Any], method: str, product: float, largest: float, steps: int
+    fabric: str, values: dict[str, Any], method: str, product: float, largest: float, steps: int,
+    rest: Snapshot | None
 ) -> Cell:
     facts = facts_of(method)
     step, limit = product / largest, facts.stability
@@ -201,7 +200,8 @@ def _judge(
     _LOGGER.setLevel(logging.ERROR)
     try:
         simulation = _compiled({
-            **values, 'solver.method': method, 'solver.step': step, 'solver.energy_limit': 1.0})
+            **values, 'solver.method': method, 'solver.step': step, 'solver.energy_limit': 1.0},
+            rest)
         outcome = 'ran'
         try:
             energy, gain, momentum, norm = _drifts(simulation, step, steps)

@@ -17,12 +17,16 @@ import math
 
 from fabrics import changed, make_scene
 import icofabric_sim as ico
+from icofabric_sim.bag import BagError
 from icofabric_sim.bag.recorded_run import RecordedRun
 from icofabric_sim.commands.main import main
+from icofabric_sim.messages import decode_marker_points
 from icofabric_sim.messages.topics import Outputs
 from icofabric_sim.parameters.text import dump_parameters
-from icofabric_sim.pictures.render import RunPictures
+from icofabric_sim.pictures.render import RunMoments, RunPictures
+from icofabric_sim.simulation.anchor_breaks import AnchorBreaks
 from icofabric_sim.simulation.checkpoint import Checkpoint
+from icofabric_sim.simulation.state_tree import StateTree
 import numpy as np
 import pytest
 
@@ -158,9 +162,18 @@ def test_a_changed_scene_keeps_what_is_broken_and_a_new_weave_does_not():
     assert anew.snapshot().anchor_intact.all()
 
 
-def test_growth_follows_the_same_breaks():
-    growth = ico.measure_growth(hung(), 0.05)
-    assert not growth.ended and growth.largest >= 1.0
+def test_a_companion_has_the_same_anchors_broken():
+    run, other = ico.compile_scene(hung()), ico.compile_scene(hung())
+    run.advance_to(0.05)
+    other.break_like(run)
+    gone = ~run.snapshot().anchor_intact
+    assert gone.any() and np.array_equal(~other.snapshot().anchor_intact, gone)
+    # They do not pull it either.
+    names = list(other.reactions().names)
+    other.advance_to(0.001)
+    pulls = [other.reactions().force[names.index(f'anchors.rope{k}')] for k in range(4)]
+    assert [bool(np.any(pull)) for pull in pulls] == (~gone).tolist()
+    assert other.snapshot().energy['lost_at_breaks'] == 0.0
 
 
 def test_rest_leaves_broken_anchors_out():
@@ -206,8 +219,15 @@ def test_they_are_published_recorded_verified_and_drawn(tmp_path, capsys):
     assert main(['info', str(path)]) == 0
     assert 'breaks above 0.0505 m' in capsys.readouterr().out
     # The markers show those that hold.
-    lines = [*Outputs(scene).connectors(run.snapshot(), 0)]
-    assert len(lines) == len([*Outputs(scene).connectors(ico.compile_scene(scene).snapshot(), 0)])
+    for snapshot, count in ((run.snapshot(), 4 - len(gone)),
+                            (ico.compile_scene(scene).snapshot(), 4)):
+        anchors = next(Outputs(scene).connectors(snapshot, 0))
+        assert len(decode_marker_points(anchors).points) == 2 * count
+    with RecordedRun(tmp_path / 'bag') as recorded:
+        moments = RunMoments(recorded)
+        moments._breaks = [(0, np.array([[-5.0, 0.0]]))]
+        with pytest.raises(BagError, match='a broken anchor 4 .* has 4 anchors'):
+            list(moments.at(recorded.pose_times()[:1]))
 
 
 @pytest.mark.parametrize('changes, words', [
@@ -231,6 +251,11 @@ def test_a_checkpoint_of_broken_anchors_is_judged():
     run.advance_to(0.2)
     tree = run.inputs.state_tree()['broken_anchors']
     assert tree['anchor'].tolist() == np.flatnonzero(~run.snapshot().anchor_intact).tolist()
-    saved = run.checkpoint()
-    with pytest.raises(ValueError, match='checkpoint'):
-        ico.compile_scene(hung({'anchors.rope0.stiffness': 90.0})).restore(saved)
+    for wrong in ({'anchor': np.array([4.0])}, {'anchor': np.array([1.0, 0.0])},
+                  {'time': np.array([np.nan])}, {'anchor': np.array([0.5])}):
+        with pytest.raises(ValueError, match='broken'):
+            AnchorBreaks(run.scene.anchors).load_state(StateTree({**tree, **wrong}))
+    unlimited = ico.compile_scene(hung({
+        f'anchors.rope{k}.break_length_extension': 0.0 for k in range(4)}))
+    with pytest.raises(ValueError, match='no anchor of this scene breaks'):
+        unlimited.inputs.load_state(StateTree(run.inputs.state_tree()), run.time)

@@ -21,7 +21,7 @@ from typing import Any
 
 from icofabric_sim.simulation.model.link_places import link_places
 from icofabric_sim.simulation.model.packing import PackedScene
-from icofabric_sim.simulation.state_tree import StateTree
+from icofabric_sim.simulation.state_tree import remembered_numbers, StateTree
 import numpy as np
 
 
@@ -103,10 +103,7 @@ class Broken:
 def connector_numbers(values: np.ndarray, packed: PackedScene) -> np.ndarray:
     """Remembered numbers of connectors, judged; ValueError where the scene has no such ones."""
     count = 0 if packed.connectors is None else len(packed.connectors.first)
-    numbers = np.where((values >= 0.0) & (values < count), values, -1.0).astype(np.int64)
-    if values.ndim != 1 or not (numbers == values).all() or not (np.diff(numbers) > 0).all():
-        raise ValueError('broken connectors must be numbers of connectors in rising order')
-    return numbers
+    return remembered_numbers('connectors', values, count)
 
 
 def _keys(packed: PackedScene, chosen: np.ndarray | slice) -> list[tuple[int, ...]]:

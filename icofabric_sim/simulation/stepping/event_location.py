@@ -16,7 +16,7 @@
 from collections.abc import Callable
 from typing import NamedTuple
 
-from icofabric_sim.kernels.breakage import DOUBT
+from icofabric_sim.kernels.breakage import DOUBT, TOGETHER
 import numpy as np
 
 # The place of a crossing is divided no further than this, in parts of the step.
@@ -68,6 +68,32 @@ def first_crossing(
             waiting.append((middle, after))
         waiting.append((before, middle))
     return None
+
+
+def first_limit(
+    lengths_at: Callable[[float], tuple[np.ndarray, np.ndarray]], longest: np.ndarray,
+    shortest: np.ndarray, duration: float, doubt: float = DOUBT
+) -> tuple[float, np.ndarray] | None:
+    """
+    Part of a step at which lengths first reach a limit, and which of them do, (m,) bool.
+
+    `lengths_at` a part 0 to 1 gives lengths [m] and their rates [m/s], (m,) each; limits `longest`
+    (infinite: none) and `shortest` (0: none) [m]; `duration` of the step [s]. All that have
+    reached theirs by then, or nearly: see `TOGETHER`. None where none does.
+    """
+    close = TOGETHER * np.concatenate([np.where(longest < np.inf, longest, 0.0), shortest])
+
+    def at(part: float) -> Moment:
+        length, rate = lengths_at(part)
+        return Moment(
+            part, np.concatenate([length - longest, shortest - length]),
+            duration * np.concatenate([rate, -rate]))
+
+    moment = first_crossing(at, close, doubt)
+    if moment is None:
+        return None
+    reached = moment.reached(close)
+    return moment.x, reached[:len(longest)] | reached[len(longest):]
 
 
 def _likely_place(

@@ -108,6 +108,12 @@ class StepInProgress:
         self._has_dense = True
         trajectory.require_body_force()
 
+    def within(self, part: float) -> State:
+        """Return its state at a part of it, 0 and 1 included; see `dense`."""
+        if part == 0.0:
+            return self.start
+        return self._trajectory.state if part == 1.0 else self.dense(part)
+
     def dense(self, part: float) -> State:
         """Return the state at a `part` of it, above 0 up to 1; valid until the next call."""
         self.prepare_dense()

@@ -346,7 +346,7 @@ class _Judge:
         """The class of a `run` that stopped for `text`; the tighter one for `reason`."""
         scene = run.scene
         right = has_jumped(text, run) or have_met(
-            text, run, compiled_reference(reference_scene(scene, rate))
+            text, run, lambda: compiled_reference(reference_scene(scene, rate))
         ) or self._is_right(text, reason, scene, rate)
         if right is False and not found.is_given and found.added <= found.promised:
             # It kept its promise until then, and what it advises may help.

@@ -17,6 +17,7 @@ Which refusals are right: those of a spoiled scene name what was spoiled, others
 And which stops need no other run to be judged.
 """
 
+from collections.abc import Callable
 import math
 import re
 from typing import Final
@@ -119,12 +120,13 @@ def has_jumped(text: str, run: Simulation) -> bool:
         depths[0] > 0.0)
 
 
-def have_met(text: str, run: Simulation, reference: Simulation) -> bool:
+def have_met(text: str, run: Simulation, reference_of: Callable[[], Simulation]) -> bool:
     """
     Whether a run that stopped as charged bodies passed each other had to, by a tighter run.
 
     That is: nothing keeps shells apart, and from its last state on those of the two bodies that
-    `text` names do pass through each other in the `reference`, before the run stopped.
+    `text` names do pass through each other in the reference, before the run stopped.
+    `reference_of` compiles it.
     """
     parameters = run.scene.parameters
     named = re.search(
@@ -135,7 +137,7 @@ def have_met(text: str, run: Simulation, reference: Simulation) -> bool:
             parameters['contact.mode'] != 'never') or not math.isfinite(moment):
         return False
     one, two = (int(number) for number in named.groups())
-    start = run.time
+    start, reference = run.time, reference_of()
     reference.reset_time()
     reference.take_over(run, keep_motion=True)
     for part in range(1, _LOOKS + 1):

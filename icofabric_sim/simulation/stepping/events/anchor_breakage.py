@@ -16,12 +16,11 @@
 from typing import Any
 
 from icofabric_sim.geometry.rotations import cosines_from_quaternions, quaternions_from_cosines
-from icofabric_sim.kernels.breakage import TOGETHER
 from icofabric_sim.kernels.records import Anchors, State
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.anchor_breaks import AnchorBreaks
 from icofabric_sim.simulation.state_tree import StateTree
-from icofabric_sim.simulation.stepping.event_location import first_crossing, Moment
+from icofabric_sim.simulation.stepping.event_location import first_limit
 from icofabric_sim.simulation.stepping.pieces import Pieces
 from icofabric_sim.simulation.stepping.step_in_progress import StepInProgress
 import numpy as np
@@ -29,9 +28,7 @@ import numpy as np
 
 def why(scene: Scene) -> str:
     """Say why a scene needs steps that end where an anchor breaks; '': it does not."""
-    if not any(anchor.limits.breaks for anchor in scene.anchors.values()):
-        return ''
-    return 'anchors that break need steps that end where one does'
+    return 'anchors that break need steps that end where one does' if scene.anchors_break else ''
 
 
 def make(pieces: Pieces, step: StepInProgress) -> 'AnchorBreakage | None':
@@ -62,25 +59,15 @@ class AnchorBreakage:
         left = breaks.left
         if not len(left):
             return None
-        longest, shortest = breaks.longest[left], breaks.shortest[left]
-        close = TOGETHER * np.concatenate([np.where(longest < np.inf, longest, 0.0), shortest])
-
-        def at(part: float) -> Moment:
-            if part == 0.0:
-                state = step.start
-            else:
-                state = self._trajectory.state if part == 1.0 else step.dense(part)
-            length, rate = self._lengths(state, step.control.start + part * step.length, left)
-            return Moment(
-                part, np.concatenate([length - longest, shortest - length]),
-                step.length * np.concatenate([rate, -rate]))
-
-        moment = first_crossing(at, close)
-        if moment is None:
+        found = first_limit(
+            lambda part: self._lengths(
+                step.within(part), step.control.start + part * step.length, left),
+            breaks.longest[left], breaks.shortest[left], step.length)
+        if found is None:
             return None
-        reached = moment.reached(close)
-        self._found = left[reached[:len(left)] | reached[len(left):]]
-        return moment.x
+        part, reached = found
+        self._found = left[reached]
+        return part
 
     def happen(self) -> None:
         """Break what was found; the energy in it is lost."""

@@ -20,7 +20,7 @@ Kernels report a step in which one may have done so.
 from typing import Any
 
 from icofabric_sim.kernels import monitor
-from icofabric_sim.kernels.breakage import doubt_of, TOGETHER
+from icofabric_sim.kernels.breakage import doubt_of
 from icofabric_sim.kernels.flows import place_all
 from icofabric_sim.kernels.integrators import embedded
 from icofabric_sim.kernels.records import Breakage as Limits
@@ -30,7 +30,7 @@ from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.model.link_places import link_places
 from icofabric_sim.simulation.state_tree import StateTree
 from icofabric_sim.simulation.stepping.broken import connector_numbers
-from icofabric_sim.simulation.stepping.event_location import first_crossing, Moment
+from icofabric_sim.simulation.stepping.event_location import first_limit
 from icofabric_sim.simulation.stepping.pieces import Pieces
 from icofabric_sim.simulation.stepping.step_in_progress import StepInProgress
 import numpy as np
@@ -90,26 +90,15 @@ class Breakage:
         link, slot = np.nonzero(limits.excess > 0.0)
         seen = np.unique(self._numbers[link, slot])
         link, slot = self._place.link[0, seen], self._place.slot[0, seen]
-        longest, shortest = limits.longest[link, slot], limits.shortest[link, slot]
-        close = TOGETHER * np.concatenate([np.where(longest < np.inf, longest, 0.0), shortest])
         step = self._step
-
-        def at(part: float) -> Moment:
-            if part == 0.0:
-                state = step.start
-            else:
-                state = self._trajectory.state if part == 1.0 else step.dense(part)
-            now, rate = self._lengths(state, seen)
-            return Moment(
-                part, np.concatenate([now - longest, shortest - now]),
-                step.length * np.concatenate([rate, -rate]))
-
-        moment = first_crossing(at, close, doubt_of(self._trajectory.model.wrapping))
-        if moment is None:
+        found = first_limit(
+            lambda part: self._lengths(step.within(part), seen), limits.longest[link, slot],
+            limits.shortest[link, slot], step.length, doubt_of(self._trajectory.model.wrapping))
+        if found is None:
             return None
-        reached = moment.reached(close)
-        self._found = seen[reached[:len(seen)] | reached[len(seen):]]
-        return moment.x
+        part, reached = found
+        self._found = seen[reached]
+        return part
 
     def happen(self) -> None:
         """Break what was found; the energy in it is lost."""
