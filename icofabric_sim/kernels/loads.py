@@ -78,7 +78,7 @@ def kick_load_again(
     kick_by(model, loads, velocity, spin, m, s, time, h, force, torque)
 
 
-@compiled
+@inlined
 def keep_wrench(
     tractions: Tractions | None, loads: Loads, m: int, force: Three, torque: Three
 ) -> None:
@@ -93,7 +93,7 @@ def keep_wrench(
                 store_at(tractions.kept, at + (k + 3) * LANES, torque[k])
 
 
-@compiled
+@inlined
 def kept_wrench(
     tractions: Tractions | None, loads: Loads, orientation: np.ndarray, m: int, s: int
 ) -> tuple[Three, Three]:
@@ -107,7 +107,7 @@ def kept_wrench(
         return wrench_of(loads, orientation, loads.wrench[m], s)
 
 
-@compiled
+@inlined
 def kick_by(
     model: Model, loads: Loads, velocity: np.ndarray, spin: np.ndarray, m: int, s: int,
     time: float, h: float, force: Three, torque: Three
@@ -140,7 +140,7 @@ def inverses(
             load(supports.inverse_mass, 2, s), load(supports.inverse_inertia, 0, s))
 
 
-@compiled
+@inlined
 def wrench_of_row(
     tractions: Tractions | None, loads: Loads, orientation: np.ndarray, m: int, s: int
 ) -> tuple[Three, Three]:

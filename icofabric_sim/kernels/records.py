@@ -230,8 +230,8 @@ class Tractions(Record):
     # (12 LANES r,) force [N] of fixed direction, world axes, and first moments [N m] of its parts:
     # the sum of p F_k over the faces, p in body axes, for the world axes k = x, y, z
     fixed: np.ndarray | None
-    # (54 LANES r,) [N], [N m] without friction: sums of n n F and of (p x n) n F, the first two
-    # in body axes, the last in world axes
+    # (45 LANES r,) [N], [N m] without friction: sums of n n F (xx, xy, xz, yy, yz, zz of body
+    # axes, each along the three of the world) and of (p x n) n F (two body axes, one of the world)
     sliding: np.ndarray | None
     kept: np.ndarray  # (6 LANES r,) [N], [N m] wrench of the last kick, world axes
     force: np.ndarray  # (LANES r,) [N] bound of the force on each body; not for kernels

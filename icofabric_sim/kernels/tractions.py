@@ -18,9 +18,9 @@ Pressure and shear that turn with a body are one wrench in its axes. Those of fi
 one force F, and the torque of the first moments S_k = sum of p F_k (p in body axes, k along the
 world): sum over k of (R S_k) x e_k. Without friction the part n (n . F) of each force acts, along
 the normal n, and both sums are linear in the axes of the body: n n F and (p x n) n F, contracted
-with them.
+with them. The first is the same with both normals exchanged: xx, xy, xz, yy, yz, zz.
 
-Rows are functions without loops, see kernels/loads.py.
+Loops over rows are in the callers, see kernels/loads.py.
 """
 
 from icofabric_sim.kernels.profiles import (
@@ -39,21 +39,26 @@ from icofabric_sim.kernels.rotations import (
     on_axes,
     Three,
 )
-from icofabric_sim.kernels.runtime.compiled import compiled
-from icofabric_sim.kernels.runtime.lanes import fma, LANES, load, load_at, splat, Vector
-from icofabric_sim.kernels.turning import mean_turn_factors, turn_factors
+from icofabric_sim.kernels.runtime.compiled import compiled, inlined
+from icofabric_sim.kernels.runtime.lanes import fma, LANES, load, load_at, splat, Vector, where
+from icofabric_sim.kernels.turning import mean_factors, mean_turn_factors, turn_factors
 import numpy as np
 
 # Numbers of a body in the arrays of `Tractions`.
-TURNING, FIXED, SLIDING = 6, 12, 54
+TURNING, FIXED, SLIDING = 6, 12, 45
+_PAIRS = 18  # numbers of the six pairs of body axes, before those of the torque
 
+# Of the Gauss rule over a drift, in parts of it.
 _NODES = (0.5 - FAR, 0.5 - NEAR, 0.5, 0.5 + NEAR, 0.5 + FAR)
 _WEIGHTS = (FAR_WEIGHT, NEAR_WEIGHT, MIDDLE_WEIGHT, NEAR_WEIGHT, FAR_WEIGHT)
+
+# Below this square of a spin [1/s^2] nothing turns.
+_STILL = 1e-100
 
 # What turns while a body is in free flight: see `power_of_turning` and `sliding_parts`.
 Four = tuple[Vector, Vector, Vector, Vector]
 Six = tuple[Vector, Vector, Vector, Vector, Vector, Vector]
-Sliding = tuple[Nine, Nine, Three]
+Sliding = tuple[Three, Six]
 
 
 @compiled
@@ -71,7 +76,7 @@ def traction_wrench(
     return add_sliding(sliding, SLIDING * LANES * row, axes, force, torque)
 
 
-@compiled
+@inlined
 def three_at(values: np.ndarray, at: int) -> Three:
     """Three numbers of all lanes."""
     return load_at(values, at), load_at(values, at + LANES), load_at(values, at + 2 * LANES)
@@ -115,7 +120,7 @@ def add_fixed(
             torque[0] + (cy - bz), torque[1] + (az - cx), torque[2] + (bx - ay))
 
 
-@compiled
+@inlined
 def add_sliding(
     sliding: np.ndarray | None, at: int, axes: Nine, force: Three, torque: Three
 ) -> tuple[Three, Three]:
@@ -123,24 +128,12 @@ def add_sliding(
     if sliding is None:
         return force, torque
     else:
-        fx, fy, fz = on_body(sliding, at, axes)
-        tx, ty, tz = on_body(sliding, at + 27 * LANES, axes)
+        fx, fy, fz = force_on_body(sliding, at, axes)
+        tx, ty, tz = torque_on_body(sliding, at, axes)
         fx, fy, fz = on_axes(axes, fx, fy, fz)
         tx, ty, tz = on_axes(axes, tx, ty, tz)
         return (force[0] + fx, force[1] + fy, force[2] + fz), (
             torque[0] + tx, torque[1] + ty, torque[2] + tz)
-
-
-@compiled
-def contracted(values: np.ndarray, at: int, axes: Nine) -> Vector:
-    """Sum of nine numbers times the components of the axes."""
-    first = fma(load_at(values, at), axes[0], fma(
-        load_at(values, at + LANES), axes[1], load_at(values, at + 2 * LANES) * axes[2]))
-    second = fma(load_at(values, at + 3 * LANES), axes[3], fma(
-        load_at(values, at + 4 * LANES), axes[4], load_at(values, at + 5 * LANES) * axes[5]))
-    third = fma(load_at(values, at + 6 * LANES), axes[6], fma(
-        load_at(values, at + 7 * LANES), axes[7], load_at(values, at + 8 * LANES) * axes[8]))
-    return first + (second + third)
 
 
 @compiled
@@ -151,8 +144,7 @@ def mean_traction_power(
     """
     Mean power [W] of a row on a block over a drift of `h` from `time` on, before it moves.
 
-    Exact where it is steady, but for products of what turns without friction: these, and what is
-    not steady, by a Gauss rule of order 10, beyond that of any method.
+    Exact where it is steady; else by a Gauss rule of order 10, beyond that of any method.
     """
     axes = axes_of_lanes(state.orientation, s)
     velocity, spin = state.linear_velocity, state.angular_velocity
@@ -165,13 +157,12 @@ def mean_traction_power(
         factors = mean_turn_factors(h, omega[0], omega[1], omega[2])
         mean = add_mean_sliding(slid, factors, omega, h, power_of(parts, factors))
         return splat(factor_of(varying, w, time)) * mean
-    near = power_then(varying, w, parts, slid, omega, time, (0.5 - NEAR) * h) + power_then(
-        varying, w, parts, slid, omega, time, (0.5 + NEAR) * h)
-    far = power_then(varying, w, parts, slid, omega, time, (0.5 - FAR) * h) + power_then(
-        varying, w, parts, slid, omega, time, (0.5 + FAR) * h)
-    middle = power_then(varying, w, parts, slid, omega, time, 0.5 * h)
-    return fma(splat(NEAR_WEIGHT), near, fma(
-        splat(FAR_WEIGHT), far, splat(MIDDLE_WEIGHT) * middle))
+    mean = splat(0.0)
+    for node in range(5):
+        later = _NODES[node] * h
+        factor = splat(_WEIGHTS[node] * factor_of(varying, w, time + later))
+        mean = fma(factor, power_then(parts, slid, omega, later), mean)
+    return mean
 
 
 @compiled
@@ -223,33 +214,30 @@ def add_power_of_fixed(
             parts[2] + (across - square * (ax + by + cz)), parts[3])
 
 
-@compiled
+@inlined
 def power_of(parts: Four, factors: Three) -> Vector:
     """Power [W] with cos x, sin x / |omega| and (1 - cos x) / |omega|^2, or their means."""
     return fma(parts[1], factors[0], fma(
         parts[2], factors[1], fma(parts[3], factors[2], parts[0])))
 
 
-@compiled
-def power_then(
-    varying: Varying | None, w: int, parts: Four, slid: Sliding | None, omega: Three, time: float,
-    later: float
-) -> Vector:
-    """Power [W] of a row on a block `later` [s] than `time`, after free flight."""
+@inlined
+def power_then(parts: Four, slid: Sliding | None, omega: Three, later: float) -> Vector:
+    """Power [W] of a steady row on a block `later` [s] than now, after free flight."""
     factors = turn_factors(later, omega[0], omega[1], omega[2])
-    power = add_sliding_power(slid, factors, power_of(parts, factors))
-    return splat(factor_of(varying, w, time + later)) * power
+    return add_sliding_power(slid, factors, power_of(parts, factors))
 
 
-@compiled
+@inlined
 def sliding_parts(
     sliding: np.ndarray | None, row: int, axes: Nine, v: Three, omega: Three
 ) -> Sliding | None:
     """
-    Parts of `add_sliding_power` of what acts along the normals of faces without friction.
+    Parts of the power [W] of what acts along the normals of faces without friction.
 
     The axes e_j turn by Rodrigues' formula, so force and torque on body axes, which are linear in
-    them, have three parts; so have the components e_i . v, while e_i . omega stays.
+    them, have three parts; so have the components e_i . v, while e_i . omega stays. What the
+    torques give goes with the turning factors, what the forces give with their products.
     """
     if sliding is None:
         return None
@@ -263,34 +251,112 @@ def sliding_parts(
         p = fma(ox, ax, fma(oy, ay, oz * az))
         q = fma(ox, bx, fma(oy, by, oz * bz))
         r = fma(ox, cx, fma(oy, cy, oz * cz))
-        along = p * ox, p * oy, p * oz, q * ox, q * oy, q * oz, r * ox, r * oy, r * oz
         at = SLIDING * LANES * row
-        forces = (
-            *on_body(sliding, at, axes), *on_body(sliding, at, across),
-            *on_body(sliding, at, along))
-        at = at + 27 * LANES
+        first, second, third = (
+            force_on_body(sliding, at, axes), force_on_body(sliding, at, across),
+            force_along_spin(sliding, at, omega, p, q, r))
+        # The torque along the spin, which stays on body axes, is linear in the axes.
+        turning = along_spin(sliding, at, p, q, r)
         torques = (
-            along_spin(on_body(sliding, at, axes), p, q, r),
-            along_spin(on_body(sliding, at, across), p, q, r),
-            along_spin(on_body(sliding, at, along), p, q, r))
-        return forces, (*seen(axes, v), *seen(across, v), *seen(along, v)), torques
+            product_of(turning, axes), product_of(turning, across),
+            fma(p, dot(turning[:3], omega), fma(
+                q, dot(turning[3:6], omega), r * dot(turning[6:], omega))))
+        speed = fma(ox, v[0], fma(oy, v[1], oz * v[2]))
+        u, w, x = seen(axes, v), seen(across, v), (p * speed, q * speed, r * speed)
+        return torques, (
+            dot(first, u), dot(first, w) + dot(second, u), dot(first, x) + dot(third, u),
+            dot(second, w), dot(second, x) + dot(third, w), dot(third, x))
 
 
-@compiled
-def on_body(sliding: np.ndarray, at: int, axes: Nine) -> Three:
-    """Three contractions."""
+@inlined
+def force_on_body(sliding: np.ndarray, at: int, axes: Nine) -> Three:
+    """
+    Force [N] along the body axes.
+
+    Numbers are read where they are used, since all of them do not fit into registers.
+    """
+    a, b, c = (
+        (axes[0], axes[1], axes[2]), (axes[3], axes[4], axes[5]), (axes[6], axes[7], axes[8]))
+    pair = pair_at(sliding, at, 0)
+    x = dot(pair, a)
+    pair = pair_at(sliding, at, 1)
+    x, y = x + dot(pair, b), dot(pair, a)
+    pair = pair_at(sliding, at, 2)
+    x, z = x + dot(pair, c), dot(pair, a)
+    pair = pair_at(sliding, at, 3)
+    y = y + dot(pair, b)
+    pair = pair_at(sliding, at, 4)
+    y, z = y + dot(pair, c), z + dot(pair, b)
+    return x, y, z + dot(pair_at(sliding, at, 5), c)
+
+
+@inlined
+def force_along_spin(
+    sliding: np.ndarray, at: int, omega: Three, p: Vector, q: Vector, r: Vector
+) -> Three:
+    """The same for the axes' parts along the spin, p omega, q omega and r omega."""
+    xx, xy = dot(pair_at(sliding, at, 0), omega), dot(pair_at(sliding, at, 1), omega)
+    xz, yy = dot(pair_at(sliding, at, 2), omega), dot(pair_at(sliding, at, 3), omega)
+    yz, zz = dot(pair_at(sliding, at, 4), omega), dot(pair_at(sliding, at, 5), omega)
     return (
-        contracted(sliding, at, axes), contracted(sliding, at + 9 * LANES, axes),
-        contracted(sliding, at + 18 * LANES, axes))
+        fma(xx, p, fma(xy, q, xz * r)), fma(xy, p, fma(yy, q, yz * r)),
+        fma(xz, p, fma(yz, q, zz * r)))
 
 
-@compiled
-def along_spin(torque: Three, p: Vector, q: Vector, r: Vector) -> Vector:
-    """Power [W] of a torque on body axes, along which the spin is p, q, r."""
-    return fma(torque[0], p, fma(torque[1], q, torque[2] * r))
+@inlined
+def pair_at(sliding: np.ndarray, at: int, pair: int) -> Three:
+    """Numbers of two body axes, for the three of the world."""
+    return three_at(sliding, at + 3 * LANES * pair)
 
 
-@compiled
+@inlined
+def dot(a: Three, b: Three) -> Vector:
+    """Scalar product."""
+    return fma(a[0], b[0], fma(a[1], b[1], a[2] * b[2]))
+
+
+@inlined
+def torque_on_body(sliding: np.ndarray, at: int, axes: Nine) -> Three:
+    """Torque [N m] along the body axes."""
+    at = at + _PAIRS * LANES
+    return (
+        product_of(nine_at(sliding, at), axes), product_of(nine_at(sliding, at + 9 * LANES), axes),
+        product_of(nine_at(sliding, at + 18 * LANES), axes))
+
+
+@inlined
+def along_spin(sliding: np.ndarray, at: int, p: Vector, q: Vector, r: Vector) -> Nine:
+    """What gives the power of the torque [W] with the axes; the spin along them is p, q, r."""
+    at = at + _PAIRS * LANES
+    a, b, c = (
+        nine_at(sliding, at), nine_at(sliding, at + 9 * LANES),
+        nine_at(sliding, at + 18 * LANES))
+    return (
+        fma(a[0], p, fma(b[0], q, c[0] * r)), fma(a[1], p, fma(b[1], q, c[1] * r)),
+        fma(a[2], p, fma(b[2], q, c[2] * r)), fma(a[3], p, fma(b[3], q, c[3] * r)),
+        fma(a[4], p, fma(b[4], q, c[4] * r)), fma(a[5], p, fma(b[5], q, c[5] * r)),
+        fma(a[6], p, fma(b[6], q, c[6] * r)), fma(a[7], p, fma(b[7], q, c[7] * r)),
+        fma(a[8], p, fma(b[8], q, c[8] * r)))
+
+
+@inlined
+def nine_at(values: np.ndarray, at: int) -> Nine:
+    """Nine numbers of all lanes."""
+    return (
+        *three_at(values, at), *three_at(values, at + 3 * LANES),
+        *three_at(values, at + 6 * LANES))
+
+
+@inlined
+def product_of(values: Nine, axes: Nine) -> Vector:
+    """Sum of nine numbers times the components of the axes."""
+    first = fma(values[0], axes[0], fma(values[1], axes[1], values[2] * axes[2]))
+    second = fma(values[3], axes[3], fma(values[4], axes[4], values[5] * axes[5]))
+    third = fma(values[6], axes[6], fma(values[7], axes[7], values[8] * axes[8]))
+    return first + (second + third)
+
+
+@inlined
 def seen(axes: Nine, v: Three) -> Three:
     """Components of a vector along axes."""
     return (
@@ -299,21 +365,26 @@ def seen(axes: Nine, v: Three) -> Three:
         fma(axes[6], v[0], fma(axes[7], v[1], axes[8] * v[2])))
 
 
-@compiled
-def mean_products(h: float, omega: Three) -> Six:
-    """Means over a time from 0 to `h` [s] of the products of the three `turn_factors`."""
-    zero = splat(0.0)
-    aa, ab, ac, bb, bc, cc = zero, zero, zero, zero, zero, zero
-    for node in range(5):
-        weight = splat(_WEIGHTS[node])
-        one, two, three = turn_factors(_NODES[node] * h, omega[0], omega[1], omega[2])
-        first, second, third = weight * one, weight * two, weight * three
-        aa, ab, ac = fma(first, one, aa), fma(first, two, ab), fma(first, three, ac)
-        bb, bc, cc = fma(second, two, bb), fma(second, three, bc), fma(third, three, cc)
-    return aa, ab, ac, bb, bc, cc
+@inlined
+def mean_products(h: float, omega: Three, factors: Three) -> Six:
+    """
+    Means over a time from 0 to `h` [s] of the products of the three `turn_factors`.
+
+    Of A = cos x, B = sin x / w and C = (1 - cos x) / w^2, w = |omega|, with the means of these:
+    A = 1 - w^2 C, B is the derivative of C, and B^2 is 2 C of twice the angle. That of C^2 is a
+    difference over w^2, and multiplies what is of the order of w^4.
+    """
+    ox, oy, oz = omega
+    square = fma(ox, ox, fma(oy, oy, oz * oz))
+    one, two = splat(1.0), splat(2.0)
+    mean, second = factors[2], mean_factors(h, two * ox, two * oy, two * oz)[1]
+    bb, bc = splat(2.0 * h * h) * second, splat(0.5 * h) * factors[1] * factors[1]
+    turns = square > splat(_STILL)
+    cc = where(turns, two * mean - bb, splat(0.0)) / where(turns, square, one)
+    return one - square * bb, factors[1] - square * bc, bb - mean, bb, bc, cc
 
 
-@compiled
+@inlined
 def add_mean_sliding(
     slid: Sliding | None, factors: Three, omega: Three, h: float, power: Vector
 ) -> Vector:
@@ -321,34 +392,29 @@ def add_mean_sliding(
     if slid is None:
         return power
     else:
-        forces, speeds, torques = slid
+        torques, products = slid
         power = fma(factors[0], torques[0], fma(
             factors[1], torques[1], fma(factors[2], torques[2], power)))
-        aa, ab, ac, bb, bc, cc = mean_products(h, omega)
-        for k in range(3):
-            f, g, e = forces[k], forces[k + 3], forces[k + 6]
-            u, v, w = speeds[k], speeds[k + 3], speeds[k + 6]
-            power = fma(f, fma(aa, u, fma(ab, v, ac * w)), power)
-            power = fma(g, fma(ab, u, fma(bb, v, bc * w)), power)
-            power = fma(e, fma(ac, u, fma(bc, v, cc * w)), power)
-        return power
+        return add_products(products, mean_products(h, omega, factors), power)
 
 
-@compiled
+@inlined
+def add_products(products: Six, factors: Six, power: Vector) -> Vector:
+    """Add what goes with the products of turning factors, aa, ab, ac, bb, bc and cc."""
+    first = fma(products[0], factors[0], fma(products[1], factors[1], products[2] * factors[2]))
+    second = fma(products[3], factors[3], fma(products[4], factors[4], products[5] * factors[5]))
+    return power + (first + second)
+
+
+@inlined
 def add_sliding_power(slid: Sliding | None, factors: Three, power: Vector) -> Vector:
     """Add the power [W] of these parts with cos x, sin x / |omega|, (1 - cos x) / |omega|^2."""
     if slid is None:
         return power
     else:
-        forces, speeds, torques = slid
+        torques, products = slid
         one, two, three = factors
         power = fma(one, torques[0], fma(two, torques[1], fma(three, torques[2], power)))
-        power = fma(
-            fma(one, forces[0], fma(two, forces[3], three * forces[6])),
-            fma(one, speeds[0], fma(two, speeds[3], three * speeds[6])), power)
-        power = fma(
-            fma(one, forces[1], fma(two, forces[4], three * forces[7])),
-            fma(one, speeds[1], fma(two, speeds[4], three * speeds[7])), power)
-        return fma(
-            fma(one, forces[2], fma(two, forces[5], three * forces[8])),
-            fma(one, speeds[2], fma(two, speeds[5], three * speeds[8])), power)
+        return add_products(
+            products, (one * one, one * two, one * three, two * two, two * three, three * three),
+            power)

@@ -17,11 +17,12 @@ Tractions on faces: closed forms on the icosahedron, both kinds of direction, fr
 
 import math
 
-from analytical import rotation_quaternion
-from fabrics import changed, make_scene, RANDOM, wrenches
+from analytical import free_rotation, rotation_quaternion
+from fabrics import changed, make_scene, packed_state, RANDOM, wrenches
 import icofabric_sim as ico
 from icofabric_sim.geometry.icosahedron import face_geometry, inscribed_radius, outer_triangles
 from icofabric_sim.geometry.rotations import cosines_from_quaternions
+from icofabric_sim.kernels.loads import work_load
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.simulation.inputs import Inputs
 from icofabric_sim.simulation.model.packing import acting_lanes, pack_scene
@@ -221,6 +222,43 @@ def test_work_of_tractions_balances(kinds, method, limit):
     assert abs(energy['work_in']) > 0.01 * energy['kinetic']
     assert abs(energy['balance_error']) < limit * energy['kinetic']
     assert simulation.balance.worst < limit
+
+
+@pytest.mark.parametrize('spin', [0.0, 1e-9, 0.02, 0.9, 7.0])
+@pytest.mark.parametrize('direction, frictionless', KINDS)
+@pytest.mark.parametrize('profile', ['steady', 'half_sine'])
+def test_work_over_free_flight_is_the_integral_of_power(spin, direction, frictionless, profile):
+    """Of a body that turns by `spin` [rad] while it flies, beside a rule of 40 points."""
+    h = 0.01
+    scene = changed(scene_with({
+        'faces': 'numbers 3 9 14', 'pressure': 700.0, 'shear': [900.0, -400.0],
+        'variation': '0.5 -1 3', 'direction': direction, 'frictionless': frictionless,
+        'profile': profile, **({} if profile == 'steady' else {'duration': 2.0 * h})}),
+        {'weave.connected': False})
+    packed = pack_scene(scene)
+    orientation = rotation_quaternion(np.array([[0.7, -1.1, 0.4]]))
+    v, omega = np.array([0.3, -0.2, 0.5]), spin / h * np.array([0.6, 0.0, -0.8])
+    state = packed_state(packed, scene.position, orientation, v[None], omega[None])
+    inputs = Inputs(scene)
+    while not inputs.next_time > 0.0:
+        inputs.apply_next()
+    loads = inputs.pack(packed.layout)
+    slot = int(packed.layout.slot[0])
+    for row in range(len(loads.wrench)):
+        work_load(loads, state, row, slot - slot % LANES, 0.0, h)
+    nodes, weights = np.polynomial.legendre.leggauss(40)
+    steady = changed(scene, {'tractions.t.profile': 'steady'})
+    expected, size = 0.0, 0.0
+    for x, weight in zip(0.5 + 0.5 * nodes, 0.5 * weights):
+        got = acting(steady, free_rotation(orientation, omega[None], x * h))
+        power = float(v @ got.force[0] + omega @ got.torque[0])
+        factor = 1.0 if profile == 'steady' else math.sin(0.5 * math.pi * x)
+        expected += h * weight * factor * power
+        size += h * weight * abs(factor * power)
+    # A profile takes the Gauss rule of five points, of order 10 in the angle.
+    limit = 1e-12 if profile == 'steady' else 1e-10 * (1.0 + spin)**10
+    assert size > 1e-6
+    assert loads.work.sum() == pytest.approx(expected, abs=limit * size)
 
 
 @pytest.mark.parametrize('changes, name, words', [

@@ -22,20 +22,134 @@ does the one that starts there.
 Bodies go on with the velocity and acceleration that they have: x + v t + a t^2 / 2, turned by
 w t + b t^2 / 2. For the short steps around contacts that foretells a moment to a small part of
 the step; from there it is foretold once more.
+
+Where a step in which something may touch begins, this is asked before it is tried. What is listed
+must not matter for that: where bodies may go farther on this way than the list reaches, a search
+comes first. After a step that was refused for its error, it is asked again.
 """
 
 import math
 
+from icofabric_sim.kernels.contact.clearance import mean_velocity
+from icofabric_sim.kernels.contact.displacement import add_ways, FREE, LATE, MOST, shift_at
 from icofabric_sim.kernels.contact.gap import Axes, axes_of, plane_gap, support
 from icofabric_sim.kernels.contact.shape import OUTER
-from icofabric_sim.kernels.records import Contacts, State, Team
+from icofabric_sim.kernels.records import Blocks, Contacts, State, Team, Trail, Watch
 from icofabric_sim.kernels.runtime.compiled import compiled
+from icofabric_sim.kernels.runtime.lanes import (
+    bits,
+    fma,
+    lane,
+    LANES,
+    load,
+    maximum,
+    splat,
+    sqrt,
+    where,
+)
 from icofabric_sim.kernels.runtime.outlined import call_float
 from icofabric_sim.kernels.runtime.team import wait_for_all
 import numpy as np
 
-# No contact changes.
-NEVER_MEET = 1e300
+# No contact changes; it is not known.
+NEVER_MEET, UNKNOWN = 1e300, -1.0
+# Changes within so many times the accuracy of a landing are those that a step has landed before.
+_EARLY = 4.0
+
+
+@compiled
+def foresee(
+    contacts: Contacts | None, watch: Watch | None, blocks: Blocks, state: State, trail: Trail,
+    team: Team, time: float, h: float, close: float, meeting: np.ndarray, first: int, last: int
+) -> float:
+    """
+    As `land` for a step of length `h` [s] from `state` at `time` [s], before it is tried.
+
+    Changes within the first few `close` [s] do not count: a step that begins just before a contact
+    has little of the kink in it. UNKNOWN where a search has to come first, NEVER_MEET also where
+    bodies go so far that no search would do.
+    """
+    if watch is None:
+        return NEVER_MEET
+    quickest, way = ways_to_come(watch, blocks, state, trail.slopes[0], time, h, first, last)
+    trail.speeds[team.member], trail.ways[team.member] = quickest, way
+    wait_for_all(team)
+    if team.member == 0:
+        for member in range(team.size):
+            quickest = max(quickest, trail.speeds[member])
+            way = max(way, trail.ways[member])
+        meeting[0] = first_ahead(
+            contacts, watch, state, trail.slopes[0], time, h, close, quickest, math.sqrt(way))
+    wait_for_all(team)
+    return float(meeting[0])
+
+
+@compiled
+def first_ahead(
+    contacts: Contacts | None, watch: Watch, state: State, slope: np.ndarray, time: float,
+    h: float, close: float, farthest: float, moved: float
+) -> float:
+    """
+    The same for one thread.
+
+    Bodies go `farthest` [m] at most, beside what all have in common, and have `moved` [m] since
+    the last search.
+    """
+    if not farthest <= 0.5 * watch.limits[MOST]:
+        return NEVER_MEET
+    # What all have in common is not that of the last search, but about.
+    nearby, frame = watch.nearby, watch.frame
+    mean = mean_velocity(state, nearby.slots) if nearby.free else (0.0, 0.0, 0.0)
+    square = 0.0
+    for k in range(3):
+        square += (mean[k] - frame[1 + k] - 2.0 * (time - frame[0]) * frame[4 + k]) ** 2
+    farthest += h * math.sqrt(square)
+    if watch.limits[FREE] > moved + farthest:
+        return NEVER_MEET
+    if moved + farthest > math.sqrt(watch.limits[LATE]):
+        watch.far[0] = max(watch.far[0], farthest * farthest)
+        return UNKNOWN
+    if contacts is None:
+        return NEVER_MEET
+    else:
+        return first_change(contacts, state, slope, _EARLY * close, h, close)
+
+
+@compiled
+def ways_to_come(
+    watch: Watch, blocks: Blocks, state: State, slope: np.ndarray, time: float, h: float,
+    first: int, last: int
+) -> tuple[float, float]:
+    """
+    How far points of bodies in blocks first to last may go in `h` [s] on the way foretold [m].
+
+    Beside what all have in common. And the largest square of a way [m^2] since the last search.
+    """
+    nearby, frame, zero = watch.nearby, watch.frame, splat(0.0)
+    mean = mean_velocity(state, nearby.slots) if nearby.free else (0.0, 0.0, 0.0)
+    shift, count = shift_at(watch, time), slope.shape[0]
+    quickest, way = zero, zero
+    step, half, radius = splat(h), splat(0.5 * h), splat(watch.radius)
+    for block in range(first, last):
+        s = blocks.slot[block]
+        v, a, o, b = zero, zero, zero, zero
+        for k in range(3):
+            u = load(state.linear_velocity, k, s) - splat(mean[k])
+            v = fma(u, u, v)
+            u = load(slope, count - 6 + k, s) - splat(2.0 * frame[4 + k])
+            a = fma(u, u, a)
+            u = load(state.angular_velocity, k, s)
+            o = fma(u, u, o)
+            u = load(slope, count - 3 + k, s)
+            b = fma(u, u, b)
+        speed = fma(radius, sqrt(o), sqrt(v)) + half * fma(radius, sqrt(b), sqrt(a))
+        quickest = maximum(where(bits(blocks.alive[block]), step * speed, zero), quickest)
+        way = add_ways(watch, state, blocks.alive[block], shift, s, way)
+    farthest, moved = 0.0, 0.0
+    for i in range(LANES):
+        farthest = max(farthest, lane(quickest, i))
+        moved = max(moved, lane(way, i))
+    return farthest, moved
 
 
 @compiled
@@ -53,25 +167,25 @@ def land(
     if contacts is None:
         return NEVER_MEET
     if team.member == 0:
-        meeting[0] = first_change(contacts, state, slope, tried, close)
+        meeting[0] = first_change(contacts, state, slope, 0.0, tried, close)
     wait_for_all(team)
     return float(meeting[0])
 
 
 @compiled
 def first_change(
-    contacts: Contacts, state: State, slope: np.ndarray, tried: float, close: float
+    contacts: Contacts, state: State, slope: np.ndarray, begin: float, tried: float, close: float
 ) -> float:
-    """The same for one thread."""
+    """The same for one thread, of what changes from a time `begin` [s] on."""
     first, found = NEVER_MEET, NEVER_MEET
     for p in range(contacts.pairs.shape[0]):
         until = min(tried, first)
         if stays_apart(contacts, state, slope, p, until):
             continue
-        now = gap_at(contacts, state, slope, p, 0.0)
+        now = gap_at(contacts, state, slope, p, begin)
         then = gap_at(contacts, state, slope, p, until)
         if (now > 0.0) != (then > 0.0):
-            low, high = bracket(contacts, state, slope, p, until, now, then, close)
+            low, high = bracket(contacts, state, slope, p, begin, until, now, then, close)
             first = high
             # Just before, so that there is no kink in the step; a step of which nothing else is
             # left is so short that it does not matter.
@@ -112,8 +226,8 @@ def stays_apart(
 
 @compiled
 def bracket(
-    contacts: Contacts, state: State, slope: np.ndarray, p: int, until: float, now: float,
-    then: float, close: float
+    contacts: Contacts, state: State, slope: np.ndarray, p: int, begin: float, until: float,
+    now: float, then: float, close: float
 ) -> tuple[float, float]:
     """
     Two times [s], at most `close` apart, before and after the gap of a pair changes its sign.
@@ -121,7 +235,7 @@ def bracket(
     By the secant through the gaps [m] at both ends, `now` and `then`, a little to the farther
     side, so that both ends come close; by halves where that does not halve the range.
     """
-    low, high, below, above = 0.0, until, now, then
+    low, high, below, above = begin, until, now, then
     halve = False
     while high - low > close:
         length = high - low

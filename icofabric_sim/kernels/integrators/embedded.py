@@ -25,7 +25,7 @@ from icofabric_sim.kernels.breakage import is_breaking, note_lengths
 from icofabric_sim.kernels.contact.clearance import CLEAR, find_clear, NEAR, NO_ROOM
 from icofabric_sim.kernels.contact.displacement import farthest, forget_ways, has_missed, ways_of
 from icofabric_sim.kernels.contact.forces import deepest_overlap, set_tests, tests_of
-from icofabric_sim.kernels.contact.landing import land, NEVER_MEET
+from icofabric_sim.kernels.contact.landing import foresee, land, NEVER_MEET, UNKNOWN
 from icofabric_sim.kernels.contact.losses import (
     accept_stretches,
     combine_stretches,
@@ -94,6 +94,9 @@ _ESTIMATE = 0.5
 # many if the next long one is refused too.
 _HOLD, _LONGEST_HOLD = 8.0, 64.0
 TOO_SHORT, BREAKING, TOO_FAR, LIST_FULL = 64, 256, 8192, 16384
+# No limit of a length [s], and no wish for an accuracy, as of steps of a given length: as large as
+# a checkpoint may hold.
+ANY = 1e300
 # Sentinel: a body left the region that the neighbour list covers.
 _MISSED = 1e300
 
@@ -292,7 +295,8 @@ def adaptive_pair(
     for states in between. Time is control[START] + control[LENGTH] before and after. A step that
     errs by more than tolerance x its length, or x control[SPARE], is refused and made shorter:
     where a contact begins or ends within it, so that it ends just there, else until it is so short
-    that such a change matters next to nothing. One longer than control[CLOSE] is refused where
+    that such a change matters next to nothing. One no longer than control[CLOSE] is not tried
+    where that is foreseen, but ends there at once. One longer than control[CLOSE] is refused where
     something may touch in it. A step in which a connector may have broken is the last one, and
     says so.
     """
@@ -319,11 +323,19 @@ def adaptive_pair(
         else:
             slope_at(
                 model, loads, state, work, trail, FIRST, team, watch, start + length, first, last)
-        # Where the same step is taken again its pairs count once.
-        begun = tests_of(model.contacts, team.member) - tests
         accepted = landing = False
+        asked, asked_held, asked_hold, asked_refused = h, held, hold, refused
+        if kink < h <= close and tolerance < ANY:
+            meets = foresee(
+                model.contacts, watch, model.blocks, state, trail, team, start + length, h,
+                0.1 * kink, meeting, first, last)
+            if meets == UNKNOWN:
+                set_tests(model.contacts, team.member, tests)
+                status = TOO_FAR
+                break
+            if meets < h:
+                h, landing = max(meets, shortest), True
         while not accepted:
-            tests = tests_of(model.contacts, team.member) - begun
             forget_ways(watch, team.member)
             try_step(
                 pair, model, loads, state, work, trail, team, watch, start + length, h, first,
@@ -375,7 +387,9 @@ def adaptive_pair(
                     accepted = True
             shorter = NEVER_MEET
             if again:
-                status, accepted, change = TOO_FAR, True, 1.0
+                # All attempts from here on are made again; pairs and refusals count once.
+                status, accepted, landing, change = TOO_FAR, True, False, 1.0
+                h, held, hold, refused = asked, asked_held, asked_hold, asked_refused
                 if clear == NO_ROOM:
                     status = LIST_FULL
                     set_tests(model.contacts, team.member, tests)

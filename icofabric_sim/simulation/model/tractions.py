@@ -26,6 +26,8 @@ import numpy as np
 
 # Forces that add up to less than this part of their sizes cancel: what is left is rounding.
 _CANCELLED = 1e-15
+# What is the same for two axes exchanged: xx, xy, xz, yy, yz, zz.
+_PAIRS = np.triu_indices(3)
 
 
 class BodyTraction(NamedTuple):
@@ -34,7 +36,7 @@ class BodyTraction(NamedTuple):
     bodies: np.ndarray  # (m,) int32
     turning: np.ndarray | None  # (m, 6) force [N] and torque [N m], body axes
     fixed: np.ndarray | None  # (m, 12) force [N], world, and first moments [N m] by its axes
-    sliding: np.ndarray | None  # (m, 54) see kernels.records.Tractions
+    sliding: np.ndarray | None  # (m, 45) see kernels.records.Tractions
     force: np.ndarray  # (m,) [N] bound
     moment: np.ndarray  # (m,) [N m] bound
 
@@ -74,7 +76,7 @@ def sum_faces(wrenches: Sequence[FaceWrench]) -> BodyTraction:
             kinds.add('sliding')
             pushed = np.outer(part.normal, part.force)
             sliding[rows] += np.concatenate([
-                np.multiply.outer(part.normal, pushed).ravel(),
+                np.multiply.outer(part.normal, pushed)[_PAIRS].ravel(),
                 np.multiply.outer(lever, pushed).ravel()])
             slid[rows] += size
             moment[rows] += size * float(np.linalg.norm(lever))

@@ -17,6 +17,7 @@ from collections.abc import Callable, Sequence
 import math
 from typing import Any
 
+from icofabric_sim.kernels.integrators.embedded import ANY
 from icofabric_sim.kernels.integrators.splitting import NEVER
 from icofabric_sim.kernels.meters import flowed
 from icofabric_sim.kernels.records import Loads, Model, State, Team, Trail, Work
@@ -30,9 +31,6 @@ from icofabric_sim.simulation.stepping.ledger import Ledger
 from icofabric_sim.simulation.stepping.method_calls import MethodCalls
 from icofabric_sim.simulation.stepping.trajectory import Trajectory
 import numpy as np
-
-# No limit of an error, of a time or of a length.
-_ANY = 1e300
 
 
 class TrialSteps:
@@ -97,7 +95,7 @@ class TrialSteps:
         assert present is not None
         control.scales[:] = present.scales
         control.next = control.shortest = control.longest = control.close = step
-        control.tolerance = control.goal = _ANY
+        control.tolerance = control.goal = ANY
         ledger = trajectory.ledger.numbers.copy()
         Ledger.over(ledger).deepest_limit = math.inf
         loads = self.copy_loads()

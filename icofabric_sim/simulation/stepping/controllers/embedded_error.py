@@ -20,6 +20,7 @@ A given step rules as elsewhere, but for steps that an event ends.
 
 import math
 
+from icofabric_sim.kernels.integrators.embedded import ANY
 from icofabric_sim.kernels.integrators.splitting import NEVER
 from icofabric_sim.simulation.model.layout import has_jumps
 from icofabric_sim.simulation.stepping.embedded_control import EmbeddedControl
@@ -51,8 +52,6 @@ _AHEAD = 6.0
 _SPARE = 0.1
 # Rounding of forces of contacts as it shows in the estimate of the error, or somewhat more.
 _NOISE = float(np.finfo(float).eps)
-# No limit of a length [s], and no wish for an accuracy: as large as a checkpoint may hold.
-_ANY = 1e300
 
 RANK = 0
 
@@ -112,10 +111,10 @@ class EmbeddedError:
             control.tolerance = min(
                 control.tolerance, max(_KINKED_AIM * tolerance, least))
         control.shortest = first * _SHORTEST_PART
-        control.longest = _ANY
+        control.longest = ANY
         control.close = 0.0
         if contact.is_possible:
-            control.close = _CLOSE_STEP / rate if rate > 0.0 else _ANY
+            control.close = _CLOSE_STEP / rate if rate > 0.0 else ANY
         control.kinked = self._kinked_rate(rate)
         # Around shells the shortest way may change to the other side.
         rate = rate or 1.0 / self._output_period
@@ -181,7 +180,7 @@ class EmbeddedError:
         """A given step: every error is right, and no step is longer."""
         if self._given > 0.0:
             control = self._control
-            control.tolerance = _ANY
+            control.tolerance = ANY
             control.longest = control.next = self._given
             # Of the length that was asked for, whatever may touch.
             control.close = self._given if self._pieces.contact.is_possible else 0.0
