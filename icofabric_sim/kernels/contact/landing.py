@@ -53,6 +53,8 @@ import numpy as np
 
 # No contact changes; it is not known.
 NEVER_MEET, UNKNOWN = 1e300, -1.0
+# Changes within so many times the accuracy of a landing are those that a step has landed before.
+_EARLY = 4.0
 
 
 @compiled
@@ -63,8 +65,9 @@ def foresee(
     """
     As `land` for a step of length `h` [s] from `state` at `time` [s], before it is tried.
 
-    UNKNOWN where a search has to come first, NEVER_MEET also where bodies go so far that no search
-    would do.
+    Changes within the first few `close` [s] do not count: a step that begins just before a contact
+    has little of the kink in it. UNKNOWN where a search has to come first, NEVER_MEET also where
+    bodies go so far that no search would do.
     """
     if watch is None:
         return NEVER_MEET
@@ -109,7 +112,7 @@ def first_ahead(
     if contacts is None:
         return NEVER_MEET
     else:
-        return first_change(contacts, state, slope, h, close)
+        return first_change(contacts, state, slope, _EARLY * close, h, close)
 
 
 @compiled
@@ -164,25 +167,25 @@ def land(
     if contacts is None:
         return NEVER_MEET
     if team.member == 0:
-        meeting[0] = first_change(contacts, state, slope, tried, close)
+        meeting[0] = first_change(contacts, state, slope, 0.0, tried, close)
     wait_for_all(team)
     return float(meeting[0])
 
 
 @compiled
 def first_change(
-    contacts: Contacts, state: State, slope: np.ndarray, tried: float, close: float
+    contacts: Contacts, state: State, slope: np.ndarray, begin: float, tried: float, close: float
 ) -> float:
-    """The same for one thread."""
+    """The same for one thread, of what changes from a time `begin` [s] on."""
     first, found = NEVER_MEET, NEVER_MEET
     for p in range(contacts.pairs.shape[0]):
         until = min(tried, first)
         if stays_apart(contacts, state, slope, p, until):
             continue
-        now = gap_at(contacts, state, slope, p, 0.0)
+        now = gap_at(contacts, state, slope, p, begin)
         then = gap_at(contacts, state, slope, p, until)
         if (now > 0.0) != (then > 0.0):
-            low, high = bracket(contacts, state, slope, p, until, now, then, close)
+            low, high = bracket(contacts, state, slope, p, begin, until, now, then, close)
             first = high
             # Just before, so that there is no kink in the step; a step of which nothing else is
             # left is so short that it does not matter.
@@ -223,8 +226,8 @@ def stays_apart(
 
 @compiled
 def bracket(
-    contacts: Contacts, state: State, slope: np.ndarray, p: int, until: float, now: float,
-    then: float, close: float
+    contacts: Contacts, state: State, slope: np.ndarray, p: int, begin: float, until: float,
+    now: float, then: float, close: float
 ) -> tuple[float, float]:
     """
     Two times [s], at most `close` apart, before and after the gap of a pair changes its sign.
@@ -232,7 +235,7 @@ def bracket(
     By the secant through the gaps [m] at both ends, `now` and `then`, a little to the farther
     side, so that both ends come close; by halves where that does not halve the range.
     """
-    low, high, below, above = 0.0, until, now, then
+    low, high, below, above = begin, until, now, then
     halve = False
     while high - low > close:
         length = high - low

@@ -82,17 +82,12 @@ KINKED = 16
 CLOSE, HELD, HOLD = 17, 18, 19
 # What steps probably erred by in which nothing could touch, and whether the last was one of these.
 CLEAR_TOTAL, IS_CLEAR = 20, 21
-# The end [s], length [s] and error [1/s] of the last step that was refused for its error.
-WALL, WALL_LENGTH, WALL_ERROR = 22, 23, 24
 # Squared errors of position, orientation, velocity and spin are multiplied by these four.
-SCALES = 25
-CONTROL_COUNT = 29
+SCALES = 22
+CONTROL_COUNT = 26
 # A step is aimed at this part of the tolerance and refused above all of it; it may become so many
 # times as long at once.
 _AIM, _SHRINK, _GROW = 0.4, 0.2, 4.0
-# Up to this part of the error of a refused step, as it scales with the length, a shorter one has
-# no kink in it; then the kink is ahead, and steps halve the way to the end of the refused one.
-_SMOOTH_PART, _HALF = 0.01, 0.5
 # The estimate, of order 7, was 30 to 200 times the error in every scene that was measured.
 _ESTIMATE = 0.5
 # After a step that was refused because something may touch in it so many are shorter, and up to so
@@ -301,10 +296,9 @@ def adaptive_pair(
     errs by more than tolerance x its length, or x control[SPARE], is refused and made shorter:
     where a contact begins or ends within it, so that it ends just there, else until it is so short
     that such a change matters next to nothing. One no longer than control[CLOSE] is not tried
-    where that is foreseen, but ends there at once. Where other kinks are ahead, which nothing
-    foresees, steps halve the way to the end of the one that was refused for them. One longer than
-    control[CLOSE] is refused where something may touch in it. A step in which a connector may have
-    broken is the last one, and says so.
+    where that is foreseen, but ends there at once. One longer than control[CLOSE] is refused where
+    something may touch in it. A step in which a connector may have broken is the last one, and
+    says so.
     """
     first, last = own_blocks(team, model.blocks.slot.shape[0])
     trail = some(work.trail)
@@ -319,7 +313,6 @@ def adaptive_pair(
     longest, spare, kink = control[LONGEST], control[SPARE], control[KINK]
     close, held, hold = control[CLOSE], control[HELD], max(control[HOLD], _HOLD)
     meeting, resume = control[MEETING:MEETING + 1], control[RESUME]
-    wall, wall_length, wall_error = control[WALL], control[WALL_LENGTH], control[WALL_ERROR]
     done, status = 0, 0
     note_lengths(model, work.breakage, state, work, team, first, last)
     while done < count and start + length <= goal and status == 0:
@@ -332,7 +325,6 @@ def adaptive_pair(
                 model, loads, state, work, trail, FIRST, team, watch, start + length, first, last)
         accepted = landing = False
         asked, asked_held, asked_hold, asked_refused = h, held, hold, refused
-        asked_wall = wall, wall_length, wall_error
         if kink < h <= close and tolerance < ANY:
             meets = foresee(
                 model.contacts, watch, model.blocks, state, trail, team, start + length, h,
@@ -351,12 +343,14 @@ def adaptive_pair(
             # Per unit of time, so the length of the step cancels.
             error, probable = largest_error(
                 pair, model, trail, control, turn_rows, team, watch, h, first, last)
-            accepted = error <= tolerance or error * h <= tolerance * spare
-            # A refused step becomes much shorter, whatever its error: just below the tolerance
-            # estimates are too small where steps are beyond the limit of stability.
-            change = _GROW if accepted else _SHRINK
+            change = _SHRINK
+            if error <= tolerance or error * h <= tolerance * spare:
+                accepted = True
+                change = _GROW
             if 0.0 < error and error < np.inf:
                 change = min(change, max(_SHRINK, (_AIM * tolerance / error) ** (1.0 / 7.0)))
+            elif not error <= tolerance:
+                change = _SHRINK
             finite = error < _ESTIMATE * _MISSED
             if not accepted and h <= kink and finite:
                 accepted = True
@@ -386,13 +380,6 @@ def adaptive_pair(
                 add_flow(work.spent, model.blocks.slot, h, pair.step, first, last)
                 add_flow(work.given, model.blocks.slot, h, pair.step, first, last)
                 start, length = start + length, h
-                if wall > start:
-                    # Where the error of a shorter step is that of smooth forces there is no kink.
-                    left = wall - (start + length)
-                    if error > _SMOOTH_PART * wall_error * (length / wall_length) ** 7.0:
-                        wall = start
-                    elif left > 0.0:
-                        change = min(change, max(_HALF * left, kink) / length)
             elif not again:
                 refused += 1.0
                 if h <= shortest:
@@ -403,7 +390,6 @@ def adaptive_pair(
                 # All attempts from here on are made again; pairs and refusals count once.
                 status, accepted, landing, change = TOO_FAR, True, False, 1.0
                 h, held, hold, refused = asked, asked_held, asked_hold, asked_refused
-                wall, wall_length, wall_error = asked_wall
                 if clear == NO_ROOM:
                     status = LIST_FULL
                     set_tests(model.contacts, team.member, tests)
@@ -414,8 +400,6 @@ def adaptive_pair(
             elif not accepted and finite:
                 shorter = land(
                     model.contacts, team, state, trail.slopes[0], h, 0.1 * kink, meeting)
-                if not shorter < NEVER_MEET:
-                    wall, wall_length, wall_error = start + length + h, h, error
             # If a step that was to end there is refused too, it was foretold too roughly.
             if shorter < (0.9 * h if landing else NEVER_MEET):
                 h, landing = max(shorter, shortest), True
@@ -445,7 +429,6 @@ def adaptive_pair(
         control[HAS_LAST] = 1.0 if has_last else 0.0
         control[CLEAR_TOTAL], control[IS_CLEAR] = clear_total, is_clear
         control[HELD], control[HOLD], control[MEETING] = held, hold, 0.0
-        control[WALL], control[WALL_LENGTH], control[WALL_ERROR] = wall, wall_length, wall_error
     return status, done, since_check
 
 
