@@ -202,6 +202,34 @@ def test_an_error_of_velocity_moves_loose_shells_on(method):
     assert 1.0 / 3.0 < np.median(ratios) < 3.0 and 0.2 < min(ratios) < max(ratios) < 10.0
 
 
+def test_given_steps_say_that_bodies_fly_where_connectors_are_slack_or_broken():
+    """Kinks pass between what is measured, and what they add to velocities is not taken back."""
+    scene = ico.Scene.from_parameters({
+        'weave.size': [1, 2, 2], 'contact.mode': 'never', 'connector.stiffness': 1e2,
+        'connector.stiffness_extension': 1e5, 'initial_random.velocity_sigma': 0.5,
+        'initial_random.seed': 5, 'solver.method': 'dop8', 'solver.threads': 1})
+    chosen = ico.compile_scene(scene)
+    given = scene.with_changes({'solver.step': 0.3 / chosen.status.largest_frequency})
+    run, exact = ico.compile_scene(given), ico.compile_scene(
+        scene.with_changes({'solver.tolerance': 1e-9}))
+    run.advance_to(0.2)
+    for other in (exact, chosen):
+        other.advance_to(run.time)
+    errors = [distance_between(one.snapshot(), exact.snapshot(), scene.geometry.half_edge)
+              for one in (run, chosen)]
+    assert errors[0] > 3.0 * run.error_estimate > 1e-5
+    assert 'bodies fly' in run.status.error_estimate_lacks
+    # Chosen steps keep the tolerance, 1e-6 1/s, and need no such words.
+    assert errors[1] < 1e-6 * run.time and chosen.status.error_estimate_lacks == ''
+    # A little softer is no slack; once that has broken bodies fly, too.
+    softer = ico.compile_scene(given.with_changes({
+        'connector.stiffness': 0.5e5, 'connector.break_length_extension':
+        1.001 * scene.geometry.connector_length}))
+    assert softer.status.error_estimate_lacks == ''
+    softer.advance_to(0.2)
+    assert softer.status.broken_count and 'bodies fly' in softer.status.error_estimate_lacks
+
+
 def test_a_load_that_lasts_a_few_given_steps_is_told_when_it_acts():
     """A torque turns a spin for two steps; after that spins are exact, and nothing is added."""
     step = 4e-3
