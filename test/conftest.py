@@ -33,6 +33,8 @@ _LONG = re.compile(
     r'|test_an_interrupt_of_a_sweep_says_what_is_kept'
     r'|test_a_study_that_is_killed_goes_on_beside_another_one'
     r'|test_units_by_powers_of_four_give_the_same_bits\[True.*\]'
+    r'|test_momenta_are_kept_to_rounding_over_100000_steps\[direction_cosines\]'
+    r'|test_wrench_is_minus_the_gradient_and_the_hessian_its_derivative\[.*cosines\]'
     r'|test_period_is_half_of_each_stiffness\[.*direction_cosines\]'
     r'|test_a_connector_breaks_when_it_is_as_long_as_its_limit\[.*direction_cosines\]'
     r'|test_from_any_points_the_open_segment_meets_the_interior\[.*direction_cosines\]'

@@ -250,7 +250,8 @@ def test_anchors_without_a_law_of_their_own_have_that_of_connectors():
     assert own.anchors['a'].law == (40.0, 40.0, 0.03)
 
 
-@pytest.mark.parametrize('method', ['leapfrog', 'srkn6', 'dop8'])
+@pytest.mark.parametrize('method', [
+    'leapfrog', *(pytest.param(name, marks=pytest.mark.long) for name in ('srkn6', 'dop8'))])
 def test_bodies_on_ropes_of_their_own_swing_each_at_its_rate(method):
     """X'' = -(k / m) (x - D): three loose shells, each on a spring along z through its centre."""
     stiffness, names = (40.0, 160.0, 640.0), ('a', 'b', 'c')

@@ -70,8 +70,8 @@ def test_profiles_that_make_no_sense_are_refused(words):
                'loads.l.duration': 1.0})
 
 
-@pytest.mark.parametrize('method', [
-    pytest.param('srkn6', marks=pytest.mark.long), 'dop8'])
+@pytest.mark.long
+@pytest.mark.parametrize('method', ['srkn6', 'dop8'])
 def test_equal_charges_by_group_move_as_those_of_all(method):
     """The same motion; what is energy of the field there counts as work here."""
     changes = {
@@ -177,6 +177,7 @@ def test_charges_turn_in_a_magnetic_field_each_by_its_own():
         0.4 * np.column_stack([np.cos(angle), np.sin(angle), np.zeros(3)]), abs=1e-9)
 
 
+@pytest.mark.long
 def test_charges_by_group_rest_where_their_energy_is_least():
     """Statics knows each charge, also in second derivatives: beside a run that drag stops."""
     scene = make_scene((3, 3, 2), {

@@ -289,6 +289,7 @@ def test_methods_that_mend_kinks_keep_their_order():
         assert errors[-1] < 1e-4 * found['leapfrog'][1][-1]
 
 
+@pytest.mark.long
 def test_kinks_are_mended_whatever_else_acts():
     # Loads and a drive are in the accelerations that crossings are foretold from; driven bodies
     # and held ones take no impulse. Judged by the method itself, with which dop8 agrees without

@@ -224,7 +224,8 @@ def test_two_charges_fly_apart():
             atol=1e-14 * np.abs(s.linear_velocity).max())
 
 
-@pytest.mark.parametrize('method', ['leapfrog', 'dop8'])
+@pytest.mark.parametrize('method', [
+    pytest.param('leapfrog', marks=pytest.mark.long), 'dop8'])
 def test_a_fabric_with_everything_keeps_its_balance_and_its_bits(method, monkeypatch):
     scene = make_scene((4, 3, 3), {
         **DIPOLE, **MUTUAL, 'charge.per_body': 2e-7, 'solver.method': method,

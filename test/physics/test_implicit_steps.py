@@ -110,6 +110,7 @@ def test_the_tolerance_is_kept_where_damping_is_stiff(tolerance):
         exact.snapshot().energy['dissipated'], rel=1e-2)
 
 
+@pytest.mark.long
 def test_everything_that_it_integrates():
     exact = run(EVERYTHING, 'dop8', 0.05, tolerance=1e-9)
     implicit = run(EVERYTHING, 'sdirk4', 0.05, tolerance=1e-5)

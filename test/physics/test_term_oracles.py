@@ -250,6 +250,7 @@ def test_a_fabric_of_millimetres_moves_like_one_of_metres(terms, method, tmp_pat
     assert np.abs(ends[0] - ends[1]).max() < 1e-10
 
 
+@pytest.mark.long
 def test_anchors_and_moments_with_two_threads_and_from_a_checkpoint(monkeypatch, tmp_path):
     # Of the kind of the fabric of millimetres.
     scene = make_scene((5, 5, 5), {

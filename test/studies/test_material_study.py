@@ -109,16 +109,17 @@ def test_a_part_whose_runs_fail_says_so_and_ends_with_1(tmp_path, capsys, monkey
     assert 'no such rest' in said.err and '1 failed' in said.out
 
 
-def test_all_parts_are_judged_before_anything_starts(tmp_path, capsys):
+@pytest.mark.parametrize('level', [
+    pytest.param(level, marks=[pytest.mark.long] if level else []) for level in Level])
+def test_all_parts_are_judged_before_anything_starts(level, tmp_path, capsys):
     assert study(tmp_path, '--part', 'nothing') == 2
     assert 'there are: constants, slabs' in capsys.readouterr().err
-    for level in Level:
-        for part in PARTS.values():
-            for name, stage in part.stages(level).items():
-                judged = make_study(stage, tmp_path / 'none')
-                assert len(judged.orders) == len(stage.cases) > 0, (part.name, name)
-                # No run is there twice.
-                assert len({order.key for order in judged.orders}) == len(stage.cases), name
+    for part in PARTS.values():
+        for name, stage in part.stages(level).items():
+            judged = make_study(stage, tmp_path / 'none')
+            assert len(judged.orders) == len(stage.cases) > 0, (part.name, name)
+            # No run is there twice.
+            assert len({order.key for order in judged.orders}) == len(stage.cases), name
     assert not (tmp_path / 'none').exists()
 
 

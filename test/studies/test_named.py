@@ -198,6 +198,7 @@ def test_a_method_that_is_not_reversible_is_found(monkeypatch):
     assert not beside.fault
 
 
+@pytest.mark.long
 def test_a_fault_in_the_law_of_a_chain_is_found(monkeypatch):
     real = chain.write_law
     monkeypatch.setattr(toda, 'write_law', lambda path, tension, *places: real(
