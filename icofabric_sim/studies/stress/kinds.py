@@ -117,6 +117,16 @@ KINDS: Final = tuple(_kinds("""
     sdirk4: loaded heavy held grouped damped dragged
     auto: loaded heavy held damped
     dop8: tabled grouped
+    auto dop8: kinked touching
+    leapfrog srkn6: loaded kinked driven
+    dop8: breaking touching lossy
+    dop8: breaking anchored
+    leapfrog: anchored
+    dop8: pressed touching floored
+    dop8: bent twisted driven touching
+    srkn6: loaded heavy held touching
+    dop8: charged touching
+    auto: heavy held damped breaking anchored
 """))
 assert len(KINDS) <= MOST
 # The kind of scenes for which `auto` may take implicit steps.

@@ -47,6 +47,7 @@ REFUSED_BY_CHANCE: Final = (
     ('weave.region', 'has its centre in it'),
     ('groups.', 'selects no body'),
     ('anchors.tie.body', 'there is no body'),
+    ('anchors.tie.break_length_', 'would break at once'),
     ('bodies.ball.', 'which a support holds'),
     ('bodies.ball.inertia', 'no body in it has so much'),
     ('masses.others.inertia', 'no body in it has so much'),

@@ -27,7 +27,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from icofabric_sim import checks
-from icofabric_sim.geometry.shell import Shell
+from icofabric_sim.geometry.shell import maximum_thickness, Shell
 from icofabric_sim.parameters.text import dump_parameters
 from icofabric_sim.scene.weave_geometry import geometry_from_angle
 from icofabric_sim.simulation.stepping.methods import IMPLICIT
@@ -36,7 +36,7 @@ import numpy as np
 
 # Seeds below each number draw among so many kinds, the first of the list. Where the list grows
 # another version follows: no seed means another scene.
-VERSIONS: Final = ((2**32, 55), (2**33, 65), (2**34, 65), (2**35, 66))
+VERSIONS: Final = ((2**32, 55), (2**33, 65), (2**34, 65), (2**35, 66), (2**36, 78))
 LARGEST_SEED: Final = VERSIONS[-1][0] - 1
 # Share of scenes with a value that must be refused.
 _SPOILED = 0.06
@@ -114,7 +114,7 @@ class StressScene:
 
 
 def draw_scene(seed: int) -> StressScene:
-    """The scene of a seed, 0 to 2^35 - 1."""
+    """The scene of a seed, 0 to 2^36 - 1."""
     seed = checks.count('seed', seed, 0, LARGEST_SEED)
     generator, kind = _begun(seed)
     return _Draw(generator, KINDS[kind]).scene(seed, kind)
@@ -179,6 +179,8 @@ class _Draw:
             self._refine()
         if version_of(seed) >= 4:
             self._refine_more()
+        if version_of(seed) >= 5:
+            self._refine_shell_and_anchors()
         change: dict[str, Any] = {}
         if version_of(seed) >= 4 and self.chance(_CHANGED):
             change = self._reweave()
@@ -565,6 +567,28 @@ class _Draw:
         if values['weave.kind'] == 'orthogonal' and self.chance(0.1):
             # A box as large as the fabric of that size.
             values['weave.box'] = [self.length * n for n in values['weave.size']]
+
+    def _refine_shell_and_anchors(self) -> None:
+        """What seeds draw since their fifth version, where their terms have a place for it."""
+        values = self.values
+        if 'anchored' in self.kind.terms and self.chance(0.6):
+            natural = values.get('anchors.tie.natural_length', self.length)
+            values['anchors.tie.break_length_extension'] = natural * (1.0 + self.log(-0.3, 1.3))
+            if self.chance(0.4):
+                values['anchors.tie.break_length_compression'] = natural * (
+                    1.0 - self.log(-1.5, 0.0))
+        if self.chance(0.2):
+            # Layers of the same mean density, about, so that scales stay those of the fabric.
+            faces = maximum_thickness(self.a)
+            inner = faces - values['shell.thickness'] if 'shell.thickness' in values else (
+                faces * values['shell.inner_edge_length'] / values['shell.edge_length'])
+            count = 2 + int(self.generator.integers(4))
+            # A core in the hollow of a thick shell, now and then.
+            cored = inner < 0.5 * faces and self.chance(0.5)
+            distances = np.linspace(0.0 if cored else inner, faces, count)
+            values['shell.layers'] = self._file(
+                'layers.csv', distances,
+                values['shell.density'] * self.generator.uniform(0.2, 2.0, count))
 
     def _frequency(self) -> float:
         return self.rate / (2.0 * math.pi) * self.log(-1.5, 0.3)
