@@ -17,10 +17,13 @@ What a run says that its method has added, beside what a far tighter one finds f
 A selection of `benchmarks/error_estimate.py`, which judges many more scenes.
 """
 
+import math
+
 from fabrics import make_scene
 import icofabric_sim as ico
 from icofabric_sim.benchmarking.added_errors import draw_scene, judge
 from icofabric_sim.simulation.divergence import distance_between
+from icofabric_sim.studies.stress.windows import rate_of, Windows
 import numpy as np
 import pytest
 
@@ -200,6 +203,23 @@ def test_an_error_of_velocity_moves_loose_shells_on(method):
         assert run.error_estimate == pieces.error_estimate > estimates[-1]
     # Where kinks lie in steps is chance; what they add before is left over a thousandth of it.
     assert 1.0 / 3.0 < np.median(ratios) < 3.0 and 0.2 < min(ratios) < max(ratios) < 10.0
+
+
+@pytest.mark.parametrize('step', [0.1, 0.3])
+def test_given_steps_see_what_slack_connectors_add_while_they_are_taut(step):
+    """Two shells fly nearly all the time: windows of one short period beside tighter runs tell."""
+    scene = ico.Scene.from_parameters({
+        'weave.size': [1, 2, 2], 'contact.mode': 'never', 'connector.stiffness': 5.0,
+        'connector.stiffness_extension': 1e5, 'initial_random.velocity_sigma': 0.5,
+        'initial_random.seed': 5, 'solver.method': 'leapfrog', 'solver.threads': 1,
+        'duration': 0.1})
+    rate = ico.compile_scene(scene).status.largest_frequency
+    run = ico.compile_scene(scene.with_changes({'solver.step': step / rate}))
+    windows = Windows(run, rate_of(run), lambda: False, most=math.inf)
+    windows.follow(0.1)
+    added = windows.result()
+    assert added.windows > 100 and not added.unjudged and added.error > 1e-6
+    assert 1.0 / 3.0 < run.error_estimate / added.error < 3.0
 
 
 def test_given_steps_say_that_bodies_fly_where_connectors_are_slack_or_broken():

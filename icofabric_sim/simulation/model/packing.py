@@ -60,6 +60,9 @@ _LARGEST_WILD = 50_000
 
 
 _ZERO = np.zeros(3)
+# Stiffness on one side of the natural length over that on the other below which the period on the
+# soft side is more than 10 times as long: bodies fly.
+_SLACK = 1e-2
 
 
 class WrenchRow(NamedTuple):
@@ -102,6 +105,15 @@ class PackedScene:
     contact: ContactSetup | None
     masses: BodyMasses
     held: bool  # by supports
+
+    @property
+    def goes_slack(self) -> bool:
+        """Whether a connector is so soft on one side of its natural length that bodies fly."""
+        laws = self.connectors
+        if laws is None:
+            return False
+        soft = np.minimum(laws.extension, laws.compression)
+        return bool((soft < _SLACK * np.maximum(laws.extension, laws.compression)).any())
 
     @property
     def spends(self) -> bool:

@@ -123,11 +123,13 @@ class Driver:
         self.trials = TrialSteps(self.trajectory, self.contact, self.calls)
         self.shown = ShownEnergies(self.trajectory, self.contact)
         probe = AccuracyProbe(self.trajectory, self.trials, self.rates, tolerance)
-        has_jumps = broad_phase is not None or packed.model.wrapping is not None
+        # Bands around shells change to another geodesic at any time, and slack connectors tighten.
+        any_time = packed.model.wrapping is not None or (self._is_given and packed.goes_slack)
         self.errors = StepErrors(
-            probe, None if is_adaptive or not has_jumps else TouchingErrors(
-                self.trajectory, self.contact, self.rates, self.trials, probe.distance,
-                probe.slip))
+            probe, None if is_adaptive or not (any_time or broad_phase is not None) else (
+                TouchingErrors(
+                    self.trajectory, self.contact, self.rates, self.trials, probe.distance,
+                    probe.slip, any_time=any_time)))
         self.monitor = StepMonitor(
             self.trajectory, self.rates, obstruction, given=self._is_given, tolerance=tolerance,
             differences=differences)

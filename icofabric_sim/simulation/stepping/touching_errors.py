@@ -57,17 +57,17 @@ class TouchingErrors:
     def __init__(
         self, trajectory: Trajectory, contact: ContactScheduler, rates: MotionRates,
         trials: TrialSteps, distance: Callable[[State, State, float], float],
-        slip: Callable[[State, State], float]
+        slip: Callable[[State, State], float], *, any_time: bool
     ) -> None:
         """
         Measure on the `trajectory` by `trials`, the `distance` of two states and their `slip`.
 
         The third argument of `distance` is a frequency [rad/s]: of what errors of velocities make
         later. `slip` [1/s] is the rate at which bodies part that nothing draws back. Where
-        connectors lie around shells forces jump at any time: every stretch counts as one in which
-        shells touch.
+        forces jump, or slack connectors tighten, at `any_time` every stretch counts as one in
+        which shells touch.
         """
-        self._always = trajectory.model.wrapping is not None
+        self._always = any_time
         self._trajectory, self._contact, self._rates = trajectory, contact, rates
         self._trials, self._distance, self._slip_of = trials, distance, slip
         # Errors by the end [s] of the last stretch in which shells touched. From there on bodies
