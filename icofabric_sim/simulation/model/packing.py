@@ -15,6 +15,7 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 from icofabric_sim.kernels.records import (
@@ -58,10 +59,9 @@ import numpy as np
 # Runge-Kutta methods hold 1.7 kB more for each body: larger fabrics are not offered them.
 _LARGEST_WILD = 50_000
 
-
 _ZERO = np.zeros(3)
-# Stiffness on one side of the natural length over that on the other below which the period on the
-# soft side is more than 10 times as long: bodies fly.
+# Stiffness on one side of the natural length over that on the other up to which a connector is
+# slack there: the period is 10 times as long or more.
 _SLACK = 1e-2
 
 
@@ -106,14 +106,14 @@ class PackedScene:
     masses: BodyMasses
     held: bool  # by supports
 
-    @property
+    @cached_property
     def goes_slack(self) -> bool:
         """Whether a connector is so soft on one side of its natural length that bodies fly."""
         laws = self.connectors
         if laws is None:
             return False
         soft = np.minimum(laws.extension, laws.compression)
-        return bool((soft < _SLACK * np.maximum(laws.extension, laws.compression)).any())
+        return bool((soft <= _SLACK * np.maximum(laws.extension, laws.compression)).any())
 
     @property
     def spends(self) -> bool:

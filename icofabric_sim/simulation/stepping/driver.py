@@ -125,11 +125,11 @@ class Driver:
         probe = AccuracyProbe(self.trajectory, self.trials, self.rates, tolerance)
         # Bands around shells change to another geodesic at any time, and slack connectors tighten.
         any_time = packed.model.wrapping is not None or (self._is_given and packed.goes_slack)
+        has_jumps = any_time or broad_phase is not None
         self.errors = StepErrors(
-            probe, None if is_adaptive or not (any_time or broad_phase is not None) else (
-                TouchingErrors(
-                    self.trajectory, self.contact, self.rates, self.trials, probe.distance,
-                    probe.slip, any_time=any_time)))
+            probe, None if is_adaptive or not has_jumps else TouchingErrors(
+                self.trajectory, self.contact, self.rates, self.trials, probe.distance,
+                probe.slip, any_time=any_time))
         self.monitor = StepMonitor(
             self.trajectory, self.rates, obstruction, given=self._is_given, tolerance=tolerance,
             differences=differences)

@@ -45,10 +45,11 @@ class StepErrors:
         if allowed > 0.0 and self.touching.total > _CERTAIN * allowed:
             self._is_reported = True
             _LOGGER.warning(
-                'steps in which forces begin, end or jump (contacts, connectors around shells) '
-                'have added errors of %.2g by t = %.6g s, where solver.tolerance %g 1/s allows '
-                '%.2g: this method does not shorten its steps there; solver.method dop8 or auto '
-                'does', self.touching.total, time, self.probe.tolerance, allowed)
+                'steps in which forces begin, end or jump (contacts, connectors around shells, or '
+                'slack ones) have added errors of %.2g by t = %.6g s, where solver.tolerance %g '
+                '1/s allows %.2g: these steps are not shortened there; solver.method dop8 or '
+                'auto does so, without solver.step', self.touching.total, time,
+                self.probe.tolerance, allowed)
 
     def estimate(self, time: float) -> float:
         """Errors added from the start to a present `time` [s], as if none had grown or faded."""

@@ -18,10 +18,10 @@ A contact may begin and end between two accuracy probes, and adds more error tha
 many periods. So a stretch of steps between two health checks in which shells touched is repeated
 with twice as many of half the length, and the difference of the ends counted (Richardson). All of
 the first such stretches are repeated, later one of several, which then stands for those before it.
-So are stretches in which bands around shells may change to another geodesic. Errors of velocities
-take each other back within a period, and those of a state grow: a stretch of several shortest
-periods is repeated period by period, and where bands are and nothing can touch, one that is
-shorter goes on to a later health check.
+So are stretches in which bands around shells may change to another geodesic, or slack connectors
+may tighten. Errors of velocities take each other back within a period, and those of a state grow:
+a stretch of several shortest periods is repeated period by period, and where those are and nothing
+can touch, one that is shorter goes on to a later health check.
 
 Where nothing vibrates no force takes an error of velocity back: it moves loose bodies on for as
 long as they fly. So it is counted with the time that passes until shells touch again.

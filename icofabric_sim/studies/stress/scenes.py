@@ -572,7 +572,7 @@ class _Draw:
         """What seeds draw since their fifth version, where their terms have a place for it."""
         values = self.values
         if 'anchored' in self.kind.terms and self.chance(0.6):
-            natural = values.get('anchors.tie.natural_length', self.length)
+            natural = values.get('anchors.tie.natural_length', self.natural)
             values['anchors.tie.break_length_extension'] = natural * (1.0 + self.log(-0.3, 1.3))
             if self.chance(0.4):
                 values['anchors.tie.break_length_compression'] = natural * (
