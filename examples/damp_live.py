@@ -18,10 +18,15 @@ Damp the free side of a running fabric: the newest state is answered a hundred t
     .venv/bin/python examples/damp_live.py
 """
 
+import signal
+import threading
+
 from geometry_msgs.msg import WrenchStamped
 import numpy as np
 import rclpy
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import Float64MultiArray
 
 GAIN, PERIOD = 2.0, 0.01  # [N s/m], [s] of wall time
@@ -57,9 +62,13 @@ class Damper(Node):
             print(f'the tip moves at {np.linalg.norm(velocity):.4f} m/s', flush=True)
 
 
-rclpy.init()
-try:
-    rclpy.spin(Damper())
-except (KeyboardInterrupt, rclpy.executors.ExternalShutdownException):
-    pass
-rclpy.try_shutdown()
+# Ctrl-C is noted and looked at between messages: raised in the middle of one, it can come out of
+# rclpy as another error.
+over = threading.Event()
+signal.signal(signal.SIGINT, lambda *_: over.set())
+rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+executor = SingleThreadedExecutor()
+executor.add_node(Damper())
+while not over.is_set():
+    executor.spin_once(timeout_sec=0.1)
+rclpy.shutdown()

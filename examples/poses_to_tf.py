@@ -19,11 +19,15 @@ Broadcasts chosen bodies as TF frames icosahedron_K, from the poses of a running
 So RViz can show a wrench with frame_id icosahedron_K. Needs tf2_ros, of a ROS installation.
 """
 
+import signal
 import sys
+import threading
 
 from geometry_msgs.msg import PoseArray, TransformStamped
 import rclpy
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
 
 
 def transforms_of(poses, bodies):
@@ -45,13 +49,20 @@ def main():
         from tf2_ros import TransformBroadcaster
     except ImportError:
         sys.exit('this needs tf2_ros: source a ROS installation that has it')
-    rclpy.init()
+    # Noted, and looked at between messages: see damp_live.py.
+    over = threading.Event()
+    signal.signal(signal.SIGINT, lambda *_: over.set())
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     node = Node('poses_to_tf')
     broadcaster = TransformBroadcaster(node)
     node.create_subscription(
         PoseArray, '/icofabric/poses',
         lambda poses: broadcaster.sendTransform(transforms_of(poses, bodies)), 10)
-    rclpy.spin(node)
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    while not over.is_set():
+        executor.spin_once(timeout_sec=0.1)
+    rclpy.shutdown()
 
 
 if __name__ == '__main__':
