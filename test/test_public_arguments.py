@@ -251,6 +251,10 @@ def table(t):
             t.folder / 'rest.csv', str(t.folder / 'rest_b.csv'))}),
         'Spectrum.to_csv': (t.spectrum.to_csv, {'path': path(
             t.folder / 'modes.csv', str(t.folder / 'modes_b.csv'))}),
+        'Elasticity.to_csv': (t.elasticity.to_csv, {'path': path(
+            t.folder / 'elastic.csv', str(t.folder / 'elastic_b.csv'))}),
+        'Growth.to_csv': (t.growth.to_csv, {'path': path(
+            t.folder / 'growth.csv', str(t.folder / 'growth_b.csv'))}),
         'Checkpoint.load': (ico.Checkpoint.load, {'path': path(
             t.folder / 'a.checkpoint', str(t.folder / 'a.checkpoint'))}),
         'Checkpoint.difference': (checkpoint.difference, {

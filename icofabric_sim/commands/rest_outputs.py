@@ -32,9 +32,6 @@ _BODIES = (
     'body', 'x_m', 'y_m', 'z_m', 'qx', 'qy', 'qz', 'qw', 'reaction_x_n', 'reaction_y_n',
     'reaction_z_n', 'reaction_torque_x_nm', 'reaction_torque_y_nm', 'reaction_torque_z_nm')
 _CONNECTORS = ('connector', 'first', 'second', 'length_m', 'tension_n')
-_REACTIONS = (
-    'name', 'point_x_m', 'point_y_m', 'point_z_m', 'force_x_n', 'force_y_n', 'force_z_n',
-    'torque_x_nm', 'torque_y_nm', 'torque_z_nm')
 
 
 def kink_text(connectors: int, anchors: tuple[str, ...] = ()) -> str:
@@ -64,8 +61,6 @@ class RestOutputs(NamedTuple):
         """
         Tables of bodies, connectors and reactions at rest, and a picture of the start and the end.
         """
-        import numpy as np
-
         if self.folder is not None:
             bodies = ([number, *place, *turn, *held] for number, (place, turn, held) in enumerate(
                 zip(snapshot.position.tolist(), snapshot.orientation.tolist(),
@@ -76,9 +71,8 @@ class RestOutputs(NamedTuple):
                 [number, *pair, length, pull] for number, (pair, length, pull) in enumerate(
                     zip(ends, snapshot.connector_length.tolist(), tension.tolist()))))
             if reactions is not None and reactions.names:
-                self.table('reactions.csv', _REACTIONS, (
-                    [label, *row] for label, row in zip(reactions.names, np.hstack(
-                        [reactions.point, reactions.force, reactions.torque]).tolist())))
+                columns = reactions.table()
+                self.table('reactions.csv', tuple(columns), zip(*columns.values()))
         if self.picture is not None:
             self.draw(name, scene, [
                 (scene.initial.position, scene.initial.orientation, 'start'),

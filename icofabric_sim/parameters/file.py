@@ -27,6 +27,7 @@ import stat
 from typing import NamedTuple
 
 from icofabric_sim.parameters.rcl_parameters import full_node_name, section_matches, Value
+from icofabric_sim.parameters.ready_scenes import meant
 from icofabric_sim.parameters.sections import ParameterSet
 from icofabric_sim.parameters.text import dump_parameters, flatten_parameters
 from icofabric_sim.parameters.yaml_events import ParameterFileError
@@ -193,8 +194,8 @@ def _read(path: str | os.PathLike[str]) -> bytes:
             return file.read()
     except FileNotFoundError:
         raise ParameterFileError(
-            f'{name}: there is no such parameter file (searched from {os.getcwd()}); check the '
-            'path') from None
+            f'{name}: there is no such parameter file (searched from {os.getcwd()}); '
+            f'{meant(str(name))}check the path') from None
     except (OSError, ValueError) as error:
         if isinstance(error, ParameterFileError):
             raise

@@ -41,13 +41,17 @@ def find_scene(scene: str) -> Path:
     if not path.is_file():
         reason = 'is a folder' if path.is_dir() else 'does not exist'
         names = ', '.join(ready) or 'none is installed'
-        near = difflib.get_close_matches(scene, ready, 1)
-        hint = f'did you mean {near[0]}? ' if near else ''
         raise ValueError(
-            f'{scene} {reason}: {hint}give the parameter file (.yaml) of a scene, or the name of '
-            f'a ready scene ({names})'
+            f'{scene} {reason}: {meant(scene)}give the parameter file (.yaml) of a scene, '
+            f'or the name of a ready scene ({names})'
         )
     return path
+
+
+def meant(scene: str) -> str:
+    """Ask whether the ready scene with the nearest name was meant; empty where none is near."""
+    near = difflib.get_close_matches(scene, ready_scenes(), 1)
+    return f'did you mean {near[0]}? ' if near else ''
 
 
 def scene_folders() -> list[Path]:

@@ -67,7 +67,7 @@ class Run(Protocol):
     def rotation(self) -> str: ...
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Checkpoint:
     """
     A run at one time: `header` in words and numbers, and the `arrays` of its tree.
@@ -84,6 +84,11 @@ class Checkpoint:
         for array in checks.mapping('arrays', self.arrays).values():
             if checks.instance('arrays', array, np.ndarray).dtype != np.float64:
                 raise TypeError(f'arrays must be of doubles, got the type {array.dtype}')
+
+    def __repr__(self) -> str:
+        """Say of when it is and how large, without what it holds."""
+        size = sum(array.nbytes for array in self.arrays.values())
+        return f'<Checkpoint at t = {self.time:.9g} s: arrays of {size:,} bytes>'
 
     @classmethod
     def of(cls, simulation: Run, tree: dict[str, Any]) -> Self:

@@ -23,17 +23,19 @@ so that growths far beyond 1e10 can be measured.
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 import logging
 import math
 import threading
 import time as wall
-from typing import NamedTuple
+from typing import Any
 
 from icofabric_sim import checks
 from icofabric_sim.kernels.runtime.compile_notice import compile_notice
 from icofabric_sim.scene.initial import InitialState
 from icofabric_sim.scene.scene import require_scene, Scene
 from icofabric_sim.simulation.errors import Interrupted, SimulationError
+from icofabric_sim.simulation.model.as_table import AsTable
 from icofabric_sim.simulation.model.snapshot import Snapshot
 from icofabric_sim.simulation.simulation import compile_scene, Simulation
 import numpy as np
@@ -56,7 +58,8 @@ _LARGEST_HISTORY = 4096
 _PERIODS, _FEWEST, _MOST = 4.0, 50, 4000
 
 
-class Growth(NamedTuple):
+@dataclass(frozen=True, repr=False, eq=False)
+class Growth(AsTable):
     """How a small displacement of all bodies grew over a run."""
 
     time: np.ndarray  # (m,) [s]
@@ -64,6 +67,16 @@ class Growth(NamedTuple):
     error: np.ndarray  # (m,) errors that the method had added by then, position over a or rad
     at_least: bool  # it grew too fast between two comparisons: it is larger than this
     ended: str  # why it was not measured to the end of the run; '': it was
+
+    def __repr__(self) -> str:
+        """Say how much it grew and until when, without the numbers."""
+        least = 'at least ' if self.at_least else ''
+        return f'<Growth: {least}{self.largest:.3g} times until t = {self.time[-1]:.9g} s>'
+
+    def table(self) -> dict[str, list[Any]]:
+        """Growth and added errors over time: a list for each column."""
+        return {'time_s': self.time.tolist(), 'growth': self.growth.tolist(),
+                'error': self.error.tolist()}
 
     @property
     def largest(self) -> float:

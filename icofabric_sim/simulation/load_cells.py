@@ -20,7 +20,8 @@ that its support or path prescribes: the reaction is R = M a - F, and Lambda alp
 F is computed by the right-hand side of Runge-Kutta methods in a model that holds nothing.
 """
 
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import Any
 
 from icofabric_sim.geometry.rotations import cosines_from_quaternions
 from icofabric_sim.kernels.contact.forces import contact_look
@@ -35,6 +36,7 @@ from icofabric_sim.scene.planes import make_planes
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.scene.supports import fixed_freedoms
 from icofabric_sim.simulation.anchor_breaks import AnchorBreaks
+from icofabric_sim.simulation.model.as_table import AsTable
 from icofabric_sim.simulation.model.layout import aligned_empty
 from icofabric_sim.simulation.model.packing import pack_supports, PackedScene
 from icofabric_sim.simulation.model.snapshot import Snapshot
@@ -46,7 +48,8 @@ import numpy as np
 _SPAN, _RADIANS = 1e-4, 1e-3
 
 
-class ContactForces(NamedTuple):
+@dataclass(frozen=True, repr=False, eq=False)
+class ContactForces(AsTable):
     """What touches in one state, with all that acts between the two."""
 
     bodies: np.ndarray  # (m, 2) int32; the second one -1 - k: plane k
@@ -58,8 +61,26 @@ class ContactForces(NamedTuple):
     first: np.ndarray
     second: np.ndarray
 
+    def __repr__(self) -> str:
+        """Say how many there are, without the numbers."""
+        planes = int(np.count_nonzero(self.bodies[:, 1] < 0))
+        return (f'<ContactForces: {len(self.bodies) - planes:,} pairs of shells and '
+                f'{planes:,} of a shell and a plane touch>')
 
-class Reactions(NamedTuple):
+    def table(self) -> dict[str, list[Any]]:
+        """What touches as plain values: a list for each column, named with its unit."""
+        return {
+            'contact': list(range(len(self.bodies))),
+            'first': self.bodies[:, 0].tolist(),
+            'second': [
+                other if other >= 0 else f'planes.{self.planes[-1 - other]}'
+                for other in self.bodies[:, 1].tolist()],
+            **_columns('point', 'm', self.point), **_columns('force', 'n', self.force),
+            'overlap_m': self.overlap.tolist()}
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class Reactions(AsTable):
     """
     What supports, drives, anchors and planes do to bodies, in that order; world frame.
 
@@ -76,6 +97,22 @@ class Reactions(NamedTuple):
     # (n, 6) forces [N] and torques about its centre [N m] of supports and drives on each body, 0
     # along what is free.
     on_bodies: np.ndarray
+
+    def __repr__(self) -> str:
+        """Say what bears, without the numbers."""
+        return f'<Reactions: {", ".join(self.names) or "nothing bears"}>'
+
+    def table(self) -> dict[str, list[Any]]:
+        """What each of them bears as plain values: a list for each column, with its unit."""
+        return {
+            'name': list(self.names), **_columns('point', 'm', self.point),
+            **_columns('force', 'n', self.force), **_columns('torque', 'nm', self.torque)}
+
+
+def _columns(name: str, unit: str, vectors: np.ndarray) -> dict[str, list[float]]:
+    """Components of vectors (k, 3), by name."""
+    return {f'{name}_{axis}_{unit}': vectors[:, number].tolist()
+            for number, axis in enumerate('xyz')}
 
 
 class LoadCells:

@@ -159,6 +159,12 @@ class Simulation:
         self._cached_at = 0
         self._cells: LoadCells | None = None
 
+    def __repr__(self) -> str:
+        """Say what it is of and how it steps."""
+        return (f'<Simulation at t = {self.time:.9g} s: {self.scene.body_count:,} bodies, '
+                f'{self.scene.connector_count:,} connectors, {self.status.method_name}, '
+                f'steps of {self.status.step:.6g} s>')
+
     @property
     def _driver(self) -> Driver:
         return self._event_loop.driver

@@ -34,6 +34,11 @@ class SimulationStatus:
         """Read from the event loop of one simulation."""
         self._event_loop, self._packed = event_loop, packed
 
+    def __repr__(self) -> str:
+        """Say how the run steps."""
+        return (f'<SimulationStatus: {self.step_count:,} steps of {self.method_name}, now of '
+                f'{self.step:.6g} s>')
+
     @property
     def _driver(self) -> Driver:
         """What takes the steps now: another one goes on where the method changes."""

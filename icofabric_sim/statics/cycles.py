@@ -18,6 +18,7 @@ from typing import NamedTuple
 
 from icofabric_sim import checks
 from icofabric_sim.scene.scene import require_scene, Scene
+from icofabric_sim.simulation.model.as_table import Results
 from icofabric_sim.statics.held_motion import held_motion, STRAINED, TURNED
 from icofabric_sim.statics.slab_path import follow, Rest, Step
 from icofabric_sim.statics.stretching import check_strains, curve_point, CurvePoint
@@ -38,6 +39,15 @@ class Cycle(NamedTuple):
     broken: int  # connectors that broke in it
     points: tuple[CurvePoint | TurnPoint, ...]
 
+    def __repr__(self) -> str:
+        """Say what was found, without its states."""
+        return (f'<Cycle: {self.work:.6g} J put in, {self.lost:.6g} J lost, '
+                f'{self.broken:,} broken, {len(self.points):,} states>')
+
+    def row(self) -> list[float]:
+        """All but the states as plain values, in the order of `CYCLE_COLUMNS`."""
+        return list(self[:-1])
+
 
 # Names of columns of a table of cycles, with units.
 CYCLE_COLUMNS = ('work_j', 'regained_j', 'lost_j', 'released_j', 'left_j', 'broken')
@@ -46,7 +56,7 @@ CYCLE_COLUMNS = ('work_j', 'regained_j', 'lost_j', 'released_j', 'left_j', 'brok
 def measure_cycles(
     scene: Scene, kind: str, amounts: Sequence[float], *, count: int = 1, axis: int = 0,
     about: int | None = None, progress: Callable[[int], None] | None = None
-) -> list[Cycle]:
+) -> Results[Cycle]:
     """
     Load a slab through `amounts`, back through the same to 0, and so on `count` times.
 
@@ -102,9 +112,9 @@ class CycleRun:
             self._found.append((step, point))
             yield point
 
-    def cycles(self) -> list[Cycle]:
+    def cycles(self) -> Results[Cycle]:
         """What the states found so far make."""
-        size, cycles = len(self._once), []
+        size, cycles = len(self._once), Results[Cycle](CYCLE_COLUMNS, number='cycle')
         amount, force = 0.0, self._rest.conjugate
         energy = float(self._rest.found.snapshot.energy['total'])
         for first in range(0, len(self._found), size):

@@ -24,14 +24,17 @@ Theory of Crystal Lattices, 24).
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 import math
+from typing import Any
 
 from icofabric_sim import checks
 from icofabric_sim.parameters.validation import ParameterError
 from icofabric_sim.scene.connector_groups import alike_everywhere
 from icofabric_sim.scene.scene import require_scene, Scene
+from icofabric_sim.simulation.model.as_table import AsTable
 from icofabric_sim.statics.directional import (
     Directional,
     directional,
+    LABELS,
     meets_soft,
     pull_of,
     shear_of,
@@ -219,8 +222,8 @@ def _grid_axes(scene: Scene) -> np.ndarray:
     return np.asarray(axes / np.linalg.norm(axes, axis=1, keepdims=True))
 
 
-@dataclass(frozen=True)
-class Elasticity:
+@dataclass(frozen=True, repr=False)
+class Elasticity(AsTable):
     """Elastic constants of the endless fabric, world axes."""
 
     stiffness: np.ndarray  # (6, 6) [Pa], Voigt's order xx yy zz yz xz xy
@@ -229,7 +232,7 @@ class Elasticity:
     soft_strains: np.ndarray
     # [Pa] of the state, Voigt's order; not 0 where connectors of a woven one are pre-stressed.
     stress: np.ndarray
-    energy: CellEnergy = field(repr=False)
+    energy: CellEnergy
     volume: float  # [m^3] of a cell
     # How many connectors of a cell are at their natural length, where k_e is not k_c. There is no
     # single tangent there: stiffness, soft strains and moduli are those of the `branch`, 'push'
@@ -237,8 +240,20 @@ class Elasticity:
     at_kink: int = 0
     branch: str = ''
     # Both by name; empty where none is at its kink.
-    branches: Mapping[str, 'Elasticity'] = field(default_factory=dict, repr=False)
+    branches: Mapping[str, 'Elasticity'] = field(default_factory=dict)
     rest: LatticeRest | None = None  # the state that they are about; None: as woven
+
+    def __repr__(self) -> str:
+        """Say how stiff it is, without the numbers."""
+        kink = f', {self.branch} of {self.at_kink:,} connectors at their kink' if (
+            self.branch) else ''
+        return (f'<Elasticity: stiffness up to {np.abs(self.stiffness).max():.6g} Pa, '
+                f'{len(self.soft_strains)} strains without energy{kink}>')
+
+    def table(self) -> dict[str, list[Any]]:
+        """Stiffness: a row for each stress, a column for each strain, in Voigt's order."""
+        return {'stress': list(LABELS), **{
+            f'{name}_pa': column for name, column in zip(LABELS, self.stiffness.T.tolist())}}
 
     def response(self, strain: np.ndarray) -> Response:
         """

@@ -18,6 +18,7 @@ from typing import NamedTuple
 
 from icofabric_sim import checks
 from icofabric_sim.scene.scene import require_scene, Scene
+from icofabric_sim.simulation.model.as_table import Results
 from icofabric_sim.simulation.model.snapshot import Snapshot
 from icofabric_sim.statics.held_motion import (
     held_motion,
@@ -62,6 +63,11 @@ class CurvePoint(NamedTuple):
     breaks: tuple[Break, ...]  # at this strain, in their order
     snapshot: Snapshot
 
+    def __repr__(self) -> str:
+        """Say what was found, without the numbers of the state."""
+        return (f'<CurvePoint: strain {self.strain:.6g}, stress {self.stress:.6g} Pa, '
+                f'{self.verdict}>')
+
     def row(self) -> list[float | str]:
         """All but breaks and the snapshot as plain values, in the order of `CURVE_COLUMNS`."""
         return [*self[:12], *self.middle_strain, *self.end_force, *self.tension_range,
@@ -80,7 +86,7 @@ CURVE_COLUMNS = (
 def measure_curve(
     scene: Scene, kind: str, strains: Sequence[float], *, axis: int = 0,
     progress: Callable[[int], None] | None = None
-) -> list[CurvePoint]:
+) -> Results[CurvePoint]:
     """
     Equilibria of a slab whose end is displaced by `strains`, rising from above 0.
 
@@ -96,7 +102,7 @@ def measure_curve(
     angle or stiffness changes `stress - rest_stress` by less than 1e-6 of itself. What happens
     across is in `middle_strain`.
     """
-    return list(curve_points(scene, kind, strains, axis=axis, progress=progress))
+    return Results(CURVE_COLUMNS, curve_points(scene, kind, strains, axis=axis, progress=progress))
 
 
 def curve_points(

@@ -18,6 +18,7 @@ from typing import NamedTuple
 
 from icofabric_sim import checks
 from icofabric_sim.scene.scene import require_scene, Scene
+from icofabric_sim.simulation.model.as_table import Results
 from icofabric_sim.simulation.model.snapshot import Snapshot
 from icofabric_sim.statics.held_motion import BEND, held_motion, HeldMotion, TURNED
 from icofabric_sim.statics.slab_path import Break, follow, Rest, Step, tension_range
@@ -51,6 +52,11 @@ class TurnPoint(NamedTuple):
     breaks: tuple[Break, ...]  # at this angle, in their order
     snapshot: Snapshot
 
+    def __repr__(self) -> str:
+        """Say what was found, without the numbers of the state."""
+        return (f'<TurnPoint: angle {self.angle:.6g} rad, moment {self.moment:.6g} N m, '
+                f'{self.verdict}>')
+
     def row(self) -> list[float | str]:
         """All but breaks and the snapshot as plain values, in the order of `TURN_COLUMNS`."""
         return [*self[:13], *self.end_force, *self.end_moment, *self.tension_range]
@@ -67,7 +73,7 @@ TURN_COLUMNS = (
 def measure_turning(
     scene: Scene, kind: str, angles: Sequence[float], *, axis: int = 0, about: int | None = None,
     progress: Callable[[int], None] | None = None
-) -> list[TurnPoint]:
+) -> Results[TurnPoint]:
     """
     Equilibria of a slab whose ends along the world's `axis` are turned against each other.
 
@@ -81,7 +87,8 @@ def measure_turning(
     on the end does as the arc brings the ends nearer, so it differs from the component of
     `end_moment`, which is about the centre of the end, in second order of the angle.
     """
-    return list(turn_points(scene, kind, angles, axis=axis, about=about, progress=progress))
+    return Results(TURN_COLUMNS, turn_points(
+        scene, kind, angles, axis=axis, about=about, progress=progress))
 
 
 def turn_points(

@@ -63,7 +63,8 @@ def test_scene_is_loaded_by_name_or_path(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / 'hanging_slab').write_text('shell: {edge_length: 1.0}')
     assert ico.load_scene('hanging_slab').parameters == by_name.parameters
-    with pytest.raises(ValueError, match='hanging_slob: there is no such parameter file'):
+    with pytest.raises(ValueError, match=r'hanging_slob: there is no such parameter file .*'
+                       r'did you mean hanging_slab\?'):
         ico.load_scene('hanging_slob')
 
 

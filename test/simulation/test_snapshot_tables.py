@@ -20,6 +20,8 @@ from pathlib import Path
 import sys
 from xml.etree import ElementTree
 
+from fabrics import make_scene
+import icofabric_sim as ico
 from icofabric_sim.simulation.simulation import compile_scene
 from icofabric_sim.statics.equilibrium import solve_equilibrium
 from icofabric_sim.statics.modes import solve_modes
@@ -64,6 +66,48 @@ def test_equilibria_and_spectra_are_tables_too(tmp_path: Path):
     assert rest.table()['reaction_z_n'] == rest.reaction[:, 2].tolist()
     assert rest.verdict in repr(rest)
     assert spectrum.table()['rad_per_s'] == spectrum.frequencies.tolist()
+
+
+def test_what_is_measured_is_a_table_and_says_what_it_is_in_one_line(tmp_path: Path):
+    scene = swing_scene(**{'connector.bending_stiffness': 0.02, 'contact.mode': 'never'})
+    stiff = make_scene((3, 3, 3), connector={'bending_stiffness': 0.02})
+    simulation = ico.compile_scene(scene)
+    reactions = simulation.reactions()
+    curve = ico.measure_curve(stiff, 'pull', [1e-3, 2e-3])
+    turns = ico.measure_turning(stiff, 'twist', [1e-3])
+    cycles = ico.measure_cycles(stiff, 'pull', [1e-3, 2e-3], count=2)
+    elasticity = ico.homogenise(stiff)
+    growth = ico.measure_growth(scene, 0.02)
+    for thing in (reactions, simulation.contacts(), curve, turns, cycles, elasticity, growth):
+        said = repr(thing)
+        assert len(said) < 140 and '\n' not in said, said
+        thing.to_csv(tmp_path / 'table.csv')
+        with open(tmp_path / 'table.csv', encoding='utf-8', newline='') as file:
+            head, *rows = list(csv.reader(file))
+        columns = thing.table()
+        assert head == [*columns] and len(rows) == len(next(iter(columns.values())))
+    assert reactions.table()['force_z_n'] == reactions.force[:, 2].tolist()
+    assert reactions.names[0] in repr(reactions)
+    assert curve.table()['stress_pa'] == [point.stress for point in curve] != [0.0, 0.0]
+    assert curve[1].snapshot.time == 0.0 and isinstance(curve, list)
+    assert cycles.table()['cycle'] == [1, 2]
+    assert elasticity.table()['xy_pa'] == elasticity.stiffness[:, 5].tolist()
+    assert growth.table()['time_s'][-1] == growth.time[-1] > 0.0
+    # And what is no table.
+    for thing in (simulation, simulation.status, simulation.checkpoint(), curve[0], turns[0],
+                  cycles[0]):
+        assert len(repr(thing)) < 140 and '\n' not in repr(thing), repr(thing)
+    assert 't = 0 s' in repr(simulation) and simulation.status.method_name in repr(simulation)
+
+
+def test_contacts_are_a_table_with_the_names_of_planes():
+    scene = make_scene(
+        (1, 1, 1), gravity=[0.0, 0.0, -9.81], contact={'mode': 'auto'},
+        planes={'floor': {'normal': [0.0, 0.0, 1.0], 'offset': -0.0150}})
+    contacts = ico.compile_scene(scene).contacts()
+    table = contacts.table()
+    assert set(table['second']) == {'planes.floor'} and min(table['overlap_m']) > 0.0
+    assert sum(table['force_z_n']) > 0.0 and 'a shell and a plane' in repr(contacts)
 
 
 def test_the_table_is_plain_numbers_of_the_state(snapshot, tmp_path: Path):

@@ -14,10 +14,11 @@
 """Results as plain numbers: CSV files, and tables of pandas."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Iterable, Sequence
 import csv
 from importlib import import_module
 import os
-from typing import Any
+from typing import Any, Protocol, TypeVar
 
 from icofabric_sim import checks
 
@@ -47,3 +48,39 @@ class AsTable(ABC):
             ) from error
         columns = self.table()
         return pandas.DataFrame(columns).set_index(next(iter(columns)))
+
+
+class Row(Protocol):
+    """One of several results."""
+
+    def row(self) -> Sequence[Any]:
+        """Plain values, one for each column of their table."""
+
+
+_Row = TypeVar('_Row', bound=Row)
+
+
+class Results(list[_Row], AsTable):
+    """A list of results of one kind, which is a table, too."""
+
+    def __init__(
+        self, columns: Sequence[str], results: Iterable[_Row] = (), *, number: str = ''
+    ) -> None:
+        """Under the names of their `columns`, with units; a `number` counts them from 1."""
+        super().__init__(results)
+        self.columns, self.number = tuple(columns), number
+
+    def __repr__(self) -> str:
+        """Say what they are and how far the first column goes, without the numbers."""
+        if not self:
+            return '<no results>'
+        first, last = self[0].row()[0], self[-1].row()[0]
+        reach = f'{first:.6g} to {last:.6g}' if len(self) > 1 else f'{first:.6g}'
+        return f'<{len(self):,} of {type(self[0]).__name__}: {self.columns[0]} {reach}>'
+
+    def table(self) -> dict[str, list[Any]]:
+        """A list for each column."""
+        rows = [result.row() for result in self]
+        numbers = {self.number: list(range(1, len(self) + 1))} if self.number else {}
+        return {**numbers,
+                **{name: [row[k] for row in rows] for k, name in enumerate(self.columns)}}
