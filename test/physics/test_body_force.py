@@ -77,6 +77,7 @@ def test_a_spring_to_a_point(compiled):
         assert abs(s.energy['balance_error']) < 1e-7 * energy
 
 
+@pytest.mark.long
 def test_steps_that_nothing_can_measure_say_so():
     lacks = []
     for step, spin in ((0.0, 0.0), (2e-3, 0.0), (2e-3, 30.0)):
@@ -183,6 +184,7 @@ def fails_in_python(time, position, orientation, linear_velocity, angular_veloci
     return np.zeros_like(position), np.zeros_like(position)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('speed', [0.0, 2000.0])
 def test_a_look_within_a_given_step_leaves_no_failure_to_the_next_step(speed):
     # Shells may touch, so where the run is looked at within a step a trial step leads there; the

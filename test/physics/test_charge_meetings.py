@@ -55,6 +55,7 @@ def test_a_run_that_steps_over_a_meeting_names_it():
     assert 'contact.mode auto' in text
 
 
+@pytest.mark.long
 def test_the_way_out_follows_it():
     scene, period = comet(lambda period: {
         'solver.method': 'dop8', 'solver.tolerance': 1e-8 / period})

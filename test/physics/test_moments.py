@@ -209,7 +209,8 @@ def test_twisting_is_a_pendulum_of_any_amplitude():
         atol=1e-5 * spin)
 
 
-@pytest.mark.parametrize('method', ['leapfrog', 'srkn6', 'dop8'])
+@pytest.mark.parametrize('method', [
+    'leapfrog', 'srkn6', pytest.param('dop8', marks=pytest.mark.long)])
 def test_energy_and_momenta_stay(method):
     scene = make_scene((4, 3, 3), {
         **BENT, **TWISTED, 'solver.method': method, 'contact.mode': 'never'}, **RANDOM)

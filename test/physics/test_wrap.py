@@ -390,7 +390,7 @@ def test_energy_and_momenta_stay():
     assert np.abs(free.snapshot().position - s.position).max() > 0.01 * scene.geometry.half_edge
 
 
-@pytest.mark.parametrize('mode', ['never', 'auto'])
+@pytest.mark.parametrize('mode', [pytest.param('never', marks=pytest.mark.long), 'auto'])
 def test_a_stop_where_shells_may_pass_through_each_other_names_contact_mode(mode):
     simulation = ico.compile_scene(lively(**{'contact.mode': mode}))
     driver = simulation._event_loop.driver
@@ -541,6 +541,7 @@ def test_damping_follows_the_rate_of_the_whole_way():
     assert abs(c * (rate[~around]**2).sum() / wanted - 1.0) > 0.1
 
 
+@pytest.mark.long
 def test_damped_connectors_around_shells_keep_the_balance():
     scene = lively(**DAMPED)
     simulation = ico.compile_scene(scene)

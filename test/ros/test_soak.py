@@ -53,6 +53,7 @@ def judged(rows, *names):
         assert rows[name]['good'] == 'yes', rows[name]
 
 
+@pytest.mark.long
 def test_a_short_soak(tmp_path):
     rows, said = soak(tmp_path, '--minutes', '0.8')
     judged(
