@@ -35,6 +35,7 @@ from icofabric_sim.kernels.drives import (
 from icofabric_sim.kernels.fields import add_coulomb, add_dipole
 from icofabric_sim.kernels.loads import kick_load, kick_load_again, work_load
 from icofabric_sim.kernels.moments import add_bending, add_twisting
+from icofabric_sim.kernels.profiles import factor_of, factors_over, ONES
 from icofabric_sim.kernels.records import (
     Gravity,
     Kinks,
@@ -51,6 +52,9 @@ from icofabric_sim.kernels.runtime.lanes import bits, fma, load, splat, store, w
 from icofabric_sim.kernels.wrap.forces import add_wrapping
 import numpy as np
 
+# No wrench: what is known of one is kept while rows of the same follow each other.
+NONE = np.int64(-1)
+
 
 @compiled
 def drift(
@@ -63,6 +67,7 @@ def drift(
     For blocks order[first] to order[last - 1].
     """
     step = splat(h)
+    known, factors = NONE, ONES
     for turn in range(first, last):
         block = np.int64(order[turn])
         s = model.blocks.slot[block]
@@ -71,7 +76,10 @@ def drift(
                 rest_along_path(loads.drives, loads, state, m, s)
             for m in range(loads.start[block], loads.start[block + 1]):
                 if is_wrench(loads.drives, loads.anchors, loads.wrench[m]):
-                    work_load(loads, state, m, s, time, h)
+                    if loads.wrench[m] != known:
+                        known = np.int64(loads.wrench[m])
+                        factors = factors_over(loads.varying, known, time, h)
+                    work_load(loads, state, m, s, h, factors)
         for k in range(3):
             store(state.position, k, s, fma(
                 step, load(state.linear_velocity, k, s), load(state.position, k, s)))
@@ -126,6 +134,7 @@ def push(
     accelerations, for a kick that comes later. For blocks order[first] to order[last - 1].
     `kinks`, `part`: see `accelerations`.
     """
+    known, factor = NONE, 1.0
     for turn in range(first, last):
         block = np.int64(order[turn])
         s = model.blocks.slot[block]
@@ -143,9 +152,12 @@ def push(
             before = velocities_before(loads.drives, state, s)
             for m in range(loads.start[block], loads.start[block + 1]):
                 if is_wrench(loads.drives, loads.anchors, loads.wrench[m]):
+                    if loads.wrench[m] != known:
+                        known = np.int64(loads.wrench[m])
+                        factor = factor_of(loads.varying, known, time)
                     kick_load(
                         model, loads, state.orientation, state.linear_velocity,
-                        state.angular_velocity, m, s, time, h)
+                        state.angular_velocity, m, s, h * factor)
                 kick_anchor(loads.anchors, model, loads, state, m, s, time, h)
             for m in range(loads.start[block], loads.start[block + 1]):
                 bear_loads(loads.drives, loads, state, before, m, s)
@@ -158,9 +170,12 @@ def push(
                 before = velocities_before(loads.drives, state, s)
                 for m in range(loads.start[block], loads.start[block + 1]):
                     if is_wrench(loads.drives, loads.anchors, loads.wrench[m]):
+                        if loads.wrench[m] != known:
+                            known = np.int64(loads.wrench[m])
+                            factor = factor_of(loads.varying, known, time)
                         kick_load_again(
                             model, loads, state.orientation, state.linear_velocity,
-                            state.angular_velocity, m, s, time, again)
+                            state.angular_velocity, m, s, again * factor)
                     kick_anchor(loads.anchors, model, loads, state, m, s, time, again)
                 for m in range(loads.start[block], loads.start[block + 1]):
                     bear_loads(loads.drives, loads, state, before, m, s)
@@ -174,6 +189,7 @@ def push_kept(
     last: int
 ) -> None:
     """Flow of the potential energy at `time` [s] over `h` with accelerations that were kept."""
+    known, factor = NONE, 1.0
     for block in range(first, last):
         s = model.blocks.slot[block]
         a = (
@@ -190,9 +206,12 @@ def push_kept(
             before = velocities_before(loads.drives, state, s)
             for m in range(loads.start[block], loads.start[block + 1]):
                 if is_wrench(loads.drives, loads.anchors, loads.wrench[m]):
+                    if loads.wrench[m] != known:
+                        known = np.int64(loads.wrench[m])
+                        factor = factor_of(loads.varying, known, time)
                     kick_load(
                         model, loads, state.orientation, state.linear_velocity,
-                        state.angular_velocity, m, s, time, h)
+                        state.angular_velocity, m, s, h * factor)
                 kick_anchor(loads.anchors, model, loads, state, m, s, time, h)
             for m in range(loads.start[block], loads.start[block + 1]):
                 bear_loads(loads.drives, loads, state, before, m, s)

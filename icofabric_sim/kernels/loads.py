@@ -20,13 +20,12 @@ as long as what it computes.
 """
 
 from icofabric_sim.kernels.profiles import (
-    factor_of,
-    FAR,
     FAR_WEIGHT,
+    Five,
     is_steady,
     MIDDLE_WEIGHT,
-    NEAR,
     NEAR_WEIGHT,
+    NODES,
 )
 from icofabric_sim.kernels.records import Loads, Model, State, Supports, Tractions, Varying
 from icofabric_sim.kernels.rotations import (
@@ -56,26 +55,27 @@ import numpy as np
 @compiled
 def kick_load(
     model: Model, loads: Loads, orientation: np.ndarray, velocity: np.ndarray, spin: np.ndarray,
-    m: int, s: int, time: float, h: float
+    m: int, s: int, h: float
 ) -> None:
     """
-    Add h F / M and h N / Lambda of row `m` at `time` [s] to velocities of a block.
+    Add h F / M and h N / Lambda of row `m` to velocities of a block.
 
-    The force acts at its point, the torque adds to the moment of the force.
+    The force acts at its point, the torque adds to the moment of the force. `h` [s] is with the
+    factor of the profile in it.
     """
     force, torque = wrench_of_row(loads.tractions, loads, orientation, m, s)
     keep_wrench(loads.tractions, loads, m, force, torque)
-    kick_by(model, loads, velocity, spin, m, s, time, h, force, torque)
+    kick_by(model, loads, velocity, spin, m, s, h, force, torque)
 
 
 @compiled
 def kick_load_again(
     model: Model, loads: Loads, orientation: np.ndarray, velocity: np.ndarray, spin: np.ndarray,
-    m: int, s: int, time: float, h: float
+    m: int, s: int, h: float
 ) -> None:
-    """The same, directly after a `kick_load` of this row at the same `time` and orientations."""
+    """The same, directly after a `kick_load` of this row at the same orientations."""
     force, torque = kept_wrench(loads.tractions, loads, orientation, m, s)
-    kick_by(model, loads, velocity, spin, m, s, time, h, force, torque)
+    kick_by(model, loads, velocity, spin, m, s, h, force, torque)
 
 
 @inlined
@@ -109,11 +109,10 @@ def kept_wrench(
 
 @inlined
 def kick_by(
-    model: Model, loads: Loads, velocity: np.ndarray, spin: np.ndarray, m: int, s: int,
-    time: float, h: float, force: Three, torque: Three
+    model: Model, loads: Loads, velocity: np.ndarray, spin: np.ndarray, m: int, s: int, h: float,
+    force: Three, torque: Three
 ) -> None:
     """Add what a force [N] and a torque [N m] of row `m` give in `h` [s]."""
-    h = h * factor_of(loads.varying, loads.wrench[m], time)
     mx, my, mz, inertia = inverses(
         model.supports, model.inverse_mass, model.inverse_inertia, s)
     step = where(bits(loads.lanes[m]), splat(h), splat(0.0))
@@ -187,11 +186,13 @@ def point_of(loads: Loads, orientation: np.ndarray, w: int, s: int) -> Three:
 
 
 @compiled
-def work_load(loads: Loads, state: State, m: int, s: int, time: float, h: float) -> None:
+def work_load(loads: Loads, state: State, m: int, s: int, h: float, factors: Five) -> None:
     """
-    Add the work [J] of row `m` on a block over a drift of `h` from `time` on, before it moves.
+    Add the work [J] of row `m` on a block over a drift of `h` [s], before it moves.
+
+    `factors`: what its profile multiplies it by in that time, see `factors_over`.
     """
-    power = mean_power_of_row(loads.tractions, loads, state, m, s, time, h)
+    power = mean_power_of_row(loads.tractions, loads, state, m, s, h, factors)
     done = load_at(loads.work, LANES * m)
     more = fma(splat(h), power, done)
     store_at(loads.work, LANES * m, where(bits(loads.lanes[m]), more, done))
@@ -199,22 +200,23 @@ def work_load(loads: Loads, state: State, m: int, s: int, time: float, h: float)
 
 @compiled
 def mean_power_of_row(
-    tractions: Tractions | None, loads: Loads, state: State, m: int, s: int, time: float, h: float
+    tractions: Tractions | None, loads: Loads, state: State, m: int, s: int, h: float,
+    factors: Five
 ) -> Vector:
-    """Mean power [W] of row `m` on a block over a drift of `h` from `time` on."""
+    """Mean power [W] of row `m` on a block over a drift of `h` [s]."""
     if tractions is None:
-        return mean_power(loads.varying, loads, state, loads.wrench[m], s, time, h)
+        return mean_power(loads.varying, loads, state, loads.wrench[m], s, h, factors)
     else:
         if loads.wrench[m] >= tractions.first:
             return mean_traction_power(
                 tractions.sliding, tractions, loads.varying, loads.wrench[m], state,
-                tractions.place[m], s, time, h)
-        return mean_power(loads.varying, loads, state, loads.wrench[m], s, time, h)
+                tractions.place[m], s, h, factors)
+        return mean_power(loads.varying, loads, state, loads.wrench[m], s, h, factors)
 
 
 @compiled
 def mean_power(
-    varying: Varying | None, loads: Loads, state: State, w: int, s: int, time: float, h: float
+    varying: Varying | None, loads: Loads, state: State, w: int, s: int, h: float, factors: Five
 ) -> Vector:
     """
     Mean power [W] of a wrench on a block over a drift.
@@ -225,21 +227,21 @@ def mean_power(
         return mean_power_steady(loads, state, w, s, h)
     else:
         if is_steady(varying, w):
-            return splat(varying.value[w]) * mean_power_steady(loads, state, w, s, h)
-        near = power_after(loads, state, w, s, time, (0.5 - NEAR) * h) + power_after(
-            loads, state, w, s, time, (0.5 + NEAR) * h)
-        far = power_after(loads, state, w, s, time, (0.5 - FAR) * h) + power_after(
-            loads, state, w, s, time, (0.5 + FAR) * h)
-        middle = power_after(loads, state, w, s, time, 0.5 * h)
+            return splat(factors[0]) * mean_power_steady(loads, state, w, s, h)
+        near = power_after(loads, state, w, s, NODES[1] * h, factors[1]) + power_after(
+            loads, state, w, s, NODES[3] * h, factors[3])
+        far = power_after(loads, state, w, s, NODES[0] * h, factors[0]) + power_after(
+            loads, state, w, s, NODES[4] * h, factors[4])
+        middle = power_after(loads, state, w, s, NODES[2] * h, factors[2])
         return fma(splat(NEAR_WEIGHT), near, fma(
             splat(FAR_WEIGHT), far, splat(MIDDLE_WEIGHT) * middle))
 
 
 @compiled
 def power_after(
-    loads: Loads, state: State, w: int, s: int, time: float, later: float
+    loads: Loads, state: State, w: int, s: int, later: float, factor: float
 ) -> Vector:
-    """Power [W] of a wrench on a block `later` [s] than `time`, after free flight."""
+    """Power [W] of a wrench, times its `factor` then, on a block after `later` [s] of flight."""
     velocity, spin = state.linear_velocity, state.angular_velocity
     ox, oy, oz = load(spin, 0, s), load(spin, 1, s), load(spin, 2, s)
     cosine, sine = half_angle_factors(later, ox, oy, oz)
@@ -257,7 +259,7 @@ def power_after(
     vy = load(velocity, 1, s) + (oz * px - ox * pz)
     vz = load(velocity, 2, s) + (ox * py - oy * px)
     power = fma(fx, vx, fma(fy, vy, fma(fz, vz, fma(tx, ox, fma(ty, oy, tz * oz)))))
-    return splat(factor_of(loads.varying, w, time + later)) * power
+    return splat(factor) * power
 
 
 @compiled

@@ -22,6 +22,13 @@ from icofabric_sim.kernels.runtime.compiled import compiled
 NEAR, FAR = 0.269234655052841545, 0.453089922969331996
 NEAR_WEIGHT, FAR_WEIGHT, MIDDLE_WEIGHT = (
     0.239314335249683234, 0.118463442528094544, 64.0 / 225.0)
+# The five points of that rule in their order, in parts of the whole.
+NODES = (0.5 - FAR, 0.5 - NEAR, 0.5, 0.5 + NEAR, 0.5 + FAR)
+
+# Factors at these points.
+Five = tuple[float, float, float, float, float]
+# As long as no wrench was asked for.
+ONES: Five = (1.0, 1.0, 1.0, 1.0, 1.0)
 
 
 @compiled
@@ -34,6 +41,23 @@ def factor_of(varying: Varying | None, w: int, time: float) -> float:
         return float(
             varying.value[w] + varying.slope[w] * after
             + varying.height[w] * math.sin(varying.rate[w] * after))
+
+
+@compiled
+def factors_over(varying: Varying | None, w: int, time: float, h: float) -> Five:
+    """
+    What wrench `w` is multiplied by at the five points of a drift of `h` [s] from `time` on.
+
+    The same for all rows of a wrench, so callers keep them from row to row: a sine takes as long
+    as half of what else is done for a block.
+    """
+    if is_steady(varying, w):
+        factor = factor_of(varying, w, time)
+        return factor, factor, factor, factor, factor
+    return (
+        factor_of(varying, w, time + NODES[0] * h), factor_of(varying, w, time + NODES[1] * h),
+        factor_of(varying, w, time + NODES[2] * h), factor_of(varying, w, time + NODES[3] * h),
+        factor_of(varying, w, time + NODES[4] * h))
 
 
 @compiled

@@ -22,7 +22,7 @@ from icofabric_sim.kernels.anchors import anchor_slope
 from icofabric_sim.kernels.contact.losses import add_taken, losses_of
 from icofabric_sim.kernels.drives import is_wrench, place_row, resist_slopes
 from icofabric_sim.kernels.external import add_external
-from icofabric_sim.kernels.flows import accelerations, place_links
+from icofabric_sim.kernels.flows import accelerations, NONE, place_links
 from icofabric_sim.kernels.loads import kick_load, wrench_of_row
 from icofabric_sim.kernels.meters import note_flow
 from icofabric_sim.kernels.monitor import rows_of
@@ -81,6 +81,7 @@ def find_slopes(
     """
     turn = rows_of(state.orientation).shape[0]
     linear, angular = slope[3 + turn:6 + turn], slope[6 + turn:9 + turn]
+    known, factor = NONE, 1.0
     for block in range(first, last):
         s = model.blocks.slot[block]
         for k in range(3):
@@ -104,9 +105,11 @@ def find_slopes(
         note_flow(work.given, index, s, given)
         for m in range(loads.start[block], loads.start[block + 1]):
             if is_wrench(loads.drives, loads.anchors, loads.wrench[m]):
-                kick_load(
-                    model, loads, state.orientation, linear, angular, m, s, time, 1.0)
-                note_power(loads, state, m, s, time, index)
+                if loads.wrench[m] != known:
+                    known = np.int64(loads.wrench[m])
+                    factor = factor_of(loads.varying, known, time)
+                kick_load(model, loads, state.orientation, linear, angular, m, s, factor)
+                note_power(loads, state, m, s, factor, index)
             anchor_slope(
                 loads.anchors, model, loads, state, linear, angular, m, s, time, index)
         # Last: a path bears whatever acts.
@@ -142,16 +145,16 @@ def turn_slopes(
 
 @compiled
 def note_power(
-    loads: Loads, state: State, m: int, s: int, time: float, index: int
+    loads: Loads, state: State, m: int, s: int, factor: float, index: int
 ) -> None:
-    """Power [W] of row `m` of the loads on a block at `time` [s]."""
+    """Power [W] of row `m` of the loads on a block, times the `factor` of its profile."""
     force, torque = wrench_of_row(loads.tractions, loads, state.orientation, m, s)
     velocity, spin = state.linear_velocity, state.angular_velocity
     power = fma(force[0], load(velocity, 0, s), fma(
         force[1], load(velocity, 1, s), force[2] * load(velocity, 2, s)))
     power = fma(torque[0], load(spin, 0, s), fma(
         torque[1], load(spin, 1, s), fma(torque[2], load(spin, 2, s), power)))
-    power = splat(factor_of(loads.varying, loads.wrench[m], time)) * power
+    power = splat(factor) * power
     store(loads.power, index, LANES * m, where(bits(loads.lanes[m]), power, splat(0.0)))
 
 

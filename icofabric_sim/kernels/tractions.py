@@ -24,13 +24,12 @@ Loops over rows are in the callers, see kernels/loads.py.
 """
 
 from icofabric_sim.kernels.profiles import (
-    factor_of,
-    FAR,
     FAR_WEIGHT,
+    Five,
     is_steady,
     MIDDLE_WEIGHT,
-    NEAR,
     NEAR_WEIGHT,
+    NODES,
 )
 from icofabric_sim.kernels.records import State, Tractions, Varying
 from icofabric_sim.kernels.rotations import (
@@ -48,8 +47,7 @@ import numpy as np
 TURNING, FIXED, SLIDING = 6, 12, 45
 _PAIRS = 18  # numbers of the six pairs of body axes, before those of the torque
 
-# Of the Gauss rule over a drift, in parts of it.
-_NODES = (0.5 - FAR, 0.5 - NEAR, 0.5, 0.5 + NEAR, 0.5 + FAR)
+# Of the Gauss rule over a drift.
 _WEIGHTS = (FAR_WEIGHT, NEAR_WEIGHT, MIDDLE_WEIGHT, NEAR_WEIGHT, FAR_WEIGHT)
 
 # Below this square of a spin [1/s^2] nothing turns.
@@ -139,12 +137,13 @@ def add_sliding(
 @compiled
 def mean_traction_power(
     sliding: np.ndarray | None, tractions: Tractions, varying: Varying | None, w: int,
-    state: State, row: int, s: int, time: float, h: float
+    state: State, row: int, s: int, h: float, factors: Five
 ) -> Vector:
     """
-    Mean power [W] of a row on a block over a drift of `h` from `time` on, before it moves.
+    Mean power [W] of a row on a block over a drift of `h` [s], before it moves.
 
     Exact where it is steady; else by a Gauss rule of order 10, beyond that of any method.
+    `factors`: see `factors_over`.
     """
     axes = axes_of_lanes(state.orientation, s)
     velocity, spin = state.linear_velocity, state.angular_velocity
@@ -154,14 +153,13 @@ def mean_traction_power(
     parts = add_power_of_fixed(tractions.fixed, row, axes, v, omega, parts)
     slid = sliding_parts(sliding, row, axes, v, omega)
     if is_steady(varying, w):
-        factors = mean_turn_factors(h, omega[0], omega[1], omega[2])
-        mean = add_mean_sliding(slid, factors, omega, h, power_of(parts, factors))
-        return splat(factor_of(varying, w, time)) * mean
+        means = mean_turn_factors(h, omega[0], omega[1], omega[2])
+        mean = add_mean_sliding(slid, means, omega, h, power_of(parts, means))
+        return splat(factors[0]) * mean
     mean = splat(0.0)
     for node in range(5):
-        later = _NODES[node] * h
-        factor = splat(_WEIGHTS[node] * factor_of(varying, w, time + later))
-        mean = fma(factor, power_then(parts, slid, omega, later), mean)
+        factor = splat(_WEIGHTS[node] * factors[node])
+        mean = fma(factor, power_then(parts, slid, omega, NODES[node] * h), mean)
     return mean
 
 

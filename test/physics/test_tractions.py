@@ -23,6 +23,7 @@ import icofabric_sim as ico
 from icofabric_sim.geometry.icosahedron import face_geometry, inscribed_radius, outer_triangles
 from icofabric_sim.geometry.rotations import cosines_from_quaternions
 from icofabric_sim.kernels.loads import work_load
+from icofabric_sim.kernels.profiles import factors_over
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.simulation.inputs import Inputs
 from icofabric_sim.simulation.model.packing import acting_lanes, pack_scene
@@ -245,7 +246,8 @@ def test_work_over_free_flight_is_the_integral_of_power(spin, direction, frictio
     loads = inputs.pack(packed.layout)
     slot = int(packed.layout.slot[0])
     for row in range(len(loads.wrench)):
-        work_load(loads, state, row, slot - slot % LANES, 0.0, h)
+        factors = factors_over(loads.varying, loads.wrench[row], 0.0, h)
+        work_load(loads, state, row, slot - slot % LANES, h, factors)
     nodes, weights = np.polynomial.legendre.leggauss(40)
     steady = changed(scene, {'tractions.t.profile': 'steady'})
     expected, size = 0.0, 0.0
