@@ -159,9 +159,15 @@ class NodeProcess:
     MODULE = 'icofabric_sim.ros.fabric_node'
     READY = ' bodies, '  # stands in its log once it runs
 
-    def __init__(self, log_path, *arguments, parameters=None, scene=None, offset=0):
-        """Start with `parameters` (name: value) over the file `scene`, and more command line."""
-        command = [sys.executable, '-m', self.MODULE, '--ros-args']
+    def __init__(
+        self, log_path, *arguments, parameters=None, scene=None, offset=0, launcher=(), own=()
+    ):
+        """
+        Start with `parameters` (name: value) over the file `scene`, and more command line.
+
+        By a `launcher` with its arguments; those in `own` are the node's, not of ROS.
+        """
+        command = [*launcher, sys.executable, '-m', self.MODULE, *own, '--ros-args']
         if scene is not None:
             command += ['--params-file', str(scene)]
         for name, value in (parameters or {}).items():

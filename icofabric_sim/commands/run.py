@@ -21,10 +21,14 @@ import signal
 import time
 from typing import TYPE_CHECKING
 
-from icofabric_sim.commands.ranks import lead_or_serve, require_alone
 from icofabric_sim.commands.report import add_json_argument, print_report
 from icofabric_sim.commands.scenes import add_scene_arguments, read_parameters
 from icofabric_sim.kernels.runtime.interrupts import leaving
+from icofabric_sim.simulation.devices.launcher import (
+    launched_ranks,
+    lead_or_serve,
+    require_alone,
+)
 from icofabric_sim.terminal import bad_input, InputError, notes, Progress, require_place, say
 
 if TYPE_CHECKING:
@@ -73,11 +77,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def main(arguments: argparse.Namespace) -> int:
     """Simulate to the end of the duration; the record is kept and closed whatever happens."""
     if not arguments.ranks:
-        require_alone()
+        with bad_input():
+            require_alone()
         return _simulate(arguments, None)
     if arguments.cross_check:
         raise InputError('--cross-check compares within one process: give it without --ranks')
-    return lead_or_serve(lambda ranks: _simulate(arguments, ranks))
+    with bad_input():
+        ranks = launched_ranks()
+
+    def lead() -> int:
+        # Until it is known: bad input ends it by an exception.
+        ranks.exit_status = 2
+        return _simulate(arguments, ranks)
+
+    return lead_or_serve(_NAME, ranks, lead)
 
 
 def _simulate(arguments: argparse.Namespace, ranks: 'Ranks | None') -> int:

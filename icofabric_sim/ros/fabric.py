@@ -24,7 +24,7 @@ import logging
 from pathlib import Path
 import threading
 import time
-from typing import Any
+from typing import Any, TYPE_CHECKING
 
 from icofabric_sim.bag.folder import BagError, require_new
 from icofabric_sim.kernels.runtime.compile_notice import compile_notice
@@ -57,6 +57,9 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+if TYPE_CHECKING:
+    from icofabric_sim.simulation.devices.ranks import Ranks
+
 _LOGGER = logging.getLogger('icofabric_sim')
 # How long the last answers may take, and the way of the last one to a busy client [s].
 _LAST_ANSWERS, _LAST_DELIVERY = 2.0, 0.5
@@ -75,12 +78,14 @@ class FabricNode(Node):
         simulation: Simulation | None = None,
         on_built: Callable[[], None] = lambda: None,
         presence: Presence | None = None,
+        ranks: 'Ranks | None' = None,
     ) -> None:
         """
         Build the scene of the judged `parameters`; raises ValueError where that is not possible.
 
         With `simulation` go on from where it stands instead. `on_built` is called before anything
         begins that must be ended in order, e.g. a bag. `presence` has joined the graph earlier.
+        `ranks` share the steps.
         """
         super().__init__(
             'icofabric', allow_undeclared_parameters=True, start_parameter_services=False
@@ -93,7 +98,7 @@ class FabricNode(Node):
             if parameters['record.path']:
                 # Before a wait for the compiler.
                 require_new(Path(parameters['record.path']))
-            simulation = compile_scene(Scene.from_parameters(parameters))
+            simulation = compile_scene(Scene.from_parameters(parameters), ranks=ranks)
             simulation.warm_up()
             self._name_watch.require_first()
         if presence is not None:
@@ -297,9 +302,11 @@ class FabricNode(Node):
 def run_node(node: FabricNode, signals: StopSignals) -> int:
     """Run a node until it is done or stopped; returns the exit status."""
     simulation = node.runner.simulation
+    count = simulation.status.rank_count
     _LOGGER.info(
-        '%s%d bodies, %d connectors, %s, step %.3g s', READY, simulation.scene.body_count,
-        simulation.scene.connector_count, simulation.status.method_name, simulation.status.step)
+        '%s%d bodies, %d connectors, %s, step %.3g s%s', READY, simulation.scene.body_count,
+        simulation.scene.connector_count, simulation.status.method_name, simulation.status.step,
+        f', {count} ranks share the steps' if count > 1 else '')
     server = Server(node)
     # What was imported stays: a garbage collection over it would block the node.
     gc.freeze()

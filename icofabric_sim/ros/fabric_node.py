@@ -18,6 +18,7 @@ Everything that takes time to import is imported once signals are heard.
 """
 
 import sys
+from typing import TYPE_CHECKING
 
 from icofabric_sim.ros.start import (
     arguments_of_its_own,
@@ -26,10 +27,21 @@ from icofabric_sim.ros.start import (
     importing,
     StopSignals,
 )
+from icofabric_sim.simulation.devices.launcher import (
+    launched_ranks,
+    lead_or_serve,
+    require_alone,
+)
 from icofabric_sim.version import __version__
 
-_USAGE = """usage: fabric_node [--ros-args --params-file SCENE -p name:=value ...]
-ready scenes are in config/; docs/parameters.md lists all parameters"""
+if TYPE_CHECKING:
+    from icofabric_sim.simulation.devices.ranks import Ranks
+
+_RANKS = '--ranks'
+_USAGE = """usage: fabric_node [--ranks] [--ros-args --params-file SCENE -p name:=value ...]
+ready scenes are in config/; docs/parameters.md lists all parameters
+--ranks: the processes of MPI that were started together share the steps, the first one is the node
+(mpiexec -n 4 fabric_node --ranks --ros-args ...); docs/howto/ranks.md"""
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -45,12 +57,27 @@ def main(argv: list[str] | None = None) -> int:
     if set(argv[1:]) & {'-h', '--help', '--version'}:
         print(f'fabric_node of icofabric_sim {__version__}: icosahedral fabric\n{_USAGE}')
         return 0
+    if _RANKS not in arguments_of_its_own(argv[1:]):
+        return _answered(argv, signals, None)
+    argv = [argument for argument in argv if argument != _RANKS]
+    try:
+        ranks = launched_ranks()
+    except ValueError as error:
+        print(f'fabric_node: {error}', file=sys.stderr)
+        return 2
+    status = lead_or_serve('fabric_node', ranks, lambda: _answered(argv, signals, ranks))
+    ranks.finalize()
+    return status
+
+
+def _answered(arguments: list[str], signals: StopSignals, ranks: 'Ranks | None') -> int:
+    """Run the node; what is wrong with its input is said in a line."""
     with importing():
         import rclpy
         from rclpy.impl.implementation_singleton import rclpy_implementation
 
     try:
-        return _run(argv, signals)
+        return _run(arguments, signals, ranks)
     except (ValueError, rclpy_implementation.RCLError) as error:
         from icofabric_sim.ros.process import plain_reason
 
@@ -61,7 +88,9 @@ def main(argv: list[str] | None = None) -> int:
         rclpy.try_shutdown()
 
 
-def _run(arguments: list[str], signals: StopSignals) -> int:
+def _run(arguments: list[str], signals: StopSignals, ranks: 'Ranks | None') -> int:
+    if ranks is None:
+        require_alone()
     # Before ROS starts, whose errors name no parameter.
     own = arguments_of_its_own(arguments[1:])
     if own:
@@ -82,7 +111,8 @@ def _run(arguments: list[str], signals: StopSignals) -> int:
         from icofabric_sim.ros.fabric import FabricNode, run_node
 
     return run_node(
-        FabricNode(parameters, on_built=signals.only_note, presence=presence), signals)
+        FabricNode(parameters, on_built=signals.only_note, presence=presence, ranks=ranks),
+        signals)
 
 
 if __name__ == '__main__':

@@ -121,6 +121,8 @@ class ReceivedInputs:
         try:
             received = decode_input(topic, data)
             judge(self._run.simulation.scene, received)
+            if isinstance(received.target, PullTarget):
+                self._run.simulation.require_pulls()
         except ValueError as error:
             self._drop(topic, str(error))
             return

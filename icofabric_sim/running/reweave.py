@@ -24,6 +24,7 @@ name.
 from collections.abc import Callable
 import threading
 import time
+from typing import TYPE_CHECKING
 
 from icofabric_sim.kernels.runtime.compile_notice import KernelsMissing
 from icofabric_sim.kernels.runtime.kernel_guard import no_compiling
@@ -35,6 +36,9 @@ from icofabric_sim.simulation.input_types import has_target, PullTarget
 from icofabric_sim.simulation.model.body_force import BodyForce
 from icofabric_sim.simulation.precompile import compile_elsewhere
 from icofabric_sim.simulation.simulation import compile_scene, Simulation
+
+if TYPE_CHECKING:
+    from icofabric_sim.simulation.devices.ranks import Ranks
 
 # After a build there is none for so many times as long, at most so long [s]: a slider that sends
 # fifty changes a second may not take the processor from the run. The second pair is for a run that
@@ -62,6 +66,7 @@ class Reweaver:
         post: Callable[[Callable[[], None]], object],
         on_ready: Callable[[Parameters, Simulation | None, str], None],
         body_force: BodyForce | None = None,
+        ranks: 'Ranks | None' = None,
         is_touching: Callable[[], bool] = lambda: False,
         has_time: Callable[[], bool] = lambda: True,
     ) -> None:
@@ -69,13 +74,14 @@ class Reweaver:
         `post` brings a call into the runner's thread, where `on_ready` gets each result.
 
         The result is the simulation, or None and the reason, after the parameters wanted by then:
-        their rates may be newer than those in the scene that was built. A `body_force` goes on.
+        their rates may be newer than those in the scene that was built. A `body_force` goes on,
+        and `ranks` that share the steps share those of the new fabric.
         Where shells of the running fabric touch, which `is_touching` tells, those of the other one
         may from its first step on. `has_time`: the run waits for its pace now and then.
         """
         self._post, self._has_time = post, has_time
         self._on_ready = on_ready
-        self._body_force, self._is_touching = body_force, is_touching
+        self._body_force, self._ranks, self._is_touching = body_force, ranks, is_touching
         self._wanted: Parameters | None = None
         self._scene: Scene | None = None  # of what is wanted, where it is built already
         self.outputs: Outputs | None = None  # messages of what was built last
@@ -142,11 +148,11 @@ class Reweaver:
         In this one the run could load no kernel for as long as that takes.
         """
         def make() -> Simulation:
-            simulation = compile_scene(scene, body_force=self._body_force)
+            simulation = compile_scene(scene, body_force=self._body_force, ranks=self._ranks)
             simulation.warm_up()
             return simulation
 
-        if self._body_force is None:
+        if self._body_force is None and self._ranks is None:
             for _ in range(_TRIES):
                 try:
                     with no_compiling(loading=True):

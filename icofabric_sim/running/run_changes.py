@@ -78,7 +78,7 @@ class RunChanges:
         self._broadcast, self._pace = broadcast, pace
         self._post, self._fresh_status, self.on_rebuilt = post, fresh_status, on_rebuilt
         self._reweaver = Reweaver(
-            post, self._swap, state.simulation.body_force,
+            post, self._swap, state.simulation.body_force, state.simulation.ranks,
             lambda: state.simulation.status.has_contacts, pace.has_time)
         # A slider sends fifty changes a second.
         self._said = Complaints(_LOGGER.info)

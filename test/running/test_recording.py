@@ -12,6 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """The bag of a run as a sink: its topics, its names, and what it says about itself."""
+from dataclasses import replace
 import json
 import shutil
 import threading
@@ -125,7 +126,7 @@ def test_growth_is_said_in_numbers_that_can_be_read_back():
     assert all(type(value) is str for value in said.values())
     assert float(said['growth']) == 1e30 and said['growth_is_at_least'] == 'true'
     assert float(said['meaningful_until']) == 0.5 and said['growth_ended'] == 'none'
-    calm = summarise_growth(growth._replace(growth=np.ones(3), ended='it broke'))
+    calm = summarise_growth(replace(growth, growth=np.ones(3), ended='it broke'))
     assert float(calm['meaningful_until']) == 1.0 and calm['growth_ended'] == 'it broke'
 
 

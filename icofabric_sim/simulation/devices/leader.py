@@ -122,15 +122,16 @@ class SharedSteps:
         self._transport.require_health()
         if self._transport.has_ended:
             raise RankError("the ranks have ended with their 'with' block")
-        try:
-            return self._advance(
-                model, loads, state, saved, work, origin, index, h, count, since_check,
-                check_interval, ledger)
-        except BaseException as error:
-            self._is_out = self._is_stale = False
-            # Others wait for poses from here.
-            self._transport.fail(error)
-            raise
+        with self._transport.alone():
+            try:
+                return self._advance(
+                    model, loads, state, saved, work, origin, index, h, count, since_check,
+                    check_interval, ledger)
+            except BaseException as error:
+                self._is_out = self._is_stale = False
+                # Others wait for poses from here.
+                self._transport.fail(error)
+                raise
 
     @property
     def device_bytes(self) -> int:
@@ -149,7 +150,8 @@ class SharedSteps:
         """Have the whole state of the run here, where it may be looked at and changed."""
         is_stale, self._is_out, self._is_stale = self._is_stale, False, False
         if is_stale and self._run is not None:
-            self._gather(self._run, of_run=True, whole=True)
+            with self._transport.alone():
+                self._gather(self._run, of_run=True, whole=True)
 
     def _advance(
         self, model: Model, loads: Loads, state: State, saved: State, work: Work, origin: float,
@@ -287,8 +289,9 @@ class SharedSteps:
     def _require_room(self) -> None:
         """Refuse windows for which some machine lacks memory, before any is made."""
         transport = self._transport
-        transport.order(('room',))
-        machines = [(socket.gethostname(), available_memory()), *transport.answers()]
+        with transport.alone():
+            transport.order(('room',))
+            machines = [(socket.gethostname(), available_memory()), *transport.answers()]
         wanted: dict[str, int] = {}
         ranks: dict[str, list[int]] = {}
         for rank, (name, _) in enumerate(machines):

@@ -20,6 +20,7 @@ from types import TracebackType
 from typing import Any, Self
 
 from icofabric_sim import checks
+from icofabric_sim.kernels.runtime.compile_notice import compile_notice
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.devices.refusals import require_shareable
 from icofabric_sim.simulation.devices.server import Server
@@ -53,6 +54,8 @@ class Ranks:
         communicator = mpi.COMM_WORLD if communicator is None else checks.instance(
             'communicator', communicator, mpi.Intracomm, 'mpi4py.MPI.COMM_WORLD is one')
         self._transport = Transport(communicator)
+        # With which all ranks are to end, as the first one says: a launcher reports any of theirs.
+        self.exit_status = 0
 
     @property
     def rank(self) -> int:
@@ -69,6 +72,16 @@ class Ranks:
         """Whether this process is the first, which has the simulation."""
         return self._transport.rank == 0
 
+    def finalize(self) -> None:
+        """
+        Leave MPI, unless a rank has failed; nothing can be shared in this process any more.
+
+        For programs that end without what the interpreter does at its end, as nodes do: a launcher
+        takes a process that has not left for one that has crashed.
+        """
+        if not self._transport.has_failed:
+            import_module('mpi4py.MPI').Finalize()
+
     def __enter__(self) -> Self:
         """Begin the block that all processes run."""
         return self
@@ -80,10 +93,10 @@ class Ranks:
         """Let the others serve until the first process comes here."""
         if self.leads:
             if kind is None:
-                self._transport.end()
+                self._transport.end(self.exit_status)
                 return
             with suppress(RankError):
-                self._transport.end()
+                self._transport.end(self.exit_status or 1)
             return
         if error is not None:
             self._transport.fail(error)
@@ -92,7 +105,9 @@ class Ranks:
         signals = signal.SIGINT, signal.SIGTERM, signal.SIGHUP
         before = {number: signal.signal(number, signal.SIG_IGN) for number in signals}
         try:
-            Server(self._transport).serve()
+            # One rank speaks.
+            with compile_notice.shown_by(lambda text: None):
+                self.exit_status = Server(self._transport).serve()
         except RankError:
             raise
         except BaseException as failure:

@@ -54,8 +54,12 @@ class Server:
         self._transport = transport
         self._held: dict[int, _Held] = {}
 
-    def serve(self) -> None:
-        """Do what is ordered until the end; raises RankError where some rank has failed."""
+    def serve(self) -> int:
+        """
+        Do what is ordered until the end; returns the exit status with which the first rank ends.
+
+        Raises RankError where some rank has failed.
+        """
         does: dict[str, Callable[..., None]] = {
             'room': self._room, 'window': self._window, 'loads': self._loads,
             'scatter': self._scatter, 'take': self._take, 'gather': self._gather,
@@ -63,7 +67,7 @@ class Server:
         while True:
             name, *rest = self._transport.next_order()
             if name == 'end':
-                return
+                return int(rest[0])
             does[name](*rest)
 
     def _room(self) -> None:

@@ -17,10 +17,12 @@ Messages between ranks, by mpi4py: orders, arrays, poses, and the word that a ra
 No rank waits for ever: one that waits checks for that word now and then.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from importlib import import_module
 import math
 import os
+import threading
 import time
 from typing import Any
 import weakref
@@ -63,14 +65,39 @@ class Transport:
         self.has_ended = False
         # Which rank has failed, and why.
         self._failure = ''
+        # Tickets of threads of this process that talk to the others, in their order.
+        self._turns, self._drawn, self._served = threading.Condition(), 0, 0
 
-    def end(self) -> None:
-        """Have all other ranks end, from the first one, which takes over what they hold."""
+    @contextmanager
+    def alone(self) -> Iterator[None]:
+        """
+        Talk to the others while no other thread does; threads get their turns in their order.
+
+        A node computes in one thread and builds a changed scene in another. Not to be nested.
+        """
+        with self._turns:
+            ticket, self._drawn = self._drawn, self._drawn + 1
+            self._turns.wait_for(lambda: self._served == ticket)
+        try:
+            yield
+        finally:
+            with self._turns:
+                self._served += 1
+                self._turns.notify_all()
+
+    def end(self, status: int = 0) -> None:
+        """
+        Have all other ranks end, from the first one, which takes over what they hold.
+
+        With the exit `status` of the first: of processes that end with several statuses a launcher
+        reports any.
+        """
         if not (self.has_failed or self.has_ended):
             for holder in list(self.holders):
                 holder.take_over()
-            self.order(('end',))
-            self._send_off(math.inf)
+            with self.alone():
+                self.order(('end', status))
+                self._send_off(math.inf)
         self.has_ended = True
 
     def order(self, what: Any) -> None:

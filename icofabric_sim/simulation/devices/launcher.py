@@ -11,14 +11,12 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""Verbs that several processes of MPI do together: who leads, who serves, and who should not."""
+"""Processes that an MPI launcher has started: who leads, who serves, and who should not run."""
 
 from collections.abc import Callable
 import os
 import sys
 from typing import TYPE_CHECKING
-
-from icofabric_sim.terminal import InputError
 
 if TYPE_CHECKING:
     from icofabric_sim.simulation.devices.ranks import Ranks
@@ -29,30 +27,45 @@ _LAUNCHERS = (
 
 
 def require_alone() -> None:
-    """Refuse to do in each of several processes what one is to do; the first says so."""
+    """
+    Refuse to do in each of several processes what one is to do.
+
+    The first one raises ValueError, the others end.
+    """
     for size_name, rank_name in _LAUNCHERS:
         size = os.environ.get(size_name, '')
         if size.isdigit() and int(size) > 1:
             if os.environ.get(rank_name, '0') != '0':
                 sys.exit(2)
-            raise InputError(
+            raise ValueError(
                 f'an MPI launcher has started {size} processes, which would all do the same run: '
                 'give --ranks to share its steps among them, or start one process')
 
 
-def lead_or_serve(lead: Callable[['Ranks'], int]) -> int:
-    """Do `lead` in the first process; the others serve it. Returns the exit status of each."""
+def launched_ranks() -> 'Ranks':
+    """Return the ranks that the launcher has started; ValueError where there is no MPI."""
+    # A program that is alone needs none of it.
     from icofabric_sim.simulation.devices.ranks import RankError, Ranks
+
     try:
-        ranks = Ranks()
+        return Ranks()
     except RankError as error:
-        raise InputError(str(error)) from error
-    status = 0
+        raise ValueError(str(error)) from error
+
+
+def lead_or_serve(name: str, ranks: 'Ranks', lead: Callable[[], int]) -> int:
+    """
+    Do `lead` in the first process of the program `name`; the others serve it.
+
+    Returns the exit status of each, which is that of `lead`.
+    """
+    from icofabric_sim.simulation.errors import RankError
+
     try:
         with ranks:
             if ranks.leads:
-                status = lead(ranks)
+                ranks.exit_status = lead()
     except RankError as error:
-        print(f'icofabric run: on rank {ranks.rank}: {error}', file=sys.stderr)
+        print(f'{name}: on rank {ranks.rank}: {error}', file=sys.stderr)
         return 1
-    return status
+    return ranks.exit_status

@@ -1,0 +1,100 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""A node on the first rank of MPI: driven over the graph, re-woven, recorded; one verifies it."""
+
+from pathlib import Path
+import shutil
+import subprocess
+import sys
+
+from icofabric_sim.bag.recorded_run import RecordedRun
+from icofabric_sim.running.replay.verify import verify_run
+import pytest
+from ros_helpers import Client, NodeProcess, parameter, ROOT, write_scene
+
+SCENE = {
+    'weave': {'size': [5, 5, 5], 'connector_angle': 0.4},
+    'gravity': [0.0, 0.0, -9.81],
+    'groups': {'top': 'z_max', 'tip': 'z_min'},
+    'supports': {'top': {'group': 'top'}},
+    'loads': {'tip': {'group': 'tip', 'share': 'total', 'hold': 0.2}},
+    'contact': {'mode': 'never'},
+    'solver': {'method': 'srkn4', 'tolerance': 1e-3},
+}
+
+
+def mpiexec():
+    pytest.importorskip('mpi4py', reason='mpi4py (extra `mpi`) is not installed')
+    found = shutil.which('mpiexec', path=str(Path(sys.executable).parent)) or shutil.which(
+        'mpiexec')
+    if found is None:
+        pytest.skip('no mpiexec on this machine')
+    return found
+
+
+def test_a_node_on_ranks_is_driven_as_any_other_and_verifies(tmp_path):
+    scene = write_scene(tmp_path / 'scene.yaml', SCENE)
+    with NodeProcess(
+            tmp_path / 'log', scene=scene, parameters={'record.path': str(tmp_path / 'bag')},
+            launcher=(mpiexec(), '-n', '2'), own=('--ranks',)) as node, Client(node) as client:
+        assert '2 ranks share the steps' in node.log()
+        poses = client.listen('~/poses')
+        client.wait_until(10**8)
+        before = len(poses)
+        for force in (0.2, -0.1, 0.3):
+            client.push('~/loads/tip', force=(0.0, force, 0.0))
+            client.wait_until(client.clock + 2 * 10**7)
+        # Built aside while the old fabric runs, and shared by the same ranks.
+        client.set(**{'connector.stiffness': 700.0})
+        client.wait_until(client.clock + 10**8)
+        client.set(**{'weave.size': [5, 5, 7]})
+        client.wait_for(lambda: len(poses[-1].values) == 88, 'the longer fabric')
+        # What ranks cannot share is refused in words, and the fabric goes on.
+        [refused] = client.set_messages([parameter('connector.damping', 0.1)])
+        words = refused.reason or client.health(
+            lambda status: 'damped' in status.message).message
+        assert 'damped' in words and 'dop8' in words
+        client.publisher('~/pull', 'geometry_msgs/msg/PointStamped').publish(_target(0))
+        client.wait_for(
+            lambda: node.lines('while ranks share the steps'), 'the pull to be refused')
+        client.pause()
+        assert client.call('~/step').success
+        client.pause(False)
+        client.wait_until(client.clock + 10**8)
+        assert len(poses) > before + 5
+        assert node.stop() == 0
+    with RecordedRun(tmp_path / 'bag') as run:
+        result = verify_run(run)
+    assert result.verdict == 'identical', result.lines()
+    assert result.repeated['inputs'] >= 3 and result.repeated['re-weaves'] >= 1
+
+
+def _target(body):
+    from geometry_msgs.msg import PointStamped
+    message = PointStamped()
+    message.header.frame_id = f'icosahedron_{body}'
+    return message
+
+
+@pytest.mark.parametrize('own, words', [
+    ((), 'started 2 processes'), (('--ranks',), 'contact.mode')])
+def test_what_cannot_be_is_said_by_one_of_them(own, words, tmp_path):
+    scene = write_scene(tmp_path / 'scene.yaml', {**SCENE, 'contact': {'mode': 'auto'}})
+    done = subprocess.run(
+        [mpiexec(), '-n', '2', sys.executable, '-m', 'icofabric_sim.ros.fabric_node', *own,
+         '--ros-args', '--params-file', str(scene)], cwd=ROOT, capture_output=True, text=True,
+        timeout=120)
+    assert done.returncode == 2, (done.returncode, done.stdout, done.stderr)
+    said = [line for line in done.stderr.splitlines() if words in line]
+    assert len(said) == 1 and 'Traceback' not in done.stderr, done.stderr
