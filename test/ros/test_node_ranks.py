@@ -95,6 +95,7 @@ def test_what_cannot_be_is_said_by_one_of_them(own, words, tmp_path):
         [mpiexec(), '-n', '2', sys.executable, '-m', 'icofabric_sim.ros.fabric_node', *own,
          '--ros-args', '--params-file', str(scene)], cwd=ROOT, capture_output=True, text=True,
         timeout=120)
-    assert done.returncode == 2, (done.returncode, done.stdout, done.stderr)
+    # 9: once in a while the launcher kills the rank that has not ended yet.
+    assert done.returncode in (2, 9), (done.returncode, done.stdout, done.stderr)
     said = [line for line in done.stderr.splitlines() if words in line]
     assert len(said) == 1 and 'Traceback' not in done.stderr, done.stderr
