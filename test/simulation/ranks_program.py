@@ -21,6 +21,7 @@ and prints what came of it as JSON; `test_ranks.py` compares with one process.
 import faulthandler
 import hashlib
 import json
+from pathlib import Path
 import time
 import traceback
 
@@ -35,7 +36,7 @@ COMMON = {
     'loads': {'l': {'group': 'tip', 'force': [0.01, 0.0, 0.02], 'profile': 'half_sine',
                     'duration': 0.004}}}
 # Slabs of rows end to end, interleaved grids, rows of a turned fabric, loose bodies; with steps
-# given and chosen; two of them with laws, moments and an anchor. Of kinds that others compile.
+# given and chosen; laws, moments and an anchor, masses and surface forces, and paths.
 SCENES = {
     'slab, leapfrog': {
         **COMMON, 'weave.size': [7, 7, 9], 'solver': {'method': 'leapfrog', 'tolerance': 0.1}},
@@ -53,6 +54,30 @@ SCENES = {
             'bending_stiffness': 1e-3, 'twisting_stiffness': 1e-3},
         'anchors': {'a': {'body': 0, 'edge': 'west', 'position': [-0.2, 0.0, 0.0]}},
         'solver': {'method': 'leapfrog', 'step': 6e-5}},
+    'own masses and winds, srkn4': {
+        **COMMON, 'weave.size': [5, 7, 9],
+        'groups': {'top': 'z_max', 'tip': 'x_max', 'low': 'z_min', 'some': 'ids 3 40 77 100'},
+        'masses': {'m': {'group': 'some', 'mass': 0.03, 'inertia': 5e-6}},
+        'tractions': {
+            'wind': {'group': 'tip', 'faces': 'exterior', 'pressure': 20.0, 'direction': 'fixed',
+                     'frictionless': True, 'profile': 'half_sine', 'duration': 0.01},
+            'jet': {'group': 'low', 'faces': 'toward 0 0 1', 'pressure': 30.0}},
+        'solver': {'method': 'srkn4', 'tolerance': 1e-3}},
+    'a law by a table, srkn6': {
+        **COMMON, 'weave.size': [5, 7, 9],
+        'connector.law': str(Path(__file__).with_name('ranks_law.csv')),
+        'solver': {'method': 'srkn6', 'tolerance': 1e-2}},
+    'drives, leapfrog': {
+        **COMMON, 'weave.size': [5, 7, 9],
+        'groups': {
+            'top': 'z_max', 'tip': 'x_max', 'low': 'z_min',
+            'side': 'y_min and not z_min and not z_max'},
+        'drives': {
+            'd': {'group': 'low', 'motion': 'sine', 'linear': [0.002, 0.0, 0.001],
+                  'angular': [0.0, 0.05, 0.0], 'frequency': 40.0},
+            'e': {'group': 'side', 'motion': 'velocity', 'linear': [0.0, -0.1, 0.0],
+                  'freedoms': 'ty', 'duration': 0.004}},
+        'solver': {'method': 'leapfrog', 'tolerance': 0.1}},
 }
 
 

@@ -41,6 +41,8 @@ from icofabric_sim.simulation.devices.window import (
     bytes_of,
     exchange_of,
     loads_of,
+    Slots,
+    slots_of,
     window_of,
 )
 from icofabric_sim.simulation.errors import RankError
@@ -77,6 +79,8 @@ class SharedSteps:
             half_edge**-2, method.mends_kinks and has_jumps(links))
         self._parts = divide(layout, links, transport.size)
         slot = layout.blocks.slot
+        # Of the windows of the other ranks, once they are cut.
+        self._slots: list[Slots] = []
         self._rows = [SlotRows(slot[part.first:part.last]) for part in self._parts]
         # Whether the state of the run is with the ranks, and whether only there.
         self._is_out = self._is_stale = False
@@ -214,21 +218,24 @@ class SharedSteps:
             self._transport, model, exchange_of(layout, self._parts[0], blocks[chosen[0]]),
             self._weights)
         own.make_ready(Arrays(loads if len(loads.wrench) else None, state, work))
+        self._slots = [slots_of(model, layout, part) for part in self._parts]
         for rank in range(1, self._transport.size):
-            window = window_of(model, layout, self._parts[rank], blocks[chosen[rank]])
+            window = window_of(
+                model, layout, self._parts[rank], self._slots[rank], blocks[chosen[rank]])
             self._transport.send_order(('window', self._number, window, self._weights), rank)
         self._own = own
         return own
 
     def _send_loads(self, loads: Loads) -> None:
         """Send each rank the loads on its bodies, where they are other ones."""
-        acting = loads.start, loads.wrench, loads.force, loads.anchors
+        acting = (
+            loads.start, loads.wrench, loads.force, loads.anchors, loads.drives, loads.tractions)
         if len(acting) == len(self._acting) and all(
                 one is other for one, other in zip(acting, self._acting)):
             return
         self._acting, self._acts = acting, len(loads.wrench) > 0
         for rank in range(1, self._transport.size):
-            own = loads_of(loads, self._parts[rank]) if self._acts else None
+            own = loads_of(loads, self._parts[rank], self._slots[rank]) if self._acts else None
             self._transport.send_order(('loads', self._number, own), rank)
         self._is_out = False
 

@@ -13,7 +13,8 @@
 # limitations under the License.
 """What ranks cannot share and devices cannot compute yet, refused by its name at the start."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from itertools import chain
 
 from icofabric_sim.parameters.validation import ParameterError
 from icofabric_sim.scene.masses import own_masses
@@ -27,7 +28,7 @@ _SHARED = 'is not shared by ranks'
 
 def require_shareable(scene: Scene, *, cosines: bool, body_force: bool) -> None:
     """Raise ParameterError, or ValueError for what is no parameter, where ranks cannot share."""
-    _require(scene, _SHARED, _ONE, cosines=cosines, body_force=body_force)
+    _require(scene, _lacking(scene), _SHARED, _ONE, cosines=cosines, body_force=body_force)
 
 
 def require_on_device(
@@ -44,7 +45,9 @@ def require_on_device(
             'solver.device',
             f'solver.device {device} is not for ranks of MPI, which compute on processors: take '
             'cpu, or one process')
-    _require(scene, _on(device), _CPU, cosines=cosines, body_force=body_force)
+    _require(
+        scene, chain(_lacking(scene), _lacking_on_device(scene)), _on(device), _CPU,
+        cosines=cosines, body_force=body_force)
     moments = [
         name for name in ('connector.bending_stiffness', 'connector.twisting_stiffness')
         if scene.parameters[name] > 0.0]
@@ -68,14 +71,15 @@ def _on(device: str) -> str:
 
 
 def _require(
-    scene: Scene, lacks: str, alone: str, *, cosines: bool, body_force: bool
+    scene: Scene, lacking: Iterable[tuple[str, str, str]], lacks: str, alone: str, *,
+    cosines: bool, body_force: bool
 ) -> None:
     if cosines:
         raise ValueError(
             f"rotation 'direction_cosines' {lacks}: take 'quaternion', " + alone)
     if body_force:
         raise ValueError(f'a body_force {lacks}: leave it out, {alone}')
-    for name, what, way_out in _lacking(scene):
+    for name, what, way_out in lacking:
         raise ParameterError(name, f'{name} {what} {lacks} yet: {way_out}, {alone}')
     choice = required_method(scene)
     if choice is not None:
@@ -94,20 +98,25 @@ def _require_method(name: str, lacks: str, alone: str) -> None:
 
 
 def _lacking(scene: Scene) -> Iterator[tuple[str, str, str]]:
-    """Yield parameters with what they ask for, and the way out."""
+    """Yield parameters with what they ask for, and the way out: what neither can."""
     parameters = scene.parameters
     if scene.body_count + len(parameters.names('planes')) > 1 and (
             parameters['contact.mode'] != 'never'):
         yield 'contact.mode', str(parameters['contact.mode']), 'take never'
-    if not scene.masses.alike:
-        own = next(iter(own_masses(parameters, scene.shell)))
-        yield own, 'with a mass of its own', 'leave it out'
     if parameters['charge.mutual']:
         yield 'charge.mutual', 'true', 'take false'
     if parameters['connector.obstruction'] == 'wrap':
         yield 'connector.obstruction', 'wrap', 'take warn or stop'
+
+
+def _lacking_on_device(scene: Scene) -> Iterator[tuple[str, str, str]]:
+    """The same of what ranks can."""
+    parameters = scene.parameters
     if scene.connector_count and scene.connectors.tables.tables:
         yield 'connector.law', 'by a table', 'take connector.stiffness'
+    if not scene.masses.alike:
+        own = next(iter(own_masses(parameters, scene.shell)))
+        yield own, 'with a mass of its own', 'leave it out'
     for section, what in (('drives', 'with a drive'), ('tractions', 'with a surface force')):
         for name in parameters.names(section):
             yield f'{section}.{name}', what, 'leave it out'

@@ -23,11 +23,11 @@ from typing import NamedTuple
 
 from icofabric_sim.kernels.records import (
     Blocks,
-    Links,
     Loads,
     Model,
     State,
     Supports,
+    Tractions,
     Variety,
 )
 from icofabric_sim.kernels.runtime.lanes import LANES
@@ -55,6 +55,32 @@ class Exchange(NamedTuple):
     samples: np.ndarray  # (m,) int32 first slots of its blocks in which roughness is judged
 
 
+class Slots(NamedTuple):
+    """The slots of the whole fabric that a window has, in runs of LANES."""
+
+    kept: np.ndarray  # numbers of the runs, rising
+    total: int  # of slots in the window
+    whole: int  # of slots in the whole fabric
+
+    def cut(self, values: np.ndarray) -> np.ndarray:
+        """Slots of the window from rows (..., s) of the whole fabric."""
+        runs = values.reshape(*values.shape[:-1], -1, LANES)
+        target = aligned_empty((*values.shape[:-1], self.total))
+        target[:] = 0.0
+        target.reshape(*runs.shape[:-2], -1, LANES)[..., :len(self.kept), :] = (
+            runs[..., self.kept, :])
+        target.flags.writeable = values.flags.writeable
+        return target
+
+    def cut_runs(self, values: np.ndarray) -> np.ndarray:
+        """The same of numbers that lie run by run, as many for each."""
+        runs = values.reshape(-1, len(values) * LANES // self.whole)
+        target = aligned_empty((self.total // LANES, runs.shape[1]))
+        target[:] = 0.0
+        target[:len(self.kept)] = runs[self.kept]
+        return target.reshape(-1)
+
+
 class Window(NamedTuple):
     """All that a rank gets when a run begins, but for the loads and the state."""
 
@@ -69,22 +95,34 @@ def exchange_of(layout: Layout, part: Part, samples: np.ndarray) -> Exchange:
     return _exchange(part, np.arange(len(slot)), slot, samples)
 
 
-def window_of(model: Model, layout: Layout, part: Part, samples: np.ndarray) -> Window:
+def slots_of(model: Model, layout: Layout, part: Part) -> Slots:
+    """Slots of the window of a part: also where vectors only pass over."""
+    links, kept = model.links, np.zeros(layout.slot_count // LANES, bool)
+    kept[layout.blocks.slot[_blocks(part)] // LANES] = True
+    if links is not None:
+        at = links.place[part.first:part.last] % layout.slot_count
+        kept[at // LANES] = True
+        kept[(at + LANES - 1) // LANES] = True
+    runs = np.flatnonzero(kept)
+    return Slots(runs, LANES * (len(runs) + 1 - len(runs) % 2), layout.slot_count)
+
+
+def window_of(
+    model: Model, layout: Layout, part: Part, slots: Slots, samples: np.ndarray
+) -> Window:
     """
-    Cut a window out of the `model` of a whole fabric.
+    Cut a window with these `slots` out of the `model` of a whole fabric.
 
     `samples`: blocks of the part in which the roughness is judged.
     """
-    own = np.arange(part.first, part.last)
-    blocks = np.concatenate([own, part.halo])
-    kept = _kept(model.links, layout, part, blocks)
-    slot_count = LANES * (len(kept) + 1 - len(kept) % 2)
+    own, blocks = np.arange(part.first, part.last), _blocks(part)
+    kept, slot_count, _ = slots
     # From a run of slots in the whole fabric to where it is in the window.
     moved = np.zeros(layout.slot_count // LANES, np.int64)
     moved[kept] = np.arange(len(kept))
 
     def cut(values: np.ndarray | None) -> np.ndarray | None:
-        return None if values is None else _cut(values, kept, slot_count)
+        return None if values is None else slots.cut(values)
 
     slot = (LANES * moved[layout.blocks.slot[blocks] // LANES]).astype(np.int32)
     alive = model.blocks.alive[blocks].copy()
@@ -99,9 +137,14 @@ def window_of(model: Model, layout: Layout, part: Part, samples: np.ndarray) -> 
         place[len(own):] = slot[len(own):, None]
         variety = links.variety
         if variety is not None:
-            variety = Variety(*(_cut(values, kept, slot_count) for values in variety))
-        links = links._replace(place=place, present=present, variety=variety)
-    bending, twisting, supports = model.bending, model.twisting, model.supports
+            variety = Variety(*(slots.cut(values) for values in variety))
+        tables = links.tables
+        if tables is not None:
+            tables = tables._replace(
+                first=slots.cut(tables.first), pieces=slots.cut_runs(tables.pieces))
+        links = links._replace(place=place, present=present, variety=variety, tables=tables)
+    bending, twisting = model.bending, model.twisting
+    supports, masses = model.supports, model.masses
     if bending is not None:
         bending = bending._replace(
             directions=cut(bending.directions), variety=cut(bending.variety),
@@ -109,13 +152,15 @@ def window_of(model: Model, layout: Layout, part: Part, samples: np.ndarray) -> 
     if twisting is not None:
         twisting = twisting._replace(variety=cut(twisting.variety), woven=cut(twisting.woven))
     if supports is not None:
-        supports = Supports(*(_cut(values, kept, slot_count) for values in supports))
+        supports = Supports(*(slots.cut(values) for values in supports))
+    if masses is not None:
+        masses = masses._replace(mass=cut(masses.mass), inertia=cut(masses.inertia))
     numbers = np.zeros(len(layout.blocks.slot), np.int64)
     numbers[blocks] = np.arange(len(blocks))
     return Window(
         model._replace(
             blocks=Blocks(slot, alive, 0), links=links, bending=bending, twisting=twisting,
-            supports=supports),
+            supports=supports, masses=masses),
         _exchange(part, numbers, slot, samples), slot_count)
 
 
@@ -133,15 +178,40 @@ def resting(slot_count: int) -> State:
     return state
 
 
-def loads_of(loads: Loads, part: Part) -> Loads:
+def loads_of(loads: Loads, part: Part, slots: Slots) -> Loads:
     """The rows of a part; of its halo none."""
     first, last = int(loads.start[part.first]), int(loads.start[part.last])
     start = loads.start[part.first:part.last + 1] - first
     start = np.concatenate([start, np.full(len(part.halo), start[-1])]).astype(np.int32)
-    rows = slice(first, last)
+    rows, drives, tractions = slice(first, last), loads.drives, loads.tractions
+    if drives is not None:
+        drives = drives._replace(arm=slots.cut(drives.arm), first=slots.cut(drives.first))
+    if tractions is not None:
+        tractions = _tractions_of(tractions, loads.wrench[rows], rows)
     return loads._replace(
         start=start, wrench=loads.wrench[rows].copy(), lanes=loads.lanes[rows].copy(),
-        work=_zeros(LANES * (last - first)), earlier_work=_zeros(0), power=_zeros(0).reshape(0, 0))
+        work=_zeros(LANES * (last - first)), earlier_work=_zeros(0), power=_zeros(0).reshape(0, 0),
+        drives=drives, tractions=tractions)
+
+
+def _tractions_of(tractions: Tractions, wrench: np.ndarray, rows: slice) -> Tractions:
+    """Surface forces of some rows of the loads, with these wrenches."""
+    place, mine = tractions.place[rows].copy(), wrench >= tractions.first
+    wanted = place[mine]
+    place[mine] = np.arange(len(wanted))
+
+    def cut(values: np.ndarray | None) -> np.ndarray | None:
+        if values is None:
+            return None
+        whole = values.reshape(len(tractions.force) // LANES, -1)
+        target = aligned_empty((len(wanted) * whole.shape[1],))
+        target[:] = whole[wanted].ravel()
+        return target
+
+    return tractions._replace(
+        place=place, turning=cut(tractions.turning), fixed=cut(tractions.fixed),
+        sliding=cut(tractions.sliding), kept=cut(tractions.kept), force=cut(tractions.force),
+        moment=cut(tractions.moment))
 
 
 def _zeros(count: int) -> np.ndarray:
@@ -165,22 +235,6 @@ def _exchange(
         samples=slots(samples))
 
 
-def _kept(links: Links | None, layout: Layout, part: Part, blocks: np.ndarray) -> np.ndarray:
-    """Runs of LANES slots that the window has, rising: also where vectors only pass over."""
-    kept = np.zeros(layout.slot_count // LANES, bool)
-    kept[layout.blocks.slot[blocks] // LANES] = True
-    if links is not None:
-        at = links.place[part.first:part.last] % layout.slot_count
-        kept[at // LANES] = True
-        kept[(at + LANES - 1) // LANES] = True
-    return np.flatnonzero(kept)
-
-
-def _cut(values: np.ndarray, kept: np.ndarray, slot_count: int) -> np.ndarray:
-    """Slots of the window from rows (..., s) of the whole fabric."""
-    runs = values.reshape(*values.shape[:-1], -1, LANES)
-    target = aligned_empty((*values.shape[:-1], slot_count))
-    target[:] = 0.0
-    target.reshape(*runs.shape[:-2], -1, LANES)[..., :len(kept), :] = runs[..., kept, :]
-    target.flags.writeable = values.flags.writeable
-    return target
+def _blocks(part: Part) -> np.ndarray:
+    """Blocks of a window: its own, and those around them."""
+    return np.concatenate([np.arange(part.first, part.last), part.halo])
