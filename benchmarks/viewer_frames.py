@@ -118,8 +118,9 @@ def serve(count):
     page = Page(sight, None, port=PORT, rate=MOVES)
     print(f'{page.server.get_port()} {scene.body_count} {scene.connector_count}', flush=True)
     begun, lines = time.monotonic(), 0.0
+    due = begun
     while True:
-        now = time.monotonic()
+        now, due = time.monotonic(), due + 1.0 / MOVES
         # What has not changed is not sent again.
         poses.values[:, 2] += 1e-6
         poses.values[:, 3] += 1e-6
@@ -128,7 +129,7 @@ def serve(count):
             lines, ends = now, ends + 1e-6
             sight.lines[2] = ends
             sight.line_number += 1
-        time.sleep(max(1.0 / MOVES - (time.monotonic() - now), 0.0))
+        time.sleep(max(due - time.monotonic(), 0.0))
 
 
 @contextmanager

@@ -139,7 +139,7 @@ def check_node(command, name, arguments):
         from icofabric_sim.ros.viewer import DEFAULTS
         assert not own and given.keys() <= DEFAULTS.keys(), command.place
     else:
-        assert name == 'fabric_node' and not own, command.place
+        assert name == 'fabric_node' and own in ([], ['--ranks']), command.place
         make_start_parameters(given)
 
 

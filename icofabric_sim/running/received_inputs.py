@@ -63,6 +63,7 @@ from icofabric_sim.simulation.input_types import (
     Twist,
     Value,
 )
+from icofabric_sim.simulation.pulls import require_pulls
 from icofabric_sim.simulation.simulation import Simulation
 
 _LOGGER = logging.getLogger('icofabric_sim')
@@ -122,7 +123,7 @@ class ReceivedInputs:
             received = decode_input(topic, data)
             judge(self._run.simulation.scene, received)
             if isinstance(received.target, PullTarget):
-                self._run.simulation.require_pulls()
+                require_pulls(self._run.simulation.status.rank_count)
         except ValueError as error:
             self._drop(topic, str(error))
             return

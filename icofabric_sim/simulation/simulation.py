@@ -57,6 +57,7 @@ from icofabric_sim.simulation.precompile import (
     LARGEST,
     may_compile_elsewhere,
 )
+from icofabric_sim.simulation.pulls import require_pulls
 from icofabric_sim.simulation.state_tree import StateTree
 from icofabric_sim.simulation.status import SimulationStatus
 from icofabric_sim.simulation.stepping.driver import Driver
@@ -141,7 +142,6 @@ class Simulation:
             device = open_device(scene.parameters['solver.device'])
         self.scene, self.rotation = scene, rotation
         self.ranks = ranks  # whom a scene that follows this one is shared with, too
-        self._is_shared = transport is not None
         self.body_force = as_body_force(body_force)
         self.packed = pack_scene(scene, cosines=cosines, body_force=self.body_force)
         self._deferred = DeferredInterrupt()
@@ -306,16 +306,9 @@ class Simulation:
         Until `release`, or a reset; another point aims anew. See simulation/pulls.py for the law,
         which is scaled to the fabric and by `pull.strength`.
         """
-        self.require_pulls()
+        require_pulls(self.status.rank_count)
         target = PullTarget(checks.count('body', body, 0, self.scene.body_count - 1))
         self._apply(target, Pull(checks.array('point', point, (3,))), None)
-
-    def require_pulls(self) -> None:
-        """Raise ValueError where no body can be pulled: while ranks share the steps."""
-        if self._is_shared:
-            raise ValueError(
-                'pull is not possible while ranks share the steps; load channels are, by '
-                'apply_wrench')
 
     def release(self, body: int) -> None:
         """Let a body go that is pulled; nothing happens to another one."""

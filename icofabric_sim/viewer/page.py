@@ -148,6 +148,8 @@ class Page:
                     self._aim(self.server.get_clients().values())
         if self.stage.frames != sent:
             self._flow.mark(self.server.get_clients().values())
+            # Else viser waits for as long as a frame lasts, and a little more.
+            self.server.flush()
         self._follow()
 
     def _close_tunnels(self) -> None:
@@ -159,6 +161,7 @@ class Page:
 
     def _serve(self) -> None:
         words = samples = 0.0
+        period, due = 1.0 / self._rate, time.monotonic()
         while not self._stopping.is_set():
             began = time.monotonic()
             try:
@@ -172,7 +175,12 @@ class Page:
             except Exception:  # logged with its place; the pages and later frames go on
                 _LOGGER.exception('the viewer could not draw a frame')
                 self._stopping.wait(1.0)
-            self._stopping.wait(max(1.0 / self._rate - (time.monotonic() - began), 0.001))
+            # A wait ends a little late, and the next one makes up for it.
+            due = max(due + period, time.monotonic() - period)
+            self._stopping.wait(max(due - time.monotonic(), 0.001))
+            # Poses that come as often as they are shown come at other moments.
+            self._sight.news.wait(period)
+            self._sight.news.clear()
 
     def _tie(self) -> None:
         """Have the mouse pull at the shells, which are new."""

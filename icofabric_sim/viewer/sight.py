@@ -99,6 +99,7 @@ class Sight:
         self.fabric: Fabric | None = None
         self.fabric_number = 0  # grows with every weave
         self.pose_number = 0  # grows with every message of poses
+        self.news = threading.Event()  # set by each of these
         self._poses = b''
         self.lines: dict[int, np.ndarray] = {}  # ends (m, 2, 3) [m] by id of the list
         self.line_number = 0
@@ -117,6 +118,7 @@ class Sight:
             if topic is topics.POSES:
                 # Decoded when drawn: more of them come than are shown.
                 self._poses, self.pose_number = data, self.pose_number + 1
+                self.news.set()
             elif topic is topics.CONNECTORS:
                 self._take_lines(decode_marker_points(data))
             elif topic is topics.MARKERS:
