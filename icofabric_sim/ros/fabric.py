@@ -33,6 +33,7 @@ from icofabric_sim.parameters.validation import find_specification, Parameters
 from icofabric_sim.ros.answers import Answers
 from icofabric_sim.ros.clock_watch import ClockWatch
 from icofabric_sim.ros.input_topics import InputTopics
+from icofabric_sim.ros.late_answers import AnsweringNode
 from icofabric_sim.ros.live_sink import LiveSink
 from icofabric_sim.ros.name_watch import NameWatch
 from icofabric_sim.ros.parameter_service import GuardedParameterService
@@ -54,7 +55,6 @@ from icofabric_sim.running.runner import Runner
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.simulation import compile_scene, Simulation
 from rclpy.clock import Clock, ClockType
-from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 if TYPE_CHECKING:
@@ -68,7 +68,7 @@ _HELD_UP, _LOOK = 5.0, 0.2
 _OVERDUE, _REPORT_CHECK = 1.4, 0.5
 
 
-class FabricNode(Node):
+class FabricNode(AnsweringNode):
     """Translates between the graph and a runner; no physics here."""
 
     def __init__(

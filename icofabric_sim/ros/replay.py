@@ -29,6 +29,7 @@ from icofabric_sim.messages.topics import Topic
 from icofabric_sim.ros.answers import Answers
 from icofabric_sim.ros.clock_watch import ClockWatch
 from icofabric_sim.ros.going_live import GoingLive
+from icofabric_sim.ros.late_answers import AnsweringNode
 from icofabric_sim.ros.live_sink import LiveSink, message_class
 from icofabric_sim.ros.parameter_service import GuardedParameterService
 from icofabric_sim.ros.process import Server
@@ -47,7 +48,6 @@ from icofabric_sim.running.replay.source import ReplaySource
 from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor, SetParametersResult
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.exceptions import InvalidTopicNameException
-from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.validate_topic_name import validate_topic_name
 from std_srvs.srv import SetBool, Trigger
@@ -56,7 +56,7 @@ from std_srvs.srv import SetBool, Trigger
 _PATIENCE, _LAST_ANSWERS = 0.5, 2.0
 
 
-class ReplayNode(Node):
+class ReplayNode(AnsweringNode):
     """Translates between the graph and a player, which has a thread of its own."""
 
     _player: Player | None = None

@@ -1,0 +1,92 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""Answers that a client could not be reached with are sent again, for some seconds."""
+
+import time
+import warnings
+
+from icofabric_sim.ros import late_answers
+from icofabric_sim.ros.late_answers import LateAnswers
+import pytest
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from ros_helpers import domain
+
+
+class Service:
+    """Sends nothing the first times, as rclpy says it."""
+
+    def __init__(self, failures):
+        self.failures, self.sent = failures, []
+
+    def send_response(self, response, header):
+        if self.failures:
+            self.failures -= 1
+            warnings.warn(
+                'failed to send response (timeout): client will not receive response',
+                RuntimeWarning, stacklevel=1)
+        else:
+            self.sent.append((response, header))
+
+
+@pytest.fixture
+def serving(monkeypatch):
+    """A node, and what serves it for so long [s]."""
+    monkeypatch.setattr(late_answers, '_unsent', None)
+    with warnings.catch_warnings():
+        context = rclpy.Context()
+        context.init(domain_id=domain(0))
+        node = Node('late', context=context, start_parameter_services=False)
+        executor = SingleThreadedExecutor(context=context)
+        executor.add_node(node)
+
+        def serve(seconds, until=lambda: False):
+            end = time.monotonic() + seconds
+            while time.monotonic() < end and not until():
+                executor.spin_once(timeout_sec=0.05)
+
+        yield LateAnswers(node), serve
+        node.destroy_node()
+        context.destroy()
+
+
+def test_what_was_not_sent_is_sent_later_once(serving):
+    late, serve = serving
+    slow, quick = Service(3), Service(0)
+    for service in (slow, quick):
+        late.watch(service)
+        service.send_response('yes', 7)
+    assert quick.sent == [('yes', 7)] and not slow.sent
+    serve(20.0, lambda: slow.sent)
+    serve(0.3)
+    assert slow.sent == [('yes', 7)] and slow.failures == 0 and len(quick.sent) == 1
+
+
+def test_after_some_seconds_it_is_given_up(serving, monkeypatch):
+    monkeypatch.setattr(late_answers, '_TRIES', 2)
+    late, serve = serving
+    never = Service(10**6)
+    late.watch(never)
+    never.send_response('yes', 7)
+    serve(1.0)
+    assert never.failures == 10**6 - 3 and not never.sent
+
+
+def test_other_warnings_are_shown_as_before(serving, monkeypatch):
+    late, _ = serving
+    shown = []
+    monkeypatch.setattr(late._heard, '_show', lambda message, *_, **__: shown.append(str(message)))
+    warnings.warn('something else', RuntimeWarning, stacklevel=1)
+    assert shown == ['something else']
