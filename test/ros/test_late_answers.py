@@ -88,5 +88,6 @@ def test_other_warnings_are_shown_as_before(serving, monkeypatch):
     late, _ = serving
     shown = []
     monkeypatch.setattr(late._heard, '_show', lambda message, *_, **__: shown.append(str(message)))
+    warnings.simplefilter('always')
     warnings.warn('something else', RuntimeWarning, stacklevel=1)
     assert shown == ['something else']
