@@ -63,7 +63,6 @@ from icofabric_sim.simulation.input_types import (
     Twist,
     Value,
 )
-from icofabric_sim.simulation.pulls import require_pulls
 from icofabric_sim.simulation.simulation import Simulation
 
 _LOGGER = logging.getLogger('icofabric_sim')
@@ -122,8 +121,6 @@ class ReceivedInputs:
         try:
             received = decode_input(topic, data)
             judge(self._run.simulation.scene, received)
-            if isinstance(received.target, PullTarget):
-                require_pulls(self._run.simulation.status.rank_count)
         except ValueError as error:
             self._drop(topic, str(error))
             return

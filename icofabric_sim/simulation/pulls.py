@@ -49,13 +49,6 @@ _FARTHEST = 1e100
 BodyMotion = Callable[[int], tuple[np.ndarray, np.ndarray]]
 
 
-def require_pulls(rank_count: int) -> None:
-    """Raise ValueError where no body can be pulled: while so many ranks share the steps."""
-    if rank_count > 1:
-        raise ValueError(
-            'pull is not possible while ranks share the steps; load channels are, by apply_wrench')
-
-
 class Pulls:
     """What is pulled where to, and the forces that are held until `due` [s]."""
 

@@ -57,7 +57,6 @@ from icofabric_sim.simulation.precompile import (
     LARGEST,
     may_compile_elsewhere,
 )
-from icofabric_sim.simulation.pulls import require_pulls
 from icofabric_sim.simulation.state_tree import StateTree
 from icofabric_sim.simulation.status import SimulationStatus
 from icofabric_sim.simulation.stepping.driver import Driver
@@ -306,7 +305,6 @@ class Simulation:
         Until `release`, or a reset; another point aims anew. See simulation/pulls.py for the law,
         which is scaled to the fabric and by `pull.strength`.
         """
-        require_pulls(self.status.rank_count)
         target = PullTarget(checks.count('body', body, 0, self.scene.body_count - 1))
         self._apply(target, Pull(checks.array('point', point, (3,))), None)
 

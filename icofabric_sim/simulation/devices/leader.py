@@ -89,6 +89,7 @@ class SharedSteps:
         self._run: Arrays | None = None
         self._ledger = Ledger.over(np.zeros(0))
         self._acting: tuple[Any, ...] = ()
+        self._force = np.zeros(0)
         self._acts = False
         self._require_room()
         transport.holders.add(self)
@@ -230,10 +231,13 @@ class SharedSteps:
         """Send each rank the loads on its bodies, where they are other ones."""
         acting = (
             loads.start, loads.wrench, loads.force, loads.anchors, loads.drives, loads.tractions)
+        # Those of pulls are written in place.
         if len(acting) == len(self._acting) and all(
-                one is other for one, other in zip(acting, self._acting)):
+                one is other for one, other in zip(acting, self._acting)) and np.array_equal(
+                    loads.force, self._force):
             return
-        self._acting, self._acts = acting, len(loads.wrench) > 0
+        self._acting, self._force = acting, loads.force.copy()
+        self._acts = len(loads.wrench) > 0
         for rank in range(1, self._transport.size):
             own = loads_of(loads, self._parts[rank], self._slots[rank]) if self._acts else None
             self._transport.send_order(('loads', self._number, own), rank)
