@@ -13,6 +13,7 @@
 # limitations under the License.
 """Steps on a device, by Warp's kernels on the processor: the motion of the other kernels."""
 
+from pathlib import Path
 import re
 
 from analytical import quaternion_product, rotation_quaternion
@@ -78,6 +79,27 @@ def test_a_device_moves_as_the_processor_does(name):
         assert simulation._driver.trajectory.method.holder._fabric.active.numpy().max() == 2
     for kind, energy in one.energy.items():
         assert other.energy[kind] == pytest.approx(energy, abs=ROUNDING * scale), kind
+
+
+def test_bodies_have_masses_of_their_own_on_a_device():
+    changes = {
+        'weave.size': [5, 7, 9],
+        'groups': {'top': 'z_max', 'tip': 'x_max', 'some': 'ids 3 40 77 100'},
+        'masses': {'m': {'group': 'some', 'mass': 0.03, 'inertia': 5e-6}}}
+    expected = compiled('kinks, srkn6', 'cpu', **changes)
+    simulation = compiled('kinks, srkn6', **changes)
+    one, other = run(expected), run(simulation)
+    alike = run(compiled('kinks, srkn6', 'cpu', **{**changes, 'masses': {
+        'm': {'group': 'some', 'mass': 0.01, 'inertia': 2e-6}}}))
+    for field in FIELDS:
+        values = getattr(one, field)
+        assert np.abs(getattr(other, field) - values).max() <= ROUNDING * max(
+            np.abs(values).max(), 1.0), field
+    assert np.abs(alike.position - one.position).max() > 1e-5
+    assert simulation.status.step == pytest.approx(expected.status.step, rel=1e-9)
+    for kind, energy in one.energy.items():
+        assert other.energy[kind] == pytest.approx(
+            energy, abs=ROUNDING * expected.balance.scale), kind
 
 
 def stored(scene, packed, position, orientation):
@@ -233,6 +255,11 @@ def test_sines_are_those_of_the_library():
     ({'charge': {'per_body': 1e-9, 'mutual': True}}, ['charge.mutual']),
     ({'drag.linear': 0.1}, ['dop8', 'drag.linear']),
     ({'connector.damping': 0.1}, ['dop8', 'damped']),
+    ({'connector.law': str(Path(__file__).with_name('ranks_law.csv'))}, ['connector.law']),
+    ({'groups': {'tip': 'z_min'}, 'drives': {'pull': {
+        'group': 'tip', 'motion': 'velocity', 'linear': [0.1, 0.0, 0.0]}}}, ['drives.pull']),
+    ({'groups': {'tip': 'z_min'}, 'tractions': {
+        'wind': {'group': 'tip', 'faces': 'all', 'pressure': 1.0}}}, ['tractions.wind']),
     ({'weave.kind': 'radial', 'connector.bending_stiffness': 1e-3}, [
         'connector.bending_stiffness', 'radial'])])
 def test_what_a_device_cannot_compute_is_refused_by_its_name(changes, names):

@@ -17,7 +17,6 @@ from collections.abc import Iterable, Iterator
 from itertools import chain
 
 from icofabric_sim.parameters.validation import ParameterError
-from icofabric_sim.scene.masses import own_masses
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.stepping.method_needs import required_method
 from icofabric_sim.simulation.stepping.methods import facts_of, METHODS
@@ -114,9 +113,6 @@ def _lacking_on_device(scene: Scene) -> Iterator[tuple[str, str, str]]:
     parameters = scene.parameters
     if scene.connector_count and scene.connectors.tables.tables:
         yield 'connector.law', 'by a table', 'take connector.stiffness'
-    if not scene.masses.alike:
-        own = next(iter(own_masses(parameters, scene.shell)))
-        yield own, 'with a mass of its own', 'leave it out'
     for section, what in (('drives', 'with a drive'), ('tractions', 'with a surface force')):
         for name in parameters.names(section):
             yield f'{section}.{name}', what, 'leave it out'

@@ -63,7 +63,7 @@ def bytes_of(model: Model, layout: Layout, *, kinked: bool = False) -> int:
     `kinked`: by a method that follows where slopes jump, if some do.
     """
     terms, slots = terms_of(model, loaded=False), layout.slot_count
-    each = 8 * _EACH + 4 * terms.held * 8
+    each = 8 * _EACH + 4 * terms.held * 8 + 2 * (model.masses is not None) * 8
     if kinked and has_jumps(model.links):
         each += 8 * (_START + _FORCES + 3 * MOTION) + LINK_COUNT
     blocks = len(layout.blocks.slot) * (4 + 1 + 4)
@@ -116,6 +116,9 @@ def fabric_of(model: Model, layout: Layout, device: Device) -> Any:
     fabric.alive = _integers(model.blocks.alive, wp.uint8, device)
     fabric.lanes, fabric.stride = LANES, layout.slot_count
     fabric.inverse_mass, fabric.inverse_inertia = model.inverse_mass, model.inverse_inertia
+    if model.masses is not None:
+        fabric.own_mass = doubles(model.masses.mass, device)
+        fabric.own_inertia = doubles(model.masses.inertia, device)
     if model.gravity is not None:
         fabric.gravity = wp.vec3d(*map(float, model.gravity.acceleration))
     if terms.held and model.supports is not None:

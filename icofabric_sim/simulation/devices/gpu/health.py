@@ -131,7 +131,8 @@ class HealthCheck:
         handle, room = self._device.handle, state.poses[1 - now]
         terms = terms_of(self._model, loaded=False)
         kernel = figures_kernel(
-            linked=terms.linked, midpoints=terms.midpoints, one_law=terms.one_law)
+            linked=terms.linked, midpoints=terms.midpoints, one_law=terms.one_law,
+            own_masses=self._model.masses is not None)
         wp.launch(
             kernel, dim=LANES * self._blocks,
             inputs=[self._fabric, state.poses[now], state.motion, room], device=handle)

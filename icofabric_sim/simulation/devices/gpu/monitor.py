@@ -99,8 +99,8 @@ def own_slope(fabric: Fabric, at: int, square: wp.float64, length: wp.float64):
 
 
 @cache
-def figures_kernel(*, linked: bool, midpoints: bool, one_law: bool) -> Any:
-    """Return the kernel that finds the figures of each body, for scenes with such connectors."""
+def figures_kernel(*, linked: bool, midpoints: bool, one_law: bool, own_masses: bool) -> Any:
+    """Return the kernel that finds the figures of each body, for scenes with such terms."""
     arm_to = arm_at_midpoint if midpoints else arm_anywhere
     slope_of = one_slope if one_law else own_slope
 
@@ -158,10 +158,16 @@ def figures_kernel(*, linked: bool, midpoints: bool, one_law: bool) -> Any:
         square = wp.dot(spin, spin)
         found[s] = _QUARTER * energy
         found[n + s] = _HALF * pulls
-        found[2 * n + s] = _HALF * (
-            wp.dot(velocity, velocity) / fabric.inverse_mass + square / fabric.inverse_inertia)
         # Also with no weight: what is not finite shows in the sum.
-        found[3 * n + s] = -wp.dot(fabric.gravity, place) / fabric.inverse_mass
+        if wp.static(own_masses):
+            found[2 * n + s] = _HALF * (
+                wp.dot(velocity, velocity) * fabric.own_mass[s] + square * fabric.own_inertia[s])
+            found[3 * n + s] = -wp.dot(fabric.gravity, place) * fabric.own_mass[s]
+        else:
+            found[2 * n + s] = _HALF * (
+                wp.dot(velocity, velocity) / fabric.inverse_mass
+                + square / fabric.inverse_inertia)
+            found[3 * n + s] = -wp.dot(fabric.gravity, place) / fabric.inverse_mass
         found[4 * n + s] = bound
         found[5 * n + s] = square
         found[6 * n + s] = wp.max(wp.abs(place[0]), wp.max(wp.abs(place[1]), wp.abs(place[2])))

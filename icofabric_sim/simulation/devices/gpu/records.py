@@ -32,8 +32,11 @@ class Fabric:
     alive: wp.array(dtype=wp.uint8)
     lanes: wp.int32
     stride: wp.int32
-    inverse_mass: wp.float64  # [1/kg]
-    inverse_inertia: wp.float64  # [1/(kg m^2)]
+    # [1/kg], [1/(kg m^2)]; the largest where bodies have their own
+    inverse_mass: wp.float64
+    inverse_inertia: wp.float64
+    own_mass: wp.array(dtype=wp.float64)  # (s,) [kg], where not all are alike
+    own_inertia: wp.array(dtype=wp.float64)  # (s,) [kg m^2]
     gravity: wp.vec3d  # [m/s^2]
     # (3 s,) and (s,), inverse masses [1/kg] and inertias [1/(kg m^2)] with held freedoms at zero.
     free_mass: wp.array(dtype=wp.float64)
