@@ -78,10 +78,19 @@ SCENES = {
             'e': {'group': 'side', 'motion': 'velocity', 'linear': [0.0, -0.1, 0.0],
                   'freedoms': 'ty', 'duration': 0.004}},
         'solver': {'method': 'leapfrog', 'tolerance': 0.1}},
+    'kinks and a drive, srkn6': {
+        **COMMON, 'weave.size': [5, 7, 9], 'connector': {
+            'stiffness_extension': 500.0, 'stiffness_compression': 100.0},
+        'groups': {'top': 'z_max', 'tip': 'x_max', 'low': 'z_min'},
+        'drives': {'d': {
+            'group': 'low', 'motion': 'sine', 'linear': [0.002, 0.0, 0.001],
+            'angular': [0.0, 0.05, 0.0], 'frequency': 40.0}},
+        'solver': {'method': 'srkn6', 'tolerance': 1e-3}},
 }
 # What devices cannot compute yet.
 FOR_RANKS_ALONE = {
-    'own masses and winds, srkn4', 'a law by a table, srkn6', 'drives, leapfrog'}
+    'own masses and winds, srkn4', 'a law by a table, srkn6', 'drives, leapfrog',
+    'kinks and a drive, srkn6'}
 # Where a hand draws a body, too.
 PULLED = {'slab, leapfrog', 'kinks, srkn6', 'own masses and winds, srkn4'}
 

@@ -32,7 +32,7 @@ from icofabric_sim.simulation.devices.rank_kernels import (
     account_all,
     begin_kinked,
     drift_and_push,
-    keep_all_velocities,
+    keep_drifted,
     MOTION,
     note_all_motion,
     POSE,
@@ -162,7 +162,7 @@ class PartSteps:
         if kinks is not None:
             begin_kinked(model, loads, kinks, state, work, 0.0, 1.0, 0, 0)
             strike_foretold(model, loads, kinks, state, work, 1.0, 1.0, 0, 0)
-            keep_all_velocities(model, kinks, state, 0, 0)
+            keep_drifted(model, kinks, state, none, 0, 0)
             note_all_motion(model, kinks, state, work, 1.0, 0, 0)
             account_all(model, kinks, work, 1.0, 0, 0)
             strike_all(model, loads, kinks, state, work, 0, 0, 0)
@@ -212,6 +212,8 @@ class PartSteps:
         model, exchange = self._model, self._exchange
         loads, state, work = arrays
         drift(model, loads, state, work, now, whole, exchange.drifts, 0, exchange.border)
+        if keep and kinks is not None:
+            keep_drifted(model, kinks, state, exchange.drifts, 0, exchange.border)
         requests = self._send_poses(state)
         drift_and_push(
             model, loads, state, work, kinks, step_part, now, whole, after, kick, again, keep,
@@ -240,9 +242,6 @@ class PartSteps:
                 whole, ends = drifts[stage] * h, stage + 1 == stages
                 after = end if ends else now + whole
                 step_part += drifts[stage]
-                if ends:
-                    # Drifts leave velocities as they are.
-                    keep_all_velocities(model, kinks, state, first, last)
                 self._evaluate(
                     arrays, kinks, step_part, now, whole, after, kicks[stage + 1] * h, 0.0, ends)
                 now = after

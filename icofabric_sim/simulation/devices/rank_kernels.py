@@ -42,17 +42,35 @@ def drift_and_push(
 
     As `steps` of kernels/integrators/splitting.py does: before each tile of pushes as many blocks
     have drifted as `ahead` says, and at the end all. With `kinks` at a part of a step in which
-    each connector keeps its slope.
+    each connector keeps its slope; the push at its end keeps the velocities before it.
     """
     count = pushes.shape[0]
     for tile in range(ahead.shape[0]):
         goal: int = np.int64(ahead[tile])  # type: ignore[assignment]
         drift(model, loads, state, work, now, whole, drifts, drifted, goal)
+        if keep:
+            keep_drifted(model, kinks, state, drifts, drifted, goal)
         drifted = max(drifted, goal)
         push(
             model, loads, state, work, kinks, step_part, after, kick, again, keep, pushes,
             TILE * tile, min(TILE * tile + TILE, count))
     drift(model, loads, state, work, now, whole, drifts, drifted, drifts.shape[0])
+    if keep:
+        keep_drifted(model, kinks, state, drifts, drifted, drifts.shape[0])
+
+
+@compiled
+def keep_drifted(
+    model: Model, kinks: Kinks | None, state: State, drifts: np.ndarray, first: int, last: int
+) -> None:
+    """
+    Keep the velocities of blocks drifts[first] to drifts[last - 1] before the last kick of a step.
+
+    After their drift, which gives driven bodies the velocities of their paths.
+    """
+    if kinks is not None:
+        for turn in range(first, last):
+            keep_velocities(kinks, state, model.blocks.slot[np.int64(drifts[turn])])
 
 
 @compiled
@@ -103,13 +121,6 @@ def strike_foretold(
         s = model.blocks.slot[block]
         if foretell(model.links, kinks, work.points, h, block, s)[0]:
             strike(model, loads, kinks, state, work, 0, kick, block, s)
-
-
-@compiled
-def keep_all_velocities(model: Model, kinks: Kinks, state: State, first: int, last: int) -> None:
-    """Keep the velocities of blocks before the last kick of a step."""
-    for block in range(first, last):
-        keep_velocities(kinks, state, model.blocks.slot[block])
 
 
 @compiled
