@@ -19,8 +19,9 @@ import importlib.util
 import os
 from pathlib import Path
 import time
-from typing import TYPE_CHECKING
+from typing import Any, TYPE_CHECKING
 
+from icofabric_sim.commands.report import add_json_numbers_argument, print_json
 from icofabric_sim.terminal import (
     bad_input,
     duration_text,
@@ -33,7 +34,7 @@ from icofabric_sim.terminal import (
 )
 
 if TYPE_CHECKING:
-    from icofabric_sim.studies.material.part import Found, Part, Row, Stage
+    from icofabric_sim.studies.material.part import Found, Part, Row, Stage, Table
     from icofabric_sim.studies.sweep.single_run import Outcome
     from icofabric_sim.studies.sweep.sweep import How, Study
 
@@ -69,6 +70,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--list', action='store_true',
         help='name the parts, say how much of each is finished, and run nothing')
+    add_json_numbers_argument(parser)
 
 
 def main(arguments: argparse.Namespace) -> int:
@@ -96,10 +98,14 @@ def main(arguments: argparse.Namespace) -> int:
             with bad_input():
                 work.add(part, name, stage, make_study(stage, store))
     if arguments.list:
-        for part in parts:
-            print(work.line(part))
+        if arguments.json:
+            print_json({'parts': {part.name: work.numbers(part) for part in parts}})
+        else:
+            for part in parts:
+                print(work.line(part))
         return 0
-    return _carry_out(work, parts, how, output, retry=arguments.retry)
+    return _carry_out(
+        work, parts, how, output, retry=arguments.retry, as_json=arguments.json)
 
 
 class _Work:
@@ -122,25 +128,33 @@ class _Work:
         """Seconds of one core that are foreseen."""
         return sum(stage.seconds * len(stage.cases) for stage, _ in self.stages.values())
 
+    def numbers(self, part: 'Part') -> dict[str, Any]:
+        """What a part has, is to have, and takes."""
+        stages = self.of(part).values()
+        return {
+            'title': part.title, 'runs': sum(len(study.orders) for _, study in stages),
+            'finished': sum(len(study.finished()) for _, study in stages),
+            'seconds_of_one_core': sum(
+                stage.seconds * len(stage.cases) for stage, _ in stages)}
+
     def line(self, part: 'Part') -> str:
         """A line about a part."""
-        stages = self.of(part).values()
-        runs = sum(len(study.orders) for _, study in stages)
-        there = sum(len(study.finished()) for _, study in stages)
-        seconds = sum(stage.seconds * len(stage.cases) for stage, _ in stages)
-        return (f'{part.name:10} {part.title}: {runs} runs, {there} finished; about '
-                f'{duration_text(seconds)} of one core for all')
+        found = self.numbers(part)
+        return (f'{part.name:10} {part.title}: {found["runs"]} runs, {found["finished"]} '
+                f'finished; about {duration_text(found["seconds_of_one_core"])} of one core for '
+                'all')
 
 
 def _carry_out(
-    work: _Work, parts: Sequence['Part'], how: 'How', output: Path, *, retry: bool
+    work: _Work, parts: Sequence['Part'], how: 'How', output: Path, *, retry: bool,
+    as_json: bool
 ) -> int:
     """Part after part, so that what is interrupted has whole parts."""
     from icofabric_sim.studies.material.part import rows_of
     began = time.monotonic()
     say(f'{_NAME}: about {duration_text(work.whole)} of one core where nothing is finished; what '
         'is finished is kept, and the same command goes on')
-    texts: dict[str, str] = {}
+    written: 'dict[str, tuple[str, list[Table]]]' = {}
     failed = reused = runs = 0
     try:
         with Progress(work.whole, 's of work foreseen') as progress, notes(progress, _NAME):
@@ -157,11 +171,17 @@ def _carry_out(
                     for outcome in table.failed:
                         progress.note(f'{part.name}, {name}: '
                                       f'{study.plan.describe(outcome.number)}: {outcome.reason}')
-                texts[part.name] = _write(part, found, output, progress)
+                written[part.name] = _write(part, found, output, progress)
     except KeyboardInterrupt:
         say(f'{_NAME}: what is finished is kept; the same command goes on')
         raise
-    for text in texts.values():
+    if as_json:
+        print_json({
+            'runs': runs, 'from_store': reused, 'failed': failed, 'output': str(output),
+            'parts': {part.name: {'title': part.title, 'tables': [
+                table._asdict() for table in written[part.name][1]]} for part in parts}})
+        return int(failed > 0)
+    for text, _ in written.values():
         print(text)
     print(f'{runs:,} runs, {reused:,} of them from the store, {failed:,} failed, in '
           f'{duration_text(time.monotonic() - began)}; figures and tables: {output}')
@@ -187,12 +207,13 @@ def _outcomes(
 
 def _write(
     part: 'Part', found: 'Found', output: Path, progress: Progress
-) -> str:
-    """Write figure and tables of a part; returns these."""
+) -> 'tuple[str, list[Table]]':
+    """Write figure and tables of a part; returns these, as text and as they are."""
     from icofabric_sim.pictures.material_figures import draw_part
-    lines = [f'# {part.name}: {part.title}', '']
+    lines, tables = [f'# {part.name}: {part.title}', ''], []
     try:
-        for table in part.tables(found):
+        tables = part.tables(found)
+        for table in tables:
             lines += [table.title, '', *table.lines(), '']
             if table.note:
                 lines += [table.note, '']
@@ -202,7 +223,7 @@ def _write(
         progress.note(f'{part.name}: no tables, because runs that they need have failed ({error})')
     text = '\n'.join(lines)
     _replace(output / f'{part.name}.txt', text)
-    return text
+    return text, tables
 
 
 def _replace(path: Path, text: str) -> None:

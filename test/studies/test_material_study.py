@@ -15,6 +15,7 @@
 
 from dataclasses import replace
 import itertools
+import json
 import math
 from pathlib import Path
 import re
@@ -97,6 +98,15 @@ def test_a_part_goes_on_where_it_was_interrupted_and_does_nothing_twice(
     assert all(float(row[4]) > 0.2 for row in rows if row[0] == '1')
     said, = re.findall(r'closed form by at most (\S+)\.\n', said)
     assert float(said) < 1e-12
+    # The same for programs.
+    assert study(tmp_path, '--part', 'constants', '--json') == 0
+    report = json.loads(capsys.readouterr().out)
+    assert (report['runs'], report['from_store'], report['failed']) == (24, 24, 0)
+    first_table = report['parts']['constants']['tables'][0]
+    assert len(first_table['rows'][0]) == len(first_table['columns']) > 4
+    assert study(tmp_path, '--list', '--json') == 0
+    listed = json.loads(capsys.readouterr().out)['parts']
+    assert listed['constants']['finished'] == 24 and len(listed) > 3
 
 
 def test_a_part_whose_runs_fail_says_so_and_ends_with_1(tmp_path, capsys, monkeypatch):
