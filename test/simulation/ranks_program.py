@@ -109,6 +109,7 @@ def run(name, ranks=None):
         # Its force is found anew every few steps, from where the body is.
         simulation.pull(5, simulation.snapshot().position[5] + [0.05, 0.0, 0.02])
         simulation.advance_to(simulation.time + 0.004)
+        assert np.linalg.norm(simulation.inputs.pulls.forces[5]) > 0.0
         found.append(state_of(simulation))
     checkpoint = simulation.checkpoint()
     end = simulation.time + 0.0023

@@ -18,7 +18,6 @@ import gc
 import json
 import os
 from pathlib import Path
-import shutil
 import subprocess
 import sys
 import weakref
@@ -33,22 +32,13 @@ from icofabric_sim.simulation.devices.leader import SharedSteps
 from icofabric_sim.simulation.devices.refusals import require_shareable, require_shareable_method
 from icofabric_sim.simulation.devices.window import resting, slots_of, window_of
 from icofabric_sim.simulation.model.packing import pack_scene
+from mpi_launcher import launcher
 import numpy as np
 import pytest
 from ranks_program import COMMON, run, SCENES, state_of, steps_taken
 
 ROOT = Path(__file__).resolve().parents[2]
 MOST = 4
-
-
-def launcher():
-    """Return the launcher of the MPI library beside this Python, or of the machine."""
-    pytest.importorskip('mpi4py', reason='mpi4py (extra `mpi`) is not installed')
-    found = shutil.which('mpiexec', path=str(Path(sys.executable).parent)) or shutil.which(
-        'mpiexec')
-    if found is None:
-        pytest.skip('no mpiexec on this machine')
-    return found
 
 
 def launch(count, *words, seconds=450.0):

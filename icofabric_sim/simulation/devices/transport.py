@@ -77,10 +77,12 @@ class Transport:
         """
         with self._turns:
             ticket, self._drawn = self._drawn, self._drawn + 1
-            self._turns.wait_for(lambda: self._served == ticket)
         try:
+            with self._turns:
+                self._turns.wait_for(lambda: self._served == ticket)
             yield
         finally:
+            # Also of a thread that was interrupted: a ticket that nobody gives back stops all.
             with self._turns:
                 self._served += 1
                 self._turns.notify_all()
