@@ -16,9 +16,10 @@ What a second thread gains or loses beside other programs that compute.
 
     .venv/bin/python benchmarks/threads_under_load.py [--others 0 1 4] [--rounds 5]
 
-Wall time of a leapfrog step, of woven shells whose springs swing and of loose ones that collide,
-by one thread and by two in turns. `arithmetic`: sums in registers, twice by one thread over once
-by two each; no work that threads share gains more on this machine.
+Wall time of a leapfrog step, of woven shells whose springs swing, of loose ones that collide and
+of a pile that comes to rest in a box, by one thread and by two in turns. `arithmetic`: sums in
+registers, twice by one thread over once by two each; no work that threads share gains more on this
+machine.
 """
 
 import argparse
@@ -35,10 +36,14 @@ import icofabric_sim as ico
 from icofabric_sim.kernels.runtime.compiled import compiled
 from machine import describe_machine
 import numpy as np
+from pile import pile
 
 THREADS = 2
 # A time slice of the system is some milliseconds.
-_LEAST, _STEPS = 0.3, 200
+_LEAST, _STEPS = 0.5, 500
+# Steps before that, and simulated time [s] until 1,600 pairs touch in a pile of 1,000.
+_BEFORE, _SETTLED = 200, 0.25
+PILE = 'pile, 1,000'
 SCENES = {
     'woven': {
         'weave': {'size': [17, 17, 17]}, 'contact': {'mode': 'never'},
@@ -48,7 +53,8 @@ SCENES = {
         'weave': {'size': [16, 16, 8], 'connected': False, 'connector_angle': -0.3},
         'contact': {'mode': 'always', 'stiffness': 1e6},
         'solver': {'method': 'leapfrog', 'step': 5e-6},
-        'initial_random': {'velocity_sigma': 0.3, 'spin_sigma': 20.0}}}
+        'initial_random': {'velocity_sigma': 0.3, 'spin_sigma': 20.0}},
+    PILE: {}}
 
 
 @compiled
@@ -88,10 +94,15 @@ def arithmetic() -> float:
 
 
 def compiled_scene(name: str, threads: int) -> ico.Simulation:
-    """A run that has come so far that its bodies move."""
-    scene = ico.Scene.from_parameters(SCENES[name]).with_changes({'solver.threads': threads})
-    simulation = ico.compile_scene(scene)
-    simulation.advance_steps(200)
+    """A run that has come so far that its bodies move, or in a pile come to rest."""
+    if name == PILE:
+        simulation = ico.compile_scene(pile((10, 10, 20), **{
+            'contact.stiffness': 1e6, 'solver.method': 'leapfrog', 'solver.threads': threads}))
+        simulation.advance_to(_SETTLED)
+    else:
+        scene = ico.Scene.from_parameters(SCENES[name]).with_changes({'solver.threads': threads})
+        simulation = ico.compile_scene(scene)
+    simulation.advance_steps(_BEFORE)
     return simulation
 
 

@@ -379,12 +379,15 @@ class Contacts(Record):
     entry: np.ndarray  # (e,) int32: twice the number of the pair, 1 more: on its second body
     turns: np.ndarray  # int32, places of the blocks, by their first slots over LANES
     rows: np.ndarray  # (6, s) forces [N] and torques [N m]
+    pushes: np.ndarray  # (b,) [J/s^2] squares of these on each block, see contact/stiffness.py
     # (8 t,) [m] deepest overlap in the last evaluation, and in all since the caller has set it to
     # zero, for each thread
     deepest: np.ndarray
     tests: np.ndarray  # (8 t,) pairs that were looked at so far
-    first: np.ndarray  # (t, 4, 3) place and matrix of the first body, for each thread
-    second: np.ndarray  # (t, 4, 3) and of the second
+    taken: np.ndarray  # int64, the thread that took each part of the pairs last
+    # (t, 8, 3) place and matrix of the first body, for each thread, with cache lines of its own
+    first: np.ndarray
+    second: np.ndarray  # (t, 8, 3) and of the second
     aside: np.ndarray  # (p, 19) as result, for looks
     scratch: Any  # room for looks, see contact/surface.py
     # Of `touch_some` (contact/forces.py) and `found_gap` (contact/pair.py) for such contacts; 0 as

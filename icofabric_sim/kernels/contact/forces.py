@@ -43,13 +43,13 @@ from icofabric_sim.kernels.runtime.borrowed import borrowed
 from icofabric_sim.kernels.runtime.compiled import compiled
 from icofabric_sim.kernels.runtime.lanes import LANES, load
 from icofabric_sim.kernels.runtime.outlined import call_int
-from icofabric_sim.kernels.runtime.team import own_blocks, wait_for_all
+from icofabric_sim.kernels.runtime.team import end_parts, own_blocks, take_part, wait_for_all
 import numpy as np
 
 # A gap of more than this part of a proves that two shells are apart, whatever the rounding.
 _APART = 1e-9
-# Parts of the pairs that each of several threads takes, and pairs of a part at least.
-_PARTS, _LEAST_PART = 8, 32
+# Parts of the pairs in the run of each of several threads, and pairs of a part at least.
+_PARTS, LEAST_PART = 64, 16
 
 
 @compiled
@@ -63,53 +63,63 @@ def touch_all(
     """
     if contacts is None:
         return
-    count, sleep = contacts.pairs.shape[0], contacts.sleep
-    part = part_of(count, team)
-    path = go_on(sleep, position, orientation, team)
-    contacts.deepest[8 * team.member] = 0.0
-    for first in range(part * team.member, count, part * team.size):
-        touch_listed(
-            contacts, position, orientation, team.scratch, contacts.result, sleep.until, path,
-            team.member, first, min(first + part, count))
+    touch_awake(contacts, position, orientation, team)
     wait_for_all(team)
+    end_parts(team)
     add_up(contacts, contacts.result, contacts.rows, team)
 
 
 @compiled
-def part_of(count: int, team: Team) -> int:
+def touch_awake(
+    contacts: Contacts, position: np.ndarray, orientation: np.ndarray, team: Team
+) -> None:
+    """Evaluate the pairs that do not sleep, those that this thread takes."""
+    path = go_on(contacts.sleep, position, orientation, team)
+    contacts.deepest[8 * team.member] = 0.0
+    touch_listed(
+        contacts, position, orientation, team.scratch, contacts.result, contacts.sleep.until,
+        path, team.flags, team.member, team.size)
+
+
+@compiled
+def part_of(count: int, size: int) -> int:
     """
-    Size of the parts of `count` pairs that threads take in turns.
+    Pairs of a part of `count`, of which `size` threads take one after the other.
 
     Pairs that lie next to each other are alike, and some kinds take ten times as long as others.
     """
-    if team.size == 1:
+    if size == 1:
         return max(count, 1)
-    return max(count // (_PARTS * team.size), _LEAST_PART)
+    return max(count // (_PARTS * size), LEAST_PART)
 
 
 @compiled
 def touch_listed(
     contacts: Contacts, position: np.ndarray, orientation: np.ndarray, scratch: Scratch,
-    result: np.ndarray, until: np.ndarray, path: float, member: int, first: int, last: int
+    result: np.ndarray, until: np.ndarray, path: float, flags: np.ndarray, member: int, size: int
 ) -> int:
     """`touch_some`, which is the same code for all kinds of scenes."""
     return call_int(contacts.touch_address, (
-        contacts, position, orientation, scratch, result, until, path, member, first, last))
+        contacts, position, orientation, scratch, result, until, path, flags, member, size))
 
 
 @compiled
 def touch_some(
     contacts: Contacts, position: np.ndarray, orientation: np.ndarray, scratch: Scratch,
-    result: np.ndarray, until: np.ndarray, path: float, member: int, first: int, last: int
+    result: np.ndarray, until: np.ndarray, path: float, flags: np.ndarray, member: int, size: int
 ) -> int:
     """
-    Evaluate those of the pairs first to last that do not sleep at a `path` [m] (sleeping.py).
+    Evaluate the pairs that do not sleep at a `path` [m] (sleeping.py); returns how many.
 
-    Returns how many these are; their numbers begin at `awake[first]`. Those that had one apex when
-    they were evaluated last wait until there are enough to fill the lanes of a vector; all others
-    are evaluated one by one.
+    Those of the parts that this one of `size` threads takes (runtime/team.py), which are noted in
+    `taken`. The numbers of the evaluated pairs of a part go into `awake`, from its first place on.
+    Those that had one apex when they were evaluated last wait until there are enough to fill the
+    lanes of a vector; all others are evaluated one by one.
     """
-    deepest, edges, points, tested = 0.0, 0, 0, 0
+    deepest, edges, points, total = 0.0, 0, 0, 0
+    count = contacts.pairs.shape[0]
+    part = part_of(count, size)
+    parts = (count + part - 1) // part
     until, awake = borrowed(until), borrowed(contacts.sleep.awake)
     # Views of arrays that count references would take longer than to reject a pair.
     pairs, planes, result = borrowed(contacts.pairs), borrowed(contacts.planes), borrowed(result)
@@ -117,50 +127,64 @@ def touch_some(
     own, other = borrowed(contacts.first)[member], borrowed(contacts.second)[member]
     room, marks = borrowed(scratch.room), borrowed(scratch.marks)
     half_edge = contacts.half_edge
-    for p in range(first, last):
-        if path < until[p]:
-            continue
-        awake[first + tested] = p
-        tested += 1
-        s, t = pairs[p, 0], pairs[p, 1]
-        out = result[p]
-        if t < 0:
-            axes, plane = axes_of(orientation, s), planes[-1 - t]
-            gap = plane_gap(
-                plane, half_edge, position[0, s], position[1, s], position[2, s], axes)
-            if gap > _APART * half_edge and until[p] >= APART:
-                # What is known of it is zero already.
-                until[p] = path + (gap - _APART * half_edge)
+    number = take_part(flags, member, size, parts, -1)
+    while number >= 0:
+        contacts.taken[number] = member
+        first, last, tested = number * part, min((number + 1) * part, count), 0
+        for p in range(first, last):
+            if path < until[p]:
                 continue
-            set_place(position, axes, s, own)
-            touches = touch_plane(half_edge, plane[:3], plane[3], own[0], own[1:], scratch, out)
-            until[p] = AWAKE if touches else APART
-            deepest = max(deepest, out[11])
-            continue
-        number = int(out[19])
-        if number < APEX_UNIT:
-            deepest = max(deepest, touch_alone(
-                half_edge, position, orientation, s, t, own, other, scratch, out, until, path, p))
-        elif number % APEX_UNIT < FACE_OF_FIRST:
-            marks[EDGES_WAIT + edges] = put_pair(
-                room, EDGES, edges, position, orientation, s, t, p, number)
-            edges += 1
-            if edges == LANES:
-                edges_across(room, EDGES, half_edge)
-                deepest = max(deepest, take_lanes(
-                    contacts, position, orientation, pairs, own, other, scratch, room, marks,
-                    result, until, path, EDGES, EDGES_WAIT, edges))
-                edges = 0
-        else:
-            marks[POINTS_WAIT + points] = put_pair(
-                room, POINTS, points, position, orientation, s, t, p, number)
-            points += 1
-            if points == LANES:
-                vertices_in_faces(room, POINTS, half_edge)
-                deepest = max(deepest, take_lanes(
-                    contacts, position, orientation, pairs, own, other, scratch, room, marks,
-                    result, until, path, POINTS, POINTS_WAIT, points))
-                points = 0
+            awake[first + tested] = p
+            tested += 1
+            s, t = pairs[p, 0], pairs[p, 1]
+            out = result[p]
+            if t < 0:
+                axes, plane = axes_of(orientation, s), planes[-1 - t]
+                gap = plane_gap(
+                    plane, half_edge, position[0, s], position[1, s], position[2, s], axes)
+                if gap > _APART * half_edge and until[p] >= APART:
+                    # What is known of it is zero already.
+                    until[p] = path + (gap - _APART * half_edge)
+                    tested -= 1
+                    continue
+                set_place(position, axes, s, own)
+                touches = touch_plane(
+                    half_edge, plane[:3], plane[3], own[0], own[1:], scratch, out)
+                until[p] = AWAKE if touches else APART
+                deepest = max(deepest, out[11])
+                continue
+            code = int(out[19])
+            if code < APEX_UNIT:
+                deepest = max(deepest, touch_alone(
+                    half_edge, position, orientation, s, t, own, other, scratch, out, until, path,
+                    p))
+                if until[p] > APART:
+                    tested -= 1
+            elif code % APEX_UNIT < FACE_OF_FIRST:
+                marks[EDGES_WAIT + edges] = put_pair(
+                    room, EDGES, edges, position, orientation, s, t, p, code)
+                edges += 1
+                if edges == LANES:
+                    edges_across(room, EDGES, half_edge)
+                    deepest = max(deepest, take_lanes(
+                        contacts, position, orientation, pairs, own, other, scratch, room, marks,
+                        result, until, path, EDGES, EDGES_WAIT, edges))
+                    edges = 0
+            else:
+                marks[POINTS_WAIT + points] = put_pair(
+                    room, POINTS, points, position, orientation, s, t, p, code)
+                points += 1
+                if points == LANES:
+                    vertices_in_faces(room, POINTS, half_edge)
+                    deepest = max(deepest, take_lanes(
+                        contacts, position, orientation, pairs, own, other, scratch, room, marks,
+                        result, until, path, POINTS, POINTS_WAIT, points))
+                    points = 0
+        if first + tested < last:
+            awake[first + tested] = -1
+        total += tested
+        contacts.tests[8 * member] += last - first
+        number = take_part(flags, member, size, parts, number)
     if edges > 0:
         edges_across(room, EDGES, half_edge)
         deepest = max(deepest, take_lanes(
@@ -171,12 +195,9 @@ def touch_some(
         deepest = max(deepest, take_lanes(
             contacts, position, orientation, pairs, own, other, scratch, room, marks, result,
             until, path, POINTS, POINTS_WAIT, points))
-    if first + tested < last:
-        awake[first + tested] = -1
     contacts.deepest[8 * member] = max(contacts.deepest[8 * member], deepest)
     contacts.deepest[8 * member + 1] = max(contacts.deepest[8 * member + 1], deepest)
-    contacts.tests[8 * member] += last - first
-    return tested
+    return total
 
 
 @compiled
@@ -295,7 +316,7 @@ def add_up(contacts: Contacts, pushes: np.ndarray, rows: np.ndarray, team: Team)
     all other rows are zero already.
     """
     count = contacts.pairs.shape[0]
-    part = part_of(count, team)
+    part = part_of(count, team.size)
     first, last = own_blocks(team, contacts.start.shape[0] - 1)
     pairs, until = borrowed(contacts.pairs), borrowed(contacts.sleep.until)
     turns = borrowed(contacts.turns)
@@ -307,7 +328,7 @@ def add_up(contacts: Contacts, pushes: np.ndarray, rows: np.ndarray, team: Team)
                 p = awake[i]
                 if p < 0:
                     break
-                if until[p] > APART or (adds == 1 and result[p, 10] == 0.0):
+                if until[p] > APART:
                     continue
                 for side in range(2):
                     s = pairs[p, side]
@@ -316,6 +337,8 @@ def add_up(contacts: Contacts, pushes: np.ndarray, rows: np.ndarray, team: Team)
                     if adds == 0:
                         for k in range(6):
                             rows[k, s] = 0.0
+                        continue
+                    if result[p, 10] == 0.0:
                         continue
                     push = stiffness if side == 0 else -stiffness
                     for k in range(3):
@@ -375,7 +398,7 @@ def contact_look(contacts: Contacts | None, state: State) -> tuple[float, float,
     # At no path does any pair sleep.
     touch_listed(
         contacts, state.position, state.orientation, contacts.scratch, contacts.aside,
-        contacts.sleep.looked, math.inf, 0, 0, contacts.pairs.shape[0])
+        contacts.sleep.looked, math.inf, contacts.taken, 0, 1)
     contacts.tests[0], contacts.deepest[0] = tests, before
     for p in range(contacts.pairs.shape[0]):
         energy += contacts.aside[p, 9]

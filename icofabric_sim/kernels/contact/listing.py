@@ -139,3 +139,20 @@ def find_both(
             here[count], there[count] = p, q
             count += 1
     return count
+
+
+@compiled
+def carry_over(
+    here: np.ndarray, there: np.ndarray, before: np.ndarray, after: np.ndarray
+) -> None:
+    """
+    Copy rows `there` of all tables `before` (k, q, n) to the rows `here` of `after` (k, p, n).
+
+    Where these hold nothing but zeros, as most do, they are not written, which takes memory.
+    """
+    for number in range(before.shape[0]):
+        for k in range(here.shape[0]):
+            p, q = here[k], there[k]
+            for i in range(before.shape[2]):
+                if before[number, q, i] != 0.0:
+                    after[number, p, i] = before[number, q, i]

@@ -31,7 +31,7 @@ first touch the push is zero, and so are damping and the limit of friction: noth
 
 import math
 
-from icofabric_sim.kernels.contact.forces import add_up, part_of, touch_all, touch_listed
+from icofabric_sim.kernels.contact.forces import add_up, part_of, touch_all, touch_awake
 from icofabric_sim.kernels.contact.laws import (
     damping_factor,
     depth_rate,
@@ -42,13 +42,13 @@ from icofabric_sim.kernels.contact.laws import (
     stretch_rate,
     Three,
 )
-from icofabric_sim.kernels.contact.sleeping import APART, go_on
+from icofabric_sim.kernels.contact.sleeping import APART
 from icofabric_sim.kernels.probable_error import probable_error
 from icofabric_sim.kernels.records import ContactLosses, Contacts, Meter, State, Team
 from icofabric_sim.kernels.runtime.borrowed import borrowed
 from icofabric_sim.kernels.runtime.compiled import compiled
 from icofabric_sim.kernels.runtime.lanes import fma, lane, load, splat, store, Vector
-from icofabric_sim.kernels.runtime.team import own_blocks, wait_for_all
+from icofabric_sim.kernels.runtime.team import end_parts, own_blocks, wait_for_all
 import numpy as np
 
 # The slope at the end of a step; that at its start has number 0.
@@ -91,17 +91,14 @@ def touch_and_lose(
     losses: ContactLosses, contacts: Contacts, state: State, index: int, team: Team
 ) -> None:
     """The same with losses."""
-    count, sleep = contacts.pairs.shape[0], contacts.sleep
-    part = part_of(count, team)
-    path = go_on(sleep, state.position, state.orientation, team)
-    contacts.deepest[8 * team.member] = 0.0
-    for first in range(part * team.member, count, part * team.size):
-        last = min(first + part, count)
-        touch_listed(
-            contacts, state.position, state.orientation, team.scratch, contacts.result,
-            sleep.until, path, team.member, first, last)
-        lose_some(losses, contacts, state, index, first, last)
+    count = contacts.pairs.shape[0]
+    part = part_of(count, team.size)
+    touch_awake(contacts, state.position, state.orientation, team)
+    for first in range(0, count, part):
+        if contacts.taken[first // part] == team.member:
+            lose_some(losses, contacts, state, index, first, min(first + part, count))
     wait_for_all(team)
+    end_parts(team)
     add_up(contacts, contacts.result, contacts.rows, team)
     first, last = own_blocks(team, contacts.start.shape[0] - 1)
     add_up_taken(losses, contacts, first, last)
@@ -187,18 +184,16 @@ def touch_ahead(
     if losses is None:
         touch_all(contacts, state.position, state.orientation, team)
     else:
-        count, sleep = contacts.pairs.shape[0], contacts.sleep
-        part = part_of(count, team)
-        path = go_on(sleep, state.position, state.orientation, team)
-        contacts.deepest[8 * team.member] = 0.0
-        for first in range(part * team.member, count, part * team.size):
-            tested = touch_listed(
-                contacts, state.position, state.orientation, team.scratch, contacts.result,
-                sleep.until, path, team.member, first, min(first + part, count))
-            lose_ahead(
-                losses, contacts, state, inverse_mass, inverse_inertia, h, step, first,
-                first + tested)
+        count = contacts.pairs.shape[0]
+        part = part_of(count, team.size)
+        touch_awake(contacts, state.position, state.orientation, team)
+        for first in range(0, count, part):
+            if contacts.taken[first // part] == team.member:
+                lose_ahead(
+                    losses, contacts, state, inverse_mass, inverse_inertia, h, step, first,
+                    min(first + part, count))
         wait_for_all(team)
+        end_parts(team)
         add_up(contacts, contacts.result, contacts.rows, team)
         add_up(contacts, losses.changes, losses.lost, team)
 
@@ -209,7 +204,7 @@ def lose_ahead(
     inverse_inertia: float, h: float, step: float, first: int, last: int
 ) -> None:
     """
-    As `lose_some` for the awake from first to last, `h` [s] after they were evaluated last.
+    As `lose_some` for the awake of a part, `h` [s] after they were evaluated last.
 
     For forces that act for a `step` [s]. What was apart before and still is has lost all it had.
     """
@@ -221,6 +216,8 @@ def lose_ahead(
     stretches, slopes = borrowed(losses.stretch), borrowed(losses.slopes)[0]
     for i in range(first, last):
         p = awake[i]
+        if p < 0:
+            break
         if until[p] > APART:
             continue
         out = result[p]
@@ -400,17 +397,16 @@ def combine_stretches(
     if losses is None:
         return
     count = losses.stretch.shape[0]
-    part = part_of(count, team)
+    first, last = own_blocks(team, count)
     begin, slopes = losses.held, losses.slopes
     if again:
         begin = losses.start
-    for first in range(part * team.member, count, part * team.size):
-        for p in range(first, min(first + part, count)):
-            for k in range(4):
-                total = 0.0
-                for j in range(weights.shape[0]):
-                    total += weights[j] * slopes[j, p, k]
-                losses.stage[p, k] = begin[p, k] + h * total
+    for p in range(first, last):
+        for k in range(4):
+            total = 0.0
+            for j in range(weights.shape[0]):
+                total += weights[j] * slopes[j, p, k]
+            losses.stage[p, k] = begin[p, k] + h * total
 
 
 @compiled
@@ -419,12 +415,11 @@ def accept_stretches(losses: ContactLosses | None, team: Team) -> None:
     if losses is None:
         return
     count = losses.stretch.shape[0]
-    part = part_of(count, team)
-    for first in range(part * team.member, count, part * team.size):
-        for p in range(first, min(first + part, count)):
-            for k in range(4):
-                losses.start[p, k] = losses.held[p, k]
-                losses.stretch[p, k] = losses.stage[p, k]
+    first, last = own_blocks(team, count)
+    for p in range(first, last):
+        for k in range(4):
+            losses.start[p, k] = losses.held[p, k]
+            losses.stretch[p, k] = losses.stage[p, k]
 
 
 @compiled
@@ -433,11 +428,10 @@ def repeat_stretches(losses: ContactLosses | None, team: Team) -> None:
     if losses is None:
         return
     count = losses.stretch.shape[0]
-    part = part_of(count, team)
-    for first in range(part * team.member, count, part * team.size):
-        for p in range(first, min(first + part, count)):
-            for k in range(4):
-                losses.slopes[0, p, k] = losses.slopes[_LAST, p, k]
+    first, last = own_blocks(team, count)
+    for p in range(first, last):
+        for k in range(4):
+            losses.slopes[0, p, k] = losses.slopes[_LAST, p, k]
 
 
 @compiled
@@ -446,11 +440,10 @@ def save_stretches(losses: ContactLosses | None, team: Team) -> None:
     if losses is None:
         return
     count = losses.stretch.shape[0]
-    part = part_of(count, team)
-    for first in range(part * team.member, count, part * team.size):
-        for p in range(first, min(first + part, count)):
-            for k in range(4):
-                losses.saved[p, k] = losses.stretch[p, k]
+    first, last = own_blocks(team, count)
+    for p in range(first, last):
+        for k in range(4):
+            losses.saved[p, k] = losses.stretch[p, k]
 
 
 @compiled
@@ -467,22 +460,21 @@ def stretch_error(
     if losses is None:
         return largest, probable
     count = losses.stretch.shape[0]
-    part = part_of(count, team)
-    for first in range(part * team.member, count, part * team.size):
-        for p in range(first, min(first + part, count)):
-            square_5, square_3 = 0.0, 0.0
-            for k in range(4):
-                first_sum, second_sum = 0.0, 0.0
-                for j in range(error_5.shape[0]):
-                    value = losses.slopes[j, p, k]
-                    first_sum += error_5[j] * value
-                    second_sum += error_3[j] * value
-                square_5 += first_sum * first_sum
-                square_3 += second_sum * second_sum
-            sum_ = max(scale * (square_5 + 0.01 * square_3), 1e-300)
-            error = scale * square_5 / math.sqrt(sum_)
-            # One that is no number is infinite.
-            largest = max(largest, error) if error <= math.inf else math.inf
-            probable = max(probable, lane(probable_error(
-                splat(scale * square_5), splat(scale * square_3), smooth), 0))
+    first, last = own_blocks(team, count)
+    for p in range(first, last):
+        square_5, square_3 = 0.0, 0.0
+        for k in range(4):
+            first_sum, second_sum = 0.0, 0.0
+            for j in range(error_5.shape[0]):
+                value = losses.slopes[j, p, k]
+                first_sum += error_5[j] * value
+                second_sum += error_3[j] * value
+            square_5 += first_sum * first_sum
+            square_3 += second_sum * second_sum
+        sum_ = max(scale * (square_5 + 0.01 * square_3), 1e-300)
+        error = scale * square_5 / math.sqrt(sum_)
+        # One that is no number is infinite.
+        largest = max(largest, error) if error <= math.inf else math.inf
+        probable = max(probable, lane(probable_error(
+            splat(scale * square_5), splat(scale * square_3), smooth), 0))
     return largest, probable

@@ -28,8 +28,9 @@ in the middle of a collision, and by up to twice that where it begins.
 
 from icofabric_sim.kernels.contact.laws import patch_radius
 from icofabric_sim.kernels.contact.losses import arms_of
-from icofabric_sim.kernels.records import Contacts
+from icofabric_sim.kernels.records import Contacts, Model
 from icofabric_sim.kernels.runtime.compiled import compiled
+from icofabric_sim.kernels.runtime.lanes import fma, lane, LANES, load, splat
 import numpy as np
 
 _CURVED = 1.75
@@ -80,15 +81,33 @@ def largest_stiffness(
 
 
 @compiled
-def swing_of(
-    contacts: Contacts | None, inverse_mass: float, inverse_inertia: float, h: float
-) -> float:
-    """Energy [J] that swings in steps of `h` [s] by the forces of all contacts of the last one."""
+def note_pushes(contacts: Contacts | None, model: Model, first: int, last: int) -> None:
+    """Note |F|^2, mass-scaled [J/s^2], of what contacts do to the blocks first to last."""
+    if contacts is not None:
+        for block in range(first, last):
+            s, forces, torques = model.blocks.slot[block], splat(0.0), splat(0.0)
+            for k in range(3):
+                force, torque = load(contacts.rows, k, s), load(contacts.rows, k + 3, s)
+                forces, torques = fma(force, force, forces), fma(torque, torque, torques)
+            square = fma(
+                splat(model.inverse_mass), forces, splat(model.inverse_inertia) * torques)
+            total = 0.0
+            for i in range(LANES):
+                total += lane(square, i)
+            contacts.pushes[block] = total
+
+
+@compiled
+def swing_of(contacts: Contacts | None, h: float) -> float:
+    """
+    Energy [J] that swings in steps of `h` [s] by the forces of all contacts of the last one.
+
+    After `note_pushes` for all blocks.
+    """
     if contacts is None:
         return 0.0
     else:
-        forces, torques, rows = 0.0, 0.0, contacts.rows
-        for s in range(rows.shape[1]):
-            forces += rows[0, s] ** 2 + rows[1, s] ** 2 + rows[2, s] ** 2
-            torques += rows[3, s] ** 2 + rows[4, s] ** 2 + rows[5, s] ** 2
-        return _SWINGS * h * h * (inverse_mass * forces + inverse_inertia * torques)
+        total = 0.0
+        for block in range(contacts.pushes.shape[0]):
+            total += contacts.pushes[block]
+        return _SWINGS * h * h * total

@@ -19,6 +19,7 @@ What is done about the kinks: kernels/kinks.py.
 
 from icofabric_sim.kernels.contact.displacement import add_ways, note_ways, shift_at
 from icofabric_sim.kernels.contact.forces import touch_all
+from icofabric_sim.kernels.contact.stiffness import note_pushes
 from icofabric_sim.kernels.flows import (
     drift,
     keep_accelerations,
@@ -169,6 +170,7 @@ def kinked_steps(
             keep_accelerations(model, state, work, end, first, last)
             wait_for_all(team)
     note_ways(watch, team.member, most)
+    note_pushes(contacts, model, first, last)
     wait_for_all(team)
 
 

@@ -30,7 +30,7 @@ from icofabric_sim.kernels.contact.displacement import (
 from icofabric_sim.kernels.contact.forces import deepest_overlap
 from icofabric_sim.kernels.contact.losses import losses_of, save_stretches, touch_ahead
 from icofabric_sim.kernels.contact.rebuild_check import judge_ways, MISSED
-from icofabric_sim.kernels.contact.stiffness import swing_of
+from icofabric_sim.kernels.contact.stiffness import note_pushes, swing_of
 from icofabric_sim.kernels.flows import drift, push, push_kept
 from icofabric_sim.kernels.integrators.kinked import kinked_steps
 from icofabric_sim.kernels.loads import has_rows, keep_work
@@ -143,6 +143,7 @@ def steps(
                 TILE * tile, min(TILE * tile + TILE, count_own))
         if evaluation + 1 == count * stages:
             note_ways(watch, team.member, most)
+            note_pushes(contacts, model, first, last)
         wait_for_all(team)
         now = after
         if not kick_first and stage + 1 == stages:
@@ -278,8 +279,7 @@ def splitting(
         watched = watch is not None and since_check % stride == 0
         status = 0
         if guarded and team.member == 0:
-            ledger[SWING] = max(ledger[SWING], swing_of(
-                model.contacts, model.inverse_mass, model.inverse_inertia, h))
+            ledger[SWING] = max(ledger[SWING], swing_of(model.contacts, h))
             if ledger[SWING] > ledger[SWING_LIMIT] * least_scale(ledger):
                 status |= SWINGS
         if examined:

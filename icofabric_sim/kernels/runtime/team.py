@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Threads that share the steps of one call: a barrier, and a value that all see.
+Threads that share the steps of one call: a barrier, a value that all see, and parts of work.
 
 Each thread computes its own run of blocks and waits for the others where it needs their results.
 Threads of Numba's own are not used: they would have to be started for every stage.
@@ -36,20 +36,28 @@ import numpy as np
 
 # Untyped: intrinsics are called without their first argument.
 _intrinsic: Any = intrinsic
-# Places in Team.flags, one cache line apart.
-_ARRIVED, _ROUND, _SHARED, _ASLEEP, _IN_VAIN = 0, 8, 16, 24, 32
-FLAG_COUNT = 40
+# Places in Team.flags, one cache line apart; from the last on one for each thread, where that of
+# what is shared next follows the number of parts taken.
+_ARRIVED, _ROUND, _SHARED, _ASLEEP, _IN_VAIN, _TAKEN = 0, 8, 16, 24, 32, 40
+_TURN, _LINE = 1, 8
+# What is taken of a run from behind counts so much, from the front 1.
+_BEHIND = 2**32
 # Blocks that are drifted and pushed in one go: they stay in the cache in between.
 TILE = 64
-# Looks at the flag before a thread sleeps: about 40 us, less than it takes to wake one, and 0.5 us
+# Looks at the flag before a thread sleeps: about 80 us, less than it takes to wake one, and 0.5 us
 # after so many in vain, for the next so many times.
-_PATIENCE, _IMPATIENCE = 100_000, 1_000
-_ENOUGH, _PAUSE = 8, 64
+_PATIENCE, _IMPATIENCE = 200_000, 1_000
+_ENOUGH, _PAUSE = 8, 256
 # Number of futex(2) among the system calls of Linux, by processor; elsewhere threads yield.
 _FUTEX = {'x86_64': 202, 'aarch64': 98}.get(
     platform.machine(), 0) if sys.platform == 'linux' else 0
 # Operations for threads of one process, and a count that is enough to wake all.
 _FUTEX_WAIT, _FUTEX_WAKE, _ALL = 128, 129, 2**31 - 1
+
+
+def flag_count(size: int) -> int:
+    """Count the flags that a team of such a size needs."""
+    return _TAKEN + _LINE * size
 
 
 def _address(context: Any, builder: Any, sig: Any, args: Any) -> Any:
@@ -133,12 +141,53 @@ def _wait(flags: np.ndarray, count: int) -> None:
 
 
 @compiled
+def take_part(flags: np.ndarray, member: int, size: int, parts: int, before: int) -> int:
+    """
+    Take the next of the parts of some work; returns its number, -1: all are taken.
+
+    Each thread takes a run of its own from the front, and then what is left of the runs of others
+    from behind: so what lies in the caches of a core is mostly of use there again. `before`: what
+    this one took last, -1 at first. After the barrier at the end of the work each calls
+    `end_parts`; another barrier lies between that and the next work.
+    """
+    if size == 1:
+        return before + 1 if before + 1 < parts else -1
+    for turn in range(size):
+        owner = (member + turn) % size
+        first, last = parts * owner // size, parts * (owner + 1) // size
+        place = _TAKEN + _LINE * owner
+        if _left(_read(flags, place), last - first):
+            # Both ends are in one number, so that each part is given once.
+            taken: int = _fetch_add(flags, place, 1 if turn == 0 else _BEHIND)
+            if _left(taken, last - first):
+                return first + taken % _BEHIND if turn == 0 else last - 1 - taken // _BEHIND
+    return -1
+
+
+@compiled
+def _left(taken: int, parts: int) -> bool:
+    """Whether there is a part of a run left."""
+    return taken % _BEHIND + taken // _BEHIND < parts
+
+
+@compiled
+def end_parts(team: Team) -> None:
+    """Have no part of this thread's run taken."""
+    if team.size > 1:
+        team.flags[_TAKEN + _LINE * team.member] = 0
+
+
+@compiled
 def tell_all(team: Team, value: int) -> int:
     """What the first thread says, to all; also a barrier."""
     if team.size > 1:
+        # Two places in turn: one is written again only after all have come for what is in the
+        # other.
+        turn = _TAKEN + _LINE * team.member + _TURN
+        place = _SHARED + team.flags[turn]
+        team.flags[turn] = 1 - team.flags[turn]
         if team.member == 0:
-            team.flags[_SHARED] = value
+            team.flags[place] = value
         _wait(team.flags, team.size)
-        value = team.flags[_SHARED]
-        _wait(team.flags, team.size)
+        value = team.flags[place]
     return value

@@ -41,7 +41,7 @@ from icofabric_sim.kernels.contact.displacement import (
     SPEED,
     STRIDE,
 )
-from icofabric_sim.kernels.contact.forces import contact_look, touch_some
+from icofabric_sim.kernels.contact.forces import contact_look, LEAST_PART, touch_some
 from icofabric_sim.kernels.contact.listing import arrange
 from icofabric_sim.kernels.contact.pair import contact_scratch, found_gap, OUT_SIZE
 from icofabric_sim.kernels.contact.rebuild_check import least_reach
@@ -581,7 +581,7 @@ class BroadPhase:
         watch, scratch, place = self._watch, contacts.scratch, contacts.first[0]
         return (
             (touch_some, contacts, watch.reference, watch.turned, scratch, contacts.result,
-             contacts.sleep.until, 0.0, 0, 0, 0),
+             contacts.sleep.until, 0.0, contacts.taken, 0, 1),
             (found_gap, contacts.half_edge, place[0], place[1:], place[0], place[1:], scratch))
 
     def nothing(self) -> Contacts:
@@ -601,7 +601,9 @@ class BroadPhase:
         changed: dict[str, Any] = {
             'pairs': slots, 'result': np.zeros((count, OUT_SIZE)), 'start': start, 'slot': slot,
             'entry': entry, 'deepest': np.zeros(8 * self._threads),
-            'tests': np.zeros(8 * self._threads), 'aside': np.zeros((count, OUT_SIZE)),
+            'tests': np.zeros(8 * self._threads),
+            'taken': np.zeros(count // LEAST_PART + 2, np.int64),
+            'aside': np.zeros((count, OUT_SIZE)),
             'sleep': self._sleep(count),
             'losses': self.stretches.room(near.pairs, rows.shape[1], slot)}
         if self._made is None:
@@ -609,8 +611,9 @@ class BroadPhase:
             self._made = Contacts(
                 stiffness=self.setup.stiffness, half_edge=self.setup.half_edge,
                 planes=self.setup.planes, rows=rows, turns=self._turns(),
-                first=np.zeros((self._threads, 4, 3)),
-                second=np.zeros((self._threads, 4, 3)), scratch=self._scratch, touch_address=0,
+                pushes=np.zeros(len(layout.blocks.slot)),
+                first=np.zeros((self._threads, 8, 3)),
+                second=np.zeros((self._threads, 8, 3)), scratch=self._scratch, touch_address=0,
                 gap_address=0, **changed)
         else:
             self._made = self._made._replace(**changed)

@@ -17,7 +17,7 @@ import math
 from typing import Any
 
 from icofabric_sim.geometry.icosahedron import circumscribed_radius
-from icofabric_sim.kernels.contact.listing import find_both
+from icofabric_sim.kernels.contact.listing import carry_over, find_both
 from icofabric_sim.kernels.records import ContactLosses, Contacts
 from icofabric_sim.simulation.contact.setup import ContactSetup
 from icofabric_sim.simulation.model.layout import aligned_empty
@@ -95,8 +95,8 @@ class FrictionState:
             both = int(find_both(pairs, old, here, there))
             here, there = here[:both], there[:both]
             for name in _ROWS:
-                getattr(losses, name)[here] = getattr(before, name)[there]
-            losses.slopes[:, here] = before.slopes[:, there]
+                carry_over(here, there, getattr(before, name)[None], getattr(losses, name)[None])
+            carry_over(here, there, before.slopes, losses.slopes)
         return losses
 
     def forget(self) -> None:

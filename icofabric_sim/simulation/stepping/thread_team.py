@@ -32,7 +32,7 @@ from icofabric_sim.kernels.contact.surface import contact_scratch, Scratch
 from icofabric_sim.kernels.records import Sweep, Team
 from icofabric_sim.kernels.runtime.compile_notice import compile_notice, KernelsMissing
 from icofabric_sim.kernels.runtime.kernel_guard import guarded_alike, none_becomes_ready
-from icofabric_sim.kernels.runtime.team import FLAG_COUNT
+from icofabric_sim.kernels.runtime.team import flag_count
 from icofabric_sim.simulation.model.packing import PackedScene
 from icofabric_sim.simulation.stepping.traversal_order import make_sweeps
 from numba.core import config
@@ -101,7 +101,7 @@ class ThreadTeam:
         if compile_notice.is_forbidden:
             # A thread that finds its kernel missing would leave the others at their barrier.
             self.size = 1
-        self._flags = np.zeros(FLAG_COUNT, np.int64)
+        self._flags = np.zeros(flag_count(self.size), np.int64)
         self._packed = packed
         self._rooms: list[Scratch | None] = [None] * self.size
         # The same blocks in another order, where all bodies drift before one is pushed.
