@@ -47,6 +47,11 @@ UNWATCHED, KERNEL, LEANEST = (
 # measures what its steps err by, which takes as long as some hundred steps. S3 meets its first
 # contact at step 922.
 _STEPS, _WARM_UP = 128, 128
+# Bodies that move less than the gaps between them; of contacts that such steps can follow.
+_CALM = {'velocity_sigma': 1e-3, 'spin_sigma': 0.04, 'seed': 1}
+_SOFT_CONTACT = {'mode': 'always', 'stiffness': 1e4}
+# Near the least angle, where faces nearly touch, and connectors that press them together [m].
+_FACES, _FACES_LENGTH = -0.3648, 0.999 * 0.02506719
 # The same for terms whose steps take a hundred times as long.
 _FEW_STEPS = 16
 _PUSH = {'force': [1e-3, 0.0, 5e-4], 'torque': [0.0, 1e-6, 0.0]}
@@ -111,6 +116,13 @@ def terms(body: int) -> list[Term]:
         Term('charges on each other', {
             'charge': {'per_body': 1e-8, 'mutual': True}}, steps=_FEW_STEPS),
         Term('contact watch', {'contact': {'mode': 'auto'}}),
+        Term('shells near each other', {
+            'weave': {'connector_angle': -0.3}, 'contact': _SOFT_CONTACT,
+            'initial_random': _CALM}),
+        Term('faces that press on each other', {
+            'weave': {'connector_angle': _FACES}, 'contact': _SOFT_CONTACT,
+            'connector': {**FABRIC['connector'], 'natural_length': _FACES_LENGTH},
+            'initial_random': _CALM}, steps=_FEW_STEPS),
         Term('direction cosines', {}, rotation='direction_cosines'),
         Term(f'team of {core_count()} threads', {}, threads=0),
         Term(ADAPTIVE, {}, method='dop8'),
