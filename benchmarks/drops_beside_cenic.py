@@ -20,27 +20,32 @@ our law is that of Hunt and Crossley, K r^2 x (1 + c r dx/dt) with the overlap x
 and the error is known: largest distance over a of any body from a solution by SciPy that stops at
 every touch. Needs drake.
 
-    .venv/bin/python benchmarks/drops_beside_cenic.py
+    .venv/bin/python benchmarks/drops_beside_cenic.py [--picture docs/work_precision_contact.png]
 """
 
 import argparse
 from collections.abc import Callable
+from functools import partial
 from importlib import import_module, metadata
+from pathlib import Path
 import time
 from typing import Any
 
 import icofabric_sim as ico
 from icofabric_sim.geometry.icosahedron import circumscribed_radius, inscribed_radius, vertices
+from icofabric_sim.pictures.precision_picture import draw_work_precision, PrecisionPoint
 from machine import describe_machine
 import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
+Run = Callable[[], tuple[np.ndarray, float, int]]
+
 GRAVITY, STIFFNESS, DAMPING = 9.81, 1e6, 2.0  # [m/s^2], [N/m], [s/m]
 # Room below the lowest vertices at the start [m], and between neighbours [m].
 LOWEST, HIGHEST, SPACING = 0.01, 0.03, 0.1
 ACCURACIES = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
-OWN = (('leapfrog', 1.0), ('leapfrog', 1e-2), ('dop8', 1.0), ('dop8', 1e-2), ('dop8', 1e-4))
+OWN = {'leapfrog': (1.0, 1e-1, 1e-2, 1e-3), 'dop8': (1.0, 1e-2, 1e-4, 1e-6, 1e-8)}
 
 
 def build(method: str, tolerance: float, size: tuple[int, int, int]) -> ico.Scene:
@@ -171,6 +176,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.strip().splitlines()[0])
     parser.add_argument('--size', type=int, nargs=3, default=(5, 5, 5), help='weave.size')
     parser.add_argument('--until', type=float, default=0.3, help='simulated time [s]')
+    parser.add_argument('--picture', type=Path, help='draw error against time into this file')
     given = parser.parse_args()
     size, scene = tuple(given.size), build('dop8', 1.0, tuple(given.size))
     a, part = scene.geometry.half_edge, ratio()
@@ -180,19 +186,26 @@ def main() -> None:
         DAMPING * part, given.until) for height in start[:, 2]])
     print(describe_machine() + f', drake {metadata.version("drake")}; one thread each')
     print(f'{scene.body_count} bodies, {given.until:g} s')
-    rows: list[tuple[str, Callable[[], tuple[np.ndarray, float, int]]]] = [
-        (f'{method}, tolerance {tolerance:g}',
-         lambda method=method, tolerance=tolerance: own_run(  # type: ignore[misc]
-             method, tolerance, size, given.until)) for method, tolerance in OWN]
-    rows += [(f'Drake {scheme}, accuracy {accuracy:g}',
-              lambda scheme=scheme, accuracy=accuracy: drake_run(  # type: ignore[misc]
-                  scheme, accuracy, scene, given.until))
-             for scheme, accuracies in (('cenic', ACCURACIES), ('runge_kutta3', ACCURACIES[:3]))
-             for accuracy in accuracies]
-    for label, run in rows:
+    rows: list[tuple[str, str, float, Run]] = [
+        (method, 'icofabric_sim', tolerance, partial(
+            own_run, method, tolerance, size, given.until))
+        for method, tolerances in OWN.items() for tolerance in tolerances]
+    rows += [
+        (f'Drake {scheme}', 'drake', accuracy, partial(
+            drake_run, scheme, accuracy, scene, given.until))
+        for scheme, accuracies in (('cenic', ACCURACIES), ('runge_kutta3', ACCURACIES[:3]))
+        for accuracy in accuracies]
+    points = []
+    for solver, tool, setting, run in rows:
         found, taken, steps = run()
         error = float(np.abs(found - exact).max()) / a
-        print(f'{label:34} error {error:9.2e} a {taken:9.3f} s {steps:7d} steps', flush=True)
+        points.append(PrecisionPoint(solver, tool, error, taken, taken, taken))
+        print(f'{solver:20} {setting:8g} error {error:9.2e} a {taken:9.3f} s {steps:7d} steps',
+              flush=True)
+    if given.picture:
+        draw_work_precision(
+            points, given.picture, title=f'bouncing shells: {scene.body_count} bodies, '
+            f'{given.until:g} s')
 
 
 if __name__ == '__main__':

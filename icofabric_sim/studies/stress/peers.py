@@ -12,33 +12,35 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Random scenes in another program, under the same judge: windows beside tighter runs of ours.
+Random scenes in other programs, under the same judge: windows beside tighter runs of ours.
 
-The part of a scene that it can express is run there: springs, dampers along them, gravity,
-supports. Loads are left out for both. It knows no tolerance, so its step is the one with which its
-method keeps that of the scene on an oscillation; a given step is taken as it is. It says nothing
-of its errors, so what is more than three times too large is silently wrong, as with ours.
+The part of a scene that such a program can express is run there: springs, gravity, supports, in
+MuJoCo dampers along the springs, too. Loads are left out for both. It knows no tolerance, so its
+step is the one with which its method keeps that of the scene on an oscillation; a given step is
+taken as it is. It says nothing of its errors, so what is more than three times too large is
+silently wrong, as with ours.
 """
 
+from functools import partial
+from importlib.util import find_spec
 import math
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.errors import Interrupted, SimulationError
 from icofabric_sim.simulation.simulation import compile_scene, Simulation
-from icofabric_sim.studies.stress import mujoco_run
+from icofabric_sim.studies.stress import lammps_run, mujoco_run
 from icofabric_sim.studies.stress.judge import classed, Clock, judged_by, SECONDS
 from icofabric_sim.studies.stress.kinds import KINDS
+from icofabric_sim.studies.stress.lammps_run import LammpsRun
 from icofabric_sim.studies.stress.mujoco_run import MuJoCoRun
 from icofabric_sim.studies.stress.scenes import draw_scene, StressScene
 from icofabric_sim.studies.stress.verdict import Finding, Verdict
 from icofabric_sim.studies.stress.windows import far_tighter, rate_of, Windows
 import numpy as np
 
-PEERS: Final = ('mujoco',)
-# Error of the classical Runge-Kutta method in a radian of an oscillation, by step times frequency:
-# x^4 / 120. Half of the tolerance is aimed at. At most so many radians; and for damping.
-_ERROR, _AIM, _LONGEST, _DAMPED = 1.0 / 120.0, 0.5, 0.5, 0.5
+# Part of the tolerance that is aimed at. At most so many radians in a step; and for damping.
+_AIM, _LONGEST, _DAMPED = 0.5, 0.5, 0.5
 # Parts of a step that are tried where it stops.
 _SHORTER = (1 / 4, 1 / 16)
 # Parts of the time for the windows, and for those and the run from the start.
@@ -47,19 +49,46 @@ _WINDOWS_PART, _WHOLE_PART = 0.6, 0.9
 _ENOUGH = 0.25
 
 
-def is_expressible(seed: int) -> bool:
-    """Whether the scene of a seed is one that both can run: nothing in it is spoiled either."""
-    scene = draw_scene(seed)
-    known = {*mujoco_run.TERMS, *mujoco_run.LEFT_OUT}
-    return not scene.spoiled and {*KINDS[scene.kind].terms} <= known
+PeerRun = MuJoCoRun | LammpsRun
 
 
-def judge_mujoco(stress: StressScene, *, seconds: float = SECONDS) -> Finding:
-    """Run a scene in MuJoCo within so much processor time [s], and class it."""
-    return judged_by(stress, seconds, _judge)
+class Peer(NamedTuple):
+    """Another program, and what it can express."""
+
+    run: type[MuJoCoRun] | type[LammpsRun]
+    method: str
+    terms: frozenset[str]  # of kinds of scenes, those included that are left out of them
+    error: float  # in a radian of an oscillation, over step times frequency to the order
+    order: int
+    package: str
+    install: str
+
+    @property
+    def is_installed(self) -> bool:
+        """Whether it can be imported."""
+        return find_spec(self.package) is not None
+
+    def can_express(self, seed: int) -> bool:
+        """Whether the scene of a seed is one that both can run: nothing is spoiled either."""
+        scene = draw_scene(seed)
+        return not scene.spoiled and {*KINDS[scene.kind].terms} <= self.terms
 
 
-def _judge(stress: StressScene, parameters: dict[str, Any], seconds: Clock) -> Finding:
+PEERS: Final = {
+    module.DISTRIBUTION: Peer(
+        run, module.METHOD, frozenset({*module.TERMS, *module.LEFT_OUT}), module.ERROR,
+        module.ORDER, module.DISTRIBUTION, module.INSTALL)
+    for module, run in ((mujoco_run, MuJoCoRun), (lammps_run, LammpsRun))}
+
+
+def judge_peer(name: str, stress: StressScene, *, seconds: float = SECONDS) -> Finding:
+    """Run a scene in the program `name` within so much processor time [s], and class it."""
+    return judged_by(stress, seconds, partial(_judge, PEERS[name]))
+
+
+def _judge(
+    peer: Peer, stress: StressScene, parameters: dict[str, Any], seconds: Clock
+) -> Finding:
     try:
         scene = Scene.from_parameters(_expressible(parameters))
         rate = rate_of(compile_scene(scene.with_changes({
@@ -68,8 +97,8 @@ def _judge(stress: StressScene, parameters: dict[str, Any], seconds: Clock) -> F
         # Ours refuses it: there is nothing to compare.
         return Finding(stress.seed, stress.kind, Verdict.REFUSED, ' '.join(str(error).split()))
     given = float(str(scene.parameters['solver.step']))
-    step = given or _step(scene, rate)
-    run = MuJoCoRun(scene, step, rate)
+    step = given or _step(peer, scene, rate)
+    run = peer.run(scene, step, rate)
     windows = Windows(
         run, rate, lambda: seconds.is_over(_WINDOWS_PART), hand_over=_put)
     failure = ''
@@ -79,18 +108,18 @@ def _judge(stress: StressScene, parameters: dict[str, Any], seconds: Clock) -> F
         failure = str(error)
     except Interrupted:
         if not run.time > _ENOUGH * stress.duration:
-            return _alone(stress, MuJoCoRun(scene, step, rate), rate, seconds)
+            return _alone(peer, stress, peer.run(scene, step, rate), rate, seconds)
     run.should_stop = None
     added = windows.result()
     found = Finding(
-        stress.seed, stress.kind, Verdict.WITHIN, method='MuJoCo RK4', bodies=scene.body_count,
+        stress.seed, stress.kind, Verdict.WITHIN, method=peer.method, bodies=scene.body_count,
         steps=run.step_count, is_given=given > 0.0, time=run.time, added=added.error,
         promised=added.promised, windows=added.windows, unjudged=added.unjudged)
     if failure:
-        right = _goes_on(scene, step, rate, stress.duration)
+        right = _goes_on(peer, scene, step, rate, stress.duration)
         return found._replace(
             verdict=Verdict.STOPPED if right else Verdict.WRONGLY_STOPPED, detail=failure)
-    if other := _other_bits(run, scene, step, rate):
+    if other := _other_bits(peer, run, step, rate):
         return found._replace(verdict=Verdict.OTHER_BITS, compared=True, detail=other)
     growth, distance, reason = far_tighter(
         run, rate, run.time, lambda: seconds.is_over(_WHOLE_PART))
@@ -104,7 +133,9 @@ def _judge(stress: StressScene, parameters: dict[str, Any], seconds: Clock) -> F
     return verdict
 
 
-def _alone(stress: StressScene, run: MuJoCoRun, rate: float, seconds: Clock) -> Finding:
+def _alone(
+    peer: Peer, stress: StressScene, run: PeerRun, rate: float, seconds: Clock
+) -> Finding:
     """The class of a run beside which tighter ones took too long."""
     clock = seconds.another()
     run.should_stop = lambda: clock.is_over(_WINDOWS_PART)
@@ -112,7 +143,7 @@ def _alone(stress: StressScene, run: MuJoCoRun, rate: float, seconds: Clock) -> 
     try:
         run.advance_to(stress.duration)
     except SimulationError as error:
-        right = _goes_on(run.scene, run.step, rate, stress.duration)
+        right = _goes_on(peer, run.scene, run.step, rate, stress.duration)
         verdict, words = (
             Verdict.STOPPED if right else Verdict.WRONGLY_STOPPED), str(error)
     except Interrupted:
@@ -120,7 +151,7 @@ def _alone(stress: StressScene, run: MuJoCoRun, rate: float, seconds: Clock) -> 
             f'{run.step_count} steps of {run.step:.3g} s to t = {run.time:.6g} s of '
             f'{stress.duration:.6g} s')
     return Finding(
-        stress.seed, stress.kind, verdict, words, method='MuJoCo RK4', bodies=run.scene.body_count,
+        stress.seed, stress.kind, verdict, words, method=peer.method, bodies=run.scene.body_count,
         steps=run.step_count, time=run.time)
 
 
@@ -132,10 +163,10 @@ def _expressible(parameters: dict[str, Any]) -> dict[str, Any]:
             'solver.energy_limit', 'connector.obstruction')}
 
 
-def _step(scene: Scene, rate: float) -> float:
+def _step(peer: Peer, scene: Scene, rate: float) -> float:
     """The step [s] with which the method keeps the tolerance on an oscillation."""
     tolerance = float(str(scene.parameters['solver.tolerance'])) / rate
-    step = min((_AIM * tolerance / _ERROR) ** 0.25, _LONGEST) / rate
+    step = min((_AIM * tolerance / peer.error) ** (1.0 / peer.order), _LONGEST) / rate
     damping = float(np.max(scene.connectors.damping, initial=0.0))
     if damping > 0.0:
         shell, width = scene.shell, 0.5 * scene.geometry.cube_width
@@ -145,7 +176,7 @@ def _step(scene: Scene, rate: float) -> float:
 
 
 def _put(run: Any, other: Simulation) -> float:
-    """Have a tighter run begin where MuJoCo is; returns by how much its clock is behind [s]."""
+    """Have a tighter run begin where the other is; returns by how much its clock is behind [s]."""
     state = run.snapshot()
     other.reset_time()
     other.set_state(
@@ -154,13 +185,16 @@ def _put(run: Any, other: Simulation) -> float:
     return float(run.time)
 
 
-def _other_bits(run: MuJoCoRun, scene: Scene, step: float, rate: float) -> str:
-    """What a saved state in the middle changes; '': nothing."""
-    first, second = (MuJoCoRun(scene, step, rate) for _ in range(2))
+def _other_bits(peer: Peer, run: PeerRun, step: float, rate: float) -> str:
+    """What a saved state in the middle changes, or other pieces of the run; '': nothing."""
+    first, second = (peer.run(run.scene, step, rate) for _ in range(2))
     half = run.step_count // 2
     try:
         first.advance_steps(half)
-        second.restore(first.saved(), half)
+        if isinstance(second, MuJoCoRun):
+            second.restore(first.saved(), half)
+        else:
+            second.advance_steps(half)
         second.advance_steps(run.step_count - half)
     except SimulationError as error:
         return f'stopped elsewhere: {error}'
@@ -168,10 +202,12 @@ def _other_bits(run: MuJoCoRun, scene: Scene, step: float, rate: float) -> str:
     return '' if same else f'the state at t = {run.time!r} s differs'
 
 
-def _goes_on(scene: Scene, step: float, rate: float, duration: float) -> bool:
+def _goes_on(
+    peer: Peer, scene: Scene, step: float, rate: float, duration: float
+) -> bool:
     """Whether it does not stop with a shorter step."""
     for part in _SHORTER:
-        run = MuJoCoRun(scene, part * step, rate)
+        run = peer.run(scene, part * step, rate)
         if not math.isfinite(duration / run.step):
             return False
         try:
