@@ -39,6 +39,9 @@ UNIT: Size = (27, 27, 28)
 # A timed run takes steps of so many bodies in all, at least so many; and steps before it, which
 # bring the arrays back into the cache as far as they fit, and wake the threads.
 _BODY_STEPS, _FEWEST, _WARM_UP = 2_000_000, 10, 2
+# Health checks measure what steps err by, which takes as long as some dozen steps: from step 128
+# on, and ever less often. Where that many are timed these begin after so many.
+_FIRST_MEASUREMENT, _BEFORE = 128, 1_250
 # Waiting is measured in so many processes as there are rounds up to here, in one above.
 _QUICK = 12_000
 
@@ -114,6 +117,8 @@ def measure(
             say(f'{size[0]} x {size[1]} x {size[2]}, {"one thread" if threads else "threads"}')
             pair.append(_compile(size, threads))
         # The same for any number of threads.
+        if _count(pair[0]) >= _FIRST_MEASUREMENT:
+            pair[0].advance_steps(_BEFORE)
         start = pair[0].checkpoint()
         tasks += [partial(_block, simulation, start) for simulation in pair]
         simulations += pair
@@ -169,13 +174,18 @@ def _compile(size: Size, threads: int) -> Simulation:
 
 def _block(simulation: Simulation, start: Checkpoint) -> float:
     """Time of a step [s], from the same start each time."""
-    count = max(_FEWEST, _BODY_STEPS // simulation.scene.body_count)
+    count = _count(simulation)
 
     def prepare() -> None:
         simulation.restore(start)
         simulation.advance_steps(_WARM_UP)
 
     return timed(prepare, lambda: simulation.advance_steps(count), block=STEPS_BLOCK) / count
+
+
+def _count(simulation: Simulation) -> int:
+    """Steps that are timed."""
+    return max(_FEWEST, _BODY_STEPS // simulation.scene.body_count)
 
 
 def _check(simulation: Simulation) -> None:

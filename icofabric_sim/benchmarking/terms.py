@@ -43,17 +43,19 @@ BARE = 'bare scene: springs alone'
 ADAPTIVE = 'bare scene by dop8'
 UNWATCHED, KERNEL, LEANEST = (
     'without health checks', 'springs-only kernel', 'springs-only kernel, one kick a step')
-# Steps that are timed, after so many that are not. Two health checks each: the first one of a run
-# measures what its steps err by, which takes as long as some hundred steps. S3 meets its first
-# contact at step 922.
-_STEPS, _WARM_UP = 128, 128
+# Steps that are timed, with two health checks, after so many that are not. Some health checks
+# measure what steps err by, which takes as long as some hundred steps and comes ever less often:
+# in S3 at steps 576, 832, 1216 and 1792, by a table at 1152 and 1408; not in those that are timed.
+_STEPS, _WARM_UP = 128, 1250
+# S3 meets its first contact at step 922.
+_BEFORE_CONTACT = 600
 # Bodies that move less than the gaps between them; of contacts that such steps can follow.
 _CALM = {'velocity_sigma': 1e-3, 'spin_sigma': 0.04, 'seed': 1}
 _SOFT_CONTACT = {'mode': 'always', 'stiffness': 1e4}
 # Near the least angle, where faces nearly touch, and connectors that press them together [m].
 _FACES, _FACES_LENGTH = -0.3648, 0.999 * 0.02506719
-# The same for terms whose steps take a hundred times as long.
-_FEW_STEPS = 16
+# The same for terms whose steps take a hundred times as long; one measurement comes at step 128.
+_FEW_STEPS, _SHORT_WARM_UP = 16, 128
 _PUSH = {'force': [1e-3, 0.0, 5e-4], 'torque': [0.0, 1e-6, 0.0]}
 
 
@@ -67,6 +69,7 @@ class Term(NamedTuple):
     method: str = 'leapfrog'
     body_force: BodyForce | None = None
     steps: int = _STEPS
+    warm_up: int = _WARM_UP
 
     @property
     def over(self) -> str:
@@ -114,15 +117,16 @@ def terms(body: int) -> list[Term]:
         Term('dipoles in an electric field', {
             'charge': charge, 'field': {'electric': [0.0, 0.0, 1e4]}}),
         Term('charges on each other', {
-            'charge': {'per_body': 1e-8, 'mutual': True}}, steps=_FEW_STEPS),
-        Term('contact watch', {'contact': {'mode': 'auto'}}),
+            'charge': {'per_body': 1e-8, 'mutual': True}}, steps=_FEW_STEPS,
+            warm_up=_SHORT_WARM_UP),
+        Term('contact watch', {'contact': {'mode': 'auto'}}, warm_up=_BEFORE_CONTACT),
         Term('shells near each other', {
             'weave': {'connector_angle': -0.3}, 'contact': _SOFT_CONTACT,
             'initial_random': _CALM}),
         Term('faces that press on each other', {
             'weave': {'connector_angle': _FACES}, 'contact': _SOFT_CONTACT,
             'connector': {**FABRIC['connector'], 'natural_length': _FACES_LENGTH},
-            'initial_random': _CALM}, steps=_FEW_STEPS),
+            'initial_random': _CALM}, steps=_FEW_STEPS, warm_up=_SHORT_WARM_UP),
         Term('direction cosines', {}, rotation='direction_cosines'),
         Term(f'team of {core_count()} threads', {}, threads=0),
         Term(ADAPTIVE, {}, method='dop8'),
@@ -142,7 +146,7 @@ def terms(body: int) -> list[Term]:
         Term('body force, compiled', {}, method='dop8', body_force=BodyForce(
             _pull, compiled=True)),
         Term('body force, called by Python', {}, method='dop8', body_force=BodyForce(
-            _pull_all, compiled=False), steps=_FEW_STEPS),
+            _pull_all, compiled=False), steps=_FEW_STEPS, warm_up=_SHORT_WARM_UP),
         Term('an anchor', {'anchors': {'hook': {
             'body': 0, 'edge': 'up', 'position': [0.0, 0.0, 0.0485]}}}),
         Term('connectors around their shells', {'connector': {'obstruction': 'wrap'}}),
@@ -236,7 +240,7 @@ def measure(
         rows.append(Cost(
             label, simulation.scene.body_count, [], sum(arrays_of(simulation).values()),
             term.over))
-        tasks.append(partial(_block, simulation, term, _start(simulation)))
+        tasks.append(partial(_block, simulation, term, _start(simulation, term.warm_up)))
     kernels, instructions = [], []
     say('kernels')
     kernels.append((UNWATCHED, bare_kernels.package_kernel(bare.packed)))
@@ -275,9 +279,9 @@ def compile_term(size: Size, term: Term) -> Simulation:
     return simulation
 
 
-def _start(simulation: Simulation) -> Checkpoint:
+def _start(simulation: Simulation, warm_up: int) -> Checkpoint:
     """Where every timed run of a scene begins: past its first steps, with all kernels loaded."""
-    simulation.advance_steps(_WARM_UP)
+    simulation.advance_steps(warm_up)
     return simulation.checkpoint()
 
 
@@ -296,7 +300,7 @@ def _block(simulation: Simulation, term: Term, start: Checkpoint) -> float:
 
 def _kernel_block(bare: Simulation, run: Kernel) -> float:
     start, room = fresh(bare.packed, bare.scene)
-    run(start, room, _WARM_UP)
+    run(start, room, _SHORT_WARM_UP)
     state, work = fresh(bare.packed, bare.scene)
 
     def prepare() -> None:

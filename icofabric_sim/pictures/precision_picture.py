@@ -29,6 +29,8 @@ HEADER = ('solver', 'tool', 'setting_kind', 'setting', 'error', 'time_s', 'time_
           'time_high_s', 'rounds')
 SIZE = (7.0, 5.0)
 _DASHES = ('-', '--', ':', '-.')
+# Curves whose names have room beside them; those of more stand on the right.
+_WITHIN = 7
 
 
 class PrecisionPoint(NamedTuple):
@@ -94,5 +96,8 @@ def draw_work_precision(
         axes.set(xscale='log', yscale='log', xlabel='time [s], one thread',
                  ylabel='error at the end (over a, rad)')
         axes.set_title(title or 'work and precision', loc='left')
-        axes.legend()
+        if len(curves) > _WITHIN:
+            axes.legend(loc='upper left', bbox_to_anchor=(1.0, 1.0))
+        else:
+            axes.legend()
         save_figure(figure, path)
