@@ -25,6 +25,7 @@ from icofabric_sim.studies.stress.kinds import Kind, KINDS
 from icofabric_sim.studies.stress.peers import judge_peer, PEERS
 from icofabric_sim.studies.stress.scenes import draw_scene, seeds_of, StressScene
 from icofabric_sim.studies.stress.verdict import Verdict
+import numpy as np
 import pytest
 
 needs_mujoco = pytest.mark.skipif(find_spec('mujoco') is None, reason='needs MuJoCo')
@@ -103,6 +104,24 @@ def test_a_step_beyond_its_limit_is_seen():
         **WOVEN, 'weave.size': [2, 2, 2], 'duration': 1.0, 'solver.step': 1e-2}, {})
     finding = judge_peer('mujoco', scene, seconds=1.0)
     assert finding.verdict is Verdict.STOPPED and 'MuJoCo' in finding.detail, finding
+
+
+@needs_lammps
+def test_loose_bodies_fall_in_lammps_as_they_should():
+    scene = Scene.from_parameters(WOVEN | {
+        'weave.connected': False, 'gravity': [0.3, 0.1, -2.0], 'connector.natural_length': 0.0})
+    own = compile_scene(scene)
+    own.advance_to(0.02)
+    assert np.abs(own.snapshot().position - scene.position).max() > 1e-3
+    turned = []
+    for step in (1e-3, 5e-4):
+        run = PEERS['lammps'].run(scene, step, 1e3)
+        run.advance_steps(round(0.02 / step))
+        assert run.snapshot().position == pytest.approx(own.snapshot().position, abs=1e-14)
+        turned.append(distance_between(
+            run.snapshot(), own.snapshot(), scene.geometry.half_edge))
+    # NO_SQUISH turns a free body to order 2, too.
+    assert turned[0] < 1e-5 and 3.9 < turned[0] / turned[1] < 4.1
 
 
 @needs_lammps

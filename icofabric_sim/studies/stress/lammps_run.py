@@ -142,7 +142,7 @@ class LammpsRun:
             unit = scene.shell.mass * rate**2
             lines += [
                 f'bond_coeff {number + 1} {0.5 * float(stiffness) / unit!r} {float(length) / a!r}'
-                for number, (stiffness, length) in enumerate(laws)]
+                for number, (stiffness, length) in enumerate(laws)] or ['bond_coeff 1 0.0 1.0']
             lines += ['neigh_modify once yes', 'group centres type 2']
             if gravity.any():
                 lines.append('fix gravity centres addforce ' + _numbers(gravity))
