@@ -215,7 +215,7 @@ def test_a_fast_machine_follows_the_same_motions_as_a_slow_one(monkeypatch, meas
     slow = timed_motions(monkeypatch, measure, 1.0)
     assert slow == timed_motions(monkeypatch, measure, 1e-3)
     # All rounds begin in the same state.
-    assert max(start for _, start, _ in slow) <= 128
+    assert max(start for _, start, _ in slow) <= max(terms._WARM_UP, scaling._BEFORE) + 2
     assert 20 < max(steps for _, _, steps in slow)
 
 
