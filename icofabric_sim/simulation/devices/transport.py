@@ -82,7 +82,7 @@ class Transport:
                 self._turns.wait_for(lambda: self._served == ticket)
             yield
         finally:
-            # Also of a thread that was interrupted: a ticket that nobody gives back stops all.
+            # Also after an interrupt: a ticket that is not given back blocks all other threads.
             with self._turns:
                 self._served += 1
                 self._turns.notify_all()

@@ -25,7 +25,7 @@ from typing import Any
 from icofabric_sim.geometry.rotations import cosines_from_quaternions
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.errors import Interrupted, SimulationError
-from icofabric_sim.studies.stress.peer_state import State
+from icofabric_sim.studies.stress.peer_state import State, steps_until
 import numpy as np
 
 # Terms of a kind of scenes that are the same forces there. Loads are left out of the scene.
@@ -69,8 +69,7 @@ class MuJoCoRun:
     def advance_to(self, time: float) -> None:
         """Take whole steps, of which the last ends at a `time` [s] or after it."""
         while self.time < time:
-            left = (time - self.time) / self.step
-            self.advance_steps(int(min(max(np.ceil(left), 1), _LOOK)))
+            self.advance_steps(steps_until(self.time, time, self.step, _LOOK))
 
     def advance_steps(self, count: int) -> None:
         """Take so many steps; raises SimulationError where it warns, and Interrupted."""

@@ -11,8 +11,9 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""State of a run in another program, in our units and frames."""
+"""State of a run in another program, in our units and frames, and its steps."""
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -26,3 +27,8 @@ class State(NamedTuple):
     linear_velocity: np.ndarray  # (n, 3) [m/s]
     angular_velocity: np.ndarray  # (n, 3) [rad/s]
     intact: np.ndarray  # (c,) bool: nothing breaks
+
+
+def steps_until(now: float, time: float, step: float, most: int) -> int:
+    """Count the steps of `step` [s] to a later `time` [s] or beyond it: one at least, or `most`."""
+    return int(min(max(math.ceil((time - now) / step), 1), most))
