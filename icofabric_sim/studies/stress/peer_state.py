@@ -30,5 +30,5 @@ class State(NamedTuple):
 
 
 def steps_until(now: float, time: float, step: float, most: int) -> int:
-    """Count the steps of `step` [s] to a later `time` [s] or beyond it: one at least, or `most`."""
+    """Count steps of `step` [s] to a later `time` [s] or beyond it: one at least, or `most`."""
     return int(min(max(math.ceil((time - now) / step), 1), most))
