@@ -307,6 +307,17 @@ class EventLoop:
         if done == 0:
             self._handle_events(due)
 
+    def state(self) -> State:
+        """
+        The state at the present time; after a failure the last good one, whose time it is then.
+        """
+        try:
+            return self.driver.state_at(self.time)
+        except SimulationError:
+            self.time = self.driver.time
+            self.changes += 1
+            raise
+
     def apply(self, target: Target, value: Value, time: float) -> None:
         """Let an input act from `time` [s] on, now or later."""
         self.inputs.queue.put(time, target, value)

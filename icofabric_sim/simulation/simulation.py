@@ -210,7 +210,7 @@ class Simulation:
     def snapshot(self) -> Snapshot:
         """Copy of the state at the present time."""
         if self._cached is None or self._cached_at != self._event_loop.changes:
-            state = self.packed.layout.unpack(self._driver.state_at(self.time))
+            state = self.packed.layout.unpack(self._event_loop.state())
             for array in state:
                 array.flags.writeable = False
             self._cached = Snapshot(
@@ -224,14 +224,14 @@ class Simulation:
     def reactions(self) -> Reactions:
         """What supports, drives, anchors and planes bear at the present time."""
         with self._deferred:
-            state = self._driver.state_at(self.time)
+            state = self._event_loop.state()
             return self._load_cells.reactions(
                 self._driver, state, self.time, self.inputs.anchor_points(self.time))
 
     def contacts(self) -> ContactForces:
         """What touches at the present time: where, and the force, with damping and friction."""
         with self._deferred:
-            return self._load_cells.contacts(self._driver, self._driver.state_at(self.time))
+            return self._load_cells.contacts(self._driver, self._event_loop.state())
 
     def tensions(self) -> np.ndarray:
         """

@@ -47,7 +47,7 @@ class SimulationStatus:
     def touching(self) -> Touching:
         """The pairs of shells, and of shells and planes, that touch at the present time."""
         driver = self._driver
-        return driver.contact.touching(driver.state_at(self._event_loop.time))
+        return driver.contact.touching(self._event_loop.state())
 
     def fastest_place(self) -> str:
         """

@@ -128,6 +128,21 @@ def test_states_within_a_step_are_as_good_as_its_end():
     assert implicit.status.step_count < 4000
 
 
+def test_a_step_that_cannot_be_solved_shows_no_state():
+    """Neither at its end nor within it; the last good state is there."""
+    fast = {**FABRIC, 'initial_random': {'velocity_sigma': 20.0, 'spin_sigma': 2.0, 'seed': 3},
+            'connector': {'bending_stiffness': 1e-3, 'twisting_stiffness': 1e-3},
+            'solver': {'method': 'sdirk4', 'step': 0.2}}
+    for time in (0.08, 0.5):
+        simulation = ico.compile_scene(ico.Scene.from_parameters(fast))
+        start = simulation.snapshot().position
+        with pytest.raises(ico.SimulationError, match='a smaller solver.step'):
+            simulation.advance_to(time)
+            simulation.snapshot()
+        assert simulation.time == 0.0
+        assert (simulation.snapshot().position == start).all()
+
+
 def test_pieces_and_checkpoints_give_the_same_bits():
     whole, pieces = run(STIFF, 'sdirk4', 0.03), run(STIFF, 'sdirk4', 0.0)
     for time in (0.001, 0.0047, 0.0123, 0.02):

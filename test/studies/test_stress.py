@@ -291,6 +291,13 @@ def test_refusals_that_chance_brings_in_changes_are_right(seed):
     assert judge(draw_scene(seed)).verdict is Verdict.REFUSED
 
 
+@pytest.mark.long
+def test_a_run_up_to_a_change_that_has_too_long_a_step_stops():
+    """It went on from places that are no numbers, into an error of the factorisation."""
+    found = judge(draw_scene(34359760037))
+    assert found.verdict is Verdict.STOPPED and 'solver.step' in found.detail, found
+
+
 def test_later_seeds_change_scenes_while_they_run():
     drawn = [draw_scene(2**34 + seed) for seed in range(400)]
     changing = [scene for scene in drawn if scene.change]

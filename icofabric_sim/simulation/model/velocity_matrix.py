@@ -75,8 +75,14 @@ class VelocityMatrix:
         self._moved, self._turns = room(18 * slots), room(3, slots)
         self._vector, self._product = room(6, slots), room(6, slots)
 
-    def factors(self, model: Model, state: State, points: np.ndarray, g: float) -> 'Factors':
-        """Factor it for a time `g` [s] in a configuration whose attachment `points` are placed."""
+    def factors(
+        self, model: Model, state: State, points: np.ndarray, g: float
+    ) -> 'Factors | None':
+        """
+        Factor it for a time `g` [s] in a configuration whose attachment `points` are placed.
+
+        None where it is singular.
+        """
         from scipy.sparse.linalg import splu
 
         tangent_springs(
@@ -98,9 +104,12 @@ class VelocityMatrix:
         matrix, places = self._pattern
         blocks[self._own] = own
         matrix.data[:] = blocks.ravel()[places]
-        return Factors(splu(
-            matrix, permc_spec='NATURAL', diag_pivot_thresh=0.0,
-            options={'SymmetricMode': True}), self._order)
+        try:
+            return Factors(splu(
+                matrix, permc_spec='NATURAL', diag_pivot_thresh=0.0,
+                options={'SymmetricMode': True}), self._order)
+        except RuntimeError:
+            return None
 
     def _tangent(self, model: Model, g: float) -> Model:
         """The model with the springs of a stage, and moments that are as much weaker."""

@@ -137,7 +137,7 @@ class _Kept(NamedTuple):
 
     time: float
     state: State
-    factors: Factors
+    factors: Factors | None
 
 
 class ImplicitSteps:
@@ -391,7 +391,7 @@ class ImplicitSteps:
         left = look_at(velocity)
         size = self._size(left)
         for _ in range(_MOST):
-            if not math.isfinite(size):
+            if factors is None or not math.isfinite(size):
                 return False
             change = factors.solve((left * self._root).ravel()).reshape(left.shape) / self._root
             correction = g * float(np.abs(change * self._part).max(initial=0.0))
@@ -428,7 +428,7 @@ class ImplicitSteps:
         with np.errstate(over='ignore', invalid='ignore'):
             return float(np.sqrt(((left * self._root)**2).sum()))
 
-    def _factors(self, model: Model, saved: State, work: Work, g: float) -> Factors:
+    def _factors(self, model: Model, saved: State, work: Work, g: float) -> Factors | None:
         """Factors for a time `g` [s], of the state that was saved last."""
         for kept in self._kept:
             if kept.time == g and all(

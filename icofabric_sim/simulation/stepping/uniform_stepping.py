@@ -29,6 +29,7 @@ from icofabric_sim.simulation.state_tree import StateTree
 from icofabric_sim.simulation.stepping.faults import too_fast
 from icofabric_sim.simulation.stepping.pieces import Pieces, Stepping
 from icofabric_sim.simulation.stepping.shown_energies import work_of
+import numpy as np
 
 # Above it steps cannot be counted in doubles.
 _MOST_STEPS = 2.0**53
@@ -278,6 +279,11 @@ class UniformStepping:
             work=work_of(trajectory.loads, loads), spent=spent + trials.spent,
             given=given + trials.given)
         trajectory.require_body_force()
+        if not np.isfinite(state.position).all():
+            trajectory.fail(
+                f'no step of {rest:.6g} s leads from t = {trajectory.time:.9g} s to a state at '
+                f't = {time:.9g} s; take a smaller solver.step, or 0 to have it chosen; the last '
+                f'good state, of t = {trajectory.time:.9g} s, is kept')
         return state
 
     def follow_loads(self) -> None:

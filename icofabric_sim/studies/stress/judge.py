@@ -202,7 +202,10 @@ class _Judge:
             # A connector is in its shell: the run cannot begin there, and a node keeps the one
             # before a change.
             right = 'connector.obstruction is stop' in str(error) and (
-                scene.parameters['connector.obstruction'] == 'stop')
+                scene.parameters['connector.obstruction'] == 'stop') or (
+                self._was_too_long_before(str(error)))
+            if right is None:
+                return _finding(stress, Verdict.UNJUDGED, str(error))
             return _finding(
                 stress, Verdict.STOPPED if right else Verdict.WRONGLY_STOPPED, str(error))
         except Interrupted:
@@ -328,6 +331,27 @@ class _Judge:
             run.take_over(earlier, keep_motion=not restarts_motion(
                 self._before.parameters, scene.parameters))
         return run
+
+    def _was_too_long_before(self, text: str) -> bool | None:
+        """
+        Whether the run up to the change stopped for its given step, and with a shorter one does not.
+
+        None: there was no time.
+        """
+        if self._before is None or 'solver.step' not in text:
+            return False
+        clock, step = self._clock.another(), float(str(self._before.parameters['solver.step']))
+        for part in (*_SHORTER, 0.0) if step else ():
+            run = compile_scene(self._before.with_changes({'solver.step': part * step}))
+            run.should_stop = clock.is_over
+            try:
+                run.advance_to(self._start)
+            except SimulationError:
+                continue
+            except Interrupted:
+                return None
+            return True
+        return False
 
     def _is_refused_anyway(self, refused: ValueError) -> bool:
         """Whether a spoiled scene is refused for the same without what was spoiled."""
