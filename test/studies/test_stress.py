@@ -411,8 +411,10 @@ def test_two_threads_have_the_work_of_one_between_them(plant):
     assert finding.verdict is Verdict.WITHIN and finding.shared, finding
 
     def alike(self, member):
-        # Both compute the blocks of the first.
-        return team(self, 0)
+        # Both push the blocks of the first.
+        own, pushes = team(self, member), team(self, 0).sweep.pushes
+        return own._replace(sweep=own.sweep._replace(
+            pushes=np.resize(pushes, own.sweep.pushes.shape)))
 
     team = thread_team.ThreadTeam.team
     plant(thread_team.ThreadTeam, 'team', alike)
