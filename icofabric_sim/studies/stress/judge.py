@@ -334,7 +334,7 @@ class _Judge:
 
     def _was_too_long_before(self, text: str) -> bool | None:
         """
-        Whether the run up to the change stopped for its given step, and with a shorter one does not.
+        Whether the run up to the change stopped for its given step, and a shorter one does not.
 
         None: there was no time.
         """
