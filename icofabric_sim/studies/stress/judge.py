@@ -201,13 +201,10 @@ class _Judge:
         except SimulationError as error:
             # A connector is in its shell: the run cannot begin there, and a node keeps the one
             # before a change.
-            right = 'connector.obstruction is stop' in str(error) and (
+            had_to = 'connector.obstruction is stop' in str(error) and (
                 scene.parameters['connector.obstruction'] == 'stop') or (
                 self._was_too_long_before(str(error)))
-            if right is None:
-                return _finding(stress, Verdict.UNJUDGED, str(error))
-            return _finding(
-                stress, Verdict.STOPPED if right else Verdict.WRONGLY_STOPPED, str(error))
+            return _finding(stress, _stop(had_to), str(error))
         except Interrupted:
             return self._slow(run)
         # A single body has no step that is too long.
@@ -375,9 +372,8 @@ class _Judge:
         if right is False and not found.is_given and found.added <= found.promised:
             # It kept its promise until then, and what it advises may help.
             right = self._is_way_out(text, scene)
-        verdict = Verdict.STOPPED if right else Verdict.WRONGLY_STOPPED
+        verdict = _stop(right)
         if right is None:
-            verdict = Verdict.UNJUDGED
             text = f'there was no time to try a shorter step; {text}'
         return found._replace(verdict=verdict, detail=' '.join(text.split()))
 
@@ -546,6 +542,13 @@ class _Judge:
             else:
                 return True
         return False
+
+
+def _stop(had_to: bool | None) -> Verdict:
+    """The class of a run that stopped; None: it is not known whether it had to."""
+    if had_to is None:
+        return Verdict.UNJUDGED
+    return Verdict.STOPPED if had_to else Verdict.WRONGLY_STOPPED
 
 
 def classed(found: Finding, lacks: str, growth: Growth | None, distance: float) -> Finding:
