@@ -22,6 +22,7 @@ from icofabric_sim.kernels.records import Loads, State
 from icofabric_sim.scene.initial import InitialState
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.contact.broad_phase import BroadPhase
+from icofabric_sim.simulation.contact.friction_state import frequency_of
 from icofabric_sim.simulation.errors import SimulationError
 from icofabric_sim.simulation.input_types import Target, Value
 from icofabric_sim.simulation.inputs import Inputs
@@ -106,9 +107,12 @@ class EventLoop:
             stiff = None
             if is_damped(scene) and not fixed > 0.0 and not (
                     why_not_implicit(scene, outside=packed.external is not None)):
+                contact = packed.contact
                 stiff = for_damping(
                     parameters['solver.tolerance'], frequency.rate, packed.velocity_rate,
-                    scene.body_count)
+                    scene.body_count,
+                    touching=0.0 if contact is None or not contact.expected else (
+                        frequency_of(packed.model, contact)))
             self.method = stiff or required
             loads = self._loads()
         elif self.method.name == 'auto':

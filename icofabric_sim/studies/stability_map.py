@@ -132,11 +132,8 @@ def products_of(method: str) -> tuple[float, ...]:
 
 def methods_of(fabric: str, methods: Sequence[str] = MAPPED) -> list[str]:
     """Those of the `methods` that can integrate a fabric: where connectors break only one."""
-    values = FABRICS[fabric]
-    needed = required_method(Scene.from_parameters(values))
-    return [
-        name for name in methods if (needed is None or name == needed.name) and not (
-            _touches(values) and name in IMPLICIT)]
+    needed = required_method(Scene.from_parameters(FABRICS[fabric]))
+    return [name for name in methods if needed is None or name == needed.name]
 
 
 def cell_line(cell: Cell) -> str:

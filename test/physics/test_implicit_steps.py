@@ -14,7 +14,12 @@
 """Implicit steps: their order, momenta, tolerance where damping is stiff, and the same bits."""
 
 import icofabric_sim as ico
+from icofabric_sim.geometry.rotations import turned_by
+from icofabric_sim.kernels.flows import place_all
+from icofabric_sim.simulation.model.packing import pack_scene
+from icofabric_sim.simulation.model.velocity_matrix import VelocityMatrix
 from icofabric_sim.simulation.stepping.thread_team import teams_of
+from icofabric_sim.statics.fabric import Configuration, StaticFabric
 import numpy as np
 import pytest
 
@@ -166,6 +171,83 @@ def test_one_thread_takes_them_whatever_is_asked_for():
     assert bits(alone) == bits(beside)
 
 
+# Damped far beyond the critical, and pressed together by planes from the start.
+PRESSED = {
+    'weave': {'size': [3, 3, 3], 'connector_angle': -0.3},
+    'contact': {'mode': 'auto', 'stiffness': 4e4},
+    'connector': {'damping': 200.0, 'bending_stiffness': 1e-3, 'twisting_stiffness': 1e-3},
+    'planes': {
+        'floor': {'normal': [0.0, 0.0, 1.0], 'offset': -0.0162},
+        'wall': {'normal': [1.0, 0.0, 0.0], 'offset': -0.0163}},
+    'groups': {'far': 'x_max'},
+    'loads': {'push': {'group': 'far', 'frame': 'world', 'force': [-2.0, 0.3, -1.0]}},
+}
+
+
+@pytest.mark.parametrize('tolerance', [1e-2, 1e-3])
+def test_the_tolerance_is_kept_where_shells_touch(tolerance):
+    """For as long as errors do not grow: later bounces make them a hundred times as large."""
+    duration = 0.01
+    exact = run(PRESSED, 'dop8', duration, tolerance=1e-7)
+    assert len(exact.contacts().bodies) > 3
+    implicit = run(PRESSED, 'sdirk4', duration, tolerance=tolerance)
+    error = distance(implicit.snapshot(), exact.snapshot())
+    assert 0.0 < error < tolerance * duration
+    assert implicit.status.step_count < 0.1 * exact.status.step_count
+    assert implicit.balance.error_in_parts < 0.01
+
+
+def test_where_contacts_are_looked_for_changes_no_bit():
+    """Nor do pieces and a checkpoint on the way."""
+    runs = [run({**PRESSED, 'contact': {**PRESSED['contact'], 'mode': mode}}, 'sdirk4', 0.02)
+            for mode in ('auto', 'always')]
+    assert bits(runs[0]) == bits(runs[1])
+    pieces = run(PRESSED, 'sdirk4', 0.0)
+    for time in (0.003, 0.0071):
+        pieces.advance_to(time)
+        pieces.snapshot()
+    restored = run(PRESSED, 'sdirk4', 0.0)
+    restored.restore(pieces.checkpoint())
+    for simulation in (pieces, restored):
+        simulation.advance_to(0.02)
+        assert bits(simulation) == bits(runs[0])
+
+
+@pytest.mark.parametrize('form', ['quaternion', 'direction_cosines'])
+def test_the_matrix_knows_what_touches(form):
+    """It is 1 + g^2 M^-1/2 H M^-1/2, with the H that statics has."""
+    scene = ico.Scene.from_parameters({
+        **PRESSED, 'connector': {'stiffness': 300.0}, 'weave': {
+            'size': [3, 3, 3], 'connector_angle': -0.3648}})
+    rng = np.random.default_rng(1)
+    shift, turn = (size * rng.normal(size=(scene.body_count, 3)) for size in (2e-4, 2e-2))
+    position, orientation = (
+        scene.initial.position + shift, turned_by(turn, scene.initial.orientation))
+    packed, g = pack_scene(scene, cosines=form == 'direction_cosines'), 1e-3
+    held = np.zeros((scene.body_count, 6), bool)
+    held[0] = True
+    motion = rng.normal(size=held.shape)
+    motion[held] = 0.0
+    state = packed.layout.pack(scene.initial._replace(position=position, orientation=orientation))
+    work = packed.layout.room(packed.model.links)
+    place_all(packed.model, state, work, 0, len(packed.layout.blocks.slot))
+    factors = VelocityMatrix(packed, scene.weave.grid, held).factors(
+        packed.model, state, work.points, g)
+    here = Configuration(StaticFabric(scene), position, orientation)
+    assert len(here.contact_blocks[0]) > 10 and (here.touching.planes[0].size > 0)
+    root = np.sqrt(np.repeat([packed.model.inverse_mass, packed.model.inverse_inertia], 3))
+
+    def changed(pairs):
+        return motion + g * g * root * np.where(held, 0.0, here.times(root * motion, pairs=pairs))
+
+    def found(right):
+        return factors.solve(right.ravel()).reshape(motion.shape)
+
+    assert found(changed(True)) == pytest.approx(motion, abs=1e-8)
+    # The forces of contacts are no small part of it.
+    assert np.abs(found(changed(False)) - motion).max() > 0.1
+
+
 def test_auto_takes_them_where_damping_is_far_beyond_the_vibrations():
     for damping, method in ((0.5, 'dop8'), (4000.0, 'sdirk4')):
         simulation = run(
@@ -174,7 +256,8 @@ def test_auto_takes_them_where_damping_is_far_beyond_the_vibrations():
 
 
 @pytest.mark.parametrize('changes, named', [
-    ({'contact': {'mode': 'auto'}}, 'contact.mode is auto'),
+    ({'contact': {'mode': 'auto', 'damping': 1.0}}, 'contact.damping'),
+    ({'contact': {'mode': 'always', 'friction': 0.1}}, 'contact.friction'),
     ({'connector': {'obstruction': 'wrap'}}, 'connector.obstruction is wrap'),
     ({'connector': {'break_length_extension': 0.1}}, 'connectors that break'),
     ({'charge': {'per_body': 1e-9}}, 'charge.per_body'),

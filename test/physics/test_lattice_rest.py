@@ -19,8 +19,9 @@ from fabrics import changed, make_scene
 import icofabric_sim as ico
 from icofabric_sim.commands.main import main
 from icofabric_sim.geometry.rotations import cosines_from_quaternions, turned_by
+from icofabric_sim.simulation.contact.pair_forces import PAIRS
 from icofabric_sim.simulation.contact.setup import pack_contact
-from icofabric_sim.statics.contacts import PAIRS, StaticContacts
+from icofabric_sim.statics.contacts import StaticContacts
 from icofabric_sim.statics.lattice import VOIGT
 from icofabric_sim.statics.periodic import make_cell, sample_zone
 import numpy as np
@@ -85,7 +86,7 @@ def cell_energy(scene, gradient, vector):
         scene.with_changes({'weave.size': [5, 5, 5]}), np.zeros(3), moving=False)
     contacts = StaticContacts(setup, piece.body_count)
     pairs = np.column_stack([np.full(int(ahead.sum()), body), np.flatnonzero(ahead)])
-    _, pushes, _, _ = contacts._wrenches(place[pairs], axes[pairs], PAIRS)
+    _, pushes, _, _ = contacts._forces.wrenches(place[pairs], axes[pairs], PAIRS)
     return energy + float(pushes.sum())
 
 

@@ -50,7 +50,7 @@ from icofabric_sim.kernels.contact.stiffness import largest_stiffness
 from icofabric_sim.kernels.records import Blocks, Contacts, Model, Sleep, State, Watch
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.kernels.runtime.outlined import address_of
-from icofabric_sim.simulation.contact.friction_state import FrictionState
+from icofabric_sim.simulation.contact.friction_state import FrictionState, lightest
 from icofabric_sim.simulation.contact.neighbour_list import Near, NeighbourList
 from icofabric_sim.simulation.contact.passing import (
     bezier_points,
@@ -162,8 +162,7 @@ class BroadPhase:
         unused[STRIDE] = 2.0**62
         self._trial_watch = self._watch._replace(far=np.zeros(8 * threads), limits=unused)
         # Bound of what one contact adds to the squared frequency of its bodies [1/s^2].
-        self.stretches = FrictionState(setup, max(
-            model.inverse_mass, setup.half_edge**2 * model.inverse_inertia))
+        self.stretches = FrictionState(setup, lightest(model, setup))
         self.least_rate = self.stretches.least_rate
         self._rows = aligned_empty((6, layout.slot_count if layout.body_count else 0))
         # The last ones that were made, of which the next take over what stays.

@@ -18,7 +18,7 @@ from typing import Any
 
 from icofabric_sim.geometry.icosahedron import circumscribed_radius
 from icofabric_sim.kernels.contact.listing import carry_over, find_both
-from icofabric_sim.kernels.records import ContactLosses, Contacts
+from icofabric_sim.kernels.records import ContactLosses, Contacts, Model
 from icofabric_sim.simulation.contact.setup import ContactSetup
 from icofabric_sim.simulation.model.layout import aligned_empty
 from icofabric_sim.simulation.state_tree import StateTree
@@ -41,6 +41,16 @@ _KEPT_SLOPES = 13
 def contact_losses(contacts: Contacts | None) -> ContactLosses | None:
     """Return what contacts lose energy by; None where nothing is near, or nothing is lost."""
     return None if contacts is None else contacts.losses
+
+
+def lightest(model: Model, setup: ContactSetup) -> float:
+    """The larger of 1 / M and a^2 / Lambda [1/kg] of bodies, see CURVATURE."""
+    return float(max(model.inverse_mass, setup.half_edge**2 * model.inverse_inertia))
+
+
+def frequency_of(model: Model, setup: ContactSetup) -> float:
+    """The highest frequency [rad/s] of two bodies that push each other."""
+    return math.sqrt(CURVATURE * setup.stiffness * lightest(model, setup))
 
 
 class FrictionState:

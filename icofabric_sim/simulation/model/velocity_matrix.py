@@ -16,18 +16,23 @@ What a change of the velocities in an implicit step changes, as a sparse matrix 
 
 A body and its neighbours lie on 13 points of a face-centred cubic lattice, and the number
 (x + 3 y + 4 z) mod 13 of a grid point is different for all of them. So 13 times 6 products with
-vectors that are 1 at all bodies of one number give the whole matrix, of any fabric.
+vectors that are 1 at all bodies of one number give the whole matrix, of any fabric. What touches
+is added pair by pair.
 """
 
-from typing import Any
+from typing import Any, NamedTuple
 
+from icofabric_sim.geometry.rotations import cosines_from_quaternions
 from icofabric_sim.kernels.integrators.diagonal import assemble, tangent_springs
 from icofabric_sim.kernels.records import LINK_COUNT, Model, State, Variety
+from icofabric_sim.simulation.contact.pair_forces import PairForces
 from icofabric_sim.simulation.model.layout import aligned_empty
 from icofabric_sim.simulation.model.packing import PackedScene
 import numpy as np
 
 _COLOURS, _STEPS = 13, np.array([1, 3, 4])
+# Patterns that are kept, each of other pairs that touch.
+_KEPT = 4
 
 
 class VelocityMatrix:
@@ -39,8 +44,12 @@ class VelocityMatrix:
     as they are: theirs are those of the unit matrix.
     """
 
-    def __init__(self, packed: PackedScene, grid: np.ndarray, driven: np.ndarray) -> None:
-        """Find which bodies meet; `grid` (g, 3) of the woven bodies, `driven` their numbers."""
+    def __init__(self, packed: PackedScene, grid: np.ndarray, held: np.ndarray) -> None:
+        """
+        Find which bodies are joined; `grid` (g, 3) of the woven bodies.
+
+        `held`: freedoms (n, 6) that are, and all of those of driven bodies.
+        """
         self._model, self._slot = packed.model, packed.layout.slot
         count = packed.layout.body_count
         self._colour = np.zeros(count, np.int64)
@@ -55,15 +64,13 @@ class VelocityMatrix:
         rows, colours = np.nonzero((partner >= 0).T)
         columns = partner[colours, rows]
         order = np.lexsort((columns, rows))
-        rows, columns, colours = rows[order], columns[order], colours[order]
+        self._rows, self._columns, colours = rows[order], columns[order], colours[order]
         self._pair = np.full((_COLOURS, count), -1, np.int64)
-        self._pair[colours, rows] = np.arange(len(rows))
-        self._blocks = np.zeros((len(rows), 6, 6))
-        is_driven = np.zeros(count, bool)
-        is_driven[driven] = True
-        self._apart = is_driven[rows] | is_driven[columns]
-        self._own = np.flatnonzero(rows == columns)
-        self._order, self._pattern = _elimination(rows, columns, count)
+        self._pair[colours, self._rows] = np.arange(len(rows))
+        self._joined = np.zeros((len(rows), 6, 6))
+        self._free = np.where(held, 0.0, 1.0)
+        self._forces = None if packed.contact is None else PairForces(packed.contact)
+        self._patterns: dict[bytes, _Pattern] = {}
         slots = packed.layout.slot_count
 
         def room(*shape: int) -> np.ndarray:
@@ -91,25 +98,58 @@ class VelocityMatrix:
         root_m, root_i = np.sqrt(model.inverse_mass), np.sqrt(model.inverse_inertia)
         assemble(
             self._tangent(model, g), state, points, self._moved, self._turns, root_m, root_i,
-            self._colour, self._slot, self._pair, self._vector, self._product, self._blocks)
-        blocks = self._blocks
-        if self._apart.any():
-            blocks[self._apart] = 0.0
-        own = blocks[self._own]
+            self._colour, self._slot, self._pair, self._vector, self._product, self._joined)
+        touching, pushed = self._touching(state)
+        pattern = self._pattern(touching)
+        blocks = np.zeros((len(pattern.rows), 6, 6))
+        blocks[:len(self._joined)] = self._joined
+        root = g * np.repeat([root_m, root_i], 3)
+        for one, other in np.ndindex(2, 2):
+            np.add.at(
+                blocks, pattern.touching[:, one, other], root[:, None] * root
+                * pushed[:, 6 * one:6 * one + 6, 6 * other:6 * other + 6])
+        blocks *= self._free[pattern.rows][:, :, None] * self._free[pattern.columns][:, None]
+        own = blocks[pattern.own]
         own[:, range(6), range(6)] += 1.0
         if model.drag is not None:
             own[:, range(3), range(3)] += g * model.drag.linear * model.inverse_mass
             own[:, range(3, 6), range(3, 6)] += g * model.drag.angular * (
                 model.inverse_inertia)
-        matrix, places = self._pattern
-        blocks[self._own] = own
-        matrix.data[:] = blocks.ravel()[places]
+        blocks[pattern.own] = own
+        matrix = pattern.matrix
+        matrix.data[:] = blocks.ravel()[pattern.places]
         try:
             return Factors(splu(
                 matrix, permc_spec='NATURAL', diag_pivot_thresh=0.0,
-                options={'SymmetricMode': True}), self._order)
+                options={'SymmetricMode': True}), pattern.order)
         except RuntimeError:
             return None
+
+    def _touching(self, state: State) -> tuple[np.ndarray, np.ndarray]:
+        """What touches: two bodies each (m, 2), and second derivatives (m, 12, 12)."""
+        forces = self._forces
+        if forces is None:
+            return np.zeros((0, 2), np.int64), np.zeros((0, 12, 12))
+        position = state.position[:, self._slot].T
+        if state.orientation.ndim == 2:
+            axes = cosines_from_quaternions(state.orientation[:, self._slot].T)
+        else:
+            axes = np.moveaxis(state.orientation[:, :, self._slot], 2, 0)
+        touching, pushed = forces.blocks(
+            forces.near(position), forces.near_planes(position), position, axes)
+        # Factors must not depend on how what is near was found.
+        order = np.lexsort((touching[:, 1], touching[:, 0]))
+        return touching[order], pushed[order]
+
+    def _pattern(self, touching: np.ndarray) -> '_Pattern':
+        """The matrix without its numbers, where pairs of bodies (m, 2) touch."""
+        key = touching.tobytes()
+        if key not in self._patterns:
+            if len(self._patterns) >= _KEPT:
+                del self._patterns[next(iter(self._patterns))]
+            self._patterns[key] = _pattern_of(
+                self._rows, self._columns, touching, len(self._slot))
+        return self._patterns[key]
 
     def _tangent(self, model: Model, g: float) -> Model:
         """The model with the springs of a stage, and moments that are as much weaker."""
@@ -139,6 +179,35 @@ class Factors:
         result = np.empty_like(right)
         result[self._order] = self._factors.solve(right[self._order])
         return result
+
+
+class _Pattern(NamedTuple):
+    """A matrix without its numbers."""
+
+    rows: np.ndarray  # (p,) bodies of its blocks
+    columns: np.ndarray
+    own: np.ndarray  # (n,) numbers of those of each body and itself
+    touching: np.ndarray  # (m, 2, 2) numbers of those of each pair that touches
+    order: np.ndarray  # (6 n,) of elimination
+    matrix: Any  # in it
+    places: np.ndarray  # where its entries are among the numbers of the blocks
+
+
+def _pattern_of(
+    rows: np.ndarray, columns: np.ndarray, touching: np.ndarray, count: int
+) -> _Pattern:
+    """Blocks at `rows` and `columns`, and further ones of pairs (m, 2) of `count` bodies."""
+    first, second = np.repeat(touching, 2, axis=1), np.tile(touching, 2)
+    wanted = (count * first + second).ravel()
+    present = count * rows + columns
+    further = np.setdiff1d(wanted, present)
+    keys = np.concatenate([present, further])
+    rows, columns = keys // count, keys % count
+    order = np.argsort(keys)
+    places = order[np.searchsorted(keys, wanted, sorter=order)].reshape(-1, 2, 2)
+    elimination, (matrix, entries) = _elimination(rows, columns, count)
+    return _Pattern(
+        rows, columns, np.flatnonzero(rows == columns), places, elimination, matrix, entries)
 
 
 def _elimination(

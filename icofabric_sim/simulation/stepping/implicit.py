@@ -24,6 +24,9 @@ from collections.abc import Callable
 import math
 from typing import Any, NamedTuple
 
+from icofabric_sim.kernels.contact.clearance import CLEAR, find_clear, NEAR, NO_ROOM
+from icofabric_sim.kernels.contact.displacement import forget_ways, has_missed, LATE, ways_of
+from icofabric_sim.kernels.contact.rebuild_check import can_look_farther
 from icofabric_sim.kernels.flows import place_all
 from icofabric_sim.kernels.integrators.diagonal import (
     end_stage,
@@ -36,11 +39,16 @@ from icofabric_sim.kernels.integrators.diagonal import (
 )
 from icofabric_sim.kernels.integrators.embedded import (
     CLEAR_TOTAL,
+    CLOSE,
     FLOOR,
     GOAL,
+    HELD,
+    HOLD,
     IS_CLEAR,
+    KINK,
     LAST,
     LENGTH,
+    LIST_FULL,
     LONGEST,
     look,
     NEXT,
@@ -51,13 +59,14 @@ from icofabric_sim.kernels.integrators.embedded import (
     slope_at,
     START,
     TOLERANCE,
+    TOO_FAR,
     TOO_SHORT,
     TOTAL,
 )
 from icofabric_sim.kernels.integrators.splitting import NEVER
 from icofabric_sim.kernels.loads import keep_work
 from icofabric_sim.kernels.meters import add_flow
-from icofabric_sim.kernels.monitor import LIMIT, save, SCALE
+from icofabric_sim.kernels.monitor import least_scale, LIMIT, save
 from icofabric_sim.kernels.records import Loads, Model, State, Team, Trail, Watch, Work
 from icofabric_sim.kernels.rhs import add_work, place_blocks
 from icofabric_sim.scene.scene import Scene
@@ -88,6 +97,11 @@ _ANY = 1e300
 _PARTS = 16
 # Part of solver.energy_limit that a step may err by.
 _LOST = 0.05
+# So many steps are short after one in which a contact may have gone unseen, and up to so many if
+# the next long one is refused too.
+_HOLD, _LONGEST_HOLD = 8.0, 64.0
+# Depth of a contact that no stage of a step sees, in parts of the way of bodies in it, at most.
+_GRAZE = 0.01
 # Matrices that are kept: of the step, of its halves in trials, and of steps that inputs cut.
 _KEPT = 3
 
@@ -101,6 +115,26 @@ def _trail(work: Work) -> Trail:
     """Room for the stages, which is there."""
     assert work.trail is not None
     return work.trail
+
+
+class _Ways:
+    """Squares [m^2] of how far bodies move in a step, and of how far it was looked for them."""
+
+    def __init__(self, watch: Watch | None) -> None:
+        """Go on from what the `watch` has noted."""
+        self._far = np.zeros(1) if watch is None else watch.far
+        self._most = self.looked = float(self._far[0])
+
+    def begin(self) -> None:
+        """Another look begins."""
+        self._far[0] = 0.0
+
+    def end(self, *, is_stage: bool) -> None:
+        """The last look has ended; whether it found a stage."""
+        self.looked = max(self.looked, float(self._far[0]))
+        if is_stage:
+            self._most = max(self._most, float(self._far[0]))
+        self._far[0] = self._most
 
 
 class Tableau(NamedTuple):
@@ -151,17 +185,22 @@ class ImplicitSteps:
         driven = [drive.bodies for drive in scene.drives.values()]
         bodies = np.concatenate([np.zeros(0, np.int64), *driven])
         self._layout, self._half_edge = packed.layout, scene.geometry.half_edge
-        self._matrix = VelocityMatrix(packed, scene.weave.grid, bodies)
         self._free = np.ones((packed.layout.body_count, 6))
         self._free[bodies] = 0.0
+        held = self._free == 0.0
+        if scene.supports is not None:
+            held[:, :3] |= scene.supports.translation
+            held[:, 3:] |= scene.supports.rotation[:, None]
+        self._matrix = VelocityMatrix(packed, scene.weave.grid, held)
         self._root = np.sqrt(np.repeat(
             [1.0 / packed.model.inverse_mass, 1.0 / packed.model.inverse_inertia], 3))
         # What a velocity moves in a second, in parts of a and rad.
         self._part = np.repeat([1.0 / self._half_edge, 1.0], 3)
         self._base = packed.layout.like(packed.layout.pack(scene.initial))
         slots = packed.layout.slot_count
-        self._velocity, self._residual = (aligned_empty((6, slots)) for _ in range(2))
-        self._velocity[:] = self._residual[:] = 0.0
+        self._velocity, self._residual, self._change = (
+            aligned_empty((6, slots)) for _ in range(3))
+        self._velocity[:] = self._residual[:] = self._change[:] = 0.0
         self._kept: list[_Kept] = []
 
     @property
@@ -179,9 +218,8 @@ class ImplicitSteps:
         while done < count:
             start, end = origin + (index + done) * h, origin + (index + done + 1) * h
             parts = 0 if self._given else _PARTS
-            allowed = _LOST * ledger[LIMIT] * ledger[SCALE] if ledger[LIMIT] > 0.0 else math.inf
             if not self._step(
-                    model, loads, state, saved, work, team, watch, start, h, parts, allowed):
+                    model, loads, state, saved, work, team, watch, start, h, parts, ledger):
                 if check_interval >= NEVER:
                     # Steps of this length are none.
                     state.position[:] = math.inf
@@ -226,16 +264,39 @@ class ImplicitSteps:
             accepted = False
             while not accepted and not status:
                 error, change = math.inf, _SHRINK
-                if self._find_stages(model, loads, state, saved, work, team, watch, start, h):
+                forget_ways(watch, 0)
+                ways = _Ways(watch)
+                if self._find_stages(
+                        model, loads, state, saved, work, team, watch, start, h, ways):
                     end_step(model, state, trail.slopes, weights, h, trail.stage)
+                    ways_of(watch, model.blocks, trail.stage, start + h, 0, 0, last)
                     error = _ESTIMATE * stage_error(
                         model, trail.slopes, error_weights, turn_rows, scales)
+                # Steps must not depend on which contacts were known where it was looked.
+                if watch is not None and can_look_farther(watch, start) and (
+                        ways.looked > watch.limits[LATE] or has_missed(watch, 0)):
+                    watch.far[0] = max(watch.far[0], ways.looked)
+                    return TOO_FAR, done, since_check
+                if has_missed(watch, 0):
+                    error = math.inf
                 if tolerance < _ANY and error < math.inf:
                     error = max(error, tolerance * self._energy_part(state, work, ledger, h))
                     change = min(_GROW, max(_SHRINK, (
                         _AIM * tolerance / max(error, 1e-300)) ** _POWER))
-                accepted = error <= tolerance
+                accepted = error <= tolerance or (h <= control[KINK] and error < math.inf)
+                if accepted and h > control[CLOSE]:
+                    clear = self._find_clear(
+                        model, state, trail, team, watch, start, h, tolerance)
+                    if clear == NO_ROOM:
+                        return LIST_FULL | TOO_FAR, done, since_check
+                    hold = max(float(control[HOLD]), _HOLD)
+                    if clear == NEAR:
+                        accepted = False
+                        control[HELD], control[HOLD] = hold, min(2.0 * hold, _LONGEST_HOLD)
+                    else:
+                        control[HOLD] = _HOLD
                 if accepted:
+                    control[HELD] = max(control[HELD] - 1.0, 0.0)
                     self._accept(model, loads, state, work, control, error, start, h)
                 else:
                     control[REFUSED] += 1.0
@@ -244,6 +305,8 @@ class ImplicitSteps:
                     change = min(change, _LESS)
                 if tolerance < _ANY:
                     h = _even(h * change) if change < 1.0 or change >= _WORTH else h
+                    if control[HELD] > 0.0:
+                        h = min(h, _even(float(control[CLOSE])))
                 h = min(max(h, float(control[SHORTEST])), float(control[LONGEST]))
                 control[NEXT] = h
             if not status:
@@ -256,6 +319,23 @@ class ImplicitSteps:
                     model, loads, state, saved, work, team, since_check, check_interval, watch,
                     ledger, done, float(control[START] + control[LENGTH]), 0.0, 0, last)
         return int(status), done, int(since_check)
+
+    def _find_clear(
+        self, model: Model, state: State, trail: Trail, team: Team, watch: Watch | None,
+        start: float, h: float, tolerance: float
+    ) -> int:
+        """
+        NEAR where a contact may go unseen in a step that is so long, and matters; else as it is.
+
+        One that begins and ends between two stages is no deeper than a hundredth of the way of
+        bodies in the step, and they end that much beside where it would have led them.
+        """
+        clear = int(find_clear(
+            watch, model.blocks, state, trail, len(self._tableau.stages), team, start, h, 0,
+            len(model.blocks.slot)))
+        if clear == NEAR and _GRAZE * float(trail.speeds[0]) <= tolerance * self._half_edge:
+            return CLEAR
+        return clear
 
     def _accept(
         self, model: Model, loads: Loads, state: State, work: Work, control: np.ndarray,
@@ -277,12 +357,24 @@ class ImplicitSteps:
     def _energy_part(
         self, state: State, work: Work, ledger: np.ndarray, h: float
     ) -> float:
-        """Energy that a step of `h` [s] probably errs by, in parts of what it may."""
-        allowed = _LOST * float(ledger[LIMIT] * ledger[SCALE])
+        """
+        Energy that a step of `h` [s] probably errs by, in parts of what it may.
+
+        What the step itself sets in motion counts for the next balance.
+        """
         if not ledger[LIMIT] > 0.0:
             return 0.0
+        scale = max(least_scale(ledger), self._kinetic(_trail(work).stage))
+        allowed = _LOST * float(ledger[LIMIT]) * scale
         error = self._energy_error(state, work, h)
         return error / allowed if allowed > 0.0 else 0.0
+
+    def _kinetic(self, state: State) -> float:
+        """Kinetic energy [J] of bodies that are not driven."""
+        velocity = np.concatenate([state.linear_velocity, state.angular_velocity])
+        with np.errstate(over='ignore', invalid='ignore'):
+            return 0.5 * float((
+                (self._layout.gather(velocity) * self._root * self._free)**2).sum())
 
     def prepare(self, *_: Any) -> None:
         """Do nothing: states within a step come from its stages."""
@@ -307,20 +399,21 @@ class ImplicitSteps:
 
     def _step(
         self, model: Model, loads: Loads, state: State, saved: State, work: Work, team: Team,
-        watch: Watch | None, start: float, h: float, parts: int, allowed: float
+        watch: Watch | None, start: float, h: float, parts: int, ledger: np.ndarray
     ) -> bool:
         """
         Take a step of `h` [s] from `start` [s] on; whether it could be solved.
 
-        One that cannot be, or errs by more than the `allowed` energy [J], is taken as two halves,
+        One that cannot be, or errs by more energy than it may, is taken as two halves,
         and these, up to `parts` times.
         """
-        is_solved = self._find_stages(model, loads, state, saved, work, team, watch, start, h)
-        if parts > 0 and not (is_solved and self._energy_error(state, work, h) <= allowed):
+        is_solved = self._find_stages(
+            model, loads, state, saved, work, team, watch, start, h, _Ways(watch))
+        if parts > 0 and not (is_solved and self._energy_part(state, work, ledger, h) <= 1.0):
             return all(
                 self._step(
                     model, loads, state, saved, work, team, watch, begin, 0.5 * h, parts - 1,
-                    allowed)
+                    ledger)
                 for begin in (start, start + 0.5 * h))
         if is_solved:
             last, weights = len(model.blocks.slot), self._tableau.step
@@ -343,15 +436,13 @@ class ImplicitSteps:
         gather, root = self._layout.gather, self._root * self._free
         differences = sum(
             weight * gather(slope[row:]) for weight, slope in zip(weights, trail.slopes) if weight)
-        before = np.concatenate([state.linear_velocity, state.angular_velocity])
         with np.errstate(over='ignore', invalid='ignore'):
             error = 0.5 * h * h * float(((differences * root)**2).sum())
-            kinetic = 0.5 * float(((gather(before) * root)**2).sum())
-            return 2.0 * math.sqrt(error * max(error, kinetic))
+            return 2.0 * math.sqrt(error * max(error, self._kinetic(state)))
 
     def _find_stages(
         self, model: Model, loads: Loads, state: State, saved: State, work: Work, team: Team,
-        watch: Watch | None, start: float, h: float
+        watch: Watch | None, start: float, h: float, ways: _Ways
     ) -> bool:
         """Find the slopes of a step of `h` [s] from `start` [s] on; whether they are found."""
         trail, last = _trail(work), len(model.blocks.slot)
@@ -367,14 +458,19 @@ class ImplicitSteps:
                 time: float = time
             ) -> np.ndarray:
                 to_stage(model, base, velocity, g, trail.stage)
+                ways.begin()
                 slope_at(
                     model, loads, trail.stage, work, trail, np.int64(number), team, watch, time,
                     0, last)
+                ways.end(is_stage=False)
                 residual(model, base, velocity, slopes[number], g, self._residual)
-                return self._layout.gather(self._residual) * self._free
+                return self._residual[:, self._layout.slot].T * self._free
 
             if not self._solve(look_at, model, saved, trail.stage, work, g, h):
                 return False
+            ways.begin()
+            ways_of(watch, model.blocks, trail.stage, time, 0, 0, last)
+            ways.end(is_stage=True)
         return True
 
     def _solve(
@@ -406,9 +502,10 @@ class ImplicitSteps:
                     True), math.inf
                 continue
             before, own = correction, False
+            self._change[:, self._layout.slot] = change.T
             part = 1.0
             for _ in range(_HALVINGS):
-                other = velocity - part * self._layout.spread(change)
+                other = velocity - part * self._change
                 found = look_at(other)
                 found_size = self._size(found)
                 # Near the solution rounding decides.

@@ -62,9 +62,9 @@ def why_not_implicit(scene: Scene, *, outside: bool = False) -> str:
     parameters = scene.parameters
     if outside:
         return 'it has a body force, whose derivative is not known'
-    if scene.body_count + len(parameters.names('planes')) > 1 and (
-            parameters['contact.mode'] != 'never'):
-        return f"contact.mode is {parameters['contact.mode']}, where never would do"
+    losses = contact_losses(scene)
+    if losses:
+        return losses
     if parameters['connector.obstruction'] == 'wrap':
         return 'connector.obstruction is wrap, where warn or stop would do'
     if scene.anchors:

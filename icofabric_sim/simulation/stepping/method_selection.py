@@ -122,7 +122,7 @@ def choose_method(
 
 
 def for_damping(
-    tolerance: float, frequency: float, damping: float, bodies: int
+    tolerance: float, frequency: float, damping: float, bodies: int, *, touching: float = 0.0
 ) -> Choice | None:
     """
     An implicit method, where steps of dop8 that follow the damping cost more; None: they do not.
@@ -130,10 +130,13 @@ def for_damping(
     `frequency` [rad/s] of the fastest vibration, `damping` [rad/s]: the largest rate at which
     forces that depend on velocities slow bodies down. Steps of dop8 are about 25 over that rate,
     those of sdirk4 about 7 tolerance^(1/3) over the frequency, and one of the second costs as
-    much as ten of the first, of many bodies 0.16 for each (docs/decisions/implicit_steps.md).
+    much as ten of the first, of many bodies 0.16 for each. `touching` [rad/s]: the frequency of
+    contacts that are expected, on which bodies bounce now and then: it counts by its cube root
+    (docs/decisions/implicit_steps.md).
     """
     explicit = damping / _DAMPED_STEP
-    implicit = frequency / (_IMPLICIT_STEP * tolerance ** (1.0 / 3.0)) * max(
+    followed = frequency ** (2.0 / 3.0) * max(frequency, touching) ** (1.0 / 3.0)
+    implicit = followed / (_IMPLICIT_STEP * tolerance ** (1.0 / 3.0)) * max(
         _SMALL_FACTORS, _FACTORS * bodies)
     if not explicit > _GAIN * implicit:
         return None

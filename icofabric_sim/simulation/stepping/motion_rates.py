@@ -13,6 +13,7 @@
 # limitations under the License.
 """How fast the motion is: the largest frequency, the stability limit, the fastest term."""
 
+from dataclasses import replace
 from enum import Enum
 import math
 
@@ -75,16 +76,18 @@ class MotionRates:
             largest_frequency(packed, state, locate=locate), packed, trajectory.loads, state,
             trajectory.time)
 
-    def fastest(self, *, contacts: bool = True) -> float:
+    def fastest(self, *, contacts: bool = True, losses: bool = True) -> float:
         """
         Rate [rad/s] of the fastest motion; 0 where nothing turns, vibrates or is accelerated.
 
-        `contacts`: with their frequency.
+        `contacts`: with their frequency; `losses`: with what takes energy from velocities.
         """
         trajectory, phase = self._trajectory, self._contact.broad_phase
         frequency = self.frequency if contacts else self.fabric
+        packed = trajectory.packed if losses else replace(
+            trajectory.packed, velocity_rate=0.0)
         rate = fastest_motion(
-            trajectory.packed, trajectory.state, frequency.rate, trajectory.ledger.spin,
+            packed, trajectory.state, frequency.rate, trajectory.ledger.spin,
             self.load_rate, *((None, 0.0) if phase is None else (phase.passing, phase.fall)))
         return rate if rate > 0.0 else self._acceleration_rate()
 

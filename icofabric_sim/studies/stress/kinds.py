@@ -127,8 +127,14 @@ KINDS: Final = tuple(_kinds("""
     srkn6: loaded heavy held touching
     dop8: charged touching
     auto: heavy held damped breaking anchored
+    sdirk4: damped touching
+    sdirk4: loaded heavy held damped touching floored
+    sdirk4: bent twisted damped driven touching
+    auto: heavy held damped touching
 """))
 assert len(KINDS) <= MOST
-# The kind of scenes for which `auto` may take implicit steps.
-AUTO_DAMPED: Final = Kind('auto', ('loaded', 'heavy', 'held', 'damped'))
-assert AUTO_DAMPED in KINDS
+# The kinds of scenes for which `auto` may take implicit steps.
+AUTO_DAMPED: Final = (
+    Kind('auto', ('loaded', 'heavy', 'held', 'damped')),
+    Kind('auto', ('heavy', 'held', 'damped', 'touching')))
+assert {*AUTO_DAMPED} <= {*KINDS}

@@ -36,7 +36,7 @@ import numpy as np
 
 # Seeds below each number draw among so many kinds, the first of the list. Where the list grows
 # another version follows: no seed means another scene.
-VERSIONS: Final = ((2**32, 55), (2**33, 65), (2**34, 65), (2**35, 66), (2**36, 78))
+VERSIONS: Final = ((2**32, 55), (2**33, 65), (2**34, 65), (2**35, 66), (2**36, 78), (2**37, 82))
 LARGEST_SEED: Final = VERSIONS[-1][0] - 1
 # Share of scenes with a value that must be refused.
 _SPOILED = 0.06
@@ -114,7 +114,7 @@ class StressScene:
 
 
 def draw_scene(seed: int) -> StressScene:
-    """The scene of a seed, 0 to 2^36 - 1."""
+    """The scene of a seed, 0 to 2^37 - 1."""
     seed = checks.count('seed', seed, 0, LARGEST_SEED)
     generator, kind = _begun(seed)
     return _Draw(generator, KINDS[kind]).scene(seed, kind)
@@ -367,7 +367,7 @@ class _Draw:
     @property
     def _is_stiff(self) -> bool:
         """Whether steps may be implicit."""
-        return self.kind.method in IMPLICIT or self.kind == AUTO_DAMPED
+        return self.kind.method in IMPLICIT or self.kind in AUTO_DAMPED
 
     def _dragged(self) -> None:
         part = self.log(-3.0, 0.0) if self.chance(0.8) else self.log(0.0, 2.0)

@@ -114,7 +114,10 @@ class EmbeddedError:
         control.longest = ANY
         control.close = 0.0
         if contact.is_possible:
-            control.close = _CLOSE_STEP / rate if rate > 0.0 else ANY
+            # Implicit steps do not follow what dies out; then bodies are slow.
+            followed = rate if not trajectory.method.implicit else pieces.rates.fastest(
+                contacts=False, losses=False)
+            control.close = _CLOSE_STEP / followed if followed > 0.0 else ANY
         control.kinked = self._kinked_rate(rate)
         # Around shells the shortest way may change to the other side.
         rate = rate or 1.0 / self._output_period

@@ -1,0 +1,165 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+Forces of pairs of shells that touch, and of shells on planes, many at a time; their derivatives.
+
+For searches of rest and for implicit steps, which need both in configurations of their choice.
+"""
+
+from collections.abc import Sequence
+
+from icofabric_sim.geometry.icosahedron import circumscribed_radius
+from icofabric_sim.geometry.rotations import turned_axes
+from icofabric_sim.kernels.contact.many import touch_pairs, touch_planes
+from icofabric_sim.kernels.contact.pair import contact_scratch, OUT_SIZE
+from icofabric_sim.simulation.contact.setup import ContactSetup
+import numpy as np
+
+# Pairs of shells; other groups are numbers of planes.
+PAIRS = -1
+# Step of the differences of forces, in parts of a and in rad, at most; and in parts of the
+# overlap, so that what touches does so at all of them.
+_STEP, _WITHIN = 1e-6, 0.1
+# Overlap, or gap, below which shells are at their first touch, in parts of a.
+FIRST_TOUCH = 1e-9
+
+
+class PairForces:
+    """How shells and planes of a scene push each other; without damping and friction."""
+
+    def __init__(self, setup: ContactSetup) -> None:
+        """See simulation/contact/setup.py."""
+        self._setup = setup
+        self.stiffness = setup.stiffness  # K [N/m] in use
+        self._scratch = contact_scratch()
+        self._reach = 2.0 * circumscribed_radius(setup.half_edge)
+
+    def near(self, position: np.ndarray) -> np.ndarray:
+        """Pairs (m, 2) of bodies at a `position` (n, 3) whose circumscribed spheres meet."""
+        from scipy.spatial import cKDTree
+
+        return np.asarray(
+            cKDTree(position).query_pairs(self._reach, output_type='ndarray'), np.int64)
+
+    def near_planes(self, position: np.ndarray) -> list[np.ndarray]:
+        """Bodies whose circumscribed spheres meet each of the planes."""
+        return [
+            np.flatnonzero(position @ plane[:3] - plane[3] < 0.5 * self._reach)
+            for plane in self._setup.planes]
+
+    def blocks(
+        self, pairs: np.ndarray, planes: Sequence[np.ndarray], position: np.ndarray,
+        axes: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """
+        Second derivatives by pairs: rows of two bodies, (m, 2), and of 12 x 12 numbers.
+
+        Of those `pairs` (p, 2), and those bodies near each of the `planes`, that touch where
+        bodies are at a `position` (n, 3) with `axes` (n, 3, 3), body axes as rows.
+
+        By differences of forces on what the first body does, from which those of the second
+        follow. Where shells are at their first touch the push has a kink: it
+        resists one way only, and is left out. A torque on a turned body is seen from other axes:
+        half of its turn is taken out, so that the derivative is symmetric as that of the
+        connectors is. A contact with a plane is a pair of a body and itself, with the first 6 x 6
+        numbers.
+        """
+        groups: list[tuple[np.ndarray, int]] = [(pairs, PAIRS)]
+        groups += [
+            (np.repeat(near[:, None], 2, axis=1), number) for number, near in enumerate(planes)]
+        bodies, blocks = [np.zeros((0, 2), np.int64)], [np.zeros((0, 12, 12))]
+        for pairs, which in groups:
+            here, _, depth, _ = self.wrenches(position[pairs], axes[pairs], which)
+            deep = depth > FIRST_TOUCH * self._setup.half_edge
+            pairs, here, depth = pairs[deep], here[deep], depth[deep]
+            if not len(pairs):
+                continue
+            part = np.zeros((len(pairs), 12, 12))
+            places, turns = position[pairs], axes[pairs]
+            # Of each pair, in parts of a and in rad.
+            step = np.minimum(_STEP, _WITHIN * depth / self._setup.half_edge)[:, None]
+            for k in range(6):
+                sides = []
+                for sign in (1.0, -1.0):
+                    moved, turned = places.copy(), turns.copy()
+                    if k < 3:
+                        moved[:, 0, k] += sign * step[:, 0] * self._setup.half_edge
+                    else:
+                        rotation = np.zeros((len(pairs), 3))
+                        rotation[:, k - 3] = sign * step[:, 0]
+                        turned[:, 0] = turned_axes(rotation, turned[:, 0])
+                    sides.append(self.wrenches(moved, turned, which)[0])
+                part[:, :, k] = (sides[1] - sides[0]) / (
+                    2.0 * step * (self._setup.half_edge if k < 3 else 1.0))
+            if which == PAIRS:
+                _follow_second(part, here, places[:, 1] - places[:, 0])
+            freedoms = 12 if which == PAIRS else 6
+            for freedom in range(freedoms):
+                end, k = divmod(freedom, 6)
+                if k >= 3:
+                    part[:, 6 * end + 3:6 * end + 6, freedom] += 0.5 * np.cross(
+                        np.eye(3)[k - 3], here[:, 6 * end + 3:6 * end + 6])
+            # The plane feels the opposite, and stays where it is.
+            part[:, freedoms:] = 0.0
+            bodies.append(pairs)
+            blocks.append(0.5 * (part + np.swapaxes(part, 1, 2)))
+        return np.concatenate(bodies), np.concatenate(blocks)
+
+    def wrenches(
+        self, places: np.ndarray, axes: np.ndarray, which: int
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """
+        Wrenches on both (m, 12), energies [J], overlaps [m] and whether they touch, of pairs.
+
+        `places` (m, 2, 3), `axes` (m, 2, 3, 3); `which`: PAIRS, or the number of a plane that
+        pushes the first.
+        """
+        touching, out = self.met(places, axes, which)
+        out[~touching] = 0.0
+        wrenches = self.stiffness * np.hstack([out[:, :6], -out[:, :3], out[:, 6:9]])
+        return wrenches, self.stiffness * out[:, 9], out[:, 11], touching
+
+    def met(
+        self, places: np.ndarray, axes: np.ndarray, which: int
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Whether pairs touch, and what the kernels say of them for 1 N/m, (m, 20)."""
+        setup, count = self._setup, len(places)
+        # From body to world.
+        turns = np.ascontiguousarray(np.swapaxes(axes, 2, 3))
+        first, second = (np.ascontiguousarray(places[:, end]) for end in range(2))
+        touching, out = np.zeros(count, bool), np.zeros((count, OUT_SIZE))
+        if which == PAIRS:
+            touch_pairs(
+                setup.half_edge, first, np.ascontiguousarray(turns[:, 0]), second,
+                np.ascontiguousarray(turns[:, 1]), self._scratch, touching, out)
+        else:
+            plane = setup.planes[which]
+            touch_planes(
+                setup.half_edge, np.ascontiguousarray(plane[:3]), float(plane[3]), first,
+                np.ascontiguousarray(turns[:, 0]), self._scratch, touching, out)
+        return touching, out
+
+
+def _follow_second(part: np.ndarray, wrenches: np.ndarray, arm: np.ndarray) -> None:
+    """
+    Fill in what the second body of each pair does, (m, 12, 6 of 12), by what the first does.
+
+    To move both changes nothing, and to turn both about the first turns the `wrenches` (m, 12) and
+    moves the second by its `arm` (m, 3) from the first; `part` is of minus the wrenches.
+    """
+    part[:, :, 6:9] = -part[:, :, :3]
+    for k, axis in enumerate(np.eye(3)):
+        turned = np.cross(axis, wrenches.reshape(-1, 4, 3)).reshape(-1, 12)
+        moved = np.einsum('mij,mj->mi', part[:, :, 6:9], np.cross(axis, arm))
+        part[:, :, 9 + k] = -turned - part[:, :, 3 + k] - moved
