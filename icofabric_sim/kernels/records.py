@@ -415,7 +415,7 @@ class Sleep(Record):
     # blocks of thread k [m^2]
     path: np.ndarray
     until: np.ndarray  # (p,) [m] path on which a pair is apart; 0: it is now; -1: it may touch
-    looked: np.ndarray  # (p,) the same for looks, which never let one sleep
+    looked: np.ndarray  # (p,) the same for looks, each of which begins anew
     # (p,) int32: pairs evaluated last, those of a part of all where it begins, then -1.
     awake: np.ndarray
 

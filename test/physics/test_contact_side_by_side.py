@@ -49,7 +49,8 @@ def test_pairs_have_the_same_bits_in_any_company_and_whatever_was_known():
         order = rng.permutation(count)
         other = contacts._replace(
             pairs=contacts.pairs[order].copy(), aside=np.zeros_like(contacts.aside),
-            sleep=contacts.sleep._replace(looked=np.full(count, AWAKE)))
+            sleep=contacts.sleep._replace(
+                looked=np.full(count, AWAKE), until=contacts.sleep.until[order].copy()))
         contact_look(other, now)
         new = np.empty_like(kept)
         new[order] = other.aside

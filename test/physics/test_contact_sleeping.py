@@ -18,7 +18,8 @@ from fabrics import changed
 import icofabric_sim as ico
 from icofabric_sim import contact
 from icofabric_sim.geometry.icosahedron import circumscribed_radius, vertices
-from icofabric_sim.kernels.contact.sleeping import go_on
+from icofabric_sim.kernels.contact.forces import contact_look
+from icofabric_sim.kernels.contact.sleeping import AWAKE, go_on
 from icofabric_sim.kernels.records import Blocks
 from icofabric_sim.simulation.contact import broad_phase
 from icofabric_sim.simulation.stepping import thread_team
@@ -85,6 +86,33 @@ def test_what_sleeps_is_apart_by_as_much_as_it_may_still_move(changes):
             assert gap > left[p]
             seen += 1
     assert seen > 200 and simulation.status.deepest_overlap > 0.0
+
+
+@pytest.mark.parametrize('changes', [{}, FLOOR], ids=['free', 'with a floor'])
+def test_a_look_leaves_out_only_what_is_apart(changes):
+    """Also at places that bodies have not come to."""
+    simulation, rng, slept = ico.compile_scene(changed(crowd(), changes)), (
+        np.random.default_rng(4)), []
+    phase, touched = simulation._driver.contact.broad_phase, 0
+    for time in np.linspace(0.001, 0.04, 40):
+        simulation.advance_to(time)
+        contacts, state = phase.contacts, simulation._driver.trajectory.state
+        if contacts is None or not len(contacts.sleep.blocks.slot):
+            continue
+        for shift in (0.0, 1e-4 * A, 1e-2 * A):
+            place = state._replace(position=aligned(
+                state.position + shift * rng.normal(size=state.position.shape)))
+            found = contact_look(contacts, place)
+            rows = contacts.aside.copy()
+            slept.append(np.mean(contacts.sleep.looked == np.inf))
+            all_awake = contacts._replace(sleep=contacts.sleep._replace(
+                until=np.full(len(contacts.pairs), AWAKE)))
+            assert contact_look(all_awake, place) == found
+            touching = rows[:, 9] > 0.0
+            assert (touching == (contacts.aside[:, 9] > 0.0)).all()
+            assert (rows[touching] == contacts.aside[touching]).all()
+            touched += int(touching.sum())
+    assert touched > 50 and max(slept) > 0.3 and min(slept) < 0.3
 
 
 def points(a, quaternion):

@@ -36,7 +36,7 @@ from icofabric_sim.kernels.contact.apex import (
 from icofabric_sim.kernels.contact.axis import FACE_OF_FIRST
 from icofabric_sim.kernels.contact.gap import Axes, axes_of, plane_gap, support
 from icofabric_sim.kernels.contact.pair import LINE, Scratch, touch_pair_again, touch_plane
-from icofabric_sim.kernels.contact.sleeping import APART, AWAKE, go_on, sleeps_until
+from icofabric_sim.kernels.contact.sleeping import APART, AWAKE, go_on, path_to, sleeps_until
 from icofabric_sim.kernels.contact.surface import EDGES, EDGES_WAIT, POINTS, POINTS_WAIT
 from icofabric_sim.kernels.records import Contacts, State, Team
 from icofabric_sim.kernels.runtime.borrowed import borrowed
@@ -395,13 +395,23 @@ def contact_look(contacts: Contacts | None, state: State) -> tuple[float, float,
     tests, before = contacts.tests[0], contacts.deepest[0]
     if contacts.pairs.shape[0] == 0:
         return energy, deepest, count
-    # At no path does any pair sleep.
+    sleep, aside = contacts.sleep, contacts.aside
+    # What sleeps where bodies are now is apart, and all else is tested.
+    path = path_to(sleep, state.position, state.orientation)
+    for p in range(contacts.pairs.shape[0]):
+        sleep.looked[p] = AWAKE
+        if path < sleep.until[p]:
+            sleep.looked[p] = math.inf
+            if aside[p, 11] > 0.0:
+                for k in range(12):
+                    aside[p, k] = 0.0
+                aside[p, 19] = 0.0
     touch_listed(
-        contacts, state.position, state.orientation, contacts.scratch, contacts.aside,
-        contacts.sleep.looked, math.inf, contacts.taken, 0, 1)
+        contacts, state.position, state.orientation, contacts.scratch, aside, sleep.looked, 0.0,
+        contacts.taken, 0, 1)
     contacts.tests[0], contacts.deepest[0] = tests, before
     for p in range(contacts.pairs.shape[0]):
-        energy += contacts.aside[p, 9]
-        deepest = max(deepest, contacts.aside[p, 11])
-        count += contacts.aside[p, 9] > 0.0
+        energy += aside[p, 9]
+        deepest = max(deepest, aside[p, 11])
+        count += aside[p, 9] > 0.0
     return contacts.stiffness * energy, deepest, count

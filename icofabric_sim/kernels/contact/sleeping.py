@@ -87,7 +87,8 @@ def go_on(
     most = splat(0.0)
     for block in range(first, last):
         s = sleep.blocks.slot[block]
-        square = go_on_with(sleep, position, orientation, shift, s)
+        square = way_of(sleep, position, orientation, shift, s)
+        keep_place(sleep, position, orientation, s)
         # What is no number, as where a step that was tried ran away, is farther than any way.
         square = where(square < splat(math.inf), square, splat(math.inf))
         most = maximum(where(bits(sleep.blocks.alive[block]), square, splat(0.0)), most)
@@ -121,16 +122,42 @@ def wake_all(until: np.ndarray, team: Team) -> None:
 
 
 @compiled
-def go_on_with(
+def path_to(sleep: Sleep, position: np.ndarray, orientation: np.ndarray) -> float:
+    """
+    Path [m] to where bodies are, which is not added; infinite where no pair sleeps.
+
+    By one thread alone.
+    """
+    path, count = sleep.path, sleep.blocks.slot.shape[0]
+    if count == 0 or path[_PATH] < 0.0:
+        return math.inf
+    shift: Shift = (0.0, 0.0, 0.0)
+    if sleep.free:
+        s = sleep.blocks.slot[0]
+        shift = (
+            position[0, s] - path[_FIRST], position[1, s] - path[_FIRST + 1],
+            position[2, s] - path[_FIRST + 2])
+    most = splat(0.0)
+    for block in range(count):
+        square = way_of(sleep, position, orientation, shift, sleep.blocks.slot[block])
+        square = where(square < splat(math.inf), square, splat(math.inf))
+        most = maximum(where(bits(sleep.blocks.alive[block]), square, splat(0.0)), most)
+    longest = 0.0
+    for i in range(LANES):
+        longest = max(longest, lane(most, i))
+    # Rounded up.
+    return (path[_PATH] + math.sqrt(longest)) * (1.0 + _ROUNDING)
+
+
+@compiled
+def way_of(
     sleep: Sleep, position: np.ndarray, orientation: np.ndarray, shift: Shift, s: int
 ) -> Vector:
-    """Squares of the ways [m^2] of a block beside a common `shift` [m]; keeps where it is."""
+    """Squares of the ways [m^2] of a block since the last evaluation, beside a `shift` [m]."""
     way = splat(0.0)
     for k in range(3):
-        place = load(position, k, s)
-        u = place - load(sleep.position, k, s) - splat(shift[k])
+        u = load(position, k, s) - load(sleep.position, k, s) - splat(shift[k])
         way = fma(u, u, way)
-        store(sleep.position, k, s, place)
     turn = splat(0.0)
     if orientation.ndim == 2:
         norm, before = splat(0.0), splat(0.0)
@@ -138,7 +165,6 @@ def go_on_with(
             new, old = load(orientation, k, s), load(sleep.orientation, k, s)
             turn = fma(new - old, new - old, turn)
             norm, before = fma(new, new, norm), fma(old, old, before)
-            store(sleep.orientation, k, s, new)
         # (x + y)^2 <= 17 x^2 / 16 + 17 y^2, and (|q1| + |q2|)^2 at most twice the squares of both.
         grown = norm - before
         turn = fma(splat(2.125) * (norm + before), turn, splat(17.0) * grown * grown)
@@ -147,9 +173,24 @@ def go_on_with(
             for k in range(3):
                 new, old = load(orientation[i], k, s), load(sleep.orientation[i], k, s)
                 turn = fma(new - old, new - old, turn)
-                store(sleep.orientation[i], k, s, new)
     # (x + y)^2 <= 2 x^2 + 2 y^2
     return splat(2.0) * fma(splat(sleep.radius * sleep.radius), turn, way)
+
+
+@compiled
+def keep_place(
+    sleep: Sleep, position: np.ndarray, orientation: np.ndarray, s: int
+) -> None:
+    """Keep where a block is evaluated."""
+    for k in range(3):
+        store(sleep.position, k, s, load(position, k, s))
+    if orientation.ndim == 2:
+        for k in range(4):
+            store(sleep.orientation, k, s, load(orientation, k, s))
+    else:
+        for i in range(3):
+            for k in range(3):
+                store(sleep.orientation[i], k, s, load(orientation[i], k, s))
 
 
 @compiled
