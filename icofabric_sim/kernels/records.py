@@ -416,6 +416,7 @@ class Sleep(Record):
     path: np.ndarray
     until: np.ndarray  # (p,) [m] path on which a pair is apart; 0: it is now; -1: it may touch
     looked: np.ndarray  # (p,) the same for looks, each of which begins anew
+    axis: np.ndarray  # (p, 3) the axis that kept a pair apart last
     # (p,) int32: pairs evaluated last, those of a part of all where it begins, then -1.
     awake: np.ndarray
 

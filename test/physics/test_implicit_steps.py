@@ -140,6 +140,7 @@ def test_a_step_that_cannot_be_solved_shows_no_state():
             'solver': {'method': 'sdirk4', 'step': 0.2}}
     for time in (0.08, 0.5):
         simulation = ico.compile_scene(ico.Scene.from_parameters(fast))
+        simulation.warm_up()
         start = simulation.snapshot().position
         with pytest.raises(ico.SimulationError, match='a smaller solver.step'):
             simulation.advance_to(time)

@@ -125,6 +125,7 @@ def touch_some(
     pairs, planes, result = borrowed(contacts.pairs), borrowed(contacts.planes), borrowed(result)
     position, orientation = borrowed(position), borrowed(orientation)
     own, other = borrowed(contacts.first)[member], borrowed(contacts.second)[member]
+    axis = borrowed(contacts.sleep.axis)
     room, marks = borrowed(scratch.room), borrowed(scratch.marks)
     half_edge = contacts.half_edge
     number = take_part(flags, member, size, parts, -1)
@@ -134,9 +135,15 @@ def touch_some(
         for p in range(first, last):
             if path < until[p]:
                 continue
+            s, t = pairs[p, 0], pairs[p, 1]
+            if until[p] > APART and t >= 0:
+                # It has slept: its row holds zeros, and need not come from memory.
+                left = room_along(half_edge, position, orientation, s, t, axis[p])
+                if left > 0.0:
+                    until[p] = path + left
+                    continue
             awake[first + tested] = p
             tested += 1
-            s, t = pairs[p, 0], pairs[p, 1]
             out = result[p]
             if t < 0:
                 axes, plane = axes_of(orientation, s), planes[-1 - t]
@@ -156,8 +163,8 @@ def touch_some(
             code = int(out[19])
             if code < APEX_UNIT:
                 deepest = max(deepest, touch_alone(
-                    half_edge, position, orientation, s, t, own, other, scratch, out, until, path,
-                    p))
+                    half_edge, position, orientation, s, t, own, other, scratch, out, until, axis,
+                    path, p))
                 if until[p] > APART:
                     tested -= 1
             elif code % APEX_UNIT < FACE_OF_FIRST:
@@ -204,22 +211,21 @@ def touch_some(
 def touch_alone(
     half_edge: float, position: np.ndarray, orientation: np.ndarray, s: int, t: int,
     own: np.ndarray, other: np.ndarray, scratch: Scratch, out: np.ndarray, until: np.ndarray,
-    path: float, p: int
+    axis: np.ndarray, path: float, p: int
 ) -> float:
     """Evaluate pair `p`, of shells; returns their overlap [m]."""
-    axes, others = axes_of(orientation, s), axes_of(orientation, t)
-    dx, dy = position[0, t] - position[0, s], position[1, t] - position[1, s]
-    dz = position[2, t] - position[2, s]
-    gap = kept_gap(half_edge, dx, dy, dz, axes, others, out) - _APART * half_edge
-    if gap > 0.0:
+    # The axis that kept them apart last.
+    for k in range(3):
+        axis[p, k] = out[12 + k]
+    room = room_along(half_edge, position, orientation, s, t, axis[p])
+    if room > 0.0:
         if until[p] < APART:
             for k in range(12):
                 out[k] = 0.0
             out[19] = 0.0
-        # As long as the axis was, by an orientation that was none.
-        length = math.sqrt(out[12] * out[12] + out[13] * out[13] + out[14] * out[14])
-        until[p] = sleeps_until(until[p], path, 0.5 * gap / max(length, 1.0))
+        until[p] = sleeps_until(until[p], path, room)
         return 0.0
+    axes, others = axes_of(orientation, s), axes_of(orientation, t)
     set_place(position, axes, s, own)
     set_place(position, others, t, other)
     touches = touch_pair_again(half_edge, own[0], own[1:], other[0], other[1:], scratch, out)
@@ -276,24 +282,25 @@ def take_lanes(
         p = marks[waiting + k] >> 1
         deepest = max(deepest, touch_alone(
             contacts.half_edge, position, orientation, pairs[p, 0], pairs[p, 1], own, other,
-            scratch, result[p], until, path, p))
+            scratch, result[p], until, contacts.sleep.axis, path, p))
     return deepest
 
 
 @compiled
-def kept_gap(
-    half_edge: float, dx: float, dy: float, dz: float, first: Axes, second: Axes, out: np.ndarray
+def room_along(
+    half_edge: float, position: np.ndarray, orientation: np.ndarray, s: int, t: int,
+    axis: np.ndarray
 ) -> float:
     """
-    The gap [m] that the axis that kept two bodies apart last shows; 0 where there is none.
-
-    (dx, dy, dz) [m] leads from the first centre to the second.
+    Way [m] that two bodies may go each before they touch, by an axis; not above 0: they may touch.
     """
-    nx, ny, nz = out[12], out[13], out[14]
-    gap = nx * dx + ny * dy
-    gap += nz * dz
-    gap -= half_edge * (support(first, nx, ny, nz) + support(second, nx, ny, nz))
-    return gap
+    axes, others = axes_of(orientation, s), axes_of(orientation, t)
+    nx, ny, nz = axis[0], axis[1], axis[2]
+    gap = nx * (position[0, t] - position[0, s]) + ny * (position[1, t] - position[1, s])
+    gap += nz * (position[2, t] - position[2, s])
+    gap -= half_edge * (support(axes, nx, ny, nz) + support(others, nx, ny, nz) + _APART)
+    # As long as the axis was, by an orientation that was none.
+    return 0.5 * gap / max(math.sqrt(nx * nx + ny * ny + nz * nz), 1.0)
 
 
 @compiled

@@ -639,6 +639,7 @@ class BroadPhase:
         changed: dict[str, Any] = {
             'blocks': blocks, 'position': position, 'orientation': orientation, 'path': path,
             'until': np.full(count, AWAKE), 'looked': np.full(count, AWAKE),
+            'axis': np.zeros((count, 3)),
             'awake': np.zeros(count, np.int32)}
         if self._made is None:
             return Sleep(radius=self._radius, free=self.setup.free, **changed)

@@ -299,6 +299,11 @@ class Driver:
         before, loads = self.state_tree(), self.trajectory.loads
         try:
             self.state_at(self.time + 0.5 * self.trajectory.step)
+        except SimulationError:
+            if self.trajectory.packed.body_force is not None:
+                raise
+            # That no such step leads anywhere is said once the run comes to it.
+            self.trajectory.failure = None
         finally:
             self.load_state(StateTree(before), loads)
 
