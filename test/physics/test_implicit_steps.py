@@ -198,6 +198,29 @@ def test_the_tolerance_is_kept_where_shells_touch(tolerance):
     assert implicit.balance.error_in_parts < 0.01
 
 
+def test_momenta_stay_where_shells_touch():
+    """Momentum to rounding, angular momentum within the order of the method."""
+    crowded = {
+        **{name: value for name, value in PRESSED.items() if name not in ('planes', 'loads')},
+        'weave': {'size': [3, 3, 3], 'connector_angle': -0.36},
+        'initial_random': {'velocity_sigma': 0.05, 'spin_sigma': 5.0, 'seed': 3}}
+    turned = []
+    for tolerance in (1e-2, 1e-4):
+        simulation = run(crowded, 'sdirk4', 0.0, tolerance=tolerance)
+        start, met = simulation.snapshot(), 0
+        for time in (0.001, 0.002, 0.003):
+            simulation.advance_to(time)
+            met += len(simulation.contacts().bodies)
+        end = simulation.snapshot()
+        speed = np.abs(start.linear_velocity).max()
+        assert met > 10
+        assert np.abs((end.linear_velocity - start.linear_velocity).sum(axis=0)).max() < (
+            1e-12 * speed)
+        turned.append(np.abs(angular(simulation, end) - angular(simulation, start)).max()
+                      / np.abs(angular(simulation, start)).max())
+    assert turned[1] < 0.1 * turned[0] < 1e-3
+
+
 def test_where_contacts_are_looked_for_changes_no_bit():
     """Nor do pieces and a checkpoint on the way."""
     end, loose = 0.004, {'tolerance': 1e-3}
