@@ -242,7 +242,8 @@ def test_the_matrix_knows_what_touches(form):
     """It is 1 + g^2 M^-1/2 H M^-1/2, with the H that statics has."""
     scene = ico.Scene.from_parameters({
         **PRESSED, 'connector': {'stiffness': 300.0}, 'weave': {
-            'size': [3, 3, 3], 'connector_angle': -0.3648}})
+            'size': [3, 3, 3], 'connector_angle': -0.3648},
+        'masses': {'heavy': {'group': 'far', 'mass': 0.05}}})
     rng = np.random.default_rng(1)
     shift, turn = (size * rng.normal(size=(scene.body_count, 3)) for size in (2e-4, 2e-2))
     position, orientation = (
@@ -259,7 +260,9 @@ def test_the_matrix_knows_what_touches(form):
         packed.model, state, work.points, g)
     here = Configuration(StaticFabric(scene), position, orientation)
     assert len(here.contact_blocks[0]) > 10 and (here.touching.planes[0].size > 0)
-    root = np.sqrt(np.repeat([packed.model.inverse_mass, packed.model.inverse_inertia], 3))
+    masses = np.column_stack([scene.masses.mass, scene.masses.inertia])
+    root = np.repeat(masses, 3, axis=1) ** -0.5
+    assert np.ptp(root[:, 0]) > 1.0
 
     def changed(pairs):
         return motion + g * g * root * np.where(held, 0.0, here.times(root * motion, pairs=pairs))

@@ -69,6 +69,8 @@ class VelocityMatrix:
         self._pair[colours, self._rows] = np.arange(len(rows))
         self._joined = np.zeros((len(rows), 6, 6))
         self._free = np.where(held, 0.0, 1.0)
+        # [1/kg] and [1/(kg m^2)] of each freedom.
+        self._inverse = 1.0 / freedom_masses(packed)
         self._forces = None if packed.contact is None else PairForces(packed.contact)
         self._patterns: dict[bytes, _Pattern] = {}
         slots = packed.layout.slot_count
@@ -103,18 +105,18 @@ class VelocityMatrix:
         pattern = self._pattern(touching)
         blocks = np.zeros((len(pattern.rows), 6, 6))
         blocks[:len(self._joined)] = self._joined
-        root = g * np.repeat([root_m, root_i], 3)
+        root = g * np.sqrt(self._inverse)
         for one, other in np.ndindex(2, 2):
+            part = pushed[:, 6 * one:6 * one + 6, 6 * other:6 * other + 6]
             np.add.at(
-                blocks, pattern.touching[:, one, other], root[:, None] * root
-                * pushed[:, 6 * one:6 * one + 6, 6 * other:6 * other + 6])
+                blocks, pattern.touching[:, one, other],
+                root[touching[:, one], :, None] * part * root[touching[:, other], None])
         blocks *= self._free[pattern.rows][:, :, None] * self._free[pattern.columns][:, None]
         own = blocks[pattern.own]
         own[:, range(6), range(6)] += 1.0
         if model.drag is not None:
-            own[:, range(3), range(3)] += g * model.drag.linear * model.inverse_mass
-            own[:, range(3, 6), range(3, 6)] += g * model.drag.angular * (
-                model.inverse_inertia)
+            own[:, range(3), range(3)] += g * model.drag.linear * self._inverse[:, :3]
+            own[:, range(3, 6), range(3, 6)] += g * model.drag.angular * self._inverse[:, 3:]
         blocks[pattern.own] = own
         matrix = pattern.matrix
         matrix.data[:] = blocks.ravel()[pattern.places]
@@ -179,6 +181,14 @@ class Factors:
         result = np.empty_like(right)
         result[self._order] = self._factors.solve(right[self._order])
         return result
+
+
+def freedom_masses(packed: PackedScene) -> np.ndarray:
+    """Mass [kg] or inertia [kg m^2] of the six freedoms of each body, (n, 6)."""
+    own = np.broadcast_to(
+        np.column_stack([packed.masses.mass, packed.masses.inertia]),
+        (packed.layout.body_count, 2))
+    return np.repeat(own, 3, axis=1)
 
 
 class _Pattern(NamedTuple):

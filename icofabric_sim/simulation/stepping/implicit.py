@@ -73,7 +73,7 @@ from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.errors import ElsewhereError
 from icofabric_sim.simulation.model.layout import aligned_empty
 from icofabric_sim.simulation.model.packing import PackedScene
-from icofabric_sim.simulation.model.velocity_matrix import Factors, VelocityMatrix
+from icofabric_sim.simulation.model.velocity_matrix import Factors, freedom_masses, VelocityMatrix
 from icofabric_sim.simulation.stepping.embedded_kernels import EmbeddedKernels
 from icofabric_sim.simulation.stepping.methods import facts_of, Method
 import numpy as np
@@ -192,8 +192,7 @@ class ImplicitSteps:
             held[:, :3] |= scene.supports.translation
             held[:, 3:] |= scene.supports.rotation[:, None]
         self._matrix = VelocityMatrix(packed, scene.weave.grid, held)
-        self._root = np.sqrt(np.repeat(
-            [1.0 / packed.model.inverse_mass, 1.0 / packed.model.inverse_inertia], 3))
+        self._root = np.sqrt(freedom_masses(packed))
         # What a velocity moves in a second, in parts of a and rad.
         self._part = np.repeat([1.0 / self._half_edge, 1.0], 3)
         self._base = packed.layout.like(packed.layout.pack(scene.initial))

@@ -69,8 +69,6 @@ def why_not_implicit(scene: Scene, *, outside: bool = False) -> str:
         return 'connector.obstruction is wrap, where warn or stop would do'
     if scene.anchors:
         return f'it has anchors ({next(iter(scene.anchors))})'
-    if not scene.masses.alike:
-        return 'bodies have masses of their own (masses.NAME, bodies.NAME.mass)'
     for name, drive in scene.drives.items():
         if not drive.moves.all():
             return f'drives.{name} leaves freedoms of its bodies free'
