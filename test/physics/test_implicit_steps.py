@@ -282,6 +282,20 @@ def test_auto_takes_them_where_damping_is_far_beyond_the_vibrations():
         assert simulation.status.method_name == method
 
 
+@pytest.mark.parametrize('contact, method', [
+    ({'contact': {'mode': 'auto'}}, 'sdirk4'),
+    ({'contact': {'mode': 'auto', 'damping': 1.0}}, 'dop8'),
+    # What bounces on a floor so hard has to be followed.
+    ({'contact': {'mode': 'auto', 'stiffness': 1e15},
+      'planes': {'floor': {'normal': [0.0, 0.0, 1.0], 'offset': -0.1}}}, 'dop8'),
+    ({'contact': {'mode': 'auto', 'stiffness': 1e4},
+      'planes': {'floor': {'normal': [0.0, 0.0, 1.0], 'offset': -0.1}}}, 'sdirk4')])
+def test_auto_minds_contacts_that_are_expected(contact, method):
+    simulation = run(
+        {**FABRIC, 'connector': {'damping': 4000.0}, **contact}, 'auto', 0.0, tolerance=1e-4)
+    assert simulation.status.method_name == method
+
+
 @pytest.mark.parametrize('changes, named', [
     ({'contact': {'mode': 'auto', 'damping': 1.0}}, 'contact.damping'),
     ({'contact': {'mode': 'always', 'friction': 0.1}}, 'contact.friction'),
