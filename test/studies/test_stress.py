@@ -292,9 +292,14 @@ def test_refusals_that_chance_brings_in_changes_are_right(seed):
 
 
 @pytest.mark.long
-def test_a_run_up_to_a_change_that_has_too_long_a_step_stops():
-    """It went on from places that are no numbers, into an error of the factorisation."""
-    found = judge(draw_scene(34359760037))
+@pytest.mark.parametrize('seed', [34359760037, 68719600142])
+def test_a_run_up_to_a_change_that_has_too_long_a_step_stops(seed):
+    """
+    The first went on from places that are no numbers, into an error of the factorisation.
+
+    The second has a connector in a shell with shorter steps, which ends any run.
+    """
+    found = judge(draw_scene(seed))
     assert found.verdict is Verdict.STOPPED and 'solver.step' in found.detail, found
 
 

@@ -333,7 +333,7 @@ class _Judge:
         """
         Whether the run up to the change stopped for its given step, and a shorter one does not.
 
-        None: there was no time.
+        Or stops for something else, as any run may have to. None: there was no time.
         """
         if self._before is None or 'solver.step' not in text:
             return False
@@ -343,8 +343,10 @@ class _Judge:
             run.should_stop = clock.is_over
             try:
                 run.advance_to(self._start)
-            except SimulationError:
-                continue
+                run.snapshot()
+            except SimulationError as error:
+                if first_name(str(error)) == first_name(text):
+                    continue
             except Interrupted:
                 return None
             return True
