@@ -25,9 +25,8 @@ stage = printf '\n== %s\n' '$(1)'; $(2) || { printf '\nstopped at: %s\n' '$(1)' 
 
 # $(call side_by_side,name,workers,tests): a file for each worker at a time, so that none compiles
 # what another one does, those that take longest first (test/conftest.py). In parts, since a process
-# keeps what it has compiled: 80 MB for a kind of scene. A test that hangs in
-# compiled code hears no signal: its worker says where, and dies; another one would begin its file
-# again, so that ends the tests.
+# keeps what it has compiled: 80 MB for a kind of scene. A test that hangs in compiled code hears no
+# signal: its worker says where, and dies; another one would begin its file again, so the tests end.
 side_by_side = $(call stage,tests side by side: $(1) (pytest),$(call workers,$(2),$(3)))
 workers = .venv/bin/python -m pytest -m 'not long' -n $(1) --dist loadfile --no-loadscope-reorder \
 	-o faulthandler_timeout=900 -o faulthandler_exit_on_timeout=true --max-worker-restart 0 $(2)

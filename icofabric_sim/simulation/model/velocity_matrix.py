@@ -106,7 +106,7 @@ class VelocityMatrix:
         blocks = np.zeros((len(pattern.rows), 6, 6))
         blocks[:len(self._joined)] = self._joined
         root = g * np.sqrt(self._inverse)
-        for one, other in np.ndindex(2, 2):
+        for one, other in np.ndindex(2, 2) if len(touching) else ():
             part = pushed[:, 6 * one:6 * one + 6, 6 * other:6 * other + 6]
             np.add.at(
                 blocks, pattern.touching[:, one, other],

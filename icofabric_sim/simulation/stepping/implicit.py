@@ -123,18 +123,21 @@ class _Ways:
     def __init__(self, watch: Watch | None) -> None:
         """Go on from what the `watch` has noted."""
         self._far = np.zeros(1) if watch is None else watch.far
-        self._most = self.looked = float(self._far[0])
+        self._most = self._last = self.looked = float(self._far[0])
 
     def begin(self) -> None:
         """Another look begins."""
         self._far[0] = 0.0
 
-    def end(self, *, is_stage: bool) -> None:
-        """The last look has ended; whether it found a stage."""
-        self.looked = max(self.looked, float(self._far[0]))
-        if is_stage:
-            self._most = max(self._most, float(self._far[0]))
+    def end(self) -> None:
+        """The look has ended."""
+        self._last = float(self._far[0])
+        self.looked = max(self.looked, self._last)
         self._far[0] = self._most
+
+    def accept(self) -> None:
+        """The last look was at a stage of the step."""
+        self._far[0] = self._most = max(self._most, self._last)
 
 
 class Tableau(NamedTuple):
@@ -461,15 +464,13 @@ class ImplicitSteps:
                 slope_at(
                     model, loads, trail.stage, work, trail, np.int64(number), team, watch, time,
                     0, last)
-                ways.end(is_stage=False)
+                ways.end()
                 residual(model, base, velocity, slopes[number], g, self._residual)
                 return self._residual[:, self._layout.slot].T * self._free
 
             if not self._solve(look_at, model, saved, trail.stage, work, g, h):
                 return False
-            ways.begin()
-            ways_of(watch, model.blocks, trail.stage, time, 0, 0, last)
-            ways.end(is_stage=True)
+            ways.accept()
         return True
 
     def _solve(

@@ -282,8 +282,10 @@ class UniformStepping:
         if not np.isfinite(state.position).all():
             trajectory.fail(
                 f'no step of {rest:.6g} s leads from t = {trajectory.time:.9g} s to a state at '
-                f't = {time:.9g} s; take a smaller solver.step, or 0 to have it chosen; the last '
-                f'good state, of t = {trajectory.time:.9g} s, is kept')
+                f't = {time:.9g} s; ' + (
+                    'take a smaller solver.step, or 0 to have it chosen' if pieces.is_given
+                    else 'take a smaller solver.tolerance') + '; the last good state, of '
+                f't = {trajectory.time:.9g} s, is kept')
         return state
 
     def follow_loads(self) -> None:
