@@ -244,7 +244,8 @@ def _drifts(simulation: Simulation, step: float, steps: int) -> tuple[
     momentum = first.linear_velocity.sum(axis=0)
     balance = gain = moving = pushed = norm = 0.0
     for look in range(1, _LOOKS + 1):
-        simulation.advance_to(steps * step * look / _LOOKS)
+        # Where a step ends to the last bit: just before it the last one would not be taken.
+        simulation.advance_to(steps * look // _LOOKS * step)
         snapshot = simulation.snapshot()
         energy = snapshot.energy
         balance = max(balance, abs(energy['balance_error']))

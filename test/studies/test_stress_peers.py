@@ -48,6 +48,34 @@ GROUPED = {'groups.top': 'z_max', 'connector_groups.soft.between': 'top all',
            'connector_groups.soft.stiffness': 100.0, 'connector_groups.soft.natural_length': 0.027}
 
 
+def loaded(profile, **more):
+    """Wrenches off the centres by one profile: fixed in the world, and turning with the bodies."""
+    times = {'start': 0.003, 'duration': 0.0 if profile.startswith('table') else 0.008} | more
+    force = {'force': [0.05, -0.1, 0.08], 'torque': [4e-4, 2e-4, -3e-4],
+             'point': [0.004, 0.007, -0.003], 'profile': profile, **times}
+    channels = {'world': {'group': 'top', 'share': 'total'}, 'body': {'group': 'all'}}
+    return {'groups.top': 'z_max', **{
+        f'loads.{frame}.{key}': value for frame, channel in channels.items()
+        for key, value in (channel | force | {'frame': frame}).items()}}
+
+
+LOADED = [
+    pytest.param(loaded('steady', start=0.0, duration=0.0), id='always'),
+    pytest.param(loaded('steady'), id='steady'), pytest.param(loaded('ramp'), id='ramp'),
+    pytest.param(loaded('half_sine'), id='half_sine'),
+    pytest.param(loaded('sine 90.0'), id='sine'), pytest.param(loaded('table'), id='table'),
+    pytest.param(loaded('steady') | HELD[2] | {'groups.top': 'z_max'}, id='held')]
+
+
+@pytest.fixture
+def placed(tmp_path):
+    """Puts the file of a table in its place."""
+    (tmp_path / 'profile.csv').write_text('0.0,0.5\n0.004,1.0\n0.009,-0.7\n0.011,0.3\n')
+    return lambda changes: {
+        name: f'table {tmp_path / "profile.csv"}' if value == 'table' else value
+        for name, value in changes.items()}
+
+
 def follow(name, changes, radians):
     """Errors after 0.02 s, with steps of so many radians of the fastest vibration."""
     scene = Scene.from_parameters(WOVEN | changes)
@@ -83,6 +111,37 @@ def test_the_same_motion_follows_in_mujoco_to_the_order_of_its_method(changes):
 def test_the_same_motion_follows_in_lammps_to_the_order_of_its_method(changes):
     errors = follow('lammps', changes, (0.02, 0.01))
     assert 1e-6 < errors[1] < 1e-3 and 3.5 < errors[0] / errors[1] < 4.5, errors
+
+
+@needs_mujoco
+@pytest.mark.parametrize('changes', LOADED)
+def test_loads_of_all_profiles_act_in_mujoco_as_they_should(changes, placed):
+    without = compile_scene(Scene.from_parameters(WOVEN))
+    moved = compile_scene(Scene.from_parameters(WOVEN | placed(changes)))
+    for run in (without, moved):
+        run.advance_to(0.02)
+    assert distance_between(
+        without.snapshot(), moved.snapshot(), moved.scene.geometry.half_edge) > 0.05
+    errors = follow('mujoco', placed(changes), (0.2, 0.1))
+    assert 1e-7 < errors[1] < 3e-5 and 10.0 < errors[0] / errors[1] < 30.0, errors
+
+
+@needs_lammps
+@pytest.mark.parametrize('changes', LOADED)
+def test_loads_of_all_profiles_act_in_lammps_as_they_should(changes, placed):
+    errors = follow('lammps', placed(changes), (0.02, 0.01))
+    assert 1e-6 < errors[1] < 1e-3 and 3.5 < errors[0] / errors[1] < 4.5, errors
+
+
+@each_peer
+def test_loads_are_judged_there_in_windows_that_begin_later(name, placed):
+    scene = StressScene(0, KINDS.index(Kind('dop8')), {
+        **WOVEN, **placed(loaded('half_sine', duration=0.004)), 'weave.size': [2, 2, 2],
+        'solver.tolerance': 1e-2, 'duration': 0.02}, {})
+    finding = judge_peer(name, scene)
+    assert finding.verdict is Verdict.WITHIN and finding.compared, finding
+    assert 0.0 < finding.added < finding.promised and finding.windows >= 3
+    assert finding.unjudged == 0
 
 
 @each_peer

@@ -17,7 +17,7 @@ A scene in LAMMPS: bodies of `fix rigid/nve`, connectors as harmonic bonds of at
 Its method for rigid bodies that keeps energy (velocity Verlet with NO_SQUISH rotations), of order
 2. Lengths are in units of a, masses of that of a shell and times of the fastest motion. Each body
 has an atom at its centre and three at a along its axes, by which its state is read, and one for
-each end of a connector.
+each end of a connector. Loads act on the first four, by its `fix external`.
 """
 
 from collections.abc import Callable
@@ -32,12 +32,12 @@ from icofabric_sim.geometry.rotations import (
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.errors import Interrupted, SimulationError
 from icofabric_sim.studies.stress import lammps_engine
-from icofabric_sim.studies.stress.peer_state import State, steps_until
+from icofabric_sim.studies.stress.peer_loads import PeerLoads
+from icofabric_sim.studies.stress.peer_state import State, Steps
 import numpy as np
 
-# Terms of a kind of scenes that are the same forces there. Loads are left out of the scene.
-TERMS = ('heavy', 'held', 'attached', 'grouped')
-LEFT_OUT = ('loaded',)
+# Terms of a kind of scenes that are the same forces there.
+TERMS = ('heavy', 'held', 'attached', 'grouped', 'loaded')
 DISTRIBUTION, INSTALL = lammps_engine.DISTRIBUTION, lammps_engine.INSTALL
 METHOD = 'LAMMPS rigid/nve'
 # Error of its method in a radian of an oscillation, over step times frequency to its order.
@@ -61,6 +61,10 @@ class LammpsRun:
         self.should_stop: Callable[[], bool] | None = None
         self.step, self.step_count = step, 0
         self._length, self._rate = scene.geometry.half_edge, rate
+        self._loads = PeerLoads(scene)
+        self._steps = Steps(step, self._loads.ends)
+        # The stretch of time of the steps that are taken, and the number of the first of them.
+        self._part = self._first = 0
         self._intact = np.ones(scene.connector_count, dtype=bool)
         ends = scene.connectors.bodies
         # The ends of connectors, side by side, after the markers of all bodies.
@@ -76,26 +80,59 @@ class LammpsRun:
     @property
     def time(self) -> float:
         """Time [s] of the present state."""
-        return self.step_count * self.step
+        return self._steps.time(self.step_count)
 
     def advance_to(self, time: float) -> None:
         """Take whole steps, of which the last ends at a `time` [s] or after it."""
         while self.time < time:
-            self.advance_steps(steps_until(self.time, time, self.step, _LOOK))
+            self.advance_steps(self._steps.until(self.step_count, time, _LOOK))
 
     def advance_steps(self, count: int) -> None:
         """Take so many steps; raises SimulationError where places are none, and Interrupted."""
         if self.should_stop is not None and self.should_stop():
             raise Interrupted
+        end = self.step_count + count
         try:
-            self._engine.command(f'run {count} pre no post no')
+            while self.step_count < end:
+                self._advance_alike(self._steps.alike(self.step_count, end - self.step_count))
         except Exception as error:
             raise SimulationError(f'LAMMPS at t = {self.time:.9g} s: {error}') from error
-        self.step_count += count
         if not np.isfinite(self._gather('x')).all():
             raise SimulationError(
                 f'LAMMPS at t = {self.time:.9g} s, after steps of {self.step:.6g} s: places are '
                 'no numbers')
+
+    def _advance_alike(self, count: int) -> None:
+        """Take steps in one stretch of time, in which no load jumps."""
+        part, again = self._steps.part(self.step_count), 'no'
+        if part != self._part:
+            # Forces at the beginning of a step are those of its own stretch, so once more.
+            self._part, again = part, 'yes'
+            self._set_step()
+        self._first = self.step_count
+        self._engine.command(f'run {count} pre {again} post no')
+        self.step_count += count
+
+    def _set_step(self) -> None:
+        self._engine.command(f'timestep {self._steps.length(self.step_count) * self._rate!r}')
+
+    def _push(
+        self, caller: object, step: int, count: int, tags: np.ndarray, places: np.ndarray,
+        forces: np.ndarray
+    ) -> None:
+        """Give the loads after so many steps as forces on the first atoms of the bodies."""
+        loads = self._loads
+        atoms = np.argsort(tags)[:_MARKERS * self.scene.body_count].reshape(-1, _MARKERS)
+        atoms = atoms[loads.bodies]
+        axes = places[atoms[:, 1:]] - places[atoms[:, :1]]
+        force, torque = loads.at(
+            self._steps.time(step), self._steps.within(self._first), axes)
+        unit = self.scene.shell.mass * self._length * self._rate**2
+        # Of three axes at right angles: the sum of e x (N x e) is 2 N.
+        turning = 0.5 * np.cross(torque[:, None] / (unit * self._length), axes)
+        forces[:] = 0.0
+        forces[atoms[:, 1:]] = turning
+        forces[atoms[:, 0]] = force / unit - turning.sum(axis=1)
 
     def snapshot(self) -> State:
         """The present state."""
@@ -145,11 +182,17 @@ class LammpsRun:
             lines += ['neigh_modify once yes', 'group centres type 2']
             if gravity.any():
                 lines.append('fix gravity centres addforce ' + _numbers(gravity))
+            if self._loads.bodies.size:
+                lines.append('fix loads all external pf/callback 1 1')
             lines += [
-                f'fix rigid all rigid/nve molecule {self._held()} infile {bodies}',
-                'thermo_style custom step', 'thermo 0', f'timestep {self.step * rate!r}', 'run 0']
+                f'fix rigid all rigid/nve molecule {self._held()} infile {bodies} reinit no',
+                'thermo_style custom step', 'thermo 0']
             for line in lines:
                 self._engine.command(line)
+            if self._loads.bodies.size:
+                self._engine.set_fix_external_callback('loads', self._push, None)
+            self._set_step()
+            self._engine.command('run 0')
 
     def _held(self) -> str:
         """Forces and torques that supports take."""

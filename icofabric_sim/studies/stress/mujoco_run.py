@@ -15,7 +15,8 @@
 A scene in MuJoCo: bodies on joints, connectors as spatial tendons with springs and dampers.
 
 Its Runge-Kutta method of order 4, in double precision. Lengths are in units of a, masses of that
-of a shell and times of the fastest motion, since it takes no mass below 1e-15.
+of a shell and times of the fastest motion, since it takes no mass below 1e-15. Loads act by its
+callback for passive forces, which it asks at each stage.
 """
 
 from collections.abc import Callable
@@ -25,12 +26,12 @@ from typing import Any
 from icofabric_sim.geometry.rotations import cosines_from_quaternions
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.errors import Interrupted, SimulationError
-from icofabric_sim.studies.stress.peer_state import State, steps_until
+from icofabric_sim.studies.stress.peer_loads import PeerLoads
+from icofabric_sim.studies.stress.peer_state import State, Steps
 import numpy as np
 
-# Terms of a kind of scenes that are the same forces there. Loads are left out of the scene.
-TERMS = ('heavy', 'held', 'damped', 'attached', 'grouped')
-LEFT_OUT = ('loaded',)
+# Terms of a kind of scenes that are the same forces there.
+TERMS = ('heavy', 'held', 'damped', 'attached', 'grouped', 'loaded')
 DISTRIBUTION, INSTALL = 'mujoco', 'pip install mujoco'
 METHOD = 'MuJoCo RK4'
 # Error of its method in a radian of an oscillation, over step times frequency to its order.
@@ -55,7 +56,8 @@ class MuJoCoRun:
         self._length, self._second = scene.geometry.half_edge, rate
         self._cosines = cosines_from_quaternions(scene.initial.orientation)
         self._model = self._mujoco.MjModel.from_xml_string(self._text())
-        self._model.opt.timestep = step * rate
+        self._loads = PeerLoads(scene)
+        self._steps = Steps(step, self._loads.ends)
         self._data = self._mujoco.MjData(self._model)
         self._shown = self._mujoco.MjData(self._model)
         self._start()
@@ -64,25 +66,49 @@ class MuJoCoRun:
     @property
     def time(self) -> float:
         """Time [s] of the present state."""
-        return self.step_count * self.step
+        return self._steps.time(self.step_count)
 
     def advance_to(self, time: float) -> None:
         """Take whole steps, of which the last ends at a `time` [s] or after it."""
         while self.time < time:
-            self.advance_steps(steps_until(self.time, time, self.step, _LOOK))
+            self.advance_steps(self._steps.until(self.step_count, time, _LOOK))
 
     def advance_steps(self, count: int) -> None:
         """Take so many steps; raises SimulationError where it warns, and Interrupted."""
         if self.should_stop is not None and self.should_stop():
             raise Interrupted
-        self._mujoco.mj_step(self._model, self._data, count)
-        self.step_count += count
+        end = self.step_count + count
+        while self.step_count < end:
+            self._advance_alike(self._steps.alike(self.step_count, end - self.step_count))
         for kind in range(self._mujoco.mjtWarning.mjNWARNING):
             if self._data.warning[kind].number:
                 words = self._mujoco.mju_warningText(
                     kind, int(self._data.warning[kind].lastinfo))
                 raise SimulationError(
                     f'MuJoCo at t = {self.time:.9g} s, after steps of {self.step:.6g} s: {words}')
+
+    def _advance_alike(self, count: int) -> None:
+        """Take steps in one stretch of time, in which no load jumps."""
+        mujoco, first = self._mujoco, self.step_count
+        self._model.opt.timestep = self._steps.length(first) * self._second
+        if self._loads.bodies.size:
+            within = self._steps.within(first)
+            mujoco.set_mjcb_passive(lambda model, data: self._push(model, data, within))
+        try:
+            mujoco.mj_step(self._model, self._data, count)
+        finally:
+            mujoco.set_mjcb_passive(None)
+        self.step_count += count
+
+    def _push(self, model: Any, data: Any, within: float) -> None:
+        """Add the loads to passive forces, where the bodies stand at the time of a stage."""
+        numbers = self._bodies[self._loads.bodies]
+        axes = data.xmat[numbers].reshape(-1, 3, 3).transpose(0, 2, 1)
+        force, torque = self._loads.at(data.time / self._second, within, axes)
+        unit = self.scene.shell.mass * self._length * self._second**2
+        for body, push, turn in zip(numbers, force / unit, torque / (unit * self._length)):
+            self._mujoco.mj_applyFT(
+                model, data, push, turn, data.xpos[body], int(body), data.qfrc_passive)
 
     def snapshot(self) -> State:
         """The present state."""
