@@ -135,6 +135,8 @@ def terms(body: int) -> list[Term]:
                 'group': 'wall', 'motion': 'sine', 'linear': [0.0, 0.0, 1e-4],
                 'frequency': 5.0}}}, method='dop8'),
         Term('damped connectors', {'connector': {'damping': 1e-3}}, method='dop8'),
+        Term('standard linear solids', {
+            'connector': {'maxwell_stiffness': 200.0, 'maxwell_time': 1e-3}}, method='dop8'),
         Term('connectors with damping of their own', {
             'groups': wall, 'connector_groups': {'soft': {
                 'between': 'wall all', 'damping': 1e-3}}}, method='dop8'),

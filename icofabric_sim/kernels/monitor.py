@@ -27,6 +27,7 @@ from icofabric_sim.kernels.drives import energy_of_drives
 from icofabric_sim.kernels.fields import field_parts
 from icofabric_sim.kernels.law_tables import tabled_energy, tabled_pull
 from icofabric_sim.kernels.masses import largest_of, units_of, weights_of
+from icofabric_sim.kernels.maxwell import maxwell_look
 from icofabric_sim.kernels.meters import flowed
 from icofabric_sim.kernels.moment_bounds import bending_look, twisting_look
 from icofabric_sim.kernels.obstruction import obstructed_lanes
@@ -318,7 +319,12 @@ def bound_and_energies(
     around, wound, _ = wrapping_look(
         model.wrapping, model.links, model.inverse_mass, model.inverse_inertia, state.position,
         state.orientation, work.points, block, s)
-    return bound + more + most + field + around, linked, bent + twisted + wound, potential, pulls
+    arms, held = maxwell_look(
+        model.maxwell, model.links, model.inverse_mass, model.inverse_inertia, state.rest,
+        work.points, state.position.shape[1], block, s)
+    return (
+        bound + more + most + field + around + arms, linked + held, bent + twisted + wound,
+        potential, pulls)
 
 
 @compiled
@@ -636,3 +642,15 @@ def save(model: Model, state: State, saved: State, first: int, last: int) -> Non
             for i in range(3):
                 for k in range(3):
                     store(saved.orientation[i], k, s, load(state.orientation[i], k, s))
+        save_rest(state.rest, saved.rest, s)
+
+
+@compiled
+def save_rest(rest: np.ndarray | None, saved: np.ndarray | None, s: int) -> None:
+    """Copy the rest lengths of Maxwell arms of a block."""
+    if rest is None:
+        return
+    if saved is None:
+        return
+    for k in range(rest.shape[0]):
+        store(saved, k, s, load(rest, k, s))

@@ -303,6 +303,15 @@ class Damping(Record):
     own: np.ndarray | None  # (12, s) [N s/m] of the connectors at each body, where not all alike
 
 
+class Maxwell(Record):
+    """A spring and a dashpot in series beside each connector, see kernels/maxwell.py."""
+
+    stiffness: float  # k_1 [N/m]; of many the largest
+    rate: float  # 1 / tau [1/s]; of many the largest
+    own_stiffness: np.ndarray | None  # (12, s) [N/m] of the connectors at each body
+    own_rate: np.ndarray | None  # (12, s) [1/s] likewise; both where not all are alike
+
+
 class Drag(Record):
     """Drag on every body."""
 
@@ -469,6 +478,7 @@ class Model(Record):
     wrapping: Wrapping | None = None
     contacts: Contacts | None = None
     masses: Masses | None = None
+    maxwell: Maxwell | None = None
 
 
 class State(Record):
@@ -478,6 +488,12 @@ class State(Record):
     orientation: np.ndarray  # (4, s) x y z w, or (3, 3, s) direction cosines
     linear_velocity: np.ndarray  # (3, s) [m/s]
     angular_velocity: np.ndarray  # (3, s) [rad/s]
+    # (12, s) [m] lengths at which the springs of Maxwell arms rest; None without arms.
+    rest: np.ndarray | None = None
+
+    def rows(self) -> list[np.ndarray]:
+        """The arrays that are there, in the order of the fields."""
+        return [array for array in self if array is not None]
 
 
 class Work(Record):

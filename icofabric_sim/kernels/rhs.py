@@ -15,7 +15,7 @@
 The equations of motion as dy/dt = f(y) for Runge-Kutta methods, and sums of their slopes.
 
 Rows of a slope, slots last: 3 of the position, 4 of the quaternion (or 9 direction cosines), 3 of
-the velocity, 3 of the spin.
+the velocity, 3 of the spin, and with Maxwell arms 12 of their rest lengths.
 """
 
 from icofabric_sim.kernels.anchors import anchor_slope
@@ -24,6 +24,7 @@ from icofabric_sim.kernels.drives import is_wrench, place_row, resist_slopes
 from icofabric_sim.kernels.external import add_external
 from icofabric_sim.kernels.flows import accelerations, NONE, place_links
 from icofabric_sim.kernels.loads import kick_load, wrench_of_row
+from icofabric_sim.kernels.maxwell import add_maxwell
 from icofabric_sim.kernels.meters import note_flow
 from icofabric_sim.kernels.monitor import rows_of
 from icofabric_sim.kernels.probable_error import probable_error
@@ -97,6 +98,9 @@ def find_slopes(
         spent = add_wrapped_damping(
             model.wrapping, model.damping, model.links, model, state, work.points, work.speeds,
             linear, angular, block, s, spent)
+        spent = add_maxwell(
+            model.maxwell, model.links, model, state.rest, slope, 9 + turn, state.position,
+            work.points, block, s, spent)
         spent = add_drag(model.drag, model, state, linear, angular, s, spent)
         spent = add_taken(losses_of(model.contacts), s, spent)
         add_magnetic(model.magnet, model, state, linear, angular, s)
@@ -179,7 +183,22 @@ def combine(
     row = combine_rows(source.position, slopes, np.int64(0), weights, h, target.position, s)
     row = combine_rows(turn, slopes, row, weights, h, rows_of(target.orientation), s)
     row = combine_rows(source.linear_velocity, slopes, row, weights, h, target.linear_velocity, s)
-    combine_rows(source.angular_velocity, slopes, row, weights, h, target.angular_velocity, s)
+    row = combine_rows(
+        source.angular_velocity, slopes, row, weights, h, target.angular_velocity, s)
+    combine_rest(source.rest, slopes, row, weights, h, target.rest, s)
+
+
+@compiled
+def combine_rest(
+    source: np.ndarray | None, slopes: np.ndarray, row: int, weights: np.ndarray, h: float,
+    target: np.ndarray | None, s: int
+) -> None:
+    """The same for the rest lengths of Maxwell arms."""
+    if source is None:
+        return
+    if target is None:
+        return
+    combine_rows(source, slopes, row, weights, h, target, s)
 
 
 @compiled
@@ -234,9 +253,10 @@ def step_error(
     Error of a step of length 1 for a block, the largest of its bodies, to judge it by; what it is.
 
     Squares of position, orientation, velocity and spin are multiplied by `scales` (4,), and the
-    largest of the four counts. The estimates of order 5 and 3 are combined as in DOP853,
-    e5^2 / sqrt(e5^2 + 0.01 e3^2), which makes it one of order 7, on the safe side. What the step
-    probably errs by: see `probable_error`, also for `smooth`.
+    largest of the four counts; rest lengths of Maxwell arms count as positions. The estimates of
+    order 5 and 3 are combined as in DOP853, e5^2 / sqrt(e5^2 + 0.01 e3^2), which makes it one of
+    order 7, on the safe side. What the step probably errs by: see `probable_error`, also for
+    `smooth`.
     """
     zero = splat(0.0)
     largest_5, largest_3, all_squares = zero, zero, zero
@@ -258,6 +278,15 @@ def step_error(
         all_squares = all_squares + (square_5 + square_3)
         largest_5 = maximum(splat(scales[part]) * square_5, largest_5)
         largest_3 = maximum(splat(scales[part]) * square_3, largest_3)
+    for k in range(row, slopes[0].shape[0]):
+        first, second = zero, zero
+        for j in range(error_5.shape[0]):
+            value = load(slopes[j], k, s)
+            first = fma(splat(error_5[j]), value, first)
+            second = fma(splat(error_3[j]), value, second)
+        all_squares = all_squares + fma(first, first, second * second)
+        largest_5 = maximum(splat(scales[0]) * (first * first), largest_5)
+        largest_3 = maximum(splat(scales[0]) * (second * second), largest_3)
     sum_ = maximum(fma(splat(0.01), largest_3, largest_5), splat(1e-300))
     # The maximum of vectors ignores NaN; 0 times NaN is NaN.
     error = largest_5 * rsqrt(sum_) + zero * all_squares
@@ -283,10 +312,26 @@ def interpolate(
     row = interpolate_rows(
         start.linear_velocity, end.linear_velocity, slopes, row, dense, h, x,
         target.linear_velocity, s)
-    interpolate_rows(
+    row = interpolate_rows(
         start.angular_velocity, end.angular_velocity, slopes, row, dense, h, x,
         target.angular_velocity, s)
+    interpolate_rest(start.rest, end.rest, slopes, row, dense, h, x, target.rest, s)
     normalise(target.orientation, s)
+
+
+@compiled
+def interpolate_rest(
+    start: np.ndarray | None, end: np.ndarray | None, slopes: np.ndarray, row: int,
+    dense: np.ndarray, h: float, x: float, target: np.ndarray | None, s: int
+) -> None:
+    """The same for the rest lengths of Maxwell arms."""
+    if start is None:
+        return
+    if end is None:
+        return
+    if target is None:
+        return
+    interpolate_rows(start, end, slopes, row, dense, h, x, target, s)
 
 
 @compiled

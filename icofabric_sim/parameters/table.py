@@ -225,6 +225,22 @@ STATIC: tuple[Specification, ...] = (
     ),
     _s('connector.damping', 0.0, 'N s/m', 'damping along the connector', minimum=0.0),
     _s(
+        'connector.maxwell_stiffness',
+        0.0,
+        'N/m',
+        'stiffness k_1 of a spring with a dashpot in series, beside the connector: together a '
+        'standard linear solid; 0: none',
+        minimum=0.0,
+    ),
+    _s(
+        'connector.maxwell_time',
+        0.0,
+        's',
+        'relaxation time tau of that arm, dashpot over spring; above 0 with '
+        'connector.maxwell_stiffness',
+        minimum=0.0,
+    ),
+    _s(
         'connector.bending_stiffness',
         0.0,
         'N m/rad',
@@ -619,6 +635,8 @@ FAMILIES: dict[str, tuple[Specification, ...]] = {
         _s('bending_stiffness', -1.0, 'N m/rad', 'kappa_b; negative: as for all'),
         _s('twisting_stiffness', -1.0, 'N m/rad', 'kappa_t; negative: as for all'),
         _s('damping', -1.0, 'N s/m', 'damping along the connectors; negative: as for all'),
+        _s('maxwell_stiffness', -1.0, 'N/m', 'k_1 of a Maxwell arm; negative: as for all'),
+        _s('maxwell_time', -1.0, 's', 'tau of that arm; negative: as for all'),
         _s('break_length_extension', -1.0, 'm',
            'length L_e above D; 0: never breaks; negative: as for all'),
         _s('break_length_compression', -1.0, 'm',

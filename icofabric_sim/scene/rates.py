@@ -28,6 +28,7 @@ from icofabric_sim.scene.masses import lightest
 # At this rate [1/s] a second of simulated time takes a thousand million steps.
 LARGEST_RATE = 1e9
 _SPRINGS = ('stiffness', 'stiffness_extension', 'stiffness_compression')
+_OF_CONNECTORS = (*_SPRINGS, 'maxwell_stiffness')
 
 
 def check_rates(parameters: Parameters, shell: Shell) -> None:
@@ -47,7 +48,7 @@ def _rates(parameters: Parameters, shell: Shell) -> Iterator[tuple[str, float]]:
     mass, inertia = lightest(parameters, shell)
     for family in ('connector', *(
             f'connector_groups.{name}' for name in parameters.names('connector_groups'))):
-        for field in _SPRINGS:
+        for field in _OF_CONNECTORS:
             yield f'{family}.{field}', _of_spring(parameters[f'{family}.{field}'], mass)
         for field in ('bending_stiffness', 'twisting_stiffness'):
             yield f'{family}.{field}', _of_spring(parameters[f'{family}.{field}'], inertia)

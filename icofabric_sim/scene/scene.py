@@ -52,6 +52,7 @@ from icofabric_sim.scene.electric import check_electric, Electric, make_electric
 from icofabric_sim.scene.faces import check_faces
 from icofabric_sim.scene.load_channels import LoadChannel, make_channels
 from icofabric_sim.scene.masses import BodyMasses, make_masses, own_masses
+from icofabric_sim.scene.maxwell import make_arms, MaxwellArms
 from icofabric_sim.scene.notebook import html_of
 from icofabric_sim.scene.planes import make_planes
 from icofabric_sim.scene.profiles import check_profile
@@ -90,6 +91,7 @@ class SceneConnectors:
     bending_stiffness: np.ndarray  # [N m/rad], (c,), or (1,) where all are alike
     twisting_stiffness: np.ndarray
     damping: np.ndarray  # (c,) or (1,) [N s/m]
+    arms: MaxwellArms | None  # that make standard linear solids of them, if any does
     limits: BreakLimits | None  # lengths at which they break, if any can
 
     @property
@@ -230,6 +232,7 @@ class Scene:
                 spread_over(checked, 'bending_stiffness', *own),
                 spread_over(checked, 'twisting_stiffness', *own),
                 spread_over(checked, 'damping', *own),
+                make_arms(checked, *own),
                 make_limits(checked, length, *own, laws[0]),
             ),
             groups=groups,

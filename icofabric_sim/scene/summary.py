@@ -148,6 +148,10 @@ def _springs(scene: Scene) -> str:
         stiffness = getattr(scene.connectors, f'{name}_stiffness')
         if stiffness.any():
             text += f', against {name} {_range(stiffness)} N m/rad'
+    arms = scene.connectors.arms
+    if arms is not None:
+        text += (f', Maxwell arms of {_range(arms.stiffness)} N/m that relax in '
+                 f'{_range(arms.time[arms.time > 0.0])} s')
     limits = scene.connectors.limits
     for word, values in () if limits is None else (
             ('longer', limits.longest), ('shorter', limits.shortest)):

@@ -15,6 +15,7 @@
 
 from icofabric_sim.parameters.validation import ParameterError, Parameters
 from icofabric_sim.scene.attachments import are_given
+from icofabric_sim.scene.maxwell import has_arms
 
 # It restores the angle at which a connector leaves its body, which a shell decides here.
 _UNFIT = 'bending_stiffness'
@@ -29,6 +30,11 @@ def check_wrapping(parameters: Parameters) -> None:
         raise ParameterError(
             name, f'{name} wrap has geodesics from edge midpoints only: leave out '
             'connector.attachment_scale and connector.attachment.*, or take warn')
+    arm = has_arms(parameters)
+    if arm:
+        raise ParameterError(
+            name, f'{name} wrap does not go with {arm} {parameters[arm]!r}: a Maxwell arm follows '
+            'the straight way yet; set it to 0 (damping can stay), or take warn')
     prefixes = ['connector'] + [
         f'connector_groups.{group}' for group in parameters.names('connector_groups')]
     for prefix in prefixes:

@@ -90,7 +90,7 @@ class EventLoop:
         self.method = Choice(parameters['solver.method'], 'given as solver.method')
         is_chosen = self.method.name == 'auto'
         loads = self._loads()
-        state = packed.layout.pack(scene.initial)
+        state = packed.pack(scene.initial)
         frequency = with_anchors(
             largest_frequency(packed, state), packed, loads, state, self.time)
         if not frequency.rate < math.inf:
@@ -328,11 +328,15 @@ class EventLoop:
         if time == self.time:
             self._handle_events(time)
 
-    def jump(self, state: InitialState) -> None:
-        """Go on from another state at the present time."""
+    def jump(self, state: InitialState, rest: np.ndarray | None = None) -> None:
+        """
+        Go on from another state at the present time.
+
+        Springs of Maxwell arms rest at lengths `rest` [m], (c,), or as in that state.
+        """
         self.changes += 1
         self._stale_loads, self._cut_due = False, math.inf
-        packed = self._packed.layout.pack(state)
+        packed = self._packed.pack(state, rest)
         if self.method.name != self._first.name:
             # As a run that begins there.
             self._change_method(self._first, packed)

@@ -37,7 +37,7 @@ from icofabric_sim.scene.scene import Scene
 from icofabric_sim.scene.supports import fixed_freedoms
 from icofabric_sim.simulation.anchor_breaks import AnchorBreaks
 from icofabric_sim.simulation.model.as_table import AsTable
-from icofabric_sim.simulation.model.layout import aligned_empty
+from icofabric_sim.simulation.model.layout import aligned_empty, copy_state
 from icofabric_sim.simulation.model.packing import pack_supports, PackedScene
 from icofabric_sim.simulation.model.snapshot import Snapshot
 from icofabric_sim.simulation.stepping.driver import Driver
@@ -225,15 +225,15 @@ class LoadCells:
         loads = loads._replace(power=power, lanes=np.where(
             _is_path(loads), 0, loads.lanes).astype(loads.lanes.dtype))
         there = layout.like(state)
-        for target, source in zip(there, state):
-            np.copyto(target, source)
-        slope = np.zeros((18 if layout.cosines else 13, layout.slot_count))
+        copy_state(state, there)
+        slope = np.zeros((layout.slope_rows(state), layout.slot_count))
         last = len(self._model.blocks.slot)
         place_blocks(self._model, loads, there, work, time, 0, last)
         if work.external is not None:
             ask_alone(work.external, there, time)
         find_slopes(self._model, loads, there, work, time, slope, 0, 0, last)
-        return layout.gather(slope[-6:]) * self._masses
+        row = 12 if layout.cosines else 7
+        return layout.gather(slope[row:row + 6]) * self._masses
 
     def _path_acceleration(self, loads: Loads, state: State, time: float) -> np.ndarray:
         """Accelerations [m/s^2], [rad/s^2] that paths prescribe, (n, 6); 0 of other bodies."""
@@ -247,8 +247,7 @@ class LoadCells:
         ends = []
         for moment in (time - span, time + span):
             there = layout.like(state)
-            for target, source in zip(there, state):
-                np.copyto(target, source)
+            copy_state(state, there)
             place_driven(self._model, loads, there, moment)
             ends.append(np.concatenate([
                 layout.gather(there.linear_velocity), layout.gather(there.angular_velocity)],
@@ -299,7 +298,7 @@ def _lose(
 
 def tensions_of(scene: Scene, snapshot: Snapshot) -> np.ndarray:
     """
-    Forces [N] along the connectors, (c,), by their laws and dampers; 0 of broken ones.
+    Forces [N] along the connectors, (c,), by their laws, dampers and arms; 0 of broken ones.
 
     NaN of damped ones that lie around a shell.
     """
@@ -324,7 +323,7 @@ def tensions_of(scene: Scene, snapshot: Snapshot) -> np.ndarray:
             # The ends of one that lies around a shell do not say how fast it gets longer.
             rate = np.where((snapshot.obstructed != 0) & (damping > 0.0), np.nan, rate)
         tension = tension + damping * rate
-    return np.where(snapshot.intact, tension, 0.0)
+    return np.where(snapshot.intact, tension + snapshot.maxwell_tension, 0.0)
 
 
 def names_of(parameters: Parameters) -> tuple[str, ...]:

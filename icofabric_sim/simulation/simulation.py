@@ -210,14 +210,15 @@ class Simulation:
     def snapshot(self) -> Snapshot:
         """Copy of the state at the present time."""
         if self._cached is None or self._cached_at != self._event_loop.changes:
-            state = self.packed.layout.unpack(self._event_loop.state())
-            for array in state:
+            there = self._event_loop.state()
+            state, rest = self.packed.layout.unpack(there), self.packed.rest_lengths(there)
+            for array in state if rest is None else (*state, rest):
                 array.flags.writeable = False
             self._cached = Snapshot(
                 self.time, *state, self.scene.connector_count, self.packed,
                 self._books(state), self._driver.trajectory.broken.since, self._anchors(),
                 None if self.inputs.anchor_breaks is None else (
-                    self.inputs.anchor_breaks.since.copy()))
+                    self.inputs.anchor_breaks.since.copy()), rest)
             self._cached_at = self._event_loop.changes
         return self._cached
 
@@ -324,12 +325,13 @@ class Simulation:
         """
         Replace parts of the state at the present time; (n, 3) and (n, 4), world frame, SI units.
 
-        What is broken stays broken.
+        What is broken stays broken, and dashpots of Maxwell arms keep their lengths.
         """
-        state = complete_state(self.snapshot(), {
+        snapshot = self.snapshot()
+        state = complete_state(snapshot, {
             'position': position, 'orientation': orientation, 'linear_velocity': linear_velocity,
             'angular_velocity': angular_velocity})
-        self._jump(hold_still(state, self.scene.supports))
+        self._jump(hold_still(state, self.scene.supports), snapshot.rest_length)
 
     def reset(self, *, time: float | None = None) -> None:
         """
@@ -360,7 +362,8 @@ class Simulation:
         Go on where a run of an earlier scene stands: its time, and its wrenches where they fit.
 
         With `keep_motion` also its state and its broken connectors, which needs the same number of
-        bodies; else from the initial state.
+        bodies; else from the initial state. Maxwell arms of connectors that joined the same edges
+        go on; others begin without a pull.
         """
         checks.instance('previous', previous, Simulation, _WAY)
         keep_motion = checks.flag('keep_motion', keep_motion)
@@ -378,7 +381,9 @@ class Simulation:
             if not obstruction.stops:
                 obstruction.found = previous.status.obstruction
             self._event_loop.time = previous.time
-            self._jump(_as_initial(previous.snapshot(), self.scene))
+            snapshot = previous.snapshot()
+            state = _as_initial(snapshot, self.scene)
+            self._jump(state, self.packed.carry(previous.packed, snapshot.rest_length, state))
             self._driver.adopt(previous._driver)
         else:
             self._event_loop.begin_at(previous.time)
@@ -527,9 +532,9 @@ class Simulation:
             books['work_in'] += shown.given
         return books
 
-    def _jump(self, state: InitialState) -> None:
+    def _jump(self, state: InitialState, rest: np.ndarray | None = None) -> None:
         with self._deferred:
-            self._event_loop.jump(state)
+            self._event_loop.jump(state, rest)
 
     def _pause(self) -> None:
         self._deferred.check()

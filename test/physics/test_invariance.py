@@ -267,6 +267,7 @@ UNITS = {
     'shell.edge_length': (1, 0, 0), 'shell.thickness': (1, 0, 0), 'shell.mass': (0, 1, 0),
     'connector.stiffness': (0, 1, -2), 'connector.stiffness_extension': (0, 1, -2),
     'connector.stiffness_compression': (0, 1, -2), 'connector.damping': (0, 1, -1),
+    'connector.maxwell_stiffness': (0, 1, -2), 'connector.maxwell_time': (0, 0, 1),
     'connector.natural_length': (1, 0, 0), 'connector.break_length_extension': (1, 0, 0),
     'connector.bending_stiffness': (2, 1, -2), 'connector.twisting_stiffness': (2, 1, -2),
     'weave.connector_length': (1, 0, 0), 'gravity': (1, 0, -2), 'drag.linear': (0, 1, -1),
@@ -288,6 +289,7 @@ WOVEN = {
     **SHELL, 'weave.size': [3, 3, 2], 'contact.mode': 'never',
     'initial_random.velocity_sigma': 0.5, 'initial_random.spin_sigma': 60.0,
     'initial_random.seed': 1}
+RELAXING = {'connector.maxwell_stiffness': 400.0, 'connector.maxwell_time': 1e-3}
 TORN = {**DAMPED, 'connector.break_length_extension': 0.0345}
 LOOSE = {
     **SHELL, 'weave.size': [1, 1, 1], 'weave.connected': False, 'contact.mode': 'auto',
@@ -303,6 +305,7 @@ SCENES = {
     'two stiffnesses, srkn4': ({**WOVEN, **KINKED, 'solver.method': 'srkn4'}, 0.02),
     'moments': ({**WOVEN, **BENT, 'solver.method': 'srkn6'}, 0.02),
     'damped, breaking': ({**WOVEN, **TORN}, 0.01),
+    'relaxing': ({**WOVEN, **RELAXING}, 0.02),
     'loaded': ({**WOVEN, **loads_seen(np.eye(3))}, 0.02),
     'around shells': ({**WOVEN, **WRAPPED}, 0.005),
     'touching': ({**LOOSE, 'solver.method': 'dop8'}, 0.05),

@@ -149,7 +149,7 @@ def test_states_come_back_from_their_slots(cosines):
     layout = pack_scene(scene, cosines=cosines).layout
     state = layout.pack(initial)
     assert state.orientation.shape == ((3, 3) if cosines else (4,)) + (layout.slot_count,)
-    for array in state:
+    for array in state.rows():
         assert array.ctypes.data % 64 == 0
     for name, before, after in zip(STATE, initial, layout.unpack(state)):
         if name == 'orientation' and cosines:

@@ -197,7 +197,7 @@ def test_a_window_has_the_accelerations_of_the_whole(weave):
                 (part.halo, np.arange(len(part.halo)) + part.last - part.first)):
             source = lanes_of(layout.blocks.slot[blocks])
             target = lanes_of(window.model.blocks.slot[numbers])
-            for own, values in zip(held, state):
+            for own, values in zip(held.rows(), state.rows()):
                 own[:, target] = values[:, source]
         assert window.slot_count < layout.slot_count
         work = layout.room(links)._replace(

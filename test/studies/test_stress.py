@@ -83,7 +83,8 @@ def test_a_seed_is_one_scene():
 PINNED_LATER = (
     (2**32, 27, 1.89597), (2**32 + 221, 56, 0.0253176), (5 * 10**9, 18, 0.356136),
     (2**34 - 1, 46, 0.00460553), (2**34, 42, 0.0620332), (2**35 + 7, 24, 2.15926),
-    (2**36 - 1, 0, 0.0316662), (2**36 + 7, 62, 58.0744), (2**37 - 1, 8, 0.00659132))
+    (2**36 - 1, 0, 0.0316662), (2**36 + 7, 62, 58.0744), (2**37 - 1, 8, 0.00659132),
+    (2**37, 87, 0.111259), (2**37 + 3, 43, 0.297299))
 
 
 def test_seeds_mean_what_they_meant(monkeypatch):
@@ -97,9 +98,10 @@ def test_seeds_mean_what_they_meant(monkeypatch):
             assert draw_scene(seed).duration == pytest.approx(duration, rel=1e-4), seed
     # A longer list needs another version, so that every kind is drawn and no seed changes alone.
     assert scenes.VERSIONS == (
-        (2**32, 55), (2**33, 65), (2**34, 65), (2**35, 66), (2**36, 78), (2**37, len(KINDS)))
+        (2**32, 55), (2**33, 65), (2**34, 65), (2**35, 66), (2**36, 78), (2**37, 82),
+        (2**38, len(KINDS)))
     assert [scenes.version_of(seed) for seed in (
-        2**32 - 1, 2**32, 2**33, 2**34, 2**35, 2**36)] == [1, 2, 3, 4, 5, 6]
+        2**32 - 1, 2**32, 2**33, 2**34, 2**35, 2**36, 2**37)] == [1, 2, 3, 4, 5, 6, 7]
     # Kinds that only later seeds draw are found there.
     assert next(seeds_of(0, 1, {60})) >= 2**32 > next(seeds_of(0, 1, {54, 60}))
 
@@ -113,7 +115,8 @@ def test_kinds_are_few_and_their_terms_are_known():
 
 
 def test_scenes_reach_all_of_the_physics():
-    seeds = [*range(3000), *range(2**33, 2**33 + 1000), *range(2**35, 2**35 + 300)]
+    seeds = [*range(3000), *range(2**33, 2**33 + 1000), *range(2**35, 2**35 + 300),
+             *range(2**37, 2**37 + 600)]
     findings = [Finding(seed, kind_of(seed), Verdict.WITHIN) for seed in seeds]
     rows = dict(reversed(line.split()) for line in report.coverage_lines(findings))
     never = {name for name, count in rows.items() if int(count) == 0}

@@ -29,6 +29,7 @@ import math
 from icofabric_sim.kernels.contact.displacement import add_ways, FREE, MOST, shift_at, SKIN
 from icofabric_sim.kernels.contact.search import find_reach, refresh, survey
 from icofabric_sim.kernels.records import Blocks, State, Team, Trail, Watch
+from icofabric_sim.kernels.rotations import rows_of
 from icofabric_sim.kernels.runtime.compiled import compiled
 from icofabric_sim.kernels.runtime.lanes import (
     bits,
@@ -68,7 +69,7 @@ def find_clear(
     mx, my, mz = mean_velocity(state, nearby.slots) if nearby.free else (0.0, 0.0, 0.0)
     zero = splat(0.0)
     quickest, way = zero, zero
-    rows = trail.slopes.shape[1] - 9
+    rows = rows_of(state.orientation).shape[0]
     # |dq/dt| is half of the spin; the squares of all de_i/dt add up to twice its square.
     spins = splat(4.0 if rows == 4 else 0.5)
     for block in range(first, last):

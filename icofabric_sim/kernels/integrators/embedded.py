@@ -54,6 +54,7 @@ from icofabric_sim.kernels.rhs import (
     place_blocks,
     step_error,
 )
+from icofabric_sim.kernels.rotations import rows_of
 from icofabric_sim.kernels.runtime.compiled import compiled
 from icofabric_sim.kernels.runtime.lanes import LANES, load, store
 from icofabric_sim.kernels.runtime.team import own_blocks, tell_all, wait_for_all
@@ -302,7 +303,7 @@ def adaptive_pair(
     """
     first, last = own_blocks(team, model.blocks.slot.shape[0])
     trail = some(work.trail)
-    turn_rows = trail.slopes.shape[1] - 9
+    turn_rows = rows_of(state.orientation).shape[0]
     has_last = control[HAS_LAST] != 0.0
     wait_for_all(team)
     start, length, h = control[START], control[LENGTH], control[NEXT]

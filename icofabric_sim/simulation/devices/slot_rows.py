@@ -54,7 +54,7 @@ class SlotRows:
 
 def tables_of(state: State, work: Work, *, whole: bool) -> tuple[np.ndarray, ...]:
     """What is exchanged of a state; `whole`: also the accelerations for the next step."""
-    return (*state, work.acceleration) if whole else tuple(state)
+    return (*state.rows(), work.acceleration) if whole else tuple(state.rows())
 
 
 def _rows(tables: Sequence[np.ndarray]) -> Iterator[np.ndarray]:

@@ -172,7 +172,7 @@ def bytes_of(slot_count: int, *, kinked: bool) -> int:
 def resting(slot_count: int) -> State:
     """Room for a state; slots without a body compute with ordinary numbers."""
     state = State(*(aligned_empty((rows, slot_count)) for rows in (3, 4, 3, 3)))
-    for values in state:
+    for values in state.rows():
         values[:] = 0.0
     state.orientation[3] = 1.0
     return state

@@ -197,12 +197,11 @@ class Layout:
         acceleration[:] = 0.0
         trail = None
         if state is not None:
-            slopes = aligned_empty((_SLOPE_COUNT, 18 if self.cosines else 13, self.slot_count))
+            slopes = aligned_empty((_SLOPE_COUNT, self.slope_rows(state), self.slot_count))
             slopes[:] = 0.0
             stage, start = self.like(state), self.like(state)
             for target in (stage, start):
-                for part, source in zip(target, state):
-                    part[:] = source
+                copy_state(state, target)
             trail = Trail(slopes, stage, start, *np.zeros((4, _MOST_THREADS)))
         rows = 12 if self.cosines else 7
         samples = min(len(self.blocks.slot), _SAMPLES) if differences else 0
@@ -229,7 +228,25 @@ class Layout:
 
     def like(self, state: State) -> State:
         """Room for another state."""
-        return State(*(aligned_empty(array.shape) for array in state))
+        return state._replace(**{
+            name: aligned_empty(array.shape) for name, array in state._asdict().items()
+            if array is not None})
+
+    def slope_rows(self, state: State) -> int:
+        """Count the rows of a slope of a `state`, see kernels/rhs.py."""
+        return (18 if self.cosines else 13) + (0 if state.rest is None else LINK_COUNT)
+
+
+def copy_state(source: State, target: State) -> None:
+    """Copy a state into the room of another one."""
+    for here, there in zip(source.rows(), target.rows()):
+        np.copyto(there, here)
+
+
+def copied_state(state: State) -> State:
+    """Return a copy of a state."""
+    return state._replace(**{
+        name: array.copy() for name, array in state._asdict().items() if array is not None})
 
 
 def aligned_empty(shape: tuple[int, ...]) -> np.ndarray:

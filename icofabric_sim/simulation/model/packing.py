@@ -31,19 +31,29 @@ from icofabric_sim.kernels.records import (
     Masses,
     Model,
     Moments,
+    State,
     Varying,
 )
 from icofabric_sim.kernels.records import Supports as PackedSupports
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.scene.attachments import are_given
 from icofabric_sim.scene.connector_laws import ConnectorTables
+from icofabric_sim.scene.initial import InitialState
 from icofabric_sim.scene.masses import BodyMasses
+from icofabric_sim.scene.maxwell import MaxwellArms
 from icofabric_sim.scene.paths import PathPiece
 from icofabric_sim.scene.profiles import Piece, STEADY
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.scene.supports import Supports
 from icofabric_sim.simulation.contact.setup import ContactSetup, pack_contact
 from icofabric_sim.simulation.driving import DrivePack
+from icofabric_sim.simulation.model.arms import (
+    at_connectors,
+    carried_lengths,
+    lengths_of,
+    pack_arms,
+    rest_lengths,
+)
 from icofabric_sim.simulation.model.body_force import BodyForce
 from icofabric_sim.simulation.model.connector_moments import pack_moments
 from icofabric_sim.simulation.model.damping import pack_damping
@@ -105,6 +115,7 @@ class PackedScene:
     contact: ContactSetup | None
     masses: BodyMasses
     held: bool  # by supports
+    arms: MaxwellArms | None  # of connectors
 
     @cached_property
     def goes_slack(self) -> bool:
@@ -118,8 +129,42 @@ class PackedScene:
     @property
     def spends(self) -> bool:
         """Whether forces take energy from the motion."""
-        return self.model.damping is not None or self.model.drag is not None or (
-            self.contact is not None and self.contact.spends)
+        model = self.model
+        return model.damping is not None or model.maxwell is not None or (
+            model.drag is not None) or (self.contact is not None and self.contact.spends)
+
+    def pack(self, initial: InitialState, rest: np.ndarray | None = None) -> State:
+        """
+        State for kernels from one of bodies.
+
+        Springs of Maxwell arms are at rest in it, or at lengths `rest` [m], (c,).
+        """
+        state = self.layout.pack(initial)
+        if self.model.maxwell is None or self.model.links is None or self.connectors is None:
+            return state
+        if rest is None:
+            rest = lengths_of(self.connectors, initial)
+        return state._replace(rest=at_connectors(
+            rest, self.layout, self.model.links, self.connectors))
+
+    def carry(
+        self, previous: 'PackedScene', rest: np.ndarray | None, initial: InitialState
+    ) -> np.ndarray | None:
+        """Lengths [m] at which springs rest that rested at `rest`, (c,), in a `previous` scene."""
+        arms, before, after = previous.arms, previous.connectors, self.connectors
+        if self.arms is None or after is None:
+            return None
+        length = lengths_of(after, initial)
+        if arms is None or rest is None or before is None:
+            return length
+        held = np.broadcast_to(arms.stiffness > 0.0, rest.shape)
+        return carried_lengths(before, rest, held, after, length)
+
+    def rest_lengths(self, state: State) -> np.ndarray | None:
+        """Lengths [m] at which the springs of Maxwell arms rest, (c,); None without arms."""
+        if self.model.links is None or self.connectors is None:
+            return None
+        return rest_lengths(self.layout, self.model.links, self.connectors, state)
 
 
 def pack_scene(
@@ -135,7 +180,7 @@ def pack_scene(
     fall = gravity + electric.force / mass
     grid = scene.weave.grid
     layout = make_layout(grid, scene.body_count, cosines=cosines)
-    connectors = links = supports = damping = breakage = None
+    connectors = links = supports = damping = maxwell = breakage = None
     if scene.connector_count:
         bodies, edges = scene.connectors.bodies, scene.connectors.edges
         laws, half_width, points = scene.connectors.laws, _half_width(scene), None
@@ -147,6 +192,7 @@ def pack_scene(
             layout, grid, bodies, edges, laws=laws, half_width=half_width, attachment=points,
             tables=scene.connectors.tables)
         damping = pack_damping(scene.connectors.damping, layout, links, bodies, edges)
+        maxwell = pack_arms(scene.connectors.arms, layout, links, connectors)
         if scene.connectors.limits is not None:
             breakage = pack_breakage(layout, links, connectors, scene.connectors.limits)
     drag = Drag(scene.parameters['drag.linear'], scene.parameters['drag.angular'])
@@ -174,6 +220,7 @@ def pack_scene(
             layout.spread(masses.mass[:, None], empty=0.0),
             layout.spread(masses.inertia[:, None], empty=0.0),
             float(masses.mass.max()), float(masses.inertia.max())),
+        maxwell=maxwell,
     )
     external = None
     if body_force is not None:
@@ -182,7 +229,7 @@ def pack_scene(
         model, layout, connectors, resisting.moments, scene.connectors.tables,
         gravity if gravity.any() else None, electric.force if electric.force.any() else None,
         velocity_rate(model), breakage, body_force, external, pack_contact(scene, fall),
-        masses, scene.supports is not None)
+        masses, scene.supports is not None, scene.connectors.arms)
 
 
 def pack_supports(
@@ -202,6 +249,8 @@ def velocity_rate(model: Model) -> float:
     """
     Bound [1/s] of the rates at which damping, drag and magnetic field change velocities.
 
+    And at which the rest lengths of Maxwell arms creep.
+
     The power of damping is the sum of c (n . du)^2 over the connectors, where du = du_2 - du_1 is
     the relative velocity of their ends and (n . du)^2 <= 2 (n . du_1)^2 + 2 (n . du_2)^2, and
     (n . du_i)^2 <= (1/M + s^2/Lambda) times twice the kinetic energy of its body, which has up to
@@ -213,6 +262,8 @@ def velocity_rate(model: Model) -> float:
         if model.wrapping is not None:
             square = float((model.wrapping.corners[0]**2).sum())
         rate += 2 * LINK_COUNT * model.damping.coefficient * (mass + square * inertia)
+    if model.maxwell is not None:
+        rate += model.maxwell.rate
     if model.drag is not None:
         rate += max(model.drag.linear * mass, model.drag.angular * inertia)
     if model.magnet is not None:

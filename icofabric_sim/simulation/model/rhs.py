@@ -31,6 +31,10 @@ def compile_rates(scene: Scene) -> Rates:
     frame. The result is an array of its own.
     """
     packed = pack_scene(scene)
+    if packed.model.maxwell is not None:
+        raise ValueError(
+            'the state of Maxwell arms has no place in y: compile_rates takes scenes with '
+            'connector.maxwell_stiffness 0')
     model, layout = packed.model, packed.layout
     state = layout.pack(scene.initial)
     work = layout.room(model.links, damped=model.damping is not None)

@@ -53,6 +53,8 @@ class Snapshot(AsTable):
     anchors: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
     # (a,) [s], NaN while unbroken; None: none of them breaks
     anchors_broken_since: np.ndarray | None = None
+    # (c,) [m] lengths at which the springs of Maxwell arms rest; None without arms
+    rest_length: np.ndarray | None = None
 
     def __repr__(self) -> str:
         """Say what it is of, without the numbers."""
@@ -160,6 +162,15 @@ class Snapshot(AsTable):
         return np.asarray(each)
 
     @cached_property
+    def maxwell_tension(self) -> np.ndarray:
+        """Pulls [N] of the Maxwell arms of the connectors, (c,); 0 without, and of broken ones."""
+        arms = self.packed.arms
+        if self.rest_length is None or arms is None:
+            return np.zeros(self.connector_count)
+        pull = arms.stiffness * (self.connector_length - self.rest_length)
+        return np.where(self.intact, pull, 0.0)
+
+    @cached_property
     def lost(self) -> np.ndarray:
         """
         Connectors without a geodesic around their first (bit 0) or second (bit 1) body.
@@ -228,6 +239,10 @@ class Snapshot(AsTable):
                     name: values[whole] for name, values in moments._asdict().items()
                     if name != 'woven' and len(values) > 1})
             energy['connectors'] += moment_energy(moments, orientation, ends)
+        if self.rest_length is not None and self.packed.arms is not None:
+            # What holds no arm holds no energy.
+            energy['connectors'] += 0.5 * float((
+                self.maxwell_tension * (self.connector_length - self.rest_length)).sum())
         energy['connectors'] += self.ledger.get('anchors', 0.0)
         if self.packed.gravity is not None:
             energy['gravity'] = -_weighed(mass, self.position @ self.packed.gravity)

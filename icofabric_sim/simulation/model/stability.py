@@ -15,6 +15,7 @@
 The largest frequency of a fabric in a configuration: the step of an explicit method follows it.
 """
 
+from dataclasses import replace
 import math
 from typing import NamedTuple
 
@@ -59,8 +60,8 @@ def largest_frequency(
 
     The largest eigenvalue of M^-1/2 H M^-1/2 by the Lanczos iteration (lanczos.py, which modes
     use too), H the Hessian of the connector energy (kernels/hessian.py), M the masses and
-    inertias. `locate` also finds the bodies. What electric fields and lying around shells add is
-    bounded: the largest eigenvalue of a sum is at most the sum of the largest.
+    inertias. `locate` also finds the bodies. What electric fields, lying around shells and Maxwell
+    arms add is bounded: the largest eigenvalue of a sum is at most the sum of the largest.
     """
     model, layout = packed.model, packed.layout
     start = start_vector(layout, model.supports)
@@ -69,6 +70,8 @@ def largest_frequency(
     more = 0.0
     if model.dipole is not None or model.coulomb is not None:
         more = field_bound(model, state)
+    if model.maxwell is not None:
+        more += _arms_eigenvalue(packed, state)
     if model.links is None or not (
             model.links.stiffness > 0.0 or model.links.tables is not None
             or model.bending is not None or model.twisting is not None):
@@ -79,7 +82,8 @@ def largest_frequency(
     if model.wrapping is not None:
         more += largest_wrapping_bound(model, state, work)
     upper = frequency_bound(
-        model._replace(dipole=None, coulomb=None, wrapping=None), state, work)
+        model._replace(dipole=None, coulomb=None, wrapping=None, maxwell=None),
+        state._replace(rest=None), work)
     if not math.isfinite(upper + more):
         # Numbers too large to multiply: nothing is safe.
         return Frequency(math.inf, (), 0)
@@ -94,6 +98,24 @@ def largest_frequency(
         share = layout.gather(shape**2).sum(axis=1)
         bodies = tuple(int(b) for b in np.argsort(-share, kind='stable')[:4] if share[b] > 0.0)
     return Frequency(float(np.sqrt(max(found.value, 0.0) + more)), bodies, run.done)
+
+
+def _arms_eigenvalue(packed: PackedScene, state: State) -> float:
+    """
+    Largest squared frequency [1/s^2] of the springs of all Maxwell arms alone.
+
+    As if all were as stiff as the stiffest, and at rest in the mean.
+    """
+    model = packed.model
+    assert model.maxwell is not None and model.links is not None and state.rest is not None
+    lengths = state.rest[state.rest > 0.0]
+    springs = model.links._replace(
+        stiffness=model.maxwell.stiffness, natural_length=float(lengths.mean()) if (
+            lengths.size) else 0.0, variety=None, tables=None)
+    alone = replace(packed, model=model._replace(
+        links=springs, bending=None, twisting=None, wrapping=None, dipole=None, coulomb=None,
+        maxwell=None))
+    return largest_frequency(alone, state).rate ** 2
 
 
 def with_anchors(

@@ -71,7 +71,7 @@ from icofabric_sim.kernels.records import Loads, Model, State, Team, Trail, Watc
 from icofabric_sim.kernels.rhs import add_work, place_blocks
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.errors import ElsewhereError
-from icofabric_sim.simulation.model.layout import aligned_empty
+from icofabric_sim.simulation.model.layout import aligned_empty, copied_state
 from icofabric_sim.simulation.model.packing import PackedScene
 from icofabric_sim.simulation.model.velocity_matrix import Factors, freedom_masses, VelocityMatrix
 from icofabric_sim.simulation.stepping.embedded_kernels import EmbeddedKernels
@@ -529,11 +529,12 @@ class ImplicitSteps:
         """Factors for a time `g` [s], of the state that was saved last."""
         for kept in self._kept:
             if kept.time == g and all(
-                    np.array_equal(one, other) for one, other in zip(kept.state, saved)):
+                    np.array_equal(one, other)
+                    for one, other in zip(kept.state.rows(), saved.rows())):
                 return kept.factors
         place_all(model, saved, work, 0, len(model.blocks.slot))
         found = _Kept(
-            g, State(*(part.copy() for part in saved)),
+            g, copied_state(saved),
             self._matrix.factors(model, saved, work.points, g))
         self._kept = [kept for kept in self._kept if kept.time != g][1 - _KEPT:] + [found]
         return found.factors

@@ -15,6 +15,7 @@
 
 from icofabric_sim.parameters.validation import ParameterError
 from icofabric_sim.scene.electric import is_charged
+from icofabric_sim.scene.maxwell import has_arms
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.stepping.events import why_events
 from icofabric_sim.simulation.stepping.method_selection import Choice
@@ -67,6 +68,9 @@ def why_not_implicit(scene: Scene, *, outside: bool = False) -> str:
         return losses
     if parameters['connector.obstruction'] == 'wrap':
         return 'connector.obstruction is wrap, where warn or stop would do'
+    arm = has_arms(parameters)
+    if arm:
+        return f'{arm} gives connectors Maxwell arms'
     if scene.anchors:
         return f'it has anchors ({next(iter(scene.anchors))})'
     for name, drive in scene.drives.items():
@@ -103,6 +107,9 @@ def _reason(scene: Scene) -> str:
     parameters = scene.parameters
     if is_damped(scene):
         return 'connectors are damped, by forces that depend on velocities'
+    arm = has_arms(parameters)
+    if scene.connector_count and arm:
+        return f'{arm} gives connectors Maxwell arms, which creep'
     for name in ('drag.linear', 'drag.angular'):
         if parameters[name] > 0.0:
             return f'{name} is a force that depends on velocities'

@@ -122,7 +122,7 @@ class MotionRates:
                 self.fabric.rate),
             'spinning bodies': trajectory.ledger.spin,
             'bodies under loads and drives': self.load_rate,
-            'what takes energy from velocities (damping, drag, magnetic field)': (
+            'what takes energy from velocities (damping, Maxwell arms, drag, magnetic field)': (
                 trajectory.packed.velocity_rate)}
         if contact.is_possible:
             rates[f'contacts (contact.stiffness {contact.stiffness:.4g} N/m)'] = math.sqrt(

@@ -18,6 +18,7 @@ from typing import Any
 
 from icofabric_sim.kernels.integrators import embedded
 from icofabric_sim.kernels.records import Loads, Meter, State, Trail
+from icofabric_sim.simulation.model.layout import copy_state
 from icofabric_sim.simulation.state_tree import StateTree
 from icofabric_sim.simulation.stepping.contact_scheduler import ContactScheduler
 from icofabric_sim.simulation.stepping.embedded_control import EmbeddedControl
@@ -81,8 +82,7 @@ class StepInProgress:
         """Go back to where it began."""
         trajectory, control = self._trajectory, self.control
         if control.length > 0.0:
-            for target, source in zip(trajectory.state, self.start):
-                np.copyto(target, source)
+            copy_state(self.start, trajectory.state)
             trajectory.return_work()
             for meter in trajectory.meters().values():
                 np.copyto(meter.done[0], meter.done[1])
@@ -121,8 +121,7 @@ class StepInProgress:
         if self._room is None:
             # Slots without a body are never written.
             self._room = trajectory.packed.layout.like(trajectory.state)
-            for row, source in zip(self._room, trajectory.state):
-                np.copyto(row, source)
+            copy_state(trajectory.state, self._room)
         target = self._room
         trajectory.thread_team.run(lambda team: self._kernels.state(
             trajectory.model, trajectory.loads, trajectory.state, team, trail,

@@ -30,11 +30,10 @@ import math
 from typing import Any
 
 from icofabric_sim.kernels.records import State, Trail
-from icofabric_sim.simulation.model.layout import has_jumps
+from icofabric_sim.simulation.model.layout import copy_state, has_jumps
 from icofabric_sim.simulation.state_tree import StateTree
 from icofabric_sim.simulation.stepping.embedded_control import EmbeddedControl
 from icofabric_sim.simulation.stepping.pieces import Pieces
-import numpy as np
 
 # So many windows are measured one after the other, then one of two, and so on up to the second
 # number: each step of a window costs two or four more.
@@ -220,8 +219,7 @@ class StepSamples:
             self._companion = layout.like(start)
             # Slopes of its own: those of the step in progress are needed for states within it.
             self._trail = layout.room(None, start).trail
-        for target, source in zip(self._companion, start):
-            np.copyto(target, source)
+        copy_state(start, self._companion)
         self._begun = self._control.start
         self._end = self._begun + (2.0 * math.pi / rate if rate > 0.0 else 0.0)
 
@@ -240,8 +238,7 @@ class StepSamples:
             self._trail)
         if self._trajectory.take_force_failure() is not None or state is None:
             return math.inf
-        for target, source in zip(self._companion, state):
-            np.copyto(target, source)
+        copy_state(state, self._companion)
         return self._pieces.errors.probe.distance(self._trajectory.state, state)
 
     def _close(self) -> None:

@@ -36,7 +36,7 @@ from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.simulation.anchor_breaks import AnchorBreaks
 from icofabric_sim.simulation.contact.friction_state import contact_losses
 from icofabric_sim.simulation.errors import ElsewhereError, SimulationError
-from icofabric_sim.simulation.model.layout import has_jumps
+from icofabric_sim.simulation.model.layout import copy_state, has_jumps
 from icofabric_sim.simulation.model.packing import acting_lanes, PackedScene
 from icofabric_sim.simulation.state_tree import StateTree
 from icofabric_sim.simulation.stepping.broken import Broken
@@ -215,8 +215,7 @@ class Trajectory:
 
     def save(self, time: float | None = None) -> None:
         """Save the state, of the present or of a `time` [s]."""
-        for target, source in zip(self.saved, self.state):
-            np.copyto(target, source)
+        copy_state(self.state, self.saved)
         # Under an embedded control each step keeps the work of loads where it begins.
         if self.control is None:
             np.copyto(self.loads.earlier_work, self.loads.work)
@@ -238,8 +237,7 @@ class Trajectory:
 
     def restore(self) -> None:
         """Take the saved state back, but not its time."""
-        for target, source in zip(self.state, self.saved):
-            np.copyto(target, source)
+        copy_state(self.saved, self.state)
         losses = self.losses
         if losses is not None:
             np.copyto(losses.stretch, losses.saved)
@@ -424,7 +422,8 @@ class Trajectory:
     def by_body(self, state: State) -> dict[str, Any]:
         """Return the arrays of a state by name, bodies first."""
         return {
-            name: self.packed.layout.gather(values) for name, values in state._asdict().items()}
+            name: self.packed.layout.gather(values) for name, values in state._asdict().items()
+            if values is not None}
 
     def take_back(self, state: State, tree: StateTree) -> None:
         """
@@ -432,6 +431,8 @@ class Trajectory:
         """
         layout = self.packed.layout
         for name, target in state._asdict().items():
+            if target is None:
+                continue
             rows = target.shape[:-1]
             values = tree.array(name, (layout.body_count, *rows))
             empty = np.zeros(rows)

@@ -23,7 +23,7 @@ from icofabric_sim.kernels.meters import flowed
 from icofabric_sim.kernels.records import Loads, Model, State, Team, Trail, Work
 from icofabric_sim.kernels.runtime.interrupts import leaving
 from icofabric_sim.simulation.contact.friction_state import carried, contact_losses
-from icofabric_sim.simulation.model.layout import aligned_empty
+from icofabric_sim.simulation.model.layout import aligned_empty, copied_state, copy_state
 from icofabric_sim.simulation.state_tree import StateTree
 from icofabric_sim.simulation.stepping.contact_scheduler import ContactScheduler
 from icofabric_sim.simulation.stepping.embedded_control import EmbeddedControl
@@ -64,8 +64,7 @@ class TrialSteps:
         """
         trajectory = self._trajectory
         state, acceleration = self._make_room()
-        for target, values in zip(state, trajectory.state):
-            np.copyto(target, values)
+        copy_state(trajectory.state, state)
         np.copyto(acceleration, trajectory.work.acceleration)
         loads = loads or self.copy_loads()
         work = self._copy_work()._replace(acceleration=acceleration)
@@ -88,8 +87,7 @@ class TrialSteps:
         """
         trajectory = self._trajectory
         state, acceleration = self._make_room()
-        for target, values in zip(state, source):
-            np.copyto(target, values)
+        copy_state(source, state)
         np.copyto(acceleration, trajectory.work.acceleration)
         control, present = EmbeddedControl(start), trajectory.control
         assert present is not None
@@ -170,30 +168,26 @@ class TrialSteps:
         """
         trajectory = self._trajectory
         layout, time = trajectory.packed.layout, trajectory.saved_time
-        now = [row.copy() for row in trajectory.state]
+        now = copied_state(trajectory.state)
         acceleration, model = trajectory.work.acceleration.copy(), self._copy_model()
         losses = contact_losses(model.contacts)
         if losses is not None:
             np.copyto(losses.stretch, losses.saved)
         before, after = (layout.like(trajectory.state) for _ in range(2))
-        for target, source in zip(after, trajectory.saved):
-            np.copyto(target, source)
+        copy_state(trajectory.saved, after)
         try:
             for step in [trajectory.step] * count + [rest] * (rest > 0.0):
-                for target, start, source in zip(trajectory.state, before, after):
-                    np.copyto(target, source)
-                    np.copyto(start, source)
+                for target in (trajectory.state, before):
+                    copy_state(after, target)
                 trajectory.refresh(time, model)
                 state = self.take(step, 1, start=time, model=model)
                 if trajectory.take_force_failure() is not None:
                     return
-                for target, source in zip(after, state):
-                    np.copyto(target, source)
+                copy_state(state, after)
                 visit(before, after, time, time + step)
                 time += step
         finally:
-            for target, source in zip(trajectory.state, now):
-                np.copyto(target, source)
+            copy_state(now, trajectory.state)
             np.copyto(trajectory.work.acceleration, acceleration)
             trajectory.refresh_places()
 
@@ -203,8 +197,7 @@ class TrialSteps:
         losses, contacts = trajectory.losses, trajectory.model.contacts
         if self._earlier is None:
             self._earlier = trajectory.packed.layout.like(trajectory.state)
-        for target, source in zip(self._earlier, trajectory.saved):
-            np.copyto(target, source)
+        copy_state(trajectory.saved, self._earlier)
         self._earlier_stretch = None
         if losses is not None and contacts is not None and len(losses.saved):
             self._earlier_stretch = losses.saved.copy(), contacts.pairs.copy()
@@ -221,7 +214,7 @@ class TrialSteps:
         """
         assert self._earlier is not None
         trajectory, step = self._trajectory, self._trajectory.step
-        now = [row.copy() for row in trajectory.state]
+        now = copied_state(trajectory.state)
         acceleration, model = trajectory.work.acceleration.copy(), self._copy_model()
         losses = contact_losses(model.contacts)
         if losses is not None and model.contacts is not None and len(losses.stretch):
@@ -231,27 +224,23 @@ class TrialSteps:
         kept = trajectory.packed.layout.like(trajectory.state)
         found, failed = 0.0, False
         try:
-            for target, source in zip(trajectory.state, self._earlier):
-                np.copyto(target, source)
+            copy_state(self._earlier, trajectory.state)
             for first, last in zip(ends[:-1], ends[1:]):
                 time, beside = start + first * step, self._copy_model(model)
                 trajectory.refresh(time, beside, 0.5 * step)
                 half = self.take(0.5 * step, 2 * (last - first), start=time, model=beside)
-                for target, source in zip(kept, half):
-                    np.copyto(target, source)
+                copy_state(half, kept)
                 reached = now
                 if last < count:
                     trajectory.refresh(time, model)
-                    reached = list(self.take(step, last - first, start=time, model=model))
+                    reached = self.take(step, last - first, start=time, model=model)
                 failed = failed or trajectory.take_force_failure() is not None
-                for target, source in zip(trajectory.state, reached):
-                    np.copyto(target, source)
+                copy_state(reached, trajectory.state)
                 if failed:
                     break
                 found += compare(trajectory.state, kept)
         finally:
-            for target, source in zip(trajectory.state, now):
-                np.copyto(target, source)
+            copy_state(now, trajectory.state)
             np.copyto(trajectory.work.acceleration, acceleration)
             trajectory.refresh_places()
         return None if failed else found

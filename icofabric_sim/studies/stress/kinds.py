@@ -36,6 +36,7 @@ TERMS: Final = {
     'tabled': 'connector laws by table',
     'grouped': 'connectors of a group with laws of their own',
     'damped': 'damped connectors',
+    'relaxing': 'connectors that are standard linear solids',
     'dragged': 'drag',
     'breaking': 'connectors that break',
     'wrapped': 'connectors that lie around shells',
@@ -131,6 +132,12 @@ KINDS: Final = tuple(_kinds("""
     sdirk4: loaded heavy held damped touching floored
     sdirk4: bent twisted damped driven touching
     auto: heavy held damped touching
+    dop8: relaxing
+    auto: loaded heavy held relaxing
+    dop8: kinked relaxing breaking
+    dop8: tabled damped relaxing driven
+    dop8: bent twisted attached grouped relaxing
+    dop8: heavy relaxing touching lossy floored
 """))
 assert len(KINDS) <= MOST
 # The kinds of scenes for which `auto` may take implicit steps.

@@ -36,7 +36,8 @@ import numpy as np
 
 # Seeds below each number draw among so many kinds, the first of the list. Where the list grows
 # another version follows: no seed means another scene.
-VERSIONS: Final = ((2**32, 55), (2**33, 65), (2**34, 65), (2**35, 66), (2**36, 78), (2**37, 82))
+VERSIONS: Final = ((2**32, 55), (2**33, 65), (2**34, 65), (2**35, 66), (2**36, 78), (2**37, 82),
+                   (2**38, 88))
 LARGEST_SEED: Final = VERSIONS[-1][0] - 1
 # Share of scenes with a value that must be refused.
 _SPOILED = 0.06
@@ -114,7 +115,7 @@ class StressScene:
 
 
 def draw_scene(seed: int) -> StressScene:
-    """The scene of a seed, 0 to 2^37 - 1."""
+    """The scene of a seed, 0 to 2^38 - 1."""
     seed = checks.count('seed', seed, 0, LARGEST_SEED)
     generator, kind = _begun(seed)
     return _Draw(generator, KINDS[kind]).scene(seed, kind)
@@ -363,6 +364,17 @@ class _Draw:
         else:
             part = self.log(-3.0, 0.0) if self.chance(0.8) else self.log(0.0, 2.0)
         self.values['connector.damping'] = self.mass * self.rate * part
+
+    def _relaxing(self) -> None:
+        # From next to a damper to next to a spring, and in between.
+        self.values |= {
+            'connector.maxwell_stiffness': self.k * self.log(-1.5, 1.0),
+            'connector.maxwell_time': self.log(-2.0, 2.0) / self.rate}
+        if 'grouped' in self.kind.terms and self.chance(0.5):
+            self.values |= {
+                'connector_groups.seam.maxwell_stiffness': self.choice(
+                    0.0, self.k * self.log(-1.5, 1.0)),
+                'connector_groups.seam.maxwell_time': self.log(-2.0, 2.0) / self.rate}
 
     @property
     def _is_stiff(self) -> bool:
@@ -669,7 +681,8 @@ class _Draw:
                     'connector.stiffness_compression', 'connector.bending_stiffness',
                     'connector.twisting_stiffness', 'connector.damping', 'drag.linear',
                     'drag.angular', 'solver.tolerance', 'contact.stiffness',
-                    'connector_groups.seam.stiffness', 'anchors.tie.stiffness')
+                    'connector_groups.seam.stiffness', 'anchors.tie.stiffness',
+                    'connector.maxwell_stiffness', 'connector.maxwell_time')
                 if values.get(name)]
             ways += [
                 partial(self._scaled, name, 0.02) for name in (

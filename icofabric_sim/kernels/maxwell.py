@@ -1,0 +1,139 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+Maxwell arms of connectors: a spring and a dashpot in series, beside the connector's own law.
+
+With its own spring a connector is a standard linear solid (Zener 1948): soft when it is deformed
+slowly, stiffer when fast, and in between it takes energy. The spring of an arm, of stiffness k_1,
+rests at a length q that is part of the state and creeps towards the length l of the connector:
+
+    tension k_1 (l - q),    dq/dt = (l - q) / tau.
+
+An arm holds k_1 (l - q)^2 / 2 and takes k_1 (l - q)^2 / tau. Lengths are the same seen from either
+end to the last bit, so both ends keep a q of their own, and these stay equal.
+"""
+
+from icofabric_sim.kernels.records import Links, Maxwell, Model
+from icofabric_sim.kernels.runtime.compiled import compiled
+from icofabric_sim.kernels.runtime.lanes import (
+    bits,
+    fabs,
+    fma,
+    load,
+    load_at,
+    maximum,
+    rsqrt,
+    splat,
+    store,
+    Vector,
+    where,
+)
+from icofabric_sim.kernels.viscous import add_force, coefficient_of
+import numpy as np
+
+_SMALLEST = 1e-300
+
+
+@compiled
+def add_maxwell(
+    maxwell: Maxwell | None, links: Links | None, model: Model, rest: np.ndarray | None,
+    slope: np.ndarray, row: int, position: np.ndarray, points: np.ndarray, block: int, s: int,
+    spent: Vector
+) -> Vector:
+    """
+    Add the pulls of the arms of a block to the slopes of velocity and spin, which end at `row`.
+
+    Slopes of the rest lengths come after these. Returns all power [W] that is taken with theirs:
+    half of what each takes counts for either end.
+    """
+    if maxwell is None:
+        return spent
+    if links is None:
+        return spent
+    if rest is None:
+        return spent
+    zero = splat(0.0)
+    stride = position.shape[1]
+    px, py, pz = load(position, 0, s), load(position, 1, s), load(position, 2, s)
+    fx, fy, fz, tx, ty, tz = zero, zero, zero, zero, zero, zero
+    taken = zero
+    for edge in range(6):
+        at = 3 * edge * stride + s
+        qx, qy = load_at(points, at), load_at(points, at + stride)
+        qz = load_at(points, at + 2 * stride)
+        ex, ey, ez = zero, zero, zero
+        for link in range(2 * edge, 2 * edge + 2):
+            place = links.place[block, link]
+            ux, uy = load_at(points, place) - qx, load_at(points, place + stride) - qy
+            uz = load_at(points, place + 2 * stride) - qz
+            square = maximum(fma(ux, ux, fma(uy, uy, uz * uz)), splat(_SMALLEST))
+            inverse = rsqrt(square)
+            stretch = where(
+                bits(links.present[block, link]), square * inverse - load(rest, link, s), zero)
+            rate = coefficient_of(maxwell.own_rate, maxwell.rate, link, s)
+            creep = rate * stretch
+            store(slope, row + link, s, creep)
+            pull = coefficient_of(maxwell.own_stiffness, maxwell.stiffness, link, s) * stretch
+            taken = fma(pull, creep, taken)
+            pull = pull * inverse
+            ex, ey, ez = fma(pull, ux, ex), fma(pull, uy, ey), fma(pull, uz, ez)
+        ax, ay, az = qx - px, qy - py, qz - pz
+        fx, fy, fz = fx + ex, fy + ey, fz + ez
+        tx = fma(ay, ez, tx - az * ey)
+        ty = fma(az, ex, ty - ax * ez)
+        tz = fma(ax, ey, tz - ay * ex)
+    add_force(
+        model.supports, model.inverse_mass, model.inverse_inertia, slope[row - 6:row - 3],
+        slope[row - 3:row], s, fx, fy, fz, tx, ty, tz)
+    return fma(splat(0.5), taken, spent)
+
+
+@compiled
+def maxwell_look(
+    maxwell: Maxwell | None, links: Links | None, inverse_mass: float, inverse_inertia: float,
+    rest: np.ndarray | None, points: np.ndarray, stride: int, block: int, s: int
+) -> tuple[Vector, Vector]:
+    """
+    What the arms of a block add to the bound of the squared frequency [1/s^2]; energy [J].
+
+    The bound is that of `block_bound` with (n . du)^2 <= |du|^2. Half of the energy of each arm
+    counts for either end.
+    """
+    zero = splat(0.0)
+    if maxwell is None:
+        return zero, zero
+    if links is None:
+        return zero, zero
+    if rest is None:
+        return zero, zero
+    spread = splat(2.0 * (inverse_mass + links.half_width**2 * inverse_inertia))
+    moment = splat(links.half_width * inverse_inertia)
+    bound, energy = zero, zero
+    for edge in range(6):
+        at = 3 * edge * stride + s
+        for link in range(2 * edge, 2 * edge + 2):
+            place = links.place[block, link]
+            there = bits(links.present[block, link])
+            ux = load_at(points, place) - load_at(points, at)
+            uy = load_at(points, place + stride) - load_at(points, at + stride)
+            uz = load_at(points, place + 2 * stride) - load_at(points, at + 2 * stride)
+            square = maximum(fma(ux, ux, fma(uy, uy, uz * uz)), splat(_SMALLEST))
+            inverse = rsqrt(square)
+            stretch = where(there, square * inverse - load(rest, link, s), zero)
+            k = coefficient_of(maxwell.own_stiffness, maxwell.stiffness, link, s)
+            pull = k * stretch
+            energy = fma(pull, stretch, energy)
+            stiff = k + maximum(pull, zero) * inverse
+            bound = bound + where(there, fma(spread, stiff, moment * fabs(pull)), zero)
+    return bound, splat(0.25) * energy

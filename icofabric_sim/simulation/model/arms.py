@@ -1,0 +1,89 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""Packs Maxwell arms of connectors, and the lengths at which their springs rest."""
+
+from icofabric_sim.kernels.outlines import fill_lengths
+from icofabric_sim.kernels.records import Connectors, LINK_COUNT, Links, Maxwell, State
+from icofabric_sim.scene.initial import InitialState
+from icofabric_sim.scene.maxwell import MaxwellArms
+from icofabric_sim.simulation.model.layout import aligned_empty, Layout
+from icofabric_sim.simulation.model.link_places import link_places
+import numpy as np
+
+
+def pack_arms(
+    arms: MaxwellArms | None, layout: Layout, links: Links, connectors: Connectors
+) -> Maxwell | None:
+    """Return the arms for kernels; None without any."""
+    if arms is None:
+        return None
+    stiffness, rate = arms.stiffness, arms.rate
+    most = float(stiffness.max()), float(rate.max())
+    if len(stiffness) == len(rate) == 1:
+        return Maxwell(*most, None, None)
+    count = len(connectors.first)
+    return Maxwell(*most, *(
+        at_connectors(np.broadcast_to(values, count), layout, links, connectors)
+        for values in (stiffness, rate)))
+
+
+def at_connectors(
+    values: np.ndarray, layout: Layout, links: Links, connectors: Connectors
+) -> np.ndarray:
+    """A number of each connector, (c,), at both of its bodies, (12, s); 0 where none is."""
+    places = link_places(layout, links, connectors, slice(None))
+    rows = aligned_empty((LINK_COUNT, layout.slot_count))
+    rows[:] = 0.0
+    rows[places.link, places.slot] = values
+    return rows
+
+
+def lengths_of(connectors: Connectors, state: InitialState) -> np.ndarray:
+    """Straight lengths [m] of the connectors, (c,)."""
+    length = np.empty(len(connectors.first))
+    # As the kernel was compiled for: not to be written to.
+    rows = [np.ascontiguousarray(values).view() for values in (state.position, state.orientation)]
+    for values in rows:
+        values.flags.writeable = False
+    fill_lengths(connectors, *rows, length)
+    return length
+
+
+def carried_lengths(
+    before: Connectors, rest: np.ndarray, held: np.ndarray, after: Connectors, length: np.ndarray
+) -> np.ndarray:
+    """
+    Rest lengths [m] of the connectors `after` a change, where they join the edges of one `before`.
+
+    `rest` (c,) of those, which had an arm where `held` (c,). Others are at rest at their `length`.
+    """
+    keys = [np.column_stack([
+        connectors.first, connectors.second, connectors.first_edge, connectors.second_edge])
+        for connectors in (before, after)]
+    if np.array_equal(keys[0], keys[1]):
+        return np.where(held, rest, length)
+    known = {tuple(key): own for key, own in zip(keys[0][held].tolist(), rest[held])}
+    return np.array([
+        known.get(tuple(key), own) for key, own in zip(keys[1].tolist(), length.tolist())])
+
+
+def rest_lengths(
+    layout: Layout, links: Links, connectors: Connectors, state: State
+) -> np.ndarray | None:
+    """Lengths [m] at which the springs of the arms rest, (c,); None without arms."""
+    if state.rest is None:
+        return None
+    places = link_places(layout, links, connectors, slice(None))
+    # The same at either end.
+    return np.asarray(state.rest[places.link[0], places.slot[0]])
