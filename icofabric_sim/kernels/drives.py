@@ -26,9 +26,10 @@ the others moves them as if there were no path.
 import math
 
 from icofabric_sim.kernels.connectors import Six
+from icofabric_sim.kernels.gyration import turning_square_at
 from icofabric_sim.kernels.loads import turned
 from icofabric_sim.kernels.masses import mass_at, masses_of
-from icofabric_sim.kernels.records import Anchors, Drives, Loads, Model, State
+from icofabric_sim.kernels.records import Anchors, Drives, Gyration, Loads, Model, State
 from icofabric_sim.kernels.runtime.compiled import compiled
 from icofabric_sim.kernels.runtime.lanes import (
     bits,
@@ -326,6 +327,24 @@ def resist_slopes(
 
 
 @compiled
+def keep_turning(
+    gyration: Gyration | None, drives: Drives | None, loads: Loads, angular: np.ndarray, m: int,
+    s: int
+) -> None:
+    """Bodies of row `m` whose path says how they turn have no gyroscopic slope."""
+    if gyration is None:
+        return
+    if drives is None:
+        return
+    p = path_of(drives, loads.wrench[m])
+    if p < 0:
+        return
+    if drives.moves[p, 3]:
+        for k in range(3):
+            put(angular, k, s, bits(loads.lanes[m]), splat(0.0))
+
+
+@compiled
 def moving_energy(drives: Drives | None, model: Model, loads: Loads, state: State) -> float:
     """Kinetic energy [J] of all driven freedoms, which their paths alone have given."""
     total = 0.0
@@ -343,12 +362,12 @@ def moving_energy(drives: Drives | None, model: Model, loads: Loads, state: Stat
                                 model.masses, model.inverse_mass, model.inverse_inertia, s + i)
                             for k in range(3):
                                 v = state.linear_velocity[k, s + i]
-                                o = state.angular_velocity[k, s + i]
-                                if not drives.moves[p, k]:
-                                    v = 0.0
-                                if not drives.moves[p, 3]:
-                                    o = 0.0
-                                total += 0.5 * (mass * v * v + inertia * o * o)
+                                if drives.moves[p, k]:
+                                    total += 0.5 * mass * v * v
+                            if drives.moves[p, 3]:
+                                total += 0.5 * inertia * turning_square_at(
+                                    model.gyration, state.orientation, state.angular_velocity,
+                                    s + i)
         return total
 
 

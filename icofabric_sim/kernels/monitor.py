@@ -25,6 +25,7 @@ from icofabric_sim.kernels.connectors import arm_of, slope_of
 from icofabric_sim.kernels.contact.forces import contact_look
 from icofabric_sim.kernels.drives import energy_of_drives
 from icofabric_sim.kernels.fields import field_parts
+from icofabric_sim.kernels.gyration import turning_square
 from icofabric_sim.kernels.law_tables import tabled_energy, tabled_pull
 from icofabric_sim.kernels.masses import largest_of, units_of, weights_of
 from icofabric_sim.kernels.maxwell import maxwell_look
@@ -378,7 +379,8 @@ def examine(
             v, o = load(state.linear_velocity, k, s), load(state.angular_velocity, k, s)
             linear = fma(heavy * v, v, linear)
             square = fma(o, o, square)
-        angular = fma(slow, square, angular)
+        angular = fma(slow, turning_square(
+            model.gyration, state.orientation, state.angular_velocity, s, square), angular)
         spin = maximum(square, spin)
         for k in range(3):
             # Also with no weight: what is not finite shows in the sum.

@@ -458,11 +458,18 @@ class ContactLosses(Record):
     lost: np.ndarray
 
 
+class Gyration(Record):
+    """Inertias that are not isotropic, see kernels/gyration.py."""
+
+    # (3, s) principal moments of inertia about the body axes, over the smallest of the body
+    moments: np.ndarray
+
+
 class Model(Record):
     """Constants of a compiled scene."""
 
     inverse_mass: float  # [1/kg] of all bodies, or of the lightest: see `masses`
-    inverse_inertia: float  # [1/(kg m^2)] likewise
+    inverse_inertia: float  # [1/(kg m^2)] likewise; of the smallest principal moment
     gravity: Gravity | None
     blocks: Blocks
     links: Links | None
@@ -479,6 +486,7 @@ class Model(Record):
     contacts: Contacts | None = None
     masses: Masses | None = None
     maxwell: Maxwell | None = None
+    gyration: Gyration | None = None
 
 
 class State(Record):

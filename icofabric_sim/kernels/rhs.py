@@ -20,9 +20,10 @@ the velocity, 3 of the spin, and with Maxwell arms 12 of their rest lengths.
 
 from icofabric_sim.kernels.anchors import anchor_slope
 from icofabric_sim.kernels.contact.losses import add_taken, losses_of
-from icofabric_sim.kernels.drives import is_wrench, place_row, resist_slopes
+from icofabric_sim.kernels.drives import is_wrench, keep_turning, place_row, resist_slopes
 from icofabric_sim.kernels.external import add_external
 from icofabric_sim.kernels.flows import accelerations, NONE, place_links
+from icofabric_sim.kernels.gyration import turn_by_moments
 from icofabric_sim.kernels.loads import kick_load, wrench_of_row
 from icofabric_sim.kernels.maxwell import add_maxwell
 from icofabric_sim.kernels.meters import note_flow
@@ -119,6 +120,9 @@ def find_slopes(
         # Last: a path bears whatever acts.
         for m in range(loads.start[block], loads.start[block + 1]):
             resist_slopes(loads.drives, model, loads, state, linear, angular, m, s, index)
+        turn_by_moments(model.gyration, state.orientation, state.angular_velocity, angular, s)
+        for m in range(loads.start[block], loads.start[block + 1]):
+            keep_turning(model.gyration, loads.drives, loads, angular, m, s)
 
 
 @compiled

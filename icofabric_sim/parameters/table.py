@@ -133,6 +133,14 @@ STATIC: tuple[Specification, ...] = (
         minimum=0.0,
     ),
     _s(
+        'shell.principal_inertia',
+        _ZERO3,
+        'kg m^2',
+        'moments of inertia about the body axes x, y, z of shells that are not isotropic; zeros: '
+        'shell.inertia about all',
+        RESTARTS,
+    ),
+    _s(
         'weave.kind',
         'orthogonal',
         '',
@@ -648,6 +656,9 @@ FAMILIES: dict[str, tuple[Specification, ...]] = {
         _s('mass', 0.0, 'kg', "of each; 0: the shell's", RESTARTS, minimum=0.0),
         _s('inertia', 0.0, 'kg m^2', 'of each; 0: in proportion to the mass', RESTARTS,
            minimum=0.0),
+        _s('principal_inertia', _ZERO3, 'kg m^2',
+           'of each, about the body axes x, y, z, where it is not isotropic; zeros: inertia',
+           RESTARTS),
     ),
     'charges': (
         _s('group', '', '', 'group of bodies with a charge and a dipole of their own',
@@ -814,6 +825,8 @@ FAMILIES: dict[str, tuple[Specification, ...]] = {
         _s('angular_velocity', _ZERO3, 'rad/s', 'spin', RESTARTS),
         _s('mass', 0.0, 'kg', "0: the shell's", RESTARTS, minimum=0.0),
         _s('inertia', 0.0, 'kg m^2', '0: in proportion to the mass', RESTARTS, minimum=0.0),
+        _s('principal_inertia', _ZERO3, 'kg m^2',
+           'about the body axes x, y, z, where it is not isotropic; zeros: inertia', RESTARTS),
     ),
 }
 

@@ -108,10 +108,9 @@ class RunMonitor:
         self.energy_scale = max(self.energy_scale, exchanged)
 
     def momentum(self, snapshot: Snapshot) -> Momentum:
-        """Momenta in a state: M R' and R x M R' + Lambda omega, summed (eqs 8, 10 and 43)."""
-        mass, inertia = (values[:, None] for values in snapshot.packed.masses)
-        linear = mass * snapshot.linear_velocity
-        orbital, spin = np.cross(snapshot.position, linear), inertia * snapshot.angular_velocity
+        """Momenta in a state: M R' and R x M R' + I omega, summed (eqs 8, 10 and 43)."""
+        linear = snapshot.packed.masses.mass[:, None] * snapshot.linear_velocity
+        orbital, spin = np.cross(snapshot.position, linear), snapshot.spin_momentum
         return Momentum(
             linear.sum(axis=0),
             (orbital + spin).sum(axis=0),

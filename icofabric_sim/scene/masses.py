@@ -14,8 +14,9 @@
 """
 Masses and inertias of bodies: those of the shell, or their own.
 
-All bodies are icosahedra of one size; what fills or braces them may differ. The inertia is
-isotropic (eq 43), so the gyroscopic term vanishes for each of them.
+All bodies are icosahedra of one size; what fills or braces them may differ. The inertia of a shell
+is isotropic (eq 43), so the gyroscopic term vanishes; with principal moments that differ it is
+back (kernels/gyration.py).
 """
 
 from collections.abc import Mapping
@@ -26,12 +27,16 @@ from icofabric_sim.geometry.shell import Shell
 from icofabric_sim.parameters.validation import ParameterError, Parameters
 import numpy as np
 
+_AXES = 'xyz'
+# Rounding of what is written in decimals.
+_ROUNDING = 1.0 + 1e-12
+
 
 class BodyMasses(NamedTuple):
     """Masses and inertias, (n,), or (1,) where all are those of the shell."""
 
     mass: np.ndarray  # [kg]
-    inertia: np.ndarray  # [kg m^2]
+    inertia: np.ndarray  # [kg m^2]; the smallest principal moment where it is not isotropic
 
     @property
     def alike(self) -> bool:
@@ -43,55 +48,153 @@ class BodyMasses(NamedTuple):
         return float(self.mass.sum()) if not self.alike else bodies * float(self.mass[0])
 
 
+class _Own(NamedTuple):
+    """Mass [kg] and moments of inertia [kg m^2] about the body axes, (3,)."""
+
+    mass: float
+    moments: np.ndarray
+
+    @property
+    def inertia(self) -> float:
+        return float(self.moments.min())
+
+
 def own_masses(parameters: Parameters, shell: Shell) -> dict[str, tuple[float, float]]:
     """
     Mass [kg] and inertia [kg m^2] of each `masses.NAME` and `bodies.NAME` that has its own.
 
-    What is not said is the shell's; the inertia scales with the mass, as within one shape.
+    What is not said is the shell's; the inertia scales with the mass, as within one shape. Of
+    principal moments it is the smallest.
     """
+    _, own = _all_own(parameters, shell)
+    return {prefix: (each.mass, each.inertia) for prefix, each in own.items()}
+
+
+def _all_own(parameters: Parameters, shell: Shell) -> tuple[_Own, dict[str, _Own]]:
+    """What the shell has, and each `masses.NAME` and `bodies.NAME` that has its own."""
+    moments = _principal(parameters, 'shell', float(shell.mass), shell)
+    common = _Own(
+        float(shell.mass), np.full(3, float(shell.inertia)) if moments is None else moments)
+    if moments is not None and parameters['shell.inertia']:
+        raise ParameterError(
+            'shell.principal_inertia', 'shell.principal_inertia and shell.inertia say the same '
+            'twice: set one of them to zero')
     found = {}
     for family in ('bodies', 'masses'):
         for name in parameters.names(family):
             prefix = f'{family}.{name}'
             mass, inertia = (parameters[f'{prefix}.{field}'] for field in ('mass', 'inertia'))
-            if mass == inertia == 0.0:
+            heavy = mass or common.mass
+            moments = _principal(parameters, prefix, heavy, shell)
+            if mass == inertia == 0.0 and moments is None:
                 continue
-            mass = mass or float(shell.mass)
-            # All of the mass at the vertices, and a little for rounding.
-            most = mass * shell.half_edge**2 * (TAU + 2.0) * 2.0 / 3.0
-            if inertia > most * (1.0 + 1e-12):
+            if moments is not None and inertia:
+                raise ParameterError(
+                    f'{prefix}.principal_inertia',
+                    f'{prefix}.principal_inertia and {prefix}.inertia say the same twice: set one '
+                    'of them to zero')
+            # All of the mass at the vertices.
+            most = heavy * shell.half_edge**2 * (TAU + 2.0) * 2.0 / 3.0
+            if inertia > most * _ROUNDING:
                 raise ParameterError(
                     f'{prefix}.inertia',
                     f'{prefix}.inertia {inertia!r} kg m^2 is more than {most:.6g} kg m^2, '
-                    f'that of {mass:.6g} kg at the vertices of the icosahedron: no body in it has '
-                    'so much; give a smaller one, or more mass')
-            found[prefix] = mass, inertia or mass * float(shell.inertia / shell.mass)
-    return found
+                    f'that of {heavy:.6g} kg at the vertices of the icosahedron: no body in it '
+                    'has so much; give a smaller one, or more mass')
+            if moments is None:
+                moments = np.full(3, inertia) if inertia else common.moments * (
+                    heavy / common.mass)
+            found[prefix] = _Own(heavy, moments)
+    return common, found
+
+
+def _principal(
+    parameters: Parameters, prefix: str, mass: float, shell: Shell
+) -> np.ndarray | None:
+    """Moments [kg m^2] about the body axes of a body of a `mass` [kg]; None: it is isotropic."""
+    name = f'{prefix}.principal_inertia'
+    moments = np.array(parameters[name])
+    if not moments.any():
+        return None
+    # All of the mass as far from the axis as a vertex can be.
+    most = mass * shell.half_edge**2 * (TAU + 2.0)
+    if not (moments > 0.0).all():
+        raise ParameterError(
+            name, f'{name} must have three moments above 0 kg m^2, got {moments.tolist()}; zeros '
+            'for an isotropic inertia')
+    largest = int(np.argmax(moments))
+    others = float(moments.sum() - moments[largest])
+    if moments[largest] > others * _ROUNDING:
+        raise ParameterError(
+            name, f'{name} {moments.tolist()} kg m^2 is of no body: the moment about '
+            f'{_AXES[largest]} can be the sum of the other two at most, {others:.6g} kg m^2')
+    if moments[largest] > most * _ROUNDING:
+        raise ParameterError(
+            name, f'{name} {moments.tolist()} kg m^2 has more than {most:.6g} kg m^2, that of '
+            f'{mass:.6g} kg as far from an axis as the vertices: no body in an icosahedron has so '
+            'much; give smaller ones, or more mass')
+    return moments
 
 
 def make_masses(
     parameters: Parameters, shell: Shell, groups: Mapping[str, np.ndarray], bodies: int
 ) -> BodyMasses:
     """Masses of so many bodies, loose ones last; of several groups the last counts."""
-    own = own_masses(parameters, shell)
-    mass, inertia = np.array([float(shell.mass)]), np.array([float(shell.inertia)])
+    common, own = _all_own(parameters, shell)
+    mass, inertia = np.array([common.mass]), np.array([common.inertia])
     if not own:
         return BodyMasses(mass, inertia)
     mass, inertia = np.repeat(mass, bodies), np.repeat(inertia, bodies)
-    loose = parameters.names('bodies')
-    for prefix, (heavy, slow) in own.items():
-        family, name = prefix.split('.')
-        if family == 'bodies':
-            members = np.array([bodies - len(loose) + loose.index(name)])
-        else:
-            members = groups[parameters[f'{prefix}.group']]
-        mass[members], inertia[members] = heavy, slow
+    for prefix, each in own.items():
+        members = _members(parameters, groups, prefix, bodies)
+        mass[members], inertia[members] = each.mass, each.inertia
     return BodyMasses(mass, inertia)
+
+
+def make_moments(
+    parameters: Parameters, shell: Shell, groups: Mapping[str, np.ndarray], bodies: int
+) -> np.ndarray | None:
+    """Principal moments [kg m^2] of all bodies, (n, 3); None where all inertias are isotropic."""
+    common, own = _all_own(parameters, shell)
+    if not any(np.ptp(each.moments) for each in (common, *own.values())):
+        return None
+    moments = np.tile(common.moments, (bodies, 1))
+    for prefix, each in own.items():
+        moments[_members(parameters, groups, prefix, bodies)] = each.moments
+    return moments
+
+
+def name_of_moments(parameters: Parameters) -> str:
+    """Name of the first parameter that gives principal moments; '': none does."""
+    for prefix in ('shell', *(
+            f'{family}.{name}' for family in ('masses', 'bodies')
+            for name in parameters.names(family))):
+        if any(parameters[f'{prefix}.principal_inertia']):
+            return f'{prefix}.principal_inertia'
+    return ''
+
+
+def require_isotropic(parameters: Parameters, moments: np.ndarray | None, what: str) -> None:
+    """Refuse `what` where inertias are not isotropic, by the name of what makes them so."""
+    if moments is not None:
+        name = name_of_moments(parameters)
+        raise ParameterError(
+            name, f'{name} {parameters[name]}: {what} of bodies whose inertia is not isotropic '
+            f'are not computed yet; leave it out, and give {name.rpartition(".")[0]}.inertia')
+
+
+def _members(
+    parameters: Parameters, groups: Mapping[str, np.ndarray], prefix: str, bodies: int
+) -> np.ndarray:
+    family, name = prefix.split('.')
+    if family == 'bodies':
+        loose = parameters.names('bodies')
+        return np.array([bodies - len(loose) + loose.index(name)])
+    return groups[parameters[f'{prefix}.group']]
 
 
 def lightest(parameters: Parameters, shell: Shell) -> tuple[float, float]:
     """The smallest mass [kg] and the smallest inertia [kg m^2] of any body."""
-    own = own_masses(parameters, shell).values()
-    return (
-        min([float(shell.mass), *(mass for mass, _ in own)]),
-        min([float(shell.inertia), *(inertia for _, inertia in own)]))
+    common, own = _all_own(parameters, shell)
+    every = (common, *own.values())
+    return min(each.mass for each in every), min(each.inertia for each in every)

@@ -51,7 +51,13 @@ from icofabric_sim.scene.drives import Drive, make_drives, make_path, moved_free
 from icofabric_sim.scene.electric import check_electric, Electric, make_electric
 from icofabric_sim.scene.faces import check_faces
 from icofabric_sim.scene.load_channels import LoadChannel, make_channels
-from icofabric_sim.scene.masses import BodyMasses, make_masses, own_masses
+from icofabric_sim.scene.masses import (
+    BodyMasses,
+    make_masses,
+    make_moments,
+    own_masses,
+    require_isotropic,
+)
 from icofabric_sim.scene.maxwell import make_arms, MaxwellArms
 from icofabric_sim.scene.notebook import html_of
 from icofabric_sim.scene.planes import make_planes
@@ -121,6 +127,7 @@ class Scene:
     parameters: Parameters
     shell: Shell
     masses: BodyMasses
+    principal_inertia: np.ndarray | None  # (n, 3) [kg m^2] about the body axes, if any differ
     geometry: WeaveGeometry
     weave: Weave
     position: np.ndarray  # (n, 3) [m] woven rest positions, loose bodies last
@@ -211,6 +218,9 @@ class Scene:
             checked, groups, weave.connector_bodies, weave.connector_edges)
         own = members, len(weave.connector_bodies)
         laws = make_laws(checked, length, *own)
+        moments = make_moments(checked, shell, groups, len(position))
+        if any(checked['field.magnetic']):
+            require_isotropic(checked, moments, 'field.magnetic and the charges')
         start = initial.make_initial_state(checked, position, orientation, groups, supports)
         drives = make_drives(checked, groups, start, supports)
         anchors = make_anchors(checked, len(position), drives, geometry)
@@ -219,6 +229,7 @@ class Scene:
             parameters=checked,
             shell=shell,
             masses=masses,
+            principal_inertia=moments,
             geometry=geometry,
             weave=weave,
             position=position,

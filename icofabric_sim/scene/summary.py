@@ -16,6 +16,7 @@
 from collections.abc import Iterable, Sequence
 import math
 
+from icofabric_sim.parameters.validation import Parameters
 from icofabric_sim.scene.masses import own_masses
 from icofabric_sim.scene.scene import BYTES_PER_BODY, Scene, weave_choices
 from icofabric_sim.scene.weave import estimate_weave
@@ -50,7 +51,7 @@ def describe_scene(scene: Scene) -> list[Row]:
     parameters = scene.parameters
     angle = geometry.connector_angle
     rows = [
-        ('shell', f'mass {shell.mass:.6g} kg, inertia {shell.inertia:.6g} kg m^2'),
+        ('shell', f'mass {shell.mass:.6g} kg, {_inertia(parameters, "shell", shell.inertia)}'),
         (
             '',
             f'edge 2a = {shell.edge_length:.6g} m, inner edge 2b = '
@@ -190,9 +191,16 @@ def _load(scene: Scene, name: str) -> str:
 
 def _own_masses(scene: Scene) -> str:
     own = own_masses(scene.parameters, scene.shell)
-    parts = [f'{prefix}: {mass:.6g} kg, {inertia:.6g} kg m^2'
+    parts = [f'{prefix}: {mass:.6g} kg, {_inertia(scene.parameters, prefix, inertia)}'
              for prefix, (mass, inertia) in own.items()]
     return f' ({"; ".join(parts)})' if parts else ''
+
+
+def _inertia(parameters: Parameters, prefix: str, inertia: float) -> str:
+    moments = parameters[f'{prefix}.principal_inertia']
+    if any(moments):
+        return f'inertia {vector(moments, "kg m^2")} about the body axes'
+    return f'inertia {inertia:.6g} kg m^2'
 
 
 def _profile(scene: Scene, prefix: str) -> str:

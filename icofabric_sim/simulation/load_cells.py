@@ -125,7 +125,8 @@ class LoadCells:
         model, layout = packed.model, packed.layout
         if model.supports is not None:
             model = model._replace(supports=pack_supports(packed.masses, None, layout))
-        self._model = model._replace(contacts=None)
+        # Without the gyroscopic term slopes of spins are torques over one inertia.
+        self._model = model._replace(contacts=None, gyration=None)
         # Of the six freedoms of each body.
         self._masses = np.repeat(np.column_stack(packed.masses), 3, axis=1)
 
@@ -171,7 +172,7 @@ class LoadCells:
         np.add.at(force, touching.bodies[:, 0], touching.first)
         shells = touching.bodies[:, 1] >= 0
         np.add.at(force, touching.bodies[shells, 1], touching.second[shells])
-        inertial = self._masses * self._path_acceleration(loads, state, time)
+        inertial = self._inertial(self._path_acceleration(loads, state, time), state)
         position = packed.layout.gather(state.position)
         on_bodies, rows = np.zeros_like(force), []
         for mine in self._held.values():
@@ -211,6 +212,19 @@ class LoadCells:
             tension[breaks.broken] = 0.0
         # One of no length has no direction.
         return np.asarray(along * (tension / np.where(length > 0.0, length, np.inf))[:, None])
+
+    def _inertial(self, acceleration: np.ndarray, state: State) -> np.ndarray:
+        """Forces and torques (n, 6) that make bodies follow an `acceleration` (n, 6)."""
+        moments = self._packed.principal_inertia
+        if moments is None:
+            return self._masses * acceleration
+        _, orientation, _, spin = self._packed.layout.unpack(state)
+        axes = cosines_from_quaternions(orientation)
+        own, turning = (
+            np.einsum('bij,bj->bi', axes, values) for values in (spin, acceleration[:, 3:]))
+        torque = moments * turning + np.cross(own, moments * own)
+        return np.hstack([
+            self._masses[:, :3] * acceleration[:, :3], np.einsum('bi,bij->bj', torque, axes)])
 
     def _forces(self, loads: Loads, state: State, time: float) -> np.ndarray:
         """Forces [N] and torques [N m] on all bodies (n, 6), contacts and paths apart."""

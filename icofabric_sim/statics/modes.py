@@ -25,6 +25,7 @@ import math
 from typing import Any
 
 from icofabric_sim import checks
+from icofabric_sim.scene.masses import require_isotropic
 from icofabric_sim.scene.scene import require_scene, Scene
 from icofabric_sim.simulation.model.as_table import AsTable
 from icofabric_sim.simulation.model.snapshot import Snapshot
@@ -161,6 +162,7 @@ def solve_modes(
     not given for both, 'push' (None) or 'pull'.
     """
     require_scene(scene)
+    require_isotropic(scene.parameters, scene.principal_inertia, 'vibrations')
     check_snapshot('at', at, scene)
     check_time(time)
     if count is not None:

@@ -29,6 +29,7 @@ from typing import Any
 from icofabric_sim import checks
 from icofabric_sim.parameters.validation import ParameterError
 from icofabric_sim.scene.connector_groups import alike_everywhere
+from icofabric_sim.scene.masses import require_isotropic
 from icofabric_sim.scene.scene import require_scene, Scene
 from icofabric_sim.simulation.model.as_table import AsTable
 from icofabric_sim.statics.directional import (
@@ -160,6 +161,7 @@ def solve_bands(
     relaxed = checks.flag('relaxed', relaxed)
     wave_vectors = checks.array(
         'wave_vectors', wave_vectors, ('[m]', 3), 'rad/m').reshape(-1, 3)
+    require_isotropic(scene.parameters, scene.principal_inertia, 'waves')
     cell = make_cell(scene, branch, relaxed=relaxed)
     if cell.at_kink and branch is None:
         raise ValueError(

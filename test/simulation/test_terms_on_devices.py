@@ -20,7 +20,8 @@ COMPUTED = {
     'inverse_mass', 'inverse_inertia', 'gravity', 'blocks', 'links', 'bending', 'twisting',
     'supports', 'dipole', 'shells', 'masses'}
 # By simulation/devices/refusals.py: by name, or because they need dop8.
-REFUSED = {'damping', 'drag', 'magnet', 'coulomb', 'wrapping', 'contacts', 'maxwell'}
+REFUSED = {'damping', 'drag', 'magnet', 'coulomb', 'wrapping', 'contacts', 'maxwell',
+           'gyration'}
 
 
 def test_each_term_is_computed_or_refused():

@@ -26,6 +26,7 @@ from icofabric_sim.kernels.records import (
     Drives,
     External,
     Gravity,
+    Gyration,
     LINK_COUNT,
     Loads,
     Masses,
@@ -116,6 +117,7 @@ class PackedScene:
     masses: BodyMasses
     held: bool  # by supports
     arms: MaxwellArms | None  # of connectors
+    principal_inertia: np.ndarray | None  # (n, 3) [kg m^2] of bodies that are not isotropic
 
     @cached_property
     def goes_slack(self) -> bool:
@@ -221,6 +223,7 @@ def pack_scene(
             layout.spread(masses.inertia[:, None], empty=0.0),
             float(masses.mass.max()), float(masses.inertia.max())),
         maxwell=maxwell,
+        gyration=_pack_gyration(scene, layout),
     )
     external = None
     if body_force is not None:
@@ -229,7 +232,15 @@ def pack_scene(
         model, layout, connectors, resisting.moments, scene.connectors.tables,
         gravity if gravity.any() else None, electric.force if electric.force.any() else None,
         velocity_rate(model), breakage, body_force, external, pack_contact(scene, fall),
-        masses, scene.supports is not None, scene.connectors.arms)
+        masses, scene.supports is not None, scene.connectors.arms,
+        scene.principal_inertia)
+
+
+def _pack_gyration(scene: Scene, layout: Layout) -> Gyration | None:
+    if scene.principal_inertia is None:
+        return None
+    return Gyration(layout.spread(
+        scene.principal_inertia / scene.principal_inertia.min(axis=1, keepdims=True), empty=1.0))
 
 
 def pack_supports(

@@ -171,6 +171,17 @@ class Snapshot(AsTable):
         return np.where(self.intact, pull, 0.0)
 
     @cached_property
+    def spin_momentum(self) -> np.ndarray:
+        """Angular momenta I omega of the bodies about their centres [kg m^2/s], (n, 3), world."""
+        moments = self.packed.principal_inertia
+        if moments is None:
+            return np.asarray(self.packed.masses.inertia[:, None] * self.angular_velocity)
+        # Rows are the axes of a body in the world.
+        axes = cosines_from_quaternions(self.orientation)
+        own = np.einsum('bij,bj->bi', axes, self.angular_velocity)
+        return np.einsum('bi,bij->bj', moments * own, axes)
+
+    @cached_property
     def lost(self) -> np.ndarray:
         """
         Connectors without a geodesic around their first (bit 0) or second (bit 1) body.
@@ -210,7 +221,9 @@ class Snapshot(AsTable):
         mass, inertia = self.packed.masses
         energy = {
             'kinetic': 0.5 * _weighed(mass, (self.linear_velocity**2).sum(axis=1))
-            + 0.5 * _weighed(inertia, (self.angular_velocity**2).sum(axis=1)),
+            + (0.5 * _weighed(inertia, (self.angular_velocity**2).sum(axis=1))
+               if self.packed.principal_inertia is None
+               else 0.5 * float((self.spin_momentum * self.angular_velocity).sum())),
             'connectors': 0.0,
             'gravity': 0.0,
             'contact': self.ledger.get('contact', 0.0),

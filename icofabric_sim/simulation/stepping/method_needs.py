@@ -71,6 +71,8 @@ def why_not_implicit(scene: Scene, *, outside: bool = False) -> str:
     arm = has_arms(parameters)
     if arm:
         return f'{arm} gives connectors Maxwell arms'
+    if scene.principal_inertia is not None:
+        return 'inertias are not isotropic (principal_inertia)'
     if scene.anchors:
         return f'it has anchors ({next(iter(scene.anchors))})'
     for name, drive in scene.drives.items():
@@ -110,6 +112,8 @@ def _reason(scene: Scene) -> str:
     arm = has_arms(parameters)
     if scene.connector_count and arm:
         return f'{arm} gives connectors Maxwell arms, which creep'
+    if scene.principal_inertia is not None:
+        return 'inertias are not isotropic (principal_inertia), so free bodies tumble'
     for name in ('drag.linear', 'drag.angular'):
         if parameters[name] > 0.0:
             return f'{name} is a force that depends on velocities'

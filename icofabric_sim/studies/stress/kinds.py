@@ -37,6 +37,7 @@ TERMS: Final = {
     'grouped': 'connectors of a group with laws of their own',
     'damped': 'damped connectors',
     'relaxing': 'connectors that are standard linear solids',
+    'tumbling': 'inertias that are not isotropic',
     'dragged': 'drag',
     'breaking': 'connectors that break',
     'wrapped': 'connectors that lie around shells',
@@ -138,6 +139,10 @@ KINDS: Final = tuple(_kinds("""
     dop8: tabled damped relaxing driven
     dop8: bent twisted attached grouped relaxing
     dop8: heavy relaxing touching lossy floored
+    dop8: tumbling
+    auto: loaded heavy held damped tumbling
+    dop8: kinked tumbling driven
+    dop8: heavy tumbling touching lossy floored
 """))
 assert len(KINDS) <= MOST
 # The kinds of scenes for which `auto` may take implicit steps.

@@ -37,7 +37,7 @@ import numpy as np
 # Seeds below each number draw among so many kinds, the first of the list. Where the list grows
 # another version follows: no seed means another scene.
 VERSIONS: Final = ((2**32, 55), (2**33, 65), (2**34, 65), (2**35, 66), (2**36, 78), (2**37, 82),
-                   (2**38, 88))
+                   (2**38, 92))
 LARGEST_SEED: Final = VERSIONS[-1][0] - 1
 # Share of scenes with a value that must be refused.
 _SPOILED = 0.06
@@ -375,6 +375,12 @@ class _Draw:
                 'connector_groups.seam.maxwell_stiffness': self.choice(
                     0.0, self.k * self.log(-1.5, 1.0)),
                 'connector_groups.seam.maxwell_time': self.log(-2.0, 2.0) / self.rate}
+
+    def _tumbling(self) -> None:
+        # None larger than the other two together.
+        parts = [0.5, 0.5, 1.0] if self.chance(0.2) else [self.uniform(0.55, 1.1) for _ in 'xyz']
+        self.values['shell.principal_inertia'] = [self.inertia * part for part in parts]
+        self.values.pop('shell.inertia', None)
 
     @property
     def _is_stiff(self) -> bool:

@@ -1,0 +1,242 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""Bodies whose inertia is not isotropic: tumbling against closed forms, and what it is part of."""
+
+import math
+
+from fabrics import changed, make_scene, RANDOM, same_state
+import icofabric_sim as ico
+from icofabric_sim.parameters.validation import ParameterError
+from icofabric_sim.running.run_monitor import RunMonitor
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
+from scipy.special import ellipj, ellipk
+
+PLAIN = make_scene((2, 2, 1))
+MASS, INERTIA, STIFFNESS = PLAIN.shell.mass, PLAIN.shell.inertia, PLAIN.connectors.stiffness
+RATE = math.sqrt(2.0 * STIFFNESS / MASS)
+# Of a body that is none of the symmetric ones; it obeys the triangle inequality.
+MOMENTS = [0.8 * INERTIA, 1.1 * INERTIA, 1.5 * INERTIA]
+TUMBLING = {'shell.principal_inertia': MOMENTS}
+LONE = {'weave.size': [1, 1, 1], 'weave.connected': False, 'solver.tolerance': 1e-9}
+
+
+def axes_of(orientation):
+    """Rows are the body axes in the world, (n, 3, 3)."""
+    return Rotation.from_quat(orientation).as_matrix().swapaxes(1, 2)
+
+
+def lone(moments, spin, **more):
+    """One body with a spin [rad/s] on its axes, which are those of the world at the start."""
+    scene = make_scene((1, 1, 1), {
+        **LONE, 'shell.principal_inertia': list(moments), **more})
+    simulation = ico.compile_scene(scene)
+    axes = axes_of(scene.orientation)[0]
+    simulation.set_state(angular_velocity=np.array([spin @ axes]))
+    return simulation
+
+
+def own_spin(snapshot):
+    """Spins on the body axes, (n, 3)."""
+    return np.einsum('bij,bj->bi', axes_of(snapshot.orientation), snapshot.angular_velocity)
+
+
+def test_a_symmetric_top_precesses():
+    # On its axes the spin turns about the third with (I_3 - I_1) / I_1 w_3; in the world both turn
+    # about L, the axis of the top with |L| / I_1.
+    moments, spin = np.array([1.0, 1.0, 1.6]) * INERTIA, np.array([20.0, 0.0, 35.0])
+    simulation = lone(moments, spin)
+    first = simulation.snapshot()
+    momentum = first.spin_momentum[0]
+    axis, size = axes_of(first.orientation)[0, 2], np.linalg.norm(momentum)
+    for time in (0.01, 0.2, 1.0):
+        simulation.advance_to(time)
+        s = simulation.snapshot()
+        angle = (moments[2] - moments[0]) / moments[0] * spin[2] * time
+        expected = [20.0 * math.cos(angle), 20.0 * math.sin(angle), 35.0]
+        assert np.abs(own_spin(s)[0] - expected).max() < 1e-6
+        turned = Rotation.from_rotvec(momentum / moments[0] * time).apply(axis)
+        assert np.abs(axes_of(s.orientation)[0, 2] - turned).max() < 1e-7
+        assert np.abs(s.spin_momentum[0] - momentum).max() < 1e-8 * size
+        assert s.energy['kinetic'] == pytest.approx(first.energy['kinetic'], rel=1e-8)
+
+
+@pytest.mark.parametrize('cosines', [False, True])
+def test_a_body_tumbles_by_jacobi_functions(cosines):
+    # Landau and Lifshitz, Mechanics, section 37, for L^2 > 2 E I_2: about the middle axis it turns
+    # over, again and again.
+    one, two, three = MOMENTS
+    spin = np.array([0.0, 30.0, 1.0])
+    scene = make_scene((1, 1, 1), {**LONE, **TUMBLING})
+    simulation = ico.compile_scene(
+        scene, rotation='direction_cosines' if cosines else 'quaternion')
+    simulation.set_state(angular_velocity=np.array([spin @ axes_of(scene.orientation)[0]]))
+    start = simulation.snapshot()
+    double, square = float((np.array(MOMENTS) * spin**2).sum()), float(
+        ((np.array(MOMENTS) * spin)**2).sum())
+    assert square > double * two
+    rate = math.sqrt((three - two) * (square - double * one) / (one * two * three))
+    k2 = (two - one) * (double * three - square) / ((three - two) * (square - double * one))
+    sizes = np.array([
+        math.sqrt((double * three - square) / (one * (three - one))),
+        math.sqrt((double * three - square) / (two * (three - two))),
+        math.sqrt((square - double * one) / (three * (three - one)))])
+    # The middle component begins at its largest, a quarter period after it was zero.
+    quarter, middle = float(ellipk(k2)), []
+    for time in np.linspace(0.0, 1.5, 61):
+        simulation.advance_to(float(time))
+        found = own_spin(simulation.snapshot())[0]
+        sn, cn, dn, _ = ellipj(rate * time + quarter, k2)
+        assert np.abs(found - [sizes[0] * cn, sizes[1] * sn, sizes[2] * dn]).max() < 3e-5, time
+        middle.append(found[1])
+    s = simulation.snapshot()
+    # It has turned over.
+    assert min(middle) < -0.9 * spin[1] and max(middle[-20:]) > 0.0
+    assert np.abs(s.spin_momentum - start.spin_momentum).max() < 1e-7 * np.abs(
+        start.spin_momentum).max()
+    assert abs(s.energy['balance_error']) < 1e-8 * s.energy['kinetic']
+
+
+def right_hand_side(scene):
+    """Rates of (x, q, v, w) of a fabric of springs, by numpy alone."""
+    count, bodies, laws = scene.body_count, scene.connectors.bodies, scene.connectors.laws
+    moments = scene.principal_inertia
+
+    def rates(_, y):
+        state = y.reshape(count, 13)
+        x, q, v, w = state[:, :3], state[:, 3:7], state[:, 7:10], state[:, 10:]
+        axes = axes_of(q / np.linalg.norm(q, axis=1)[:, None])
+        arm = np.stack([np.einsum('ci,cij->cj', scene.connectors.points_body[:, end],
+                                  axes[bodies[:, end]]) for end in range(2)], axis=1)
+        ends = x[bodies] + arm
+        u = ends[:, 1] - ends[:, 0]
+        length = np.linalg.norm(u, axis=1)
+        pull = (laws.extension * (length - laws.natural_length) / length)[:, None] * u
+        force, torque = np.zeros((2, count, 3))
+        for end, sign in ((0, 1.0), (1, -1.0)):
+            np.add.at(force, bodies[:, end], sign * pull)
+            np.add.at(torque, bodies[:, end], np.cross(arm[:, end], sign * pull))
+        own = np.einsum('bij,bj->bi', axes, w)
+        turn = (np.einsum('bij,bj->bi', axes, torque) - np.cross(own, moments * own)) / moments
+        half = 0.5 * np.hstack([
+            w * q[:, 3:] + np.cross(w, q[:, :3]), -(w * q[:, :3]).sum(axis=1)[:, None]])
+        return np.hstack([
+            v, half, force / scene.masses.mass[:, None],
+            np.einsum('bi,bij->bj', turn, axes)]).ravel()
+
+    return rates
+
+
+@pytest.mark.parametrize('changes', [{}, {
+    'groups.some': 'z_min', 'masses.some.group': 'some', 'masses.some.mass': 2.0 * MASS,
+    'masses.some.principal_inertia': [2.5 * INERTIA, INERTIA, 2.0 * INERTIA]}])
+def test_a_fabric_moves_as_an_independent_right_hand_side_says(changes):
+    scene = make_scene((3, 2, 2), {**TUMBLING, **changes, 'solver.tolerance': 1e-10}, **RANDOM)
+    simulation = ico.compile_scene(scene)
+    first = simulation.snapshot()
+    end = 4.0 / RATE
+    y = np.hstack([first.position, first.orientation, first.linear_velocity,
+                   first.angular_velocity]).ravel()
+    found = solve_ivp(
+        right_hand_side(scene), (0.0, end), y, method='DOP853', rtol=1e-11,
+        atol=1e-13).y[:, -1].reshape(-1, 13)
+    simulation.advance_to(end)
+    s = simulation.snapshot()
+    a = scene.geometry.half_edge
+    assert np.abs(s.position - first.position).max() > 0.1 * a
+    assert np.abs(s.position - found[:, :3]).max() < 1e-8 * a
+    assert np.abs(s.angular_velocity - found[:, 10:]).max() < 1e-7 * RATE
+    assert abs(s.energy['balance_error']) < 1e-8 * s.energy['total']
+    momenta = [RunMonitor(simulation).momentum(one) for one in (first, s)]
+    assert np.abs(momenta[1].angular - momenta[0].angular).max() < 1e-8 * (
+        momenta[0].angular_scale)
+    # Not what isotropic bodies do.
+    other = ico.compile_scene(changed(scene, {
+        'shell.principal_inertia': [0.0, 0.0, 0.0], 'solver.method': 'dop8'} | {
+            name: [0.0, 0.0, 0.0] for name in changes if name.endswith('principal_inertia')}))
+    other.advance_to(end)
+    assert np.abs(other.snapshot().position - s.position).max() > 1e-3 * a
+
+
+def test_equal_moments_are_the_isotropic_inertia():
+    plain = ico.compile_scene(make_scene((3, 2, 2), {'solver.method': 'dop8'}, **RANDOM))
+    same = make_scene((3, 2, 2), {
+        'shell.principal_inertia': 3 * [INERTIA], 'solver.method': 'dop8'}, **RANDOM)
+    assert same.principal_inertia is None
+    other = ico.compile_scene(same)
+    for simulation in (plain, other):
+        simulation.advance_to(0.01)
+    assert same_state(plain.snapshot(), other.snapshot())
+
+
+def test_the_same_bits_by_pieces_threads_and_from_a_checkpoint():
+    scene = make_scene((4, 4, 4), {**TUMBLING, 'solver.threads': 1}, **RANDOM)
+    end = 0.02
+    whole = ico.compile_scene(scene)
+    whole.advance_to(end)
+    pieces = ico.compile_scene(changed(scene, {'solver.threads': 2}))
+    for part in (0.3, 0.6):
+        pieces.advance_to(part * end)
+        pieces.snapshot()
+    restored = ico.compile_scene(scene)
+    restored.restore(pieces.checkpoint())
+    for simulation in (pieces, restored):
+        simulation.advance_to(end)
+        assert same_state(simulation.snapshot(), whole.snapshot())
+        assert simulation.snapshot().energy == whole.snapshot().energy
+
+
+def test_driven_and_held_bodies():
+    # A body that is turned about an axis that is none of its own needs the torque w x (I w).
+    turning = [0.0, 3.0, 4.0]
+    scene = make_scene((2, 2, 1), {
+        **TUMBLING, 'weave.connected': False, 'groups.a': 'ids 0', 'groups.b': 'ids 1',
+        'supports.hold.group': 'a', 'drives.spin.group': 'b', 'drives.spin.motion': 'velocity',
+        'drives.spin.angular': turning})
+    simulation = ico.compile_scene(scene)
+    simulation.advance_to(0.3)
+    s = simulation.snapshot()
+    assert np.array_equal(s.orientation[0], scene.orientation[0])
+    assert s.angular_velocity[1] == pytest.approx(turning, abs=1e-12)
+    reactions = simulation.reactions()
+    torque = reactions.torque[list(reactions.names).index('drives.spin')]
+    expected = np.cross(turning, s.spin_momentum[1])
+    assert torque == pytest.approx(expected, rel=1e-6, abs=1e-9 * np.abs(expected).max())
+    assert np.abs(expected).max() > 0.0
+    # The path gives what the body turns with, more or less of it as it turns.
+    assert abs(s.energy['balance_error']) < 1e-9 * s.energy['kinetic']
+
+
+@pytest.mark.parametrize('changes, name, words', [
+    ({'shell.principal_inertia': [INERTIA, INERTIA, 2.1 * INERTIA]},
+     'shell.principal_inertia', 'the sum of the other two'),
+    ({'shell.principal_inertia': [INERTIA, INERTIA, 0.0]}, 'shell.principal_inertia', 'above 0'),
+    ({'shell.principal_inertia': 3 * [10.0 * INERTIA]}, 'shell.principal_inertia', 'vertices'),
+    ({**TUMBLING, 'shell.inertia': INERTIA}, 'shell.principal_inertia', 'twice'),
+    ({**TUMBLING, 'solver.method': 'srkn6'}, 'solver.method', 'principal_inertia'),
+    ({**TUMBLING, 'solver.method': 'sdirk4'}, 'solver.method', 'principal_inertia'),
+    ({**TUMBLING, 'solver.device': 'warp_cpu'}, 'solver.method', 'principal_inertia'),
+    ({**TUMBLING, 'field.magnetic': [0.0, 0.0, 1.0]}, 'shell.principal_inertia', 'magnetic')])
+def test_what_no_body_can_have_or_is_not_computed_is_refused(changes, name, words):
+    with pytest.raises(ParameterError) as refused:
+        ico.compile_scene(make_scene((2, 2, 2), changes))
+    assert refused.value.name == name and words in str(refused.value)
+
+
+def test_vibrations_are_refused_by_name():
+    with pytest.raises(ParameterError) as refused:
+        ico.solve_modes(make_scene((2, 2, 2), TUMBLING))
+    assert refused.value.name == 'shell.principal_inertia'
