@@ -56,7 +56,11 @@ _LONG = re.compile(
     r'|test_bodies_are_where_their_path_says\[srkn4-.*\]'
     r'|test_order_is_four\[direction_cosines\]'
     r'|test_the_tolerance_is_kept_where_damping_is_stiff\[0.001\]'
-    r'|test_estimate_counts_what_contacts_add\[7-dop8\]')
+    r'|test_estimate_counts_what_contacts_add\[7-dop8\]'
+    r'|test_a_pull_that_is_held_decays|test_shells_that_touch_with_arms_between_them'
+    r'|test_the_motion_against_an_independent_right_hand_side\[changes0\]'
+    r'|test_a_body_tumbles_by_jacobi_functions\[True\]'
+    r'|test_a_fabric_moves_as_an_independent_right_hand_side_says\[changes0\]')
 
 # Files that take longest, the longest first, from an empty cache of kernels. Workers begin with
 # them, so that none is left with one when the others have ended. Nodes wait more than they

@@ -161,6 +161,7 @@ def solve_bands(
     relaxed = checks.flag('relaxed', relaxed)
     wave_vectors = checks.array(
         'wave_vectors', wave_vectors, ('[m]', 3), 'rad/m').reshape(-1, 3)
+    require_scene(scene)
     require_isotropic(scene.parameters, scene.principal_inertia, 'waves')
     cell = make_cell(scene, branch, relaxed=relaxed)
     if cell.at_kink and branch is None:
