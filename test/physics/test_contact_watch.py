@@ -349,7 +349,7 @@ def test_kernels_do_not_look_where_steps_must_follow_or_lists_have_no_room():
     # All bodies elsewhere, in a dense pile: more pairs than there is room for.
     dense = InitialState(
         np.random.default_rng(1).uniform(0.0, 9.0, (27, 3)),
-        *(layout.gather(part) for part in state[1:]))
+        *(layout.gather(part) for part in state.rows()[1:]))
     before = watch.reference.copy()
     assert not look_around(watch, layout.pack(dense), 3.0, 1e-3)
     assert np.array_equal(watch.reference, before)

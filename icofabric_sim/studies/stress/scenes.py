@@ -377,9 +377,10 @@ class _Draw:
                 'connector_groups.seam.maxwell_time': self.log(-2.0, 2.0) / self.rate}
 
     def _tumbling(self) -> None:
-        # None larger than the other two together.
+        # None larger than the other two together, nor than all of the mass at the vertices has.
+        most = min(self.inertia, 3.0 * self.mass * self.a**2)
         parts = [0.5, 0.5, 1.0] if self.chance(0.2) else [self.uniform(0.55, 1.1) for _ in 'xyz']
-        self.values['shell.principal_inertia'] = [self.inertia * part for part in parts]
+        self.values['shell.principal_inertia'] = [most * part for part in parts]
         self.values.pop('shell.inertia', None)
 
     @property
