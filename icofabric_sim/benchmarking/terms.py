@@ -137,6 +137,9 @@ def terms(body: int) -> list[Term]:
         Term('damped connectors', {'connector': {'damping': 1e-3}}, method='dop8'),
         Term('standard linear solids', {
             'connector': {'maxwell_stiffness': 200.0, 'maxwell_time': 1e-3}}, method='dop8'),
+        Term('inertias that are not isotropic', {
+            'shell': {**FABRIC['shell'], 'principal_inertia': [9e-7, 1e-6, 1.2e-6]}},
+            method='dop8'),
         Term('connectors with damping of their own', {
             'groups': wall, 'connector_groups': {'soft': {
                 'between': 'wall all', 'damping': 1e-3}}}, method='dop8'),

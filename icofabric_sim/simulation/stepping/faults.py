@@ -46,6 +46,9 @@ def stiffest_term(packed: PackedScene, *, anchored: bool = False) -> str:
         width = mass + square * inertia
         terms['the connectors (connector.stiffness, or their table)'] = (
             model.links.stiffness * width)
+        if model.maxwell is not None:
+            terms['the arms of connectors (connector.maxwell_stiffness)'] = (
+                model.maxwell.stiffness * width)
         if model.bending is not None:
             terms['bending connectors (connector.bending_stiffness)'] = (
                 model.bending.stiffness * (inertia + mass / max(square, 1e-300)))
