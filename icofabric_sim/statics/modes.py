@@ -129,7 +129,10 @@ class Spectrum(AsTable):
     @cached_property
     def largest_frequency(self) -> float:
         """The largest of all [rad/s], by the iteration that chooses steps (lanczos.py)."""
-        return math.sqrt(largest_square(self.here))
+        if self.here.fabric.scene.principal_inertia is None:
+            return math.sqrt(largest_square(self.here))
+        matrix = _scaled(self.here).toarray()
+        return math.sqrt(float(np.linalg.eigvalsh(matrix)[-1])) if len(matrix) else 0.0
 
     @cached_property
     def amplitudes(self) -> np.ndarray:
@@ -162,7 +165,6 @@ def solve_modes(
     not given for both, 'push' (None) or 'pull'.
     """
     require_scene(scene)
-    require_isotropic(scene.parameters, scene.principal_inertia, 'vibrations')
     check_snapshot('at', at, scene)
     check_time(time)
     if count is not None:
@@ -193,15 +195,42 @@ def solve_modes(
 def _solve(here: Configuration, count: int | None, which: str) -> Spectrum:
     if here.fabric.model.coulomb is not None and not is_counted(here):
         return _without_matrix(here, count, which)
-    matrix = scaled_hessian(here)
+    scene = here.fabric.scene
+    matrix = _scaled(here)
     size = matrix.shape[0]
     if size <= DENSE:
         return _all_modes(here, matrix.toarray(), count, which)
+    require_isotropic(
+        scene.parameters, scene.principal_inertia, f'vibrations of more than {DENSE:,} freedoms')
     wanted = min(_SOME if count is None else count, size - 2)
     curvature = curvature_of(here, matrix)
     values, vectors = (_highest if which == HIGHEST else _lowest)(
         here, matrix, wanted, curvature)
     return _some_modes(here, values, vectors, curvature, size)
+
+
+def _scaled(here: Configuration) -> sparse.csr_matrix:
+    """The mass-scaled Hessian, also of bodies whose inertia is not isotropic."""
+    matrix, unequal = scaled_hessian(here), _unequal(here)
+    return matrix if unequal is None else sparse.csr_matrix(unequal @ matrix @ unequal)
+
+
+def _unequal(here: Configuration) -> sparse.csr_matrix | None:
+    """
+    What scales rotations beside the smallest moment of each body, (f, f); None: nothing does.
+
+    R diag(I_k / Lambda)^(-1/2) R^T of each body on world axes, for its free freedoms: none of its
+    rotations is free, or all are.
+    """
+    fabric = here.fabric
+    moments = fabric.scene.principal_inertia
+    if moments is None:
+        return None
+    roots = np.sqrt(moments.min(axis=1, keepdims=True) / moments)
+    blocks = np.tile(np.eye(6), (len(moments), 1, 1))
+    blocks[:, 3:, 3:] = np.einsum('bki,bk,bkj->bij', here.axes, roots, here.axes)
+    free = fabric.free.ravel()
+    return sparse.csr_matrix(sparse.block_diag(list(blocks), format='csr')[free][:, free])
 
 
 def _some_modes(
@@ -355,7 +384,9 @@ def _start(matrix: Any) -> np.ndarray:
 
 def _shapes(here: Configuration, vectors: np.ndarray) -> np.ndarray:
     """Motions of all bodies (m, n, 6) from columns of mass-scaled free freedoms (f, m)."""
-    fabric = here.fabric
+    fabric, unequal = here.fabric, _unequal(here)
+    if unequal is not None:
+        vectors = unequal @ vectors
     shapes = np.zeros((vectors.shape[1], *fabric.free.shape))
     shapes[:, fabric.free] = vectors.T
     return shapes / fabric.root

@@ -19,9 +19,13 @@ from fabrics import changed, make_scene, RANDOM, same_state
 import icofabric_sim as ico
 from icofabric_sim.parameters.validation import ParameterError
 from icofabric_sim.running.run_monitor import RunMonitor
+from icofabric_sim.simulation.model.packing import pack_scene
+from icofabric_sim.simulation.model.stability import hessian_product
+from icofabric_sim.statics import modes
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.linalg import block_diag, eigh
 from scipy.spatial.transform import Rotation
 from scipy.special import ellipj, ellipk
 
@@ -240,7 +244,44 @@ def test_what_no_body_can_have_or_is_not_computed_is_refused(changes, name, word
     assert refused.value.name == name and words in str(refused.value)
 
 
-def test_vibrations_are_refused_by_name():
+def test_vibrations_know_the_moments(monkeypatch):
+    # Against the general problem K v = w^2 M v, with both matrices on world axes by themselves.
+    scene = make_scene((3, 2, 2), {
+        **TUMBLING, **UNEQUAL, 'groups.base': 'x_min', 'supports.base.group': 'base',
+        'supports.base.fix': 'tx rotation', 'connector.bending_stiffness': 0.02})
+    found = ico.solve_modes(scene)
+    packed, count = pack_scene(scene), scene.body_count
+    state, hessian = packed.layout.pack(scene.initial), np.zeros((6 * count, 6 * count))
+    for freedom in range(6 * count):
+        motion = np.zeros((count, 6))
+        motion.flat[freedom] = 1.0
+        hessian[freedom] = np.hstack(hessian_product(
+            packed, state, motion[:, :3], motion[:, 3:])).ravel()
+    axes, masses = axes_of(scene.orientation), np.zeros((count, 6, 6))
+    masses[:, :3, :3] = scene.masses.mass[:, None, None] * np.eye(3)
+    masses[:, 3:, 3:] = np.einsum('bki,bk,bkj->bij', axes, scene.principal_inertia, axes)
+    held = np.hstack([scene.supports.translation, np.repeat(
+        scene.supports.rotation[:, None], 3, axis=1)]).ravel()
+    free = np.flatnonzero(~held)
+    expected = eigh(
+        hessian[np.ix_(free, free)], block_diag(*masses)[np.ix_(free, free)], eigvals_only=True)
+    assert np.abs(np.sort(found.frequencies**2) - expected[-len(found.frequencies):]).max() < (
+        1e-10 * expected[-1])
+    assert found.largest_frequency == pytest.approx(math.sqrt(expected[-1]), rel=1e-10)
+    # Of kinetic energy 1/2 J at 1 rad/s, each by itself.
+    shapes = found.shapes.reshape(len(found.shapes), -1)
+    assert np.abs(shapes @ block_diag(*masses) @ shapes.T - np.eye(len(shapes))).max() < 1e-9
+    plain = ico.solve_modes(changed(scene, {
+        'shell.principal_inertia': [0.0, 0.0, 0.0],
+        'masses.some.principal_inertia': [0.0, 0.0, 0.0]}))
+    assert np.abs(plain.frequencies - found.frequencies).max() > 0.05 * found.frequencies[-1]
+    monkeypatch.setattr(modes, 'DENSE', 10)
     with pytest.raises(ParameterError) as refused:
-        ico.solve_modes(make_scene((2, 2, 2), TUMBLING))
+        ico.solve_modes(scene)
+    assert refused.value.name == 'shell.principal_inertia'
+
+
+def test_waves_are_refused_by_name():
+    with pytest.raises(ParameterError) as refused:
+        ico.solve_bands(make_scene((3, 3, 3), TUMBLING), np.zeros((1, 3)))
     assert refused.value.name == 'shell.principal_inertia'
