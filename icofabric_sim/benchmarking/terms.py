@@ -33,6 +33,7 @@ from icofabric_sim.benchmarking.timing import in_rounds, Spread, STEPS_BLOCK, ti
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.checkpoint import Checkpoint
 from icofabric_sim.simulation.model.body_force import BodyForce
+from icofabric_sim.simulation.model.layout import copy_state
 from icofabric_sim.simulation.simulation import compile_scene, Simulation
 from icofabric_sim.simulation.stepping.thread_team import core_count
 import numpy as np
@@ -309,8 +310,7 @@ def _kernel_block(bare: Simulation, run: Kernel) -> float:
     state, work = fresh(bare.packed, bare.scene)
 
     def prepare() -> None:
-        for target, source in zip(state, start):
-            np.copyto(target, source)
+        copy_state(start, state)
         for target, source in ((work.acceleration, room.acceleration), (work.points, room.points)):
             np.copyto(target, source)
 

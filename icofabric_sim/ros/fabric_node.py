@@ -53,7 +53,7 @@ def main(argv: list[str] | None = None) -> int:
     """
     if argv is None:
         end_process(main(sys.argv))
-    signals = StopSignals()
+    signals = StopSignals(ends_process=argv is sys.argv)
     if set(argv[1:]) & {'-h', '--help', '--version'}:
         print(f'fabric_node of icofabric_sim {__version__}: icosahedral fabric\n{_USAGE}')
         return 0
@@ -82,6 +82,7 @@ def _answered(arguments: list[str], signals: StopSignals, ranks: 'Ranks | None')
         from icofabric_sim.ros.process import plain_reason
 
         print(f'fabric_node: {plain_reason(error)}', file=sys.stderr)
+        signals.ignore(2)
         return 2
     finally:
         signals.ignore()

@@ -43,7 +43,7 @@ def main(argv: list[str] | None = None) -> int:
     """
     if argv is None:
         end_process(main(sys.argv))
-    signals = StopSignals()
+    signals = StopSignals(ends_process=argv is sys.argv)
     if set(argv[1:]) & {'-h', '--help', '--version'}:
         print(f'replay_node of icofabric_sim {__version__}: plays recorded fabric\n{_usage()}')
         return 0
@@ -56,11 +56,13 @@ def main(argv: list[str] | None = None) -> int:
         return _run(argv, signals)
     except FileSaysNo as error:
         print(f'replay_node: {error}', file=sys.stderr)
+        signals.ignore(1)
         return 1
     except (InputError, ValueError, rclpy_implementation.RCLError) as error:
         from icofabric_sim.ros.process import plain_reason
 
         print(f'replay_node: {plain_reason(error)}', file=sys.stderr)
+        signals.ignore(2)
         return 2
     finally:
         signals.ignore()

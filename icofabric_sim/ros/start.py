@@ -51,12 +51,14 @@ class StopSignals:
     Ctrl-C (a launch sends one after the user's) would end the process with its bag still open.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, *, ends_process: bool = False) -> None:
         """
         Take the signals over, ignored ones too: a shell has its background jobs ignore SIGINT.
+
+        `ends_process`: the process ends with the node, also by force.
         """
         self.received = False
-        self._ends_at_once = True
+        self._ends_at_once, self._ends_process = True, ends_process
         self._limit: _EndLimit | None = None
         for number in _STOPPING:
             signal.signal(number, self._receive)
@@ -97,7 +99,12 @@ class StopSignals:
         """
         for number in _STOPPING:
             signal.signal(number, signal.SIG_IGN)
-        if self._limit is not None and status is not None:
+        if status is None:
+            return
+        if self._limit is None and self._ends_process:
+            # It failed before there was anything to end in order.
+            self._limit = _EndLimit(_REST)
+        if self._limit is not None:
             self._limit.status = status
             self._limit.begin(_REST)
 

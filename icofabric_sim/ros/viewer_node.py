@@ -41,7 +41,7 @@ def main(argv: list[str] | None = None) -> int:
     """
     if argv is None:
         end_process(main(sys.argv))
-    signals = StopSignals()
+    signals = StopSignals(ends_process=argv is sys.argv)
     if set(argv[1:]) & {'-h', '--help', '--version'}:
         print(f'viewer_node of icofabric_sim {__version__}: a fabric in a browser\n{_USAGE}')
         return 0
@@ -66,6 +66,7 @@ def main(argv: list[str] | None = None) -> int:
         from icofabric_sim.ros.process import plain_reason
 
         print(f'viewer_node: {plain_reason(error)}', file=sys.stderr)
+        signals.ignore(2)
         return 2
     finally:
         signals.ignore()

@@ -62,6 +62,11 @@ def test_what_is_forced_after_all_is_done_keeps_the_status():
     assert status == 0 and 'ended by force' in said
 
 
+def test_a_start_that_fails_ends_with_its_status_where_the_middleware_stands_still():
+    status, said = ends('signals = StopSignals(ends_process=True)\nsignals.ignore(2)\nheld_up()')
+    assert status == 2 and 'ended by force' in said and 'in held_up' in said
+
+
 def test_closing_of_a_bag_takes_as_long_as_it_takes():
     status, said = ends("""
 print('stands', flush=True)
