@@ -345,7 +345,8 @@ def table(t):
             'body': integer(0, np.int32(1), bad=[-1, n, 10**12]), 'point': vector}),
         'Simulation.release': (simulation.release, {
             'body': integer(0, np.int32(1), bad=[-1, n, 10**12])}),
-        'Simulation.set_state': (simulation.set_state, state),
+        'Simulation.set_state': (
+            simulation.set_state, {**state, 'relaxed': flag(False, np.True_)}),
         'Simulation.reset': (simulation.reset, {'time': later}),
         'Simulation.take_over': (simulation.take_over, {
             'previous': some(ico.Simulation, t.other), 'keep_motion': flag(False, np.True_)}),

@@ -125,7 +125,8 @@ def set_body_state(simulation: Simulation, body: int, parts: Mapping[str, Any]) 
     `parts` are those of STATE_PARTS that change, world frame, SI units. ValueError or
     SimulationError where they make no sense; the state may then be another one.
     """
-    snapshot, arrays = simulation.snapshot(), {}
+    snapshot = simulation.snapshot()
+    arrays: dict[str, Any] = {}
     for name, values in parts.items():
         arrays[name] = np.array(getattr(snapshot, name))
         arrays[name][body] = values

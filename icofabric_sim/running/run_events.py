@@ -66,7 +66,7 @@ def do_event(
         simulation.set_state(
             position=np.array(facts['position'], dtype=float),
             orientation=np.array(facts['orientation'], dtype=float),
-            linear_velocity=still, angular_velocity=still)
+            linear_velocity=still, angular_velocity=still, relaxed=True)
     elif name == 'failed':
         simulation.advance_to(seconds(int(facts['target'])))
 

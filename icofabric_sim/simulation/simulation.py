@@ -321,17 +321,20 @@ class Simulation:
         orientation: np.ndarray | None = None,
         linear_velocity: np.ndarray | None = None,
         angular_velocity: np.ndarray | None = None,
+        relaxed: bool = False,
     ) -> None:
         """
         Replace parts of the state at the present time; (n, 3) and (n, 4), world frame, SI units.
 
-        What is broken stays broken, and dashpots of Maxwell arms keep their lengths.
+        What is broken stays broken. Dashpots of Maxwell arms keep their lengths; where it is
+        `relaxed`, they are as long as if it had been held for ever so long.
         """
-        snapshot = self.snapshot()
+        snapshot, relaxed = self.snapshot(), checks.flag('relaxed', relaxed)
         state = complete_state(snapshot, {
             'position': position, 'orientation': orientation, 'linear_velocity': linear_velocity,
             'angular_velocity': angular_velocity})
-        self._jump(hold_still(state, self.scene.supports), snapshot.rest_length)
+        self._jump(
+            hold_still(state, self.scene.supports), None if relaxed else snapshot.rest_length)
 
     def reset(self, *, time: float | None = None) -> None:
         """
