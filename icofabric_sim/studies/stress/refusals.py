@@ -51,6 +51,8 @@ REFUSED_BY_CHANCE: Final = (
     ('bodies.ball.', 'which a support holds'),
     ('bodies.ball.inertia', 'no body in it has so much'),
     ('masses.others.inertia', 'no body in it has so much'),
+    # Of lighter shells, once the density has changed.
+    ('shell.principal_inertia', 'no body in an icosahedron has so much'),
     ('initial.kick.', 'which a support holds'),
     ('initial.kick.', 'disagrees with drives.'),
     ('connector.break_length_', 'at which they would break at once'),
